@@ -12,7 +12,7 @@ from balloon_warp.benchmarks.cases import CPU_BASE, GPU_BASE, Case, balloons
 from balloon_warp.benchmarks.measure import FRAMES, seconds_a_frame
 from balloon_warp.blow_ups import KEPT_FRAMES
 from balloon_warp.device import pick_device
-from balloon_warp.kernels.schedules import block_resident, block_state
+from balloon_warp.kernels.schedules.block import resident, state
 from balloon_warp.model import Model, State, build_model, initial_state, overwrite
 from balloon_warp.quiet import quiet_warp
 from balloon_warp.schedules import block_launch
@@ -77,9 +77,9 @@ def look_away(health: Any, first_bad: Any, world: Any, particle: Any, balloon: A
 def blind_schedule(model: Model, name: str) -> Schedule:
     """One whose kernels, of those that look themselves, do not."""
     with (
-        patch.object(block_state, "look_at_particle", look_away),
-        patch.object(block_resident, "state_functions", block_state.state_functions.__wrapped__),
-        patch.object(block_launch, "resident_kernel", block_resident.resident_kernel.__wrapped__),
+        patch.object(state, "look_at_particle", look_away),
+        patch.object(resident, "state_functions", state.state_functions.__wrapped__),
+        patch.object(block_launch, "resident_kernel", resident.resident_kernel.__wrapped__),
     ):
         schedule = make_schedule(model, name)
         schedule.advance_frame(initial_state(model))  # now is when they are made

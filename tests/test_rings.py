@@ -9,7 +9,9 @@ from meshes import cube, grid, prism, quad_sphere, torus
 
 from balloon_warp.kernels.loops.areas import CROSSES, cross_at_quad_corner
 from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.schedules.launched.scatter import add_area_vectors
+from balloon_warp.kernels.phases.add import add_area_vectors_of_face
+from balloon_warp.kernels.tables import Tables
+from balloon_warp.kernels.working import Working
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import Model, build_model
 from balloon_warp.scene import Balloon, Inflation, Scene
@@ -19,6 +21,11 @@ from balloon_warp.schedules.tables import make_tables
 from balloon_warp.schedules.traits import model_traits
 
 wp.set_module_options(OPTIONS)
+
+
+@wp.kernel
+def _by_faces(t: Tables, points: wp.array[wp.vec3], working: Working):
+    add_area_vectors_of_face(t, working, points, 0, wp.tid())
 
 
 @wp.kernel
@@ -54,7 +61,9 @@ def test_rings_of_quads_that_are_not_flat(mesh):
     expected = wp.zeros((1, len(bent.points)), dtype=wp.vec3, device="cpu")
     found = wp.zeros(len(bent.points), dtype=wp.vec3, device="cpu")
     tables = make_tables(model, model_traits(model))
-    wp.launch(add_area_vectors, (1, model.face_count), [tables, points.reshape((1, -1))], [expected], device="cpu")
+    working = Working()
+    working.area_vectors = expected
+    wp.launch(_by_faces, model.face_count, [tables, points, working], device="cpu")
     along, across = (wp.array(part, dtype=wp.int32, device="cpu") for part in rings)
     wp.launch(_by_rings, len(bent.points), [points, along, across], [found], device="cpu")
     assert np.linalg.norm(expected.numpy()[0], axis=1).min() > 1e-3

@@ -118,13 +118,15 @@ class Launches:
 
     def _targets(self, piece: Piece, state: State, now: Moving) -> Moving:
         """Where the piece leaves points and velocities."""
-        second = {name: self._second.get(name) for name in STATE}
         kept = {"point": state.points, "velocity": state.velocities}
-        points, velocities = (
-            (second[name] if old is kept[name] else kept[name]) if name in piece.doubles else old
-            for name, old in zip(STATE, now, strict=True)
-        )
-        return points, velocities
+
+        def target(name: str, old: wp.array) -> wp.array:
+            if name not in piece.doubles:
+                return old
+            return self._second[name] if old is kept[name] else kept[name]
+
+        points, velocities = now
+        return target("point", points), target("velocity", velocities)
 
     def _sum(self, piece: Piece, has: Mapping[str, Any]) -> None:
         m, parts = self.model, self._parts.get(piece.name)

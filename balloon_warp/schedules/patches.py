@@ -98,11 +98,12 @@ class PatchLaunch:
             "frame": room.array((1,), wp.int32),
         }
 
-    def advance(self, state: State, aims: wp.array) -> None:
+    def advance(self, state: State, aims: wp.array | None) -> None:
         """The substeps of a frame."""
         if self._traits.tells_time:
             wp.copy(self.memory.frame, state.frame)
-        self.memory.aims = aims
+        if aims is not None:
+            self.memory.aims = aims
         for first in range(0, self.model.world_count, self._at_once):
             worlds = min(self._at_once, self.model.world_count - first)
             self.memory.points.zero_()

@@ -4,7 +4,8 @@ from balloon_warp.errors import InputError
 from balloon_warp.kernels.schedules.launched.source import source_of
 from balloon_warp.model import build_model
 from balloon_warp.scene import Scene
-from balloon_warp.schedules.choose import LAUNCHED, SCHEDULES, schedule_named
+from balloon_warp.schedules.choose import schedule_named
+from balloon_warp.schedules.launched import LaunchedSchedule
 from balloon_warp.schedules.traits import model_traits
 
 
@@ -17,9 +18,11 @@ def kernel_source(scene: Scene, schedule: str = "gather") -> str:
     Raises:
         InputError: the schedule's kernels are not written from the list, or there is no such schedule.
     """
-    if schedule in SCHEDULES and schedule not in LAUNCHED:
-        raise InputError(
-            f"--schedule {schedule}: its kernels are not written from the list of phases; expected gather or scatter"
-        )
     model = build_model(scene, "cpu")
-    return source_of(schedule_named(schedule, model).step_of(model, model_traits(model)))
+    named = schedule_named(schedule, model)
+    if not issubclass(named, LaunchedSchedule):
+        raise InputError(
+            f"--schedule {schedule}: the kernels of {named.name} are not written from the list of phases; expected "
+            "gather or scatter"
+        )
+    return source_of(named.step_of(model, model_traits(model)))

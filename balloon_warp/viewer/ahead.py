@@ -46,7 +46,7 @@ class Ahead:
         if task is None or _mark(scene, device, laws).exists():
             return
         found = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-        found["WARP_CACHE_PATH"] = str(Path(wp.config.kernel_cache_dir).parent)  # Warp appends its version
+        found["WARP_CACHE_PATH"] = str(_kernels().parent)  # Warp appends its version
         nowhere = subprocess.DEVNULL
         command = [sys.executable, "-m", __name__]
         try:
@@ -67,6 +67,11 @@ class Ahead:
         self._process = self._waiter = None
 
 
+def _kernels() -> Path:
+    """Where Warp keeps them."""
+    return Path(str(wp.config.kernel_cache_dir))
+
+
 def _task(scene: Scene, device: str, laws: Sequence[Law]) -> bytes | None:
     """For the process, or nothing where it would not know the laws."""
     if any(law.force.func.__module__ == "__main__" for law in laws):
@@ -80,7 +85,7 @@ def _task(scene: Scene, device: str, laws: Sequence[Law]) -> bytes | None:
 def _mark(scene: Scene, device: str, laws: Sequence[Law]) -> Path:
     """A file that says, beside the kernels in Warp's cache, that all that playing with a scene takes are there."""
     what = json.dumps([device, describe_simulation(scene, laws, 0)], sort_keys=True, default=str)
-    return Path(wp.config.kernel_cache_dir) / f"balloon_warp_ahead_{hashlib.sha256(what.encode()).hexdigest()[:16]}"
+    return _kernels() / f"balloon_warp_ahead_{hashlib.sha256(what.encode()).hexdigest()[:16]}"
 
 
 def _tell_and_wait(process: "subprocess.Popen[bytes]", task: bytes) -> None:
@@ -97,7 +102,7 @@ def _tell_and_wait(process: "subprocess.Popen[bytes]", task: bytes) -> None:
 
 def _tidy(process: int) -> None:
     """Delete what a process that was ended had begun to compile."""
-    for begun in Path(wp.config.kernel_cache_dir).glob(f"*_p{process}_*"):
+    for begun in _kernels().glob(f"*_p{process}_*"):
         shutil.rmtree(begun, ignore_errors=True)
 
 

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 import viser
+from viser._messages import GuiSliderMark
 
 from balloon_warp.viewer.sliders import WIDER, Value
 
@@ -56,9 +57,8 @@ class Dial:
         else:
             self._most = min(max(WIDER * abs(number), self.value.least_reach), row.most)
             self._least = max(-self._most, row.least) if self.value.signed else 0.0
-        marks = viser._messages.GuiSliderMark
         ends = ((-END, self._least), (END, self._most))
-        self.slider._marks = tuple(marks(value=place, label=DIGITS.format(end)) for place, end in ends)
+        self.slider._marks = tuple(GuiSliderMark(value=place, label=DIGITS.format(end)) for place, end in ends)
 
     def put(self, number: float) -> None:
         """Show a number."""
