@@ -213,9 +213,7 @@ def test_a_source_has_its_phases_in_the_order_of_the_list():
 
 
 def test_what_is_not_written_from_the_list_is_refused():
-    with pytest.raises(
-        InputError, match="--schedule block: the kernels of block are not written from the list"
-    ):
+    with pytest.raises(InputError, match="--schedule block: the kernels of block are not written from the list"):
         kernel_source(load_scene("latex_inflate"), "block")
     with pytest.raises(InputError, match="--schedule weave: no such schedule"):
         kernel_source(load_scene("latex_inflate"), "weave")

@@ -24,7 +24,7 @@ wp.set_module_options(OPTIONS)
 
 
 @wp.kernel
-def _by_faces(t: Tables, points: wp.array[wp.vec3], working: Working):
+def _by_faces(t: Tables, points: wp.array[wp.vec3], working: Working):  # pyright: ignore[reportGeneralTypeIssues]
     add_area_vectors_of_face(t, working, points, 0, wp.tid())
 
 

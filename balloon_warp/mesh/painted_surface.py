@@ -44,7 +44,7 @@ class PaintedSurface:
         surface = wp.Mesh(
             points=wp.array(self._points[used], dtype=wp.vec3), indices=wp.array(numbers.ravel(), dtype=wp.int32)
         )
-        triangles, weights = wp.empty(len(points), dtype=wp.int32), wp.empty(len(points), dtype=wp.vec3)
+        triangles, weights = wp.zeros(len(points), dtype=wp.int32), wp.zeros(len(points), dtype=wp.vec3)
         at = wp.array(self._scaled(points), dtype=wp.vec3)
         wp.launch(nearest_places, len(points), inputs=[surface.id, at, 1e3], outputs=[triangles, weights])
         found = triangles.numpy().astype(np.int64)

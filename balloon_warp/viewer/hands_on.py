@@ -105,7 +105,9 @@ class HandsOn:
     def _add_scene(self) -> None:
         gui, session = self._server.gui, self._session
         self.scenes = gui.add_dropdown("scene", tuple(dict.fromkeys([session.name, *bundled_scenes()])))
-        self.material = gui.add_dropdown("material", list[str](MATERIALS), hint="of all balloons; the scene begins anew")
+        self.material = gui.add_dropdown(
+            "material", list[str](MATERIALS), hint="of all balloons; the scene begins anew"
+        )
         self.color = gui.add_rgb("color", colors.BRAND, hint="of all balloons")
         self.speed = gui.add_dropdown("speed of time", SPEEDS, initial_value="1")
         on_change(self.scenes, self._load)
