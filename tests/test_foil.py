@@ -27,6 +27,7 @@ from balloon_warp.mesh.topology import (
     non_manifold_vertices,
     unused_vertices,
 )
+from balloon_warp.scene.of_foil import scene_of_foil
 
 EDGE = HEIGHT / EDGES
 
