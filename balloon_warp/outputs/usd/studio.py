@@ -123,7 +123,7 @@ def _points(stage: Usd.Stage, paths: Sequence[Sdf.Path], moments: Sequence[int])
 def _seen(mesh: UsdGeom.Mesh, frame: int) -> NDArray[np.float64]:
     """The points of a mesh at a frame, without those that a tear cut off from all faces, shape (n, 3)."""
     points, corners = np.array(mesh.GetPointsAttr().Get(frame)), mesh.GetFaceVertexIndicesAttr()
-    if not corners.ValueMightBeTimeVarying():
+    if not corners.GetNumTimeSamples():
         return points
     counts, numbers = np.array(mesh.GetFaceVertexCountsAttr().Get(frame)), np.array(corners.Get(frame))
     begins = np.cumsum(counts) - counts
