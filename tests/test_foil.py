@@ -27,6 +27,7 @@ from balloon_warp.mesh.topology import (
     non_manifold_vertices,
     unused_vertices,
 )
+from balloon_warp.scene.of_foil import scene_of_foil
 
 EDGE = HEIGHT / EDGES
 
@@ -181,7 +182,7 @@ def test_what_is_too_narrow_names_an_edge_that_is_not():
 def test_a_scene_of_foil_fills_alike_at_any_height(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Pressure and stretch are the same. So the shape is, to a twentieth: it still swings after four seconds."""
     monkeypatch.chdir(tmp_path)
-    volumes = []
+    volumes, ways = [], []
     for height in (0.05, 2.0):
         made = CliRunner().invoke(
             app, ["foil", "LI", "-o", "big.toml", "--height", str(height), "--edge", str(height / 12)]
@@ -189,10 +190,30 @@ def test_a_scene_of_foil_fills_alike_at_any_height(tmp_path: Path, monkeypatch: 
         assert made.exit_code == 0, made.output
         scene = bw.load_scene("big.toml", {"frames": 240})
         assert [Path(balloon.mesh).name for balloon in scene.balloon] == ["big_1.obj", "big_2.obj"]
-        volumes.append(np.stack([frame.volumes for frame in bw.Simulator(scene).run()]) / height**3)
+        frames = list(bw.Simulator(scene).run())
+        volumes.append(np.stack([frame.volumes for frame in frames]) / height**3)
+        start, end = (np.concatenate(frame.points) for frame in (frames[0], frames[-1]))
+        ways.append((end - start) / height)
     small, large = volumes
     assert (small[-1] > 5.0 * small[0]).all()
     np.testing.assert_allclose(small[-1], large[-1], rtol=0.05)
+    for way in ways:  # they hang where they were, and swing a little
+        assert np.abs(way[:, 1]).max() < 0.35
+        assert np.linalg.norm(way, axis=1).max() < 0.5
+
+
+def test_each_part_of_a_scene_hangs_on_two_strings_of_its_top():
+    """An L is held by the stem alone, though its foot reaches farther."""
+    parts = bw.foil_parts("OL", 0.4)
+    scene = scene_of_foil({Path(f"{number}.obj"): part for number, part in enumerate(parts)}, 0.4)
+    for number, part in enumerate(parts):
+        strings = [string for string in scene.string if string.balloon == number]
+        held = part.points[[string.particle for string in strings]]
+        assert (held[:, 1] > 0.29).all()
+        assert held[0, 0] < held[1, 0]
+        for string, place in zip(strings, held, strict=True):
+            np.testing.assert_allclose(string.anchor, (place[0], 0.6, place[2]), atol=1e-5)
+    assert parts[1].points[:, 0].max() > held[1, 0] + 0.05
 
 
 def test_the_command_writes_all_or_each(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

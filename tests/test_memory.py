@@ -34,6 +34,8 @@ def arrays_in(thing: Any) -> dict[int, wp.array]:
         return {thing.ptr: thing} if thing.ptr else {}
     if isinstance(thing, list | tuple):
         parts = thing
+    elif isinstance(thing, dict):
+        parts = thing.values()
     elif hasattr(thing, "_cls"):  # an instance of a Warp struct
         parts = [getattr(thing, name) for name in thing._cls.vars]
     elif type(thing).__module__.startswith("balloon_warp") and not isinstance(thing, Model):

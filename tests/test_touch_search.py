@@ -47,7 +47,9 @@ def test_whatever_is_touched_is_on_the_list(speed):
         for substep in schedule.substeps(state):
             if substep % 7 != 3:  # between searches, too
                 continue
-            points = (schedule.vectors[0] if substep % 2 == 0 else state.points).numpy()[0].astype(np.float64)
+            points = (
+                (schedule.launches._second["point"] if substep % 2 == 0 else state.points).numpy()[0].astype(np.float64)
+            )
             counts, candidates = working.candidate_counts.numpy()[0], working.candidates.numpy()[0].T
             listed = set(working.particle_lists.numpy()[0, 1, : working.list_lengths.numpy()[0, 1]].tolist())
             for particle, point in enumerate(points):

@@ -92,6 +92,7 @@ class LaunchedSchedule(ABC):
     def substeps(self, state: State) -> Iterator[int]:
         """One frame that pauses after each substep, with its number from 0."""
         now = kept = (state.points, state.velocities)
+        self.launches.begin_loading()
         self.begin_frame(state)
         for substep in range(self.model.substeps):
             now = self.launches.substep(state, substep, now)

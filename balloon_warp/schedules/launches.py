@@ -13,7 +13,7 @@ from balloon_warp.kernels.schedules.launched.pieces import Piece, Step, values_o
 from balloon_warp.kernels.schedules.launched.source import ITEMS_OF_PART, Part, arguments_of, kernel_of
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.working import Working
-from balloon_warp.launching import launch, launch_tiled
+from balloon_warp.launching import begin_loading, launch, launch_tiled
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
 from balloon_warp.schedules.solids import solid_arrays
@@ -69,6 +69,13 @@ class Launches:
         other = copy(self)
         other.model, other.tables = model, tables
         return other
+
+    def begin_loading(self) -> None:
+        """Compile what a substep launches, all kernels beside each other."""
+        for piece in self.step.pieces:
+            if piece.item != "launches":
+                for part in ("part", "parts") if piece.name in self._parts else ("all",):
+                    begin_loading(self.kernel(piece, part), self.model.device)
 
     def substep(self, state: State, substep: int, now: Moving) -> Moving:
         """Execute a substep; where particles are then."""

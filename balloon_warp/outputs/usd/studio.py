@@ -109,10 +109,23 @@ def _points(stage: Usd.Stage, paths: Sequence[Sdf.Path], moments: Sequence[int])
     for frame in moments:
         moment, boxes = Moment(stage, frame), UsdGeom.BBoxCache(Usd.TimeCode(frame), purposes)
         for prim in prims:
-            if UsdGeom.PointBased(prim):
+            if UsdGeom.Mesh(prim):
+                points = _seen(UsdGeom.Mesh(prim), frame)
+            elif UsdGeom.PointBased(prim):
                 points = UsdGeom.PointBased(prim).GetPointsAttr().Get(frame)
             else:
                 box = boxes.ComputeUntransformedBound(prim).ComputeAlignedRange()
                 points = [] if box.IsEmpty() else [box.GetCorner(number) for number in range(8)]
-            if points:
+            if len(points):
                 yield moment.place(prim, np.array(points, np.float64))
+
+
+def _seen(mesh: UsdGeom.Mesh, frame: int) -> NDArray[np.float64]:
+    """The points of a mesh at a frame, without those that a tear cut off from all faces, shape (n, 3)."""
+    points, corners = np.array(mesh.GetPointsAttr().Get(frame)), mesh.GetFaceVertexIndicesAttr()
+    if not corners.GetNumTimeSamples():
+        return points
+    counts, numbers = np.array(mesh.GetFaceVertexCountsAttr().Get(frame)), np.array(corners.Get(frame))
+    begins = np.cumsum(counts) - counts
+    is_there = np.logical_or.reduceat(numbers != np.repeat(numbers[begins], counts), begins)
+    return points[np.unique(numbers[np.repeat(is_there, counts)])] if is_there.any() else points
