@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Beginning:
-    """How much there is to simulate, where, and how."""
+    """Say how much there is to simulate, on which device, and by which schedule."""
 
     worlds: int
     particles: int

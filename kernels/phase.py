@@ -33,7 +33,7 @@ STATE = {"point": "points", "velocity": "velocities"}
 
 
 class Look(NamedTuple):
-    """How the items of a schedule see each other."""
+    """Hold the functions by which the items of a schedule see each other."""
 
     at: Any
     """the function that reads a point from a view"""
@@ -47,7 +47,7 @@ class Look(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Phase:
-    """A line of a list of phases."""
+    """Describe one line of a list of phases."""
 
     name: str
     item: Item
@@ -68,21 +68,21 @@ class Phase:
 
     @property
     def summary(self) -> str:
-        """What it does, in a line."""
+        """Say what it does, in a line."""
         return " ".join((self.make.__doc__ or self.name).partition("\n\n")[0].split())
 
     def function(self, traits: Traits, look: Look) -> Any:
-        """The `wp.func`."""
+        """Return its `wp.func` for what a scene has."""
         return _made(self, traits, look)
 
     def reads(self, traits: Traits, look: Look) -> tuple[str, ...]:
-        """What its arguments name."""
+        """Return the names that it reads: those of its arguments."""
         if self.item == "launches":
             return self.also_reads
         return tuple(inspect.signature(self.function(traits, look).func).parameters)
 
     def views(self, traits: Traits, look: Look) -> set[str]:
-        """What it looks at in others."""
+        """Return what it looks at in other items: what they must not write meanwhile."""
         return {VIEWS[name] for name in self.reads(traits, look) if name in VIEWS}
 
 
@@ -92,7 +92,7 @@ def _made(phase: Phase, traits: Traits, look: Look) -> Any:
 
 
 def phase(item: Item, writes: Mapping[str, Any] | None = None, **said: Any) -> Callable[[Any], Phase]:
-    """A decorator: what makes a phase's function becomes the phase, named alike."""
+    """Decorate what makes a phase's function: it becomes the phase, named alike."""
 
     def named(make: Any) -> Phase:
         return Phase(make.__name__, item, make, writes or {}, **said)

@@ -36,7 +36,7 @@ Own = Callable[[State, int, float, Moving], None]
 
 
 class Launches:
-    """Launches each piece of a step.
+    """Launch each piece of a step.
 
     Args:
         own: what phases of the host do, by their names.
@@ -65,7 +65,7 @@ class Launches:
         step_arrays(model, step, room)
 
     def beside(self, model: Model, tables: Any) -> Self:
-        """The same for another world of the same batch, with the same memory."""
+        """Return the same for another world of the same batch, with the same memory."""
         other = copy(self)
         other.model, other.tables = model, tables
         return other
@@ -78,13 +78,13 @@ class Launches:
                     begin_loading(self.kernel(piece, part), self.model.device)
 
     def substep(self, state: State, substep: int, now: Moving) -> Moving:
-        """Execute a substep; where particles are then."""
+        """Execute a substep, and return where particles are then."""
         return self.execute(state, substep, substep * self.model.step_seconds, now)
 
     def execute(
         self, state: State, substep: int, time_in_frame: float, now: Moving, only: Collection[str] = ()
     ) -> Moving:
-        """Execute pieces; where particles are then.
+        """Execute pieces, and return where particles are then.
 
         Args:
             only: the first phases of those, where not all are to be executed.
@@ -120,11 +120,11 @@ class Launches:
         return new
 
     def _inputs(self, piece: Piece, has: Mapping[str, Any], part: Part = "all") -> list[Any]:
-        """What the kernel of a piece takes, in order."""
+        """Return what the kernel of a piece takes, in order."""
         return [has[name] for name in arguments_of(self.step, piece, part)]
 
     def _targets(self, piece: Piece, state: State, now: Moving) -> Moving:
-        """Where the piece leaves points and velocities."""
+        """Return where the piece leaves points and velocities."""
         kept = {"point": state.points, "velocity": state.velocities}
 
         def target(name: str, old: wp.array) -> wp.array:
@@ -153,18 +153,18 @@ class Launches:
 
     @property
     def _elements(self) -> int:
-        """Springs, strings, hinges, triangles, and faces, if a law acts on these."""
+        """Count springs, strings, hinges, triangles, and faces, if a law acts on these."""
         m, hinges = self.model, self.tables.hinges.ends.shape[0]
         faces = m.face_count if self.step.traits.has("face") else 0
         return m.spring_count + m.string_count + hinges + self.tables.membranes.corners.shape[0] + faces
 
     @property
     def _stands_apart(self) -> bool:
-        """Whether particles leave obstacles in a launch of their own."""
+        """Return whether particles leave obstacles in a launch of their own."""
         return any(piece.phases[0].name == "leave" for piece in self.step.pieces)
 
     def kernel(self, piece: Piece, part: Part = "all") -> Any:
-        """That of a piece."""
+        """Return the kernel of a piece."""
         pulls = any(phase.name == "pull" for phase in piece.phases)
         meets = any(phase.name == "leave" for phase in piece.phases)
         few = pulls and not meets and not self.step.traits.membranes and self._stands_apart
@@ -172,7 +172,7 @@ class Launches:
         return kernel_of(self.step, piece, part, self._fast_math and pulls, registers)
 
     def _shape(self, item: Item) -> tuple[int, ...]:
-        """Threads of a launch over all items."""
+        """Return the threads of a launch over all items."""
         m = self.model
         counts = {
             "particle": m.particle_count,
@@ -185,7 +185,7 @@ class Launches:
 
 
 def step_arrays(model: Model, step: Step, room: Room) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any]]:
-    """Values that live from one piece to another; parts of sums; second places of particles' state."""
+    """Allocate values that live from one piece to another, parts of sums, and second places of particles' state."""
     worlds = model.world_count
     counts = {"particle": model.particle_count, "face": model.face_count, "balloon": model.balloon_count}
     values = {
@@ -203,14 +203,14 @@ def step_arrays(model: Model, step: Step, room: Room) -> tuple[dict[str, Any], d
 
 
 def _part_count(model: Model, item: Item) -> int:
-    """Parts in which the items of a balloon are added up; 0 where it is done in one go."""
+    """Count the parts in which the items of a balloon are added up; 0 where it is done in one go."""
     counts = [mesh.face_count if item == "face" else len(mesh.points) for mesh in (s.mesh for s in model.shapes)]
     largest = max(counts)
     return -(-largest // int(ITEMS_OF_PART)) if largest > LARGE else 0
 
 
 def working_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
-    """What contact keeps beside the state; empty where a scene does not need it."""
+    """Allocate what contact keeps beside the state; empty where a scene does not need it."""
     worlds = model.world_count
     return {
         "gas_masses": room.array((worlds, model.balloon_count if traits.gas else 0), wp.float32),

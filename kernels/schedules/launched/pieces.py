@@ -8,7 +8,7 @@ from balloon_warp.kernels.traits import Traits
 
 
 class Piece(NamedTuple):
-    """Phases that one thread executes, one after the other."""
+    """Hold phases that one thread executes, one after the other."""
 
     phases: tuple[Phase, ...]
     once: bool
@@ -24,24 +24,24 @@ class Piece(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Of its kernel."""
+        """Return the name of its kernel."""
         first, last = self.phases[0].name, self.phases[-1].name
         whose = "balloon" if self.sums else "world" if self.item == "team" else self.item
         return f"{whose}s_{first}" if first == last else f"{whose}s_{first}_to_{last}"
 
     @property
     def item(self) -> Item:
-        """Whose it is."""
+        """Return the kind of item that it belongs to."""
         return self.phases[0].item
 
     @property
     def sums(self) -> bool:
-        """Whether a block adds up what its items give, and goes on with the balloon that they belong to."""
+        """Return whether a block adds up what its items give, and goes on with the balloon that they belong to."""
         return self.phases[0].sums
 
 
 class Step(NamedTuple):
-    """The phases that a scene has, as a schedule that launches them executes them."""
+    """Hold the phases that a scene has, in pieces, for a schedule that launches them."""
 
     traits: Traits
     look: Look
@@ -50,22 +50,22 @@ class Step(NamedTuple):
     """those that are found again wherever they are read"""
 
     def owner(self, value: str) -> Item:
-        """The items that have a value."""
+        """Return the kind of items that have a value."""
         phase = self.writer(value)
         return "balloon" if phase.sums else phase.item
 
     def writer(self, value: str) -> Phase:
-        """The first phase that writes a value."""
+        """Return the first phase that writes a value."""
         return next(phase for piece in self.pieces for phase in piece.phases if value in phase.writes)
 
     @property
     def kept(self) -> tuple[str, ...]:
-        """Values that live from one piece to another."""
+        """Return the values that live from one piece to another."""
         return tuple(dict.fromkeys(value for piece in self.pieces for value in piece.leaves))
 
     @property
     def doubled(self) -> tuple[str, ...]:
-        """State of particles that has two places."""
+        """Return the state of particles that has two places."""
         return tuple(dict.fromkeys(name for piece in self.pieces for name in piece.doubles))
 
 
@@ -102,7 +102,7 @@ def cut(
 
 
 def _goes_on(group: Sequence[Phase], phase: Phase, traits: Traits, look: Look, doubles: bool) -> bool:
-    """Whether the thread that executes a group may go on with a phase."""
+    """Return whether the thread that executes a group may go on with a phase."""
     first = group[0]
     if phase.once(traits) != first.once(traits):
         return False
@@ -119,7 +119,7 @@ def _goes_on(group: Sequence[Phase], phase: Phase, traits: Traits, look: Look, d
 
 
 def _read(group: Sequence[Phase], light: Sequence[Phase], traits: Traits, look: Look) -> set[str]:
-    """What a group reads that it has not written itself, what phases need that are found again among it."""
+    """Return what a group reads that it has not written itself, with what light phases need for it."""
     found: set[str] = set()
     written: set[str] = set()
     for phase in group:
@@ -129,7 +129,7 @@ def _read(group: Sequence[Phase], light: Sequence[Phase], traits: Traits, look: 
 
 
 def _with_light(names: Collection[str], light: Sequence[Phase], traits: Traits, look: Look) -> set[str]:
-    """Names, with what light phases read that write them; of a view, what is seen."""
+    """Return names, with what light phases read that write them; of a view, what is seen."""
     found: set[str] = set()
     to_see = list(names)
     while to_see:
@@ -157,5 +157,5 @@ def _piece(group: Sequence[Phase], read: set[str], read_elsewhere: set[str], tra
 
 
 def values_of(step: Step) -> dict[str, Any]:
-    """Of the values that are kept, their types."""
+    """Return the types of the values that are kept."""
     return {value: step.writer(value).writes[value] for value in step.kept}

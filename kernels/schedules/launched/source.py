@@ -53,7 +53,7 @@ TYPES = {
 
 
 class _Writer:
-    """Writes the source of a piece line by line."""
+    """Write the source of a piece line by line."""
 
     def __init__(self, step: Step, piece: Piece, part: Part = "all"):
         self.step, self.piece, self.part = step, piece, part
@@ -63,13 +63,13 @@ class _Writer:
         self.indent = "    "
 
     def source(self) -> str:
-        """The text of the kernel."""
+        """Return the text of the kernel."""
         arguments = [f"{name}: {kind}" for name, kind in self.arguments().items()]
         head = [f"def {self.piece.name}(", *(f"    {each}," for each in arguments), "):"]
         return "\n".join([*head, f'    """{self._whose()}"""', *self._written(), ""])
 
     def _whose(self) -> str:
-        """Which thread executes it."""
+        """Say which thread executes it."""
         if self.piece.sums:
             return f"A block for each {self.part if self.part == 'part' else 'balloon'}."
         if self.piece.item in ("team", "world", "balloon"):
@@ -77,14 +77,14 @@ class _Writer:
         return f"A thread for each {self.piece.item} of each world."
 
     def names(self) -> dict[str, Any]:
-        """What the text refers to."""
+        """Return what the text refers to."""
         step = self.step
         called = {phase.name: phase.function(step.traits, step.look) for phase in (*self.piece.phases, *step.light)}
         types = {f"{value}_type": dtype for value, dtype in _written_types(step).items()}
         return {**TYPES, "read_own": self.read_own, **types, **called}
 
     def arguments(self) -> dict[str, str]:
-        """Names of the kernel's arguments, as it needs them, and their types."""
+        """Return the names of the kernel's arguments, as it needs them, and their types."""
         may_be = {
             "t": "Tables", "time_in_frame": "float", "state": "WorldState", "working": "Working",
             **{f"all_{view}": "wp.array2d[wp.vec3]" for view in STATE.values()},
@@ -99,7 +99,7 @@ class _Writer:
         return {name: kind for name, kind in may_be.items() if name in named}
 
     def _written(self) -> list[str]:
-        """The body's lines."""
+        """Return the body's lines."""
         if not self.lines:
             self._body()
         return self.lines
@@ -177,14 +177,14 @@ class _Writer:
         raise TypeError(f"{self.piece.name}: a phase reads {name}, which nothing before it writes")
 
     def _leave(self) -> None:
-        """What the piece has found goes to where it is kept."""
+        """Write what the piece has found to where it is kept."""
         for name in self.piece.moves:
             self._line(f"put_vector_in(new_{STATE[name]}, world, {self.piece.item}, {name})")
         for name in self.piece.leaves:
             self._line(f"all_{name}[world, {self.step.owner(name)}] = {name}")
 
     def _worlds(self) -> None:
-        """A thread a world, which goes through its balloons."""
+        """Write what a thread does for a world, balloon by balloon."""
         self._begin("world")
         known = set(self.known)
         looping = False
@@ -201,7 +201,7 @@ class _Writer:
             self._calls((phase,))
 
     def _sum(self) -> None:
-        """A block a balloon, or a part of one, whose threads add up in the same order every time."""
+        """Write what a block adds up of a balloon, or a part of one, in the same order every time."""
         phase, *others = self.piece.phases
         value = self._summed
         self._begin("world, balloon, part, thread" if self.part == "part" else "world, balloon, thread")
@@ -236,14 +236,14 @@ class _Writer:
 
 
 def _written_types(step: Step) -> dict[str, Any]:
-    """Of all values."""
+    """Return the types of all values."""
     written = {value: dtype for piece in step.pieces for phase in piece.phases for value, dtype in phase.writes.items()}
     return values_of(step) | written
 
 
 @cache
 def kernel_of(step: Step, piece: Piece, part: Part = "all", fast_math: bool = False, registers: int = 0) -> Any:
-    """The kernel of a piece.
+    """Make the kernel of a piece.
 
     Args:
         fast_math: whether a GPU's own division and root will do.
@@ -258,10 +258,10 @@ def kernel_of(step: Step, piece: Piece, part: Part = "all", fast_math: bool = Fa
 
 @cache
 def arguments_of(step: Step, piece: Piece, part: Part = "all") -> tuple[str, ...]:
-    """The names of what the kernel of a piece takes."""
+    """Return the names of what the kernel of a piece takes."""
     return tuple(_Writer(step, piece, part).arguments())
 
 
 def source_of(step: Step) -> str:
-    """The kernels of a list, as they are launched."""
+    """Write the kernels of a list, in the order of their launches."""
     return "\n\n".join(_Writer(step, piece).source() for piece in step.pieces if piece.item != "launches")
