@@ -1,6 +1,7 @@
 """What springs, strings, hinges, triangles and faces do to their particles: atomic adds into one array of forces, which
 particles take. The readable reference, which every other way is tested against."""
 
+from functools import cache
 from typing import Any
 
 import warp as wp
@@ -20,17 +21,54 @@ from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.working import Working
 
 
-@phase("element")
-def add_forces(traits: Traits, look: Look) -> Any:
-    """Add what a spring, or string, or hinge, or triangle, or face does to its particles, in this order."""
-    pull_of_pair = pair_pull(traits)
-    pull_of_held_string = held_string_pull(traits)
-    force_at_role = hinge_force(traits, look.at)
-    push_at_corner = face_push(traits, look.at, vector_at)
+@cache
+def line_functions(traits: Traits) -> tuple[Any, Any]:
+    """The functions that add what a spring, and a string, do to a world's forces."""
+    pull_of_pair, pull_of_held_string = pair_pull(traits), held_string_pull(traits)
+
+    @wp.func
+    def add_spring(
+        t: Tables, world: wp.int32, spring: wp.int32, points: Any, velocities: Any, time: float, forces: Any
+    ):
+        """Equal and opposite forces on its two particles."""
+        d, coefficient = pull_of_pair(t, world, spring, points, velocities, time)
+        wp.atomic_add(forces, t.pairs.particles[spring][0], d * coefficient)
+        wp.atomic_sub(forces, t.pairs.particles[spring][1], d * coefficient)
+
+    @wp.func
+    def add_string(t: Tables, world: wp.int32, held: wp.int32, points: Any, velocities: Any, time: float, forces: Any):
+        """Its pull on its particle."""
+        pull = pull_of_held_string(t, world, held, points, velocities, time)
+        wp.atomic_add(forces, t.strings.particles[held], pull)
+
+    return add_spring, add_string
+
+
+@cache
+def surface_functions(traits: Traits, at: Any) -> tuple[Any, Any, Any]:
+    """The functions that add what a hinge, a triangle of a membrane, and a face do to a world's forces.
+
+    Args:
+        at: the function that reads a point.
+    """
+    force_at_role, push_at_corner = hinge_force(traits, at), face_push(traits, at, vector_at)
     read_numbers = numbers_reader(traits.columns)
     pull_of_triangle = triangle_pull(traits) if traits.membranes else None
-    material_of = material_reader(traits)
-    left_of = wear_reader(traits)
+    material_of, left_of = material_reader(traits), wear_reader(traits)
+
+    @wp.func
+    def add_hinge(t: Tables, world: wp.int32, hinge: wp.int32, points: Any, forces: Any):
+        """Forces on its two ends and on the corners of its wings."""
+        p = t.hinges.ends[hinge][0]
+        q = t.hinges.ends[hinge][1]
+        n = read_numbers(t, world, t.particles.balloon[p])
+        wp.atomic_add(forces, p, force_at_role(t.hinges, points, hinge, 0, n))
+        wp.atomic_add(forces, q, force_at_role(t.hinges, points, hinge, 1, n))
+        for wing in range(2):
+            share = force_at_role(t.hinges, points, hinge, FIRST_WING + wing, n)
+            begin = t.hinges.wing_offsets[2 * hinge + wing]
+            for corner in range(begin, begin + wing_size(t.hinges, hinge, wing)):
+                wp.atomic_add(forces, t.hinges.wing_particles[corner], share)
 
     @wp.func
     def add_triangle(t: Tables, world: wp.int32, triangle: wp.int32, points: Any, velocities: Any, forces: Any):
@@ -54,41 +92,21 @@ def add_forces(traits: Traits, look: Look) -> Any:
         wp.atomic_add(forces, corners[2], second)
 
     @wp.func
-    def add_spring(
-        t: Tables, world: wp.int32, spring: wp.int32, points: Any, velocities: Any, time: float, forces: Any
-    ):
-        """Equal and opposite forces on its two particles."""
-        d, coefficient = pull_of_pair(t, world, spring, points, velocities, time)
-        wp.atomic_add(forces, t.pairs.particles[spring][0], d * coefficient)
-        wp.atomic_sub(forces, t.pairs.particles[spring][1], d * coefficient)
-
-    @wp.func
-    def add_string(t: Tables, world: wp.int32, held: wp.int32, points: Any, velocities: Any, time: float, forces: Any):
-        """Its pull on its particle."""
-        pull = pull_of_held_string(t, world, held, points, velocities, time)
-        wp.atomic_add(forces, t.strings.particles[held], pull)
-
-    @wp.func
-    def add_hinge(t: Tables, world: wp.int32, hinge: wp.int32, points: Any, forces: Any):
-        """Forces on its two ends and on the corners of its wings."""
-        p = t.hinges.ends[hinge][0]
-        q = t.hinges.ends[hinge][1]
-        n = read_numbers(t, world, t.particles.balloon[p])
-        wp.atomic_add(forces, p, force_at_role(t.hinges, points, hinge, 0, n))
-        wp.atomic_add(forces, q, force_at_role(t.hinges, points, hinge, 1, n))
-        for wing in range(2):
-            share = force_at_role(t.hinges, points, hinge, FIRST_WING + wing, n)
-            begin = t.hinges.wing_offsets[2 * hinge + wing]
-            for corner in range(begin, begin + wing_size(t.hinges, hinge, wing)):
-                wp.atomic_add(forces, t.hinges.wing_particles[corner], share)
-
-    @wp.func
     def add_face(t: Tables, world: wp.int32, face: wp.int32, points: Any, velocities: Any, time: float, forces: Any):
         """Its force, shared by its corners."""
         n = read_numbers(t, world, t.faces.balloon[face])
         share = push_at_corner(t, points, velocities, world, face, n, time)
         for corner in range(t.faces.offsets[face], t.faces.offsets[face + 1]):
             wp.atomic_add(forces, t.faces.particles[corner], share)
+
+    return add_hinge, add_triangle, add_face
+
+
+@phase("element")
+def add_forces(traits: Traits, look: Look) -> Any:
+    """Add what a spring, or string, or hinge, or triangle, or face does to its particles, in this order."""
+    add_spring, add_string = line_functions(traits)
+    add_hinge, add_triangle, add_face = surface_functions(traits, look.at)
 
     @wp.func
     def add_forces(
@@ -108,7 +126,7 @@ def add_forces(traits: Traits, look: Look) -> Any:
             if wp.static(traits.has("hinge")):
                 add_hinge(t, world, element - first_hinge, points, forces)
         elif element < first_face:
-            if wp.static(pull_of_triangle is not None):
+            if wp.static(bool(traits.membranes)):
                 add_triangle(t, world, element - first_triangle, points, velocities, forces)
         else:
             if wp.static(traits.has("face")):
