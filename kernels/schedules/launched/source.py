@@ -8,6 +8,7 @@ from typing import Any, Literal
 import warp as wp
 
 from balloon_warp.kernels.clock import end_of_step, ramp_at, time_of
+from balloon_warp.kernels.codegen import kernel_from
 from balloon_warp.kernels.loops.areas import volume_origin
 from balloon_warp.kernels.memory import put_vector_in, two_in, vector_in
 from balloon_warp.kernels.options import OPTIONS
@@ -16,7 +17,6 @@ from balloon_warp.kernels.phase import STATE, VIEWS, Phase
 from balloon_warp.kernels.schedules.launched.pieces import Piece, Step, values_of
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.working import Working
-from balloon_warp.kernels.written import kernel_from
 
 ITEMS_OF_PART = wp.constant(512)
 """of a large balloon, whose items are added up part by part"""
