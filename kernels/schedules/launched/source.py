@@ -6,11 +6,11 @@ from typing import Any, ClassVar, Literal
 
 import warp as wp
 
+from balloon_warp.kernels.codegen import kernel_from
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.phase import STATE, VIEWS
 from balloon_warp.kernels.schedules.pieces import Piece, Step
 from balloon_warp.kernels.schedules.writer import Writer, head, named_in
-from balloon_warp.kernels.written import kernel_from
 
 ITEMS_OF_PART = wp.constant(512)
 """of a large balloon, whose items are added up part by part"""
