@@ -60,7 +60,8 @@ class Phase:
     sums: bool = False
     """whether what it returns is added up over the items of each balloon before anyone may read it"""
     light: bool = False
-    """whether it is found again wherever it is read, of what stays the same in a substep, rather than kept"""
+    """whether it is found again wherever it is read, of what stays the same in a substep, rather than kept; in all of a
+    frame if it happens but once"""
     once: Callable[[Traits], bool] = lambda traits: False
     """whether it happens only as a frame begins"""
     also_reads: tuple[str, ...] = ()

@@ -14,7 +14,7 @@ from balloon_warp.kernels.phases.correct import correct
 from balloon_warp.kernels.phases.flow import burden, flow, pump, weigh
 from balloon_warp.kernels.phases.inflate import add_up, given_load, inflate
 from balloon_warp.kernels.phases.leave import leave
-from balloon_warp.kernels.phases.load import load
+from balloon_warp.kernels.phases.load import find_load, hold, note
 from balloon_warp.kernels.phases.meet import keep_start, meet_bodies, meet_edges, meet_faces, meet_spheres
 from balloon_warp.kernels.phases.move import free, move, move_first, push, respond
 from balloon_warp.kernels.phases.press import press
@@ -34,7 +34,7 @@ STEP: tuple[Phase, ...] = (
     # rubber softens, and tears
     wear, weigh_skin, run, tear, burst,
     # gas comes and goes; then forces, what they would do, and the pressure that follows
-    pump, weigh, burden, respond, pull, jet, jet_of_holes, take, free, swell, load, flow,
+    pump, weigh, burden, respond, pull, jet, jet_of_holes, take, free, swell, hold, find_load, note, flow,
     # particles move, by all forces
     given_load, inflate, move_first, push, move,
     # springs that are too long are shortened; then particles leave spheres, obstacles and the ground

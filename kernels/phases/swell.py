@@ -83,6 +83,25 @@ def swell(traits: Traits, look: Look) -> Any:
     """Sum how the balloon would swell without its gas."""
     swelling_beside = swell_function(traits, look.sphere_at)
     remembered, around_own = memory_function(traits), around_function(traits)
+    some_aim = traits.aims
+
+    @wp.func
+    def swell_freely(
+        t: Tables,
+        own: Any,
+        gain: float,
+        origin: wp.vec3,
+        point: wp.vec3,
+        velocity: wp.vec3,
+        free_velocity: wp.vec3,
+        area_vector: wp.vec3,
+    ):
+        if wp.static(some_aim):
+            if own.kind == NORMAL_FORCE:
+                return Swelling()
+        rate = wp.dot(area_vector, free_velocity - remembered(velocity, own.n))
+        height = wp.dot(point, t.up)
+        return swelling_of_particle(point - origin, area_vector, area_vector, rate, gain, own.share, height)
 
     @wp.func
     def swell(
@@ -91,6 +110,7 @@ def swell(traits: Traits, look: Look) -> Any:
         own: Any,
         end: float,
         gain: float,
+        load: wp.vec2,
         origin: wp.vec3,
         point: wp.vec3,
         velocity: wp.vec3,
@@ -98,11 +118,12 @@ def swell(traits: Traits, look: Look) -> Any:
         area_vector: wp.vec3,
     ):
         """Under the load of the substep before."""
-        if own.kind == NORMAL_FORCE:
-            return Swelling()
+        if wp.static(some_aim):
+            if own.kind == NORMAL_FORCE:
+                return Swelling()
         return swelling_beside(
-            t, state, around_own(own, end), own.share, gain, state.inflation_loads[own.world, own.balloon],
-            point - origin, point, free_velocity, remembered(velocity, own.n), area_vector,
+            t, state, around_own(own, end), own.share, gain, load, point - origin, point, free_velocity,
+            remembered(velocity, own.n), area_vector,
         )  # fmt: skip
 
-    return swell
+    return swell if traits.obstacles else swell_freely
