@@ -18,6 +18,9 @@ from balloon_warp.quiet import quiet_warp
 if TYPE_CHECKING:
     from balloon_warp.checking import CheckReport, Crossing
 
+MOST_PAIRS = 20
+"""that are listed"""
+
 
 def check(
     stage: Annotated[
@@ -73,10 +76,13 @@ def _print(report: "CheckReport") -> None:
         pairs.setdefault((crossing.first, crossing.second), []).append(crossing)
     said = f"{counted(len(pairs), 'pair')} of things cross" if pairs else "nothing crosses"
     console.print(f"{report.stage}: {said} ({looked})", markup=False)
-    for those in pairs.values():
+    deepest = sorted(pairs.values(), key=lambda those: -max(each.depth for each in those))
+    for those in deepest[:MOST_PAIRS]:
         worst = max(those, key=lambda each: each.depth)
         frames = _spans([each.frame for each in those])
         console.print(f"  {worst}; crosses at {frames}", markup=False)
+    if len(deepest) > MOST_PAIRS:
+        console.print(f"  and {len(deepest) - MOST_PAIRS} pairs less deep; --json has all", markup=False)
 
 
 def _spans(frames: Sequence[int]) -> str:
