@@ -11,7 +11,7 @@ from balloon_warp.frame import Frame
 from balloon_warp.model import Model, State, remark_sentences, remarks_on
 from balloon_warp.outputs.snapshot import snapshot
 from balloon_warp.shown import Shown
-from balloon_warp.turns import in_turn
+from balloon_warp.warp_lock import lock_of
 
 NOTEBOOK_SIZE = (480, 270)
 """pixels"""
@@ -78,7 +78,7 @@ class Displayed(Shown):
         model = self.model
         if not 0 <= world < model.world_count:
             raise InputError(f"world: {world}; expected 0 to {model.world_count - 1}")
-        with in_turn(model.device):
+        with lock_of(model.device):
             now = {name: array.numpy() for name, array in vars(self.state.of_world(world)).items()}
         return page.show(model.scene, "scene", str(model.device), model.own_laws, folder, (width, height), now, origins)
 

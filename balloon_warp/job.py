@@ -8,11 +8,11 @@ from typing import Any
 
 from balloon_warp.beginning import Beginning
 from balloon_warp.blow_ups import MOST_HALVINGS, check_policy, with_half_the_step
-from balloon_warp.endings import BadEnding, bad_endings, ending_sentences
 from balloon_warp.errors import BlowUpError
 from balloon_warp.interrupts import Interrupts
 from balloon_warp.kernels.laws import Law
 from balloon_warp.model import remark_sentences, remarks_on
+from balloon_warp.outcomes import BadEnding, bad_endings, ending_sentences
 from balloon_warp.outputs.background import Background
 from balloon_warp.outputs.usd import StageWriter
 from balloon_warp.outputs.wanted import Wanted

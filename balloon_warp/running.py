@@ -13,7 +13,7 @@ from balloon_warp.frame import Frame
 from balloon_warp.kernels.measure.health import HEALTHY
 from balloon_warp.model import State
 from balloon_warp.reading import Reading
-from balloon_warp.turns import taking_turns
+from balloon_warp.warp_lock import locked
 
 
 class Running(Displayed):
@@ -49,7 +49,7 @@ class Running(Displayed):
         self.step_unread()
         return self.read_frame(world)
 
-    @taking_turns
+    @locked
     def step_unread(self) -> None:
         """Advance every world by one frame, of which nothing is read but whether all are well.
 

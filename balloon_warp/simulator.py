@@ -24,7 +24,7 @@ from balloon_warp.schedules.late_spheres import LateSpheres
 from balloon_warp.solids import MassProperties, mass_properties
 from balloon_warp.solvers.choose import solver_named
 from balloon_warp.steering import Steered
-from balloon_warp.turns import ALONE, taking_turns
+from balloon_warp.warp_lock import PROCESS_LOCK, locked
 
 
 class Simulator(Steered):
@@ -59,7 +59,7 @@ class Simulator(Steered):
         schedule: str = "auto",
         laws: Sequence[Law] = (),
     ):
-        with ALONE:
+        with PROCESS_LOCK:
             self._begin(build_model(scene_to_vary(scene, vary), pick_device(device), world_count, vary, laws), schedule)
 
     @classmethod
@@ -70,7 +70,7 @@ class Simulator(Steered):
             InputError: the worlds do not fit into the device's memory, or there is no such schedule.
         """
         simulator = cls.__new__(cls)
-        with ALONE:
+        with PROCESS_LOCK:
             simulator._begin(model, schedule)
         return simulator
 
@@ -88,7 +88,7 @@ class Simulator(Steered):
         self.frame_number, self._sets = 0, []
         self._forget_records()
 
-    @taking_turns
+    @locked
     def reset(self) -> None:
         """Back to the start, as it was when the simulator was made: parameters and methods, too."""
         self._forget_records()
@@ -118,7 +118,7 @@ class Simulator(Steered):
             overwrite(simulator.state, origin.state)
         return simulator
 
-    @taking_turns
+    @locked
     def _begin_step(self) -> None:
         self.take_due_turns()
         if self._origins.is_due(self.model, self.frame_number):
@@ -130,7 +130,7 @@ class Simulator(Steered):
     def _waits(self) -> bool:
         return self._turn_is_due or self._origins.is_due(self.model, self.frame_number)
 
-    @taking_turns
+    @locked
     def advance(self) -> None:
         """Advance every world by one frame, without a look at which ones blew up."""
         self.take_due_turns()
@@ -151,13 +151,13 @@ class Simulator(Steered):
         """
         return self._begin_reading(world, net_forces).frame()
 
-    @taking_turns
+    @locked
     def _begin_reading(self, world: int, net_forces: bool | None = None, buffer: int = 0) -> Reading:
         self._require_world(world)
         wanted = self.model.scene.net_forces if net_forces is None else net_forces
         return self._frame_reader.begin(self.state, self.frame_number, world, wanted, buffer)
 
-    @taking_turns
+    @locked
     def mass_properties(self) -> MassProperties:
         """Volume, center of mass and inertia tensor of every balloon as a solid, in every world."""
         return mass_properties(self.model, self.state.points)
@@ -167,7 +167,7 @@ class Simulator(Steered):
         for cached in ("_frame_graph", "_frame_reader"):
             vars(self).pop(cached, None)
 
-    @taking_turns
+    @locked
     def diagnose(self, world: int, frame: int, bad: int | None = None) -> BlowUp:
         """Why a world blew up. Its last frames are simulated again, by themselves, to find out.
 
@@ -189,7 +189,7 @@ class Simulator(Steered):
     @cached_property
     def _frame_graph(self) -> Any:
         """A frame, recorded once to be replayed without the cost of its launches."""
-        with ALONE, wp.ScopedDevice(self.model.device), wp.ScopedCapture(self.model.device) as capture:
+        with PROCESS_LOCK, wp.ScopedDevice(self.model.device), wp.ScopedCapture(self.model.device) as capture:
             self._advance_frame()
         return capture.graph
 

@@ -19,7 +19,7 @@ from balloon_warp.model.vary import METHODS
 from balloon_warp.running import Running
 from balloon_warp.schedules.late_spheres import LateSpheres
 from balloon_warp.solvers.choose import solver_named
-from balloon_warp.turns import taking_turns
+from balloon_warp.warp_lock import locked
 
 SAVED_SETS = "set"
 """the name, among what is saved, of what was set: JSON, pairs of a frame and the values by their paths"""
@@ -44,7 +44,7 @@ class Steered(Running):
     def _forget_records(self) -> None:
         """What was recorded or laid out for another schedule."""
 
-    @taking_turns
+    @locked
     def set(self, changes: Mapping[str, Any]) -> None:
         """Set values from now on, by their paths in the scene:
         {"balloon.mass": 3.0, "string.0.anchor": (0, 2, 0), "normals": "cached"}.
@@ -68,7 +68,7 @@ class Steered(Running):
                 for path, value in changes.items()}  # fmt: skip
         self._sets.append((self.frame_number, told))
 
-    @taking_turns
+    @locked
     def go_on_with(self, setting: Setting) -> None:
         """Go on with what is set."""
         acted, model = acting_laws(self.model), self.model
@@ -83,7 +83,7 @@ class Steered(Running):
         else:
             self.go_on_in(model)
 
-    @taking_turns
+    @locked
     def set_parameters(self, parameters: Mapping[str, ArrayLike]) -> None:
         """Write parameters where the kernels read them; they hold from the next frame on.
 
@@ -104,7 +104,7 @@ class Steered(Running):
         if not self.schedule.depends_on.isdisjoint(parameters):
             self._make_schedule()
 
-    @taking_turns
+    @locked
     def go_on_in(self, model: Model, spheres: Sequence[int | None] | None = None) -> None:
         """Go on from here in another model of the same balloons.
 
@@ -130,14 +130,14 @@ class Steered(Running):
         self.schedule = solver_named(self._asked_schedule, self.model)(self.model)
         self._forget_records()
 
-    @taking_turns
+    @locked
     def save(self) -> dict[str, NDArray]:
         """All that `restore` takes to go on from here, as arrays by name: `np.savez("here.npz", **simulator.save())`.
         Places and velocities of all worlds are `points` and `velocities`."""
         sets = {SAVED_SETS: np.array(json.dumps(self._sets))} if self._sets else {}
         return {name: np.array(array.numpy()) for name, array in vars(self.state).items()} | sets
 
-    @taking_turns
+    @locked
     def restore(self, saved: Mapping[str, NDArray]) -> None:
         """Go on, bit for bit, from where this simulator, or another one of the same scene, worlds and schedule, was
         when it was saved: what changed until then, of parameters and methods, is changed again.

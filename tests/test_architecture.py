@@ -17,8 +17,8 @@ TREES = {path.relative_to(ROOT).as_posix(): ast.parse(path.read_text(encoding="u
 
 LAYERS = (
     ("garbage", "temporaries"),
-    ("kernels", "errors", "quiet", "driver", "shown"),
-    ("files", "turns", "launching", "interrupts", "laws", "meant", "beginning"),
+    ("kernels", "errors", "warp_logging", "driver", "shown"),
+    ("files", "warp_lock", "launching", "interrupts", "laws", "suggestions", "beginning"),
     ("device",),
     ("mesh",),
     ("springs", "scene", "foil"),
@@ -26,7 +26,7 @@ LAYERS = (
     ("schedules", "advice", "inspection", "solids", "swelling"),
     ("solvers", "frame"),
     ("reading",),
-    ("blow_ups", "outputs", "endings", "frame_reader"),
+    ("blow_ups", "outputs", "outcomes", "frame_reader"),
     ("display",),
     ("running",),
     ("steering",),
