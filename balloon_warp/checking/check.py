@@ -13,11 +13,11 @@ from balloon_warp.checking.things import Surface, things_of
 from balloon_warp.device import pick_device
 from balloon_warp.errors import InputError
 from balloon_warp.files import file_behind
-from balloon_warp.meant import did_you_mean_file
 from balloon_warp.mesh.usd_stage import open_stage
 from balloon_warp.outputs.render.timing import timing_of
 from balloon_warp.outputs.usd import STAGE_SUFFIXES
 from balloon_warp.shown import Shown, described
+from balloon_warp.suggestions import did_you_mean_file
 
 THICKNESS = 0.05
 """of a balloon's skin, over its mean edge: as deep as that it may be in what is firm; see `[touch]`"""

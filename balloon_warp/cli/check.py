@@ -13,7 +13,7 @@ from rich.progress import Progress
 from balloon_warp.cli.options import Device, Json
 from balloon_warp.cli.size import parse_frames
 from balloon_warp.cli.words import counted
-from balloon_warp.quiet import quiet_warp
+from balloon_warp.warp_logging import quiet_warp
 
 if TYPE_CHECKING:
     from balloon_warp.checking import CheckReport, Crossing
