@@ -34,7 +34,7 @@ LAYERS = (
     ("resume",),
     ("job",),
     ("sweep", "viewer"),
-    ("comparison", "trajectories", "warming", "doctor"),
+    ("checking", "comparison", "trajectories", "warming", "doctor"),
     ("benchmarks", "scenes"),
     ("cli",),
 )
