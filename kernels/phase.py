@@ -21,6 +21,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import Any, Literal, NamedTuple
 
+from balloon_warp.kernels.memory import put_vector, vector_at
 from balloon_warp.kernels.traits import Traits
 
 Item = Literal["world", "balloon", "particle", "face", "triangle", "spring", "element", "sphere", "team", "launches"]
@@ -43,6 +44,10 @@ class Look(NamedTuple):
     """what a particle goes through for its forces, see `loops.net_force`"""
     alone: Callable[[Traits], bool] = lambda traits: False
     """whether these need no other particle"""
+    put: Any = put_vector
+    """the function that writes a point into a view"""
+    velocity_at: Any = vector_at
+    put_velocity: Any = put_vector
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +69,8 @@ class Phase:
     frame if it happens but once"""
     once: Callable[[Traits], bool] = lambda traits: False
     """whether it happens only as a frame begins"""
+    due: Callable[[Traits], Any] | None = None
+    """of a team: the function of (working, world) that says whether there is anything to do"""
     also_reads: tuple[str, ...] = ()
     """of a phase of the host: values"""
 

@@ -51,8 +51,8 @@ class GatherSchedule(LaunchedSchedule):
         if self._patches is None:
             super().advance_frame(state)
             return
-        self.begin_frame(state)
+        self.framing.begin(state)
         if not self.traits.fresh_normals:
             self.launches.substep(state, 0, (state.points, state.velocities))
         self._patches.advance(state, self.launches.values.get("aim"))
-        self.end_frame(state)
+        self.framing.end(state)

@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.schedules.block.springs import SlotTable
+from balloon_warp.kernels.loops.slots import SlotTable
 from balloon_warp.kernels.schedules.patches.memory import PatchTable
 from balloon_warp.kernels.tables import SLICE, FanTable, MembraneTable, Tables
 from balloon_warp.model import Model

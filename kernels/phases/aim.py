@@ -4,6 +4,7 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.laws.inflation import aim_of
 from balloon_warp.kernels.loops.aims import aim_loop
 from balloon_warp.kernels.loops.areas import face_measures
 from balloon_warp.kernels.memory import vector_at
@@ -11,7 +12,6 @@ from balloon_warp.kernels.phase import Look, phase
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
 
-center_of_face, area_vector_of_face = face_measures(vector_at)
 aim_of_particle = aim_loop(vector_at)
 
 
@@ -28,10 +28,12 @@ def _cached(traits: Traits) -> bool:
 def measure(traits: Traits, look: Look) -> Any:
     """Measure the center of a face [m], and its area times its unit normal [m^2]."""
 
+    center_at, area_vector_at = face_measures(look.at)
+
     @wp.func
-    def measure(t: Tables, points: wp.array[wp.vec3], face: wp.int32):
-        center = center_of_face(t.faces, points, face)
-        return center, area_vector_of_face(t.faces, points, face, center)
+    def measure(t: Tables, points: Any, face: wp.int32):
+        center = center_at(t.faces, points, face)
+        return center, area_vector_at(t.faces, points, face, center)
 
     return measure
 
@@ -63,3 +65,26 @@ def take_aim(traits: Traits, look: Look) -> Any:
         return aim_of_particle(t.faces, face_centers, face_areas, particle, point, balloon_area)
 
     return take_aim
+
+
+@phase("face", {"balloon_area": float}, when=_aims, once=_cached, sums=True)
+def spread(traits: Traits, look: Look) -> Any:
+    """Sum the area of a balloon [m^2], from where its corners are."""
+    center_at, area_vector_at = face_measures(look.at)
+
+    @wp.func
+    def spread(t: Tables, points: Any, face: wp.int32):
+        return wp.length(area_vector_at(t.faces, points, face, center_at(t.faces, points, face)))
+
+    return spread
+
+
+@phase("particle", {"aim": wp.vec3}, when=_aims, once=_cached)
+def turn(traits: Traits, look: Look) -> Any:
+    """Find where a normal force pushes a particle, from A_p n: (A_p / A_total) n."""
+
+    @wp.func
+    def turn(facing: wp.vec3, balloon_area: float):
+        return aim_of(facing, balloon_area)
+
+    return turn

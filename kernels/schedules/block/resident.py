@@ -33,7 +33,7 @@ from balloon_warp.kernels.schedules.block.memory import (
 from balloon_warp.kernels.schedules.block.pieces import pieces_of
 from balloon_warp.kernels.schedules.block.press import presses_of
 from balloon_warp.kernels.schedules.block.refresh import refresh_of
-from balloon_warp.kernels.schedules.block.springs import SlotTable, slot_functions
+from balloon_warp.kernels.loops.slots import SlotTable, slot_functions
 from balloon_warp.kernels.schedules.block.state import state_functions
 from balloon_warp.kernels.schedules.block.together import together_of
 from balloon_warp.kernels.tables import Tables, WorldState

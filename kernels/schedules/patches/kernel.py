@@ -17,7 +17,7 @@ from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.schedules.block.board import board_of
 from balloon_warp.kernels.schedules.block.memory import Layout, Seat, at_substep, member_functions, take_seat
 from balloon_warp.kernels.schedules.block.pieces import pieces_of
-from balloon_warp.kernels.schedules.block.springs import SlotTable, slot_functions
+from balloon_warp.kernels.loops.slots import SlotTable, slot_functions
 from balloon_warp.kernels.schedules.patches.aims import patch_aims
 from balloon_warp.kernels.schedules.patches.gas import patch_gas
 from balloon_warp.kernels.schedules.patches.halo import hear, tell
