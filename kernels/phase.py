@@ -24,8 +24,9 @@ from typing import Any, Literal, NamedTuple
 from balloon_warp.kernels.memory import put_vector, vector_at
 from balloon_warp.kernels.traits import Traits
 
-Item = Literal["world", "balloon", "particle", "face", "triangle", "spring", "element", "sphere", "team", "launches"]
-"""whose phase it is: `element` is that of a spring, string, hinge, triangle or face; `team` that of all threads of a
+Item = Literal["world", "balloon", "particle", "face", "triangle", "spring", "element", "film", "sphere", "team", "launches"]
+"""whose phase it is: `element` is that of a spring, string, hinge, triangle or face; `film` that of a face of
+a membrane; `team` that of all threads of a
 block, for a world; `launches` one of the host's own"""
 VIEWS = {"points": "point", "velocities": "velocity", "face_centers": "face_center", "face_areas": "face_area"}
 """what is seen of all items, and what each of them has of it"""
@@ -48,6 +49,8 @@ class Look(NamedTuple):
     """the function that writes a point into a view"""
     velocity_at: Any = vector_at
     put_velocity: Any = put_vector
+    films: Callable[[Traits], Any] = lambda traits: None
+    """what faces of membranes do, where each is measured once, see `phases.stretch`"""
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,6 +20,7 @@ from balloon_warp.kernels.phases.move import free, move, move_first, push, respo
 from balloon_warp.kernels.phases.press import press
 from balloon_warp.kernels.phases.pull import jet, jet_of_holes, pull, pull_and_face, take
 from balloon_warp.kernels.phases.roll import collide, roll, tumble
+from balloon_warp.kernels.phases.stretch import clear, collect, pull_with_skin, stretch
 from balloon_warp.kernels.phases.swell import swell
 from balloon_warp.kernels.phases.wear import burst, look_at_wear, run, tear, wear, weigh_skin
 from balloon_warp.kernels.traits import Traits
@@ -54,6 +55,10 @@ FACING = tuple(
     for each in {measure: (spread,), pull: (pull_and_face, turn)}.get(line, (line,))
 )
 """the same where who goes around a particle finds on the way where normal forces push it"""
+FILMED = tuple(
+    each for line in STEP for each in ((clear, stretch, collect, pull_with_skin) if line is pull else (line,))
+)
+"""the same where each face of a membrane is measured once, and leaves there what it does to its corners"""
 SETTLE = Phase("settle", "launches", lambda traits, look: None, also_reads=("inflation",))
 """local and global steps in turn, until every world has settled, see `solvers.projective`"""
 PROJECTIVE_STEP = (

@@ -8,13 +8,14 @@ from balloon_warp.kernels.schedules.block.layout import Layout
 from balloon_warp.kernels.schedules.block.looks import look_of
 from balloon_warp.kernels.schedules.block.source import arguments_of_frame, kernel_of_frame
 from balloon_warp.kernels.schedules.pieces import Step, cut, values_of
-from balloon_warp.kernels.substep import FACING, STEP, phases_of
+from balloon_warp.kernels.substep import FACING, FILMED, STEP, phases_of
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.working import Working
 from balloon_warp.launching import begin_loading, launch_tiled
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
 from balloon_warp.schedules.launches import working_arrays
+from balloon_warp.schedules.membranes import membrane_quads
 from balloon_warp.schedules.slots import slot_table
 from balloon_warp.schedules.spring_ends import spring_ends
 from balloon_warp.schedules.tables import world_state
@@ -22,7 +23,7 @@ from balloon_warp.schedules.tables import world_state
 
 def step_of(traits: Traits, layout: Layout) -> Step:
     """The phases of a model, in pieces, as a block executes them."""
-    step = FACING if traits.aims_on_the_way else STEP
+    step = FILMED if layout.film else FACING if traits.aims_on_the_way else STEP
     return cut(phases_of(traits, step), traits, look_of(layout), doubles=layout.doubled, sums_along=True)
 
 
@@ -71,6 +72,9 @@ def values(model: Model, step: Step, layout: Layout, room: Room) -> dict[str, An
         if f"all_{value}" in named:
             shape = (model.world_count, counts[step.owner(value)])
             found[f"all_{value}"] = room.array(shape, wp.float32 if dtype is float else dtype)
+    if "film_pulls" in named:
+        entries = 4 * len(membrane_quads(model).corners) + 1
+        found["film_pulls"] = room.array((model.world_count, entries), wp.vec3)
     if "second_velocities" in named:
         found["second_velocities"] = room.array((model.world_count, model.particle_count), wp.vec3)
     return found

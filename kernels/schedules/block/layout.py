@@ -2,6 +2,8 @@
 
 from typing import NamedTuple
 
+from balloon_warp.kernels.loops.film_places import FilmLayout
+
 
 class Layout(NamedTuple):
     """Hold what a kernel is written for, beside the scene's traits."""
@@ -20,6 +22,8 @@ class Layout(NamedTuple):
     """what of particles stands in shared memory, where threads loop"""
     doubled: bool = True
     """points may have a second tile, where otherwise a barrier would be needed"""
+    film: FilmLayout | None = None
+    """how faces of membranes are measured, if each is once"""
     odd: bool = False
     """a frame has an odd number of substeps"""
     registers: int = 64

@@ -1,8 +1,10 @@
 """How items see each other where their points stand in the shared memory of a block."""
 
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
+from balloon_warp.kernels.loops.film_looks import film_functions, kept_springs
 from balloon_warp.kernels.loops.net_force import Loops, scalar_loops
 from balloon_warp.kernels.loops.obstacles import sphere_in_state
 from balloon_warp.kernels.loops.slots import slot_functions
@@ -19,8 +21,8 @@ def looping_loops(traits: Traits) -> Loops:
 
 
 @cache
-def held_loops(slots: tuple[int, int, int], rings: int) -> Any:
-    """Return the loops over what stays in registers, of what a scene has."""
+def held_loops(slots: tuple[int, int, int], rings: int) -> Callable[[Traits], Loops]:
+    """Over what stays in registers."""
 
     @cache
     def loops_of(traits: Traits) -> Loops:
@@ -34,11 +36,20 @@ def held_loops(slots: tuple[int, int, int], rings: int) -> Any:
 @cache
 def look_of(layout: Layout) -> Look:
     """Return how items see each other on a layout."""
-    loops = held_loops(layout.slots, layout.rings) if layout.held else looping_loops
-    look = Look(in_tile, sphere_in_state, loops, put=put_in_tile)
+    look = Look(in_tile, sphere_in_state, looping_loops, put=put_in_tile)
+    if layout.film:
+        film, slots = layout.film, layout.slots if layout.held else None
+        look = look._replace(
+            loops=lambda traits: film_functions(traits, film, slots).loops,
+            films=lambda traits: film_functions(traits, film, slots),
+        )
+    elif layout.held:
+        look = look._replace(loops=held_loops(layout.slots, layout.rings))
     return look._replace(velocity_at=in_tile, put_velocity=put_in_tile) if "velocity" in layout.tiles else look
 
 
 def reader_of_springs(traits: Traits, layout: Layout) -> Any:
-    """Return the function that reads what a particle keeps of its springs."""
+    """Return the function that reads what a particle keeps of its springs, and of its faces."""
+    if layout.film:
+        return kept_springs(traits, layout.film, layout.slots)[1]
     return slot_functions(traits, layout.slots, layout.rings, by_place=True)[1]

@@ -8,7 +8,7 @@ from balloon_warp.kernels.schedules.block.layout import Layout
 from balloon_warp.kernels.schedules.pieces import Step
 from balloon_warp.kernels.schedules.writer import Writer
 
-HANDLES = ("t", "slots", "state", "working", "world", "thread")
+HANDLES = ("t", "slots", "state", "working", "world", "thread", "films", "pulls", "area_vectors")
 OF_SUBSTEP = ("time_in_frame", "time", "end")
 OF_BALLOON = ("balloon", "ramp", "keyed", "load", "origin", "origin_place", "numbers")
 """what particles of one balloon have in common"""

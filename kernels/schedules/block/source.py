@@ -34,6 +34,7 @@ COUNTS = {
     "face": "t.faces.balloon.shape[0]",
     "triangle": "t.membranes.corners.shape[0]",
     "sphere": "state.sphere_positions.shape[1]",
+    "film": "t.membranes.films.corners.shape[0]",
 }
 """items of a world"""
 BALLOON_OF = {"particle": "t.particles.balloon", "face": "t.faces.balloon"}
@@ -66,7 +67,7 @@ class _Writer(NamesInBlock):
     def _arguments(self) -> dict[str, str]:
         return {
             "t": "Tables", "slots": "SlotTable", "state": "WorldState", "working": "Working",
-            "second_velocities": "wp.array2d[wp.vec3]",
+            "second_velocities": "wp.array2d[wp.vec3]", "film_pulls": "wp.array2d[wp.vec3]",
             **{f"all_{value}": f"wp.array2d[{value}_type]" for value in self.step.kept},
         }  # fmt: skip
 
@@ -81,6 +82,8 @@ class _Writer(NamesInBlock):
         }  # fmt: skip
         if self.layout.held:
             names["read_springs"] = reader_of_springs(self.traits, self.layout)
+        if self.layout.film and self.layout.film.quads:
+            names["hold_films"] = self.step.look.films(self.traits).keeps
         for phase in self.phases:
             if phase.due:
                 names[f"{phase.name}_is_due"] = phase.due(self.traits)
@@ -119,6 +122,13 @@ class _Writer(NamesInBlock):
         tiles += [self.home(name) for name in layout.tiles]
         for tile in tiles:
             self.line(f'{tile} = wp.tile_empty(shape={layout.capacity}, dtype=wp.vec3, storage="shared")')
+        if layout.film and layout.film.tile:
+            areas = layout.film.tile if layout.film.areas else 1
+            self.line(f'pulls = wp.tile_empty(shape={layout.film.tile}, dtype=wp.vec4, storage="shared")')
+            self.line(f'area_vectors = wp.tile_empty(shape={areas}, dtype=wp.vec2, storage="shared")')
+        elif layout.film:
+            self.line("pulls = film_pulls[world]")
+            self.line("area_vectors = film_pulls[world]")
         if "velocity" not in layout.tiles:
             self.line("velocities = state.velocities[world]")
             self.line("new_velocities = second_velocities[world]")
@@ -141,6 +151,8 @@ class _Writer(NamesInBlock):
         for place in self.places:
             with self.about(place):
                 self._take_particle(place)
+        if self.layout.film and self.layout.film.quads:
+            self.line(f"films = hold_films(t, world, {self.own_of_any()}.n, thread)")
         if self.alone:
             self.line("ramp = state.inflation_ramp[world, 0]")
             self.line("origin_place = volume_origin(t, 0)")
@@ -215,6 +227,9 @@ class _Writer(NamesInBlock):
                 self._worlds(piece)
             elif piece.item == "spring":
                 self._springs(piece)
+            elif piece.item == "film" and self.layout.film and self.layout.film.quads:
+                self.calls(piece.phases)
+                self.line("block_barrier()")
             elif piece.item == "team":
                 self._team(piece)
             else:

@@ -1,4 +1,4 @@
-"""Where what a face does to its corners waits in a block for the threads that have the particles."""
+"""Where what a face of a membrane does to its corners waits for those who have the particles."""
 
 from functools import cache
 from typing import Any, NamedTuple
@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from balloon_warp.kernels.memory import in_tile, put_in_array, vector_at
-from balloon_warp.kernels.schedules.block.memory import Layout
 
 VECTOR_BYTES = 12
 """of a point"""
@@ -28,10 +27,30 @@ class FilmPlaces(NamedTuple):
     """(velocities, corner) to its velocity [m/s], which is in memory"""
 
 
-def film_places(layout: Layout) -> FilmPlaces:
+class FilmLayout(NamedTuple):
+    """Hold how a block goes through the faces of membranes."""
+
+    slots: int
+    """the most faces at a particle"""
+    triangles: int
+    """the most at a face"""
+    mixed: bool
+    """some have fewer"""
+    areas: bool
+    """area vectors come of them, too: they are all the faces that there are"""
+    quads: int = 0
+    """that each thread keeps in registers; 0 where all are read in every substep"""
+    tile: int = 0
+    """places that a tile has for what they do; 0 where it waits in memory"""
+    capacity: int = 0
+    """points that a tile has"""
+    room: int = 0
+    """faces that threads have room for, where they keep them"""
+
+
+def film_places(film: FilmLayout) -> FilmPlaces:
     """For a layout that has films."""
-    assert layout.film is not None
-    return in_tiles(layout.faces, layout.capacity, layout.film.areas) if layout.resident else in_arrays()
+    return in_tiles(film.tile, film.capacity, film.areas) if film.tile else in_arrays()
 
 
 def put_words(count: int) -> str:

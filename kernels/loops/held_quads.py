@@ -1,5 +1,5 @@
-"""Quads of membranes in a block, one or two to a thread, which keeps all that is known of them at rest in its registers
-for a frame."""
+"""Quads of membranes, one or two to a thread, which keeps all that is known of them at rest in its registers for a
+frame."""
 
 from functools import cache
 from typing import Any, NamedTuple
@@ -7,41 +7,32 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from balloon_warp.kernels.loops.areas import crosses_at_quad_corners
+from balloon_warp.kernels.loops.film_places import FilmLayout, film_places
 from balloon_warp.kernels.loops.membranes import material_reader, pulls_between_corners
 from balloon_warp.kernels.loops.quad_tensions import quad_tensions
 from balloon_warp.kernels.loops.quads import products_between
 from balloon_warp.kernels.memory import four_ints_at
 from balloon_warp.kernels.own import numbers_reader
-from balloon_warp.kernels.schedules.block.film_places import film_places
-from balloon_warp.kernels.schedules.block.memory import Layout, Seat
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
-from balloon_warp.kernels.warps import block_barrier
 
 
 class Quads(NamedTuple):
-    """Functions of all threads of a block."""
+    """Hold the functions of a thread that keeps quads."""
 
-    held: Any
-    """what a thread holds"""
     hold: Any
-    """(t, world, n, thread): that, as a frame begins"""
+    """(t, world, n, thread): what it keeps, as a frame begins"""
     stretch: Any
-    """(t, seat, n, held, points, pulls, area_vectors): all of them, and a barrier; with the numbers of a balloon, if
+    """(t, world, thread, n, held, points, pulls, area_vectors): all of its quads; with the numbers of a balloon, if
     there is one alone"""
-    end_of: Any = None
-    """of pairs, (points, held, c, has_c): where the second end of the edge that they share is"""
-    stretch_ends: Any = None
-    """of pairs, (t, seat, n, held, b, c, has_c, points, pulls, area_vectors): as `stretch`, and returns what a thread's
-    pair does to its ends, see `block_ends`"""
 
 
 @cache
-def quads_of(traits: Traits, layout: Layout) -> Quads:
+def quads_of(traits: Traits, film: FilmLayout) -> Quads:
     """For a layout whose membranes are quads that threads hold, and that hand out area vectors, too."""
-    assert layout.film is not None
-    threads, room = layout.threads, layout.film.held
-    places = film_places(layout)
+    quads, room = film.quads, film.room
+    threads = room // quads
+    places = film_places(film)
     put, point_at, step = places.put, places.point_at, places.step
     tensions = quad_tensions(traits)
     material_of, read_numbers = material_reader(traits), numbers_reader(traits.columns)
@@ -83,12 +74,12 @@ def quads_of(traits: Traits, layout: Layout) -> Quads:
     def hold(t: Tables, world: wp.int32, n: Any, thread: wp.int32):
         held = Held()
         held.first = read_quad(t, world, n, thread)
-        if wp.static(room > threads):
+        if wp.static(quads > 1):
             held.second = read_quad(t, world, n, thread + threads)
         return held
 
     @wp.func
-    def measure(t: Tables, seat: Seat, n: Any, quad: Quad, face: wp.int32, points: Any, pulls: Any, area_vectors: Any):
+    def measure(t: Tables, n: Any, quad: Quad, face: wp.int32, points: Any, pulls: Any, area_vectors: Any):
         """By one thread: what a quad does to its corners."""
         a = point_at(points, quad.corners[0])
         b = point_at(points, quad.corners[1])
@@ -112,20 +103,28 @@ def quads_of(traits: Traits, layout: Layout) -> Quads:
 
     @wp.func
     def measure_numbered(
-        t: Tables, seat: Seat, n: Any, quad: Quad, face: wp.int32, points: Any, pulls: Any, area_vectors: Any
+        t: Tables, world: wp.int32, n: Any, quad: Quad, face: wp.int32, points: Any, pulls: Any, area_vectors: Any
     ):
         """The same with the numbers of the quad's balloon."""
         if wp.static(traits.balloons == 1):
-            measure(t, seat, n, quad, face, points, pulls, area_vectors)
+            measure(t, n, quad, face, points, pulls, area_vectors)
         else:
-            numbers = read_numbers(t, seat.world, quad.balloon)
-            measure(t, seat, numbers, quad, face, points, pulls, area_vectors)
+            numbers = read_numbers(t, world, quad.balloon)
+            measure(t, numbers, quad, face, points, pulls, area_vectors)
 
     @wp.func
-    def stretch(t: Tables, seat: Seat, n: Any, held: Held, points: Any, pulls: Any, area_vectors: Any):
-        measure_numbered(t, seat, n, held.first, seat.thread, points, pulls, area_vectors)
-        if wp.static(room > threads):
-            measure_numbered(t, seat, n, held.second, seat.thread + threads, points, pulls, area_vectors)
-        block_barrier()
+    def stretch(
+        t: Tables,
+        world: wp.int32,
+        thread: wp.int32,
+        n: Any,
+        held: Held,
+        points: Any,
+        pulls: Any,
+        area_vectors: Any,
+    ):
+        measure_numbered(t, world, n, held.first, thread, points, pulls, area_vectors)
+        if wp.static(quads > 1):
+            measure_numbered(t, world, n, held.second, thread + threads, points, pulls, area_vectors)
 
-    return Quads(Held, hold, stretch)
+    return Quads(hold, stretch)

@@ -1,5 +1,5 @@
-"""Membranes in a block: a thread measures a face once, and what that does to its corners waits there, in a place of its
-own for each corner, for the threads that have the particles."""
+"""Membranes face by face: each is measured once, and what that does to its corners waits there, in a place of its own
+for each corner, for those who have the particles."""
 
 from functools import cache
 from typing import Any, NamedTuple
@@ -9,6 +9,7 @@ import warp as wp
 from balloon_warp.kernels.film_tables import FilmTable
 from balloon_warp.kernels.laws.tension_field import how_surely_taut
 from balloon_warp.kernels.loops.areas import CROSSES, crosses_at_quad_corners
+from balloon_warp.kernels.loops.film_places import FilmLayout, film_places
 from balloon_warp.kernels.loops.membranes import (
     material_reader,
     pulls_on_corners,
@@ -18,113 +19,65 @@ from balloon_warp.kernels.loops.membranes import (
 )
 from balloon_warp.kernels.memory import found_anew, four_floats_at, four_ints_at
 from balloon_warp.kernels.own import numbers_reader
-from balloon_warp.kernels.schedules.block.film_places import film_places
-from balloon_warp.kernels.schedules.block.memory import Layout, Seat
-from balloon_warp.kernels.schedules.block.pairs import pairs_of
-from balloon_warp.kernels.schedules.block.quads import quads_of
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
-from balloon_warp.kernels.warps import block_barrier
 
 OF_TRIANGLE = wp.constant(1.0 / 6.0)
 """area vector of a corner over the cross of its edges, from the one before and to the one after"""
 
 
 class Films(NamedTuple):
-    """Functions of all threads of a block, and of one that has a particle."""
+    """Hold the functions of faces, and of particles at their corners."""
 
-    held: Any
-    """what a particle holds: its `springs`, and the `pull` and `area_vector` that faces have for it"""
-    begin: Any
-    """(t, seat, pulls, area_vectors): what a frame begins with; a barrier must follow"""
+    clear: Any
+    """(t, pulls, area_vectors): what a frame begins with"""
     stretch: Any
-    """(t, seat, n, held, points, velocities, pulls, area_vectors): all faces, and a barrier; with the numbers of a
-    balloon, if there is one alone, and what the thread's first particle holds"""
+    """(t, world, film, points, velocities, pulls, area_vectors): a face"""
+    read_places: Any
+    """(t, own, active): what a particle may keep for a frame: its first four places"""
     take: Any
-    """(t, seat, number, held, pulls, area_vectors): a particle's, once all faces are measured"""
-    read: Any
-    """(t, slots, own, place, active): what it holds at the start of a frame"""
-    pull: Any
-    """as of springs, with that of the faces"""
-    area_vector: Any
-    """as of a loop over faces; None if these have none"""
+    """(t, own, kept, pulls, area_vectors): the force on a particle [N], and its area vector [m^2], once all faces are
+    measured"""
 
 
 @cache
-def films_of(traits: Traits, layout: Layout, springs_type: Any, read_springs: Any, pull_of_springs: Any) -> Films:
-    """For a layout that has films, beside the springs of particles."""
-    film = layout.film
-    assert film is not None
-    step, put, get, point_at, velocity_at = film_places(layout)
-    quads = (pairs_of if film.pairs else quads_of)(traits, layout) if film.held else None
-    quads_type = quads.held if quads else wp.int32
+def films_of(traits: Traits, film: FilmLayout) -> Films:
+    """For a layout that has films."""
+    step, put, get, point_at, velocity_at = film_places(film)
     tension, taut_tension = tension_function(traits), taut_tension_function(traits)
     material_of, left_of = material_reader(traits), wear_reader(traits)
     read_numbers = numbers_reader(traits.columns)
-    triangles, mixed, slots, areas = film.triangles, film.mixed, film.slots, film.areas
+    triangles, mixed, slots, areas, room = film.triangles, film.mixed, film.slots, film.areas, film.room
     viscous, fours = traits.viscous, -(-slots // 4)
-    keeps_places = layout.resident and fours == 1
-    has_springs = not layout.resident or sum(layout.kind_slots) > 0
-
-    @wp.struct
-    class Held:
-        """What a particle holds."""
-
-        springs: springs_type
-        quads: quads_type  # of a thread's first, where that keeps what it knows of some
-        places: wp.vec4i  # of what its faces do to it, where it keeps them
-        pull: wp.vec3
-        area_vector: wp.vec3
+    keeps_places = film.tile > 0 and fours == 1
 
     @wp.func
     def count_of(films: FilmTable):
-        """Faces that there is room for; known ahead where kernels are made for so many."""
-        if wp.static(layout.resident):
-            return wp.static((layout.faces - 1) // 4)
-        else:
-            return films.corners.shape[0]
+        """Faces."""
+        return films.corners.shape[0]
 
     @wp.func
     def nothing(films: FilmTable):
         """The place where that stands."""
-        if wp.static(layout.resident):
-            return wp.static(step * (layout.faces - 1))
+        if wp.static(room > 0):
+            return wp.static(step * 4 * room)
         else:
             return step * 4 * films.corners.shape[0]
 
     @wp.func
-    def read(t: Tables, slot_table: Any, own: Any, place: wp.int32, active: bool):
-        held = Held()
-        held.springs = read_springs(t, slot_table, own, place, active)
-        if wp.static(quads is not None):
-            held.quads = quads.hold(t, own.world, own.n, place)
+    def read_places(t: Tables, own: Any, active: bool):
+        places = wp.vec4i()
         if wp.static(keeps_places):
-            held.places = four_ints_at(t.membranes.films.places, own.number)
+            places = four_ints_at(t.membranes.films.places, own.number)
             if not active:
                 for slot in range(4):
-                    held.places[slot] = nothing(t.membranes.films)
-        return held
+                    places[slot] = nothing(t.membranes.films)
+        return places
 
     @wp.func
-    def pull(
-        t: Tables, points: Any, velocities: Any, own: Any, held: Held, point: wp.vec3, velocity: wp.vec3, time: float
-    ):
-        """Net force of springs and faces [N]."""
-        if wp.static(has_springs):
-            return pull_of_springs(t, points, velocities, own, held.springs, point, velocity, time) + held.pull
-        else:
-            return held.pull
-
-    @wp.func
-    def area_vector(t: Tables, points: Any, own: Any, held: Held, point: wp.vec3):
-        """[m^2]"""
-        return held.area_vector
-
-    @wp.func
-    def begin(t: Tables, seat: Seat, pulls: Any, area_vectors: Any):
+    def clear(t: Tables, pulls: Any, area_vectors: Any):
         """Where a particle has fewer faces than others, it reads what is always zero."""
-        if seat.thread == 0:
-            put(pulls, area_vectors, nothing(t.membranes.films), wp.vec3(), wp.vec3())
+        put(pulls, area_vectors, nothing(t.membranes.films), wp.vec3(), wp.vec3())
 
     @wp.func
     def rest_of(films: FilmTable, face: wp.int32, corner: wp.int32):
@@ -250,44 +203,33 @@ def films_of(traits: Traits, layout: Layout, springs_type: Any, read_springs: An
         put(pulls, area_vectors, step * (3 * count + face), on_d, at_d)
 
     @wp.func
-    def stretch_all(t: Tables, seat: Seat, n: Any, points: Any, velocities: Any, pulls: Any, area_vectors: Any):
-        for face in range(seat.thread, count_of(t.membranes.films), wp.block_dim()):
-            if wp.static(traits.balloons == 1):
-                measure_face(t, seat.world, face, n, points, velocities, pulls, area_vectors)
-            else:
-                numbers = read_numbers(t, seat.world, t.membranes.films.balloons[face])
-                measure_face(t, seat.world, face, numbers, points, velocities, pulls, area_vectors)
-        block_barrier()
+    def stretch(
+        t: Tables, world: wp.int32, film: wp.int32, points: Any, velocities: Any, pulls: Any, area_vectors: Any
+    ):
+        n = read_numbers(t, world, t.membranes.films.balloons[film])
+        measure_face(t, world, film, n, points, velocities, pulls, area_vectors)
 
     @wp.func
-    def stretch(t: Tables, seat: Seat, n: Any, held: Held, points: Any, velocities: Any, pulls: Any, area_vectors: Any):
-        if wp.static(quads is not None):
-            quads.stretch(t, seat, n, held.quads, points, pulls, area_vectors)
-        else:
-            stretch_all(t, seat, n, points, velocities, pulls, area_vectors)
-
-    @wp.func
-    def take(t: Tables, seat: Seat, number: wp.int32, held: Held, pulls: Any, area_vectors: Any):
+    def take(t: Tables, own: Any, kept: wp.vec4i, pulls: Any, area_vectors: Any):
         """In the order of its faces."""
-        first = held.places
+        first = kept
         if wp.static(keeps_places):
             for slot in range(4):
-                first[slot] = found_anew(held.places[slot])
+                first[slot] = found_anew(kept[slot])
         else:
-            first = four_ints_at(t.membranes.films.places, number)
+            first = four_ints_at(t.membranes.films.places, own.number)
         pull, area_vector = get(pulls, area_vectors, first[0])
         for slot in range(1, wp.static(min(slots, 4))):
             more, further = get(pulls, area_vectors, first[slot])
             pull += more
             area_vector += further
+        count = t.particles.balloon.shape[0]
         for four in range(1, fours):
-            places = four_ints_at(t.membranes.films.places, four * seat.count + number)
+            places = four_ints_at(t.membranes.films.places, four * count + own.number)
             for slot in range(4):
                 more, further = get(pulls, area_vectors, places[slot])
                 pull += more
                 area_vector += further
-        held.pull = pull
-        held.area_vector = wp.static(CROSSES if triangles == 4 else OF_TRIANGLE) * area_vector
-        return held
+        return pull, wp.static(CROSSES if triangles == 4 else OF_TRIANGLE) * area_vector
 
-    return Films(Held, begin, stretch, take, read, pull, area_vector if areas else None)
+    return Films(clear, stretch, read_places, take)
