@@ -9,7 +9,8 @@ from meshes import quad_sphere
 import balloon_warp as bw
 from balloon_warp.errors import InputError
 from balloon_warp.scene.hover import unsaid
-from balloon_warp.scene.reference import meaning_of, tables
+from balloon_warp.scene.reference import tables
+from balloon_warp.scene.schema.field_help import meaning_of
 from balloon_warp.shown import plain_docstring
 from balloon_warp.solids import MassProperties
 from balloon_warp.sweep.batch import BatchSummary
