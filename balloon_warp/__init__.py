@@ -15,6 +15,7 @@ from balloon_warp.garbage import without_collecting
 
 if TYPE_CHECKING:
     from balloon_warp.advice import advise_step
+    from balloon_warp.checking import CheckReport, Crossing, check_stage
     from balloon_warp.comparison.compare import compare
     from balloon_warp.errors import BlowUpError, InputError, MissingExtraError, WorkersLostError
     from balloon_warp.foil.make import foil_mesh, foil_parts
@@ -68,7 +69,9 @@ __all__ = [
     "Body",
     "Box",
     "Change",
+    "CheckReport",
     "Cluster",
+    "Crossing",
     "Frame",
     "Ground",
     "Inflation",
@@ -96,6 +99,7 @@ __all__ = [
     "animate",
     "build_springs",
     "bundled_scenes",
+    "check_stage",
     "compare",
     "export_stage",
     "face_law",
@@ -118,6 +122,7 @@ __all__ = [
 
 _HOMES = {
     "advice": ("advise_step",),
+    "checking": ("CheckReport", "Crossing", "check_stage"),
     "comparison.compare": ("compare",),
     "errors": ("BlowUpError", "InputError", "MissingExtraError", "WorkersLostError"),
     "foil.make": ("foil_mesh", "foil_parts"),

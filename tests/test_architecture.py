@@ -31,7 +31,7 @@ LAYERS = (
     ("resume",),
     ("job",),
     ("sweep", "viewer"),
-    ("comparison", "trajectories", "warming", "doctor"),
+    ("checking", "comparison", "trajectories", "warming", "doctor"),
     ("benchmarks", "scenes"),
     ("cli",),
 )
