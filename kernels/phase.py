@@ -24,7 +24,9 @@ from typing import Any, Literal, NamedTuple
 from balloon_warp.kernels.memory import put_vector, vector_at
 from balloon_warp.kernels.traits import Traits
 
-Item = Literal["world", "balloon", "particle", "face", "triangle", "spring", "element", "film", "sphere", "team", "launches"]
+Item = Literal[
+    "world", "balloon", "particle", "face", "triangle", "spring", "element", "film", "sphere", "team", "launches"
+]
 """whose phase it is: `element` is that of a spring, string, hinge, triangle or face; `film` that of a face of
 a membrane; `team` that of all threads of a
 block, for a world; `launches` one of the host's own"""

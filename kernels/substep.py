@@ -22,6 +22,7 @@ from balloon_warp.kernels.phases.pull import jet, jet_of_holes, pull, pull_and_f
 from balloon_warp.kernels.phases.roll import collide, roll, tumble
 from balloon_warp.kernels.phases.stretch import clear, collect, pull_with_skin, stretch
 from balloon_warp.kernels.phases.swell import swell
+from balloon_warp.kernels.phases.watch import set_off, watch
 from balloon_warp.kernels.phases.wear import burst, look_at_wear, run, tear, wear, weigh_skin
 from balloon_warp.kernels.traits import Traits
 
@@ -39,9 +40,9 @@ STEP: tuple[Phase, ...] = (
     # forces, what they would do, and the pressure that follows
     pull, jet, jet_of_holes, take, free, swell, hold, find_load, note, flow,
     # particles move, by all forces
-    given_load, inflate, move_first, push, move,
+    set_off, given_load, inflate, move_first, push, move,
     # springs that are too long are shortened; then particles leave spheres, obstacles and the ground
-    correct, leave,
+    correct, leave, watch,
     # momentum is exchanged, once all have moved
     meet_spheres, meet_bodies, meet_faces, meet_edges,
 )  # fmt: skip

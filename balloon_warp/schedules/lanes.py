@@ -94,7 +94,7 @@ class LanesSchedule:
     @property
     def crowded(self) -> int:
         """How often a triangle that a particle may touch had no place in its list since it was made, in all worlds."""
-        return self.busy.launch.crowded if self.busy else 0
+        return self.busy.crowded if self.busy else 0
 
     def advance_frame(self, state: State) -> None:
         """One frame: the groups of worlds on as many threads as there are cores."""

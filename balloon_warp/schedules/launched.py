@@ -34,8 +34,8 @@ class LaunchedSchedule(ABC):
     phases: ClassVar[Sequence[Phase]] = STEP
     look: ClassVar[Look]
 
-    def __init__(self, model: Model):
-        self.model, self.traits = model, model_traits(model)
+    def __init__(self, model: Model, traits: Traits | None = None):
+        self.model, self.traits = model, traits or model_traits(model)
         self.tables = make_tables(model, self.traits)
         self.vectors = self.allot(model, self.traits, room := Allocating(model.device))
         """its own memory"""

@@ -7,8 +7,8 @@ import warp as wp
 
 from balloon_warp.kernels.contact.bodies import bodies_function
 from balloon_warp.kernels.contact.edges import edges_function
-from balloon_warp.kernels.contact.near import are_noted
 from balloon_warp.kernels.contact.faces import faces_function
+from balloon_warp.kernels.contact.near import are_noted
 from balloon_warp.kernels.contact.spheres import spheres_function
 from balloon_warp.kernels.phase import Look, phase
 from balloon_warp.kernels.traits import Traits

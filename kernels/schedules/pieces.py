@@ -104,9 +104,7 @@ def cut(
     return Step(traits, look, tuple(pieces), light)
 
 
-def _goes_on(
-    group: Sequence[Phase], phase: Phase, traits: Traits, look: Look, doubles: bool, sums_along: bool
-) -> bool:
+def _goes_on(group: Sequence[Phase], phase: Phase, traits: Traits, look: Look, doubles: bool, sums_along: bool) -> bool:
     """Return whether the thread that executes a group may go on with a phase."""
     first = group[0]
     if phase.once(traits) != first.once(traits):

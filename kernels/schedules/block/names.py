@@ -17,11 +17,11 @@ OF_BALLOON = ("balloon", "ramp", "keyed", "load", "origin", "origin_place", "num
 class NamesInBlock(Writer):
     """Find names for a block, which may be about one of the particles that a thread keeps."""
 
-    def __init__(self, step: Step, layout: Layout):
+    def __init__(self, step: Step, layout: Layout, alone: bool):
         super().__init__(step, (*HANDLES, "points", "new_points", "velocities", "new_velocities"))
         self.layout, self.traits = layout, step.traits
-        self.alone = step.traits.balloons == 1
-        """whether the world has but one balloon, so that its sums and values are everyone's"""
+        self.alone = alone
+        """whether the block has particles of but one balloon, so that its sums and values are everyone's"""
         self.place: int | None = None
         """which of its particles a thread is about"""
         self.points = ("points", "new_points")

@@ -25,7 +25,7 @@ from balloon_warp.kernels.schedules.block.names import NamesInBlock
 from balloon_warp.kernels.schedules.block.sums import block_sum
 from balloon_warp.kernels.schedules.pieces import Piece, Step
 from balloon_warp.kernels.schedules.writer import head, named_in
-from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.tables import WorldState
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.warps import WARP_THREADS, block_barrier
 
@@ -40,11 +40,11 @@ COUNTS = {
 BALLOON_OF = {"particle": "t.particles.balloon", "face": "t.faces.balloon"}
 
 
-class _Writer(NamesInBlock):
+class BlockWriter(NamesInBlock):
     """Write the source of the kernel."""
 
-    def __init__(self, step: Step, layout: Layout):
-        super().__init__(step, layout)
+    def __init__(self, step: Step, layout: Layout, alone: bool | None = None):
+        super().__init__(step, layout, step.traits.balloons == 1 if alone is None else alone)
         self.shows_velocities = "velocity" in step.doubled or any(piece.item == "spring" for piece in step.pieces)
         """whether others look at velocities, or change them"""
 
@@ -55,10 +55,15 @@ class _Writer(NamesInBlock):
 
     def source(self) -> str:
         """Return the text of the kernel."""
-        body, held = self._written(), self.layout.held
+        body = self._written()
+        return "\n".join([*head(self.name, named_in(body, self._arguments()), self.remark), *body, ""])
+
+    @property
+    def remark(self) -> str:
+        """Return what the kernel is."""
+        held = self.layout.held
         keeps = f"keeps {held} particle{'s' * (held > 1)} in registers" if held else "loops over particles"
-        remark = f"A block for each world, for a frame; each of {self.layout.threads} threads {keeps}."
-        return "\n".join([*head(self.name, named_in(body, self._arguments()), remark), *body, ""])
+        return f"A block for each world, for a frame; each of {self.layout.threads} threads {keeps}."
 
     def arguments(self) -> tuple[str, ...]:
         """Return the names of what the kernel takes."""
@@ -101,7 +106,7 @@ class _Writer(NamesInBlock):
         return self.lines
 
     def _body(self) -> None:
-        self.line("world, thread = wp.tid()")
+        self._find_world()
         if self.traits.frames != "all":
             self.line(f"if working.verdicts[world] {'!=' if self.traits.frames == 'free' else '=='} 0:")
             self.line("    return")
@@ -114,6 +119,10 @@ class _Writer(NamesInBlock):
         self._substeps()
         self.line("# Particles go back to the state.")
         self._put_particles()
+
+    def _find_world(self) -> None:
+        """Write whose block it is."""
+        self.line("world, thread = wp.tid()")
 
     def _places_of_values(self) -> None:
         """Write where all of a world's values are."""
@@ -154,25 +163,33 @@ class _Writer(NamesInBlock):
         if self.layout.film and self.layout.film.quads:
             self.line(f"films = hold_films(t, world, {self.own_of_any()}.n, thread)")
         if self.alone:
-            self.line("ramp = state.inflation_ramp[world, 0]")
-            self.line("origin_place = volume_origin(t, 0)")
-            self.known |= {"ramp", "origin_place"}
+            with self.about(0):
+                for name in ("balloon", "ramp", "origin_place"):
+                    self.need(name)
         if self.keeps_load:
-            self.line("gas_load = load_in(state, world, 0)")
+            self.line("gas_load = load_in(state, world, balloon)")
 
-    def _take_particle(self, place: int) -> None:
+    def _take_particle(self, number: int) -> None:
         """Write how a thread takes one of the particles that it keeps; where there is none, one that does not move."""
         b = self.bound
-        there = f"{b('seat')} < count"
-        self.line(f"{b('seat')} = thread" + (f" + {place * self.layout.threads}" if place else ""))
-        self.line(f"{b('particle')} = wp.min({b('seat')}, count - 1)")
-        whose = f"read_own_beside(t, own_0, {b('particle')})" if place and self.alone else f"read_own(t, world, {b('particle')})"
-        self.line(f"{b('own')} = take_place({whose}, {there})")
-        self.line(f"{b('springs')} = read_springs(t, slots, {b('own')}, {b('seat')}, {there})")
+        self._find_particle(number)
+        first_own = self.own_of_any()
+        whose = f"read_own(t, world, {b('particle')})"
+        if number and self.alone:
+            whose = f"read_own_beside(t, {first_own}, {b('particle')})"
+        self.line(f"{b('own')} = take_place({whose}, {b('is_there')})")
+        self.line(f"{b('springs')} = read_springs(t, slots, {b('own')}, {b('place')}, {b('is_there')})")
         self.line(f"{b('point')} = state.points[world, {b('particle')}]")
         self.line(f"{b('velocity')} = state.velocities[world, {b('particle')}]")
-        self.line(f"put_in_tile(points, {b('seat')}, {b('point')})")
-        self.known |= {b(name) for name in ("seat", "particle", "own", "springs", "point", "velocity")}
+        self.line(f"put_in_tile(points, {b('place')}, {b('point')})")
+        self.known |= {b(name) for name in ("place", "is_there", "particle", "own", "springs", "point", "velocity")}
+
+    def _find_particle(self, number: int) -> None:
+        """Write which particle a thread takes, and where in the tile."""
+        b = self.bound
+        self.line(f"{b('place')} = thread" + (f" + {number * self.layout.threads}" if number else ""))
+        self.line(f"{b('is_there')} = {b('place')} < count")
+        self.line(f"{b('particle')} = wp.min({b('place')}, count - 1)")
 
     def _keep_once(self) -> None:
         """Write what stays the same in a frame, where registers keep it."""
@@ -208,7 +225,7 @@ class _Writer(NamesInBlock):
         for place in self.places:
             with self.about(place):
                 b = self.bound
-                self.line(f"if {b('seat')} < count:")
+                self.line(f"if {b('is_there')}:")
                 self.line(f"    state.points[world, {b('particle')}] = {b('point')}")
                 self.line(f"    state.velocities[world, {b('particle')}] = {b('velocity')}")
         if not self.layout.held:
@@ -239,18 +256,22 @@ class _Writer(NamesInBlock):
         summed = self._begin_sum(piece)
         for place in self.places:
             with self.about(place):
-                self._calls_and_sum(piece, summed, f"{self.bound('seat')} < count")
+                self._calls_and_sum(piece, summed, self.bound("is_there"))
                 self._show_held(piece)
         self._switch(piece)
+        self._exchange(piece)
         self._end_sum(summed)
+
+    def _exchange(self, piece: Piece) -> None:
+        """Write what blocks tell each other of what a piece has moved: nothing, where each has a world."""
 
     def _show_held(self, piece: Piece) -> None:
         """Write what a piece has moved to where others see it."""
         b = self.bound
         if "point" in piece.moves:
-            self.line(f"put_in_tile({self._target(piece, 'point')}, {b('seat')}, {b('point')})")
+            self.line(f"put_in_tile({self._target(piece, 'point')}, {b('place')}, {b('point')})")
         if "velocity" in piece.moves and self.shows_velocities:
-            self.line(f"if {b('seat')} < count:")
+            self.line(f"if {b('is_there')}:")
             self.line(f"    put_vector({self._target(piece, 'velocity')}, {b('particle')}, {b('velocity')})")
 
     def _items(self, piece: Piece) -> None:
@@ -265,7 +286,9 @@ class _Writer(NamesInBlock):
             for value in piece.leaves:
                 if summed is None or value not in summed.writes:
                     of_particle = item == "particle"
-                    self.line(self.write(value, self.home(value)) if of_particle else f"all_{value}[world, {item}] = {value}")
+                    self.line(
+                        self.write(value, self.home(value)) if of_particle else f"all_{value}[world, {item}] = {value}"
+                    )
             if "velocity" in piece.moves:
                 self.line(self.write("velocity", self._target(piece, "velocity")))
             if "point" in piece.moves:
@@ -292,17 +315,22 @@ class _Writer(NamesInBlock):
         Args:
             rounds: whether all threads go through as many, the last item again where there are no more.
         """
-        threads, count = self.layout.threads, COUNTS[item]
+        threads, (begin, count) = self.layout.threads, self._items_of(item)
         if rounds:
             self.line(f"for begin in range(0, {count}, {threads}):")
         else:
-            self.line(f"for {item} in range(thread, {count}, {threads}):")
+            first = f"{begin} + thread" if begin else "thread"
+            self.line(f"for {item} in range({first}, {count}, {threads}):")
         with self.indented():
             if rounds:
                 self.line(f"is_there = begin + thread < {count}")
                 self.line(f"{item} = wp.min(begin + thread, {count} - 1)")
             self.known.add(item)
             yield
+
+    def _items_of(self, item: str) -> tuple[str, str]:
+        """Return where a block's items begin, if not at the first, and where they end."""
+        return "", COUNTS[item]
 
     # sums
 
@@ -383,8 +411,12 @@ class _Writer(NamesInBlock):
     def _by_one_thread(self, phase: Phase) -> None:
         call = self.call(phase)
         self.line(f"# {phase.summary}")
-        self.line("if thread == 0:")
+        self.line(f"if {self._is_noting()}:")
         self.line(f"    {call}")
+
+    def _is_noting(self) -> str:
+        """Return whether a thread is the one that does something for the world."""
+        return "thread == 0"
 
     def _over_balloons(self, phases: tuple[Phase, ...]) -> None:
         self.line(f"for balloon in range(thread, {self.traits.balloons}, {self.layout.threads}):")
@@ -410,7 +442,7 @@ class _Writer(NamesInBlock):
         for place in self.places:
             with self.about(place):
                 b = self.bound
-                self.line(f"{b('point')} = in_tile({self.points[0]}, {b('seat')})")
+                self.line(f"{b('point')} = in_tile({self.points[0]}, {b('place')})")
                 self.line(f"{b('velocity')} = vector_at({self.velocities[0]}, {b('particle')})")
 
     def _team(self, piece: Piece) -> None:
@@ -435,7 +467,7 @@ class _Writer(NamesInBlock):
         for place in self.places:
             with self.about(place):
                 b = self.bound
-                self.line(f"if {b('seat')} < count:")
+                self.line(f"if {b('is_there')}:")
                 self.line(f"    put_vector(seen_points, {b('particle')}, {b('point')})")
                 self.line(f"    put_vector(seen_velocities, {b('particle')}, {b('velocity')})")
         if not self.layout.held:
@@ -453,10 +485,10 @@ class _Writer(NamesInBlock):
         for place in self.places:
             with self.about(place):
                 b = self.bound
-                self.line(f"if {b('seat')} < count:")
+                self.line(f"if {b('is_there')}:")
                 self.line(f"    {b('point')} = vector_at(seen_points, {b('particle')})")
                 self.line(f"    {b('velocity')} = vector_at(seen_velocities, {b('particle')})")
-                self.line(f"put_in_tile({self.points[0]}, {b('seat')}, {b('point')})")
+                self.line(f"put_in_tile({self.points[0]}, {b('place')}, {b('point')})")
         if not self.layout.held:
             with self._over("particle"):
                 self.line(f"put_in_tile({self.points[0]}, particle, vector_at(seen_points, particle))")
@@ -507,7 +539,7 @@ def place_function(traits: Traits) -> Any:
 @cache
 def kernel_of_frame(step: Step, layout: Layout) -> Any:
     """Make the kernel of a list."""
-    writer = _Writer(step, layout)
+    writer = BlockWriter(step, layout)
     options = {**OPTIONS, "fast_math": True, "max_unroll": 128 if layout.held else 16}
     return kernel_from(
         writer.name, writer.source(), writer.names(), cuda_max_registers=layout.registers, module_options=options
@@ -517,9 +549,9 @@ def kernel_of_frame(step: Step, layout: Layout) -> Any:
 @cache
 def arguments_of_frame(step: Step, layout: Layout) -> tuple[str, ...]:
     """Return the names of what the kernel of a list takes."""
-    return _Writer(step, layout).arguments()
+    return BlockWriter(step, layout).arguments()
 
 
 def source_of_frame(step: Step, layout: Layout) -> str:
     """Write the kernel of a list."""
-    return _Writer(step, layout).source()
+    return BlockWriter(step, layout).source()

@@ -6,7 +6,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.algebra import Lanes, Lanes3, squared_length
-from balloon_warp.kernels.schedules.free_frames import FREE, goes_too_far, note_hurry
+from balloon_warp.kernels.contact.free_frames import FREE, goes_too_far, note_hurry
 from balloon_warp.kernels.schedules.lanes.layouts import Layout, places_of
 from balloon_warp.kernels.schedules.lanes.tables import lane_structs
 from balloon_warp.kernels.traits import Traits

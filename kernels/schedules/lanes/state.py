@@ -6,7 +6,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.algebra import LANE_COUNT, Lanes3, of_lane, set_lane
-from balloon_warp.kernels.schedules.free_frames import FREE
+from balloon_warp.kernels.contact.free_frames import FREE
 from balloon_warp.kernels.schedules.lanes.layouts import Layout, of_item, places_of, put_item
 from balloon_warp.kernels.schedules.lanes.tables import lane_structs
 from balloon_warp.kernels.tables import WorldState, row_of_world, sphere_radius

@@ -6,7 +6,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.algebra import Lanes, Lanes3
-from balloon_warp.kernels.schedules.free_frames import FreeFrames
+from balloon_warp.kernels.contact.free_frames import FreeFrames
 from balloon_warp.kernels.schedules.lanes.layouts import Layout
 from balloon_warp.kernels.tables import Tables
 

@@ -6,9 +6,9 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.algebra import LANE_COUNT, Lanes, Lanes4, of_lane, times
+from balloon_warp.kernels.contact.free_frames import FREE
 from balloon_warp.kernels.loops.membranes import material_reader
 from balloon_warp.kernels.loops.wear import wear_of_triangle
-from balloon_warp.kernels.schedules.free_frames import FREE
 from balloon_warp.kernels.schedules.lanes.layouts import Layout, places_of
 from balloon_warp.kernels.schedules.lanes.tables import lane_structs
 from balloon_warp.kernels.tables import WorldState

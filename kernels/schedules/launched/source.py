@@ -111,6 +111,9 @@ class _Writer(Writer):
 
     def _begin(self, indices: str) -> None:
         self.line(f"{indices} = wp.tid()")
+        if self.step.traits.frames == "busy":
+            self.line("if working.verdicts[world] == 0:")
+            self.line("    return")
         self.known |= set(indices.split(", "))
 
     def found(self, name: str) -> tuple[str, str] | None:

@@ -10,6 +10,7 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.fixed_point import set_quanta
 from balloon_warp.kernels.laws.fixture import FAR_AWAY
 from balloon_warp.kernels.loops.fixtures import free_ball_function
 from balloon_warp.kernels.loops.meeting import skin_functions
@@ -53,9 +54,11 @@ class FreeFrames:
 
 
 @wp.func
-def copy_bodies(source: WorldState, target: WorldState, world: wp.int32, thread: wp.int32, threads: wp.int32):
-    """What of a world substeps change in the state, by so many threads: spheres and gas. Particles stay as they were
-    until a frame has ended well."""
+def copy_world(source: WorldState, target: WorldState, world: wp.int32, thread: wp.int32, threads: wp.int32):
+    """What of a world substeps change in the state, by so many threads."""
+    for particle in range(thread, target.points.shape[1], threads):
+        target.points[world, particle] = source.points[world, particle]
+        target.velocities[world, particle] = source.velocities[world, particle]
     if source.gas_amounts.shape[1] > 0:
         for balloon in range(thread, target.gas_amounts.shape[1], threads):
             target.inflation_loads[world, balloon] = source.inflation_loads[world, balloon]
@@ -96,7 +99,7 @@ def surround_kernel(traits: Traits) -> Any:
         """A block a (world, balloon). The first of a world remembers what was before."""
         world, balloon, thread = wp.tid()
         if balloon == 0:
-            copy_bodies(state, before, world, thread, wp.block_dim())
+            copy_world(state, before, world, thread, wp.block_dim())
         extent = Extent(-FAR_AWAY)
         for particle in range(t.particles.offsets[balloon] + thread, t.particles.offsets[balloon + 1], wp.block_dim()):
             p = state.points[world, particle]
@@ -177,14 +180,33 @@ def note_hurry(free: FreeFrames, world: wp.int32):
 
 
 @wp.kernel(enable_backward=False)
-def put_bodies_back(
+def put_worlds_back(
     # in
     free: FreeFrames,
     before: WorldState,
+    threads: wp.int32,
     # state out
     state: WorldState,
+    # out
+    sphere_quanta: wp.array3d[wp.int64],
 ):
-    """A thread a world: where its frame was not free, spheres and gas are as they were before it."""
-    world = wp.tid()
+    """A thread a (world, thread): a world whose frame was not free is as it was before."""
+    world, thread = wp.tid()
     if free.verdicts[world] != FREE:
-        copy_bodies(before, state, world, 0, 1)
+        copy_world(before, state, world, thread, threads)
+        for sphere in range(thread, sphere_quanta.shape[1], threads):
+            set_quanta(sphere_quanta, world, sphere, before.sphere_forces[world, sphere])
+
+
+@wp.kernel(enable_backward=False)
+def keep_busy(
+    # in
+    free: FreeFrames,
+    source: wp.array2d[wp.vec3],
+    # out
+    target: wp.array2d[wp.vec3],
+):
+    """A thread a (world, particle): of worlds whose frame was not free."""
+    world, particle = wp.tid()
+    if free.verdicts[world] != FREE:
+        target[world, particle] = source[world, particle]
