@@ -53,7 +53,7 @@ class BlockSchedule:
         if self.layout.held:
             ring = quad_rings(model) if self.layout.rings else None
             self._given["slots"] = slot_table(model, spring_ends(model), ring)
-        self._framing = Framing(model, self._traits, tables, self._working)
+        self._framing = Framing(model, self._traits, tables)
 
     @classmethod
     def world_bytes(cls, model: Model) -> int:

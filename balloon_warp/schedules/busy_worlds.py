@@ -62,3 +62,4 @@ class BusyWorlds:
         for source, target in zip(now, kept, strict=True):
             if source is not target:
                 self.outlook.keep(source, target)
+        self.outlook.keep_forces(state)

@@ -9,6 +9,7 @@ from balloon_warp.kernels.contact.free_frames import (
     FreeFrames,
     judge_kernel,
     keep_busy,
+    keep_sphere_forces,
     put_worlds_back,
     surround_kernel,
 )
@@ -76,6 +77,12 @@ class Outlook:
         threads = THREADS if self.model.device.is_cuda else 1
         inputs = [self.table, self._before, threads, world_state(state), self._working.sphere_quanta]
         launch(put_worlds_back, (self.model.world_count, threads), inputs=inputs, device=self.model.device)
+
+    def keep_forces(self, state: State) -> None:
+        """On spheres, of worlds whose frame was not free."""
+        if self._traits.penalties:
+            inputs = [self.table, self._working.sphere_quanta, state.sphere_forces]
+            launch(keep_sphere_forces, state.sphere_forces.shape, inputs=inputs, device=self.model.device)
 
     def keep(self, source: wp.array, target: wp.array) -> None:
         """Points or velocities of worlds whose frame was not free."""

@@ -10,7 +10,7 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.fixed_point import set_quanta
+from balloon_warp.kernels.fixed_point import set_quanta, total_newtons
 from balloon_warp.kernels.laws.fixture import FAR_AWAY
 from balloon_warp.kernels.loops.fixtures import free_ball_function
 from balloon_warp.kernels.loops.meeting import skin_functions
@@ -196,6 +196,20 @@ def put_worlds_back(
         copy_world(before, state, world, thread, threads)
         for sphere in range(thread, sphere_quanta.shape[1], threads):
             set_quanta(sphere_quanta, world, sphere, before.sphere_forces[world, sphere])
+
+
+@wp.kernel(enable_backward=False)
+def keep_sphere_forces(
+    # in
+    free: FreeFrames,
+    sphere_quanta: wp.array3d[wp.int64],
+    # out
+    sphere_forces: wp.array2d[wp.vec3],
+):
+    """A thread a (world, sphere): of worlds whose frame was not free, from whole numbers to newtons."""
+    world, sphere = wp.tid()
+    if free.verdicts[world] != FREE:
+        sphere_forces[world, sphere] = total_newtons(sphere_quanta, world, sphere)
 
 
 @wp.kernel(enable_backward=False)

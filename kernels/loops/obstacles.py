@@ -15,18 +15,9 @@ from balloon_warp.kernels.laws.contact import (
 from balloon_warp.kernels.laws.fixture import MOST_TURNS, is_settled
 from balloon_warp.kernels.loops.fixture_looks import forget_look, is_free
 from balloon_warp.kernels.loops.fixtures import Around, fixture_functions
-from balloon_warp.kernels.tables import Tables, WorldState, sphere_penalty, sphere_radius
+from balloon_warp.kernels.spheres import sphere_at
+from balloon_warp.kernels.tables import Tables, sphere_penalty
 from balloon_warp.kernels.traits import Traits
-
-
-@wp.func
-def sphere_in_state(t: Tables, state: WorldState, world: wp.int32, sphere: wp.int32):
-    """Center, velocity and radius of a sphere that stands in the state."""
-    return (
-        state.sphere_positions[world, sphere],
-        state.sphere_velocities[world, sphere],
-        sphere_radius(t.spheres, world, sphere),
-    )
 
 
 @wp.func
@@ -120,8 +111,7 @@ def standing_function(traits: Traits) -> Any:
 
 @cache
 def obstacle_loop(traits: Traits, add_force: Any) -> Any:
-    """The function that lets a particle leave the ground, obstacles, and by the paper's rule spheres, which stand in
-    the state.
+    """The function that lets a particle leave the ground, obstacles, and by the paper's rule spheres.
 
     Args:
         add_force: the function that adds a force to those on a sphere.
@@ -131,8 +121,7 @@ def obstacle_loop(traits: Traits, add_force: Any) -> Any:
     @wp.func
     def leave_obstacles(
         t: Tables,
-        state: WorldState,
-        forces: Any,
+        spheres: Any,
         around: Around,
         point: wp.vec3,
         velocity: wp.vec3,
@@ -140,15 +129,15 @@ def obstacle_loop(traits: Traits, add_force: Any) -> Any:
     ):
         """Its point and velocity outside at the end of a step; each sphere gets its force."""
         if wp.static(traits.penalties):
-            for sphere in range(state.sphere_positions.shape[1]):
-                center, motion, radius = sphere_in_state(t, state, around.world, sphere)
+            for sphere in range(t.spheres.radius.shape[1]):
+                center, motion, radius = sphere_at(t, spheres, around.world, sphere)
                 if wp.length_sq(point - center) < radius * radius:
                     out, after, push = leave_one_sphere(
                         t, around.world, sphere, center, motion, radius, point, velocity, inflation
                     )
                     point = out
                     velocity = after
-                    add_force(forces, around.world, sphere, push)
+                    add_force(spheres, around.world, sphere, push)
         if wp.static(traits.stands):
             stood, slowed = stand(t, around, point, velocity)
             point = stood

@@ -6,8 +6,8 @@ import warp as wp
 
 from balloon_warp.kernels.laws.inflation import aim_of
 from balloon_warp.kernels.loops.aims import aim_loop
-from balloon_warp.kernels.loops.areas import face_measures
-from balloon_warp.kernels.memory import vector_at
+from balloon_warp.kernels.loops.areas import area_vector_between, face_measures
+from balloon_warp.kernels.memory import quad_at, vector_at
 from balloon_warp.kernels.phase import Look, phase
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
@@ -73,10 +73,14 @@ def spread(traits: Traits, look: Look) -> Any:
     center_at, area_vector_at = face_measures(look.at)
 
     @wp.func
+    def spread_quads(t: Tables, points: Any, face: wp.int32):
+        return wp.length(area_vector_between(points, quad_at(t.faces.particles, face)))
+
+    @wp.func
     def spread(t: Tables, points: Any, face: wp.int32):
         return wp.length(area_vector_at(t.faces, points, face, center_at(t.faces, points, face)))
 
-    return spread
+    return spread_quads if traits.quads else spread
 
 
 @phase("particle", {"aim": wp.vec3}, when=_aims, once=_cached)

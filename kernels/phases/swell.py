@@ -15,7 +15,7 @@ from balloon_warp.kernels.laws.gas import (
 from balloon_warp.kernels.laws.inflation import NORMAL_FORCE
 from balloon_warp.kernels.loops.obstacles import Around, around_function, course_function
 from balloon_warp.kernels.phase import Look, phase
-from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
 
 
@@ -106,7 +106,7 @@ def swell(traits: Traits, look: Look) -> Any:
     @wp.func
     def swell(
         t: Tables,
-        state: WorldState,
+        spheres: Any,
         own: Any,
         end: float,
         gain: float,
@@ -122,7 +122,7 @@ def swell(traits: Traits, look: Look) -> Any:
             if own.kind == NORMAL_FORCE:
                 return Swelling()
         return swelling_beside(
-            t, state, around_own(own, end), own.share, gain, load, point - origin, point, free_velocity,
+            t, spheres, around_own(own, end), own.share, gain, load, point - origin, point, free_velocity,
             remembered(velocity, own.n), area_vector,
         )  # fmt: skip
 

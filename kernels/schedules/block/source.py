@@ -25,6 +25,7 @@ from balloon_warp.kernels.schedules.block.names import NamesInBlock
 from balloon_warp.kernels.schedules.block.sums import block_sum
 from balloon_warp.kernels.schedules.pieces import Piece, Step
 from balloon_warp.kernels.schedules.writer import head, named_in
+from balloon_warp.kernels.spheres import shared_spheres
 from balloon_warp.kernels.tables import WorldState
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.warps import WARP_THREADS, block_barrier
@@ -33,7 +34,7 @@ COUNTS = {
     "particle": "count",
     "face": "t.faces.balloon.shape[0]",
     "triangle": "t.membranes.corners.shape[0]",
-    "sphere": "state.sphere_positions.shape[1]",
+    "sphere": "t.spheres.radius.shape[1]",
     "film": "t.membranes.films.corners.shape[0]",
 }
 """items of a world"""
@@ -89,6 +90,8 @@ class BlockWriter(NamesInBlock):
             names["read_springs"] = reader_of_springs(self.traits, self.layout)
         if self.layout.film and self.layout.film.quads:
             names["hold_films"] = self.step.look.films(self.traits).keeps
+        if self.traits.spheres:
+            names["share_spheres"], names["put_spheres"] = shared_spheres(self.traits.spheres)
         for phase in self.phases:
             if phase.due:
                 names[f"{phase.name}_is_due"] = phase.due(self.traits)
@@ -162,6 +165,8 @@ class BlockWriter(NamesInBlock):
                 self._take_particle(place)
         if self.layout.film and self.layout.film.quads:
             self.line(f"films = hold_films(t, world, {self.own_of_any()}.n, thread)")
+        if self.traits.spheres:
+            self.line("spheres = share_spheres(state, world, thread)")
         if self.alone:
             with self.about(0):
                 for name in ("balloon", "ramp", "origin_place"):
@@ -221,7 +226,19 @@ class BlockWriter(NamesInBlock):
             self.line(f"time_in_frame = float({number}) * t.step_seconds")
             self._write_pieces(piece for piece in self.step.pieces if not piece.once)
 
+    @property
+    def notes(self) -> tuple[Phase, ...]:
+        """Return the phases that note what all threads know anyway, for who asks once the frame has ended."""
+        if not self.keeps_load or self.traits.gas_changes:
+            return ()
+        behind = (piece for piece in self.step.pieces if piece.item == "balloon" and piece.phases[0].writes)
+        return tuple(phase for piece in behind for phase in piece.phases if not phase.writes)
+
     def _put_particles(self) -> None:
+        for phase in self.notes:
+            self._by_one_thread(phase)
+        if self.traits.spheres:
+            self.line(f"put_spheres(state, world, thread, spheres, {self.traits.penalties})")
         for place in self.places:
             with self.about(place):
                 b = self.bound
@@ -381,11 +398,20 @@ class BlockWriter(NamesInBlock):
             self.known.add(value)
             return
         self.line("block_barrier()")
-        self.line(f"for balloon in range(thread // WARP_THREADS, {self.traits.balloons}, {self.layout.warps}):")
-        self.line(f"    {value} = total_{value}(balloon)")
-        self.line("    if thread % WARP_THREADS == 0:")
-        self.line(f"        all_{value}[world, balloon] = {value}")
-        self.line("block_barrier()")
+        if self._read_by_particles(value):
+            self.line(f"for balloon in range({self._warps_of_balloons}):")
+            self.line(f"    {value} = total_{value}(balloon)")
+            self.line("    if thread % WARP_THREADS == 0:")
+            self.line(f"        all_{value}[world, balloon] = {value}")
+            self.line("block_barrier()")
+
+    def _read_by_particles(self, value: str) -> bool:
+        pieces = (piece for piece in self.step.pieces if piece.item == "particle")
+        return any(value in piece.takes for piece in pieces)
+
+    @property
+    def _warps_of_balloons(self) -> str:
+        return f"thread // WARP_THREADS, {self.traits.balloons}, {self.layout.warps}"
 
     # a world's own
 
@@ -399,6 +425,8 @@ class BlockWriter(NamesInBlock):
             for phase in phases:
                 if phase.writes:
                     self.calls((phase,))
+                elif phase in self.notes:
+                    continue
                 else:
                     self._by_one_thread(phase)
             if not self.alone:
@@ -419,12 +447,19 @@ class BlockWriter(NamesInBlock):
         return "thread == 0"
 
     def _over_balloons(self, phases: tuple[Phase, ...]) -> None:
-        self.line(f"for balloon in range(thread, {self.traits.balloons}, {self.layout.threads}):")
+        """Write what is done for each balloon, by a warp of which one thread does it once all have the sums."""
+        self.line(f"for balloon in range({self._warps_of_balloons}):")
         with self.indented():
             self.known.add("balloon")
-            self.calls(phases)
-            for value in (value for phase in phases for value in phase.writes if value in self.step.kept):
-                self.line(f"all_{value}[world, balloon] = {value}")
+            summed = {value for phase in self.phases if phase.sums for value in phase.writes}
+            for value in dict.fromkeys(name for phase in phases for name in self.reads(phase) if name in summed):
+                self.line(f"{value} = total_{value}(balloon)")
+                self.known.add(value)
+            self.line("if thread % WARP_THREADS == 0:")
+            with self.indented():
+                self.calls(phases)
+                for value in (value for phase in phases for value in phase.writes if value in self.step.kept):
+                    self.line(f"all_{value}[world, balloon] = {value}")
         self.line("block_barrier()")
 
     def _springs(self, piece: Piece) -> None:

@@ -31,9 +31,9 @@ A_STEP = wp.constant(11.0)
 
 
 @wp.func
-def add_to_state(forces: wp.array2d[wp.vec3], world: wp.int32, sphere: wp.int32, force: wp.vec3):
+def add_to_state(state: Any, world: wp.int32, sphere: wp.int32, force: wp.vec3):
     """Add a force to those on a sphere, by the one thread of its world."""
-    forces[world, sphere] += force
+    state.sphere_forces[world, sphere] += force
 
 
 @cache
@@ -125,7 +125,7 @@ def leave_function(traits: Traits, layout: Layout) -> Any:
             share = of_lane(own.share, lane)
             if share > 0.0 and places.is_other(own.group, lane, t.world_count):
                 out, after = leave_obstacles(
-                    t.all, state, state.sphere_forces, around_lane(t, own, lane, time),
+                    t.all, state, around_lane(t, own, lane, time),
                     of_lane(point, lane), of_lane(velocity, lane), of_lane(push, lane),
                 )  # fmt: skip
                 point = set_lane(point, lane, out)
