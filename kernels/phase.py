@@ -75,7 +75,7 @@ class Phase:
     once: Callable[[Traits], bool] = lambda traits: False
     """whether it happens only as a frame begins"""
     due: Callable[[Traits], Any] | None = None
-    """of a team: the function of (working, world) that says whether there is anything to do"""
+    """the function that says whether there is anything to do, by names of handles alone: in one thread of a block"""
     also_reads: tuple[str, ...] = ()
     """of a phase of the host: values"""
 

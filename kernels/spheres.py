@@ -6,8 +6,8 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.fixed_point import set_quanta, total_newtons
-from balloon_warp.kernels.tables import Tables, WorldState, sphere_radius
-from balloon_warp.kernels.warps import shared_words
+from balloon_warp.kernels.tables import Tables, WorldState, row_of_world, sphere_radius
+from balloon_warp.kernels.warps import put_word, shared_words, word_at
 from balloon_warp.kernels.working import Working
 
 VECTOR_BYTES, QUANTA_BYTES = wp.constant(12), wp.constant(24)
@@ -18,6 +18,8 @@ VECTOR_BYTES, QUANTA_BYTES = wp.constant(12), wp.constant(24)
 class Spheres:
     """Arrays of the shape (world_count, sphere_count); those that a scene does not need are empty."""
 
+    sphere_radii: wp.array2d[float]
+    """of each world, or the same of all [m]"""
     sphere_positions: wp.array2d[wp.vec3]
     sphere_velocities: wp.array2d[wp.vec3]
     sphere_spins: wp.array2d[wp.vec3]
@@ -30,9 +32,10 @@ class Spheres:
 
 
 @wp.func
-def spheres_in_state(state: WorldState, working: Working):
+def spheres_in_state(t: Tables, state: WorldState, working: Working):
     """Return those that stand in the state."""
     spheres = Spheres()
+    spheres.sphere_radii = t.spheres.radius
     spheres.sphere_positions = state.sphere_positions
     spheres.sphere_velocities = state.sphere_velocities
     spheres.sphere_spins = state.sphere_spins
@@ -43,19 +46,31 @@ def spheres_in_state(state: WorldState, working: Working):
 
 
 @wp.func
-def sphere_at(t: Tables, spheres: Any, world: wp.int32, sphere: wp.int32):
+def sphere_at(t: Tables, spheres: Spheres, world: wp.int32, sphere: wp.int32):
     """Return center, velocity and radius of a sphere."""
     return (
         spheres.sphere_positions[world, sphere],
         spheres.sphere_velocities[world, sphere],
+        spheres.sphere_radii[row_of_world(world, spheres.sphere_radii.shape[0]), sphere],
+    )
+
+
+@wp.func
+def sphere_in_state(t: Tables, state: WorldState, world: wp.int32, sphere: wp.int32):
+    """Return the same of a sphere that stands in the state."""
+    return (
+        state.sphere_positions[world, sphere],
+        state.sphere_velocities[world, sphere],
         sphere_radius(t.spheres, world, sphere),
     )
 
 
 @cache
-def shared_spheres(count: int) -> tuple[Any, Any]:
-    """Return the functions that take the spheres of a world into the shared memory of its block, and put them back."""
-    words = shared_words("spheres", count * 21)
+def shared_spheres(count: int) -> tuple[Any, Any, Any]:
+    """Return the functions that take the spheres of a world into the shared memory of its block, that put them back, and
+    that give center, velocity and radius of one: by the threads of a block."""
+    words = shared_words("spheres", count * 22)
+    places, motions, radii = (count * words_before for words_before in (6, 9, 21))
 
     @wp.func
     def vectors(world: wp.int32, row: wp.int32):
@@ -64,7 +79,7 @@ def shared_spheres(count: int) -> tuple[Any, Any]:
         return wp.array(ptr=first - wp.uint64(world * count * VECTOR_BYTES), shape=(world + 1, count), dtype=wp.vec3)
 
     @wp.func
-    def share_spheres(state: WorldState, world: wp.int32, thread: wp.int32):
+    def share_spheres(t: Tables, state: WorldState, world: wp.int32, thread: wp.int32):
         """A barrier must follow."""
         spheres = Spheres()
         spheres.sphere_positions = vectors(world, 0)
@@ -72,10 +87,12 @@ def shared_spheres(count: int) -> tuple[Any, Any]:
         spheres.sphere_spins = vectors(world, 2)
         spheres.sphere_starts = vectors(world, 3)
         spheres.sphere_forces = vectors(world, 4)
+        spheres.sphere_radii = t.spheres.radius
         spheres.sphere_quanta = wp.array(
             ptr=words() - wp.uint64(world * count * QUANTA_BYTES), shape=(world + 1, count, 3), dtype=wp.int64
         )
         for sphere in range(thread, count, wp.block_dim()):
+            put_word(words(), radii + sphere, sphere_radius(t.spheres, world, sphere))
             spheres.sphere_positions[world, sphere] = state.sphere_positions[world, sphere]
             spheres.sphere_velocities[world, sphere] = state.sphere_velocities[world, sphere]
             spheres.sphere_spins[world, sphere] = state.sphere_spins[world, sphere]
@@ -99,4 +116,14 @@ def shared_spheres(count: int) -> tuple[Any, Any]:
                 force = total_newtons(spheres.sphere_quanta, world, sphere)
             state.sphere_forces[world, sphere] = force
 
-    return share_spheres, put_spheres
+    @wp.func
+    def shared_vector(first: wp.int32, sphere: wp.int32):
+        """Of a row that begins with that word."""
+        word = first + 3 * sphere
+        return wp.vec3(word_at(words(), word), word_at(words(), word + 1), word_at(words(), word + 2))
+
+    @wp.func
+    def shared_sphere_at(t: Tables, spheres: Any, world: wp.int32, sphere: wp.int32):
+        return shared_vector(places, sphere), shared_vector(motions, sphere), word_at(words(), radii + sphere)
+
+    return share_spheres, put_spheres, shared_sphere_at

@@ -44,7 +44,7 @@ THREADS_ALONE = 768, 80
 def step_of(traits: Traits, layout: Layout) -> Step:
     """The phases of a scene, in pieces, as a block executes them."""
     step = FILMED if layout.film else FACING if traits.aims_on_the_way else STEP
-    return cut(phases_of(traits, step), traits, look_of(layout), doubles=True, sums_along=True)
+    return cut(phases_of(traits, step), traits, look_of(layout, traits.spheres), doubles=True, sums_along=True)
 
 
 def layout_of(model: Model, traits: Traits) -> Layout:

@@ -8,7 +8,6 @@ import warp as wp
 from balloon_warp.kernels.contact.free_frames import (
     FreeFrames,
     judge_kernel,
-    keep_busy,
     keep_sphere_forces,
     put_worlds_back,
     surround_kernel,
@@ -83,10 +82,6 @@ class Outlook:
         if self._traits.penalties:
             inputs = [self.table, self._working.sphere_quanta, state.sphere_forces]
             launch(keep_sphere_forces, state.sphere_forces.shape, inputs=inputs, device=self.model.device)
-
-    def keep(self, source: wp.array, target: wp.array) -> None:
-        """Points or velocities of worlds whose frame was not free."""
-        launch(keep_busy, source.shape, inputs=[self.table, source, target], device=self.model.device)
 
 
 def outlook_arrays(model: Model, traits: Traits, room: Room) -> tuple[dict[str, Any], dict[str, Any]]:

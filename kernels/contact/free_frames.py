@@ -215,12 +215,12 @@ def keep_sphere_forces(
 @wp.kernel(enable_backward=False)
 def keep_busy(
     # in
-    free: FreeFrames,
+    verdicts: wp.array[wp.int32],
     source: wp.array2d[wp.vec3],
     # out
     target: wp.array2d[wp.vec3],
 ):
     """A thread a (world, particle): of worlds whose frame was not free."""
     world, particle = wp.tid()
-    if free.verdicts[world] != FREE:
+    if verdicts[world] != FREE:
         target[world, particle] = source[world, particle]

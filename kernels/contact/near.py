@@ -7,7 +7,6 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.loops.touching import is_near_sphere
-from balloon_warp.kernels.spheres import sphere_at
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.working import Working
@@ -27,8 +26,13 @@ def are_noted(working: Working, world: wp.int32):
 
 
 @cache
-def noting_function(traits: Traits) -> Any:
-    """The function that notes a particle."""
+def noting_function(traits: Traits, sphere_at: Any) -> Any:
+    """The function that notes a particle.
+
+    Args:
+        sphere_at: the function that gives a sphere's center, velocity and radius.
+    """
+    spheres_there = traits.spheres
 
     @wp.func
     def is_noted(
@@ -42,7 +46,7 @@ def noting_function(traits: Traits) -> Any:
     ):
         """Whether it may touch, which is then noted. All who write a mark write the same."""
         noted = bool(False)
-        for sphere in range(t.spheres.radius.shape[1]):
+        for sphere in range(spheres_there):
             center, motion, radius = sphere_at(t, spheres, world, sphere)
             noted = noted or is_near_sphere(t, center, motion, radius, point, velocity)
         if noted:

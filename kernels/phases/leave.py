@@ -22,8 +22,8 @@ def add_penalty(spheres: Any, world: wp.int32, sphere: wp.int32, force: wp.vec3)
 @phase("particle", {"point": wp.vec3, "velocity": wp.vec3}, when=lambda traits: traits.obstacles)
 def leave(traits: Traits, look: Look) -> Any:
     """Leave spheres, obstacles and the ground; what may exchange momentum with a sphere waits for the others."""
-    leave_obstacles = obstacle_loop(traits, add_penalty)
-    is_noted, around_own = noting_function(traits), around_function(traits)
+    leave_obstacles = obstacle_loop(traits, look.sphere_at, add_penalty)
+    is_noted, around_own = noting_function(traits, look.sphere_at), around_function(traits)
     stand = standing_function(traits)
 
     @wp.func

@@ -45,7 +45,24 @@ def roll(traits: Traits, look: Look) -> Any:
     return roll
 
 
-@phase("world", when=lambda traits: traits.spheres_meet)
+def may_collide(traits: Traits) -> Any:
+    """Make the function that tells whether any of a thread's pairs of spheres may meet."""
+    may_meet = colliding_function(traits, path_in_arrays, put_in_arrays)[1]
+
+    @wp.func
+    def may_any_meet(t: Tables, spheres: Any, world: wp.int32, thread: wp.int32):
+        paths = paths_of(spheres.sphere_starts, spheres.sphere_positions, spheres.sphere_velocities)
+        count = t.spheres.radius.shape[1]
+        near = bool(False)
+        for pair in range(thread, count * count, wp.block_dim()):
+            if pair // count < pair % count:
+                near = near or may_meet(t, paths, world, pair // count, pair % count)
+        return near
+
+    return may_any_meet
+
+
+@phase("world", when=lambda traits: traits.spheres_meet, due=may_collide)
 def collide(traits: Traits, look: Look) -> Any:
     """Let spheres that have moved meet each other."""
     collide_all = colliding_function(traits, path_in_arrays, put_in_arrays)[0]

@@ -104,6 +104,27 @@ def swell(traits: Traits, look: Look) -> Any:
         return swelling_of_particle(point - origin, area_vector, area_vector, rate, gain, own.share, height)
 
     @wp.func
+    def swell_beside_solids(
+        t: Tables,
+        own: Any,
+        end: float,
+        gain: float,
+        load: wp.vec2,
+        origin: wp.vec3,
+        point: wp.vec3,
+        velocity: wp.vec3,
+        free_velocity: wp.vec3,
+        area_vector: wp.vec3,
+    ):
+        if wp.static(some_aim):
+            if own.kind == NORMAL_FORCE:
+                return Swelling()
+        return swelling_beside(
+            t, t, around_own(own, end), own.share, gain, load, point - origin, point, free_velocity,
+            remembered(velocity, own.n), area_vector,
+        )  # fmt: skip
+
+    @wp.func
     def swell(
         t: Tables,
         spheres: Any,
@@ -126,4 +147,6 @@ def swell(traits: Traits, look: Look) -> Any:
             remembered(velocity, own.n), area_vector,
         )  # fmt: skip
 
-    return swell if traits.obstacles else swell_freely
+    if traits.spheres:
+        return swell
+    return swell_beside_solids if traits.obstacles else swell_freely

@@ -82,7 +82,7 @@ class NamesInBlock(Writer):
         if name == "numbers":
             return "", f"{self.own_of_any()}.n" if self.alone else "read_numbers(t, world, balloon)"
         if name == "balloon" and self.alone:
-            return "", "wp.int32(0)"
+            return "", f"{self.own_of_any()}.balloon"
         if name in self.step.kept and self.step.owner(name) == "balloon":
             return "", f"all_{name}[world, balloon]"
         return None

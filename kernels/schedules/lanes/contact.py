@@ -22,6 +22,7 @@ from balloon_warp.kernels.loops.fixtures import Around
 from balloon_warp.kernels.loops.obstacles import obstacle_loop
 from balloon_warp.kernels.schedules.lanes.layouts import Layout, of_item, places_of, put_item
 from balloon_warp.kernels.schedules.lanes.tables import lane_structs
+from balloon_warp.kernels.spheres import sphere_in_state
 from balloon_warp.kernels.tables import WorldState
 from balloon_warp.kernels.traits import Traits
 
@@ -107,7 +108,7 @@ def leave_function(traits: Traits, layout: Layout) -> Any:
     LaneTables, LaneState, LaneOwn = lane_structs(layout)  # noqa: N806 - types
     places = places_of(layout)
     touches_any = touch_function(traits, layout)
-    leave_obstacles = obstacle_loop(traits, add_to_state)
+    leave_obstacles = obstacle_loop(traits, sphere_in_state, add_to_state)
     around_lane = around_in_lanes(traits, layout)
 
     @wp.func

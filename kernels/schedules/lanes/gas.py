@@ -23,7 +23,7 @@ from balloon_warp.kernels.phases.move import response
 from balloon_warp.kernels.schedules.lanes.contact import around_in_lanes, touch_function
 from balloon_warp.kernels.schedules.lanes.layouts import Layout, places_of, view_of
 from balloon_warp.kernels.schedules.lanes.tables import lane_structs
-from balloon_warp.kernels.spheres import sphere_at
+from balloon_warp.kernels.spheres import sphere_in_state
 from balloon_warp.kernels.tables import WorldState
 from balloon_warp.kernels.traits import Traits
 
@@ -59,7 +59,7 @@ def pump_in_lanes(traits: Traits, layout: Layout) -> Any:
 def swell_in_lanes(traits: Traits, layout: Layout) -> Any:
     """The function that gives the parts of an item in its balloon's swelling, as `substep.swell` does of a particle."""
     LaneTables, LaneState, LaneOwn = lane_structs(layout)  # noqa: N806 - types
-    course_beside_obstacles = course_function(traits, sphere_at)
+    course_beside_obstacles = course_function(traits, sphere_in_state)
     touches_any = touch_function(traits, layout)
     around_lane = around_in_lanes(traits, layout)
     damping_column = traits.columns.places["breathing_damping"]

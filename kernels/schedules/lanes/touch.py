@@ -22,7 +22,7 @@ from balloon_warp.kernels.loops.touching import (
 from balloon_warp.kernels.schedules.lanes.contact import A_STEP, WIDER
 from balloon_warp.kernels.schedules.lanes.layouts import Layout, of_item, places_of, put_item
 from balloon_warp.kernels.schedules.lanes.tables import lane_structs
-from balloon_warp.kernels.spheres import sphere_at
+from balloon_warp.kernels.spheres import sphere_in_state
 from balloon_warp.kernels.tables import WorldState
 from balloon_warp.kernels.traits import Traits
 
@@ -56,7 +56,7 @@ def world_function(traits: Traits, layout: Layout) -> Any:
     LaneTables, LaneState, _ = lane_structs(layout)  # noqa: N806 - types
     places_of_item = 1 if layout.worlds else LANE_COUNT
     mass_column, friction_column = (traits.columns.places[name] for name in ("mass", "balloon_friction"))
-    ball_at = ball_function(traits, sphere_at)
+    ball_at = ball_function(traits, sphere_in_state)
 
     @wp.func
     def mass_in_lane(t: LaneTables, lanes: LaneState, group: wp.int32, item: wp.int32, lane: wp.int32):
