@@ -74,6 +74,8 @@ class Phase:
     frame if it happens but once"""
     once: Callable[[Traits], bool] = lambda traits: False
     """whether it happens only as a frame begins"""
+    last: bool = False
+    """whether it happens only as a frame ends"""
     due: Callable[[Traits], Any] | None = None
     """the function that says whether there is anything to do, by names of handles alone: in one thread of a block"""
     also_reads: tuple[str, ...] = ()

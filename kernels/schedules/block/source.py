@@ -124,6 +124,7 @@ class BlockWriter(NamesInBlock):
         self._write_pieces(piece for piece in self.step.pieces if piece.once)
         self._keep_once()
         self._substeps()
+        self._write_pieces(piece for piece in self.step.pieces if piece.last)
         self.line("# Particles go back to the state.")
         self._put_particles()
 
@@ -229,7 +230,7 @@ class BlockWriter(NamesInBlock):
     def _substep(self, number: str) -> None:
         with self.indented():
             self.line(f"time_in_frame = float({number}) * t.step_seconds")
-            self._write_pieces(piece for piece in self.step.pieces if not piece.once)
+            self._write_pieces(piece for piece in self.step.pieces if not piece.once and not piece.last)
 
     @property
     def notes(self) -> tuple[Phase, ...]:
@@ -323,7 +324,8 @@ class BlockWriter(NamesInBlock):
                 self._show_held(piece)
         self._switch(piece)
         self._exchange(piece)
-        self._end_sum(summed)
+        if not piece.last:
+            self._end_sum(summed)
 
     def _exchange(self, piece: Piece) -> None:
         """Write what blocks tell each other of what a piece has moved: nothing, where each has a world."""
@@ -359,7 +361,7 @@ class BlockWriter(NamesInBlock):
         self._switch(piece)
         if item == "sphere":
             self.spheres_moved = True  # who asks waits for a barrier
-        else:
+        elif not piece.last:
             self._end_sum(summed)
 
     def _target(self, piece: Piece, name: str) -> str:
@@ -425,9 +427,8 @@ class BlockWriter(NamesInBlock):
         call = self.call(summed)
         self.line(f"# {summed.summary}")
         if self.alone:
-            if condition:
-                self.line(f"if {condition}:")
-            self.line(f"{'    ' if condition else ''}part_of_{value} += {call}")
+            part = f"wp.where({condition}, {call}, {_nothing(summed)})" if condition else call
+            self.line(f"part_of_{value} += {part}")
             return
         self.need("balloon")
         part = self.bound(f"part_of_{value}")
