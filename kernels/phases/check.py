@@ -15,9 +15,8 @@ def check(traits: Traits, look: Look) -> Any:
     """Note the first particle that is where none can be."""
 
     @wp.func
-    def check(t: Tables, state: WorldState, points: Any, own: Any, particle: wp.int32, point: wp.vec3):
-        look_at_particle(
-            t.health, state.first_bad, own.world, particle, own.number, own.balloon, own.share, point, points
-        )  # fmt: skip
+    def check(t: Tables, state: WorldState, points: Any, own: Any, particle: wp.int32):
+        balloon, share = own.balloon, own.share
+        look_at_particle(t.health, state.first_bad, own.world, particle, own.number, balloon, share, points)
 
     return check
