@@ -36,7 +36,7 @@ class StepAdvice:
 
 
 def advise_step(scene: SceneLike, laws: Sequence[Law] = ()) -> StepAdvice:
-    """The stable step of a scene, even if the scene itself asks for too few substeps.
+    """Find the stable step of a scene, even if the scene itself asks for too few substeps.
 
     Args:
         laws: your own, which act beside the built-in ones, and count where they have bounds.

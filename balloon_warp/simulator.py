@@ -114,13 +114,12 @@ class Simulator(Shown):
 
     @property
     def time(self) -> float:
-        """simulated since the start [s]"""
+        """Time simulated since the start [s]."""
         return self.frame_number * self.model.frame_seconds
 
     @property
     def warnings(self) -> list[str]:
-        """What is odd about the meshes, what became of it, and where numbers until now are not what was asked for, a
-        sentence each."""
+        """Remarks, a sentence each: on odd meshes, what became of them, and numbers that are not what was asked for."""
         return self.model.warnings + remark_sentences(remarks_on(self.model, self.state))
 
     def __repr__(self) -> str:
@@ -278,13 +277,12 @@ class Simulator(Shown):
 
     @locked
     def set(self, changes: Mapping[str, Any]) -> None:
-        """Set values from now on, by their paths in the scene:
-        {"balloon.mass": 3.0, "string.0.anchor": (0, 2, 0), "normals": "cached"}.
+        """Set values from now on, by their paths in the scene.
 
-        A number may be given for each world, as an array of shape (world_count,), and a vector as one of shape
-        (world_count, 3). A number takes the place of keyframes. Values are checked as those of a scene file, all of
-        them before any is set. A step that is left to us becomes as long as they allow. What the scene has planned for
-        later still happens.
+        For example {"balloon.mass": 3.0, "string.0.anchor": (0, 2, 0), "normals": "cached"}. A number may be given for
+        each world, as an array of shape (world_count,), and a vector as one of shape (world_count, 3). A number takes
+        the place of keyframes. Values are checked as those of a scene file, all of them before any is set. A step that
+        is left to us becomes as long as they allow. What the scene has planned for later still happens.
 
         What a mesh is made into cannot change, nor how many things there are, nor what counts at the start alone, such
         as positions: `load_scene(scene, {...})` makes another scene of those.
@@ -380,8 +378,9 @@ class Simulator(Shown):
 
     @locked
     def restore(self, saved: Mapping[str, NDArray]) -> None:
-        """Go on, bit for bit, from where this simulator, or another one of the same scene, worlds and schedule, was
-        when it was saved: what changed until then, of parameters and methods, is changed again.
+        """Go on, bit for bit, from where a simulator of the same scene, worlds and schedule was when it was saved.
+
+        It may be this one or another. What changed until then, of parameters and methods, is changed again.
 
         Args:
             saved: what `save` gave, or the file that it went into: `np.load("here.npz")`.

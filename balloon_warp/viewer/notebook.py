@@ -27,7 +27,7 @@ class Shown:
 
     @property
     def address(self) -> str:
-        """where the page is, for a window of its own"""
+        """Address of the page, for a window of its own."""
         return self.page.address
 
     def close(self) -> None:
