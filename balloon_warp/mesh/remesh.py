@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.components import component_labels
-from balloon_warp.mesh.dressed import dressed
-from balloon_warp.mesh.faithful import infidelity
 from balloon_warp.mesh.feasible import (
     MOST_BY_ITSELF,
     MOST_QUADS,
@@ -18,9 +16,11 @@ from balloon_warp.mesh.feasible import (
     require_quads,
     wrong_volume,
 )
+from balloon_warp.mesh.fidelity import infidelity
 from balloon_warp.mesh.fit import fitted, slabs_left
 from balloon_warp.mesh.handles import handle_count, handles_lost, handles_of_level, handles_said
 from balloon_warp.mesh.level import Level
+from balloon_warp.mesh.look_transfer import dressed
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.surface_nets import surface_nets
 from balloon_warp.mesh.topology import mesh_edges
