@@ -106,13 +106,11 @@ def run_batch(
 ) -> BatchSummary:
     """Simulate worlds that differ, and write tables of them and a stage of the chosen ones.
 
-    Tables are .npz and .csv: `table` of each world and frame, `worlds` of each world. The stage is `worlds.usdc`, and
-    from `manifest.json` `repeat_batch` makes them again.
-
-    All in the folder is of one batch: where no world is chosen, the `worlds.usdc` of an earlier one is removed.
-
-    What takes long is safe from a kill: now and then what there is goes into the folder `partial` of that folder, which
-    is removed once all is there. Ctrl-C, too, saves what there is.
+    Tables are .npz and .csv: `table` of each world and frame, `worlds` of each world. The stage is `worlds.usdc`,
+    and from `manifest.json` `repeat_batch` makes them again. All in the folder is of one batch: where no world is
+    chosen, the `worlds.usdc` of an earlier one is removed. What takes long is safe from a kill: now and then what
+    there is goes into the folder `partial` of that folder, which is removed once all is there. Ctrl-C, too, saves
+    what there is.
 
     Args:
         scene: what all worlds have in common: a scene, or what `load_scene` makes one of.

@@ -118,10 +118,7 @@ def wind_at(
     gust_length: float,
     gust_seed: float,
 ):
-    """Velocity of the air at a place and time [m/s].
-
-    It is the wind, as it grows with height, and gusts that the wind carries along.
-    """
+    """Velocity of the air at a place and time [m/s]: of the wind, as it grows with height, and of gusts in it."""
     velocity = growth_of_wind(wp.dot(place, up), wind_shear, wind_height, wind_roughness) * wind
     if gusts > 0.0:
         carried = (place - time * wind) / gust_length
