@@ -59,6 +59,33 @@ class Running(Displayed):
         self._begin_step()
         self._raise_if_bad(np.asarray(self.state.first_bad.numpy(), dtype=np.int32), self.frame_number)
 
+    def relax(self, speed: float = 1.0e-3, most_seconds: float = 60.0, world: int = 0) -> Frame:
+        """Go on until everything is at rest, and hand out that frame: what every shape that is called one waits for.
+
+        Args:
+            speed: no particle of any world is faster for a tenth of a second [m/s].
+            most_seconds: simulated time after which it gives up.
+
+        Raises:
+            InputError: there is no such world, or something still moves then.
+            BlowUpError: the simulation blew up.
+        """
+        self._require_world(world)
+        if not speed > 0.0:
+            raise InputError(f"speed: must be above 0 (got {speed})")
+        rate = self.model.scene.frames_per_second
+        calm, fastest = 0, np.inf
+        for _ in range(int(np.ceil(most_seconds * rate))):
+            self.step_unread()
+            fastest = float(np.sqrt((np.asarray(self.state.velocities.numpy()) ** 2).sum(axis=-1).max(initial=0.0)))
+            calm = calm + 1 if fastest <= speed else 0
+            if calm > 0.1 * rate:
+                return self.read_frame(world)
+        raise InputError(
+            f"relax: the fastest particle moves by {fastest:.3g} m/s after {most_seconds:g} s; expected at most "
+            f"{speed:g}, which more damping or time may bring"
+        )
+
     def _require_world(self, world: int) -> None:
         if not isinstance(world, int | np.integer) or not 0 <= world < self.model.world_count:
             raise InputError(f"world: there is no world {world}; expected 0 to {self.model.world_count - 1}")

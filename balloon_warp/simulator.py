@@ -4,13 +4,15 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
+import numpy as np
 import warp as wp
 
 from balloon_warp.beginning import Beginning
 from balloon_warp.blow_ups import BlowUp, Origin, Origins, diagnose
 from balloon_warp.device import pick_device
+from balloon_warp.errors import InputError
 from balloon_warp.frame import Frame
 from balloon_warp.frame_reader import FrameReader
 from balloon_warp.garbage import without_collecting
@@ -25,6 +27,9 @@ from balloon_warp.solids import MassProperties, mass_properties
 from balloon_warp.solvers.choose import solver_named
 from balloon_warp.steering import Steered
 from balloon_warp.turns import ALONE, taking_turns
+
+if TYPE_CHECKING:
+    from scipy.sparse.linalg import LinearOperator
 
 
 class Simulator(Steered):
@@ -161,6 +166,21 @@ class Simulator(Steered):
     def mass_properties(self) -> MassProperties:
         """Volume, center of mass and inertia tensor of every balloon as a solid, in every world."""
         return mass_properties(self.model, self.state.points)
+
+    def stiffness(self, world: int = 0, balloon: int = 0) -> "LinearOperator":
+        """How stiffly a balloon holds its shape as it is now: minus the derivatives of the forces of its springs, film,
+        pressure and gas by the places of its particles [N/m], a symmetric operator of scipy's, shape (3 n, 3 n).
+
+        Raises:
+            InputError: there is no such world or balloon.
+        """
+        from balloon_warp.statics.of_model import stiffness_operator  # scipy's sparse matrices are for who asks
+
+        frame = self.read_frame(world)
+        if not isinstance(balloon, int) or not 0 <= balloon < len(frame.points):
+            raise InputError(f"balloon: there is no balloon {balloon}; expected 0 to {len(frame.points) - 1}")
+        points = frame.points[balloon].astype(np.float64)
+        return stiffness_operator(self.model, points, float(frame.pressures[balloon]), world, balloon)
 
     def _forget_records(self) -> None:
         """What was recorded or laid out for another schedule."""

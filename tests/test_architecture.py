@@ -23,7 +23,7 @@ LAYERS = (
     ("mesh",),
     ("springs", "scene", "foil"),
     ("model", "provenance"),
-    ("schedules", "advice", "inspection", "solids", "swelling"),
+    ("schedules", "advice", "inspection", "solids", "statics", "swelling"),
     ("solvers", "frame"),
     ("reading",),
     ("blow_ups", "outputs", "endings", "frame_reader"),
