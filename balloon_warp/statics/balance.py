@@ -12,7 +12,7 @@ from scipy.sparse.linalg import splu
 from balloon_warp.statics.volume import SealedGas, Volume
 
 Values = NDArray[np.float64]
-MOST_STEPS = 200
+MOST_STEPS = 100
 STILL = 1.0e-7
 """of the forces of the gas is what is left of forces at rest"""
 FIRST_SHIFT, LEAST_SHIFT, MOST_SHIFT = 1.0e-4, 1.0e-9, 1.0e4
@@ -66,14 +66,21 @@ class Balance:
         of_gas = self.pressure(points) * self.volume.slopes(points)
         return float(np.linalg.norm(self.forces(points)) / max(float(np.linalg.norm(of_gas)), 1.0e-30))
 
-    def settle(self, points: Values, still: float = STILL, on_step: Callable[[], None] = lambda: None) -> Values | None:
+    def settle(
+        self, points: Values, still: float = STILL, strays: Callable[[Values], bool] = lambda points: False
+    ) -> Values | None:
         """Where it comes to rest, beginning there; None where it finds no rest.
 
         The center and the turn stay as they are, or nearly so.
+
+        Args:
+            still: of the gas's forces, what may be left.
+            strays: says on the way whether it is not worth going on.
         """
         shift, here = FIRST_SHIFT, points
         for _ in range(MOST_STEPS):
-            on_step()
+            if strays(here):
+                return None
             if self.left_over(here) < still:
                 return here
             found = self._step(here, shift)
