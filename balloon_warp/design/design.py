@@ -10,6 +10,7 @@ from typing import Literal, get_args
 
 from balloon_warp.design.folder import require_folder
 from balloon_warp.design.job import Job
+from balloon_warp.design.of_latex import design_of_latex
 from balloon_warp.design.of_springs import design_of_springs
 from balloon_warp.design.result import Design
 from balloon_warp.design.springs import Hold
@@ -67,7 +68,7 @@ def design(
     place = Path(folder) if folder is not None else _temporary()
     require_folder(place)
     job = Job(mesh, of, float(stretch), hold, float(thickness), place, steps, device, resume, on_stage)
-    return {"springs": design_of_springs}[of](job)
+    return {"springs": design_of_springs, "latex": design_of_latex}[of](job)
 
 
 def _temporary() -> Path:
