@@ -16,6 +16,8 @@ from balloon_warp.garbage import without_collecting
 if TYPE_CHECKING:
     from balloon_warp.advice import advise_step
     from balloon_warp.comparison.compare import compare
+    from balloon_warp.designing.design import design
+    from balloon_warp.designing.result import Design
     from balloon_warp.errors import BlowUpError, InputError, MissingExtraError, WorkersLostError
     from balloon_warp.foil.make import foil_mesh, foil_parts
     from balloon_warp.frame import Frame
@@ -68,6 +70,7 @@ __all__ = [
     "Box",
     "Change",
     "Cluster",
+    "Design",
     "Frame",
     "Ground",
     "Inflation",
@@ -96,6 +99,7 @@ __all__ = [
     "build_springs",
     "bundled_scenes",
     "compare",
+    "design",
     "export_stage",
     "face_law",
     "foil_mesh",
@@ -117,6 +121,8 @@ __all__ = [
 _HOMES = {
     "advice": ("advise_step",),
     "comparison.compare": ("compare",),
+    "designing.design": ("design",),
+    "designing.result": ("Design",),
     "errors": ("BlowUpError", "InputError", "MissingExtraError", "WorkersLostError"),
     "foil.make": ("foil_mesh", "foil_parts"),
     "frame": ("Frame",),

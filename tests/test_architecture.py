@@ -35,6 +35,7 @@ LAYERS = (
     ("job",),
     ("sweep", "viewer"),
     ("comparison", "trajectories", "warming", "doctor"),
+    ("designing",),
     ("benchmarks", "scenes"),
     ("cli",),
 )

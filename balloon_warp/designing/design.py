@@ -8,13 +8,13 @@ from math import isfinite
 from pathlib import Path
 from typing import Literal, get_args
 
-from balloon_warp.design.folder import require_folder
-from balloon_warp.design.job import Job
-from balloon_warp.design.of_latex import design_of_latex
-from balloon_warp.design.of_springs import design_of_springs
-from balloon_warp.design.result import Design
-from balloon_warp.design.springs import Hold
-from balloon_warp.design.target import target_of
+from balloon_warp.designing.folder import require_folder
+from balloon_warp.designing.job import Job
+from balloon_warp.designing.of_latex import design_of_latex
+from balloon_warp.designing.of_springs import design_of_springs
+from balloon_warp.designing.result import Design
+from balloon_warp.designing.springs import Hold
+from balloon_warp.designing.target import target_of
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.from_python import MeshLike
 

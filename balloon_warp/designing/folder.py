@@ -29,7 +29,9 @@ def require_folder(folder: Path) -> None:
         raise InputError(f"{folder}: cannot be a folder to write to: {error.strerror}") from None
 
 
-def write_springs(path: Path, pairs: NDArray[Any], lengths: NDArray[np.float64], constants: NDArray[np.float64]) -> None:
+def write_springs(
+    path: Path, pairs: NDArray[Any], lengths: NDArray[np.float64], constants: NDArray[np.float64]
+) -> None:
     """Write a file of springs, which `balloon.springs` names."""
     with whole_file(path) as temporary:
         np.savez_compressed(temporary, pairs=pairs, rest_lengths=lengths, constants=constants)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from balloon_warp.design.measure import Ruler
+from balloon_warp.designing.measure import Ruler
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.from_python import MeshLike
@@ -50,7 +50,8 @@ def target_of(given: str | Path | MeshLike, size: float) -> PolygonMesh:
         raise InputError(f"{source}: has {parts + 1} parts; expected one closed shape, as `balloon-warp remesh` makes")
     if mesh.vertex_count > MOST_VERTICES:
         raise InputError(
-            f"{source}: has {mesh.vertex_count:,} vertices; expected at most {MOST_VERTICES:,}, see `balloon-warp remesh`"
+            f"{source}: has {mesh.vertex_count:,} vertices; expected at most {MOST_VERTICES:,}, see "
+            "`balloon-warp remesh`"
         )
     if signed_volume(mesh) < 0.0:
         mesh = _turned(mesh)

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from balloon_warp.design.descent import begin, descend
-from balloon_warp.design.folder import write_stl
-from balloon_warp.design.job import Job
-from balloon_warp.design.mould import MouldProblem
-from balloon_warp.design.proof import DAMPING_RATE, MORE_FRAMES, common_fields, filled, scene_of
-from balloon_warp.design.result import Design
-from balloon_warp.design.target import crossing_triangles
+from balloon_warp.designing.descent import begin, descend
+from balloon_warp.designing.folder import write_stl
+from balloon_warp.designing.job import Job
+from balloon_warp.designing.mould import MouldProblem
+from balloon_warp.designing.proof import DAMPING_RATE, MORE_FRAMES, common_fields, filled, scene_of
+from balloon_warp.designing.result import Design
+from balloon_warp.designing.target import crossing_triangles
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.geometry import total_area
 from balloon_warp.mesh.obj import write_obj
@@ -33,9 +33,7 @@ def design_of_latex(job: Job) -> Design:
         InputError: the stretch cannot be, the mould would cross itself, or finds no rest.
     """
     if not LEAST_STRETCH <= job.stretch <= MOST_STRETCH:
-        raise InputError(
-            f"stretch: must be from {LEAST_STRETCH:g} to {MOST_STRETCH:g} for latex (got {job.stretch:g})"
-        )
+        raise InputError(f"stretch: must be from {LEAST_STRETCH:g} to {MOST_STRETCH:g} for latex (got {job.stretch:g})")
     material = Material(preset="latex", thickness=job.thickness)
     problem = MouldProblem(job.ruler, _film(job, material), job.stretch)
     job.say("inflating a plain mould")

@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse as sparse
 from numpy.typing import NDArray
 
-from balloon_warp.design.measure import Ruler
+from balloon_warp.designing.measure import Ruler
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.springs import Springs, build_springs
 from balloon_warp.statics.balance import Balance

@@ -69,7 +69,7 @@ class Ruler:
         return Error(*map(float, self._statistics(self.distances(points))))
 
     def distances(self, points: Values) -> Values:
-        """Of each vertex to the wanted surface, and of that one's vertices to the shape, over the size, shape (2 n,)."""
+        """Of each vertex to the wanted surface, and of its vertices to the shape, over the size, shape (2 n,)."""
         there, wanted = self.aligned(points), self.mesh.points
         both = [self._apart(there, wanted), self._apart(wanted, there)]
         return np.concatenate(both) / self.size

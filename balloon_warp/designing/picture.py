@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from balloon_warp.comparison.sheet import Tile, compose_sheet
-from balloon_warp.design.measure import Ruler
+from balloon_warp.designing.measure import Ruler
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.looks import Looks
 from balloon_warp.scene import Balloon, Scene
@@ -24,19 +24,19 @@ BANDS = np.array([[0.10, 0.42, 0.62], [0.55, 0.75, 0.72], [0.95, 0.85, 0.45], [0
 SAMPLES = 4
 
 
-def error_picture(ruler: Ruler, shapes: Sequence[tuple[str, Values]], size: tuple[int, int] = SIZE) -> Image.Image:
+def error_picture(ruler: Ruler, shapes: Sequence[tuple[str, Values]]) -> Image.Image:
     """Draw the wanted shape and others beside it, each colored by how far it is off.
 
     Args:
         shapes: what stands above each, and its points, shape (n, 3).
     """
-    wanted = Tile(["wanted"], _drawn(ruler, ruler.mesh.points, None, size), "")
+    wanted = Tile(["wanted"], _drawn(ruler, ruler.mesh.points, None), "")
     tiles = [wanted]
     for label, points in shapes:
         off = ruler.distances(points)[: len(points)]
         line = f"{ruler.error(points)}; blue 0, red {100.0 * FULL:g}% and more"
-        tiles.append(Tile([label, line], _drawn(ruler, points, off, size), ""))
-    return Image.fromarray(compose_sheet(tiles, len(tiles), size))
+        tiles.append(Tile([label, line], _drawn(ruler, points, off), ""))
+    return Image.fromarray(compose_sheet(tiles, len(tiles), SIZE))
 
 
 def colored(mesh: PolygonMesh, off: Values) -> PolygonMesh:
@@ -47,11 +47,11 @@ def colored(mesh: PolygonMesh, off: Values) -> PolygonMesh:
     return replace(mesh, looks=Looks((), none, colors[mesh.face_vertex_indices].astype(np.float32)))
 
 
-def _drawn(ruler: Ruler, points: Values, off: Values | None, size: tuple[int, int]) -> NDArray[np.uint8]:
+def _drawn(ruler: Ruler, points: Values, off: Values | None) -> NDArray[np.uint8]:
     mesh = replace(ruler.mesh, points=ruler.aligned(points))
     if off is not None:
         mesh = colored(mesh, off)
     balloon = Balloon(mesh=mesh, parts="free", holes="keep", weld=False)
     simulator = Simulator(Scene(balloon=[balloon], gravity=0.0), "cpu")
-    with Image.open(io.BytesIO(simulator.picture(size=size, samples=SAMPLES))) as image:
+    with Image.open(io.BytesIO(simulator.picture(size=SIZE, samples=SAMPLES))) as image:
         return np.asarray(image.convert("RGB"))

@@ -3,12 +3,12 @@
 from dataclasses import replace
 from pathlib import Path
 
-from balloon_warp.design.descent import Reached, begin, descend
-from balloon_warp.design.folder import write_springs
-from balloon_warp.design.job import Job
-from balloon_warp.design.proof import DAMPING_RATE, MORE_FRAMES, common_fields, filled, scene_of
-from balloon_warp.design.result import Design
-from balloon_warp.design.springs import OF_KINDS, SpringProblem
+from balloon_warp.designing.descent import Reached, begin, descend
+from balloon_warp.designing.folder import write_springs
+from balloon_warp.designing.job import Job
+from balloon_warp.designing.proof import DAMPING_RATE, MORE_FRAMES, common_fields, filled, scene_of
+from balloon_warp.designing.result import Design
+from balloon_warp.designing.springs import OF_KINDS, SpringProblem
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.scene import Balloon, Scene, Stiffness

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.design.measure import Ruler
+from balloon_warp.designing.measure import Ruler
 from balloon_warp.mesh.components import component_labels
 from balloon_warp.mesh.topology import mesh_edges
 

@@ -9,8 +9,8 @@ import numpy as np
 import scipy.sparse as sparse
 from numpy.typing import NDArray
 
-from balloon_warp.design.measure import Ruler
-from balloon_warp.design.newton import Aim, step_towards
+from balloon_warp.designing.measure import Ruler
+from balloon_warp.designing.newton import Aim, step_towards
 from balloon_warp.statics.balance import Balance
 
 Values = NDArray[np.float64]
@@ -87,7 +87,11 @@ def begin(problem: Problem, design: Values) -> Reached | None:
 
 
 def descend(
-    problem: Problem, reached: Reached, steps: int, goal: float = 0.0, on_step: Callable[[Reached], None] = lambda _: None
+    problem: Problem,
+    reached: Reached,
+    steps: int,
+    goal: float = 0.0,
+    on_step: Callable[[Reached], None] = lambda _: None,
 ) -> Reached:
     """Go nearer, step by step.
 

@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.design.descent import Reached
-from balloon_warp.design.folder import JOB, SAVED, write_picture, write_report
-from balloon_warp.design.measure import Ruler
-from balloon_warp.design.picture import error_picture
-from balloon_warp.design.proof import MORE_FRAMES, Simulated, simulate_from_rest
-from balloon_warp.design.result import Design
-from balloon_warp.design.springs import Hold
-from balloon_warp.design.where import places_off
+from balloon_warp.designing.descent import Reached
+from balloon_warp.designing.folder import JOB, SAVED, write_picture, write_report
+from balloon_warp.designing.measure import Ruler
+from balloon_warp.designing.picture import error_picture
+from balloon_warp.designing.proof import MORE_FRAMES, Simulated, simulate_from_rest
+from balloon_warp.designing.result import Design
+from balloon_warp.designing.springs import Hold
+from balloon_warp.designing.where import places_off
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.scene import Scene
@@ -121,7 +121,9 @@ class Job:
         cannot = places_off(ruler, simulated.points, help_)
         elsewhere = np.linalg.norm(ruler.aligned(simulated.points) - ruler.aligned(held), axis=1).max() / ruler.size
         if elsewhere > MOVED:
-            cannot.append(f"from rest it comes to another balance than was designed, {100 * elsewhere:.2g}% off at most")
+            cannot.append(
+                f"from rest it comes to another balance than was designed, {100 * elsewhere:.2g}% off at most"
+            )
         return Design(
             scene=scene,
             folder=self.folder,

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.design.measure import Error
+from balloon_warp.designing.measure import Error
 from balloon_warp.scene import Scene
 from balloon_warp.shown import Shown, described
 
@@ -37,7 +37,9 @@ class Design(Shown):
     def report(self) -> dict[str, Any]:
         """All of it that fits into JSON."""
         errors = {"error": self.error, "held_error": self.held_error, "plain_error": self.plain_error}
-        parts = {name: None if each is None else {"mean": each.mean, "worst": each.worst} for name, each in errors.items()}
+        parts = {
+            name: None if each is None else {"mean": each.mean, "worst": each.worst} for name, each in errors.items()
+        }
         return {"stretch": self.stretch, **parts, "cannot": self.cannot}
 
     def __repr__(self) -> str:

@@ -7,7 +7,7 @@ import numpy as np
 import scipy.sparse as sparse
 from numpy.typing import NDArray
 
-from balloon_warp.design.measure import Ruler
+from balloon_warp.designing.measure import Ruler
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.topology import mesh_edges
 from balloon_warp.statics.balance import Balance
