@@ -15,6 +15,7 @@ from balloon_warp.garbage import without_collecting
 
 if TYPE_CHECKING:
     from balloon_warp.advice import advise_step
+    from balloon_warp.checking import CheckReport, Crossing, check_stage
     from balloon_warp.comparison.compare import compare
     from balloon_warp.designing.design import design
     from balloon_warp.designing.result import Design
@@ -59,6 +60,7 @@ if TYPE_CHECKING:
     from balloon_warp.sweep.cluster import Cluster
     from balloon_warp.sweep.repeat import repeat_batch
     from balloon_warp.trajectories import Trajectories, simulate
+    from balloon_warp.viewer.notebook import show
     from balloon_warp.viewer.view import view
     from balloon_warp.warming import warm_up
 
@@ -69,7 +71,9 @@ __all__ = [
     "Body",
     "Box",
     "Change",
+    "CheckReport",
     "Cluster",
+    "Crossing",
     "Design",
     "Frame",
     "Ground",
@@ -98,6 +102,7 @@ __all__ = [
     "animate",
     "build_springs",
     "bundled_scenes",
+    "check_stage",
     "compare",
     "design",
     "export_stage",
@@ -112,6 +117,7 @@ __all__ = [
     "render_stage",
     "repeat_batch",
     "run_batch",
+    "show",
     "simulate",
     "spring_law",
     "view",
@@ -120,6 +126,7 @@ __all__ = [
 
 _HOMES = {
     "advice": ("advise_step",),
+    "checking": ("CheckReport", "Crossing", "check_stage"),
     "comparison.compare": ("compare",),
     "designing.design": ("design",),
     "designing.result": ("Design",),
@@ -164,6 +171,7 @@ _HOMES = {
     "sweep.cluster": ("Cluster",),
     "sweep.repeat": ("repeat_batch",),
     "trajectories": ("Trajectories", "simulate"),
+    "viewer.notebook": ("show",),
     "viewer.view": ("view",),
     "warming": ("warm_up",),
 }

@@ -3,8 +3,8 @@
 import warp as wp
 
 from balloon_warp.errors import InputError
-from balloon_warp.quiet import quiet_warp
-from balloon_warp.turns import ALONE, record_by_thread
+from balloon_warp.warp_lock import PROCESS_LOCK, record_by_thread
+from balloon_warp.warp_logging import quiet_warp
 
 
 def pick_device(name: str | wp.Device | None) -> wp.Device:
@@ -13,7 +13,7 @@ def pick_device(name: str | wp.Device | None) -> wp.Device:
     Raises:
         InputError: there is no such device.
     """
-    with ALONE:
+    with PROCESS_LOCK:
         quiet_warp()
         record_by_thread()
     try:

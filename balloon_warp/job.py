@@ -8,11 +8,11 @@ from typing import Any
 
 from balloon_warp.beginning import Beginning
 from balloon_warp.blow_ups import MOST_HALVINGS, check_policy, with_half_the_step
-from balloon_warp.endings import BadEnding, bad_endings, ending_sentences
 from balloon_warp.errors import BlowUpError
 from balloon_warp.interrupts import Interrupts
 from balloon_warp.kernels.laws import Law
 from balloon_warp.model import remark_sentences, remarks_on
+from balloon_warp.outcomes import BadEnding, bad_endings, ending_sentences
 from balloon_warp.outputs.background import Background
 from balloon_warp.outputs.usd import StageWriter
 from balloon_warp.outputs.wanted import Wanted
@@ -189,7 +189,7 @@ def _begun(
     """The simulator of a scene, whose oddities are told; and how far its balloons swell by pressures that are left to
     us."""
     simulator = Simulator(scene, device, schedule=schedule, laws=laws)
-    on_begin(simulator.beginning)
+    on_begin(Beginning.of(simulator.model, simulator.schedule.name))
     for warning in simulator.model.warnings:
         on_warning(warning)
     return simulator, swellings_of(simulator.model)

@@ -12,7 +12,7 @@ from balloon_warp.frame import Frame
 from balloon_warp.kernels.laws.law import FAR
 from balloon_warp.model import Model
 from balloon_warp.model.obstacle_motion import obstacle_poses
-from balloon_warp.turns import in_turn
+from balloon_warp.warp_lock import lock_of
 
 
 class Recorded:
@@ -77,7 +77,7 @@ class HostBuffer:
     def wait(self) -> None:
         """Until it is filled."""
         if self.filled:
-            with in_turn(self.filled.device):  # Warp refuses to wait while any thread records
+            with lock_of(self.filled.device):  # Warp refuses to wait while any thread records
                 wp.synchronize_event(self.filled)
 
 

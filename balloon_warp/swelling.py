@@ -14,7 +14,7 @@ from balloon_warp.model import Model, plan_model
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.scene import Scene
-from balloon_warp.turns import in_turn
+from balloon_warp.warp_lock import lock_of
 
 MOST_VERTICES = 12_000
 """of a balloon whose volume is foretold: with more, that would take longer than to begin"""
@@ -60,7 +60,7 @@ def swellings(scene: Scene, shapes: Sequence[BalloonShape], parameters: Paramete
 def swellings_of(model: Model) -> list[Swelling]:
     """The same, of a model."""
     names = ("keyframe_values", *(row.name for row in KINDS))
-    with in_turn(model.device):
+    with lock_of(model.device):
         read = {name: np.asarray(model.parameters[name].numpy(), dtype=np.float64) for name in names}
     return swellings(model.scene, model.shapes, read)
 

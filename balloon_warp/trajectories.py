@@ -21,7 +21,7 @@ from balloon_warp.scene.overrides import Override
 from balloon_warp.shown import Shown, described
 from balloon_warp.simulator import Simulator
 from balloon_warp.sweep.groups import BatchVary, Group, plan_groups
-from balloon_warp.turns import in_turn
+from balloon_warp.warp_lock import lock_of
 
 
 @described
@@ -110,7 +110,7 @@ def simulate(
     meshes = [shape.mesh for shape in groups[0].plan.shapes]
     tracks, target = _tracks(groups, world_count, scene.frames // every + 1), pick_device(device)
     for group in groups:
-        with in_turn(target):
+        with lock_of(target):
             simulator = Simulator.of_model(lay_out(group.plan, target), schedule)
         for number in range(scene.frames + 1):
             if number:
@@ -151,7 +151,7 @@ def _record(tracks: Mapping[str, NDArray], simulator: Simulator, group: Group, p
     """Write down where a group's worlds are."""
     for name, track in tracks.items():
         if track.size:
-            with in_turn(simulator.model.device):
+            with lock_of(simulator.model.device):
                 track[group.worlds, place] = getattr(simulator.state, name).numpy()
             if not np.isfinite(track[group.worlds, place]).all():
                 bad = ~np.isfinite(track[group.worlds, place]).reshape(len(group.worlds), -1).all(axis=1)

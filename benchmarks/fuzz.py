@@ -29,8 +29,8 @@ from balloon_warp.errors import InputError
 from balloon_warp.inspection import inspect_mesh
 from balloon_warp.mesh.load import load_mesh
 from balloon_warp.model import ModelPlan, plan_model
-from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene import load_scene
+from balloon_warp.warp_logging import quiet_warp
 
 LONGEST = 10.0
 """seconds of the processor that a file may take"""

@@ -14,12 +14,12 @@ from balloon_warp.blow_ups import KEPT_FRAMES
 from balloon_warp.device import pick_device
 from balloon_warp.kernels.schedules.block import resident, state
 from balloon_warp.model import Model, State, build_model, initial_state, overwrite
-from balloon_warp.quiet import quiet_warp
 from balloon_warp.schedules import block_launch
 from balloon_warp.schedules.choose import Schedule, make_schedule
 from balloon_warp.schedules.health import HealthCheck
 from balloon_warp.schedules.tables import make_tables
 from balloon_warp.schedules.traits import model_traits
+from balloon_warp.warp_logging import quiet_warp
 
 GPU_FRAMES = 100
 """that are timed together: some take 30 us, as long as to launch one and wait for it"""

@@ -24,8 +24,8 @@ from pxr import Usd, UsdGeom
 
 from balloon_warp.benchmarks.quad_sphere import quad_sphere
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene import Scene, load_scene
+from balloon_warp.warp_logging import quiet_warp
 
 FRAMES_BEFORE, FRAMES = 2, 60
 """of the good output, and of what is to replace it"""

@@ -21,11 +21,11 @@ from pathlib import Path
 from balloon_warp.benchmarks.quad_sphere import quad_sphere
 from balloon_warp.job import animate
 from balloon_warp.outputs.usd import grid, stage
-from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Sphere, String
 from balloon_warp.simulator import Simulator
 from balloon_warp.sweep.batch import run_batch
 from balloon_warp.sweep.recorder import MEASURES
+from balloon_warp.warp_logging import quiet_warp
 
 MEBIBYTE = 2**20
 WARM_UP = 0.4

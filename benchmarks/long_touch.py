@@ -21,10 +21,10 @@ from balloon_warp.frame import Frame
 from balloon_warp.mesh.geometry import signed_volume, total_area
 from balloon_warp.model import Model
 from balloon_warp.model.touch import edge_length
-from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene import load_scene
 from balloon_warp.schedules.touch_table import APART
 from balloon_warp.simulator import Simulator
+from balloon_warp.warp_logging import quiet_warp
 
 ALLOWED = 0.02
 """of a balloon's radius, that anything may be in anything"""

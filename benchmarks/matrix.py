@@ -16,11 +16,11 @@ from balloon_warp.kernels.laws import Law
 from balloon_warp.laws import face_law, particle_law, spring_law
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import Model, build_model
-from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene import Balloon, Body, Inflation, Obstacle, Scene
 from balloon_warp.scene.overrides import override_scene, parse_override
 from balloon_warp.schedules import SCHEDULES
 from balloon_warp.solvers.choose import PROJECTIVE, solver_named
+from balloon_warp.warp_logging import quiet_warp
 
 
 @wp.func

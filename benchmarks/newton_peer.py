@@ -14,7 +14,7 @@ from balloon_warp.kernels.laws.hooke import KINDS
 from balloon_warp.kernels.own import own_functions
 from balloon_warp.kernels.phases.inflate import inflation_of
 from balloon_warp.kernels.schedules.launched.looks import GATHERED
-from balloon_warp.kernels.schedules.launched.pieces import cut
+from balloon_warp.kernels.schedules.pieces import cut
 from balloon_warp.kernels.substep import AIMING, phases_of
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits

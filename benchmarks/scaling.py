@@ -19,9 +19,9 @@ from balloon_warp.benchmarks.measure import prepared
 from balloon_warp.benchmarks.result import Result
 from balloon_warp.errors import InputError, WorkersLostError
 from balloon_warp.model import build_model, initial_state
-from balloon_warp.quiet import quiet_warp
 from balloon_warp.schedules import make_schedule
 from balloon_warp.schedules.lanes import LanesSchedule
+from balloon_warp.warp_logging import quiet_warp
 
 REPEATS = 5
 PATIENCE = 600.0

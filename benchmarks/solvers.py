@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from balloon_warp.benchmarks.quad_sphere import quad_sphere
 from balloon_warp.device import pick_device
 from balloon_warp.model import build_model
-from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene import Balloon, Inflation, Scene, Stiffness, String
 from balloon_warp.simulator import Simulator
+from balloon_warp.warp_logging import quiet_warp
 
 RADIUS = 0.5
 FRAMES = 20

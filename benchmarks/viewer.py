@@ -11,8 +11,8 @@ import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene.load import load_scene
+from balloon_warp.warp_logging import quiet_warp
 
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
 FLAGS = "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking"

@@ -25,12 +25,12 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from balloon_warp.benchmarks.quad_sphere import quad_sphere
-from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene import Balloon, Scene, String
 from balloon_warp.viewer.guard import MOST_NONSENSE
 from balloon_warp.viewer.messages import understood
 from balloon_warp.viewer.page import Page
 from balloon_warp.viewer.session import Session
+from balloon_warp.warp_logging import quiet_warp
 
 LOOK = 200
 """messages between two looks at whether time goes on"""

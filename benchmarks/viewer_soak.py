@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from balloon_warp.benchmarks.viewer import FLAGS, find_chromium
-from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene.load import load_scene
+from balloon_warp.warp_logging import quiet_warp
 
 SCENES = ("squirrel_inflate", "squirrel_tether", "sphere_launch", "bowl_to_sphere")
 KEYS = ("ArrowUp", "ArrowDown", "Space", "n", "r", "c", "f")

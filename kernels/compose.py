@@ -10,9 +10,9 @@ from functools import cache
 from typing import Any
 
 from balloon_warp.kernels.algebra import number_in, of_lane
+from balloon_warp.kernels.codegen import function_from
 from balloon_warp.kernels.laws.columns import Columns
 from balloon_warp.kernels.laws.law import GIVEN, Kind, Law
-from balloon_warp.kernels.written import function_from
 
 NOTHING: Mapping[str, str] = {"vec3": "wp.vec3()", "float": "0.0"}
 """the sum of no laws, by type"""

@@ -7,10 +7,10 @@ from wetness import displaced
 
 from balloon_warp import Frame, PolygonMesh, bundled_scenes
 from balloon_warp.benchmarks.overlap import depth, surface
-from balloon_warp.endings import bad_endings
 from balloon_warp.mesh.components import component_labels
 from balloon_warp.mesh.geometry import signed_volume, total_area
 from balloon_warp.model import Model
+from balloon_warp.outcomes import bad_endings
 
 
 def thickness(points: np.ndarray, part: np.ndarray) -> float:

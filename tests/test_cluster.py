@@ -22,12 +22,12 @@ from pxr import Sdf
 
 from balloon_warp import Cluster, InputError, Scene, WorkersLostError, run_batch
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene import Balloon, Ground, Sphere, String
 from balloon_warp.sweep import cluster as cluster_module
 from balloon_warp.sweep import distribute, shares
 from balloon_warp.sweep.output import BatchOutput
 from balloon_warp.sweep.task import BatchTask
+from balloon_warp.warp_logging import quiet_warp
 
 dask = pytest.importorskip("dask", reason="needs the extra `cluster`")
 distributed = pytest.importorskip("distributed")

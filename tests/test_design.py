@@ -45,6 +45,7 @@ def test_a_design_becomes_the_shape_from_rest(of: str, stretch: float, steps: in
     """Nearer than its rival, and as its scene says that runs by itself; a mould is in millimeters."""
     design = bw.design(pear(), of=of, stretch=stretch, size=0.2, folder=tmp_path, steps=steps, device="cpu")
     assert design.error.mean < most
+    assert design.plain_error
     assert design.error.mean < 0.2 * design.plain_error.mean
     assert abs(design.held_error.mean - design.error.mean) < most
     assert design.cannot == []

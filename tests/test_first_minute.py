@@ -16,7 +16,7 @@ from meshes import cube, quad_sphere
 
 import balloon_warp as bw
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.quiet import quiet_warp
+from balloon_warp.warp_logging import quiet_warp
 
 LOOK_AROUND = """
 import sys

@@ -14,9 +14,9 @@ from meshes import cube
 from balloon_warp import animate, run_batch, temporaries
 from balloon_warp.files import check_writable, folder_beside, whole_file
 from balloon_warp.outputs.exports import export_stage
-from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene import Balloon, Scene
 from balloon_warp.temporaries import clear_left_over, scratch_folder, temporary_in
+from balloon_warp.warp_logging import quiet_warp
 
 SCENE = Scene(balloon=[Balloon(mesh=cube(), name="box")], frames=6)
 BEGIN = """
@@ -199,7 +199,7 @@ def test_headers_that_warp_compiles_go_with_a_kill(tmp_path: Path, system_folder
     compile_one = """
 import time
 import warp as wp
-from balloon_warp.quiet import quiet_warp
+from balloon_warp.warp_logging import quiet_warp
 quiet_warp()
 @wp.kernel(module="unique")
 def one(a: wp.array(dtype=float)):

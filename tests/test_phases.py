@@ -15,8 +15,8 @@ from method_scenes import SCENES
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.phase import Look, Phase, phase
 from balloon_warp.kernels.schedules.launched.looks import GATHERED, SUMMED
-from balloon_warp.kernels.schedules.launched.pieces import cut
 from balloon_warp.kernels.schedules.launched.source import source_of
+from balloon_warp.kernels.schedules.pieces import cut
 from balloon_warp.kernels.substep import PROJECTIVE_STEP, READING, STEP, phases_of
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, build_model, initial_state

@@ -18,7 +18,7 @@ from balloon_warp.sweep.cluster import Cluster, start_workers
 
 WRITE = """
 import sys
-from balloon_warp.quiet import quiet_warp
+from balloon_warp.warp_logging import quiet_warp
 from balloon_warp.job import animate
 from balloon_warp.scene import load_scene
 from balloon_warp.sweep.batch import run_batch

@@ -10,7 +10,7 @@ import pytest
 import warp as wp
 from meshes import quad_sphere
 
-from balloon_warp import Scene, Simulator, animate, run_batch, turns
+from balloon_warp import Scene, Simulator, animate, run_batch, warp_lock
 from balloon_warp.outputs.render import render_stage
 from balloon_warp.scene import Balloon, Ground, Inflation, Sphere
 from balloon_warp.trajectories import simulate
@@ -84,7 +84,7 @@ def test_whatever_is_queued_takes_its_turn(monkeypatch: pytest.MonkeyPatch, tmp_
 
         def watched(*arguments: Any, **named: Any) -> Any:
             caller = sys._getframe(1).f_code.co_filename
-            if "unlocked" in repr(turns.ALONE) and not (
+            if "unlocked" in repr(warp_lock.PROCESS_LOCK) and not (
                 name == "numpy" and caller.endswith("reading.py")
             ):  # on the host
                 untaken.append(f"{name} in {caller}")
@@ -92,7 +92,7 @@ def test_whatever_is_queued_takes_its_turn(monkeypatch: pytest.MonkeyPatch, tmp_
 
         monkeypatch.setattr(owner, name, watched)
 
-    monkeypatch.setattr(turns, "nullcontext", lambda: turns.ALONE)
+    monkeypatch.setattr(warp_lock, "nullcontext", lambda: warp_lock.PROCESS_LOCK)
     for name in QUEUED:
         watch(wp, name)
     for name in ("numpy", "assign", "fill_", "zero_"):

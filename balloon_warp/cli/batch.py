@@ -31,9 +31,9 @@ from balloon_warp.cli.words import counted, played
 from balloon_warp.driver import begin_driver
 from balloon_warp.errors import InputError
 from balloon_warp.garbage import without_collecting
-from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene.load import scene_name
 from balloon_warp.sweep.values import ends_of, parse_export, parse_vary, spread
+from balloon_warp.warp_logging import quiet_warp
 
 if TYPE_CHECKING:
     from balloon_warp.sweep.batch import BatchSummary

@@ -12,7 +12,7 @@ from rich.table import Table
 
 from balloon_warp.cli.options import OUTPUT, Device, Json
 from balloon_warp.errors import InputError
-from balloon_warp.quiet import quiet_warp
+from balloon_warp.warp_logging import quiet_warp
 
 if TYPE_CHECKING:
     from balloon_warp.benchmarks.result import Result

@@ -23,8 +23,8 @@ from balloon_warp.cli.size import parse_size
 from balloon_warp.cli.words import begun
 from balloon_warp.comparison.choices import parse_choices, shown
 from balloon_warp.errors import InputError
-from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene.load import scene_name
+from balloon_warp.warp_logging import quiet_warp
 
 if TYPE_CHECKING:
     from balloon_warp.comparison.compare import Comparison

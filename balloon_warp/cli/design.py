@@ -9,7 +9,7 @@ from balloon_warp.cli.options import LONG, OUTPUT, Device, Resume
 from balloon_warp.cli.stages import stages
 from balloon_warp.cli.warn import warn
 from balloon_warp.errors import StoppedError
-from balloon_warp.quiet import quiet_warp
+from balloon_warp.warp_logging import quiet_warp
 
 DESIGN = "The design"
 """a part of the help"""

@@ -7,7 +7,7 @@ import typer
 from rich.console import Console
 
 from balloon_warp.cli.options import Device, Json
-from balloon_warp.quiet import quiet_warp
+from balloon_warp.warp_logging import quiet_warp
 
 if TYPE_CHECKING:
     from balloon_warp.doctor import Report, SelfTest

@@ -6,7 +6,7 @@ import typer
 
 from balloon_warp.cli.changes import Changes
 from balloon_warp.cli.options import MeshOptions, Set
-from balloon_warp.quiet import quiet_warp
+from balloon_warp.warp_logging import quiet_warp
 
 
 def kernel(

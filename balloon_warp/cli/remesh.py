@@ -16,7 +16,7 @@ from balloon_warp.mesh.obj import LOADERS, write_obj
 from balloon_warp.mesh.obj_looks import check_materials
 from balloon_warp.mesh.placement import in_y_up_meters
 from balloon_warp.mesh.prepare import Treatment, prepared
-from balloon_warp.quiet import quiet_warp
+from balloon_warp.warp_logging import quiet_warp
 
 
 def remesh(

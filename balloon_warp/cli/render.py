@@ -10,7 +10,7 @@ from rich.progress import Progress
 from balloon_warp.cli.camera import CameraOptions
 from balloon_warp.cli.options import Device
 from balloon_warp.cli.size import parse_frames, parse_size
-from balloon_warp.quiet import quiet_warp
+from balloon_warp.warp_logging import quiet_warp
 
 
 def render(

@@ -8,8 +8,8 @@ from typing import Any, cast
 import typer
 from pydantic import ValidationError
 
-from balloon_warp.meant import ask, did_you_mean
 from balloon_warp.scene.load import bundled_scenes
+from balloon_warp.suggestions import ask, did_you_mean
 
 UsageError = cast("type[Exception]", typer.BadParameter.__base__)
 """what Typer raises of each such mistake; where it stands differs from version to version"""

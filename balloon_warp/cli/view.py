@@ -12,8 +12,8 @@ from rich.markup import escape
 from balloon_warp.cli.changes import Changes
 from balloon_warp.cli.options import OUTPUT, Device, MeshOptions, SceneName, Set
 from balloon_warp.cli.warn import first_line, note, warner
-from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene.load import scene_name
+from balloon_warp.warp_logging import quiet_warp
 
 if TYPE_CHECKING:
     from balloon_warp.viewer.page import Page

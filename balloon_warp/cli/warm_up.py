@@ -6,9 +6,9 @@ import typer
 from rich.console import Console
 
 from balloon_warp.cli.options import Device, Schedule
-from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene import bundled_scenes, load_scene
 from balloon_warp.scene.load import scene_name
+from balloon_warp.warp_logging import quiet_warp
 
 
 def warm_up(

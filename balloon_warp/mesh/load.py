@@ -7,11 +7,11 @@ from pathlib import Path
 
 from balloon_warp.errors import InputError
 from balloon_warp.files import file_behind, legible
-from balloon_warp.meant import did_you_mean_file
 from balloon_warp.mesh import gltf, obj, trimesh_formats, usd
 from balloon_warp.mesh.check import check_mesh
 from balloon_warp.mesh.from_python import MeshLike, mesh_from
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
+from balloon_warp.suggestions import did_you_mean_file
 
 LOADERS = obj.LOADERS | usd.LOADERS | trimesh_formats.LOADERS | gltf.LOADERS
 

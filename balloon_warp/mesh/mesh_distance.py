@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from balloon_warp.kernels.measure.signed_distance import signed_distances, unsigned_distances
 from balloon_warp.mesh.components import component_labels
 from balloon_warp.mesh.geometry import first_coincident
-from balloon_warp.turns import in_turn
+from balloon_warp.warp_lock import lock_of
 
 SLAB = 1.5
 """of the given thickness is what is thin, and what it becomes"""
@@ -77,7 +77,7 @@ class MeshDistance:
         return _warp_mesh(points, triangles[thin][parts_kept]) if parts_kept.any() else None
 
     def _query(self, kernel: Any, mesh: wp.Mesh, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        with in_turn(wp.get_device()):
+        with lock_of(wp.get_device()):
             distances = wp.empty(len(points), dtype=float)
             at = wp.array(points, dtype=wp.vec3)
             wp.launch(kernel, len(points), inputs=[mesh.id, at, self._farthest], outputs=[distances])
@@ -93,7 +93,7 @@ def _part_labels(points: NDArray[np.float64], triangles: NDArray[np.integer[Any]
 def _warp_mesh(
     points: NDArray[np.float64], triangles: NDArray[np.integer[Any]], winding_number: bool = False
 ) -> wp.Mesh:
-    with in_turn(wp.get_device()):
+    with lock_of(wp.get_device()):
         return wp.Mesh(
             points=wp.array(points, dtype=wp.vec3),
             indices=wp.array(triangles.ravel(), dtype=wp.int32),

@@ -24,7 +24,7 @@ from balloon_warp.mesh.level import Level
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.surface_nets import surface_nets
 from balloon_warp.mesh.topology import mesh_edges
-from balloon_warp.quiet import quiet_warp
+from balloon_warp.warp_logging import quiet_warp
 
 MIN_CELLS, MAX_CELLS = 4, 256
 TRIES, FINER = 3, 1.5

@@ -12,13 +12,13 @@ from pxr import Tf, Usd, UsdGeom, UsdUtils
 
 from balloon_warp.errors import InputError
 from balloon_warp.files import file_behind, legible
-from balloon_warp.meant import did_you_mean
 from balloon_warp.mesh.check import check_mesh
 from balloon_warp.mesh.corners import backward_corners, with_corners
 from balloon_warp.mesh.looks import together
 from balloon_warp.mesh.pictures import Pictures
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.usd_looks import read_looks
+from balloon_warp.suggestions import did_you_mean
 
 SCENERY = "balloonWarpScenery"
 """key of the custom data of meshes in our own stages that are no mesh to simulate, such as the ground"""

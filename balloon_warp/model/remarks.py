@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.model.model import Model
 from balloon_warp.model.state import State
-from balloon_warp.turns import in_turn
+from balloon_warp.warp_lock import lock_of
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ def remarks_on(model: Model, state: State, worlds: NDArray[np.integer] | None = 
         state: of all its worlds.
         worlds: their numbers, as they are to be called; as they stand, when missing.
     """
-    with in_turn(model.device):
+    with lock_of(model.device):
         return _found(model, state, np.arange(model.world_count) if worlds is None else worlds)
 
 

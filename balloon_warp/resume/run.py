@@ -16,7 +16,7 @@ from balloon_warp.provenance import describe_simulation
 from balloon_warp.resume.folder import PartialFolder
 from balloon_warp.resume.same_job import as_json, differences
 from balloon_warp.simulator import Simulator
-from balloon_warp.turns import in_turn
+from balloon_warp.warp_lock import lock_of
 
 if TYPE_CHECKING:
     from balloon_warp.outputs.usd import StageWriter
@@ -137,7 +137,7 @@ class Checkpoints:
                 self._begun = True  # and no frame
         if self._safe <= frame:
             self.stage.write_part(self._part(self._safe), range(self._safe, frame + 1))
-            with self.folder.file(self._state(frame).name) as path, in_turn(self.simulator.model.device):
+            with self.folder.file(self._state(frame).name) as path, lock_of(self.simulator.model.device):
                 write_npz(path, ((name, array.numpy()) for name, array in vars(self.simulator.state).items()))
             for state in self.folder.path.glob("state_*.npz"):
                 if state != self._state(frame):

@@ -8,8 +8,8 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from balloon_warp.kernels.laws.law import TINY
-from balloon_warp.meant import ask, closest, did_you_mean
 from balloon_warp.scene.nesting import table_in
+from balloon_warp.suggestions import ask, closest, did_you_mean
 
 LISTS = ("balloon", "sphere", "string", "obstacle", "body", "tube", "change")
 """tables of which there may be several"""

@@ -12,7 +12,6 @@ from typing_extensions import TypeAliasType
 
 from balloon_warp.errors import InputError
 from balloon_warp.files import file_behind, legible, whole_path
-from balloon_warp.meant import did_you_mean_file
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.from_python import MeshLike, is_mesh
 from balloon_warp.mesh.load import LOADERS, load_mesh
@@ -20,6 +19,7 @@ from balloon_warp.scene.around import scene_table_around
 from balloon_warp.scene.complaint import complaint
 from balloon_warp.scene.overrides import Override, OverrideError, apply_overrides, override_scene
 from balloon_warp.scene.schema import Balloon, Body, Obstacle, Scene
+from balloon_warp.suggestions import did_you_mean_file
 
 SceneLike = TypeAliasType("SceneLike", Scene | str | Path | MeshLike)
 """a scene; or what `load_scene` makes one of: a bundled scene's name, a scene file, or a mesh (file or not)"""

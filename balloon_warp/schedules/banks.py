@@ -10,7 +10,7 @@ reads in which of its slots is free, and a local search spreads them.
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.schedules.remembered import remembered
+from balloon_warp.schedules.memoize import memoized
 
 BANKS = 32
 SEARCH_STEPS = 1500
@@ -31,7 +31,7 @@ def wavefronts(neighbors: NDArray[np.int64]) -> float:
     return float(padded.reshape(slots, groups, groups, BANKS).sum(axis=2).max(axis=2).mean())
 
 
-@remembered
+@memoized
 def spread_over_banks(neighbors: NDArray[np.int64]) -> NDArray[np.int64]:
     """An order of each particle's slots, shape (slot_count, particle_count): `take_along_axis` applies it.
 
@@ -81,7 +81,7 @@ def spread_over_banks(neighbors: NDArray[np.int64]) -> NDArray[np.int64]:
 TURN_ROUNDS = 2
 
 
-@remembered
+@memoized
 def turned_over_banks(rings: NDArray[np.int64]) -> NDArray[np.int64]:
     """Rings of neighbors that begin elsewhere, shape (ring_count, slot_count, particle_count); -1 where there are no
     more.
@@ -139,7 +139,7 @@ PARTS = 4
 """of the warps, which are dealt out anew one after the other"""
 
 
-@remembered
+@memoized
 def spread_over_lanes(order: NDArray[np.int64], neighbors: NDArray[np.int64]) -> NDArray[np.int64]:
     """The particles in an order in which those of each warp stay in it, but in other places, shape (particle_count,).
 

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.schedules.banks import turned_over_banks
 from balloon_warp.schedules.membranes import MembraneQuads
-from balloon_warp.schedules.remembered import remembered
+from balloon_warp.schedules.memoize import memoized
 
 HALF_WARP, QUARTER_WARP = 16, 8
 """threads whose loads of two and of four words are one wavefront: entries meet that are alike modulo these"""
@@ -35,7 +35,7 @@ def begun(quads: MembraneQuads, turns: NDArray[np.int64]) -> MembraneQuads:
     )
 
 
-@remembered
+@memoized
 def spread_places(places: NDArray[np.int64]) -> NDArray[np.int64]:
     """The places that each particle reads in each slot, shape (slot_count, particle_count), -1 where there is none, in
     another order of each particle's slots.

@@ -8,7 +8,7 @@ particles need of each other no more than where they are, see `patches`.
 from typing import Any
 
 from balloon_warp.kernels.schedules.launched.looks import GATHERED
-from balloon_warp.kernels.schedules.launched.pieces import Step, cut
+from balloon_warp.kernels.schedules.pieces import Step, cut
 from balloon_warp.kernels.substep import AIMING, phases_of
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State

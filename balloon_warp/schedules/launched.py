@@ -7,8 +7,8 @@ from typing import Any, ClassVar
 import warp as wp
 
 from balloon_warp.kernels.phase import Look, Phase
-from balloon_warp.kernels.schedules.launched.pieces import Step, cut
 from balloon_warp.kernels.schedules.launched.sphere_forces import read_sphere_forces, write_sphere_forces
+from balloon_warp.kernels.schedules.pieces import Step, cut
 from balloon_warp.kernels.substep import STEP, phases_of
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.launching import launch

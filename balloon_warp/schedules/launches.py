@@ -9,8 +9,8 @@ import warp as wp
 
 from balloon_warp.kernels.contact.near import mark_count
 from balloon_warp.kernels.phase import STATE, Item
-from balloon_warp.kernels.schedules.launched.pieces import Piece, Step, values_of
 from balloon_warp.kernels.schedules.launched.source import ITEMS_OF_PART, Part, arguments_of, kernel_of
+from balloon_warp.kernels.schedules.pieces import Piece, Step, values_of
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.working import Working
 from balloon_warp.launching import begin_loading, launch, launch_tiled

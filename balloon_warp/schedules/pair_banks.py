@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from balloon_warp.schedules.banks import BANKS
 from balloon_warp.schedules.film_banks import HALF_WARP, QUARTER_WARP, begun
 from balloon_warp.schedules.membranes import MembraneQuads
-from balloon_warp.schedules.remembered import remembered
+from balloon_warp.schedules.memoize import memoized
 
 EXCHANGED = [5, 2, 1, 4, 3, 0]
 """corners of quads abcd and befc if the second is the first, fcbe, and the first the second, cdab"""
@@ -47,7 +47,7 @@ def corners_of_pairs(quads: MembraneQuads) -> NDArray[np.int64]:
     return np.concatenate([first, second[:, 1:3]], axis=1)
 
 
-@remembered
+@memoized
 def dealt_pairs(corners: NDArray[np.int64]) -> NDArray[np.int64]:
     """The pair of each thread, and whether its quads are exchanged, shape (n, 2).
 

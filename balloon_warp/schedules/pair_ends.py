@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from balloon_warp.schedules.banks import BANKS
 from balloon_warp.schedules.film_banks import HALF_WARP, QUARTER_WARP
+from balloon_warp.schedules.memoize import memoized
 from balloon_warp.schedules.pair_banks import EXCHANGED
-from balloon_warp.schedules.remembered import remembered
 
 B, C = 1, 2
 """of a pair's corners"""
@@ -24,7 +24,7 @@ EXCHANGE_STEPS = 0.2
 """of them those that exchange a pair's quads"""
 
 
-@remembered
+@memoized
 def dealt_ends(corners: NDArray[np.int64], sizes: NDArray[np.int64]) -> NDArray[np.int64]:
     """The pair of each thread that has one, and whether its quads are exchanged, shape (n, 2); none if too few
     particles are ends, or too many pairs have none of their own.

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.schedules.remembered import remembered
+from balloon_warp.schedules.memoize import memoized
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -23,7 +23,7 @@ FEWEST = 3
 """pairs at a particle that are tried for: four quads, one of whose edges is shared"""
 
 
-@remembered
+@memoized
 def paired(corners: NDArray[np.int64], balloons: NDArray[np.int64]) -> NDArray[np.int64]:
     """The two quads of each pair, and by how many corners each is turned: the first until the edge from its second to
     its third corner is shared, the second until that is from its last to its first. Shape (n, 4), sorted; without pairs

@@ -35,4 +35,5 @@ def cross_matrices(vectors: Values) -> Values:
 
 def gathered(places: Numbers, vectors: Values, count: int) -> Values:
     """Add up vectors of shape (n, 3) by the particles they act on, shape (count, 3)."""
-    return np.stack([np.bincount(places, vectors[:, axis], count) for axis in range(3)], axis=1)
+    sums = [np.bincount(places, vectors[:, axis], count) for axis in range(3)]
+    return np.stack(sums, axis=1).astype(np.float64)

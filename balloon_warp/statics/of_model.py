@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.linalg import LinearOperator
 
+from balloon_warp.errors import InputError
+from balloon_warp.frame import Frame
 from balloon_warp.kernels.laws.hooke import KINDS
 from balloon_warp.model.materials import law_of, numbers_of
 from balloon_warp.model.model import Model
@@ -56,6 +58,18 @@ class WholeSkin:
         return sum(skin.stiffness(points) for skin in self._skins)
 
 
+def stiffness_in(model: Model, frame: Frame, world: int, balloon: int) -> LinearOperator:
+    """`stiffness_operator` of a balloon in a frame.
+
+    Raises:
+        InputError: there is no such balloon.
+    """
+    if not isinstance(balloon, int) or not 0 <= balloon < len(frame.points):
+        raise InputError(f"balloon: there is no balloon {balloon}; expected 0 to {len(frame.points) - 1}")
+    points = frame.points[balloon].astype(np.float64)
+    return stiffness_operator(model, points, float(frame.pressures[balloon]), world, balloon)
+
+
 def stiffness_operator(model: Model, points: Values, pressure: float, world: int, number: int) -> LinearOperator:
     """Minus the derivatives of the forces of springs, film, pressure and gas on a balloon's particles by their places
     [N/m], shape (3 n, 3 n), symmetric. Those of gas are a product of two vectors, so that the matrix is not sparse.
@@ -84,4 +98,4 @@ def stiffness_operator(model: Model, points: Values, pressure: float, world: int
     def times(vector: Values) -> Values:
         return matrix @ vector.ravel() + slopes * (squeeze * (slopes @ vector.ravel()))
 
-    return LinearOperator(matrix.shape, matvec=times, rmatvec=times, dtype=np.float64)
+    return LinearOperator(matrix.shape, matvec=times, rmatvec=times, dtype=np.float64)  # pyright: ignore

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from balloon_warp.beginning import Beginning
 from balloon_warp.blow_ups import check_policy
-from balloon_warp.endings import BadEnding, ending_sentences
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Law
 from balloon_warp.model import remark_sentences
 from balloon_warp.model.varied_scene import scene_to_vary
+from balloon_warp.outcomes import BadEnding, ending_sentences
 from balloon_warp.outputs.table import TABLE_NAMES
 from balloon_warp.outputs.worlds_table import WORLDS_NAMES
 from balloon_warp.resume import CHECKPOINT_SECONDS

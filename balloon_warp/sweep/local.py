@@ -21,7 +21,7 @@ from balloon_warp.sweep.output import BatchOutput
 from balloon_warp.sweep.recorder import Recorder
 from balloon_warp.sweep.resume import BatchCheckpoints, Part
 from balloon_warp.sweep.task import BatchTask, Outcome
-from balloon_warp.turns import in_turn
+from balloon_warp.warp_lock import lock_of
 
 
 def simulate_locally(
@@ -44,7 +44,7 @@ def simulate_locally(
     """
     began = time.perf_counter()
     target = pick_device(device)
-    with in_turn(target):
+    with lock_of(target):
         models = [lay_out(group.plan, target) for group in task.groups]
         schedules = [settled_solver(task.schedule, model, task.world_count) for model in models]
         require_batch_memory(models, schedules, task.groups, task.chosen, task.scene, frames_held=WAITING + 2)
@@ -53,7 +53,7 @@ def simulate_locally(
     on_begin(task.beginning(str(target), named))
     with BatchOutput(task.folder, task.scene, task.groups, task.chosen, task.vary) as output:
         begin = _simulate_frames(task, simulators, output, checkpoints, on_frame)
-        with in_turn(target):
+        with lock_of(target):
             crowded = sum(simulator.schedule.crowded for simulator in simulators)
             remarks = [
                 remark
@@ -143,7 +143,7 @@ def _take_up(
 def _arrays(simulator: Simulator, recorder: Recorder) -> Iterator[tuple[str, NDArray]]:
     """All that a frame depends on of those before it; one at a time is on the host."""
     for name, array in {**vars(simulator.state), **recorder.changing}.items():
-        with in_turn(array.device):
+        with lock_of(array.device):
             values = array.numpy()
         yield name, values
 

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.endings import BadEnding, LastFrame, bad_endings
 from balloon_warp.errors import InputError
 from balloon_warp.files import check_writable, target_of, whole_file
+from balloon_warp.outcomes import BadEnding, LastFrame, bad_endings
 from balloon_warp.outputs.table import TABLE_NAMES, TableWriter
 from balloon_warp.outputs.worlds_table import WORLDS_NAMES, write_worlds
 from balloon_warp.scene import Scene

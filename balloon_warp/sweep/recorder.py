@@ -16,7 +16,7 @@ from balloon_warp.launching import launch
 from balloon_warp.model import ModelPlan
 from balloon_warp.scene import Box, Scene
 from balloon_warp.simulator import Simulator
-from balloon_warp.turns import ALONE, in_turn
+from balloon_warp.warp_lock import PROCESS_LOCK, lock_of
 
 LANES = 32
 """threads that sum a balloon; the same everywhere, so that a world's sums do not depend on its batch"""
@@ -75,7 +75,7 @@ class Recorder:
 
     def __init__(self, simulator: Simulator, chosen: NDArray[np.integer]):
         self.simulator = simulator
-        with in_turn(simulator.model.device):
+        with lock_of(simulator.model.device):
             self._allocate(chosen)
 
     def _allocate(self, chosen: NDArray[np.integer]) -> None:
@@ -110,7 +110,7 @@ class Recorder:
 
     def read(self) -> Record:
         """The frame that the simulator is at."""
-        with in_turn(self.simulator.model.device):
+        with lock_of(self.simulator.model.device):
             return self._read()
 
     def _read(self) -> Record:
@@ -133,14 +133,14 @@ class Recorder:
 
     def restore(self, saved: Mapping[str, NDArray]) -> None:
         """Go on from where another recorder of the same worlds was, from the contents of its `changing`."""
-        with in_turn(self.simulator.model.device):
+        with lock_of(self.simulator.model.device):
             for name, array in self.changing.items():
                 array.assign(saved[name])
 
     @cached_property
     def _graph(self) -> Any:
         device = self.simulator.model.device
-        with ALONE, wp.ScopedDevice(device), wp.ScopedCapture(device) as capture:
+        with PROCESS_LOCK, wp.ScopedDevice(device), wp.ScopedCapture(device) as capture:
             self._measure()
             self._pick()
         return capture.graph

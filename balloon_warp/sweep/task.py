@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.beginning import Beginning
-from balloon_warp.endings import BadEnding
 from balloon_warp.kernels.laws import Law
 from balloon_warp.model import Remark
+from balloon_warp.outcomes import BadEnding
 from balloon_warp.scene import Scene
 from balloon_warp.sweep.blow_ups import Failures
 from balloon_warp.sweep.groups import BatchVary, Group

@@ -18,9 +18,9 @@ import warp as wp
 from balloon_warp.errors import BlowUpError, InputError
 from balloon_warp.kernels.laws import Law
 from balloon_warp.provenance import describe_simulation
-from balloon_warp.quiet import quiet_warp
 from balloon_warp.scene import Scene
 from balloon_warp.viewer.playground import Playground
+from balloon_warp.warp_logging import quiet_warp
 
 NICENESS = 15
 """of the process: the simulation and the browser come first"""

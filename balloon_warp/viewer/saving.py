@@ -9,8 +9,8 @@ from pathlib import Path
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Law
-from balloon_warp.quiet import quiet_warp
 from balloon_warp.viewer.recording import Recorded, write_recording
+from balloon_warp.warp_logging import quiet_warp
 
 NICENESS = 10
 """of the process: the simulation comes first"""

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from balloon_warp.errors import BlowUpError
 from balloon_warp.kernels.laws import Law
 from balloon_warp.scene import Scene
-from balloon_warp.turns import ALONE, in_turn
 from balloon_warp.viewer.moments import Moments
 from balloon_warp.viewer.pace import Pace
 from balloon_warp.viewer.picture import Picture
@@ -23,6 +22,7 @@ from balloon_warp.viewer.recording import Recording, free_number
 from balloon_warp.viewer.saving import told_of_saving
 from balloon_warp.viewer.trouble import sentence_of
 from balloon_warp.viewer.wishes import Wish, Wishes
+from balloon_warp.warp_lock import PROCESS_LOCK, lock_of
 
 SHOWN_SECONDS = 1.0 / 30.0
 """between two pictures of the state"""
@@ -56,7 +56,7 @@ class Session:
     """whether net forces are to be seen"""
 
     def __post_init__(self) -> None:
-        with ALONE:
+        with PROCESS_LOCK:
             self.playground = Playground(self.scene, self.device, self.laws)
         self.pace = Pace()
         self.running, self.trouble, self.why = True, "", ""
@@ -205,7 +205,7 @@ class Session:
 
     def _go_on(self) -> None:
         """Grant what was asked for, and simulate a frame, if time goes on."""
-        with in_turn(self.playground.simulator.model.device):
+        with lock_of(self.playground.simulator.model.device):
             self._busy_since = time.perf_counter()
             self._is_new |= self._wishes.grant(lambda: self.playground)
             self._busy_since = None
@@ -217,7 +217,7 @@ class Session:
             return
         frame_seconds = self.playground.simulator.model.frame_seconds
         time.sleep(self.pace.wait(time.perf_counter(), frame_seconds))
-        with in_turn(self.playground.simulator.model.device):
+        with lock_of(self.playground.simulator.model.device):
             self._busy_since = time.perf_counter() if self._is_new else None
             self._advance()
             self._is_new, self._busy_since = False, None
@@ -228,7 +228,7 @@ class Session:
             self._show()
 
     def _show(self) -> None:
-        with in_turn(self.playground.simulator.model.device):
+        with lock_of(self.playground.simulator.model.device):
             self.picture = self._take_picture()
 
     def tell(self, sentence: str) -> None:

@@ -13,12 +13,12 @@ from balloon_warp.device import pick_device
 from balloon_warp.kernels.pictures import raycast
 from balloon_warp.kernels.pictures.printed import Prints
 from balloon_warp.kernels.pictures.shapes import Shapes
-from balloon_warp.outputs.render.camera import Camera
+from balloon_warp.outputs.camera import Camera
 from balloon_warp.outputs.render.prims import Capsules
 from balloon_warp.outputs.render.sampling import disc_points, spread_points
 from balloon_warp.outputs.render.stage_reader import RenderStage
 from balloon_warp.outputs.render.studio import light_studio
-from balloon_warp.turns import in_turn
+from balloon_warp.warp_lock import lock_of
 
 WIDEST_BLUR = 9
 """pixels over which the shares of light of four samples or less are smoothed to each side"""
@@ -64,7 +64,7 @@ class RayCaster:
         self._mesh: wp.Mesh | None = None
         self._bvh: wp.Bvh | None = None
         self._shapes = Shapes()
-        with in_turn(self.device):
+        with lock_of(self.device):
             self._upload_fixed()
             self._allocate()
 
@@ -74,7 +74,7 @@ class RayCaster:
         Args:
             least_radius: of lines, in the stage's unit.
         """
-        with in_turn(self.device):
+        with lock_of(self.device):
             self._place(frame, least_radius)
 
     def _place(self, frame: float, least_radius: float) -> None:
@@ -103,7 +103,7 @@ class RayCaster:
         radius = max(2, round(WIDEST_BLUR * min(1.0, (4.0 / self._samples) ** 0.5)))
         inputs = [self._shapes, studio, lens, self._pixel_samples, self._disc_samples, self._lens_samples]
         ground = [*self._ground_light, self._ground_shares]
-        with in_turn(self.device):
+        with lock_of(self.device):
             self._launch(raycast.cast_pixels, inputs, [*light, *noisy, *surface, self._backdrops, *ground])
             self._launch(raycast.smooth_light, [*noisy, *surface, radius, 0, 1], smooth)
             self._launch(raycast.smooth_light, [*smooth, *surface, radius, 1, 0], noisy)

@@ -26,7 +26,7 @@ from balloon_warp.outputs.usd.sphere import SpherePrim
 from balloon_warp.outputs.usd.string import StringPrim
 from balloon_warp.outputs.usd.studio import define_studio
 from balloon_warp.outputs.usd.tube import TubePrim
-from balloon_warp.turns import in_turn
+from balloon_warp.warp_lock import lock_of
 
 STAGE_SUFFIXES = (".usdc", ".usda", ".usd")
 Prim = BalloonPrim | PlanePrim | SpherePrim | ObstaclePrim | BodyPrim | StringPrim | TubePrim | NetForcesPrim
@@ -80,7 +80,7 @@ class StageWriter:
         self.stage = Usd.Stage.CreateNew(str(self._file.enter_context(whole_file(self.path))))
         self._file.push(self._save)
         describe_stage(self.stage, self.model.scene, self._provenance, view=True)
-        with in_turn(self.model.device):
+        with lock_of(self.model.device):
             self._prims = self._define_prims()
         return self
 

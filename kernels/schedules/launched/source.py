@@ -1,22 +1,16 @@
 """Phases as launches: the source of a kernel for each piece of a list, flat, with just what the piece does."""
 
-import re
 from collections.abc import Mapping
 from functools import cache
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import warp as wp
 
-from balloon_warp.kernels.clock import end_of_step, ramp_at, time_of
-from balloon_warp.kernels.loops.areas import volume_origin
-from balloon_warp.kernels.memory import put_vector_in, two_in, vector_in
+from balloon_warp.kernels.codegen import kernel_from
 from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.own import own_functions
-from balloon_warp.kernels.phase import STATE, VIEWS, Phase
-from balloon_warp.kernels.schedules.launched.pieces import Piece, Step, values_of
-from balloon_warp.kernels.tables import Tables, WorldState
-from balloon_warp.kernels.working import Working
-from balloon_warp.kernels.written import kernel_from
+from balloon_warp.kernels.phase import STATE, VIEWS
+from balloon_warp.kernels.schedules.pieces import Piece, Step
+from balloon_warp.kernels.schedules.writer import Writer, head, named_in
 
 ITEMS_OF_PART = wp.constant(512)
 """of a large balloon, whose items are added up part by part"""
@@ -40,33 +34,27 @@ OF_PARTICLE: Mapping[str, tuple[str, str]] = {
     "load": ("balloon", "two_in(state.inflation_loads, world, balloon)"),
 }
 """the same of a particle"""
-ALIASES = {"springs": "working"}
-"""handles that phases know by another name"""
 OFFSETS = {"particle": "t.particles.offsets", "face": "t.faces.balloon_offsets"}
 """where each balloon's items begin"""
-TYPES = {
-    "Tables": Tables, "WorldState": WorldState, "Working": Working, "time_of": time_of, "end_of_step": end_of_step,
-    "ramp_at": ramp_at, "vector_in": vector_in, "put_vector_in": put_vector_in, "two_in": two_in,
-    "volume_origin": volume_origin, "ITEMS_OF_PART": ITEMS_OF_PART,
-}  # fmt: skip
-"""what a source may refer to, beside its phases"""
 
 
-class _Writer:
-    """Write the source of a piece line by line."""
+class _Writer(Writer):
+    """Write the source of a piece."""
+
+    aliases: ClassVar[Mapping[str, str]] = {"springs": "working"}
 
     def __init__(self, step: Step, piece: Piece, part: Part = "all"):
-        self.step, self.piece, self.part = step, piece, part
-        _, self.read_own = own_functions(step.traits.columns, step.traits.balloons)
-        self.lines: list[str] = []
-        self.known: set[str] = {*HANDLES, "world"}
-        self.indent = "    "
+        super().__init__(step, (*HANDLES, "world"))
+        self.piece, self.part = piece, part
+
+    @property
+    def name(self) -> str:
+        """Return the name of the kernel."""
+        return self.piece.name
 
     def source(self) -> str:
         """Return the text of the kernel."""
-        arguments = [f"{name}: {kind}" for name, kind in self.arguments().items()]
-        head = [f"def {self.piece.name}(", *(f"    {each}," for each in arguments), "):"]
-        return "\n".join([*head, f'    """{self._whose()}"""', *self._written(), ""])
+        return "\n".join([*head(self.name, self.arguments(), self._whose()), *self._written(), ""])
 
     def _whose(self) -> str:
         """Say which thread executes it."""
@@ -78,10 +66,7 @@ class _Writer:
 
     def names(self) -> dict[str, Any]:
         """Return what the text refers to."""
-        step = self.step
-        called = {phase.name: phase.function(step.traits, step.look) for phase in (*self.piece.phases, *step.light)}
-        types = {f"{value}_type": dtype for value, dtype in _written_types(step).items()}
-        return {**TYPES, "read_own": self.read_own, **types, **called}
+        return {**self.scope(self.piece.phases), "ITEMS_OF_PART": ITEMS_OF_PART}
 
     def arguments(self) -> dict[str, str]:
         """Return the names of the kernel's arguments, as it needs them, and their types."""
@@ -95,8 +80,7 @@ class _Writer:
             may_be["all_parts"] = f"wp.array3d[{self._summed}_type]"
         if self.piece.item == "spring":
             may_be["first_spring"] = "wp.int32"
-        named = set(re.findall(r"\w+", "\n".join(self._written())))
-        return {name: kind for name, kind in may_be.items() if name in named}
+        return named_in(self._written(), may_be)
 
     def _written(self) -> list[str]:
         """Return the body's lines."""
@@ -114,52 +98,22 @@ class _Writer:
             self._sum()
         elif piece.item == "team":
             self._begin("world, thread")
-            self._calls(piece.phases)
+            self.calls(piece.phases)
         elif piece.item in ("world", "balloon"):
             self._worlds()
         else:
             self._begin(f"world, {piece.item}")
             if piece.item == "spring":
-                self._line("spring += first_spring")
-            self._calls(piece.phases)
+                self.line("spring += first_spring")
+            self.calls(piece.phases)
             self._leave()
 
     def _begin(self, indices: str) -> None:
-        self._line(f"{indices} = wp.tid()")
+        self.line(f"{indices} = wp.tid()")
         self.known |= set(indices.split(", "))
 
-    def _line(self, text: str) -> None:
-        self.lines.append(self.indent + text)
-
-    def _calls(self, phases: tuple[Phase, ...]) -> None:
-        for phase in phases:
-            call = self._call(phase)
-            self._line(f"# {phase.summary}")
-            self._line(f"{', '.join(phase.writes)} = {call}" if phase.writes else call)
-            self.known |= phase.writes.keys()
-
-    def _call(self, phase: Phase) -> str:
-        reads = [ALIASES.get(name, name) for name in phase.reads(self.step.traits, self.step.look)]
-        for name in reads:
-            self._need(name)
-        return f"{phase.name}({', '.join(reads)})"
-
-    def _need(self, name: str) -> None:
-        """See to it that a name is known."""
-        if name in self.known:
-            return
-        self.known.add(name)
-        for phase in self.step.light:
-            if name in phase.writes:
-                self._line(f"{name} = {self._call(phase)}")
-                return
-        takes, text = self._found(name)
-        if takes:
-            self._need(takes)
-        self._line(f"{name} = {text}")
-
-    def _found(self, name: str) -> tuple[str, str]:
-        """What it takes to find a name, and how."""
+    def found(self, name: str) -> tuple[str, str] | None:
+        """Return what it takes to find a name, and how."""
         kept = self.step.kept
         if VIEWS.get(name) in kept:
             return "", f"all_{VIEWS[name]}[world]"
@@ -174,14 +128,14 @@ class _Writer:
         columns = self.step.traits.columns
         if particles and name in columns.places:
             return "own", f"own.n[{columns.places[name]}]"
-        raise TypeError(f"{self.piece.name}: a phase reads {name}, which nothing before it writes")
+        return None
 
     def _leave(self) -> None:
         """Write what the piece has found to where it is kept."""
         for name in self.piece.moves:
-            self._line(f"put_vector_in(new_{STATE[name]}, world, {self.piece.item}, {name})")
+            self.line(f"put_vector_in(new_{STATE[name]}, world, {self.piece.item}, {name})")
         for name in self.piece.leaves:
-            self._line(f"all_{name}[world, {self.step.owner(name)}] = {name}")
+            self.line(f"all_{name}[world, {self.step.owner(name)}] = {name}")
 
     def _worlds(self) -> None:
         """Write what a thread does for a world, balloon by balloon."""
@@ -192,53 +146,47 @@ class _Writer:
             of_balloon = phase.item == "balloon"
             if of_balloon and not looping:
                 known = set(self.known)
-                self._line("for balloon in range(t.inflation_kind.shape[0]):")
+                self.line("for balloon in range(t.inflation_kind.shape[0]):")
                 self.known.add("balloon")
             elif looping and not of_balloon:
                 self.known = known
             looping = of_balloon
             self.indent = "        " if looping else "    "
-            self._calls((phase,))
+            self.calls((phase,))
 
     def _sum(self) -> None:
         """Write what a block adds up of a balloon, or a part of one, in the same order every time."""
         phase, *others = self.piece.phases
         value = self._summed
         self._begin("world, balloon, part, thread" if self.part == "part" else "world, balloon, thread")
-        self._line("total = float(0.0)" if phase.writes[value] is float else f"total = {value}_type()")
+        self.line("total = float(0.0)" if phase.writes[value] is float else f"total = {value}_type()")
         before = set(self.known)
         if self.part == "parts":
-            self._line("for part in range(thread, all_parts.shape[2], wp.block_dim()):")
-            self._line("    total += all_parts[world, balloon, part]")
+            self.line("for part in range(thread, all_parts.shape[2], wp.block_dim()):")
+            self.line("    total += all_parts[world, balloon, part]")
         else:
             begin, end = f"{OFFSETS[phase.item]}[balloon]", f"{OFFSETS[phase.item]}[balloon + 1]"
             if self.part == "part":
-                self._line(f"begin = {begin} + part * ITEMS_OF_PART")
+                self.line(f"begin = {begin} + part * ITEMS_OF_PART")
                 begin, end = "begin", f"wp.min(begin + ITEMS_OF_PART, {end})"
-            self._line(f"for {phase.item} in range({begin} + thread, {end}, wp.block_dim()):")
+            self.line(f"for {phase.item} in range({begin} + thread, {end}, wp.block_dim()):")
             self.indent = "        "
             self.known.add(phase.item)
-            call = self._call(phase)
-            self._line(f"# {phase.summary}")
-            self._line(f"total += {call}")
+            call = self.call(phase)
+            self.line(f"# {phase.summary}")
+            self.line(f"total += {call}")
             self.indent = "    "
         self.known = before
         tile = "wp.tile(total)" if phase.writes[value] is float else "wp.tile(total, preserve_type=True)"
-        self._line(f"{value} = wp.tile_sum({tile})[0]")
+        self.line(f"{value} = wp.tile_sum({tile})[0]")
         self.known.add(value)
-        self._line("if thread == 0:")
+        self.line("if thread == 0:")
         self.indent = "        "
         if self.part == "part":
-            self._line(f"all_parts[world, balloon, part] = {value}")
+            self.line(f"all_parts[world, balloon, part] = {value}")
         else:
-            self._calls(tuple(others))
+            self.calls(tuple(others))
             self._leave()
-
-
-def _written_types(step: Step) -> dict[str, Any]:
-    """Return the types of all values."""
-    written = {value: dtype for piece in step.pieces for phase in piece.phases for value, dtype in phase.writes.items()}
-    return values_of(step) | written
 
 
 @cache

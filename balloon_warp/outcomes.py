@@ -1,8 +1,8 @@
-"""How a run ended, where that is hardly what was wanted: a balloon came apart, fell for ever, collapsed, swelled past
-recognition, swallowed parts of itself or folded over.
+"""Check the outcome of a run: whether balloons came apart, fell for ever, collapsed, swelled past recognition,
+swallowed parts of themselves or folded over.
 
 Cheap measures of the last frame's points beside the mesh, on the host, in NumPy. The bounds are far from what the
-bundled scenes end with, and near to what balloons in ruins do (tests/test_endings.py).
+bundled scenes end with, and near to what balloons in ruins do (tests/test_outcomes.py).
 """
 
 from collections import Counter

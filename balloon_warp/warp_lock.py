@@ -4,7 +4,7 @@ While Warp records a graph for a CPU, its native half takes down what the record
 keeps the graph that is recorded for the process, and so takes down, or refuses, what every other thread does meanwhile.
 `record_by_thread` makes that one's own affair, too. So simulators on a CPU step in parallel.
 
-A GPU's work is queued in streams that all threads share: there, `in_turn` lets one thread queue or record at a time.
+A GPU's work is queued in streams that all threads share: there, `lock_of` lets one thread queue or record at a time.
 """
 
 from collections.abc import Callable
@@ -17,27 +17,27 @@ import warp as wp
 
 P = ParamSpec("P")
 T = TypeVar("T")
-ALONE = RLock()
+PROCESS_LOCK = RLock()
 """held by the thread that makes a simulator or records a graph"""
 OF_RECORDING = ("_apic_capture", "_apic_graph")
 """attributes of Warp's runtime: the graph that is recorded, or None"""
 
 
-def in_turn(device: wp.Device) -> AbstractContextManager[Any]:
+def lock_of(device: wp.Device) -> AbstractContextManager[Any]:
     """Return the lock that a thread holds while it queues or records work on a device; none on a CPU."""
-    return ALONE if device.is_cuda else nullcontext()
+    return PROCESS_LOCK if device.is_cuda else nullcontext()
 
 
-def taking_turns(method: Callable[P, T]) -> Callable[P, T]:
-    """Run a method of what has a model `in_turn` on the model's device."""
+def locked(method: Callable[P, T]) -> Callable[P, T]:
+    """Hold the lock of the model's device while a method runs of what has a model."""
 
     @wraps(method)
-    def taking_its_turn(*arguments: P.args, **named: P.kwargs) -> T:
+    def holding(*arguments: P.args, **named: P.kwargs) -> T:
         owner: Any = arguments[0]
-        with in_turn(owner.model.device):
+        with lock_of(owner.model.device):
             return method(*arguments, **named)
 
-    return taking_its_turn
+    return holding
 
 
 class _OfThread:

@@ -1,4 +1,4 @@
-"""Searches that take long and are asked the same thing again: by the next share of a batch, say, of the same meshes."""
+"""Memoize searches of arrays that take long and are asked again, by the next share of a batch of the same meshes."""
 
 import hashlib
 from collections import OrderedDict
@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 Search = Callable[Concatenate[NDArray[np.int64], ...], NDArray[np.int64]]
 
 LAST = 8
-"""answers that are remembered of a search"""
+"""answers that are kept of a search"""
 
 
-def remembered(search: Search) -> Search:
-    """The same search of arrays, which knows its last answers; nobody can write into them."""
+def memoized(search: Search) -> Search:
+    """Memoize the last answers of a search of arrays; nobody can write into them."""
     answers: OrderedDict[str, NDArray[np.int64]] = OrderedDict()
 
     @wraps(search)
-    def remembering(*asked: NDArray[np.int64]) -> NDArray[np.int64]:
+    def recall(*asked: NDArray[np.int64]) -> NDArray[np.int64]:
         key = hashlib.sha256()
         for array in asked:
             key.update(f"{array.shape} {array.dtype}".encode())
@@ -34,4 +34,4 @@ def remembered(search: Search) -> Search:
             answers.popitem(last=False)
         return answer
 
-    return remembering
+    return recall

@@ -1,4 +1,4 @@
-"""What was probably meant by a name that is not known."""
+"""Suggest known names for one that is not known."""
 
 import difflib
 from collections.abc import Iterable
@@ -12,8 +12,11 @@ MUCH_LESS = 0.1
 
 
 def closest(name: str, known: Iterable[str]) -> list[str]:
-    """The known names most like `name`, whatever the case: three at most, and none that is much less alike than the
-    first."""
+    """Find the known names most like `name`, whatever the case.
+
+    Returns:
+        Three at most, and none that is much less alike than the first.
+    """
     by_lower = {each.lower(): each for each in known}
     wanted = name[:LONGEST].lower()
     close = difflib.get_close_matches(wanted, by_lower)
@@ -22,12 +25,12 @@ def closest(name: str, known: Iterable[str]) -> list[str]:
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """The end of a sentence that asks for the known names most like `name`; empty where none is like it."""
+    """End a sentence by asking for the known names most like `name`; empty where none is like it."""
     return ask(closest(name, known))
 
 
 def did_you_mean_file(path: Path, suffixes: Iterable[str], names: Iterable[str] = ()) -> str:
-    """The same, for a file that is not there: of those beside where it would be; of a link, where that leads.
+    """End a sentence about a file that is not there with the files beside it that are like it, or where a link leads.
 
     Args:
         path: the file that was asked for.
@@ -47,7 +50,7 @@ def did_you_mean_file(path: Path, suffixes: Iterable[str], names: Iterable[str] 
 
 
 def ask(names: Iterable[str]) -> str:
-    """`; did you mean a, b or c?`; empty where there are no names."""
+    """End a sentence with `; did you mean a, b or c?`; empty where there are no names."""
     *first, last = [*names] or [""]
     listed = f"{', '.join(first)} or {last}" if first else last
     return f"; did you mean {listed}?" if listed else ""

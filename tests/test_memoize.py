@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from balloon_warp.schedules import remembered as module
-from balloon_warp.schedules.remembered import remembered
+from balloon_warp.schedules import memoize as module
+from balloon_warp.schedules.memoize import memoized
 
 
 def test_what_was_found_is_not_sought_again():
     sought: list[list[int]] = []
 
-    @remembered
+    @memoized
     def doubled(values: NDArray[np.int64]) -> NDArray[np.int64]:
         sought.append(values.tolist())
         return 2 * values
@@ -25,7 +25,7 @@ def test_what_was_found_is_not_sought_again():
 
 
 def test_an_answer_cannot_be_spoiled():
-    answer = remembered(lambda values: values)(given := np.arange(3))
+    answer = memoized(lambda values: values)(given := np.arange(3))
     given[0] = 7
     assert answer.tolist() == [0, 1, 2]
     with pytest.raises(ValueError, match="read-only"):
@@ -36,7 +36,7 @@ def test_only_the_last_answers_are_kept(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(module, "LAST", 2)
     sought: list[int] = []
 
-    @remembered
+    @memoized
     def same(values: NDArray[np.int64]) -> NDArray[np.int64]:
         sought.append(int(values[0]))
         return values

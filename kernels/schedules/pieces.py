@@ -1,4 +1,4 @@
-"""A list of phases cut into pieces: what stands between two barriers, where each piece is a launch."""
+"""A list of phases cut into pieces: what stands between two barriers."""
 
 from collections.abc import Collection, Sequence
 from typing import Any, NamedTuple

@@ -1,0 +1,112 @@
+"""What all writers of kernels share: the call of a phase, once all that it reads is at hand."""
+
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from balloon_warp.kernels.clock import end_of_step, ramp_at, time_of
+from balloon_warp.kernels.loops.areas import volume_origin
+from balloon_warp.kernels.memory import put_vector_in, two_in, vector_in
+from balloon_warp.kernels.own import own_functions
+from balloon_warp.kernels.phase import Phase
+from balloon_warp.kernels.schedules.pieces import Step, values_of
+from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.working import Working
+
+SCOPE: Mapping[str, Any] = {
+    "Tables": Tables, "WorldState": WorldState, "Working": Working, "time_of": time_of, "end_of_step": end_of_step,
+    "ramp_at": ramp_at, "vector_in": vector_in, "put_vector_in": put_vector_in, "two_in": two_in,
+    "volume_origin": volume_origin,
+}  # fmt: skip
+"""what a source may refer to, beside its phases"""
+
+
+class Writer(ABC):
+    """Write phases as source, line by line; a schedule says where it finds what they read."""
+
+    aliases: Mapping[str, str] = {}
+    """handles that phases know by another name"""
+
+    def __init__(self, step: Step, known: Iterable[str]):
+        self.step = step
+        self.lines: list[str] = []
+        self.known: set[str] = set(known)
+        """names that a line above has bound"""
+        self.indent = "    "
+
+    @abstractmethod
+    def found(self, name: str) -> tuple[str, str] | None:
+        """Return the text that finds what a phase names, and the name that it takes itself, or ""; or None."""
+
+    def bound(self, name: str) -> str:
+        """Return the variable that holds what a phase names."""
+        return name
+
+    def line(self, text: str) -> None:
+        """Write a line."""
+        self.lines.append(self.indent + text)
+
+    def calls(self, phases: Iterable[Phase]) -> None:
+        """Write calls of phases, each with what it does as a remark."""
+        for phase in phases:
+            call = self.call(phase)
+            self.line(f"# {phase.summary}")
+            writes = ", ".join(self.bound(name) for name in phase.writes)
+            self.line(f"{writes} = {call}" if writes else call)
+            self.known |= {self.bound(name) for name in phase.writes}
+
+    def call(self, phase: Phase) -> str:
+        """Return the call of a phase, once what it reads is at hand."""
+        reads = [self.aliases.get(name, name) for name in phase.reads(self.step.traits, self.step.look)]
+        for name in reads:
+            self.need(name)
+        return f"{phase.name}({', '.join(self.bound(name) for name in reads)})"
+
+    def need(self, name: str) -> None:
+        """See to it that a name is bound."""
+        variable = self.bound(name)
+        if variable in self.known:
+            return
+        self.known.add(variable)
+        for phase in self.step.light:
+            if name in phase.writes:
+                self.line(f"{variable} = {self.call(phase)}")
+                return
+        where = self.found(name)
+        if where is None:
+            raise TypeError(f"{self.name}: a phase reads {name}, which nothing before it writes")
+        takes, text = where
+        if takes:
+            self.need(takes)
+        self.line(f"{variable} = {text}")
+
+    @property
+    @abstractmethod
+    def name(self) -> str:
+        """Return the name of the kernel."""
+
+    def scope(self, phases: Iterable[Phase]) -> dict[str, Any]:
+        """Return what the text refers to, for its phases."""
+        step = self.step
+        called = {phase.name: phase.function(step.traits, step.look) for phase in (*phases, *step.light)}
+        types = {f"{value}_type": dtype for value, dtype in written_types(step).items()}
+        _, read_own = own_functions(step.traits.columns, step.traits.balloons)
+        return {**SCOPE, "read_own": read_own, **types, **called}
+
+
+def head(name: str, arguments: Mapping[str, str], remark: str) -> list[str]:
+    """Return the lines with which a kernel begins."""
+    return [f"def {name}(", *(f"    {each}: {kind}," for each, kind in arguments.items()), "):", f'    """{remark}"""']
+
+
+def named_in(lines: Iterable[str], arguments: Mapping[str, str]) -> dict[str, str]:
+    """Return those arguments that lines name."""
+    named = set(re.findall(r"\w+", "\n".join(lines)))
+    return {name: kind for name, kind in arguments.items() if name in named}
+
+
+def written_types(step: Step) -> dict[str, Any]:
+    """Return the types of all values."""
+    written = {value: dtype for piece in step.pieces for phase in piece.phases for value, dtype in phase.writes.items()}
+    return values_of(step) | written
