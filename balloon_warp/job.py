@@ -11,7 +11,7 @@ from balloon_warp.blow_ups import MOST_HALVINGS, check_policy, with_half_the_ste
 from balloon_warp.errors import BlowUpError
 from balloon_warp.interrupts import Interrupts
 from balloon_warp.kernels.laws import Law
-from balloon_warp.model import remark_sentences, remarks_on
+from balloon_warp.model.remarks import remarks_in_sentences
 from balloon_warp.outcomes import BadEnding, bad_endings, ending_sentences
 from balloon_warp.outputs.background import Background
 from balloon_warp.outputs.usd import StageWriter
@@ -172,7 +172,7 @@ def _look_at_the_end(
     endings = bad_endings(simulator.model, simulator.read_frame(net_forces=False))
     for sentence in ending_sentences(endings):
         on_warning(sentence)
-    remarks = remark_sentences(remarks_on(simulator.model, simulator.state))
+    remarks = remarks_in_sentences(simulator.model, simulator.state)
     for sentence in [*remarks, *crowding_remarks(simulator.schedule.crowded)]:
         on_warning(sentence)
     return endings
