@@ -32,7 +32,7 @@ LAYERS = (
     ("job",),
     ("sweep", "viewer"),
     ("checking", "comparison", "trajectories", "warming", "doctor"),
-    ("designing",),
+    ("designing", "fitting"),
     ("benchmarks", "scenes"),
     ("cli",),
 )

@@ -16,6 +16,7 @@ from balloon_warp.cli.compare import compare
 from balloon_warp.cli.convert import convert
 from balloon_warp.cli.design import design
 from balloon_warp.cli.doctor import doctor
+from balloon_warp.cli.fit import fit
 from balloon_warp.cli.foil import foil
 from balloon_warp.cli.inspect import inspect
 from balloon_warp.cli.kernel import kernel
@@ -51,6 +52,7 @@ for command in (
     remesh,
     foil,
     design,
+    fit,
     render,
     check,
     convert,

@@ -206,7 +206,7 @@ def _beside(meshed: Meshed, path: Path) -> Meshed:
     return with_files(meshed, {name: _found(file, path) for name, file in files_of(meshed).items()})
 
 
-def files_of(meshed: Meshed) -> dict[str, Path]:
+def files_of(meshed: Balloon | Obstacle | Body) -> dict[str, Path]:
     """Find the files that it names, by the paths of the fields that do."""
     found = {}
     for name in FILES:
