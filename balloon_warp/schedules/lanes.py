@@ -49,7 +49,7 @@ class LanesSchedule:
                 f"--schedule {self.name}: runs on the CPU (got {model.device}); block is its like for a GPU"
             )
         self.model, self._traits = model, model_traits(model)
-        self.busy = busy_worlds(model, self._traits, self.name) if self._traits.in_blocks else None
+        self.busy = busy_worlds(model, self._traits) if self._traits.in_blocks else None
         if self.busy:
             self._traits = free_traits(self._traits)
         self._kernel = lanes_kernel(self._traits, self.layout)
@@ -126,16 +126,10 @@ class LanesSchedule:
         )
 
 
-def busy_worlds(model: Model, traits: Traits, schedule: str) -> Any:
-    """Those in which balloons may touch, bodies move or small spheres meet faces; kernels load only where they do.
-
-    Raises:
-        InputError: a world is too large for them.
-    """
-    from balloon_warp.schedules.block import require_block
+def busy_worlds(model: Model, traits: Traits) -> Any:
+    """Those in which balloons may touch, bodies move or small spheres meet faces; kernels load only where they do."""
     from balloon_warp.schedules.busy_worlds import BusyWorlds
 
-    require_block(model, schedule)
     return BusyWorlds(model, traits)
 
 

@@ -25,7 +25,7 @@ THREADS = 128
 
 def has_free_frames(traits: Traits) -> bool:
     """Whether a block leaves worlds to launches, in some frames: not where it does all itself."""
-    return (traits.fixtures or traits.touches) and not traits.always_busy
+    return traits.touches or traits.meets_solids or (traits.fixtures and not traits.always_busy)
 
 
 def free_traits(traits: Traits) -> Traits:
