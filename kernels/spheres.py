@@ -67,8 +67,8 @@ def sphere_in_state(t: Tables, state: WorldState, world: wp.int32, sphere: wp.in
 
 @cache
 def shared_spheres(count: int) -> tuple[Any, Any, Any]:
-    """Return the functions that take the spheres of a world into the shared memory of its block, that put them back, and
-    that give center, velocity and radius of one: by the threads of a block."""
+    """Return the functions by which a block takes the spheres of its world into shared memory, and puts them back, and
+    the one that gives center, velocity and radius of one there."""
     words = shared_words("spheres", count * 22)
     places, motions, radii = (count * words_before for words_before in (6, 9, 21))
 

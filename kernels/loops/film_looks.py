@@ -9,14 +9,11 @@ from balloon_warp.kernels.loops.film_places import FilmLayout
 from balloon_warp.kernels.loops.films import films_of
 from balloon_warp.kernels.loops.held_quads import quads_of
 from balloon_warp.kernels.loops.net_force import Loops, scalar_loops
-from balloon_warp.kernels.loops.slots import slot_functions
+from balloon_warp.kernels.loops.slots import Slots, slot_loop, springs_reader
 from balloon_warp.kernels.loops.springs import spring_loop
 from balloon_warp.kernels.memory import in_tile
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
-from balloon_warp.kernels.working import Working
-
-Slots = tuple[int, int, int]
 
 
 class FilmFunctions(NamedTuple):
@@ -33,7 +30,7 @@ class FilmFunctions(NamedTuple):
 @cache
 def kept_springs(traits: Traits, film: FilmLayout, slots: Slots) -> tuple[Any, Any]:
     """Return the type of what a particle keeps of its springs and faces, and the function that reads it."""
-    Springs, read_springs, _, _, _ = slot_functions(traits, slots, by_place=True)  # noqa: N806 - a type
+    Springs, read_springs = springs_reader(traits, slots)  # noqa: N806 - a type
     read_places = films_of(traits, film).read_places
 
     @wp.struct
@@ -54,22 +51,13 @@ def kept_springs(traits: Traits, film: FilmLayout, slots: Slots) -> tuple[Any, A
 
 
 @cache
-def film_functions(traits: Traits, film: FilmLayout, slots: Slots | None) -> FilmFunctions:
-    """Return the functions of faces, and of particles.
-
-    Args:
-        slots: of springs that particles keep, if they do.
-    """
-    films = films_of(traits, film)
-    quads = quads_of(traits, film) if film.quads else None
-    take = films.take
-    if slots is None:
-        springs_type, pull_of_springs, has_springs = Working, spring_loop(traits, in_tile), True
-    else:
-        springs_type, _, pull_of_springs, _, _ = slot_functions(traits, slots, by_place=True)
-        Kept, _ = kept_springs(traits, film, slots)  # noqa: N806 - a type
-        has_springs = sum(slots) > 0
-    kept_type = wp.int32 if slots is None else springs_type
+def skin_functions(traits: Traits, film: FilmLayout, slots: Slots | None) -> tuple[Any, Any, Any]:
+    """Return the function that collects what faces do to a particle, and those by which it counts beside its springs:
+    of the force, and of the area vector."""
+    take = films_of(traits, film).take
+    kept_type: Any = springs_reader(traits, slots)[0] if slots else wp.int32
+    pull_of_springs = slot_loop(traits, slots) if slots else spring_loop(traits, in_tile)
+    has_springs = slots is None or sum(slots) > 0
 
     @wp.struct
     class Skin:
@@ -111,6 +99,21 @@ def film_functions(traits: Traits, film: FilmLayout, slots: Slots | None) -> Fil
         """[m^2]"""
         return skin.area_vector
 
+    return collect_kept if slots else collect, pull_of_skin, area_vector_of_skin
+
+
+@cache
+def film_functions(traits: Traits, film: FilmLayout, slots: Slots | None) -> FilmFunctions:
+    """Return the functions of faces, and of particles.
+
+    Args:
+        slots: of springs that particles keep, if they do.
+    """
+    films = films_of(traits, film)
+    quads = quads_of(traits, film) if film.quads else None
+    stretch_quads = quads.stretch if quads else None
+    collect, pull, area_vector = skin_functions(traits, film, slots)
+
     @wp.func
     def stretch_kept(
         t: Tables,
@@ -124,13 +127,11 @@ def film_functions(traits: Traits, film: FilmLayout, slots: Slots | None) -> Fil
     ):
         stretch_quads(t, world, thread, numbers, films, points, pulls, area_vectors)
 
-    stretch_quads = quads.stretch if quads else None
     beside = traits._replace(membranes=())
-    loops = scalar_loops(beside, in_tile, pull_of_skin, area_vector_of_skin if film.areas else None)
     return FilmFunctions(
         films.clear,
         stretch_kept if quads else films.stretch,
-        collect if slots is None else collect_kept,
-        loops,
+        collect,
+        scalar_loops(beside, in_tile, pull, area_vector if film.areas else None),
         quads.hold if quads else None,
     )

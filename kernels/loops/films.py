@@ -26,6 +26,25 @@ OF_TRIANGLE = wp.constant(1.0 / 6.0)
 """area vector of a corner over the cross of its edges, from the one before and to the one after"""
 
 
+@wp.func
+def rest_of(films: FilmTable, face: wp.int32, corner: wp.int32):
+    """Of the triangle at a corner of a face."""
+    return four_floats_at(films.rests, corner * films.corners.shape[0] + face)
+
+
+@wp.func
+def is_there(corner: wp.int32, rest: wp.vec4):
+    """Whether a face has a triangle at a corner: where some have four and some one, what is not there has no
+    area."""
+    return corner == 0 or rest[3] > 0.0
+
+
+@wp.func
+def metric_at(corner: wp.int32, d11: wp.vec4, d12: wp.vec4):
+    """Products of the two edges that begin at a corner, or how they change."""
+    return wp.vec3(d11[corner], d12[corner], d11[(corner + 3) % 4])
+
+
 class Films(NamedTuple):
     """Hold the functions of faces, and of particles at their corners."""
 
@@ -41,59 +60,11 @@ class Films(NamedTuple):
 
 
 @cache
-def films_of(traits: Traits, film: FilmLayout) -> Films:
-    """For a layout that has films."""
-    step, put, get, point_at, velocity_at = film_places(film)
+def tensions_of(traits: Traits, film: FilmLayout) -> Any:
+    """Return the function that gives the tensions of a face's triangles."""
     tension, taut_tension = tension_function(traits), taut_tension_function(traits)
     material_of, left_of = material_reader(traits), wear_reader(traits)
-    read_numbers = numbers_reader(traits.columns)
-    triangles, mixed, slots, areas, room = film.triangles, film.mixed, film.slots, film.areas, film.room
-    viscous, fours = traits.viscous, -(-slots // 4)
-    keeps_places = film.tile > 0 and fours == 1
-
-    @wp.func
-    def count_of(films: FilmTable):
-        """Faces."""
-        return films.corners.shape[0]
-
-    @wp.func
-    def nothing(films: FilmTable):
-        """The place where that stands."""
-        if wp.static(room > 0):
-            return wp.static(step * 4 * room)
-        else:
-            return step * 4 * films.corners.shape[0]
-
-    @wp.func
-    def read_places(t: Tables, own: Any, active: bool):
-        places = wp.vec4i()
-        if wp.static(keeps_places):
-            places = four_ints_at(t.membranes.films.places, own.number)
-            if not active:
-                for slot in range(4):
-                    places[slot] = nothing(t.membranes.films)
-        return places
-
-    @wp.func
-    def clear(t: Tables, pulls: Any, area_vectors: Any):
-        """Where a particle has fewer faces than others, it reads what is always zero."""
-        put(pulls, area_vectors, nothing(t.membranes.films), wp.vec3(), wp.vec3())
-
-    @wp.func
-    def rest_of(films: FilmTable, face: wp.int32, corner: wp.int32):
-        """Of the triangle at a corner of a face."""
-        return four_floats_at(films.rests, corner * count_of(films) + face)
-
-    @wp.func
-    def is_there(corner: wp.int32, rest: wp.vec4):
-        """Whether a face has a triangle at a corner: where some have four and some one, what is not there has no
-        area."""
-        return corner == 0 or rest[3] > 0.0
-
-    @wp.func
-    def metric_at(corner: wp.int32, d11: wp.vec4, d12: wp.vec4):
-        """Products of the two edges that begin at a corner, or how they change."""
-        return wp.vec3(d11[corner], d12[corner], d11[(corner + 3) % 4])
+    triangles, mixed, viscous = film.triangles, film.mixed, traits.viscous
 
     @wp.func
     def are_surely_taut(films: FilmTable, face: wp.int32, d11: wp.vec4, d12: wp.vec4):
@@ -149,12 +120,21 @@ def films_of(traits: Traits, film: FilmLayout) -> Films:
                 back[(corner + 3) % 4] = pulls[2]
         return along, both, back
 
+    return stretch_face
+
+
+@cache
+def face_function(traits: Traits, film: FilmLayout) -> Any:
+    """Return the function that measures a face."""
+    step, put, _, point_at, velocity_at = film_places(film)
+    stretch_face, triangles, areas, viscous = tensions_of(traits, film), film.triangles, film.areas, traits.viscous
+
     @wp.func
     def measure_face(
         t: Tables, world: wp.int32, face: wp.int32, n: Any, points: Any, velocities: Any, pulls: Any, area_vectors: Any
     ):
         """By one thread."""
-        count = count_of(t.membranes.films)
+        count = t.membranes.films.corners.shape[0]
         corners = four_ints_at(t.membranes.films.corners, face)
         a = point_at(points, corners[0])
         b = point_at(points, corners[1])
@@ -201,6 +181,40 @@ def films_of(traits: Traits, film: FilmLayout) -> Films:
         if wp.static(triangles == 4):
             put(pulls, area_vectors, step * (2 * count + face), on_c, at_c)
         put(pulls, area_vectors, step * (3 * count + face), on_d, at_d)
+
+    return measure_face
+
+
+@cache
+def films_of(traits: Traits, film: FilmLayout) -> Films:
+    """For a layout that has films."""
+    step, put, get, _, _ = film_places(film)
+    measure_face, read_numbers = face_function(traits, film), numbers_reader(traits.columns)
+    triangles, slots, room, fours = film.triangles, film.slots, film.room, -(-film.slots // 4)
+    keeps_places = film.tile > 0 and fours == 1
+
+    @wp.func
+    def nothing(films: FilmTable):
+        """The place where that stands."""
+        if wp.static(room > 0):
+            return wp.static(step * 4 * room)
+        else:
+            return step * 4 * films.corners.shape[0]
+
+    @wp.func
+    def read_places(t: Tables, own: Any, active: bool):
+        places = wp.vec4i()
+        if wp.static(keeps_places):
+            places = four_ints_at(t.membranes.films.places, own.number)
+            if not active:
+                for slot in range(4):
+                    places[slot] = nothing(t.membranes.films)
+        return places
+
+    @wp.func
+    def clear(t: Tables, pulls: Any, area_vectors: Any):
+        """Where a particle has fewer faces than others, it reads what is always zero."""
+        put(pulls, area_vectors, nothing(t.membranes.films), wp.vec3(), wp.vec3())
 
     @wp.func
     def stretch(

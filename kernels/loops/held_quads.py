@@ -28,12 +28,8 @@ class Quads(NamedTuple):
 
 
 @cache
-def quads_of(traits: Traits, film: FilmLayout) -> Quads:
-    """For a layout whose membranes are quads that threads hold, and that hand out area vectors, too."""
-    quads, room = film.quads, film.room
-    threads = room // quads
-    places = film_places(film)
-    put, point_at, step = places.put, places.point_at, places.step
+def quad_reader(traits: Traits) -> tuple[Any, Any]:
+    """Return the type of a quad at rest, and the function that reads one."""
     tensions = quad_tensions(traits)
     material_of, read_numbers = material_reader(traits), numbers_reader(traits.columns)
 
@@ -45,21 +41,9 @@ def quads_of(traits: Traits, film: FilmLayout) -> Quads:
         balloon: wp.int32
         rest: tensions.rest
 
-    @wp.struct
-    class Held:
-        """What a thread holds."""
-
-        first: Quad
-        second: Quad
-
-    @wp.func
-    def known(t: Tables, number: wp.int32):
-        """Of a thread that has none the last again, for nobody."""
-        return wp.min(number, t.membranes.films.corners.shape[0] - 1)
-
     @wp.func
     def read_quad(t: Tables, world: wp.int32, n: Any, number: wp.int32):
-        face = known(t, number)
+        face = wp.min(number, t.membranes.films.corners.shape[0] - 1)
         quad = Quad()
         quad.corners = four_ints_at(t.membranes.films.corners, face)
         if wp.static(traits.balloons > 1):
@@ -70,13 +54,16 @@ def quads_of(traits: Traits, film: FilmLayout) -> Quads:
             quad.rest = tensions.read(t, face, material_of(t.membranes, 0), n)
         return quad
 
-    @wp.func
-    def hold(t: Tables, world: wp.int32, n: Any, thread: wp.int32):
-        held = Held()
-        held.first = read_quad(t, world, n, thread)
-        if wp.static(quads > 1):
-            held.second = read_quad(t, world, n, thread + threads)
-        return held
+    return Quad, read_quad
+
+
+@cache
+def quad_measure(traits: Traits, film: FilmLayout) -> Any:
+    """Return the function that measures a quad that a thread keeps."""
+    Quad, _ = quad_reader(traits)  # noqa: N806 - a type
+    put, point_at, step = (getattr(film_places(film), name) for name in ("put", "point_at", "step"))
+    tensions, room = quad_tensions(traits), film.room
+    material_of = material_reader(traits)
 
     @wp.func
     def measure(t: Tables, n: Any, quad: Quad, face: wp.int32, points: Any, pulls: Any, area_vectors: Any):
@@ -93,13 +80,40 @@ def quads_of(traits: Traits, film: FilmLayout) -> Quads:
         bd = d - b
         metrics = products_between(ab, bc, cd, da)
         material = material_of(t.membranes, quad.balloon)
-        along, across = tensions.pulls(t, known(t, face), metrics, quad.rest, 0.0, material, n)
+        along, across = tensions.pulls(
+            t, wp.min(face, t.membranes.films.corners.shape[0] - 1), metrics, quad.rest, 0.0, material, n
+        )
         on_a, on_b, on_c, on_d = pulls_between_corners(ab, bc, cd, da, ac, bd, along, across)
         area_a, area_b, area_c, area_d = crosses_at_quad_corners(ab, bc, da, ac, bd)
         put(pulls, area_vectors, step * face, on_a, area_a)
         put(pulls, area_vectors, step * (room + face), on_b, area_b)
         put(pulls, area_vectors, step * (2 * room + face), on_c, area_c)
         put(pulls, area_vectors, step * (3 * room + face), on_d, area_d)
+
+    return measure
+
+
+@cache
+def quads_of(traits: Traits, film: FilmLayout) -> Quads:
+    """For a layout whose membranes are quads that threads keep, and that hand out area vectors, too."""
+    quads, threads = film.quads, film.room // film.quads
+    Quad, read_quad = quad_reader(traits)  # noqa: N806 - a type
+    measure, read_numbers = quad_measure(traits, film), numbers_reader(traits.columns)
+
+    @wp.struct
+    class Held:
+        """What a thread holds."""
+
+        first: Quad
+        second: Quad
+
+    @wp.func
+    def hold(t: Tables, world: wp.int32, n: Any, thread: wp.int32):
+        held = Held()
+        held.first = read_quad(t, world, n, thread)
+        if wp.static(quads > 1):
+            held.second = read_quad(t, world, n, thread + threads)
+        return held
 
     @wp.func
     def measure_numbered(

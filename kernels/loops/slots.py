@@ -32,24 +32,16 @@ class SlotTable:
     """structural springs of each particle, shape (particle_count,)"""
 
 
-@cache
-def slot_functions(
-    traits: Traits, kind_slots: tuple[int, int, int], least_valence: int = 1, by_place: bool = False
-) -> tuple[Any, Any, Any, Any, Any]:
-    """For so many slots of each kind: the type of what is kept in registers, the function that reads it, and the loops
-    over all springs, and over the quads between them for the area vector, and for A_p n.
+Slots = tuple[int, int, int]
+"""the most springs of each kind at a particle"""
 
-    Args:
-        least_valence: quads around each particle that there are at least.
-        by_place: whether each particle's place is its thread's in the tile, so that where there is none, all springs
-            can lead there, and no area vector follows.
-    """
-    shear_begin = kind_slots[0]
-    flexion_begin = shear_begin + kind_slots[1]
-    slots = flexion_begin + kind_slots[2]
-    coefficient = traits.laws_on("spring")
-    moving = traits.needs("spring", "opening")
-    lengths_matter = traits.needs("spring", "rest_length")
+
+@cache
+def springs_reader(traits: Traits, kind_slots: Slots) -> tuple[Any, Any]:
+    """Return the type of what a particle keeps of its springs, and the function that reads it: where there is no
+    particle, all springs lead to its place."""
+    shear_begin, flexion_begin = kind_slots[0], kind_slots[0] + kind_slots[1]
+    slots, lengths_matter = sum(kind_slots), traits.needs("spring", "rest_length")
     Indices = wp.types.vector(length=max(slots, 1), dtype=wp.int32)  # noqa: N806 - a type
     Numbers = wp.types.vector(length=max(slots, 1), dtype=wp.float32)  # noqa: N806
 
@@ -70,8 +62,7 @@ def slot_functions(
         mine.valence = slot_table.valences[own.number]
         for slot in range(slots):
             neighbor = slot_table.neighbors[slot, own.number]
-            if wp.static(by_place):
-                neighbor = wp.where(active, neighbor, place)
+            neighbor = wp.where(active, neighbor, place)
             mine.neighbors[slot] = neighbor & 0xFFFF  # tells the compiler: not negative
             constant = wp.where(slot < shear_begin, own.n[0], wp.where(slot < flexion_begin, own.n[1], own.n[2]))
             stiffness = constant * slot_table.scales[slot, own.number]
@@ -83,13 +74,23 @@ def slot_functions(
                 mine.lengths[slot] = length
         return mine
 
+    return Springs, read_springs
+
+
+@cache
+def slot_pull(traits: Traits) -> Any:
+    """Return the function that gives the force of one spring."""
+    coefficient = traits.laws_on("spring")
+    moving = traits.needs("spring", "opening")
+    lengths_matter = traits.needs("spring", "rest_length")
+
     @wp.func
     def pull_of_slot(
         t: Tables,
         points: Any,
         velocities: Any,
         own: Any,
-        springs: Springs,
+        springs: Any,
         slot: wp.int32,
         constant: float,
         point: wp.vec3,
@@ -102,16 +103,28 @@ def slot_functions(
         stiffness = constant
         if wp.static(traits.springs_vary):
             stiffness = springs.stiffness[slot]
+        length = float(0.0)
+        if wp.static(lengths_matter):
+            length = springs.lengths[slot]
         opening = float(0.0)
         if wp.static(moving):
             opening = wp.dot(vector_at(velocities, neighbor) - velocity, d)
         pull = d * coefficient(
-            squared_length(d), opening, springs.lengths[slot], stiffness, springs.tensions[slot],
+            squared_length(d), opening, length, stiffness, springs.tensions[slot],
             t.step_seconds, time, own.n,
         )  # fmt: skip
         if wp.static(traits.guarded):
             pull = wp.where(neighbor == own.number, wp.vec3(), pull)
         return pull
+
+    return pull_of_slot
+
+
+@cache
+def slot_loop(traits: Traits, kind_slots: Slots) -> Any:
+    """Return the function that sums the springs of a particle."""
+    shear_begin, flexion_begin = kind_slots[0], kind_slots[0] + kind_slots[1]
+    slots, pull_of_slot = sum(kind_slots), slot_pull(traits)
 
     @wp.func
     def pull_of_springs(
@@ -119,7 +132,7 @@ def slot_functions(
         points: Any,
         velocities: Any,
         own: Any,
-        springs: Springs,
+        springs: Any,
         point: wp.vec3,
         velocity: wp.vec3,
         time: float,
@@ -134,8 +147,20 @@ def slot_functions(
             force += pull_of_slot(t, points, velocities, own, springs, slot, own.n[2], point, velocity, time)
         return force
 
+    return pull_of_springs
+
+
+@cache
+def ring_area(shear_begin: int, least_valence: int) -> Any:
+    """Return the function that gives a particle's area vector by the quads between its springs.
+
+    Args:
+        shear_begin: slots of structural springs.
+        least_valence: quads around each particle that there are at least.
+    """
+
     @wp.func
-    def area_vector_in_ring(t: Tables, points: Any, own: Any, springs: Springs, point: wp.vec3):
+    def area_vector_in_ring(t: Tables, points: Any, own: Any, springs: Any, point: wp.vec3):
         """Area vector of a particle, by the quads around it [m^2]. Slots past its valence hold the particle itself."""
         crosses = wp.vec3()
         first = in_tile(points, springs.neighbors[0]) - point
@@ -151,8 +176,15 @@ def slot_functions(
         opposite = in_tile(points, springs.neighbors[2 * shear_begin - 1]) - point
         return CROSSES * plus_cross_at_quad_corner(crosses, before, opposite, first)
 
+    return area_vector_in_ring
+
+
+@cache
+def ring_facing(shear_begin: int) -> Any:
+    """Return the function that gives A_p n of a particle by the same quads."""
+
     @wp.func
-    def facing_in_ring(t: Tables, points: Any, own: Any, springs: Springs, point: wp.vec3):
+    def facing_in_ring(t: Tables, points: Any, own: Any, springs: Any, point: wp.vec3):
         """A_p n of a particle, by the quads around it [m^2]."""
         normal = wp.vec3()
         nearest = wp.vec2(FAR, 0.0)
@@ -172,4 +204,4 @@ def slot_functions(
         nearest = wp.where(springs.valence == shear_begin, nearer, nearest)
         return facing_of_quads(normal, nearest)
 
-    return Springs, read_springs, pull_of_springs, area_vector_in_ring, facing_in_ring
+    return facing_in_ring

@@ -6,7 +6,7 @@ from typing import Any
 
 from balloon_warp.kernels.loops.film_looks import film_functions, kept_springs
 from balloon_warp.kernels.loops.net_force import Loops, scalar_loops
-from balloon_warp.kernels.loops.slots import slot_functions
+from balloon_warp.kernels.loops.slots import ring_area, ring_facing, slot_loop, springs_reader
 from balloon_warp.kernels.memory import in_tile, put_in_tile
 from balloon_warp.kernels.phase import Look
 from balloon_warp.kernels.schedules.block.layout import Layout
@@ -26,9 +26,9 @@ def held_loops(slots: tuple[int, int, int], rings: int) -> Callable[[Traits], Lo
 
     @cache
     def loops_of(traits: Traits) -> Loops:
-        _, _, pull, area_vector, facing = slot_functions(traits, slots, rings, by_place=True)
-        finds_aims = traits.aims_on_the_way
-        return scalar_loops(traits, in_tile, pull, area_vector if rings else None, facing if finds_aims else None)
+        area_vector = ring_area(slots[0], rings) if rings else None
+        facing = ring_facing(slots[0]) if traits.aims_on_the_way else None
+        return scalar_loops(traits, in_tile, slot_loop(traits, slots), area_vector, facing)
 
     return loops_of
 
@@ -52,4 +52,4 @@ def reader_of_springs(traits: Traits, layout: Layout) -> Any:
     """Return the function that reads what a particle keeps of its springs, and of its faces."""
     if layout.film:
         return kept_springs(traits, layout.film, layout.slots)[1]
-    return slot_functions(traits, layout.slots, layout.rings, by_place=True)[1]
+    return springs_reader(traits, layout.slots)[1]

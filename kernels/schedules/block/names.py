@@ -90,7 +90,7 @@ class NamesInBlock(Writer):
     def _of_particle(self, name: str) -> tuple[str, str] | None:
         own, balloon, ramp = self.bound("own"), self.bound("balloon"), self.bound("ramp")
         texts = {
-            "own": ("", f"read_own_beside(t, first, {self.bound('particle')})" if self.alone else "read_own(t, world, particle)"),
+            "own": ("", "read_own_beside(t, first, particle)" if self.alone else "read_own(t, world, particle)"),
             "balloon": ("", f"{self.own_of_any()}.balloon") if self.alone else ("own", f"{own}.balloon"),
             "numbers": ("own", f"{own}.n"),
             "point": ("", f"in_tile({self.points[0]}, particle)"),

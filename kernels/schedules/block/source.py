@@ -4,12 +4,9 @@ Points stand in shared memory. A thread either keeps a few particles in register
 loops over particles, whose values then wait in memory from piece to piece.
 """
 
-import inspect
 import re
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 from functools import cache
-from itertools import groupby
 from typing import Any
 
 import warp as wp
@@ -19,10 +16,9 @@ from balloon_warp.kernels.loops.slots import SlotTable
 from balloon_warp.kernels.memory import in_tile, put_in_tile, put_vector, vector_at
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.own import own_beside_function, own_functions
-from balloon_warp.kernels.phase import Phase
+from balloon_warp.kernels.schedules.block.groups import GroupsInBlock
 from balloon_warp.kernels.schedules.block.layout import Layout
 from balloon_warp.kernels.schedules.block.looks import reader_of_springs
-from balloon_warp.kernels.schedules.block.names import NamesInBlock
 from balloon_warp.kernels.schedules.block.sums import block_sum
 from balloon_warp.kernels.schedules.pieces import Piece, Step
 from balloon_warp.kernels.schedules.writer import head, named_in
@@ -31,27 +27,9 @@ from balloon_warp.kernels.tables import WorldState
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.warps import WARP_THREADS, any_in_block, block_barrier
 
-COUNTS = {
-    "particle": "count",
-    "face": "t.faces.balloon.shape[0]",
-    "triangle": "t.membranes.corners.shape[0]",
-    "sphere": "t.spheres.radius.shape[1]",
-    "film": "t.membranes.films.corners.shape[0]",
-}
-"""items of a world"""
-BALLOON_OF = {"particle": "t.particles.balloon", "face": "t.faces.balloon"}
 
-
-class BlockWriter(NamesInBlock):
+class BlockWriter(GroupsInBlock):
     """Write the source of the kernel."""
-
-    def __init__(self, step: Step, layout: Layout, alone: bool | None = None):
-        super().__init__(step, layout, step.traits.balloons == 1 if alone is None else alone)
-        self.deferred: list[Piece] = []
-        """pieces about spheres, which nobody has asked for since these have moved"""
-        self.spheres_moved = False
-        self.shows_velocities = "velocity" in step.doubled or any(piece.item == "spring" for piece in step.pieces)
-        """whether others look at velocities, or change them"""
 
     @property
     def name(self) -> str:
@@ -86,7 +64,8 @@ class BlockWriter(NamesInBlock):
         names = {
             **self.scope(phase for piece in self.step.pieces for phase in piece.phases),
             "in_tile": in_tile, "put_in_tile": put_in_tile, "vector_at": vector_at, "put_vector": put_vector,
-            "block_barrier": block_barrier, "any_in_block": any_in_block, "WARP_THREADS": WARP_THREADS, "SlotTable": SlotTable,
+            "block_barrier": block_barrier, "any_in_block": any_in_block, "WARP_THREADS": WARP_THREADS,
+            "SlotTable": SlotTable,
             "read_own_beside": own_beside_function(self.traits.columns, self.traits.balloons),
             "take_place": place_function(self.traits), "load_in": load_in,
         }  # fmt: skip
@@ -232,14 +211,6 @@ class BlockWriter(NamesInBlock):
             self.line(f"time_in_frame = float({number}) * t.step_seconds")
             self._write_pieces(piece for piece in self.step.pieces if not piece.once and not piece.last)
 
-    @property
-    def notes(self) -> tuple[Phase, ...]:
-        """Return the phases that note what all threads know anyway, for who asks once the frame has ended."""
-        if not self.keeps_load or self.traits.gas_changes:
-            return ()
-        behind = (piece for piece in self.step.pieces if piece.item == "balloon" and piece.phases[0].writes)
-        return tuple(phase for piece in behind for phase in piece.phases if not phase.writes)
-
     def _put_particles(self) -> None:
         for phase in self.notes:
             self._by_one_thread(phase)
@@ -256,8 +227,6 @@ class BlockWriter(NamesInBlock):
                 self.line(f"state.points[world, particle] = in_tile({self.points[0]}, particle)")
                 if self._velocities_wait_elsewhere:
                     self.line(f"state.velocities[world, particle] = {self.read('velocity')}")
-
-    # pieces
 
     def _write_pieces(self, pieces: Iterable[Piece]) -> None:
         for piece in pieces:
@@ -279,313 +248,6 @@ class BlockWriter(NamesInBlock):
                 self._team(piece)
             else:
                 self._items(piece)
-
-    def _is_deferred(self, piece: Piece) -> bool:
-        """Return whether a piece is about spheres alone, once they have moved: it may wait until somebody asks."""
-        return all(phase.item == "world" and phase.due is not None for phase in piece.phases)
-
-    def _asks(self, phase: Phase) -> bool:
-        return phase.item != "sphere" and "spheres" in self.reads(phase)
-
-    def _settle_spheres(self) -> None:
-        """Write what is to be done before anyone asks where spheres are."""
-        if not self.spheres_moved:
-            return
-        self.spheres_moved = False
-        self.line("block_barrier()")
-        for piece in self.deferred:
-            for phase in piece.phases:
-                call = self.call(phase)
-                self.line(f"if any_in_block({phase.name}_is_due({self._asked(phase)})):")
-                self.line(f"    # {phase.summary}")
-                self.line("    if thread == 0:")
-                self.line(f"        {call}")
-                self.line("    block_barrier()")
-        self.deferred.clear()
-
-    def _asked(self, phase: Phase) -> str:
-        """Return the arguments of the function that says whether there is anything to do."""
-        assert phase.due is not None
-        return ", ".join(inspect.signature(phase.due(self.traits).func).parameters)
-
-    def _held_particles(self, piece: Piece) -> None:
-        summed = self._begin_sum(piece)
-        asking = next((number for number, phase in enumerate(piece.phases) if self._asks(phase)), None)
-        if asking is not None and self.spheres_moved:  # others get on with what comes before
-            for place in self.places:
-                with self.about(place):
-                    self.calls(piece.phases[:asking])
-            self._settle_spheres()
-        else:
-            asking = 0
-        for place in self.places:
-            with self.about(place):
-                self._calls_and_sum(piece.phases[asking:], summed, self.bound("is_there"))
-                self._show_held(piece)
-        self._switch(piece)
-        self._exchange(piece)
-        if not piece.last:
-            self._end_sum(summed)
-
-    def _exchange(self, piece: Piece) -> None:
-        """Write what blocks tell each other of what a piece has moved: nothing, where each has a world."""
-
-    def _show_held(self, piece: Piece) -> None:
-        """Write what a piece has moved to where others see it."""
-        b = self.bound
-        if "point" in piece.moves:
-            self.line(f"put_in_tile({self._target(piece, 'point')}, {b('place')}, {b('point')})")
-        if "velocity" in piece.moves and self.shows_velocities:
-            self.line(f"if {b('is_there')}:")
-            self.line(f"    put_vector({self._target(piece, 'velocity')}, {b('particle')}, {b('velocity')})")
-
-    def _items(self, piece: Piece) -> None:
-        """Write what threads do in a loop over items, whose values then wait in memory."""
-        item, summed = piece.item, self._begin_sum(piece)
-        rounds = summed is not None and not self.alone
-        with self._over(item, rounds):
-            if summed and item != "particle" and not self.alone:
-                self.line(f"balloon = {BALLOON_OF[item]}[{item}]")
-                self.known.add("balloon")
-            self._calls_and_sum(piece.phases, summed, "is_there" if rounds else "")
-            for value in piece.leaves:
-                if summed is None or value not in summed.writes:
-                    of_particle = item == "particle"
-                    self.line(
-                        self.write(value, self.home(value)) if of_particle else f"all_{value}[world, {item}] = {value}"
-                    )
-            if "velocity" in piece.moves:
-                self.line(self.write("velocity", self._target(piece, "velocity")))
-            if "point" in piece.moves:
-                self.line(f"put_in_tile({self._target(piece, 'point')}, particle, point)")
-        self._switch(piece)
-        if item == "sphere":
-            self.spheres_moved = True  # who asks waits for a barrier
-        elif not piece.last:
-            self._end_sum(summed)
-
-    def _target(self, piece: Piece, name: str) -> str:
-        """Return where a piece writes points, or velocities."""
-        places = self.points if name == "point" else self.velocities
-        return places[1 if name in piece.doubles else 0]
-
-    def _switch(self, piece: Piece) -> None:
-        """Take notice of where points and velocities are from here on."""
-        if "point" in piece.doubles:
-            self.points = self.points[::-1]
-        if "velocity" in piece.doubles:
-            self.velocities = self.velocities[::-1]
-
-    @contextmanager
-    def _over(self, item: str, rounds: bool = False) -> Iterator[None]:
-        """Loop over items of a world.
-
-        Args:
-            rounds: whether all threads go through as many, the last item again where there are no more.
-        """
-        threads, (begin, count) = self.layout.threads, self._items_of(item)
-        if rounds:
-            self.line(f"for begin in range(0, {count}, {threads}):")
-        else:
-            first = f"{begin} + thread" if begin else "thread"
-            self.line(f"for {item} in range({first}, {count}, {threads}):")
-        with self.indented():
-            if rounds:
-                self.line(f"is_there = begin + thread < {count}")
-                self.line(f"{item} = wp.min(begin + thread, {count} - 1)")
-            self.known.add(item)
-            yield
-
-    def _items_of(self, item: str) -> tuple[str, str]:
-        """Return where a block's items begin, if not at the first, and where they end."""
-        return "", COUNTS[item]
-
-    # sums
-
-    def _begin_sum(self, piece: Piece) -> Phase | None:
-        """Write how a sum begins, and return the phase whose values it adds up."""
-        last = piece.phases[-1]
-        if not last.sums:
-            return None
-        (value,) = last.writes
-        if self.alone:
-            self.line(f"part_of_{value} = {_nothing(last)}")
-        else:
-            self.line(f"clear_{value}(thread)")
-        return last
-
-    def _calls_and_sum(self, phases: Iterable[Phase], summed: Phase | None, condition: str) -> None:
-        """Write the calls of phases, the last one's value added up.
-
-        Args:
-            condition: on which there is such an item.
-        """
-        self.calls(phase for phase in phases if phase is not summed)
-        if summed is None:
-            return
-        (value,) = summed.writes
-        call = self.call(summed)
-        self.line(f"# {summed.summary}")
-        if self.alone:
-            part = f"wp.where({condition}, {call}, {_nothing(summed)})" if condition else call
-            self.line(f"part_of_{value} += {part}")
-            return
-        self.need("balloon")
-        part = self.bound(f"part_of_{value}")
-        self.line(f"{part} = {call}")
-        self.line(f"add_{value}(thread, {self.bound('balloon')}, wp.where({condition}, {part}, {_nothing(summed)}))")
-
-    def _end_sum(self, summed: Phase | None) -> None:
-        """Write a barrier, and the sum of each balloon."""
-        if summed is None:
-            self.line("block_barrier()")
-            return
-        (value,) = summed.writes
-        if self.alone:
-            self.line(f"put_{value}(thread, part_of_{value})")
-            self.line("block_barrier()")
-            self.line(f"{value} = total_{value}(0)")
-            self.known.add(value)
-            return
-        self.line("block_barrier()")
-        if self._read_by_particles(value):
-            self.line(f"for balloon in range({self._warps_of_balloons}):")
-            self.line(f"    {value} = total_{value}(balloon)")
-            self.line("    if thread % WARP_THREADS == 0:")
-            self.line(f"        all_{value}[world, balloon] = {value}")
-            self.line("block_barrier()")
-
-    def _read_by_particles(self, value: str) -> bool:
-        pieces = (piece for piece in self.step.pieces if piece.item == "particle")
-        return any(value in piece.takes for piece in pieces)
-
-    @property
-    def _warps_of_balloons(self) -> str:
-        return f"thread // WARP_THREADS, {self.traits.balloons}, {self.layout.warps}"
-
-    # a world's own
-
-    def _worlds(self, piece: Piece) -> None:
-        """Write what is done for the world and its balloons. Of one balloon all threads find the values, so that none
-        need wait for them."""
-        for item, phases in groupby(piece.phases, key=lambda phase: phase.item):
-            if item == "balloon" and not self.alone:
-                self._over_balloons(tuple(phases))
-                continue
-            for phase in phases:
-                if phase.writes:
-                    self.calls((phase,))
-                elif phase in self.notes:
-                    continue
-                else:
-                    self._by_one_thread(phase)
-            if not self.alone:
-                self.line("block_barrier()")
-        waits = any(phase.item == "world" for phase in piece.phases) or not piece.phases[0].writes
-        if self.alone and waits:
-            self.line("block_barrier()")
-        self.forget("load")
-
-    def _by_one_thread(self, phase: Phase) -> None:
-        call = self.call(phase)
-        self.line(f"# {phase.summary}")
-        self.line(f"if {self._is_noting()}:")
-        self.line(f"    {call}")
-
-    def _is_noting(self) -> str:
-        """Return whether a thread is the one that does something for the world."""
-        return "thread == 0"
-
-    def _over_balloons(self, phases: tuple[Phase, ...]) -> None:
-        """Write what is done for each balloon, by a warp of which one thread does it once all have the sums."""
-        self.line(f"for balloon in range({self._warps_of_balloons}):")
-        with self.indented():
-            self.known.add("balloon")
-            summed = {value for phase in self.phases if phase.sums for value in phase.writes}
-            for value in dict.fromkeys(name for phase in phases for name in self.reads(phase) if name in summed):
-                self.line(f"{value} = total_{value}(balloon)")
-                self.known.add(value)
-            self.line("if thread % WARP_THREADS == 0:")
-            with self.indented():
-                self.calls(phases)
-                for value in (value for phase in phases for value in phase.writes if value in self.step.kept):
-                    self.line(f"all_{value}[world, balloon] = {value}")
-        self.line("block_barrier()")
-
-    def _springs(self, piece: Piece) -> None:
-        """Write what is done to springs, color by color, to points and velocities where these are."""
-        self.line("colors = t.correction.color_offsets.shape[0] - 1")
-        self.line("for color_of_sweep in range(t.correction.sweeps * colors):")
-        with self.indented():
-            self.line("color = color_of_sweep % colors")
-            self.line("begin = t.correction.color_offsets[color] + thread")
-            self.line(f"for spring in range(begin, t.correction.color_offsets[color + 1], {self.layout.threads}):")
-            with self.indented():
-                self.known.add("spring")
-                self.calls(piece.phases)
-            self.line("block_barrier()")
-        for place in self.places:
-            with self.about(place):
-                b = self.bound
-                self.line(f"{b('point')} = in_tile({self.points[0]}, {b('place')})")
-                self.line(f"{b('velocity')} = vector_at({self.velocities[0]}, {b('particle')})")
-
-    def _team(self, piece: Piece) -> None:
-        """Write what all threads do with points and velocities in arrays, if there is anything to do."""
-        (phase,) = piece.phases
-        self.line(f"if {phase.name}_is_due({self._asked(phase)}):")
-        points, velocities = self.points, self.velocities
-        with self.indented():
-            self._to_arrays()
-            self.line("block_barrier()")
-            self.points, self.velocities = ("seen_points", ""), ("seen_velocities", "")
-            self.known |= {"seen_points", "seen_velocities"}
-            self.calls(piece.phases)
-            self.line("block_barrier()")
-            self.points, self.velocities = points, velocities
-            self._from_arrays()
-            self.line("block_barrier()")
-
-    def _to_arrays(self) -> None:
-        self.line("seen_points = state.points[world]")
-        self.line("seen_velocities = state.velocities[world]")
-        for place in self.places:
-            with self.about(place):
-                b = self.bound
-                self.line(f"if {b('is_there')}:")
-                self.line(f"    put_vector(seen_points, {b('particle')}, {b('point')})")
-                self.line(f"    put_vector(seen_velocities, {b('particle')}, {b('velocity')})")
-        if not self.layout.held:
-            with self._over("particle"):
-                self.line(f"put_vector(seen_points, particle, in_tile({self.points[0]}, particle))")
-                if self._velocities_wait_elsewhere:
-                    self.line(f"put_vector(seen_velocities, particle, {self.read('velocity')})")
-
-    @property
-    def _velocities_wait_elsewhere(self) -> bool:
-        """Whether loops find velocities elsewhere than in the state."""
-        return "velocity" in self.layout.tiles or self.velocities[0] != "velocities"
-
-    def _from_arrays(self) -> None:
-        for place in self.places:
-            with self.about(place):
-                b = self.bound
-                self.line(f"if {b('is_there')}:")
-                self.line(f"    {b('point')} = vector_at(seen_points, {b('particle')})")
-                self.line(f"    {b('velocity')} = vector_at(seen_velocities, {b('particle')})")
-                self.line(f"put_in_tile({self.points[0]}, {b('place')}, {b('point')})")
-        if not self.layout.held:
-            with self._over("particle"):
-                self.line(f"put_in_tile({self.points[0]}, particle, vector_at(seen_points, particle))")
-                if self._velocities_wait_elsewhere:
-                    self.line("velocity = vector_at(seen_velocities, particle)")
-                    self.line(self.write("velocity", self.velocities[0]))
-
-
-def _nothing(summed: Phase) -> str:
-    """Return what a sum begins with."""
-    ((value, dtype),) = summed.writes.items()
-    return "float(0.0)" if dtype is float else f"{value}_type()"
 
 
 def _read_ones(lines: list[str]) -> list[str]:

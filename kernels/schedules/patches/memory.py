@@ -21,8 +21,8 @@ class PatchTable:
     firsts: wp.array[wp.int32]
     """patches of each balloon begin there, and after the last, end"""
     face_offsets: wp.array[wp.int32]
-    """faces of each patch begin there, and after the last, end, where normals are fresh: each is of the patch of its first
-    corner"""
+    """faces of each patch begin there, and after the last, end, where normals are fresh: each is of the patch that
+    its first corner is in"""
 
 
 @wp.struct

@@ -1,7 +1,6 @@
-"""A list of phases as one kernel of patches: a world cut into parts that blocks of a GPU move at once, for all of a frame.
-For few large worlds.
+"""A list of phases as one kernel of patches: parts of a world that blocks of a GPU move at once, for all of a frame.
 
-Each particle stays in the registers of a thread, and the points of its patch in the block's shared memory, with a rim
+For few large worlds. Each particle stays in the registers of a thread, and the points of its patch in the block's shared memory, with a rim
 of those outside that its springs and faces lead to. After each substep a block tells others where those of its
 particles are that they need, and hears where its rim is. So a substep takes no launch. All blocks must run at once: no
 more are launched than the multiprocessors have registers for.
@@ -35,7 +34,8 @@ class PatchWriter(BlockWriter):
     @property
     def remark(self) -> str:
         """Return what the kernel is."""
-        return f"A block for each patch of each world, for a frame; each of {self.layout.threads} threads keeps a particle."
+        threads = self.layout.threads
+        return f"A block for each patch of each world, for a frame; each of {threads} threads keeps a particle."
 
     def _arguments(self) -> dict[str, str]:
         of_patches = {
