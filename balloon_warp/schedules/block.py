@@ -26,9 +26,9 @@ class BlockSchedule:
     def __init__(self, model: Model):
         require_block(model, self.name)
         self.model, self._traits, room = model, model_traits(model), Allocating(model.device)
-        self._busy = BusyWorlds(model, self._traits) if has_free_frames(self._traits) else None
-        traits = free_traits(self._traits) if self._busy else self._traits
-        self.frames = BlockFrames(model, traits, room, self._busy.working if self._busy else None)
+        self.busy = BusyWorlds(model, self._traits) if has_free_frames(self._traits) else None
+        traits = free_traits(self._traits) if self.busy else self._traits
+        self.frames = BlockFrames(model, traits, room, self.busy.working if self.busy else None)
         self._framing = Framing(model, self._traits, self.frames.tables)
 
     @classmethod
@@ -51,19 +51,19 @@ class BlockSchedule:
     @property
     def crowded(self) -> int:
         """As of a schedule."""
-        return self._busy.crowded if self._busy else 0
+        return self.busy.crowded if self.busy else 0
 
     def advance_frame(self, state: State) -> None:
         """One frame."""
         self.frames.begin_loading()
-        if self._busy:
-            self._busy.begin_loading(self.capturable)
+        if self.busy:
+            self.busy.begin_loading(self.capturable)
         self._framing.begin(state)
-        if self._busy:
-            self._busy.find(state)
+        if self.busy:
+            self.busy.find(state)
         self.frames.advance(state)
-        if self._busy:
-            self._busy.advance(state)
+        if self.busy:
+            self.busy.advance(state)
         self._framing.end(state)
 
 

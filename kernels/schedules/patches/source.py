@@ -1,9 +1,9 @@
 """A list of phases as one kernel of patches: parts of a world that blocks of a GPU move at once, for all of a frame.
 
-For few large worlds. Each particle stays in the registers of a thread, and the points of its patch in the block's shared memory, with a rim
-of those outside that its springs and faces lead to. After each substep a block tells others where those of its
-particles are that they need, and hears where its rim is. So a substep takes no launch. All blocks must run at once: no
-more are launched than the multiprocessors have registers for.
+For few large worlds. Each particle stays in the registers of a thread, and the points of its patch in the block's
+shared memory, with a rim of those outside that its springs and faces lead to. After each substep a block tells others
+where those of its particles are that they need, and hears where its rim is. So a substep takes no launch. All blocks
+must run at once: no more are launched than the multiprocessors have registers for.
 """
 
 from functools import cache
