@@ -47,6 +47,10 @@ class Problem(Protocol):
         """By how much each number changes easily, shape (m,)."""
         ...
 
+    def allowed(self, design: Values) -> bool:
+        """Whether it can be made."""
+        ...
+
     def changed(self, design: Values, change: Values) -> Values:
         """The design with a change, as far as it may be changed."""
         ...
@@ -143,6 +147,8 @@ def _settled(problem: Problem, design: Values, reached: Reached) -> tuple[Values
     def strays(points: Values) -> bool:
         return _cost(problem.ruler, points) > most
 
+    if not problem.allowed(design):
+        return None
     points = problem.balance(design).settle(reached.points, strays=strays)
     return None if points is None else _weighed(problem, points)
 

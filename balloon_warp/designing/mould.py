@@ -1,6 +1,6 @@
 """Balloons of latex: the shape of the mould, which is what the rubber is at rest."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -8,6 +8,7 @@ import scipy.sparse as sparse
 from numpy.typing import NDArray
 
 from balloon_warp.designing.measure import Ruler
+from balloon_warp.designing.target import crossing_triangles
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.topology import mesh_edges
 from balloon_warp.statics.balance import Balance
@@ -62,6 +63,10 @@ class MouldProblem:
     def scales(self, design: Values) -> Values:
         """Vertices move by parts of an edge."""
         return np.full(len(design), self._edge)
+
+    def allowed(self, design: Values) -> bool:
+        """Whether the mould does not cross itself."""
+        return not len(crossing_triangles(replace(self.mesh, points=design.reshape(-1, 3))))
 
     def changed(self, design: Values, change: Values) -> Values:
         """The mould with a change, none of whose vertices moves too far."""

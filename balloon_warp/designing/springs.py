@@ -82,6 +82,10 @@ class SpringProblem:
         """Rest lengths change in proportion to themselves."""
         return design
 
+    def allowed(self, design: Values) -> bool:
+        """Springs of any length can be made."""
+        return True
+
     def changed(self, design: Values, change: Values) -> Values:
         """The rest lengths with a change, within their bounds."""
         most = (1.0 if self.hold == "tension" else MOST) * self.springs.rest_lengths
