@@ -199,5 +199,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """What tab completion offers, before anything is loaded."""
+    """List what tab completion offers, before anything is loaded."""
     return sorted({*(name for name in globals() if name.startswith("__")), *__all__, "__version__"})

@@ -80,8 +80,11 @@ def balloon_warp(
 
 
 def main() -> None:
-    """Run a command; without one, print the help. A user's mistake becomes one sentence on standard error and exit
-    status 2; a blow-up or the loss of all workers, 1; Ctrl-C, 130; SIGTERM, 143."""
+    """Run a command; without one, print the help.
+
+    A user's mistake becomes one sentence on standard error and exit status 2; a blow-up or the loss of all workers, 1;
+    Ctrl-C, 130; SIGTERM, 143.
+    """
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a terminal or log that is not UTF-8 loses letters, no work

@@ -1,4 +1,4 @@
-"""`balloon-warp fit`"""
+"""The command `balloon-warp fit`."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -116,7 +116,7 @@ def _say(found: "Fit", toml: str, json: bool, is_curve: bool) -> None:
 
 
 def _bounds(text: str) -> tuple[str, tuple[float, float]]:
-    """A path and its bounds.
+    """Read a path and its bounds.
 
     Raises:
         InputError: the text is none.
