@@ -15,7 +15,7 @@ from balloon_warp.kernels.phases.flow import burden, flow, pump, weigh
 from balloon_warp.kernels.phases.inflate import add_up, given_load, inflate
 from balloon_warp.kernels.phases.leave import leave
 from balloon_warp.kernels.phases.load import load
-from balloon_warp.kernels.phases.meet import keep_start, meet_bodies, meet_edges, meet_faces, meet_spheres
+from balloon_warp.kernels.phases.meet import keep_start, meet_bodies, meet_edges, meet_faces, meet_ridges, meet_spheres
 from balloon_warp.kernels.phases.move import free, move, move_first, push, respond
 from balloon_warp.kernels.phases.press import press
 from balloon_warp.kernels.phases.pull import jet, jet_of_holes, pull, take
@@ -37,8 +37,9 @@ STEP: tuple[Phase, ...] = (
     pump, weigh, burden, respond, pull, jet, jet_of_holes, take, free, swell, load, flow,
     # particles move, by all forces
     given_load, inflate, move_first, push, move,
-    # springs that are too long are shortened; then particles leave spheres, obstacles and the ground
-    correct, leave,
+    # springs that are too long are shortened; then faces leave ridges of obstacles and bodies, and particles leave
+    # spheres, obstacles and the ground
+    correct, meet_ridges, leave,
     # momentum is exchanged, once all have moved
     meet_spheres, meet_bodies, meet_faces, meet_edges,
 )  # fmt: skip

@@ -10,6 +10,7 @@ from balloon_warp.kernels.film_tables import FilmTable
 from balloon_warp.kernels.gas_tables import NeckTable, PumpTable, TubeTable
 from balloon_warp.kernels.measure.health import HealthTable
 from balloon_warp.kernels.memory import int_at
+from balloon_warp.kernels.ridge_tables import RidgeTable
 from balloon_warp.kernels.wear_tables import WearTable
 
 SLICE = wp.constant(32)
@@ -207,6 +208,7 @@ class Tables:
     pumps: PumpTable
     necks: NeckTable
     touch: TouchTable
+    ridges: RidgeTable
     correction: CorrectionTable
     health: HealthTable
     balloon_numbers: wp.array3d[float]

@@ -78,6 +78,8 @@ class Traits(NamedTuple):
     """free rigid bodies"""
     body_meshes: bool = False
     """a mesh is among them"""
+    ridges: bool = False
+    """faces meet ridges of obstacles and bodies, and not only particles"""
     touches: bool = False
     """balloons touch each other"""
     touches_itself: bool = False

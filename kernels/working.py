@@ -3,6 +3,7 @@
 import warp as wp
 
 from balloon_warp.kernels.laws.grip import Grip
+from balloon_warp.kernels.ridge_tables import Catch
 
 
 @wp.struct
@@ -37,6 +38,23 @@ class Working:
     """what a body has pressed each particle with [N s]"""
     grips: wp.array2d[Grip]
     """what points of bodies meet in this substep"""
+    ridge_counts: wp.array2d[wp.int32]
+    """pairs of features of balloons and ridges that are near each other in each world: shape (world_count, 1); empty
+    unless faces meet ridges, as is what follows, see `contact.ridges`"""
+    ridge_budgets: wp.array[float]
+    """how far anything may go until it is looked again [m]"""
+    ridge_pairs: wp.array2d[wp.vec3i]
+    """those pairs: feature, ridge and solid"""
+    catches: wp.array2d[Catch]
+    """the same as they are in this substep"""
+    ridge_shares: wp.array2d[wp.int32]
+    """contacts of each particle in a sweep"""
+    ridge_body_shares: wp.array2d[wp.int32]
+    """the same of bodies"""
+    ridge_quanta: wp.array3d[wp.int64]
+    """impulses on each particle in a sweep, see `contact.ridge_sums`"""
+    ridge_body_quanta: wp.array3d[wp.int64]
+    """the same on bodies, and their angular momenta"""
     near: wp.array2d[wp.int32]
     """whether particles may touch a sphere, see `contact.spheres`; empty unless momentum is exchanged"""
     later: wp.array2d[wp.int32]

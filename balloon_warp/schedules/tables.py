@@ -28,6 +28,7 @@ from balloon_warp.model.small_spheres import small_spheres
 from balloon_warp.schedules.fixtures import body_table, fixture_table
 from balloon_warp.schedules.health import health_table
 from balloon_warp.schedules.membranes import membrane_table, membranes_of_world
+from balloon_warp.schedules.ridges import ridge_table
 from balloon_warp.schedules.rings import quad_rings, ring_table
 from balloon_warp.schedules.slices import slices_of
 from balloon_warp.schedules.spring_ends import SpringEnds, spring_ends
@@ -61,6 +62,7 @@ def make_tables(model: Model, traits: Traits, in_block: bool = False) -> Any:
     t.fixtures, t.bodies = fixture_table(model), body_table(model)
     t.tubes, t.pumps, t.necks = _tubes(model), _pumps(model), _necks(model)
     t.touch = touch_table(model, traits)
+    t.ridges = ridge_table(model)
     t.correction = _correction(model, traits)
     t.health = health_table(model)
     t.balloon_numbers, t.world_numbers = model.balloon_numbers, model.world_numbers

@@ -82,6 +82,9 @@ class Scene(Table):
     contact: Literal["penalty", "impulse"] = "penalty"
     """what a sphere gets from a touching particle: a force in proportion to the balloon's inflation (the paper); or the
     momentum that the particle loses, so that balloons and spheres together keep theirs and gain no energy"""
+    faces: bool | Literal["auto"] = "auto"
+    """whether faces of balloons, and not only their particles, meet obstacles and bodies: their edges and corners, and
+    thin capsules; "auto" where one is thin beside faces"""
     net_forces: bool = False
     """write the net force on each particle into the stage, as curves"""
     picture_frame: Index | None = None
