@@ -10,11 +10,11 @@ from balloon_warp.kernels.laws.ridges import Ridge
 from balloon_warp.kernels.ridge_tables import Catch, RidgeTable
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
+from balloon_warp.mesh.triangles import triangles_of
 from balloon_warp.model import Model
 from balloon_warp.model.memory import Room
 from balloon_warp.model.ridges import Ridges, ridges_of, solids_of
 from balloon_warp.model.touch import THICKNESS, edge_length
-from balloon_warp.schedules.touch_table import triangles_of
 
 KEPT = 0.5
 """of the thickness of a skin, that faces keep from ridges"""

@@ -23,6 +23,7 @@ from balloon_warp.kernels.tables import (
 )
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.mesh.geometry import signed_volume
+from balloon_warp.mesh.triangles import triangles_of
 from balloon_warp.model import Model, State
 from balloon_warp.model.small_spheres import small_spheres
 from balloon_warp.schedules.fixtures import body_table, fixture_table
@@ -32,7 +33,7 @@ from balloon_warp.schedules.ridges import ridge_table
 from balloon_warp.schedules.rings import quad_rings, ring_table
 from balloon_warp.schedules.slices import slices_of
 from balloon_warp.schedules.spring_ends import SpringEnds, spring_ends
-from balloon_warp.schedules.touch_table import touch_table, triangles_of
+from balloon_warp.schedules.touch_table import touch_table
 from balloon_warp.springs.coloring import color_springs
 
 

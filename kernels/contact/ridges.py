@@ -9,7 +9,7 @@ import warp as wp
 from balloon_warp.kernels.contact.ridge_poses import pair_friction_function, placing_function
 from balloon_warp.kernels.contact.ridge_search import corners_of, near_in, ridge_search_function, start_in
 from balloon_warp.kernels.contact.ridge_sums import add_impulse, add_to_body, take_impulse, take_of_body
-from balloon_warp.kernels.laws.ridges import approach_allowed, out_of_overlap, rub_against
+from balloon_warp.kernels.laws.ridges import approach_allowed, rub_against, way_to_part
 from balloon_warp.kernels.laws.rigid import spin_of
 from balloon_warp.kernels.laws.touch import LEAST
 from balloon_warp.kernels.loops.bodies import body_at, body_mass, pushed_on, put_body
@@ -229,10 +229,11 @@ def ridges_function(traits: Traits) -> Any:
         for pair in range(thread, count, wp.block_dim()):
             catch = working.catches[world, pair]
             out = float(0.0)
-            if wp.length_sq(catch.normal) > 0.0 and catch.gap < 0.0:
-                out = out_of_overlap(catch.gap, t.step_seconds)
-                count_in(t, working, world, catch)
-                worst = wp.max(worst, out)
+            if wp.length_sq(catch.normal) > 0.0:
+                out = way_to_part(catch.gap, t.ridges.kept)
+                if out > 0.0:
+                    count_in(t, working, world, catch)
+                    worst = wp.max(worst, out)
             catch.push = out
             catch.friction = 0.0
             working.catches[world, pair] = catch

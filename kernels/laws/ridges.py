@@ -14,18 +14,21 @@ and afterwards the parts go on with their mean velocity (Tonge, Benevolenski and
 jitter-free parallel rigid body simulation*). Each contact alone finds the nearest allowed velocities of its parts,
 measured by kinetic energy, and so does the mean: it never grows. Sums of whole numbers do not depend on their order.
 
-Which side of a ridge is outside is told by the solid's sides beside it: n may not lead above one of them. What is there
-is left to particles.
+Which side of a ridge is outside is told by the solid's sides beside it: n may not lead far above one of them. What is
+there, and slides to the ridge, is left to particles; what is a little above it may come down beside it within a step.
 """
 
 import warp as wp
 
 from balloon_warp.kernels.laws.edges import crossing_of
-from balloon_warp.kernels.laws.impulse import way_apart
 from balloon_warp.kernels.laws.touch import LEAST, nearest_weights
 
-ABOVE = wp.constant(1.0e-3)
-"""cosine between n and a side of the solid that counts as above it"""
+ABOVE = wp.constant(0.6)
+"""cosine between n and a side of the solid from which on a balloon counts as above that"""
+LITTLE = wp.constant(0.5)
+"""of the distance that is kept: where less is left they are moved apart"""
+PARTED = wp.constant(0.2)
+"""of what is missing there, in a step"""
 AT_END = wp.constant(1.0e-4)
 """part of an edge that counts as its end"""
 
@@ -123,9 +126,9 @@ def approach_allowed(gap: float, kept: float, step_seconds: float):
 
 
 @wp.func
-def out_of_overlap(gap: float, step_seconds: float):
-    """How far they are moved apart in a step, without speed [m]."""
-    return way_apart(gap, step_seconds)
+def way_to_part(gap: float, kept: float):
+    """How far they are moved apart in a step, without speed, where little is left of the distance that is kept [m]."""
+    return PARTED * wp.max(LITTLE * kept - gap, 0.0)
 
 
 @wp.func
