@@ -39,14 +39,15 @@ class Working:
     grips: wp.array2d[Grip]
     """what points of bodies meet in this substep"""
     ridge_counts: wp.array2d[wp.int32]
-    """pairs of features of balloons and ridges that are near each other in each world: shape (world_count, 1); empty
-    unless faces meet ridges, as is what follows, see `contact.ridges`"""
+    """pairs of features of balloons and ridges that are near each other in each world: shape (world_count, 2), of
+    which the second is how many may meet in this substep; empty unless faces meet ridges, as is what follows, see
+    `contact.ridges`"""
     ridge_budgets: wp.array[float]
     """how far anything may go until it is looked again [m]"""
     ridge_pairs: wp.array2d[wp.vec3i]
     """those pairs: feature, ridge and solid"""
     catches: wp.array2d[Catch]
-    """the same as they are in this substep"""
+    """those that may meet in this substep"""
     ridge_shares: wp.array2d[wp.int32]
     """contacts of each particle in a sweep"""
     ridge_body_shares: wp.array2d[wp.int32]

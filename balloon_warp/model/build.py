@@ -18,7 +18,7 @@ from balloon_warp.model.obstacle_motion import obstacle_motion
 from balloon_warp.model.obstacles import warp_mesh
 from balloon_warp.model.packing import pack_balloons, pack_worlds, views_of
 from balloon_warp.model.plan import ModelPlan, plan_model
-from balloon_warp.model.ridges import faces_meet, ridge_tree, ridges_of, solids_of
+from balloon_warp.model.ridges import all_ridges, ridge_tree
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.model.vary import Vary
 from balloon_warp.scene import Scene
@@ -141,11 +141,7 @@ def lay_out(plan: ModelPlan, device: str | wp.Device | None = None) -> Model:
 
 def _ridge_trees(scene: Scene, plan: ModelPlan, device: wp.Device) -> list[wp.Bvh | None]:
     """Of all solids where faces meet ridges; else none."""
-    solids = solids_of(plan.obstacles, plan.bodies)
-    if not faces_meet(scene, plan.shapes, solids):
-        return []
-    up = np.array(scene.up)
-    return [ridge_tree(ridges_of(solid, up), device) for solid in solids]
+    return [ridge_tree(ridges, device) for ridges in all_ridges(scene, plan.shapes, plan.obstacles, plan.bodies)]
 
 
 def _neck_weights(shapes: Sequence[BalloonShape]) -> list[NDArray[np.float64]]:

@@ -32,7 +32,7 @@ def passing_spheres(
         radii: of the spheres at the start [m], shape (W, sphere_count); 0 before it appears.
         step_seconds: a substep [s].
     """
-    if not scene.sphere or scene.touches_spheres:
+    if not scene.sphere or (scene.touch is not None and scene.touch.spheres):
         return []
     sentences = []
     widest = max(shapes, key=lambda shape: widest_opening(shape.mesh))
@@ -41,6 +41,8 @@ def passing_spheres(
         there = radii[:, number][radii[:, number] > 0.0]
         radius = float(there.min()) if len(there) else sphere.radius
         if radius < MOST_STRETCH * opening:
+            if scene.touches_spheres:
+                continue  # it meets them
             sentences.append(_fits_through(number, radius, opening, widest))
         way = step_seconds * _highest_speed(scene, number, shapes)
         if scene.contact == "penalty" and way > radius:

@@ -17,8 +17,8 @@ from balloon_warp.model.shape import BalloonShape
 from balloon_warp.model.touch import edge_length
 from balloon_warp.scene import Scene
 
-FLAT = np.sin(np.radians(2.0))
-"""sine between two sides of a solid up to which there is no ridge between them"""
+FLAT = 0.2
+"""turn [rad] of a surface within an edge of a balloon, up to which faces go along it, within the thickness of a skin"""
 THIN = 4.0
 """mean edges of a balloon: an obstacle with a side less wide than that meets its faces, too"""
 BOX_SIGNS = np.array([(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
@@ -38,18 +38,16 @@ class Ridges(NamedTuple):
     """1 if its begin is its own, plus 2 if its end is, shape (n,): each corner is one ridge's"""
 
 
-def faces_meet(scene: Scene, shapes: Sequence[BalloonShape], solids: Sequence[ObstacleShape]) -> bool:
-    """Whether faces of balloons meet ridges: the scene says so, or something is thin beside them.
-
-    Args:
-        solids: obstacles and bodies.
-    """
-    if scene.faces != "auto":
-        return scene.faces and any(solid.kind != "plane" for solid in solids)
-    if any(balloon.material.strength is not None for balloon in scene.balloon):
-        return False
+def faces_meet(
+    scene: Scene, shapes: Sequence[BalloonShape], obstacles: Sequence[ObstacleShape], bodies: Sequence[BodyShape]
+) -> bool:
+    """Whether faces of balloons meet ridges: the scene says so, or there are bodies, which have time for it, or an
+    obstacle is thin beside them."""
+    solids = solids_of(obstacles, bodies)
+    if scene.faces is True or not scene.faces_may_meet:
+        return scene.faces_may_meet and any(solid.kind != "plane" for solid in solids)
     widest = max(edge_length(shape.mesh) for shape in shapes)
-    return any(extent_of(solid) < THIN * widest for solid in solids)
+    return bool(bodies) or any(extent_of(obstacle) < THIN * widest for obstacle in obstacles)
 
 
 def extent_of(solid: ObstacleShape) -> float:
@@ -69,15 +67,19 @@ def solids_of(obstacles: Sequence[ObstacleShape], bodies: Sequence[BodyShape]) -
     return [*obstacles, *(body.solid for body in bodies)]
 
 
-def ridges_of(solid: ObstacleShape, up: NDArray[np.float64]) -> Ridges:
-    """Find the ridges of a solid; a plane has none."""
+def ridges_of(solid: ObstacleShape, up: NDArray[np.float64], edge: float) -> Ridges:
+    """Find the ridges of a solid; a plane has none.
+
+    Args:
+        edge: mean one of the balloons [m]: what turns less within that is round to them, and no ridge.
+    """
     if solid.kind == "box":
         ridges = _ridges_of_box(solid.size)
     elif solid.kind == "capsule":
         ends = np.stack([-solid.size[1] * up, solid.size[1] * up])[None]
         ridges = Ridges(ends, np.zeros((1, 2, 3)), float(solid.size[0]), np.array([3], np.int32))
     elif solid.mesh is not None:
-        ridges = _ridges_of_mesh(solid.mesh, solid.triangles, solid.closed)
+        ridges = _ridges_of_mesh(solid.mesh, solid.triangles, solid.closed, edge)
     else:
         ridges = Ridges(np.zeros((0, 2, 3)), np.zeros((0, 2, 3)), 0.0, np.zeros(0, np.int32))
     return ridges._replace(radius=ridges.radius + solid.thickness)
@@ -93,7 +95,7 @@ def _ridges_of_box(half: NDArray[np.float64]) -> Ridges:
     return _with_tips(np.array(ends), np.array(inward), 0.0)
 
 
-def _ridges_of_mesh(mesh: PolygonMesh, triangles: NDArray[np.int32], closed: bool) -> Ridges:
+def _ridges_of_mesh(mesh: PolygonMesh, triangles: NDArray[np.int32], closed: bool, edge: float) -> Ridges:
     """Rims of sheets, and edges between triangles that are not flat; of what is closed, those that stick out."""
     points = mesh.points
     surface = PolygonMesh(points, np.full(len(triangles), 3, np.int32), triangles.ravel())
@@ -112,22 +114,24 @@ def _ridges_of_mesh(mesh: PolygonMesh, triangles: NDArray[np.int32], closed: boo
         a, b = points[keys[number]]
         if np.array_equal(a, b):
             continue
-        within = [_inward(a, b, points[apex[side]]) for side in sides[:2]]
-        rise = float(normals[faces[sides[0]]] @ within[1]) if len(sides) == 2 else -1.0
-        if abs(rise) <= FLAT or (closed and rise > 0.0):
-            continue
+        across = [_across(a, b, points[apex[side]]) for side in sides[:2]]
+        lengths = [float(np.linalg.norm(way)) for way in across]
+        within = [way / max(length, 1e-300) for way, length in zip(across, lengths, strict=True)]
+        if len(sides) == 2:
+            rise = float(normals[faces[sides[0]]] @ within[1])
+            turn = np.arctan2(abs(rise), normals[faces[sides[0]]] @ normals[faces[sides[1]]])
+            if turn * max(1.0, edge / max(sum(lengths), 1e-300)) <= FLAT or (closed and rise > 0.0):
+                continue
         known = within if len(sides) <= 2 else [np.zeros(3)]
         ends.append([a, b])
         inward.append([*known, np.zeros(3)][:2])
     return _with_tips(np.array(ends).reshape(-1, 2, 3), np.array(inward).reshape(-1, 2, 3), 0.0)
 
 
-def _inward(a: NDArray[np.float64], b: NDArray[np.float64], apex: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The unit vector across an edge to a triangle's third corner."""
+def _across(a: NDArray[np.float64], b: NDArray[np.float64], apex: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The way from an edge, across it, to a triangle's third corner."""
     along = (b - a) / np.linalg.norm(b - a)
-    across = apex - a - ((apex - a) @ along) * along
-    length = np.linalg.norm(across)
-    return across / length if length > 0.0 else np.zeros(3)
+    return apex - a - ((apex - a) @ along) * along
 
 
 def _with_tips(ends: NDArray[np.float64], inward: NDArray[np.float64], radius: float) -> Ridges:
@@ -137,6 +141,16 @@ def _with_tips(ends: NDArray[np.float64], inward: NDArray[np.float64], radius: f
     own[firsts] = 1
     tips = own[0::2] + 2 * own[1::2]
     return Ridges(ends, inward, radius, tips.astype(np.int32))
+
+
+def all_ridges(
+    scene: Scene, shapes: Sequence[BalloonShape], obstacles: Sequence[ObstacleShape], bodies: Sequence[BodyShape]
+) -> list[Ridges]:
+    """Find those of obstacles, and then of bodies, that faces of balloons meet; none at all where these do not."""
+    if not faces_meet(scene, shapes, obstacles, bodies):
+        return []
+    edge = max(edge_length(shape.mesh) for shape in shapes)
+    return [ridges_of(solid, np.array(scene.up), edge) for solid in solids_of(obstacles, bodies)]
 
 
 def ridge_tree(ridges: Ridges, device: wp.Device) -> wp.Bvh | None:

@@ -26,6 +26,7 @@ def without_small_spheres(model: Model) -> Model:
     """The model to which small spheres may be added, and meet no faces; the same if it has some that do. They would
     take all of it to a slower schedule, in which a replay would be from the start."""
     touch = model.scene.touch
-    if touch is None or any(small_spheres(model)) or not (touch.balloons or touch.itself):
+    if model.faces_meet or any(small_spheres(model)) or (touch and not (touch.balloons or touch.itself)):
         return model
-    return replace(model, scene=model.scene.model_copy(update={"touch": touch.model_copy(update={"spheres": False})}))
+    without = {"faces": False, "touch": touch and touch.model_copy(update={"spheres": False})}
+    return replace(model, scene=model.scene.model_copy(update=without))

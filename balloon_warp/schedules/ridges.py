@@ -13,15 +13,15 @@ from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.triangles import triangles_of
 from balloon_warp.model import Model
 from balloon_warp.model.memory import Room
-from balloon_warp.model.ridges import Ridges, ridges_of, solids_of
+from balloon_warp.model.ridges import Ridges, all_ridges
 from balloon_warp.model.touch import THICKNESS, edge_length
 
 KEPT = 0.5
 """of the thickness of a skin, that faces keep from ridges"""
-MARGIN = 0.25
+MARGIN = 0.15
 """of an edge, within which ridges are noted until the next search"""
-LEAST_PAIRS = 1024
-"""that a world has room for"""
+LEAST_PAIRS, PAIRS = 1024, 2
+"""that a world has room for, and for each triangle and edge"""
 
 
 def ridge_table(model: Model) -> Any:
@@ -29,8 +29,7 @@ def ridge_table(model: Model) -> Any:
     table, device = RidgeTable(), model.device
     if not model.faces_meet:
         return table
-    up = np.array(model.scene.up)
-    ridges = [ridges_of(solid, up) for solid in solids_of(model.obstacles, model.bodies)]
+    ridges = all_ridges(model.scene, model.shapes, model.obstacles, model.bodies)
     firsts = np.cumsum([0, *(len(each.ends) for each in ridges)])
     table.ridges = wp.array([row for each in ridges for row in _rows(each)], dtype=Ridge, device=device)
     table.ends = wp.array(np.stack([firsts[:-1], firsts[1:]], axis=1), dtype=wp.vec2i, device=device)
@@ -44,10 +43,10 @@ def ridge_table(model: Model) -> Any:
 def ridge_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
     """What of `Working` is for them; empty where faces do not meet ridges."""
     worlds = model.world_count if traits.ridges else 0
-    pairs = max(LEAST_PAIRS, _feature_count(model)) if traits.ridges else 0
+    pairs = max(LEAST_PAIRS, PAIRS * _feature_count(model)) if traits.ridges else 0
     particles, bodies = model.particle_count, model.body_count
     return {
-        "ridge_counts": room.array((worlds, 1), wp.int32),
+        "ridge_counts": room.array((worlds, 2), wp.int32),
         "ridge_budgets": room.array((worlds,), wp.float32),
         "ridge_pairs": room.array((worlds, pairs), wp.vec3i),
         "catches": room.array((worlds, pairs), Catch),

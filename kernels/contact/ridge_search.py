@@ -100,7 +100,7 @@ def ridge_search_function(traits: Traits) -> Any:
         t: Tables, state: WorldState, working: Working, world: wp.int32, thread: wp.int32, end: float,
         points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
     ):  # fmt: skip
-        """How many pairs are near each other in a substep that ends at a time."""
+        """How many pairs are near each other in a substep that ends at a time, and how far anything goes in it [m]."""
         mine = fastest_of_thread(t, state, working, world, thread, end, velocities)
         way = t.step_seconds * wp.tile_max(wp.tile(mine))[0]
         left = working.ridge_budgets[world] - way
@@ -124,6 +124,6 @@ def ridge_search_function(traits: Traits) -> Any:
         if thread == 0:
             working.ridge_budgets[world] = left
         block_barrier()
-        return wp.min(working.ridge_counts[world, 0], working.ridge_pairs.shape[1])
+        return wp.min(working.ridge_counts[world, 0], working.ridge_pairs.shape[1]), way
 
     return search_ridges

@@ -22,6 +22,8 @@ from balloon_warp.kernels.working import Working
 
 MOST_SWEEPS = wp.constant(24)
 """in a substep; where nothing comes too near any more it ends sooner"""
+CAUGHT = wp.constant(1)
+"""where the number of pairs stands that may meet in this substep, beside that of all that are near"""
 SETTLED = wp.constant(0.02)
 """of the distance that is kept, by which they may come nearer in a substep"""
 
@@ -181,15 +183,12 @@ def ridges_function(traits: Traits) -> Any:
         worst = float(0.0)
         for pair in range(thread, count, wp.block_dim()):
             catch = working.catches[world, pair]
-            excess = float(0.0)
-            if wp.length_sq(catch.normal) > 0.0:
-                allowed = approach_allowed(catch.gap, t.ridges.kept, t.step_seconds)
-                excess = -wp.dot(beside(t, state, working, world, catch, velocities), catch.normal) - allowed
-                if excess > 0.0:
-                    count_in(t, working, world, catch)
-                    worst = wp.max(worst, excess)
-            catch.push = excess
-            working.catches[world, pair] = catch
+            allowed = approach_allowed(catch.gap, t.ridges.kept, t.step_seconds)
+            excess = -wp.dot(beside(t, state, working, world, catch, velocities), catch.normal) - allowed
+            if excess > 0.0:
+                count_in(t, working, world, catch)
+                worst = wp.max(worst, excess)
+            working.catches[world, pair].push = excess
         return worst
 
     @wp.func
@@ -228,15 +227,11 @@ def ridges_function(traits: Traits) -> Any:
         worst = float(0.0)
         for pair in range(thread, count, wp.block_dim()):
             catch = working.catches[world, pair]
-            out = float(0.0)
-            if wp.length_sq(catch.normal) > 0.0:
-                out = way_to_part(catch.gap, t.ridges.kept)
-                if out > 0.0:
-                    count_in(t, working, world, catch)
-                    worst = wp.max(worst, out)
-            catch.push = out
-            catch.friction = 0.0
-            working.catches[world, pair] = catch
+            out = way_to_part(catch.gap, t.ridges.kept)
+            if out > 0.0:
+                count_in(t, working, world, catch)
+                worst = wp.max(worst, out)
+            working.catches[world, pair].push = out
         return worst
 
     @wp.func
@@ -254,13 +249,18 @@ def ridges_function(traits: Traits) -> Any:
         points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
     ):  # fmt: skip
         """Of a world, by all threads of a block; soon done where nothing is near."""
-        count = search_ridges(t, state, working, world, thread, end, points, velocities)
-        if count > 0:
-            for pair in range(thread, count, wp.block_dim()):
-                working.catches[world, pair] = catch_of(
-                    t, state, working, world, working.ridge_pairs[world, pair], end, points, velocities
-                )
+        near, way = search_ridges(t, state, working, world, thread, end, points, velocities)
+        if near > 0:
+            if thread == 0:
+                working.ridge_counts[world, CAUGHT] = 0
             block_barrier()
+            for pair in range(thread, near, wp.block_dim()):
+                catch = catch_of(t, state, working, world, working.ridge_pairs[world, pair], end, points, velocities)
+                if wp.length_sq(catch.normal) > 0.0 and catch.gap < t.ridges.kept + way:
+                    working.catches[world, wp.atomic_add(working.ridge_counts, world, CAUGHT, 1)] = catch
+            block_barrier()
+        count = working.ridge_counts[world, CAUGHT]
+        if near > 0 and count > 0:
             sweep = wp.int32(0)
             while sweep < MOST_SWEEPS:
                 sweep += 1
