@@ -5,12 +5,11 @@ Schedules fill these; see `balloon_warp.model.Model` for the shapes of what is n
 
 import warp as wp
 
-from balloon_warp.kernels.contact_tables import BodyTable, FixtureTable, SphereTable, TouchTable
+from balloon_warp.kernels.contact_tables import BodyTable, FixtureTable, RidgeTable, SphereTable, TouchTable
 from balloon_warp.kernels.film_tables import FilmTable
 from balloon_warp.kernels.gas_tables import NeckTable, PumpTable, TubeTable
 from balloon_warp.kernels.measure.health import HealthTable
 from balloon_warp.kernels.memory import int_at
-from balloon_warp.kernels.ridge_tables import RidgeTable
 from balloon_warp.kernels.wear_tables import WearTable
 
 SLICE = wp.constant(32)

@@ -2,8 +2,8 @@
 
 import warp as wp
 
+from balloon_warp.kernels.contact.catch import Catch
 from balloon_warp.kernels.laws.grip import Grip
-from balloon_warp.kernels.ridge_tables import Catch
 
 
 @wp.struct

@@ -6,16 +6,15 @@ import numpy as np
 
 from balloon_warp.model.acting import values_over_time
 from balloon_warp.model.model import Model
-from balloon_warp.model.passing import MOST_STRETCH, widest_opening
+from balloon_warp.model.passing import held_within, widest_opening
 
 
 def small_spheres(model: Model) -> list[bool]:
-    """Of each sphere, whether it meets faces, too, since it may fit through one, stretched to twice its size, in any
-    world at any time."""
+    """Of each sphere, whether it meets faces, too, since it may fit through one, in any world at any time."""
     scene = model.scene
     if not scene.touches_spheres:
         return [False] * len(scene.sphere)
-    most = MOST_STRETCH * max(widest_opening(shape.mesh) for shape in model.shapes)
+    most = held_within(scene) * max(widest_opening(shape.mesh) for shape in model.shapes)
     radii = np.concatenate([rows.reshape(-1, len(scene.sphere)) for rows in values_over_time(model, "sphere_radius")])
     said = np.array([sphere.radius for sphere in scene.sphere])
     least = np.where(radii > 0.0, radii, said).min(axis=0)

@@ -6,8 +6,9 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from balloon_warp.kernels.contact.catch import Catch
+from balloon_warp.kernels.contact_tables import RidgeTable
 from balloon_warp.kernels.laws.ridges import Ridge
-from balloon_warp.kernels.ridge_tables import Catch, RidgeTable
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.triangles import triangles_of

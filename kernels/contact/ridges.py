@@ -6,6 +6,7 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.contact.catch import Catch
 from balloon_warp.kernels.contact.ridge_poses import pair_friction_function, placing_function
 from balloon_warp.kernels.contact.ridge_search import corners_of, near_in, ridge_search_function, start_in
 from balloon_warp.kernels.contact.ridge_sums import add_impulse, add_to_body, take_impulse, take_of_body
@@ -14,7 +15,6 @@ from balloon_warp.kernels.laws.rigid import spin_of
 from balloon_warp.kernels.laws.touch import LEAST
 from balloon_warp.kernels.loops.bodies import body_at, body_mass, pushed_on, put_body
 from balloon_warp.kernels.loops.inertia import ease_function
-from balloon_warp.kernels.ridge_tables import Catch
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.warps import block_barrier
