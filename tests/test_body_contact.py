@@ -99,7 +99,7 @@ def hit(device: str, schedule: str, mass: float = 0.3, speed: float = 2.0, **fie
         velocity=(0, -speed, 0.2),
         angular_velocity=(1, 2, -1),
     )
-    setting = SPACE | {"balloon": [ball], "substeps": 40, "frames_per_second": 60.0}
+    setting = SPACE | {"balloon": [ball], "substeps": 40, "faces": False, "frames_per_second": 60.0}
     return started(device, brick, schedule=schedule, **setting | fields)
 
 

@@ -19,8 +19,8 @@ from balloon_warp.scene import Scene
 
 FLAT = 0.2
 """turn [rad] of a surface within an edge of a balloon, up to which faces go along it, within the thickness of a skin"""
-THIN = 4.0
-"""mean edges of a balloon: an obstacle with a side less wide than that meets its faces, too"""
+THIN = 5.0
+"""mean edges of a balloon: a solid with a side less wide than that meets its faces, too"""
 BOX_SIGNS = np.array([(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 """of the corners of a box"""
 
@@ -41,13 +41,12 @@ class Ridges(NamedTuple):
 def faces_meet(
     scene: Scene, shapes: Sequence[BalloonShape], obstacles: Sequence[ObstacleShape], bodies: Sequence[BodyShape]
 ) -> bool:
-    """Whether faces of balloons meet ridges: the scene says so, or there are bodies, which have time for it, or an
-    obstacle is thin beside them."""
+    """Whether faces of balloons meet ridges: the scene says so, or something is thin beside them."""
     solids = solids_of(obstacles, bodies)
     if scene.faces is True or not scene.faces_may_meet:
         return scene.faces_may_meet and any(solid.kind != "plane" for solid in solids)
     widest = max(edge_length(shape.mesh) for shape in shapes)
-    return bool(bodies) or any(extent_of(obstacle) < THIN * widest for obstacle in obstacles)
+    return any(extent_of(solid) < THIN * widest for solid in solids)
 
 
 def extent_of(solid: ObstacleShape) -> float:
