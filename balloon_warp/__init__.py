@@ -58,6 +58,7 @@ if TYPE_CHECKING:
     from balloon_warp.sweep.cluster import Cluster
     from balloon_warp.sweep.repeat import repeat_batch
     from balloon_warp.trajectories import Trajectories, simulate
+    from balloon_warp.viewer.notebook import show
     from balloon_warp.viewer.view import view
     from balloon_warp.warming import warm_up
 
@@ -112,6 +113,7 @@ __all__ = [
     "render_stage",
     "repeat_batch",
     "run_batch",
+    "show",
     "simulate",
     "spring_law",
     "view",
@@ -163,6 +165,7 @@ _HOMES = {
     "sweep.cluster": ("Cluster",),
     "sweep.repeat": ("repeat_batch",),
     "trajectories": ("Trajectories", "simulate"),
+    "viewer.notebook": ("show",),
     "viewer.view": ("view",),
     "warming": ("warm_up",),
 }

@@ -99,7 +99,7 @@ class ObstaclePrim:
             Look(model.scene.up_axis, middle, half),
         )
         self._place, self._turn = self.prim.GetOrderedXformOps()[:2]
-        self._moves = moves(model.scene, number, (turn.values for turn in model.turns))
+        self._moves = moves(model.scene, number, (change.values for change in model.due_changes))
         self._put(pose, Usd.TimeCode.Default())
         be_hit(
             self.prim.GetPrim(), *(float(model.parameters[f"obstacle_{each}"].numpy()[0, number]) for each in SURFACE)
