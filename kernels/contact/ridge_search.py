@@ -39,9 +39,47 @@ def near_in(ridge: Ridge, feature: wp.vec4i, a: wp.vec3, b: wp.vec3, c: wp.vec3)
     return face_near(ridge, a, b, c)
 
 
+@wp.func
+def note_pair(working: Working, world: wp.int32, feature: wp.int32, ridge: wp.int32, solid: wp.int32):
+    """Put a feature and a ridge of a solid on the list."""
+    place = wp.atomic_add(working.ridge_counts, world, 0, 1)
+    if place < working.ridge_pairs.shape[1]:
+        working.ridge_pairs[world, place] = wp.vec3i(feature, ridge, solid)
+    else:
+        wp.atomic_add(working.crowded, world, 1)
+
+
+@wp.func
+def look_around(
+    t: Tables, working: Working, world: wp.int32, number: wp.int32, solid: wp.int32, placed: Placed, within: float,
+    points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
+):  # fmt: skip
+    """Note the ridges of a solid that are near a feature; how far off the solid is at least [m]."""
+    feature = t.ridges.features[number]
+    a = start_in(t, placed, corners_of(feature, 0), points, velocities)
+    b = start_in(t, placed, corners_of(feature, 1), points, velocities)
+    c = start_in(t, placed, corners_of(feature, 2), points, velocities)
+    lower = wp.min(wp.min(a, b), c)
+    upper = wp.max(wp.max(a, b), c)
+    middle = 0.5 * (lower + upper)
+    apart = wp.length(middle) - wp.length(upper - middle) - placed.reach
+    if apart < within:
+        pad = wp.vec3(within, within, within)
+        query = wp.bvh_query_aabb(t.ridges.trees[solid], lower - pad, upper + pad)
+        found = wp.int32(0)
+        while wp.bvh_query_next(query, found):
+            index = t.ridges.ends[solid][0] + found
+            ridge = t.ridges.ridges[index]
+            near = near_in(ridge, feature, a, b, c)
+            # one that is above a side of the solid now may come beside it before the next search
+            if near.gap < within and (feature[2] < 0 or ridge.tips != 0):
+                note_pair(working, world, number, index, solid)
+    return apart
+
+
 @cache
-def ridge_search_function(traits: Traits) -> Any:
-    """The function that keeps the list of features and ridges that are near each other."""
+def fastest_function(traits: Traits) -> Any:
+    """The function that says how fast anything moves."""
     place_of = placing_function(traits)
 
     @wp.func
@@ -60,40 +98,14 @@ def ridge_search_function(traits: Traits) -> Any:
             solids = wp.max(solids, wp.length(placed.velocity) + placed.reach * wp.length(placed.spin))
         return fastest + solids
 
-    @wp.func
-    def note_pair(working: Working, world: wp.int32, feature: wp.int32, ridge: wp.int32, solid: wp.int32):
-        place = wp.atomic_add(working.ridge_counts, world, 0, 1)
-        if place < working.ridge_pairs.shape[1]:
-            working.ridge_pairs[world, place] = wp.vec3i(feature, ridge, solid)
-        else:
-            wp.atomic_add(working.crowded, world, 1)
+    return fastest_of_thread
 
-    @wp.func
-    def look_around(
-        t: Tables, working: Working, world: wp.int32, number: wp.int32, solid: wp.int32, placed: Placed, within: float,
-        points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
-    ):  # fmt: skip
-        """Note the ridges of a solid that are near a feature; how far off the solid is at least [m]."""
-        feature = t.ridges.features[number]
-        a = start_in(t, placed, corners_of(feature, 0), points, velocities)
-        b = start_in(t, placed, corners_of(feature, 1), points, velocities)
-        c = start_in(t, placed, corners_of(feature, 2), points, velocities)
-        lower = wp.min(wp.min(a, b), c)
-        upper = wp.max(wp.max(a, b), c)
-        middle = 0.5 * (lower + upper)
-        apart = wp.length(middle) - wp.length(upper - middle) - placed.reach
-        if apart < within:
-            pad = wp.vec3(within, within, within)
-            query = wp.bvh_query_aabb(t.ridges.trees[solid], lower - pad, upper + pad)
-            found = wp.int32(0)
-            while wp.bvh_query_next(query, found):
-                index = t.ridges.ends[solid][0] + found
-                ridge = t.ridges.ridges[index]
-                near = near_in(ridge, feature, a, b, c)
-                # one that is above a side of the solid now may come beside it before the next search
-                if near.gap < within and (feature[2] < 0 or ridge.tips != 0):
-                    note_pair(working, world, number, index, solid)
-        return apart
+
+@cache
+def ridge_search_function(traits: Traits) -> Any:
+    """The function that keeps the list of features and ridges that are near each other."""
+    place_of = placing_function(traits)
+    fastest_of_thread = fastest_function(traits)
 
     @wp.func
     def search_ridges(

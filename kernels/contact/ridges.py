@@ -6,15 +6,10 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.contact.catch import Catch
-from balloon_warp.kernels.contact.ridge_poses import pair_friction_function, placing_function
-from balloon_warp.kernels.contact.ridge_search import corners_of, near_in, ridge_search_function, start_in
-from balloon_warp.kernels.contact.ridge_sums import add_impulse, add_to_body, take_impulse, take_of_body
+from balloon_warp.kernels.contact.ridge_pairs import catching_function, pushing_functions, sharing_functions
+from balloon_warp.kernels.contact.ridge_search import ridge_search_function
 from balloon_warp.kernels.laws.ridges import approach_allowed, rub_against, way_to_part
-from balloon_warp.kernels.laws.rigid import spin_of
 from balloon_warp.kernels.laws.touch import LEAST
-from balloon_warp.kernels.loops.bodies import body_at, body_mass, pushed_on, put_body
-from balloon_warp.kernels.loops.inertia import ease_function
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.warps import block_barrier
@@ -29,150 +24,10 @@ SETTLED = wp.constant(0.02)
 
 
 @cache
-def catching_function(traits: Traits) -> Any:
-    """The function that measures a pair as a substep begins."""
-    place_of = placing_function(traits)
-    friction_with = pair_friction_function(traits)
-
-    @wp.func
-    def catch_of(
-        t: Tables, state: WorldState, working: Working, world: wp.int32, pair: wp.vec3i, end: float,
-        points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
-    ):  # fmt: skip
-        """Of a pair: feature, ridge and solid."""
-        catch = Catch()
-        feature = t.ridges.features[pair[0]]
-        placed = place_of(t, state, working, world, pair[2], end)
-        catch.corners = wp.vec3i(corners_of(feature, 0), corners_of(feature, 1), corners_of(feature, 2))
-        a = start_in(t, placed, catch.corners[0], points, velocities)
-        b = start_in(t, placed, catch.corners[1], points, velocities)
-        c = start_in(t, placed, catch.corners[2], points, velocities)
-        near = near_in(t.ridges.ridges[pair[1]], feature, a, b, c)
-        catch.solid = pair[2]
-        catch.weights = near.weights
-        catch.gap = near.gap
-        if wp.length_sq(near.normal) > 0.0:
-            catch.normal = wp.quat_rotate(placed.turn, near.normal)
-            inside = near.weights[0] * a + near.weights[1] * b + near.weights[2] * c
-            catch.arm = wp.quat_rotate(placed.turn, inside)
-            catch.moving = placed.velocity + wp.cross(placed.spin, catch.arm)
-            catch.friction = friction_with(t, world, catch.corners[0], placed.friction)
-        return catch
-
-    return catch_of
-
-
-@cache
-def pushing_functions(traits: Traits) -> tuple[Any, Any, Any]:
-    """The functions that say how fast a pair comes together, how much lighter it is than its impulse, and that let it
-    push."""
-    ease_of_moving = ease_function(traits)
-
-    @wp.func
-    def beside(
-        t: Tables, state: WorldState, working: Working, world: wp.int32, catch: Catch, velocities: wp.array[wp.vec3]
-    ):
-        """How the balloon moves there, beside the solid [m/s]."""
-        moving = wp.vec3()
-        for corner in range(3):
-            moving += catch.weights[corner] * velocities[catch.corners[corner]]
-        if wp.static(traits.bodies > 0):
-            body = catch.solid - t.fixtures.solids.shape[0]
-            if body >= 0:
-                turn = working.body_start_turns[world, body]
-                mass = body_mass(t, world, body)
-                spin = spin_of(turn, t.bodies.eases[body], mass, state.body_momenta[world, body])
-                return moving - state.body_velocities[world, body] - wp.cross(spin, catch.arm)
-        return moving - catch.moving
-
-    @wp.func
-    def gain_along(t: Tables, working: Working, world: wp.int32, catch: Catch, along: wp.vec3):
-        """How much faster the balloon's part moves there beside the solid's by 1 N s along a unit vector [1/kg]."""
-        ease = float(0.0)
-        for corner in range(3):
-            particle = catch.corners[corner]
-            share = float(working.ridge_shares[world, particle])
-            weight = catch.weights[corner]
-            ease += weight * weight * share * ease_of_moving(t, working, world, particle)
-        gain = ease * along
-        if wp.static(traits.bodies > 0):
-            body = catch.solid - t.fixtures.solids.shape[0]
-            if body >= 0:
-                mass = body_mass(t, world, body)
-                twist = spin_of(
-                    working.body_start_turns[world, body], t.bodies.eases[body], mass, wp.cross(catch.arm, along)
-                )
-                share = float(working.ridge_body_shares[world, body])
-                gain += share * (along / mass + wp.cross(twist, catch.arm))
-        return gain
-
-    @wp.func
-    def push_pair(t: Tables, working: Working, world: wp.int32, catch: Catch, impulse: wp.vec3):
-        """Give an impulse to the corners, and the opposite to a body."""
-        for corner in range(3):
-            if catch.weights[corner] > 0.0:
-                add_impulse(working.ridge_quanta, world, catch.corners[corner], catch.weights[corner] * impulse)
-        if wp.static(traits.bodies > 0):
-            body = catch.solid - t.fixtures.solids.shape[0]
-            if body >= 0:
-                add_to_body(working.ridge_body_quanta, world, body, -impulse, wp.cross(catch.arm, -impulse))
-
-    return beside, gain_along, push_pair
-
-
-@cache
-def sharing_functions(traits: Traits) -> tuple[Any, Any]:
-    """The functions that count the contacts of particles and bodies, and that move these by all impulses."""
-    ease_of_moving = ease_function(traits)
-
-    @wp.func
-    def count_in(t: Tables, working: Working, world: wp.int32, catch: Catch):
-        for corner in range(3):
-            if catch.weights[corner] > 0.0:
-                wp.atomic_add(working.ridge_shares, world, catch.corners[corner], 1)
-        if wp.static(traits.bodies > 0):
-            body = catch.solid - t.fixtures.solids.shape[0]
-            if body >= 0:
-                wp.atomic_add(working.ridge_body_shares, world, body, 1)
-
-    @wp.func
-    def move_by_impulses(
-        t: Tables, state: WorldState, working: Working, world: wp.int32, catch: Catch, speeds: float,
-        points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
-    ):  # fmt: skip
-        """Move the corners, each by who comes first, which is the same for all of its sum.
-
-        Args:
-            speeds: 1, or 0 where impulses are moves without speed.
-        """
-        for corner in range(3):
-            particle = catch.corners[corner]
-            if catch.weights[corner] > 0.0:
-                if wp.atomic_exch(working.ridge_shares, world, particle, 0) > 0:
-                    impulse = take_impulse(working.ridge_quanta, world, particle)
-                    gain = ease_of_moving(t, working, world, particle) * impulse
-                    velocities[particle] = velocities[particle] + speeds * gain
-                    points[particle] = points[particle] + wp.where(speeds > 0.0, t.step_seconds, 1.0) * gain
-        if wp.static(traits.bodies > 0):
-            body = catch.solid - t.fixtures.solids.shape[0]
-            if body >= 0:
-                if wp.atomic_exch(working.ridge_body_shares, world, body, 0) > 0:
-                    push, twist = take_of_body(working.ridge_body_quanta, world, body)
-                    rigid = body_at(t, state, working.body_starts, working.body_start_turns, world, body)
-                    ways = push / rigid.mass
-                    shift = (1.0 - speeds) * ways
-                    put_body(state, world, pushed_on(t, rigid, speeds * ways, speeds * twist, shift))
-
-    return count_in, move_by_impulses
-
-
-@cache
-def ridges_function(traits: Traits) -> Any:
-    """The function by which faces leave ridges, once all have moved."""
-    search_ridges = ridge_search_function(traits)
-    catch_of = catching_function(traits)
+def sweeping_functions(traits: Traits) -> tuple[Any, Any]:
+    """The functions that find pairs that come together too fast, and that let these push and rub."""
     beside, gain_along, push_pair = pushing_functions(traits)
-    count_in, move_by_impulses = sharing_functions(traits)
+    count_in, _ = sharing_functions(traits)
 
     @wp.func
     def find_pushed(
@@ -212,14 +67,14 @@ def ridges_function(traits: Traits) -> Any:
                         impulse += rub_against(slide, catch.normal, ease, catch.friction * push)
                 push_pair(t, working, world, catch, impulse)
 
-    @wp.func
-    def move_all(
-        t: Tables, state: WorldState, working: Working, world: wp.int32, thread: wp.int32, count: wp.int32,
-        speeds: float, points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
-    ):  # fmt: skip
-        for pair in range(thread, count, wp.block_dim()):
-            if working.catches[world, pair].push > 0.0:
-                move_by_impulses(t, state, working, world, working.catches[world, pair], speeds, points, velocities)
+    return find_pushed, push_apart
+
+
+@cache
+def parting_functions(traits: Traits) -> tuple[Any, Any, Any]:
+    """The functions that find pairs that are too near, that let these part, and that move all by what pairs do."""
+    _, gain_along, push_pair = pushing_functions(traits)
+    count_in, move_by_impulses = sharing_functions(traits)
 
     @wp.func
     def find_overlaps(t: Tables, working: Working, world: wp.int32, thread: wp.int32, count: wp.int32):
@@ -242,6 +97,27 @@ def ridges_function(traits: Traits) -> Any:
                 along = gain_along(t, working, world, catch, catch.normal)
                 push = catch.push / wp.max(wp.dot(along, catch.normal), LEAST)
                 push_pair(t, working, world, catch, push * catch.normal)
+
+    @wp.func
+    def move_all(
+        t: Tables, state: WorldState, working: Working, world: wp.int32, thread: wp.int32, count: wp.int32,
+        speeds: float, points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
+    ):  # fmt: skip
+        """Move the particles and bodies of pairs that are a thread's, see `move_by_impulses`."""
+        for pair in range(thread, count, wp.block_dim()):
+            if working.catches[world, pair].push > 0.0:
+                move_by_impulses(t, state, working, world, working.catches[world, pair], speeds, points, velocities)
+
+    return find_overlaps, move_apart, move_all
+
+
+@cache
+def ridges_function(traits: Traits) -> Any:
+    """The function by which faces leave ridges, once all have moved."""
+    search_ridges = ridge_search_function(traits)
+    catch_of = catching_function(traits)
+    find_pushed, push_apart = sweeping_functions(traits)
+    find_overlaps, move_apart, move_all = parting_functions(traits)
 
     @wp.func
     def leave_ridges(
