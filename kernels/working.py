@@ -38,6 +38,9 @@ class Working:
     """what a body has pressed each particle with [N s]"""
     grips: wp.array2d[Grip]
     """what points of bodies meet in this substep"""
+    contact_pushes: wp.array3d[wp.vec4]
+    """of each thing and particle since the frame began: the impulse [N s], and for how long they have touched [s];
+    empty unless a scene asks for contacts, see `phases.tell`"""
     ridge_counts: wp.array2d[wp.int32]
     """pairs of features of balloons and ridges that are near each other in each world: shape (world_count, 2), of
     which the second is how many may meet in this substep; empty unless faces meet ridges, as is what follows, see

@@ -85,6 +85,8 @@ def only_launched(model: Model) -> str | None:
     """What of a model only schedules do that launch a kernel for each piece of a substep, in words, or None."""
     if model.bursts:
         return "balloons burst"
+    if model.scene.contacts:
+        return "balloons tell what presses them"
     return "faces meet obstacles and bodies" if model.faces_meet and model.scene.faces is True else None
 
 

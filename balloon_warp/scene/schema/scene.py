@@ -85,6 +85,9 @@ class Scene(Table):
     faces: bool | Literal["auto"] = "auto"
     """whether faces of balloons, and not only their particles, meet the edges and corners of obstacles and bodies,
     capsules, and small spheres; "auto" where one is thin beside faces"""
+    contacts: bool = False
+    """tell how hard things press each other: forces, torques, areas and pressures of each pair, in frames and in the
+    stage"""
     net_forces: bool = False
     """write the net force on each particle into the stage, as curves"""
     picture_frame: Index | None = None
