@@ -17,7 +17,11 @@ if TYPE_CHECKING:
     from balloon_warp.advice import advise_step
     from balloon_warp.checking import CheckReport, Crossing, check_stage
     from balloon_warp.comparison.compare import compare
+    from balloon_warp.designing.design import design
+    from balloon_warp.designing.result import Design
     from balloon_warp.errors import BlowUpError, InputError, MissingExtraError, WorkersLostError
+    from balloon_warp.fitting.fit import fit
+    from balloon_warp.fitting.result import Fit
     from balloon_warp.foil.make import foil_mesh, foil_parts
     from balloon_warp.frame import Frame
     from balloon_warp.inspection import inspect_mesh
@@ -72,6 +76,8 @@ __all__ = [
     "CheckReport",
     "Cluster",
     "Crossing",
+    "Design",
+    "Fit",
     "Frame",
     "Ground",
     "Inflation",
@@ -101,8 +107,10 @@ __all__ = [
     "bundled_scenes",
     "check_stage",
     "compare",
+    "design",
     "export_stage",
     "face_law",
+    "fit",
     "foil_mesh",
     "foil_parts",
     "inspect_mesh",
@@ -124,7 +132,11 @@ _HOMES = {
     "advice": ("advise_step",),
     "checking": ("CheckReport", "Crossing", "check_stage"),
     "comparison.compare": ("compare",),
+    "designing.design": ("design",),
+    "designing.result": ("Design",),
     "errors": ("BlowUpError", "InputError", "MissingExtraError", "WorkersLostError"),
+    "fitting.fit": ("fit",),
+    "fitting.result": ("Fit",),
     "foil.make": ("foil_mesh", "foil_parts"),
     "frame": ("Frame",),
     "inspection": ("inspect_mesh",),
@@ -187,5 +199,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """What tab completion offers, before anything is loaded."""
+    """List what tab completion offers, before anything is loaded."""
     return sorted({*(name for name in globals() if name.startswith("__")), *__all__, "__version__"})

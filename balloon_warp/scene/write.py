@@ -11,7 +11,7 @@ from pydantic import BaseModel
 
 from balloon_warp.errors import InputError
 from balloon_warp.files import check_writable, whole_file
-from balloon_warp.scene.load import FILES, bundled_scenes
+from balloon_warp.scene.load import bundled_scenes, files_of, with_files
 from balloon_warp.scene.reference import default_of
 from balloon_warp.scene.schema import MESHED, WITHOUT_MESHES, Balloon, Body, Obstacle, Scene
 from balloon_warp.scene.schema.field_help import first_line, meaning_of
@@ -38,7 +38,7 @@ def write_scene(scene: Scene, path: Path) -> list[Path]:
     missing = {mesh: copy for mesh, copy in copies.items() if not _is_copied(mesh, copy)}
     moved = {
         name: [
-            each.model_copy(update={field: copies.get(file, file) for field, file in _files_of(each).items()})
+            with_files(each, {field: copies.get(file, file) for field, file in _files_of(each).items()})
             for each in getattr(scene, name)
         ]
         for name in MESHED
@@ -52,7 +52,7 @@ def write_scene(scene: Scene, path: Path) -> list[Path]:
 
 
 def scene_toml(scene: Scene, folder: Path) -> str:
-    """The scene as a TOML file in `folder` would say it, with what each field is; what has its default is left out.
+    """Write the scene as a TOML file in `folder` would say it, with what each field is, but without defaults.
 
     Mesh files are named from the folder, those of bundled scenes by their whole path. Every number has all its digits.
     """
@@ -60,8 +60,18 @@ def scene_toml(scene: Scene, folder: Path) -> str:
     for name in MESHED:
         for number, each in enumerate(getattr(scene, name)):
             files = {field: _named_from(file, folder) for field, file in _files_of(each).items()}
-            table[name][number] = files | {k: v for k, v in table[name][number].items() if k not in files}
+            table[name][number] = _with_files_named(table[name][number], files)
     return HEADER + "\n".join(_lines(scene, table)) + "\n"
+
+
+def _with_files_named(table: dict[str, Any], files: dict[str, str]) -> dict[str, Any]:
+    """Put the files of a table first, those of tables within it in these."""
+    own = {field: file for field, file in files.items() if "." not in field}
+    table = own | {field: value for field, value in table.items() if field not in own}
+    for path in files.keys() - own.keys():
+        within, _, field = path.partition(".")
+        table[within] = {field: files[path]} | {k: v for k, v in table[within].items() if k != field}
+    return table
 
 
 def _files(scene: Scene) -> list[Path]:
@@ -70,7 +80,7 @@ def _files(scene: Scene) -> list[Path]:
 
 def _files_of(meshed: Balloon | Body | Obstacle) -> dict[str, Path]:
     """Those of its mesh and its print, by the fields that name them."""
-    named = {field: getattr(meshed, field, None) for field in FILES}
+    named = {"mesh": meshed.mesh} | files_of(meshed)
     return {field: Path(os.path.abspath(str(file))) for field, file in named.items() if file is not None}
 
 
@@ -92,7 +102,7 @@ def _is_copied(mesh: Path, copy: Path) -> bool:
 
 
 def _named_from(mesh: Path, folder: Path) -> str:
-    """A mesh as a file in a folder names it, so that both can be moved together."""
+    """Name a mesh as a file in a folder does, so that both can be moved together."""
     if not _is_bundled(mesh) or mesh.parent == Path(os.path.abspath(folder)):
         with suppress(ValueError):  # another drive
             return Path(os.path.relpath(os.path.realpath(mesh.parent), os.path.realpath(folder)), mesh.name).as_posix()
@@ -100,7 +110,7 @@ def _named_from(mesh: Path, folder: Path) -> str:
 
 
 def _lines(said: BaseModel, dump: dict[str, Any], path: str = "") -> list[str]:
-    """The lines of a table: its values, and then the tables within it.
+    """Write the lines of a table: its values, and then the tables within it.
 
     Args:
         said: the table.

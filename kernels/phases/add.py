@@ -1,5 +1,7 @@
-"""What springs, strings, hinges, triangles and faces do to their particles: atomic adds into one array of forces, which
-particles take. The readable reference, which every other way is tested against."""
+"""Forces of springs, strings, hinges, triangles and faces, by atomic adds into one array that particles take.
+
+The readable reference, which every other way is tested against.
+"""
 
 from functools import cache
 from typing import Any
@@ -23,7 +25,7 @@ from balloon_warp.kernels.working import Working
 
 @cache
 def line_functions(traits: Traits) -> tuple[Any, Any]:
-    """The functions that add what a spring, and a string, do to a world's forces."""
+    """Make the functions that add what a spring, and a string, do to a world's forces."""
     pull_of_pair, pull_of_held_string = pair_pull(traits), held_string_pull(traits)
 
     @wp.func
@@ -46,7 +48,7 @@ def line_functions(traits: Traits) -> tuple[Any, Any]:
 
 @cache
 def surface_functions(traits: Traits, at: Any) -> tuple[Any, Any, Any]:
-    """The functions that add what a hinge, a triangle of a membrane, and a face do to a world's forces.
+    """Make the functions that add what a hinge, a triangle of a membrane, and a face do to a world's forces.
 
     Args:
         at: the function that reads a point.
@@ -58,7 +60,7 @@ def surface_functions(traits: Traits, at: Any) -> tuple[Any, Any, Any]:
 
     @wp.func
     def add_hinge(t: Tables, world: wp.int32, hinge: wp.int32, points: Any, forces: Any):
-        """Forces on its two ends and on the corners of its wings."""
+        """Add the forces of a hinge on its two ends and on the corners of its wings."""
         p = t.hinges.ends[hinge][0]
         q = t.hinges.ends[hinge][1]
         n = read_numbers(t, world, t.particles.balloon[p])

@@ -21,8 +21,10 @@ from balloon_warp.kernels.traits import Traits
 
 @cache
 def memory_function(traits: Traits) -> Any:
-    """The function that gives what of a velocity before the step counts in a balloon's swelling; of a balloon's
-    breathing_damping, where one breathes on."""
+    """Make the function that gives what of a velocity before the step counts in a balloon's swelling.
+
+    It is a balloon's breathing_damping, where one breathes on.
+    """
 
     @wp.func
     def remembered(velocity: wp.vec3, n: Any):
@@ -36,7 +38,7 @@ def memory_function(traits: Traits) -> Any:
 
 @cache
 def swell_function(traits: Traits, sphere_at: Any) -> Any:
-    """The function that gives a particle's part of its balloon's swelling."""
+    """Make the function that gives a particle's part of its balloon's swelling."""
     course_beside_obstacles = course_function(traits, sphere_at)
 
     @wp.func
