@@ -128,7 +128,7 @@ class Reading:
         return np.asarray(self._buffer.arrays["first_bad"].numpy(), dtype=np.int32)
 
     def _contacts(self) -> list[Contact]:
-        """What pressed what; none where nobody asks."""
+        """Return what pressed what; none where nobody asks."""
         if "contact_pushes" not in self._buffer.arrays:
             return []
         pushes = np.asarray(self._buffer.arrays["contact_pushes"].numpy()[0], dtype=np.float32)

@@ -1,5 +1,6 @@
-"""Ridges, the convex edges of obstacles and free bodies and the axes of capsules, against the faces and edges of
-balloons, between whose particles they could go.
+"""Ridges of obstacles and free bodies against faces and edges of balloons, between whose particles they could go.
+
+Ridges are convex edges, and the axes of capsules.
 
 With q the point of a ridge and p the point of a balloon's face or edge that are nearest as a substep begins, n the unit
 vector from q to p and g their distance, less the ridge's radius, an impulse along n lets them come nearer by no more
@@ -62,7 +63,7 @@ def is_outside(ridge: Ridge, normal: wp.vec3):
 
 @wp.func
 def near_of(ridge: Ridge, arm: wp.vec3, weights: wp.vec3):
-    """What there is where the arm from a ridge to a balloon is shortest."""
+    """Say what there is where the arm from a ridge to a balloon is shortest."""
     near = Near()
     near.gap = wp.length(arm) - ridge.radius
     near.weights = weights
@@ -102,7 +103,7 @@ def tip_near(ridge: Ridge, tip: wp.vec3, away: wp.vec3, a: wp.vec3, b: wp.vec3, 
 
 @wp.func
 def nearer(first: Near, second: Near):
-    """The one of two that is nearer; what does not meet is far."""
+    """Return the one of two that is nearer; what does not meet is far."""
     if wp.length_sq(second.normal) > 0.0 and (wp.length_sq(first.normal) == 0.0 or second.gap < first.gap):
         return second
     return first
@@ -133,7 +134,7 @@ def way_to_part(gap: float, kept: float):
 
 @wp.func
 def rub_against(slide: wp.vec3, normal: wp.vec3, ease: float, most: float):
-    """The impulse against what slides across n [N s], no more than `most`."""
+    """Return the impulse against what slides across n [N s], no more than `most`."""
     beside = slide - wp.dot(slide, normal) * normal
     speed = wp.length(beside)
     if speed > 0.0:

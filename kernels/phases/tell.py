@@ -1,5 +1,7 @@
-"""What contacts have done to particles, added up over a frame for who asks: by how much each has changed a velocity
-that all other forces would have left as it was."""
+"""What contacts do to particles, added up over a frame for who asks.
+
+It is by how much they change a velocity that all other forces would have left as it was.
+"""
 
 from typing import Any
 

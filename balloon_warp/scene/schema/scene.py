@@ -133,14 +133,14 @@ class Scene(Table):
 
     @property
     def touches_spheres(self) -> bool:
-        """Whether spheres that are small beside faces touch these"""
+        """Whether spheres that are small beside faces touch these."""
         if self.touch is not None and self.faces is not True:
             return self.touch.spheres and bool(self.sphere)
         return self.faces_may_meet and bool(self.sphere)
 
     @property
     def faces_may_meet(self) -> bool:
-        """Whether faces of balloons, and not only their particles, meet what is thin beside them"""
+        """Whether faces of balloons, and not only their particles, meet what is thin beside them."""
         if self.faces != "auto":
             return self.faces
         bursts = any(balloon.material.strength is not None for balloon in self.balloon)
