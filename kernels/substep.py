@@ -15,12 +15,13 @@ from balloon_warp.kernels.phases.flow import burden, flow, pump, weigh
 from balloon_warp.kernels.phases.inflate import add_up, given_load, inflate
 from balloon_warp.kernels.phases.leave import leave
 from balloon_warp.kernels.phases.load import load
-from balloon_warp.kernels.phases.meet import keep_start, meet_bodies, meet_edges, meet_faces, meet_spheres
+from balloon_warp.kernels.phases.meet import keep_start, meet_bodies, meet_edges, meet_faces, meet_ridges, meet_spheres
 from balloon_warp.kernels.phases.move import free, move, move_first, push, respond
 from balloon_warp.kernels.phases.press import press
 from balloon_warp.kernels.phases.pull import jet, jet_of_holes, pull, take
 from balloon_warp.kernels.phases.roll import collide, roll, tumble
 from balloon_warp.kernels.phases.swell import swell
+from balloon_warp.kernels.phases.tell import note_unhindered, tell_contacts
 from balloon_warp.kernels.phases.wear import burst, look_at_wear, run, tear, wear, weigh_skin
 from balloon_warp.kernels.traits import Traits
 
@@ -37,10 +38,11 @@ STEP: tuple[Phase, ...] = (
     pump, weigh, burden, respond, pull, jet, jet_of_holes, take, free, swell, load, flow,
     # particles move, by all forces
     given_load, inflate, move_first, push, move,
-    # springs that are too long are shortened; then particles leave spheres, obstacles and the ground
-    correct, leave,
+    # springs that are too long are shortened; then faces leave ridges of obstacles and bodies, and particles leave
+    # spheres, obstacles and the ground
+    correct, note_unhindered, meet_ridges, leave,
     # momentum is exchanged, once all have moved
-    meet_spheres, meet_bodies, meet_faces, meet_edges,
+    meet_spheres, meet_bodies, meet_faces, tell_contacts, meet_edges,
 )  # fmt: skip
 
 SCATTERED = tuple(each for line in STEP for each in ((add_forces, add_area_vectors, line) if line is pull else (line,)))

@@ -78,6 +78,10 @@ class Traits(NamedTuple):
     """free rigid bodies"""
     body_meshes: bool = False
     """a mesh is among them"""
+    tells_contacts: bool = False
+    """it is added up what contacts do to particles"""
+    ridges: bool = False
+    """faces meet ridges of obstacles and bodies, and not only particles"""
     touches: bool = False
     """balloons touch each other"""
     touches_itself: bool = False

@@ -83,7 +83,11 @@ def schedule_named(name: str, model: Model) -> type[Schedule]:
 
 def only_launched(model: Model) -> str | None:
     """What of a model only schedules do that launch a kernel for each piece of a substep, in words, or None."""
-    return "balloons burst" if model.bursts else None
+    if model.bursts:
+        return "balloons burst"
+    if model.scene.contacts:
+        return "balloons tell what presses them"
+    return "faces meet obstacles and bodies" if model.faces_meet and model.scene.faces is True else None
 
 
 def settled_schedule(name: str, model: Model, world_count: int) -> str:
@@ -104,7 +108,7 @@ def fastest_schedule(model: Model, world_count: int) -> str:
     worlds side by side, or eight particles of a world that is alone.
     `python -m balloon_warp.benchmarks.auto` measures whether that is right.
     """
-    if only_launched(model) or model.bodies or any(small_spheres(model)):
+    if only_launched(model) or model.faces_meet or model.bodies or any(small_spheres(model)):
         return "gather"
     if model.device.is_cpu and not model.scene.touches:
         return "lanes" if world_count > 1 else "octets"

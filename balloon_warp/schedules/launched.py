@@ -107,6 +107,8 @@ class LaunchedSchedule(ABC):
         refresh_ramp(self.model, state)
         weigh_air(self.model, self.traits, self.tables, state)
         forget_looks(self.tables)
+        if self.traits.tells_contacts:
+            self.launches.working.contact_pushes.zero_()
         if self.traits.penalties:
             self._over_spheres(read_sphere_forces, state.sphere_forces, self.launches.working.sphere_quanta)
 
@@ -115,6 +117,8 @@ class LaunchedSchedule(ABC):
         if self.traits.penalties:
             self._over_spheres(write_sphere_forces, self.launches.working.sphere_quanta, state.sphere_forces)
         note_pressures(self.model, self.traits, state)
+        if self.traits.tells_contacts:
+            wp.copy(state.contact_pushes, self.launches.working.contact_pushes)
         self._health.end_frame(state)
 
     def _press(self, state: State, substep: int, time_in_frame: float, now: Moving) -> None:
