@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sparse
@@ -78,7 +79,7 @@ class MouldProblem:
         return design + (moves * np.minimum(1.0, most / np.maximum(far, 1e-30))).ravel()
 
     @cached_property
-    def _together(self) -> sparse.csc_matrix:
+    def _together(self) -> Any:
         """What is spread evenly over neighbors, and a little of what is not, shape (3 n, 3 n)."""
         ends, count = mesh_edges(self.mesh).ends, self.mesh.vertex_count
         both = np.concatenate([ends, ends[:, ::-1], np.stack([np.arange(count)] * 2, axis=1)])

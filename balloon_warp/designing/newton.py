@@ -9,6 +9,7 @@ brings the balance nearest to what is wanted, and changes the design least (Leve
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sparse
@@ -27,9 +28,9 @@ class Aim:
 
     error: Values
     """where the particles should be, from where they are [m], shape (n, 3)"""
-    weights: sparse.spmatrix
+    weights: Any
     """W'W, shape (3 n, 3 n)"""
-    easily: sparse.spmatrix
+    easily: Any
     """S: how the design changes easily, by how much and what together, shape (m, k)"""
     damping: float
     """times a unit that makes 1 much"""
