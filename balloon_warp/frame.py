@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from balloon_warp.contacts import Contact
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.corners import corners_beside
 from balloon_warp.mesh.geometry import total_area, volume_and_area
@@ -55,6 +56,8 @@ class Frame(Shown):
     """of the balloons, as they are at the start"""
     torn: list[NDArray[np.bool_]]
     """which faces of each balloon are torn, shape (face_count,); empty where no balloon may burst"""
+    contacts: list[Contact]
+    """what presses on balloons, on average over the frame; empty unless the scene has `contacts`"""
 
     @property
     def volumes(self) -> NDArray[np.float64]:

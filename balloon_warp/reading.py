@@ -8,6 +8,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from balloon_warp.contacts import Contact, contacts_of
 from balloon_warp.frame import Frame
 from balloon_warp.kernels.laws.law import FAR
 from balloon_warp.model import Model
@@ -118,12 +119,20 @@ class Reading:
             water_level=self._height("water_level"),
             meshes=[shape.mesh for shape in self.model.shapes],
             torn=self._torn(),
+            contacts=self._contacts(),
         )
 
     def first_bad(self) -> NDArray[np.int32]:
         """Of every world the first particle or sphere that is bad, as `State.first_bad`, shape (world_count,)."""
         self._buffer.wait()
         return np.asarray(self._buffer.arrays["first_bad"].numpy(), dtype=np.int32)
+
+    def _contacts(self) -> list[Contact]:
+        """Return what pressed what; none where nobody asks."""
+        if "contact_pushes" not in self._buffer.arrays:
+            return []
+        pushes = np.asarray(self._buffer.arrays["contact_pushes"].numpy()[0], dtype=np.float32)
+        return contacts_of(self.model, self._rows("points"), pushes)
 
     def _torn(self) -> list[NDArray[np.bool_]]:
         """Of each balloon which faces are; none if none may be."""

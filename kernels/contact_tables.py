@@ -2,6 +2,8 @@
 
 import warp as wp
 
+from balloon_warp.kernels.laws.ridges import Ridge
+
 
 @wp.struct
 class SphereTable:
@@ -125,3 +127,20 @@ class TouchTable:
     """the particles of those edges that meet others, balloon by balloon; empty where none do"""
     balloon_edges: wp.array[wp.int32]
     """where each balloon's edges begin, and after the last, where they end"""
+
+
+@wp.struct
+class RidgeTable:
+    """Ridges of all solids: first obstacles, then free bodies; empty where faces do not meet them."""
+
+    ridges: wp.array[Ridge]
+    ends: wp.array[wp.vec2i]
+    """where each solid's begin and end"""
+    trees: wp.array[wp.uint64]
+    """of boxes around the ridges of each solid; 0 for one without any"""
+    features: wp.array[wp.vec4i]
+    """triangles and edges of balloons: their particles, -1 in place of an edge's third, and their balloon"""
+    kept: float
+    """distance that faces keep from ridges [m]"""
+    margin: float
+    """how much further off ridges are noted [m]"""

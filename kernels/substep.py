@@ -15,13 +15,14 @@ from balloon_warp.kernels.phases.flow import burden, flow, pump, weigh
 from balloon_warp.kernels.phases.inflate import add_up, given_load, inflate
 from balloon_warp.kernels.phases.leave import leave
 from balloon_warp.kernels.phases.load import find_load, hold, note
-from balloon_warp.kernels.phases.meet import keep_start, meet_bodies, meet_edges, meet_faces, meet_spheres
+from balloon_warp.kernels.phases.meet import keep_start, meet_bodies, meet_edges, meet_faces, meet_ridges, meet_spheres
 from balloon_warp.kernels.phases.move import free, move, move_first, push, respond
 from balloon_warp.kernels.phases.press import press
 from balloon_warp.kernels.phases.pull import jet, jet_of_holes, pull, pull_and_face, take
 from balloon_warp.kernels.phases.roll import collide, roll, tumble
 from balloon_warp.kernels.phases.stretch import clear, collect, pull_with_skin, stretch
 from balloon_warp.kernels.phases.swell import swell
+from balloon_warp.kernels.phases.tell import note_unhindered, tell_contacts
 from balloon_warp.kernels.phases.watch import set_off, watch
 from balloon_warp.kernels.phases.wear import burst, look_at_wear, run, tear, wear, weigh_skin
 from balloon_warp.kernels.traits import Traits
@@ -41,10 +42,11 @@ STEP: tuple[Phase, ...] = (
     pull, jet, jet_of_holes, take, free, swell, hold, find_load, note, flow,
     # particles move, by all forces
     set_off, given_load, inflate, move_first, push, move,
-    # springs that are too long are shortened; then particles leave spheres, obstacles and the ground
-    correct, leave, watch,
+    # springs that are too long are shortened; then faces leave ridges of obstacles and bodies, and particles leave
+    # spheres, obstacles and the ground
+    correct, note_unhindered, meet_ridges, leave, watch,
     # momentum is exchanged, once all have moved
-    meet_spheres, meet_bodies, meet_faces, meet_edges,
+    meet_spheres, meet_bodies, meet_faces, tell_contacts, meet_edges,
 )  # fmt: skip
 
 SCATTERED = tuple(each for line in STEP for each in ((add_forces, add_area_vectors, line) if line is pull else (line,)))

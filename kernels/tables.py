@@ -5,7 +5,7 @@ Schedules fill these; see `balloon_warp.model.Model` for the shapes of what is n
 
 import warp as wp
 
-from balloon_warp.kernels.contact_tables import BodyTable, FixtureTable, SphereTable, TouchTable
+from balloon_warp.kernels.contact_tables import BodyTable, FixtureTable, RidgeTable, SphereTable, TouchTable
 from balloon_warp.kernels.film_tables import FilmTable
 from balloon_warp.kernels.gas_tables import NeckTable, PumpTable, TubeTable
 from balloon_warp.kernels.measure.health import HealthTable
@@ -207,6 +207,7 @@ class Tables:
     pumps: PumpTable
     necks: NeckTable
     touch: TouchTable
+    ridges: RidgeTable
     correction: CorrectionTable
     health: HealthTable
     balloon_numbers: wp.array3d[float]

@@ -78,6 +78,10 @@ class Traits(NamedTuple):
     """free rigid bodies"""
     body_meshes: bool = False
     """a mesh is among them"""
+    tells_contacts: bool = False
+    """it is added up what contacts do to particles"""
+    ridges: bool = False
+    """faces meet ridges of obstacles and bodies, and not only particles"""
     touches: bool = False
     """balloons touch each other"""
     touches_itself: bool = False
@@ -206,8 +210,8 @@ class Traits(NamedTuple):
 
     @property
     def meets_solids(self) -> bool:
-        """Whether free bodies move, small spheres meet faces, or edges meet, once particles have left all else."""
-        return self.bodies > 0 or self.small_spheres or self.edges_meet
+        """Whether free bodies move, small spheres meet faces, or edges or ridges meet: what launches are left to do."""
+        return self.bodies > 0 or self.small_spheres or self.edges_meet or self.ridges
 
     @property
     def pushes_come_last(self) -> bool:

@@ -2,6 +2,7 @@
 
 import warp as wp
 
+from balloon_warp.kernels.contact.catch import Catch
 from balloon_warp.kernels.laws.grip import Grip
 
 
@@ -37,6 +38,27 @@ class Working:
     """what a body has pressed each particle with [N s]"""
     grips: wp.array2d[Grip]
     """what points of bodies meet in this substep"""
+    contact_pushes: wp.array3d[wp.vec4]
+    """of each thing and particle since the frame began: the impulse [N s], and for how long they have touched [s];
+    empty unless a scene asks for contacts, see `phases.tell`"""
+    ridge_counts: wp.array2d[wp.int32]
+    """pairs of features of balloons and ridges that are near each other in each world: shape (world_count, 2), of
+    which the second is how many may meet in this substep; empty unless faces meet ridges, as is what follows, see
+    `contact.ridges`"""
+    ridge_budgets: wp.array[float]
+    """how far anything may go until it is looked again [m]"""
+    ridge_pairs: wp.array2d[wp.vec3i]
+    """those pairs: feature, ridge and solid"""
+    catches: wp.array2d[Catch]
+    """those that may meet in this substep"""
+    ridge_shares: wp.array2d[wp.int32]
+    """contacts of each particle in a sweep"""
+    ridge_body_shares: wp.array2d[wp.int32]
+    """the same of bodies"""
+    ridge_quanta: wp.array3d[wp.int64]
+    """impulses on each particle in a sweep, see `contact.ridge_sums`"""
+    ridge_body_quanta: wp.array3d[wp.int64]
+    """the same on bodies, and their angular momenta"""
     near: wp.array2d[wp.int32]
     """whether particles may touch a sphere, see `contact.spheres`; empty unless momentum is exchanged"""
     balloon_boxes: wp.array3d[wp.vec3]

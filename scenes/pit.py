@@ -25,6 +25,7 @@ HEAD = """description = "A ball rolls through {} balloons in a box"
 frames = 300
 picture_frame = 138
 contact = "impulse"
+faces = false # with them it is a fifth as fast; walls poke between particles by 3 cm
 """
 BALLOON = """
 [[balloon]]

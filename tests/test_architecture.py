@@ -23,7 +23,7 @@ LAYERS = (
     ("mesh",),
     ("springs", "scene", "foil"),
     ("model", "provenance"),
-    ("schedules", "advice", "beginning", "inspection", "saved_state", "solids", "swelling"),
+    ("schedules", "advice", "contacts", "beginning", "inspection", "saved_state", "solids", "swelling"),
     ("solvers", "frame"),
     ("reading", "statics"),
     ("blow_ups", "outputs", "outcomes", "frame_reader", "resting"),

@@ -99,7 +99,7 @@ def hit(device: str, schedule: str, mass: float = 0.3, speed: float = 2.0, **fie
         velocity=(0, -speed, 0.2),
         angular_velocity=(1, 2, -1),
     )
-    setting = SPACE | {"balloon": [ball], "substeps": 40, "frames_per_second": 60.0}
+    setting = SPACE | {"balloon": [ball], "substeps": 40, "faces": False, "frames_per_second": 60.0}
     return started(device, brick, schedule=schedule, **setting | fields)
 
 
@@ -122,7 +122,13 @@ def test_balloon_and_body_together_keep_what_physics_keeps(mass, laid_out, devic
 def test_a_ball_that_is_a_body_does_what_a_sphere_does(device):
     """The balloon does not know which it is: by the impulse rule, both are the same, but for how sums are rounded."""
     ball = Balloon(mesh=quad_sphere(6, 0.5), mass=0.5, damping=0.0, inflation=Inflation(pressure=0.0))
-    setting = SPACE | {"balloon": [ball], "substeps": 40, "frames_per_second": 60.0, "contact": "impulse"}
+    setting = SPACE | {
+        "balloon": [ball],
+        "substeps": 40,
+        "frames_per_second": 60.0,
+        "contact": "impulse",
+        "faces": False,
+    }
     smooth = Body(radius=0.3, length=0.0, position=(0.1, 0.9, 0), mass=0.3, velocity=(0, -2, 0), friction=0.0)
     as_body = started(device, smooth, **setting)
     sphere = Sphere(position=(0.1, 0.9, 0), radius=0.3, mass=0.3, velocity=(0, -2, 0))

@@ -177,3 +177,34 @@ def test_command(tmp_path: Path):
     assert said.exit_code == 0, said.output
     assert "simulated from rest: " in said.output
     assert f"balloon-warp run {tmp_path / 'out' / 'balloon.toml'}" in said.output.replace("\n", " ")
+
+
+CIRCLE = '<svg xmlns="http://www.w3.org/2000/svg" width="90" height="90"><circle cx="45" cy="45" r="40"/></svg>'
+
+
+def test_foil_gets_an_outline_that_shrinks_to_the_wanted_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """A circle's pattern is larger by what theory says, 1 / 0.7627, and a drawing in millimeters has it."""
+    pytest.importorskip("shapely")
+    from balloon_warp.designing import of_foil
+
+    monkeypatch.setattr(of_foil, "EDGES", 12)
+    (tmp_path / "circle.svg").write_text(CIRCLE)
+    asked = {"of": "foil", "size": 0.3, "thickness": 1e-4, "folder": tmp_path / "out", "device": "cpu"}
+    design = bw.design(tmp_path / "circle.svg", **asked, steps=3)
+    assert design.error.mean < 0.006
+    assert design.plain_error
+    assert design.plain_error.mean > 0.1
+    pattern = bw.load_mesh(tmp_path / "out" / "balloon_1.obj").points
+    assert np.ptp(pattern[:, 0]) == pytest.approx(0.3 / 0.7627, rel=0.04)
+    svg = (tmp_path / "out" / "pattern.svg").read_text()
+    assert svg.count('class="seam"') == 1
+    assert svg.count('class="cut"') == 1
+    width = float(svg.split('width="')[1].split("mm")[0])
+    assert width == pytest.approx(1000.0 * (np.ptp(pattern[:, 0]) + 2 * 0.008 + 2 * 0.01), rel=0.01)
+    frames = list(bw.Simulator(tmp_path / "out" / "balloon.toml", "cpu").run())
+    assert np.ptp(frames[-1].points[0][:, 0]) == pytest.approx(0.3, rel=0.03)
+
+
+def test_foil_of_a_mesh_is_refused(tmp_path: Path):
+    with pytest.raises(InputError, match=r"target: must be letters or a drawing"):
+        bw.design(pear(), of="foil", folder=tmp_path)

@@ -21,9 +21,9 @@ PYTHONS = ("Annotated[", "FieldInfo", "_SupportsArray", "numpy.dtype", "model_co
 """what Python and libraries say and nobody wants to read"""
 SIMULATOR = """frame_number mass_properties model picture read_frame relax reset restore run save set state step
 stiffness time warnings"""
-FRAME = """areas body_poses corners gas_amounts ground_height inflation_forces is_finite meshes net_forces number
-obstacle_poses points pressures sphere_positions sphere_velocities stretches string_anchors string_lengths thrusts time
-torn velocities volumes water_level"""
+FRAME = """areas body_poses contacts corners gas_amounts ground_height inflation_forces is_finite meshes net_forces
+number obstacle_poses points pressures sphere_positions sphere_velocities stretches string_anchors string_lengths
+thrusts time torn velocities volumes water_level"""
 
 
 @pytest.fixture(scope="module")

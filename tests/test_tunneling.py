@@ -25,7 +25,7 @@ def test_a_sphere_that_fits_between_the_corners_of_a_face_passes_untouched(radiu
     """Of the unit cube, whose opening is 0.71 m: it flies in at the middle of a face, or moves the cube."""
     still = Balloon(mesh=cube(), inflation=Inflation(k_normal=0.0), damping=0.0)
     sphere = Sphere(position=(0.5, 2.0, 0.5), radius=radius, mass=1.0, velocity=(0.0, -20.0, 0.0))
-    scene = Scene(balloon=[still], sphere=[sphere], gravity=0.0, contact="impulse", substeps=40)
+    scene = Scene(balloon=[still], sphere=[sphere], gravity=0.0, contact="impulse", substeps=40, faces=False)
     simulator = Simulator(scene, device)
     for _ in range(4):
         simulator.step()
@@ -48,12 +48,13 @@ SMALL = [
 @pytest.mark.parametrize(("radius", "sentence"), SMALL)
 def test_a_sphere_that_fits_through_a_face_is_named(radius, sentence):
     spheres = [Sphere(position=(9.0, 9.0, 9.0), radius=2.0), Sphere(position=(0.0, 5.0, 0.0), radius=radius)]
-    (warning,) = plan_model(Scene(balloon=[Balloon(mesh=cube())], sphere=spheres, gravity=0.0)).warnings
+    (warning,) = plan_model(Scene(balloon=[Balloon(mesh=cube())], sphere=spheres, gravity=0.0, faces=False)).warnings
     assert re.search(sentence, warning)
 
 
 def test_the_smallest_sphere_of_all_worlds_counts():
-    scene = Scene(balloon=[Balloon(mesh=cube())], sphere=[Sphere(position=(0.0, 5.0, 0.0), radius=2.0)], gravity=0.0)
+    scene = Scene(balloon=[Balloon(mesh=cube())], sphere=[Sphere(position=(0.0, 5.0, 0.0), radius=2.0)])
+    scene = scene.model_copy(update={"gravity": 0.0, "faces": False})
     plan = plan_model(scene, 3, vary={"sphere.0.radius": np.array([2.0, 0.5, 3.0])})
     assert plan.warnings[0].startswith("sphere 0: with a radius of 0.5 m it fits through")
 
@@ -73,6 +74,11 @@ def test_a_sphere_that_may_jump_over_particles_is_named_unless_its_way_is_looked
     assert plan_model(scene.model_copy(update={"contact": "impulse"})).warnings == []
 
 
+def test_a_sphere_that_meets_faces_is_not_named():
+    sphere = Sphere(position=(0.0, 5.0, 0.0), radius=0.65)
+    assert plan_model(Scene(balloon=[Balloon(mesh=cube())], sphere=[sphere], gravity=0.0)).warnings == []
+
+
 @pytest.mark.parametrize("name", bundled_scenes())
 def test_bundled_scenes_hold_their_spheres(name):
     assert plan_model(load_scene(name)).warnings == []
@@ -81,7 +87,7 @@ def test_bundled_scenes_hold_their_spheres(name):
 def test_a_run_says_it(tmp_path):
     scene = tmp_path / "small.toml"
     table = '[[balloon]]\nmesh = "tetrahedron.obj"\n[[sphere]]\nradius = 0.01\nposition = [0.0, 3.0, 0.0]\n'
-    scene.write_text(f"frames = 1\n{table}")
+    scene.write_text(f"frames = 1\nfaces = false\n{table}")
     corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
     (tmp_path / "tetrahedron.obj").write_text(f"{corners}f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
     result = CliRunner().invoke(app, ["run", str(scene), "-o", str(tmp_path / "small.usdc"), "--device", "cpu"])

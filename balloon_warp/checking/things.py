@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom, UsdPhysics
 
 from balloon_warp.errors import InputError
-from balloon_warp.mesh.geometry import first_coincident, triangulate
+from balloon_warp.mesh.geometry import first_coincident
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
+from balloon_warp.mesh.triangles import triangles_of
 from balloon_warp.mesh.usd_stage import SCENERY
 from balloon_warp.outputs.usd.obstacle import HALF_SPACE
 
@@ -66,7 +67,8 @@ class Surface(Thing):
         super().__init__(prim, kind, group)
         self._mesh = UsdGeom.Mesh(prim)
         self._box = _box_of(prim) if kind != "balloon" else None
-        self._same = len(times) > 0 and self._mesh.GetFaceVertexIndicesAttr().GetNumTimeSamples() == 0
+        self._start = Usd.TimeCode.EarliestTime()  # contact takes quads for two triangles, as they are then
+        self._same = self._mesh.GetFaceVertexIndicesAttr().GetNumTimeSamples() == 0
         self.triangles = self._triangles_at(times[0])
         """corners of each, shape (triangle_count, 3), at the first time"""
         own = [self._own_points(time) for time in (times[0], times[len(times) // 2], times[-1])]
@@ -119,10 +121,10 @@ class Surface(Thing):
             np.asarray(attribute.Get(time) or [], np.int32)
             for attribute in (self._mesh.GetFaceVertexCountsAttr(), self._mesh.GetFaceVertexIndicesAttr())
         )
-        points = self._own_points(time)
+        points = self._own_points(self._start)
         if (counts < 3).any() or counts.sum() != len(indices) or ((indices < 0) | (indices >= len(points))).any():
             raise InputError(f"{self.prim.GetPath()}: its faces do not fit its {len(points)} points")
-        return triangulate(PolygonMesh(points, counts, indices))[0]
+        return triangles_of(PolygonMesh(points, counts, indices)).astype(np.int32)
 
 
 class Round(Thing):

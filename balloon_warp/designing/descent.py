@@ -21,8 +21,6 @@ STRAYS = 1.5
 """of the cost before, beyond which a balance is not looked for any longer"""
 GAINED = 0.01
 """of the cost is the least that two steps must gain for more to be worth it"""
-STUCK_COST = 1.0e8
-"""times as much it costs to change what is at a bound"""
 ALONG = 0.1
 """of what an error along the normal counts, one along the surface does: only the shape is wanted"""
 
@@ -43,8 +41,12 @@ class Problem(Protocol):
         """The derivatives of its forces by the design, shape (3 n, m)."""
         ...
 
-    def scales(self, design: Values) -> Values:
-        """By how much each number changes easily, shape (m,)."""
+    def easily(self, design: Values, stuck: NDArray[np.bool_]) -> sparse.spmatrix:
+        """How it changes easily, by how much and what together, shape (m, k); what is stuck does not."""
+        ...
+
+    def allowed(self, design: Values) -> bool:
+        """Whether it can be made."""
         ...
 
     def changed(self, design: Values, change: Values) -> Values:
@@ -105,8 +107,9 @@ def descend(
     costs = [reached.cost]
     while reached.steps < steps and not reached.done:
         reached = _stepped(problem, reached)
-        costs.append(reached.cost)
-        idle = len(costs) > 4 and costs[-1] > (1.0 - GAINED) * costs[-4]
+        if reached.cost < costs[-1]:
+            costs.append(reached.cost)
+        idle = len(costs) > 3 and costs[-1] > (1.0 - GAINED) * costs[-3]
         over = reached.cost < goal or idle or reached.damping > MOST_DAMPING
         reached = replace(reached, done=over)
         on_step(reached)
@@ -121,8 +124,8 @@ def _stepped(problem: Problem, reached: Reached) -> Reached:
     stuck = np.zeros(len(reached.design), dtype=bool)
     design = reached.design
     for _ in range(4):
-        cost = np.where(stuck, STUCK_COST, 1.0) / problem.scales(reached.design) ** 2
-        change = step_towards(balance, reached.points, by_design, Aim(error, weights, cost, reached.damping))
+        easily = problem.easily(reached.design, stuck)
+        change = step_towards(balance, reached.points, by_design, Aim(error, weights, easily, reached.damping))
         design = problem.changed(reached.design, change)
         got = design - reached.design
         held = (np.abs(got) < 0.01 * np.abs(change)) & ~stuck
@@ -143,6 +146,8 @@ def _settled(problem: Problem, design: Values, reached: Reached) -> tuple[Values
     def strays(points: Values) -> bool:
         return _cost(problem.ruler, points) > most
 
+    if not problem.allowed(design):
+        return None
     points = problem.balance(design).settle(reached.points, strays=strays)
     return None if points is None else _weighed(problem, points)
 

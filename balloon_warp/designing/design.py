@@ -14,7 +14,7 @@ from balloon_warp.designing.of_latex import design_of_latex
 from balloon_warp.designing.of_springs import design_of_springs
 from balloon_warp.designing.result import Design
 from balloon_warp.designing.springs import Hold
-from balloon_warp.designing.target import target_of
+from balloon_warp.designing.target import require_size, target_of
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.from_python import MeshLike
 
@@ -39,7 +39,8 @@ def design(
     """Find the balloon that becomes a shape when it is inflated, and simulate it from rest.
 
     Args:
-        target: the wanted shape: a mesh file, or a mesh; closed, of one part, not crossing itself.
+        target: the wanted shape: a mesh file, or a mesh; closed, of one part, not crossing itself. Of foil, letters or
+            the path of a drawing, .svg: the outline of the inflated balloon.
         of: what it is made of: a rest length for each of its springs; latex, whose mould is found; or foil.
         stretch: how much its skin is stretched in the wanted shape; 1.2 of springs, 2 of latex, when missing.
         hold: of springs: whether they only pull ("tension"), or may also push ("any").
@@ -48,7 +49,7 @@ def design(
         folder: where it is written: balloon.toml, which runs as it is, and its files, error.png and report.json. A
             temporary one when missing, which goes when Python ends.
         steps: at most, of the design.
-        resume: go on where the same design in that folder was stopped.
+        resume: go on where the same design in that folder was stopped; of foil it begins anew.
         device: a Warp device for the simulation; if missing, the GPU or else the CPU.
         on_stage: told what is done, a few words each time.
 
@@ -64,11 +65,32 @@ def design(
             raise InputError(f"{name}: must be a number greater than 0 (got {number})")
     if not isinstance(steps, int) or steps < 0:
         raise InputError(f"steps: must be a whole number, at least 0 (got {steps})")
+    if of == "foil":
+        return _of_foil(target, size, thickness, folder, steps, device, on_stage)
     mesh = target_of(target, size)
     place = Path(folder) if folder is not None else _temporary()
     require_folder(place)
     job = Job(mesh, of, float(stretch), hold, float(thickness), place, steps, device, resume, on_stage)
     return {"springs": design_of_springs, "latex": design_of_latex}[of](job)
+
+
+def _of_foil(
+    target: object, size: float, thickness: float, folder: str | Path | None, steps: int, device: str | None,
+    on_stage: Callable[[str], None],
+) -> Design:  # fmt: skip
+    """Of letters or a drawing.
+
+    Raises:
+        InputError: the target is neither, or cannot be made.
+    """
+    from balloon_warp.designing.of_foil import design_of_foil
+
+    if not isinstance(target, str | Path):
+        raise InputError(f"target: must be letters or a drawing, .svg, for foil (got {type(target).__name__})")
+    require_size(size)
+    place = Path(folder) if folder is not None else _temporary()
+    require_folder(place)
+    return design_of_foil(str(target), size, thickness, place, steps, device, on_stage)
 
 
 def _temporary() -> Path:

@@ -1,13 +1,15 @@
 """Balloons of latex: the shape of the mould, which is what the rubber is at rest."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sparse
 from numpy.typing import NDArray
 
 from balloon_warp.designing.measure import Ruler
+from balloon_warp.designing.target import crossing_triangles
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.topology import mesh_edges
 from balloon_warp.statics.balance import Balance
@@ -15,6 +17,8 @@ from balloon_warp.statics.film import FilmSkin
 from balloon_warp.statics.volume import SealedGas, Volume
 
 Values = NDArray[np.float64]
+PASSES, ALONE = 2, 0.05
+"""times that a change of the mould is evened, and how much of it is not"""
 FURTHEST = 0.25
 """of the mean edge of the mould is how far a vertex moves in a step"""
 
@@ -59,9 +63,13 @@ class MouldProblem:
         """The derivatives of its forces by the mould."""
         return balance.skin.forces_by_mould(points)
 
-    def scales(self, design: Values) -> Values:
-        """Vertices move by parts of an edge."""
-        return np.full(len(design), self._edge)
+    def easily(self, design: Values, stuck: NDArray[np.bool_]) -> sparse.spmatrix:
+        """Vertices move by parts of an edge, together with those around them."""
+        return self._edge * self._together
+
+    def allowed(self, design: Values) -> bool:
+        """Whether the mould does not cross itself."""
+        return not len(crossing_triangles(replace(self.mesh, points=design.reshape(-1, 3))))
 
     def changed(self, design: Values, change: Values) -> Values:
         """The mould with a change, none of whose vertices moves too far."""
@@ -69,6 +77,18 @@ class MouldProblem:
         far = np.linalg.norm(moves, axis=1, keepdims=True)
         most = FURTHEST * self._edge
         return design + (moves * np.minimum(1.0, most / np.maximum(far, 1e-30))).ravel()
+
+    @cached_property
+    def _together(self) -> Any:
+        """What is spread evenly over neighbors, and a little of what is not, shape (3 n, 3 n)."""
+        ends, count = mesh_edges(self.mesh).ends, self.mesh.vertex_count
+        both = np.concatenate([ends, ends[:, ::-1], np.stack([np.arange(count)] * 2, axis=1)])
+        beside = sparse.coo_matrix((np.ones(len(both)), both.T), shape=(count, count)).tocsr()
+        mean = sparse.diags(1.0 / np.asarray(beside.sum(axis=1)).ravel()) @ beside
+        evened = mean
+        for _ in range(PASSES - 1):
+            evened = evened @ mean
+        return sparse.kron(evened + ALONE * sparse.identity(count), sparse.identity(3)).tocsc()
 
     @cached_property
     def _edge(self) -> float:

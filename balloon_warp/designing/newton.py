@@ -4,11 +4,12 @@ At rest the forces vanish, whatever the design: K dx = B dq, where K is the stif
 design does to the forces. So no gradient through time is needed: one sparse system gives the step of the design that
 brings the balance nearest to what is wanted, and changes the design least (Levenberg and Marquardt):
 
-    least |W (e - dx)|^2 + damping |R dq|^2   with   K dx = B dq
+    least |W (e - dx)|^2 + damping |y|^2   with   K dx = B dq,  dq = S y
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sparse
@@ -27,10 +28,10 @@ class Aim:
 
     error: Values
     """where the particles should be, from where they are [m], shape (n, 3)"""
-    weights: sparse.spmatrix
+    weights: Any
     """W'W, shape (3 n, 3 n)"""
-    cost: Values
-    """R'R: what it costs to change each number of the design, shape (m,)"""
+    easily: Any
+    """S: how the design changes easily, by how much and what together, shape (m, k)"""
     damping: float
     """times a unit that makes 1 much"""
 
@@ -45,14 +46,14 @@ def step_towards(balance: Balance, points: Values, by_design: sparse.csc_matrix,
     stiff, slopes, squeeze = balance.stiffness(points)
     count, unit = len(slopes), float(np.abs(stiff.diagonal()).mean())
     stiff = (stiff + HOLD * unit * sparse.identity(count)) / unit
-    gives = by_design @ sparse.diags(1.0 / aim.cost) / unit
-    reached = gives @ by_design.T / unit  # B (R'R)^-1 B'
-    reached = reached / (aim.damping * reached.diagonal().mean()) + HOLD**2 * sparse.identity(count)
+    gives = by_design @ aim.easily / unit  # B S
+    reached = gives @ gives.T
+    share = aim.damping * float(reached.diagonal().mean())
+    reached = reached / share + HOLD**2 * sparse.identity(count)
     matrix = sparse.bmat([[aim.weights, stiff], [stiff, -reached]], format="csc")
     wanted = np.concatenate([aim.weights @ aim.error.ravel(), np.zeros(count)])
     solved = _with_gas(solver_of(matrix), wanted, slopes, squeeze / unit)
-    share = float((gives @ by_design.T / unit).diagonal().mean()) * aim.damping
-    return (gives.T @ solved[count:]) / share
+    return aim.easily @ (gives.T @ solved[count:]) / share
 
 
 def _with_gas(solve: Callable[[Values], Values], wanted: Values, slopes: Values, squeeze: float) -> Values:

@@ -10,7 +10,6 @@ from balloon_warp.designing.job import Job
 from balloon_warp.designing.mould import MouldProblem
 from balloon_warp.designing.proof import DAMPING_RATE, MORE_FRAMES, common_fields, filled, scene_of
 from balloon_warp.designing.result import Design
-from balloon_warp.designing.target import crossing_triangles
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.geometry import total_area
 from balloon_warp.mesh.obj import write_obj
@@ -30,7 +29,7 @@ def design_of_latex(job: Job) -> Design:
     """Design the mould.
 
     Raises:
-        InputError: the stretch cannot be, the mould would cross itself, or finds no rest.
+        InputError: the stretch cannot be, or a plain mould finds no rest.
     """
     if not LEAST_STRETCH <= job.stretch <= MOST_STRETCH:
         raise InputError(f"stretch: must be from {LEAST_STRETCH:g} to {MOST_STRETCH:g} for latex (got {job.stretch:g})")
@@ -42,8 +41,6 @@ def design_of_latex(job: Job) -> Design:
         raise InputError(f"stretch: a plain mould finds no rest at {job.stretch:g}; expected less")
     reached = descend(problem, job.saved() or plain, job.steps, GOAL, job.on_step)
     mould = replace(problem.mesh, points=reached.design.reshape(-1, 3))
-    if crossed := len(crossing_triangles(mould)):
-        raise InputError(f"the mould crosses itself at {crossed} places; expected another stretch")
     write_obj(job.folder / "balloon.obj", mould)
     write_stl(job.folder / "mould.stl", mould, job.ruler.triangles)
     mass = DENSITY * job.thickness * total_area(mould)
@@ -55,8 +52,9 @@ def design_of_latex(job: Job) -> Design:
         f"A latex balloon that becomes {problem.mesh.name}",
         240 + MORE_FRAMES,
     )
-    stretches = np.sqrt(total_area(problem.mesh) / total_area(mould))
-    return job.proven(scene, reached.points, plain.points, float(stretches))
+    same = replace(problem, stretch=float(np.sqrt(total_area(problem.mesh) / total_area(mould))))
+    plain = begin(same, same.plain) or plain
+    return job.proven(scene, reached.points, plain.points, same.stretch)
 
 
 def _film(job: Job, material: Material) -> FilmSkin:

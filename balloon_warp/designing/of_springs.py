@@ -38,6 +38,8 @@ def design_of_springs(job: Job) -> Design:
         raise InputError(f"stretch: plain springs find no rest at {job.stretch:g}; expected less")
     reached = descend(problem, job.saved() or plain, job.steps, GOAL, job.on_step)
     scene = write_design(problem, reached, job.folder)
+    same = replace(problem, stretch=max(problem.mean_stretch(reached.design), LEAST_STRETCH))
+    plain = begin(same, same.plain) or plain
     help_ = "; --hold any, with springs that push, may bring it nearer" if job.hold == "tension" else ""
     return job.proven(scene, reached.points, plain.points, problem.mean_stretch(reached.design), help_)
 

@@ -78,9 +78,13 @@ class SpringProblem:
         """The derivatives of its forces by the rest lengths."""
         return balance.skin.forces_by_lengths(points)
 
-    def scales(self, design: Values) -> Values:
+    def easily(self, design: Values, stuck: NDArray[np.bool_]) -> sparse.spmatrix:
         """Rest lengths change in proportion to themselves."""
-        return design
+        return sparse.diags(np.where(stuck, 0.0, design))
+
+    def allowed(self, design: Values) -> bool:
+        """Springs of any length can be made."""
+        return True
 
     def changed(self, design: Values, change: Values) -> Values:
         """The rest lengths with a change, within their bounds."""

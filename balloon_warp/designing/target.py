@@ -34,8 +34,7 @@ def target_of(given: str | Path | MeshLike, size: float) -> PolygonMesh:
     Raises:
         InputError: it cannot be read, is open, has several parts, crosses itself or is too large.
     """
-    if not (isfinite(size) and LEAST_SIZE <= size <= MOST_SIZE):
-        raise InputError(f"size: must be from {LEAST_SIZE:g} to {MOST_SIZE:g} m (got {size})")
+    require_size(size)
     mesh = load_mesh(Path(given) if isinstance(given, str) else given)
     source = given if isinstance(given, str | Path) else mesh.name
     mesh = _used(prepared(mesh, source, Treatment()))
@@ -66,6 +65,16 @@ def target_of(given: str | Path | MeshLike, size: float) -> PolygonMesh:
         mesh, points=points * (size / np.ptp(points, axis=0).max()), meters_per_unit=1.0, warnings=(), looks=None,
         texture_coordinates=None, stand_ins=None, groups={},
     )  # fmt: skip
+
+
+def require_size(size: float) -> None:
+    """Make sure that a size can be simulated.
+
+    Raises:
+        InputError: it cannot.
+    """
+    if not (isfinite(size) and LEAST_SIZE <= size <= MOST_SIZE):
+        raise InputError(f"size: must be from {LEAST_SIZE:g} to {MOST_SIZE:g} m (got {size})")
 
 
 def crossing_triangles(mesh: PolygonMesh) -> NDArray[np.int64]:

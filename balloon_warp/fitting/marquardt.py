@@ -101,7 +101,7 @@ def _around_best(starts: Starts) -> Values:
 
 def _take(starts: Starts, trial: Starts, anew: bool) -> None:
     """Keep what is better; where all begin anew, all but the best start."""
-    better = trial.costs < starts.costs
+    better = np.asarray(trial.costs < starts.costs)
     if anew:
         others = np.arange(len(better)) != starts.best
         better = np.where(others, np.isfinite(trial.costs), better)

@@ -121,6 +121,11 @@ class Model:
     body_meshes: list[wp.Mesh | None]
     """those of the bodies that have one"""
 
+    # ridges
+    ridge_trees: list[wp.Bvh | None]
+    """of boxes around the ridges of obstacles, and then of bodies, where they have any; empty where faces of balloons
+    do not meet them"""
+
     # parameters
     columns: Columns
     """where the laws' parameters stand in the next two"""
@@ -201,6 +206,11 @@ class Model:
     @property
     def step_seconds(self) -> float:
         return self.frame_seconds / self.substeps
+
+    @property
+    def faces_meet(self) -> bool:
+        """whether faces of balloons meet ridges of obstacles and bodies"""
+        return bool(self.ridge_trees)
 
     @property
     def has_water(self) -> bool:

@@ -86,6 +86,10 @@ class State:
     tear_planes: wp.array
     """of torn faces, the planes along which their tears run, see `laws.tearing`: unit normal and distance from the
     origin [m] on the unstretched skin, shape (world_count, face_count), vec4, or (world_count, 0)"""
+    contact_pushes: wp.array
+    """of each thing that balloons may touch, and each particle, in the last frame: the impulse [N s], and for how long
+    they touched [s], shape (world_count, thing_count, particle_count), vec4, or (world_count, 0, particle_count) unless
+    the scene asks for `contacts`"""
     body_positions: wp.array
     """centers of mass [m], shape (world_count, body_count), vec3"""
     body_turns: wp.array
@@ -155,6 +159,7 @@ def new_state(model: Model, room: Room) -> State:
         torn=room.array((worlds, model.face_count if model.bursts else 0), wp.float32),
         bursts=room.array(bursting, wp.vec4),
         tear_planes=room.array((worlds, model.face_count if model.bursts else 0), wp.vec4),
+        contact_pushes=room.array(contact_shape(model), wp.vec4),
         body_positions=room.array(bodies, wp.vec3),
         body_turns=room.array(bodies, wp.quat),
         body_velocities=room.array(bodies, wp.vec3),
@@ -165,6 +170,13 @@ def new_state(model: Model, room: Room) -> State:
         overstretched=room.array(worlds, wp.int32),
         first_bad=room.array(worlds, wp.int32),
     )
+
+
+def contact_shape(model: Model) -> tuple[int, int, int]:
+    """Say for how many things it is told what they do to particles, in how many worlds: for the ground, obstacles,
+    spheres, bodies and balloons."""
+    things = 1 + len(model.obstacles) + model.sphere_count + model.body_count + model.balloon_count
+    return model.world_count, things if model.scene.contacts else 0, model.particle_count
 
 
 def initial_state(model: Model) -> State:
@@ -228,6 +240,8 @@ def carried_over(model: Model, before: State, spheres: Sequence[int | None]) -> 
     """
     state = initial_state(model)
     for name, array in vars(before).items():
+        if name == "contact_pushes":
+            continue  # of the frame before, in which there were other things
         if not name.startswith("sphere_"):
             wp.copy(getattr(state, name), array)
             continue

@@ -32,7 +32,7 @@ def passing_spheres(
         radii: of the spheres at the start [m], shape (W, sphere_count); 0 before it appears.
         step_seconds: a substep [s].
     """
-    if not scene.sphere or scene.touches_spheres:
+    if not scene.sphere or (scene.touch is not None and scene.touch.spheres):
         return []
     sentences = []
     widest = max(shapes, key=lambda shape: widest_opening(shape.mesh))
@@ -40,6 +40,8 @@ def passing_spheres(
     for number, sphere in enumerate(scene.sphere):
         there = radii[:, number][radii[:, number] > 0.0]
         radius = float(there.min()) if len(there) else sphere.radius
+        if scene.touches_spheres and radius < held_within(scene) * opening:
+            continue  # it meets them
         if radius < MOST_STRETCH * opening:
             sentences.append(_fits_through(number, radius, opening, widest))
         way = step_seconds * _highest_speed(scene, number, shapes)
@@ -51,12 +53,18 @@ def passing_spheres(
     return sentences
 
 
+def held_within(scene: Scene) -> float:
+    """Say up to which multiple of faces' openings spheres meet these, and not only particles: of faces as they are at
+    rest, or where the scene asks for it, stretched."""
+    return 1.0 if scene.faces == "auto" and scene.touch is None else MOST_STRETCH
+
+
 def _fits_through(number: int, radius: float, opening: float, shape: BalloonShape) -> str:
     stretch = radius / opening
     where = "as they are at rest" if stretch <= 1.0 else f"once they are stretched {stretch:.2g} times"
     return (
         f"sphere {number}: with a radius of {radius:.2g} m it fits through faces of {shape.name}, whose longest edge "
-        f"is {_longest_edge(shape.mesh):.2g} m at rest, {where}, since only particles touch it; [touch], a larger "
+        f"is {_longest_edge(shape.mesh):.2g} m at rest, {where}, since only particles touch it; faces = true, a larger "
         "sphere or a finer mesh helps"
     )
 

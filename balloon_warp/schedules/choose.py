@@ -83,7 +83,9 @@ def schedule_named(name: str, model: Model) -> type[Schedule]:
 
 def only_launched(model: Model) -> str | None:
     """What of a model only schedules do that launch a kernel for each piece of a substep, in words, or None."""
-    return "balloons burst" if model.bursts else None
+    if model.bursts:
+        return "balloons burst"
+    return "balloons tell what presses them" if model.scene.contacts else None
 
 
 def settled_schedule(name: str, model: Model, world_count: int) -> str:
@@ -103,8 +105,10 @@ def fastest_schedule(model: Model, world_count: int) -> str:
     themselves. On the CPU, eight worlds side by side, or eight particles of a world that is alone.
     `python -m balloon_warp.benchmarks.auto` measures whether that is right.
     """
-    if only_launched(model) or model.bodies or any(small_spheres(model)) or model.scene.touches_itself:
-        return "gather"  # where a balloon touches itself, somebody is always near
+    if only_launched(model) or model.bodies or any(small_spheres(model)):
+        return "gather"
+    if model.scene.touches_itself:  # somebody is always near
+        return "gather"
     if model.device.is_cpu:
         return "lanes" if world_count > 1 else "octets"
     if traits := _in_patches(model):

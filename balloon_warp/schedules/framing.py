@@ -2,6 +2,8 @@
 
 from typing import Any
 
+import warp as wp
+
 from balloon_warp.kernels.schedules.launched.sphere_forces import read_sphere_forces, write_sphere_forces
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.launching import launch
@@ -29,6 +31,8 @@ class Framing:
         refresh_ramp(self.model, state)
         weigh_air(self.model, self.traits, self.tables, state)
         forget_looks(self.tables)
+        if self.working and self.traits.tells_contacts:
+            self.working.contact_pushes.zero_()
         if self.working and self.traits.penalties:
             self._over_spheres(read_sphere_forces, state.sphere_forces, self.working.sphere_quanta)
 
@@ -38,6 +42,8 @@ class Framing:
         if self.working and self.traits.penalties:
             self._over_spheres(write_sphere_forces, self.working.sphere_quanta, state.sphere_forces)
         note_pressures(self.model, self.traits, state)
+        if self.working and self.traits.tells_contacts:
+            wp.copy(state.contact_pushes, self.working.contact_pushes)
         self._health.end_frame(state)
 
     def _over_spheres(self, kernel: Any, *arguments: Any) -> None:

@@ -16,6 +16,8 @@ from balloon_warp.kernels.working import Working
 from balloon_warp.launching import begin_loading, launch, launch_tiled
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
+from balloon_warp.model.state import contact_shape
+from balloon_warp.schedules.ridges import ridge_arrays
 from balloon_warp.schedules.solids import solid_arrays
 from balloon_warp.schedules.tables import world_state
 from balloon_warp.schedules.touching import touch_arrays
@@ -216,6 +218,8 @@ def working_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
         "gas_masses": room.array((worlds, model.balloon_count if traits.gas else 0), wp.float32),
         "sphere_quanta": room.array((worlds, model.sphere_count if traits.penalties else 0, 3), wp.int64),
         **solid_arrays(model, traits, room),
+        **ridge_arrays(model, traits, room),
+        "contact_pushes": room.array(contact_shape(model), wp.vec4),
         **touch_arrays(model, traits, room),
         **verdict_arrays(model, traits, room),
         "near": room.array((worlds, mark_count(model.particle_count) if traits.impulses else 0), wp.int32),

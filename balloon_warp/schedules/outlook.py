@@ -31,7 +31,13 @@ def has_free_frames(traits: Traits) -> bool:
 def free_traits(traits: Traits) -> Traits:
     """What kernels have to do in a free frame."""
     return traits._replace(
-        frames="free", touches=False, touches_itself=False, edges_meet=False, bodies=0, small_spheres=False
+        frames="free",
+        touches=False,
+        touches_itself=False,
+        edges_meet=False,
+        bodies=0,
+        small_spheres=False,
+        ridges=False,
     )
 
 

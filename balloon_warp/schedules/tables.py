@@ -23,15 +23,17 @@ from balloon_warp.kernels.tables import (
 )
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.mesh.geometry import signed_volume
+from balloon_warp.mesh.triangles import triangles_of
 from balloon_warp.model import Model, State
 from balloon_warp.model.small_spheres import small_spheres
 from balloon_warp.schedules.fixtures import body_table, fixture_table
 from balloon_warp.schedules.health import health_table
 from balloon_warp.schedules.membranes import membrane_table, membranes_of_world
+from balloon_warp.schedules.ridges import ridge_table
 from balloon_warp.schedules.rings import quad_rings, ring_table
 from balloon_warp.schedules.slices import slices_of
 from balloon_warp.schedules.spring_ends import SpringEnds, spring_ends
-from balloon_warp.schedules.touch_table import touch_table, triangles_of
+from balloon_warp.schedules.touch_table import touch_table
 from balloon_warp.springs.coloring import color_springs
 
 
@@ -61,6 +63,7 @@ def make_tables(model: Model, traits: Traits, in_block: bool = False) -> Any:
     t.fixtures, t.bodies = fixture_table(model), body_table(model)
     t.tubes, t.pumps, t.necks = _tubes(model), _pumps(model), _necks(model)
     t.touch = touch_table(model, traits)
+    t.ridges = ridge_table(model)
     t.correction = _correction(model, traits)
     t.health = health_table(model)
     t.balloon_numbers, t.world_numbers = model.balloon_numbers, model.world_numbers

@@ -12,6 +12,7 @@ from balloon_warp.kernels.contact_tables import TouchTable
 from balloon_warp.kernels.laws.law import FAR
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
+from balloon_warp.mesh.triangles import triangles_of
 from balloon_warp.model import Model
 from balloon_warp.model.sharp_edges import sharp_edges
 from balloon_warp.model.touch import STIFFNESSES, THICKNESS, crowd_of, edge_length
@@ -144,19 +145,6 @@ def part_count(mesh: PolygonMesh) -> int:
 def _parts_of(triangles: int) -> int:
     half = triangles // 2
     return 1 if triangles <= TRIANGLES else 1 + _parts_of(half) + _parts_of(triangles - half)
-
-
-def triangles_of(mesh: PolygonMesh) -> NDArray[np.int64]:
-    """Faces in triangles: quads along their shorter diagonal, and others as fans from the first corner."""
-    corners = np.asarray(mesh.face_vertex_indices, dtype=np.int64)
-    triangles = []
-    for begin, count in zip(np.cumsum([0, *mesh.face_vertex_counts[:-1]]), mesh.face_vertex_counts, strict=True):
-        face = corners[begin : begin + count]
-        if count == 4:
-            across = np.linalg.norm(mesh.points[face[:2]] - mesh.points[face[2:]], axis=1)
-            face = np.roll(face, -1) if across[1] < across[0] else face
-        triangles += [(face[0], face[number], face[number + 1]) for number in range(1, count - 1)]
-    return np.array(triangles, dtype=np.int64).reshape(-1, 3)
 
 
 def substeps_of_search(model: Model) -> int:

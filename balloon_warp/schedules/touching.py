@@ -128,5 +128,5 @@ def touch_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
         "touched": room.array((worlds, particles), wp.int8),
         "edge_candidates": room.array((worlds, edges, int(MOST_EDGES)), wp.int32),
         "edge_counts": room.array((worlds, edges), wp.int32),
-        "crowded": room.array(worlds if traits.touches else 0, wp.int32),
+        "crowded": room.array(worlds if traits.touches or traits.ridges else 0, wp.int32),
     }

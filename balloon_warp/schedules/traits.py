@@ -74,6 +74,8 @@ def model_traits(model: Model) -> Traits:
         fixtures_move=model.obstacle_motion.shape[0] > 1,
         bodies=model.body_count,
         body_meshes=any(body.shape == "mesh" for body in scene.body),
+        tells_contacts=scene.contacts,
+        ridges=model.faces_meet,
         touches=scene.touches,
         touches_itself=scene.touches_itself,
         edges_meet=edges_meet(scene, model.shapes),

@@ -116,7 +116,7 @@ class Balance:
         return float(np.linalg.norm(self.forces(points))) < float(np.linalg.norm(before))
 
 
-def solver_of(matrix: sparse.csc_matrix) -> Callable[[Values], Values]:
+def solver_of(matrix: Any) -> Callable[[Values], Values]:
     """What solves with a matrix of a symmetric pattern."""
     factor = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.001, options={"SymmetricMode": True})
     return factor.solve

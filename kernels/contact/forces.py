@@ -52,6 +52,15 @@ def add_contact(working: Working, world: wp.int32, particle: wp.int32, corners: 
 
 
 @wp.func
+def tell_push(working: Working, world: wp.int32, particle: wp.int32, other: wp.int32, force: wp.vec3, seconds: float):
+    """Add up what another balloon does to a particle: balloons are the last of all things."""
+    thing = working.contact_pushes.shape[1] - working.balloon_boxes.shape[1] + other
+    told = working.contact_pushes[world, thing, particle]
+    push = seconds * force
+    working.contact_pushes[world, thing, particle] = told + wp.vec4(push[0], push[1], push[2], seconds)
+
+
+@wp.func
 def is_touched(working: Working, world: wp.int32, particle: wp.int32):
     """Whether there is something to take for a particle: for most there is not, which costs a GPU a byte to read."""
     return byte_in(working.touched, world, particle) != UNTOUCHED

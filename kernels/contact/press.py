@@ -5,7 +5,7 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.contact.forces import add_contact, add_pushes
+from balloon_warp.kernels.contact.forces import add_contact, add_pushes, tell_push
 from balloon_warp.kernels.contact.search import TOUCHING
 from balloon_warp.kernels.contact.triangles import (
     is_first_of_balloon,
@@ -134,6 +134,8 @@ def press_function(traits: Traits, point_at: Any) -> Any:
             )
             pushes = touch(told, place, hold, velocity, places, moving)
             add_pushes(working.push_quanta, world, particle, corners, pushes.a, pushes.b, pushes.c)
+            if wp.static(traits.tells_contacts):
+                tell_push(working, world, particle, other, -(pushes.a + pushes.b + pushes.c), t.step_seconds)
             kept = pushes.hold
         return kept
 

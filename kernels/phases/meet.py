@@ -12,6 +12,7 @@ from balloon_warp.kernels.contact.bodies import bodies_function
 from balloon_warp.kernels.contact.edges import edges_function
 from balloon_warp.kernels.contact.faces import faces_function
 from balloon_warp.kernels.contact.near import are_noted
+from balloon_warp.kernels.contact.ridges import ridges_function
 from balloon_warp.kernels.contact.spheres import spheres_function
 from balloon_warp.kernels.phase import Look, phase
 from balloon_warp.kernels.traits import Traits
@@ -27,6 +28,12 @@ def keep_start(traits: Traits, look: Look) -> Any:
         working.point_starts[world, particle] = point
 
     return keep_start
+
+
+@phase("team", when=lambda traits: traits.ridges)
+def meet_ridges(traits: Traits, look: Look) -> Any:
+    """Let faces of balloons meet ridges of obstacles and bodies."""
+    return ridges_function(traits)
 
 
 @phase("team", when=lambda traits: traits.impulses, due=lambda traits: are_noted)

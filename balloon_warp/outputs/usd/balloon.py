@@ -9,6 +9,7 @@ from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.corners import beside_faces
 from balloon_warp.mesh.folds import SOFT_CREASE, sharp_edges
 from balloon_warp.model import Model
+from balloon_warp.outputs.usd.contacts import ContactChannels
 from balloon_warp.outputs.usd.deformable import define_deformable
 from balloon_warp.outputs.usd.looks import looks_of_file, paint_as_file, place_texture
 from balloon_warp.outputs.usd.material import offer_latex, paint, palette_color, print_on
@@ -82,6 +83,7 @@ class BalloonPrim:
             name: self.prim.GetPrim().CreateAttribute(f"userProperties:{name}", Sdf.ValueTypeNames.Double, custom=True)
             for name in (*MEASURES, *(OF_GAS if self._has_gas else ()))
         }
+        self._contacts = ContactChannels(self.prim.GetPrim(), model, number)
 
     def write(self, frame: Frame) -> None:
         points = Vt.Vec3fArray.FromNumpy(frame.points[self.number])
@@ -92,6 +94,7 @@ class BalloonPrim:
         self.prim.GetExtentAttr().Set(UsdGeom.PointBased.ComputeExtent(self._seen(frame)), frame.number)
         for name, value in self._measure(frame).items():
             self._measures[name].Set(value, frame.number)
+        self._contacts.write(frame)
 
     def _seen(self, frame: Frame) -> Vt.Vec3fArray:
         """Its points without those that a tear cut off from all faces: they fly far, and nothing of them is seen."""

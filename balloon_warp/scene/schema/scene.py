@@ -82,6 +82,12 @@ class Scene(Table):
     contact: Literal["penalty", "impulse"] = "penalty"
     """what a sphere gets from a touching particle: a force in proportion to the balloon's inflation (the paper); or the
     momentum that the particle loses, so that balloons and spheres together keep theirs and gain no energy"""
+    faces: bool | Literal["auto"] = "auto"
+    """whether faces of balloons, and not only their particles, meet the edges and corners of obstacles and bodies,
+    capsules, and small spheres; "auto" where one is thin beside faces"""
+    contacts: bool = False
+    """tell how hard things press each other: forces, torques, areas and pressures of each pair, in frames and in the
+    stage"""
     net_forces: bool = False
     """write the net force on each particle into the stage, as curves"""
     picture_frame: Index | None = None
@@ -128,7 +134,17 @@ class Scene(Table):
     @property
     def touches_spheres(self) -> bool:
         """Whether spheres that are small beside faces touch these."""
-        return self.touch is not None and self.touch.spheres and bool(self.sphere)
+        if self.touch is not None and self.faces is not True:
+            return self.touch.spheres and bool(self.sphere)
+        return self.faces_may_meet and bool(self.sphere)
+
+    @property
+    def faces_may_meet(self) -> bool:
+        """Whether faces of balloons, and not only their particles, meet what is thin beside them."""
+        if self.faces != "auto":
+            return self.faces
+        bursts = any(balloon.material.strength is not None for balloon in self.balloon)
+        return self.solver != "projective" and not bursts
 
     @property
     def touches_itself(self) -> bool:

@@ -1,0 +1,86 @@
+"""Patterns to cut: the outline of a foil balloon as a drawing, and as a picture beside what becomes of it."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from balloon_warp.files import whole_file
+from balloon_warp.foil.outlines import from_extra
+
+Values = NDArray[np.float64]
+Loops = Sequence[Sequence[NDArray[np.int64]]]
+"""vertices of each loop, of each part"""
+SEAM = 0.008
+"""allowance beyond the seam [m]"""
+MARGIN = 0.01
+"""[m]"""
+PIXELS, GAP = 900, 40
+COLORS = {
+    "wanted": (190, 190, 190),
+    "without design": (214, 90, 60),
+    "inflated": (30, 90, 170),
+    "pattern": (60, 60, 60),
+}
+WIDTHS = {"wanted": 9, "without design": 2, "inflated": 3, "pattern": 2}
+NAMES = {"inflated": "designed, inflated", "pattern": "pattern, flat", "without design": "without design, inflated"}
+
+
+def write_pattern(path: Path, rims: Sequence[Values], loops: Loops) -> None:
+    """Write the seam and, outside it, the line to cut along, in millimeters, twice to be cut and sewn.
+
+    Args:
+        rims: of each part [m], its loops one after the other, shape (r, 2).
+    """
+    shapely = from_extra("shapely")
+    lines: list[tuple[str, Values]] = []
+    for rim, of_part in zip(rims, loops, strict=True):
+        outer, *holes = _split(rim, of_part)
+        lines += [("seam", line) for line in (outer, *holes)]
+        cut = shapely.Polygon(outer, holes).buffer(SEAM)
+        for polygon in getattr(cut, "geoms", [cut]):
+            lines += [("cut", np.asarray(line.coords)[:-1, :2]) for line in (polygon.exterior, *polygon.interiors)]
+    low, high = _bounds([line for _, line in lines])
+    width, height = 1000.0 * (high - low + 2.0 * MARGIN)
+    placed = ((kind, 1000.0 * (line - low + MARGIN) * [1.0, -1.0] + [0.0, height]) for kind, line in lines)
+    drawn = "\n".join(_path(kind, line) for kind, line in placed)
+    head = f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:.2f}mm" height="{height:.2f}mm" '
+    text = f'{head}viewBox="0 0 {width:.2f} {height:.2f}">\n{drawn}\n</svg>\n'
+    with whole_file(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def outline_picture(lines: Mapping[str, Sequence[Values]], loops: Loops) -> Image.Image:
+    """Draw rims of all parts over each other, by name."""
+    low, high = _bounds([rim for rims in lines.values() for rim in rims])
+    scale = PIXELS / (high - low).max()
+    width, height = (scale * (high - low)).astype(int) + 2 * GAP
+    image = Image.new("RGB", (width, height + 30 * len(lines)), (255, 255, 255))
+    draw, font = ImageDraw.Draw(image), ImageFont.load_default(20)
+    for row, (name, rims) in enumerate(lines.items()):
+        for rim, of_part in zip(rims, loops, strict=True):
+            for line in _split(rim, of_part):
+                places = (scale * (line - low) * [1.0, -1.0] + [GAP, height - GAP]).tolist()
+                draw.line([tuple(place) for place in (*places, places[0])], COLORS[name], WIDTHS[name])
+        draw.text((GAP, height + 30 * row), NAMES.get(name, name), COLORS[name], font)
+    return image
+
+
+def _split(rim: Values, loops: Sequence[NDArray[Any]]) -> list[Values]:
+    """A part's loops, the longest first."""
+    lines = np.split(rim, np.cumsum([len(loop) for loop in loops])[:-1])
+    return sorted(lines, key=lambda line: -float(np.ptp(line, axis=0).sum()))
+
+
+def _bounds(lines: Sequence[Values]) -> tuple[Values, Values]:
+    points = np.concatenate(lines)
+    return points.min(axis=0), points.max(axis=0)
+
+
+def _path(kind: str, line: Values) -> str:
+    places = " ".join(f"{x:.3f},{y:.3f}" for x, y in line.tolist())
+    dashes = ' stroke-dasharray="3 2"' if kind == "seam" else ""
+    return f'<polygon class="{kind}" points="{places}" fill="none" stroke="black" stroke-width="0.3"{dashes}/>'

@@ -1,0 +1,160 @@
+"""Ridges of obstacles and free bodies: the convex edges of boxes and meshes, and the axes of capsules, which faces of
+balloons meet between their particles."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from balloon_warp.mesh.geometry import face_vector_areas
+from balloon_warp.mesh.polygon_mesh import PolygonMesh
+from balloon_warp.model.bodies import BodyShape
+from balloon_warp.model.obstacles import ObstacleShape
+from balloon_warp.model.shape import BalloonShape
+from balloon_warp.model.touch import edge_length
+from balloon_warp.scene import Scene
+
+FLAT = 0.2
+"""turn [rad] of a surface within an edge of a balloon, up to which faces go along it, within the thickness of a skin"""
+THIN = 5.0
+"""mean edges of a balloon: a solid with a side less wide than that meets its faces, too"""
+BOX_SIGNS = np.array([(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+"""of the corners of a box"""
+
+
+class Ridges(NamedTuple):
+    """Ridges of a solid, as seen from that."""
+
+    ends: NDArray[np.float64]
+    """begin and end of each [m], shape (n, 2, 3)"""
+    inward: NDArray[np.float64]
+    """from each along the two sides beside it, unit vectors, or zero where there is none, shape (n, 2, 3)"""
+    radius: float
+    """around each line [m]"""
+    tips: NDArray[np.int32]
+    """1 if its begin is its own, plus 2 if its end is, shape (n,): each corner is one ridge's"""
+
+
+def faces_meet(
+    scene: Scene, shapes: Sequence[BalloonShape], obstacles: Sequence[ObstacleShape], bodies: Sequence[BodyShape]
+) -> bool:
+    """Whether faces of balloons meet ridges: the scene says so, or something is thin beside them."""
+    solids = solids_of(obstacles, bodies)
+    if scene.faces is True or not scene.faces_may_meet:
+        return scene.faces_may_meet and any(solid.kind != "plane" for solid in solids)
+    widest = max(edge_length(shape.mesh) for shape in shapes)
+    return any(extent_of(solid) < THIN * widest for solid in solids)
+
+
+def extent_of(solid: ObstacleShape) -> float:
+    """The least width of a solid [m]; none of a sheet, and of a plane no end."""
+    if solid.kind == "box":
+        return 2.0 * float(solid.size.min())
+    if solid.kind == "capsule":
+        return 2.0 * float(solid.size[0])
+    if solid.mesh is None:
+        return np.inf
+    points = solid.mesh.points[np.unique(solid.mesh.face_vertex_indices)]
+    return float(np.ptp(points, axis=0).min()) if solid.closed else 0.0
+
+
+def solids_of(obstacles: Sequence[ObstacleShape], bodies: Sequence[BodyShape]) -> list[ObstacleShape]:
+    """Return obstacles, and after them bodies about their centers of mass."""
+    return [*obstacles, *(body.solid for body in bodies)]
+
+
+def ridges_of(solid: ObstacleShape, up: NDArray[np.float64], edge: float) -> Ridges:
+    """Find the ridges of a solid; a plane has none.
+
+    Args:
+        edge: mean one of the balloons [m]: what turns less within that is round to them, and no ridge.
+    """
+    if solid.kind == "box":
+        ridges = _ridges_of_box(solid.size)
+    elif solid.kind == "capsule":
+        ends = np.stack([-solid.size[1] * up, solid.size[1] * up])[None]
+        ridges = Ridges(ends, np.zeros((1, 2, 3)), float(solid.size[0]), np.array([3], np.int32))
+    elif solid.mesh is not None:
+        ridges = _ridges_of_mesh(solid.mesh, solid.triangles, solid.closed, edge)
+    else:
+        ridges = Ridges(np.zeros((0, 2, 3)), np.zeros((0, 2, 3)), 0.0, np.zeros(0, np.int32))
+    return ridges._replace(radius=ridges.radius + solid.thickness)
+
+
+def _ridges_of_box(half: NDArray[np.float64]) -> Ridges:
+    ends, inward = [], []
+    for axis in range(3):
+        for corner in BOX_SIGNS[BOX_SIGNS[:, axis] < 0.0]:
+            along = np.eye(3)[axis]
+            ends.append([corner * half, (corner + 2.0 * along) * half])
+            inward.append([-corner[other] * np.eye(3)[other] for other in range(3) if other != axis])
+    return _with_tips(np.array(ends), np.array(inward), 0.0)
+
+
+def _ridges_of_mesh(mesh: PolygonMesh, triangles: NDArray[np.int32], closed: bool, edge: float) -> Ridges:
+    """Rims of sheets, and edges between triangles that are not flat; of what is closed, those that stick out."""
+    points = mesh.points
+    surface = PolygonMesh(points, np.full(len(triangles), 3, np.int32), triangles.ravel())
+    areas = face_vector_areas(surface)
+    normals = areas / np.maximum(np.linalg.norm(areas, axis=1, keepdims=True), 1e-300)
+    begin = triangles.ravel()
+    end = np.roll(triangles, -1, axis=1).ravel()
+    apex = np.roll(triangles, -2, axis=1).ravel()
+    faces = np.repeat(np.arange(len(triangles)), 3)
+    keys, numbers = np.unique(np.sort(np.stack([begin, end], axis=1), axis=1), axis=0, return_inverse=True)
+    order = np.argsort(numbers.ravel(), kind="stable")
+    starts = np.searchsorted(numbers.ravel()[order], np.arange(len(keys) + 1))
+    ends, inward = [], []
+    for number, (first, last) in enumerate(pairwise(starts)):
+        sides = order[first:last]
+        a, b = points[keys[number]]
+        if np.array_equal(a, b):
+            continue
+        across = [_across(a, b, points[apex[side]]) for side in sides[:2]]
+        lengths = [float(np.linalg.norm(way)) for way in across]
+        within = [way / max(length, 1e-300) for way, length in zip(across, lengths, strict=True)]
+        if len(sides) == 2:
+            rise = float(normals[faces[sides[0]]] @ within[1])
+            turn = np.arctan2(abs(rise), normals[faces[sides[0]]] @ normals[faces[sides[1]]])
+            if turn * max(1.0, edge / max(sum(lengths), 1e-300)) <= FLAT or (closed and rise > 0.0):
+                continue
+        known = within if len(sides) <= 2 else [np.zeros(3)]
+        ends.append([a, b])
+        inward.append([*known, np.zeros(3)][:2])
+    return _with_tips(np.array(ends).reshape(-1, 2, 3), np.array(inward).reshape(-1, 2, 3), 0.0)
+
+
+def _across(a: NDArray[np.float64], b: NDArray[np.float64], apex: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The way from an edge, across it, to a triangle's third corner."""
+    along = (b - a) / np.linalg.norm(b - a)
+    return apex - a - ((apex - a) @ along) * along
+
+
+def _with_tips(ends: NDArray[np.float64], inward: NDArray[np.float64], radius: float) -> Ridges:
+    """Let each corner be of the first ridge that comes to it."""
+    _, firsts = np.unique(ends.reshape(-1, 3), axis=0, return_index=True)
+    own = np.zeros(2 * len(ends), np.int32)
+    own[firsts] = 1
+    tips = own[0::2] + 2 * own[1::2]
+    return Ridges(ends, inward, radius, tips.astype(np.int32))
+
+
+def all_ridges(
+    scene: Scene, shapes: Sequence[BalloonShape], obstacles: Sequence[ObstacleShape], bodies: Sequence[BodyShape]
+) -> list[Ridges]:
+    """Find those of obstacles, and then of bodies, that faces of balloons meet; none at all where these do not."""
+    if not faces_meet(scene, shapes, obstacles, bodies):
+        return []
+    edge = max(edge_length(shape.mesh) for shape in shapes)
+    return [ridges_of(solid, np.array(scene.up), edge) for solid in solids_of(obstacles, bodies)]
+
+
+def ridge_tree(ridges: Ridges, device: wp.Device) -> wp.Bvh | None:
+    """Make a tree of boxes around ridges; none of none."""
+    if not len(ridges.ends):
+        return None
+    corners = ridges.ends.min(axis=1) - ridges.radius, ridges.ends.max(axis=1) + ridges.radius
+    return wp.Bvh(*(wp.array(each, dtype=wp.vec3, device=device) for each in corners))

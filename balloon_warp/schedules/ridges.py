@@ -1,0 +1,95 @@
+"""Ridges of obstacles and bodies, and the faces of balloons that meet them, as kernels read them."""
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from balloon_warp.kernels.contact.catch import Catch
+from balloon_warp.kernels.contact_tables import RidgeTable
+from balloon_warp.kernels.laws.ridges import Ridge
+from balloon_warp.kernels.traits import Traits
+from balloon_warp.mesh.polygon_mesh import PolygonMesh
+from balloon_warp.mesh.triangles import triangles_of
+from balloon_warp.model import Model
+from balloon_warp.model.memory import Room
+from balloon_warp.model.ridges import Ridges, all_ridges
+from balloon_warp.model.touch import THICKNESS, edge_length
+
+KEPT = 0.5
+"""of the thickness of a skin, that faces keep from ridges"""
+MARGIN = 0.15
+"""of an edge, within which ridges are noted until the next search"""
+LEAST_PAIRS, PAIRS = 1024, 2
+"""that a world has room for, and for each triangle and edge"""
+
+
+def ridge_table(model: Model) -> Any:
+    """Make the table of ridges; empty where faces do not meet any. Its trees live as long as the model does."""
+    table, device = RidgeTable(), model.device
+    if not model.faces_meet:
+        return table
+    ridges = all_ridges(model.scene, model.shapes, model.obstacles, model.bodies)
+    firsts = np.cumsum([0, *(len(each.ends) for each in ridges)])
+    table.ridges = wp.array([row for each in ridges for row in _rows(each)], dtype=Ridge, device=device)
+    table.ends = wp.array(np.stack([firsts[:-1], firsts[1:]], axis=1), dtype=wp.vec2i, device=device)
+    table.trees = wp.array([tree.id if tree else 0 for tree in model.ridge_trees], dtype=wp.uint64, device=device)
+    table.features = wp.array(_features_of(model), dtype=wp.vec4i, device=device)
+    edge = min(edge_length(shape.mesh) for shape in model.shapes)
+    table.kept, table.margin = KEPT * THICKNESS * edge, MARGIN * edge
+    return table
+
+
+def ridge_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
+    """What of `Working` is for them; empty where faces do not meet ridges."""
+    worlds = model.world_count if traits.ridges else 0
+    pairs = max(LEAST_PAIRS, PAIRS * _feature_count(model)) if traits.ridges else 0
+    particles, bodies = model.particle_count, model.body_count
+    return {
+        "ridge_counts": room.array((worlds, 2), wp.int32),
+        "ridge_budgets": room.array((worlds,), wp.float32),
+        "ridge_pairs": room.array((worlds, pairs), wp.vec3i),
+        "catches": room.array((worlds, pairs), Catch),
+        "ridge_shares": room.array((worlds, particles), wp.int32),
+        "ridge_body_shares": room.array((worlds, bodies), wp.int32),
+        "ridge_quanta": room.array((worlds, particles, 3), wp.int64),
+        "ridge_body_quanta": room.array((worlds, bodies, 6), wp.int64),
+    }
+
+
+def _rows(ridges: Ridges) -> list[Any]:
+    rows = []
+    for (begin, end), (inward, other), tips in zip(ridges.ends, ridges.inward, ridges.tips, strict=True):
+        row = Ridge()
+        row.begin, row.end = wp.vec3(begin), wp.vec3(end)
+        row.inward, row.other_inward = wp.vec3(inward), wp.vec3(other)
+        row.radius, row.tips = ridges.radius, int(tips)
+        rows.append(row)
+    return rows
+
+
+def _features_of(model: Model) -> NDArray[np.int32]:
+    """Triangles and edges of all balloons."""
+    offsets = model.particle_offsets
+    rows = []
+    for number, shape in enumerate(model.shapes):
+        triangles = triangles_of(shape.mesh)
+        edges = np.unique(
+            np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1).reshape(-1, 2)), axis=0
+        )
+        edges = edges[edges[:, 0] != edges[:, 1]]
+        first, none = int(offsets[number]), np.full((len(edges), 1), -1)
+        rows.append(np.column_stack([triangles + first, np.full(len(triangles), number)]))
+        rows.append(np.column_stack([edges + first, none, np.full(len(edges), number)]))
+    return np.concatenate(rows).astype(np.int32)
+
+
+def _feature_count(model: Model) -> int:
+    """Count triangles and edges of closed meshes."""
+    return sum(_most_features(shape.mesh) for shape in model.shapes)
+
+
+def _most_features(mesh: PolygonMesh) -> int:
+    triangles = int(np.maximum(mesh.face_vertex_counts - 2, 0).sum())
+    return triangles + (3 * triangles + 1) // 2

@@ -1,0 +1,156 @@
+"""One pair of a balloon's feature and a ridge: where they are, how fast they come together, and what an impulse between
+them does, see `laws.ridges`."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.contact.catch import Catch
+from balloon_warp.kernels.contact.ridge_poses import pair_friction_function, placing_function
+from balloon_warp.kernels.contact.ridge_search import corners_of, near_in, start_in
+from balloon_warp.kernels.contact.ridge_sums import add_impulse, add_to_body, take_impulse, take_of_body
+from balloon_warp.kernels.laws.rigid import spin_of
+from balloon_warp.kernels.loops.bodies import body_at, body_mass, pushed_on, put_body
+from balloon_warp.kernels.loops.inertia import ease_function
+from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.traits import Traits
+from balloon_warp.kernels.working import Working
+
+
+@cache
+def catching_function(traits: Traits) -> Any:
+    """The function that measures a pair as a substep begins."""
+    place_of = placing_function(traits)
+    friction_with = pair_friction_function(traits)
+
+    @wp.func
+    def catch_of(
+        t: Tables, state: WorldState, working: Working, world: wp.int32, pair: wp.vec3i, end: float,
+        points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
+    ):  # fmt: skip
+        """Of a pair: feature, ridge and solid."""
+        catch = Catch()
+        feature = t.ridges.features[pair[0]]
+        placed = place_of(t, state, working, world, pair[2], end)
+        catch.corners = wp.vec3i(corners_of(feature, 0), corners_of(feature, 1), corners_of(feature, 2))
+        a = start_in(t, placed, catch.corners[0], points, velocities)
+        b = start_in(t, placed, catch.corners[1], points, velocities)
+        c = start_in(t, placed, catch.corners[2], points, velocities)
+        near = near_in(t.ridges.ridges[pair[1]], feature, a, b, c)
+        catch.solid = pair[2]
+        catch.weights = near.weights
+        catch.gap = near.gap
+        if wp.length_sq(near.normal) > 0.0:
+            catch.normal = wp.quat_rotate(placed.turn, near.normal)
+            inside = near.weights[0] * a + near.weights[1] * b + near.weights[2] * c
+            catch.arm = wp.quat_rotate(placed.turn, inside)
+            catch.moving = placed.velocity + wp.cross(placed.spin, catch.arm)
+            catch.friction = friction_with(t, world, catch.corners[0], placed.friction)
+        return catch
+
+    return catch_of
+
+
+@cache
+def pushing_functions(traits: Traits) -> tuple[Any, Any, Any]:
+    """The functions that say how fast a pair comes together, how much lighter it is than its impulse, and that let it
+    push."""
+    ease_of_moving = ease_function(traits)
+
+    @wp.func
+    def beside(
+        t: Tables, state: WorldState, working: Working, world: wp.int32, catch: Catch, velocities: wp.array[wp.vec3]
+    ):
+        """How the balloon moves there, beside the solid [m/s]."""
+        moving = wp.vec3()
+        for corner in range(3):
+            moving += catch.weights[corner] * velocities[catch.corners[corner]]
+        if wp.static(traits.bodies > 0):
+            body = catch.solid - t.fixtures.solids.shape[0]
+            if body >= 0:
+                turn = working.body_start_turns[world, body]
+                mass = body_mass(t, world, body)
+                spin = spin_of(turn, t.bodies.eases[body], mass, state.body_momenta[world, body])
+                return moving - state.body_velocities[world, body] - wp.cross(spin, catch.arm)
+        return moving - catch.moving
+
+    @wp.func
+    def gain_along(t: Tables, working: Working, world: wp.int32, catch: Catch, along: wp.vec3):
+        """How much faster the balloon's part moves there beside the solid's by 1 N s along a unit vector [1/kg]."""
+        ease = float(0.0)
+        for corner in range(3):
+            particle = catch.corners[corner]
+            share = float(working.ridge_shares[world, particle])
+            weight = catch.weights[corner]
+            ease += weight * weight * share * ease_of_moving(t, working, world, particle)
+        gain = ease * along
+        if wp.static(traits.bodies > 0):
+            body = catch.solid - t.fixtures.solids.shape[0]
+            if body >= 0:
+                mass = body_mass(t, world, body)
+                twist = spin_of(
+                    working.body_start_turns[world, body], t.bodies.eases[body], mass, wp.cross(catch.arm, along)
+                )
+                share = float(working.ridge_body_shares[world, body])
+                gain += share * (along / mass + wp.cross(twist, catch.arm))
+        return gain
+
+    @wp.func
+    def push_pair(t: Tables, working: Working, world: wp.int32, catch: Catch, impulse: wp.vec3):
+        """Give an impulse to the corners, and the opposite to a body."""
+        for corner in range(3):
+            if catch.weights[corner] > 0.0:
+                add_impulse(working.ridge_quanta, world, catch.corners[corner], catch.weights[corner] * impulse)
+        if wp.static(traits.bodies > 0):
+            body = catch.solid - t.fixtures.solids.shape[0]
+            if body >= 0:
+                add_to_body(working.ridge_body_quanta, world, body, -impulse, wp.cross(catch.arm, -impulse))
+
+    return beside, gain_along, push_pair
+
+
+@cache
+def sharing_functions(traits: Traits) -> tuple[Any, Any]:
+    """The functions that count the contacts of particles and bodies, and that move these by all impulses."""
+    ease_of_moving = ease_function(traits)
+
+    @wp.func
+    def count_in(t: Tables, working: Working, world: wp.int32, catch: Catch):
+        for corner in range(3):
+            if catch.weights[corner] > 0.0:
+                wp.atomic_add(working.ridge_shares, world, catch.corners[corner], 1)
+        if wp.static(traits.bodies > 0):
+            body = catch.solid - t.fixtures.solids.shape[0]
+            if body >= 0:
+                wp.atomic_add(working.ridge_body_shares, world, body, 1)
+
+    @wp.func
+    def move_by_impulses(
+        t: Tables, state: WorldState, working: Working, world: wp.int32, catch: Catch, speeds: float,
+        points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
+    ):  # fmt: skip
+        """Move the corners, each by who comes first, which is the same for all of its sum.
+
+        Args:
+            speeds: 1, or 0 where impulses are moves without speed.
+        """
+        for corner in range(3):
+            particle = catch.corners[corner]
+            if catch.weights[corner] > 0.0:
+                if wp.atomic_exch(working.ridge_shares, world, particle, 0) > 0:
+                    impulse = take_impulse(working.ridge_quanta, world, particle)
+                    gain = ease_of_moving(t, working, world, particle) * impulse
+                    velocities[particle] = velocities[particle] + speeds * gain
+                    points[particle] = points[particle] + wp.where(speeds > 0.0, t.step_seconds, 1.0) * gain
+        if wp.static(traits.bodies > 0):
+            body = catch.solid - t.fixtures.solids.shape[0]
+            if body >= 0:
+                if wp.atomic_exch(working.ridge_body_shares, world, body, 0) > 0:
+                    push, twist = take_of_body(working.ridge_body_quanta, world, body)
+                    rigid = body_at(t, state, working.body_starts, working.body_start_turns, world, body)
+                    ways = push / rigid.mass
+                    shift = (1.0 - speeds) * ways
+                    put_body(state, world, pushed_on(t, rigid, speeds * ways, speeds * twist, shift))
+
+    return count_in, move_by_impulses

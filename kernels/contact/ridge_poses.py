@@ -1,0 +1,73 @@
+"""Solids with ridges: where obstacles and free bodies are as a substep begins, and how they move."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.laws.contact import friction_on
+from balloon_warp.kernels.laws.rigid import spin_of, turned_by
+from balloon_warp.kernels.loops.bodies import body_mass
+from balloon_warp.kernels.loops.fixture_poses import pose_function
+from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
+from balloon_warp.kernels.traits import Traits
+from balloon_warp.kernels.working import Working
+
+
+@wp.struct
+class Placed:
+    """A solid as a substep begins."""
+
+    center: wp.vec3
+    turn: wp.quat
+    velocity: wp.vec3
+    spin: wp.vec3  # [rad/s]
+    reach: float  # of its farthest point [m]
+    friction: float
+
+
+@cache
+def placing_function(traits: Traits) -> Any:
+    """The function that says where a solid with ridges is: an obstacle, or a body, which come after these."""
+    pose_at = pose_function(traits) if traits.fixtures else None
+
+    @wp.func
+    def place_of(t: Tables, state: WorldState, working: Working, world: wp.int32, number: wp.int32, end: float):
+        """In a substep that ends at a time."""
+        placed = Placed()
+        fixtures = t.fixtures.solids.shape[0]
+        if wp.static(traits.fixtures):
+            if number < fixtures:
+                pose = pose_at(t, world, number, end)
+                placed.center = pose.center - t.step_seconds * pose.velocity
+                placed.turn = turned_by(pose.turn, -t.step_seconds * pose.spin)
+                placed.velocity = pose.velocity
+                placed.spin = pose.spin
+                placed.reach = t.fixtures.solids[number].reach
+                placed.friction = t.fixtures.frictions[row_of_world(world, t.fixtures.frictions.shape[0]), number]
+        if wp.static(traits.bodies > 0):
+            if number >= fixtures:
+                body = number - fixtures
+                placed.center = working.body_starts[world, body]
+                placed.turn = working.body_start_turns[world, body]
+                placed.velocity = state.body_velocities[world, body]
+                mass = body_mass(t, world, body)
+                placed.spin = spin_of(placed.turn, t.bodies.eases[body], mass, state.body_momenta[world, body])
+                placed.reach = t.bodies.solids[body].reach
+                placed.friction = t.bodies.friction[row_of_world(world, t.bodies.friction.shape[0]), body]
+        return placed
+
+    return place_of
+
+
+@cache
+def pair_friction_function(traits: Traits) -> Any:
+    """The function that gives Coulomb's coefficient between a solid and a particle's balloon."""
+    own_column = traits.columns.places["balloon_friction"]
+
+    @wp.func
+    def friction_with(t: Tables, world: wp.int32, particle: wp.int32, its: float):
+        row = row_of_world(world, t.balloon_numbers.shape[0])
+        return friction_on(t.balloon_numbers[row, t.particles.balloon[particle], own_column], its)
+
+    return friction_with

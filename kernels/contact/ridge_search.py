@@ -1,0 +1,141 @@
+"""Which features of balloons are near ridges: found anew whenever something may have come nearer than was noted."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.contact.ridge_poses import Placed, placing_function
+from balloon_warp.kernels.laws.ridges import Ridge, edge_near, face_near
+from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.traits import Traits
+from balloon_warp.kernels.warps import block_barrier
+from balloon_warp.kernels.working import Working
+
+FAR_OFF = wp.constant(1.0e18)
+"""from everything [m]"""
+FAST = wp.constant(2.0)
+"""substeps of the fastest way that a search is good for, at least"""
+
+
+@wp.func
+def corners_of(feature: wp.vec4i, corner: wp.int32):
+    """A feature's particle; of an edge the first once more in place of its third."""
+    return wp.where(feature[corner] < 0, feature[0], feature[corner])
+
+
+@wp.func
+def start_in(t: Tables, placed: Placed, particle: wp.int32, points: wp.array[wp.vec3], velocities: wp.array[wp.vec3]):
+    """Where a particle was as the substep began, as seen from a solid."""
+    start = points[particle] - t.step_seconds * velocities[particle]
+    return wp.quat_rotate_inv(placed.turn, start - placed.center)
+
+
+@wp.func
+def near_in(ridge: Ridge, feature: wp.vec4i, a: wp.vec3, b: wp.vec3, c: wp.vec3):
+    """Where a feature of a balloon is nearest to a ridge."""
+    if feature[2] < 0:
+        return edge_near(ridge, a, b)
+    return face_near(ridge, a, b, c)
+
+
+@wp.func
+def note_pair(working: Working, world: wp.int32, feature: wp.int32, ridge: wp.int32, solid: wp.int32):
+    """Put a feature and a ridge of a solid on the list."""
+    place = wp.atomic_add(working.ridge_counts, world, 0, 1)
+    if place < working.ridge_pairs.shape[1]:
+        working.ridge_pairs[world, place] = wp.vec3i(feature, ridge, solid)
+    else:
+        wp.atomic_add(working.crowded, world, 1)
+
+
+@wp.func
+def look_around(
+    t: Tables, working: Working, world: wp.int32, number: wp.int32, solid: wp.int32, placed: Placed, within: float,
+    points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
+):  # fmt: skip
+    """Note the ridges of a solid that are near a feature; how far off the solid is at least [m]."""
+    feature = t.ridges.features[number]
+    a = start_in(t, placed, corners_of(feature, 0), points, velocities)
+    b = start_in(t, placed, corners_of(feature, 1), points, velocities)
+    c = start_in(t, placed, corners_of(feature, 2), points, velocities)
+    lower = wp.min(wp.min(a, b), c)
+    upper = wp.max(wp.max(a, b), c)
+    middle = 0.5 * (lower + upper)
+    apart = wp.length(middle) - wp.length(upper - middle) - placed.reach
+    if apart < within:
+        pad = wp.vec3(within, within, within)
+        query = wp.bvh_query_aabb(t.ridges.trees[solid], lower - pad, upper + pad)
+        found = wp.int32(0)
+        while wp.bvh_query_next(query, found):
+            index = t.ridges.ends[solid][0] + found
+            ridge = t.ridges.ridges[index]
+            near = near_in(ridge, feature, a, b, c)
+            # one that is above a side of the solid now may come beside it before the next search
+            if near.gap < within and (feature[2] < 0 or ridge.tips != 0):
+                note_pair(working, world, number, index, solid)
+    return apart
+
+
+@cache
+def fastest_function(traits: Traits) -> Any:
+    """The function that says how fast anything moves."""
+    place_of = placing_function(traits)
+
+    @wp.func
+    def fastest_of_thread(
+        t: Tables, state: WorldState, working: Working, world: wp.int32, thread: wp.int32, end: float,
+        velocities: wp.array[wp.vec3],
+    ):  # fmt: skip
+        """How fast anything moves, of what is a thread's [m/s]."""
+        squared = float(0.0)
+        for particle in range(thread, velocities.shape[0], wp.block_dim()):
+            squared = wp.max(squared, wp.length_sq(velocities[particle]))
+        fastest = wp.sqrt(squared)
+        solids = float(t.fixtures.fastest)
+        for number in range(t.fixtures.solids.shape[0], t.ridges.ends.shape[0]):
+            placed = place_of(t, state, working, world, number, end)
+            solids = wp.max(solids, wp.length(placed.velocity) + placed.reach * wp.length(placed.spin))
+        return fastest + solids
+
+    return fastest_of_thread
+
+
+@cache
+def ridge_search_function(traits: Traits) -> Any:
+    """The function that keeps the list of features and ridges that are near each other."""
+    place_of = placing_function(traits)
+    fastest_of_thread = fastest_function(traits)
+
+    @wp.func
+    def search_ridges(
+        t: Tables, state: WorldState, working: Working, world: wp.int32, thread: wp.int32, end: float,
+        points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
+    ):  # fmt: skip
+        """How many pairs are near each other in a substep that ends at a time, and how far anything goes in it [m]."""
+        mine = fastest_of_thread(t, state, working, world, thread, end, velocities)
+        way = t.step_seconds * wp.tile_max(wp.tile(mine))[0]
+        left = working.ridge_budgets[world] - way
+        block_barrier()
+        if left < way:
+            margin = wp.max(t.ridges.margin, FAST * way)
+            if thread == 0:
+                working.ridge_counts[world, 0] = 0
+            block_barrier()
+            apart = float(FAR_OFF)
+            for solid in range(t.ridges.ends.shape[0]):
+                if t.ridges.ends[solid][1] > t.ridges.ends[solid][0]:
+                    placed = place_of(t, state, working, world, solid, end)
+                    within = margin + t.ridges.kept
+                    for number in range(thread, t.ridges.features.shape[0], wp.block_dim()):
+                        own = look_around(t, working, world, number, solid, placed, within, points, velocities)
+                        apart = wp.min(apart, own)
+            nearest = wp.tile_min(wp.tile(apart))[0]
+            left = wp.max(margin, nearest - t.ridges.kept)
+            block_barrier()
+        if thread == 0:
+            working.ridge_budgets[world] = left
+        block_barrier()
+        return wp.min(working.ridge_counts[world, 0], working.ridge_pairs.shape[1]), way
+
+    return search_ridges

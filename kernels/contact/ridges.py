@@ -1,0 +1,162 @@
+"""Faces and edges of balloons that meet ridges of obstacles and free bodies, where each piece of a substep is a launch:
+a block a world. Those that are near push each other apart, all at once, a few times a substep, see `laws.ridges`."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.contact.ridge_pairs import catching_function, pushing_functions, sharing_functions
+from balloon_warp.kernels.contact.ridge_search import ridge_search_function
+from balloon_warp.kernels.laws.ridges import approach_allowed, rub_against, way_to_part
+from balloon_warp.kernels.laws.touch import LEAST
+from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.traits import Traits
+from balloon_warp.kernels.warps import block_barrier
+from balloon_warp.kernels.working import Working
+
+MOST_SWEEPS = wp.constant(24)
+"""in a substep; where nothing comes too near any more it ends sooner"""
+CAUGHT = wp.constant(1)
+"""where the number of pairs stands that may meet in this substep, beside that of all that are near"""
+SETTLED = wp.constant(0.02)
+"""of the distance that is kept, by which they may come nearer in a substep"""
+
+
+@cache
+def sweeping_functions(traits: Traits) -> tuple[Any, Any]:
+    """The functions that find pairs that come together too fast, and that let these push and rub."""
+    beside, gain_along, push_pair = pushing_functions(traits)
+    count_in, _ = sharing_functions(traits)
+
+    @wp.func
+    def find_pushed(
+        t: Tables, state: WorldState, working: Working, world: wp.int32, thread: wp.int32, count: wp.int32,
+        velocities: wp.array[wp.vec3],
+    ):  # fmt: skip
+        """How much too fast a pair comes together, of those that are a thread's, at most [m/s]; each is counted."""
+        worst = float(0.0)
+        for pair in range(thread, count, wp.block_dim()):
+            catch = working.catches[world, pair]
+            allowed = approach_allowed(catch.gap, t.ridges.kept, t.step_seconds)
+            excess = -wp.dot(beside(t, state, working, world, catch, velocities), catch.normal) - allowed
+            if excess > 0.0:
+                count_in(t, working, world, catch)
+                worst = wp.max(worst, excess)
+            working.catches[world, pair].push = excess
+        return worst
+
+    @wp.func
+    def push_apart(
+        t: Tables, state: WorldState, working: Working, world: wp.int32, thread: wp.int32, count: wp.int32,
+        velocities: wp.array[wp.vec3],
+    ):  # fmt: skip
+        """Let those that are a thread's push, and rub."""
+        for pair in range(thread, count, wp.block_dim()):
+            catch = working.catches[world, pair]
+            if catch.push > 0.0:
+                along = gain_along(t, working, world, catch, catch.normal)
+                push = catch.push / wp.max(wp.dot(along, catch.normal), LEAST)
+                impulse = push * catch.normal
+                if catch.friction > 0.0:
+                    slide = beside(t, state, working, world, catch, velocities) + push * along
+                    slide -= wp.dot(slide, catch.normal) * catch.normal
+                    if wp.length_sq(slide) > 0.0:
+                        ahead = wp.normalize(slide)
+                        ease = wp.dot(gain_along(t, working, world, catch, ahead), ahead)
+                        impulse += rub_against(slide, catch.normal, ease, catch.friction * push)
+                push_pair(t, working, world, catch, impulse)
+
+    return find_pushed, push_apart
+
+
+@cache
+def parting_functions(traits: Traits) -> tuple[Any, Any, Any]:
+    """The functions that find pairs that are too near, that let these part, and that move all by what pairs do."""
+    _, gain_along, push_pair = pushing_functions(traits)
+    count_in, move_by_impulses = sharing_functions(traits)
+
+    @wp.func
+    def find_overlaps(t: Tables, working: Working, world: wp.int32, thread: wp.int32, count: wp.int32):
+        """How far those that are a thread's are to be moved apart, at most [m]; each is counted."""
+        worst = float(0.0)
+        for pair in range(thread, count, wp.block_dim()):
+            catch = working.catches[world, pair]
+            out = way_to_part(catch.gap, t.ridges.kept)
+            if out > 0.0:
+                count_in(t, working, world, catch)
+                worst = wp.max(worst, out)
+            working.catches[world, pair].push = out
+        return worst
+
+    @wp.func
+    def move_apart(t: Tables, working: Working, world: wp.int32, thread: wp.int32, count: wp.int32):
+        for pair in range(thread, count, wp.block_dim()):
+            catch = working.catches[world, pair]
+            if catch.push > 0.0:
+                along = gain_along(t, working, world, catch, catch.normal)
+                push = catch.push / wp.max(wp.dot(along, catch.normal), LEAST)
+                push_pair(t, working, world, catch, push * catch.normal)
+
+    @wp.func
+    def move_all(
+        t: Tables, state: WorldState, working: Working, world: wp.int32, thread: wp.int32, count: wp.int32,
+        speeds: float, points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
+    ):  # fmt: skip
+        """Move the particles and bodies of pairs that are a thread's, see `move_by_impulses`."""
+        for pair in range(thread, count, wp.block_dim()):
+            if working.catches[world, pair].push > 0.0:
+                move_by_impulses(t, state, working, world, working.catches[world, pair], speeds, points, velocities)
+
+    return find_overlaps, move_apart, move_all
+
+
+@cache
+def ridges_function(traits: Traits) -> Any:
+    """The function by which faces leave ridges, once all have moved."""
+    search_ridges = ridge_search_function(traits)
+    catch_of = catching_function(traits)
+    find_pushed, push_apart = sweeping_functions(traits)
+    find_overlaps, move_apart, move_all = parting_functions(traits)
+
+    @wp.func
+    def leave_ridges(
+        t: Tables, state: WorldState, working: Working, world: wp.int32, thread: wp.int32, end: float,
+        points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
+    ):  # fmt: skip
+        """Of a world, by all threads of a block; soon done where nothing is near."""
+        near, way = search_ridges(t, state, working, world, thread, end, points, velocities)
+        if near > 0:
+            if thread == 0:
+                working.ridge_counts[world, CAUGHT] = 0
+            block_barrier()
+            for pair in range(thread, near, wp.block_dim()):
+                catch = catch_of(t, state, working, world, working.ridge_pairs[world, pair], end, points, velocities)
+                if wp.length_sq(catch.normal) > 0.0 and catch.gap < t.ridges.kept + way:
+                    working.catches[world, wp.atomic_add(working.ridge_counts, world, CAUGHT, 1)] = catch
+            block_barrier()
+        count = working.ridge_counts[world, CAUGHT]
+        if near > 0 and count > 0:
+            sweep = wp.int32(0)
+            while sweep < MOST_SWEEPS:
+                sweep += 1
+                mine = find_pushed(t, state, working, world, thread, count, velocities)
+                worst = wp.tile_max(wp.tile(mine))[0]
+                block_barrier()
+                if worst > 0.0:
+                    push_apart(t, state, working, world, thread, count, velocities)
+                    block_barrier()
+                    move_all(t, state, working, world, thread, count, 1.0, points, velocities)
+                    block_barrier()
+                if t.step_seconds * worst < SETTLED * t.ridges.kept:
+                    sweep = MOST_SWEEPS
+            mine = find_overlaps(t, working, world, thread, count)
+            overlap = wp.tile_max(wp.tile(mine))[0]
+            block_barrier()
+            if overlap > 0.0:
+                move_apart(t, working, world, thread, count)
+                block_barrier()
+                move_all(t, state, working, world, thread, count, 0.0, points, velocities)
+                block_barrier()
+
+    return leave_ridges

@@ -1,0 +1,142 @@
+"""Ridges of obstacles and free bodies against faces and edges of balloons, between whose particles they could go.
+
+Ridges are convex edges, and the axes of capsules.
+
+With q the point of a ridge and p the point of a balloon's face or edge that are nearest as a substep begins, n the unit
+vector from q to p and g their distance, less the ridge's radius, an impulse along n lets them come nearer by no more
+than is left of the distance d that is kept,
+
+    n . (u_p - u_q) >= -max(g - d, 0) / h,
+
+with u as all other forces would leave it: the rule of `laws.edges`. The corners get the impulse by the weights of p.
+
+All contacts of a sweep act at once. Each of N contacts on a particle, or on a body, has an Nth of its mass for itself,
+and afterwards the parts go on with their mean velocity (Tonge, Benevolenski and Voroshilov 2012, *Mass splitting for
+jitter-free parallel rigid body simulation*). Each contact alone finds the nearest allowed velocities of its parts,
+measured by kinetic energy, and so does the mean: it never grows. Sums of whole numbers do not depend on their order.
+
+Which side of a ridge is outside is told by the solid's sides beside it: n may not lead far above one of them. What is
+there, and slides to the ridge, is left to particles; what is a little above it may come down beside it within a step.
+"""
+
+import warp as wp
+
+from balloon_warp.kernels.laws.edges import crossing_of
+from balloon_warp.kernels.laws.touch import LEAST, nearest_weights
+
+ABOVE = wp.constant(0.6)
+"""cosine between n and a side of the solid from which on a balloon counts as above that"""
+LITTLE = wp.constant(0.5)
+"""of the distance that is kept: where less is left they are moved apart"""
+PARTED = wp.constant(0.2)
+"""of what is missing there, in a step"""
+AT_END = wp.constant(1.0e-4)
+"""part of an edge that counts as its end"""
+
+
+@wp.struct
+class Ridge:
+    """A thick line of a solid, as seen from that."""
+
+    begin: wp.vec3
+    end: wp.vec3
+    inward: wp.vec3  # from the ridge along one side of the solid, a unit vector; zero if there is none
+    other_inward: wp.vec3
+    radius: float  # around the line [m]
+    tips: wp.int32  # whether its begin (1) and its end (2) are its own: each corner is one ridge's
+
+
+@wp.struct
+class Near:
+    """Where a feature of a balloon is nearest to a ridge, as seen from the solid."""
+
+    weights: wp.vec3  # of the feature's corners
+    normal: wp.vec3  # from the ridge, zero where they do not meet
+    gap: float  # [m]
+
+
+@wp.func
+def is_outside(ridge: Ridge, normal: wp.vec3):
+    """Whether a direction leads above none of the solid's sides beside a ridge."""
+    return wp.dot(normal, ridge.inward) <= ABOVE and wp.dot(normal, ridge.other_inward) <= ABOVE
+
+
+@wp.func
+def near_of(ridge: Ridge, arm: wp.vec3, weights: wp.vec3):
+    """Say what there is where the arm from a ridge to a balloon is shortest."""
+    near = Near()
+    near.gap = wp.length(arm) - ridge.radius
+    near.weights = weights
+    normal = wp.normalize(arm)
+    if is_outside(ridge, normal):
+        near.normal = normal
+    return near
+
+
+@wp.func
+def edge_near(ridge: Ridge, a: wp.vec3, b: wp.vec3):
+    """Of an edge between two particles. At its ends particles meet the solid themselves."""
+    crossing = crossing_of(ridge.begin, ridge.end, a, b)
+    part = crossing.parts[1]
+    arm = crossing.gap * crossing.normal
+    near = near_of(ridge, arm, wp.vec3(1.0 - part, part, 0.0))
+    at_tip = wp.min(crossing.parts[0], 1.0 - crossing.parts[0]) <= 0.0
+    if at_tip or wp.min(part, 1.0 - part) < AT_END:
+        near.normal = wp.vec3()
+    return near
+
+
+@wp.func
+def tip_near(ridge: Ridge, tip: wp.vec3, away: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3):
+    """Of a face, seen from a tip of a ridge.
+
+    Args:
+        away: from the tip along the ridge.
+    """
+    weights = nearest_weights(tip, a, b, c)
+    arm = weights[0] * a + weights[1] * b + weights[2] * c - tip
+    near = near_of(ridge, arm, weights)
+    if wp.dot(near.normal, away) > ABOVE * wp.length(away) or wp.max(weights) > 1.0 - AT_END:
+        near.normal = wp.vec3()
+    return near
+
+
+@wp.func
+def nearer(first: Near, second: Near):
+    """Return the one of two that is nearer; what does not meet is far."""
+    if wp.length_sq(second.normal) > 0.0 and (wp.length_sq(first.normal) == 0.0 or second.gap < first.gap):
+        return second
+    return first
+
+
+@wp.func
+def face_near(ridge: Ridge, a: wp.vec3, b: wp.vec3, c: wp.vec3):
+    """Of a face, seen from the tips of a ridge that are its own."""
+    near = Near()
+    if (ridge.tips & 1) != 0:
+        near = tip_near(ridge, ridge.begin, ridge.end - ridge.begin, a, b, c)
+    if (ridge.tips & 2) != 0:
+        near = nearer(near, tip_near(ridge, ridge.end, ridge.begin - ridge.end, a, b, c))
+    return near
+
+
+@wp.func
+def approach_allowed(gap: float, kept: float, step_seconds: float):
+    """How fast they may come nearer [m/s]."""
+    return wp.max(gap - kept, 0.0) / step_seconds
+
+
+@wp.func
+def way_to_part(gap: float, kept: float):
+    """How far they are moved apart in a step, without speed, where little is left of the distance that is kept [m]."""
+    return PARTED * wp.max(LITTLE * kept - gap, 0.0)
+
+
+@wp.func
+def rub_against(slide: wp.vec3, normal: wp.vec3, ease: float, most: float):
+    """Return the impulse against what slides across n [N s], no more than `most`."""
+    beside = slide - wp.dot(slide, normal) * normal
+    speed = wp.length(beside)
+    if speed > 0.0:
+        return (-wp.min(speed / wp.max(ease, LEAST), most) / speed) * beside
+    return wp.vec3()

@@ -1,0 +1,168 @@
+"""Faces of balloons that meet edges, corners and thin things between their particles."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conserved import energy, momentum
+from meshes import quad_sphere
+from rigid import SPACE, whole
+
+from balloon_warp import InputError, check_stage, load_scene
+from balloon_warp.job import animate
+from balloon_warp.mesh import PolygonMesh
+from balloon_warp.model.obstacles import shape_obstacle
+from balloon_warp.model.ridges import ridges_of
+from balloon_warp.scene import Balloon, Body, Inflation, Obstacle, Scene, Sphere
+from balloon_warp.simulator import Simulator
+
+UP = np.array([0.0, 1.0, 0.0])
+BLADE = PolygonMesh(
+    np.array([(-1.0, -0.6, 0.0), (1.0, -0.6, 0.0), (1.0, 0.0, 0.0), (-1.0, 0.0, 0.0)]),
+    np.array([4], np.int32),
+    np.arange(4, dtype=np.int32),
+)
+ROD = {"shape": "capsule", "radius": 0.008, "length": 2.0, "rotation": (0.0, 0.0, 90.0), "position": (0, -0.008, 0)}
+THINGS: dict[str, dict[str, Any]] = {
+    "blade": {"obstacle": [Obstacle(mesh=BLADE)]},
+    "thin box": {"obstacle": [Obstacle(size=(0.005, 0.5, 2.0), position=(0.03, -0.25, 0.0))]},
+    "rod": {"obstacle": [Obstacle(**ROD)]},
+    "net": {
+        "obstacle": [
+            Obstacle(**ROD | {"rotation": (90.0, 0.0, 0.0), "position": (x, -0.008, 0.0)})
+            for x in (-0.47, -0.22, 0.03, 0.28, 0.53)
+        ]
+    },
+    "peg": {"obstacle": [Obstacle(shape="capsule", radius=0.01, length=0.5, position=(0.03, -0.26, 0.03))]},
+    "corner": {"obstacle": [Obstacle(size=(0.4,) * 3, rotation=(45.0, 0.0, 35.26), position=(0.02, -0.346, 0.03))]},
+    "thin body": {"body": [Body(size=(0.006, 0.5, 1.0), position=(0.02, -0.27, 0.03), mass=20.0)], "gravity": 0.0},
+    "needle": {"sphere": [Sphere(radius=0.01, mass=0.2, position=(0.03, -0.02, 0.03))], "gravity": 0.0},
+}
+"""what a ball falls on, its top at a height of 0"""
+
+
+def ball(cells: int, speed: float = 3.0, height: float = 0.52, **given: Any) -> Balloon:
+    inflation = given.pop("inflation", Inflation(kind="pressure", pressure=15.0))
+    return Balloon(
+        mesh=quad_sphere(cells, 0.5), position=(0.0, height, 0.0), velocity=(0.0, -speed, 0.0), mass=0.3,
+        inflation=inflation, damping=0.0, **given,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("cells", [5, 9], ids=["coarse", "fine"])
+@pytest.mark.parametrize("thing", THINGS)
+def test_nothing_comes_in_between_particles(thing: str, cells: int, tmp_path: Path) -> None:
+    scene = Scene(balloon=[ball(cells)], frames=24, faces=True, **THINGS[thing])
+    animate(scene, tmp_path / "stage.usdc", device="cpu")
+    # a sphere may come nearer by half its radius, see `kernels.contact.faces`
+    report = check_stage(tmp_path / "stage.usdc", within=0.006 if thing == "needle" else None)
+    assert report.passed, "\n".join(str(crossing) for crossing in report.crossings[:5])
+
+
+def test_a_blade_cuts_a_ball_whose_faces_do_not_meet_it(tmp_path: Path) -> None:
+    """That is what the others are about."""
+    scene = Scene(balloon=[ball(5)], frames=24, faces=False, **THINGS["blade"])
+    animate(scene, tmp_path / "stage.usdc", device="cpu")
+    assert max(crossing.depth for crossing in check_stage(tmp_path / "stage.usdc").crossings) > 0.1
+
+
+@pytest.mark.parametrize("thing", ["blade", "rod"])
+def test_a_symmetric_drop_stays_symmetric(thing: str) -> None:
+    """Nothing is thrown along a rod, or off it."""
+    simulator = Simulator(Scene(balloon=[ball(6)], **THINGS[thing]), device="cpu")
+    for _ in range(40):
+        frame = simulator.step()
+    middle, speed = frame.points[0].mean(axis=0), frame.velocities[0].mean(axis=0)
+    assert speed[1] > 0.2  # it has bounced
+    np.testing.assert_allclose(middle[[0, 2]], 0.0, atol=2e-3)
+    np.testing.assert_allclose(speed[[0, 2]], 0.0, atol=0.05)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.6])
+@pytest.mark.parametrize("thing", ["blade", "net", "corner"])
+def test_energy_never_grows(thing: str, friction: float) -> None:
+    none = Inflation(kind="pressure", pressure=0.0)
+    rough = [each.model_copy(update={"friction": friction}) for each in THINGS[thing]["obstacle"]]
+    thrown = ball(6, inflation=none, angular_velocity=(0.0, 0.0, 2.0))
+    scene = Scene(balloon=[thrown], gravity=0.0, substeps=160, faces=True, obstacle=rough)
+    simulator = Simulator(scene, device="cpu")
+    least = start = energy(simulator)
+    for _ in range(30):
+        simulator.step()
+        assert energy(simulator) < least * (1.0 + 1e-3)  # which a step of symplectic Euler is off by
+        least = min(least, energy(simulator))
+    assert least < 0.95 * start  # it has met something
+
+
+def test_what_is_exchanged_with_a_body_is_kept() -> None:
+    """A ball flies at a thin plate, off its center: momentum, and angular momentum."""
+    plate = Body(size=(0.006, 0.5, 0.5), position=(0.05, -0.27, 0.03), mass=0.4)
+    thrown = ball(5, inflation=Inflation(kind="pressure", pressure=0.0))
+    simulator = Simulator(Scene(balloon=[thrown], body=[plate], substeps=40, **SPACE), device="cpu")
+
+    start = np.concatenate(whole(simulator))
+    for _ in range(30):
+        simulator.step()
+    assert abs(momentum(simulator)[1] - start[1]) > 0.1  # the plate flies
+    np.testing.assert_allclose(np.concatenate(whole(simulator)), start, atol=3e-4)
+
+
+def test_it_repeats_to_the_bit_and_worlds_stay_apart() -> None:
+    scene = Scene(balloon=[ball(6)], **THINGS["net"])
+
+    def points(worlds: int) -> np.ndarray:
+        simulator = Simulator(scene, device="cpu", world_count=worlds)
+        for _ in range(20):
+            simulator.step()
+        return simulator.state.points.numpy()
+
+    alone = points(1)
+    np.testing.assert_array_equal(points(1), alone)
+    np.testing.assert_array_equal(points(3), np.repeat(alone, 3, axis=0))
+
+
+def test_what_is_far_changes_no_bit() -> None:
+    away = {"obstacle": [Obstacle(mesh=BLADE, position=(0.0, -9.0, 0.0))]}
+    found = []
+    for faces in (True, False):
+        simulator = Simulator(Scene(balloon=[ball(5)], faces=faces, **away), device="cpu", schedule="gather")
+        for _ in range(10):
+            frame = simulator.step()
+        found.append(frame.points[0])
+    np.testing.assert_array_equal(*found)
+
+
+def ridges(obstacle: Obstacle, edge: float = 0.1) -> Any:
+    scene = Scene(balloon=[ball(2)], obstacle=[obstacle])
+    return ridges_of(shape_obstacle(0, obstacle, scene), UP, edge)
+
+
+def test_a_box_has_twelve_ridges_and_eight_tips() -> None:
+    found = ridges(Obstacle(size=(1.0, 2.0, 3.0)))
+    assert len(found.ends) == 12
+    assert sum(bin(tips).count("1") for tips in found.tips) == 8
+    middles = found.ends.mean(axis=1)
+    outward = -(found.inward.sum(axis=1) * middles).sum(axis=1)
+    assert (outward > 0.0).all()  # they lead away from the edges, into the sides
+
+
+def test_a_sheet_has_a_rim() -> None:
+    found = ridges(Obstacle(mesh=BLADE))
+    assert len(found.ends) == 4
+    assert (found.inward[:, 1] == 0.0).all()
+    assert found.radius > 0.0
+
+
+def test_what_is_round_beside_an_edge_has_no_ridges() -> None:
+    dome = Obstacle(mesh=quad_sphere(20, 1.0))
+    assert len(ridges(dome, edge=0.05).ends) == 0
+    assert len(ridges(dome, edge=1.0).ends) > 500
+
+
+def test_a_schedule_that_cannot_says_so() -> None:
+    scene = Scene(balloon=[ball(3)], faces=True, **THINGS["rod"])
+    with pytest.raises(InputError, match="cannot let faces meet obstacles and bodies"):
+        Simulator(scene, device="cpu", schedule="lanes")
+    with pytest.raises(InputError, match="faces"):
+        load_scene(scene, {"faces": "perhaps"})
