@@ -14,13 +14,14 @@ from balloon_warp.kernels.phases.correct import correct
 from balloon_warp.kernels.phases.flow import burden, flow, pump, weigh
 from balloon_warp.kernels.phases.inflate import add_up, given_load, inflate
 from balloon_warp.kernels.phases.leave import leave
-from balloon_warp.kernels.phases.load import load
+from balloon_warp.kernels.phases.load import find_load
 from balloon_warp.kernels.phases.meet import keep_start, meet_bodies, meet_edges, meet_faces, meet_spheres
 from balloon_warp.kernels.phases.move import free, move, move_first, push, respond
 from balloon_warp.kernels.phases.press import press
 from balloon_warp.kernels.phases.pull import jet, jet_of_holes, pull, take
 from balloon_warp.kernels.phases.roll import collide, roll, tumble
-from balloon_warp.kernels.phases.swell import swell
+from balloon_warp.kernels.phases.stretch import bend, stretch
+from balloon_warp.kernels.phases.swell import foresee, head, swell
 from balloon_warp.kernels.phases.wear import burst, look_at_wear, run, tear, wear, weigh_skin
 from balloon_warp.kernels.traits import Traits
 
@@ -34,7 +35,7 @@ STEP: tuple[Phase, ...] = (
     # rubber softens, and tears
     wear, weigh_skin, run, tear, burst,
     # gas comes and goes; then forces, what they would do, and the pressure that follows
-    pump, weigh, burden, respond, pull, jet, jet_of_holes, take, free, swell, load, flow,
+    pump, weigh, burden, respond, pull, jet, jet_of_holes, take, free, head, foresee, swell, find_load, flow,
     # particles move, by all forces
     given_load, inflate, move_first, push, move,
     # springs that are too long are shortened; then particles leave spheres, obstacles and the ground
@@ -45,6 +46,8 @@ STEP: tuple[Phase, ...] = (
 
 SCATTERED = tuple(each for line in STEP for each in ((add_forces, add_area_vectors, line) if line is pull else (line,)))
 """the same where springs, strings, hinges, triangles and faces have added up what particles pull by"""
+SHARED = tuple(each for line in STEP for each in ((bend, stretch, line) if line is pull else (line,)))
+"""the same where hinges and membranes have"""
 SETTLE = Phase("settle", "launches", lambda traits, look: None, also_reads=("inflation",))
 """local and global steps in turn, until every world has settled, see `solvers.projective`"""
 PROJECTIVE_STEP = (

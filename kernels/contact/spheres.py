@@ -28,9 +28,14 @@ from balloon_warp.kernels.working import Working
 
 
 @cache
-def marked_functions(traits: Traits) -> tuple[Any, Any, Any]:
+def marked_functions(traits: Traits, at: Any, put: Any) -> tuple[Any, Any, Any]:
     """The functions that go through the particles at a mark: what they press a sphere with, how they answer it, which
-    gives how they rub on it, and, when all have, how they stand on the ground and on obstacles."""
+    gives how they rub on it, and, when all have, how they stand on the ground and on obstacles.
+
+    Args:
+        at: the function that reads a point or velocity.
+        put: the one that writes it.
+    """
     _, read_own = own_functions(traits.columns, traits.balloons)
     inertia = inertia_function(traits)
     stand = standing_function(traits)
@@ -50,15 +55,15 @@ def marked_functions(traits: Traits) -> tuple[Any, Any, Any]:
         mark: wp.int32,
         ball: Any,
         change: wp.vec3,
-        points: wp.array[wp.vec3],
-        velocities: wp.array[wp.vec3],
+        points: Any,
+        velocities: Any,
     ):
         total = Press()
-        for particle in range(mark * PARTICLES_A_MARK, end_of_mark(mark, points.shape[0])):
+        for particle in range(mark * PARTICLES_A_MARK, end_of_mark(mark, t.particles.balloon.shape[0])):
             own = read_own(t, world, particle)
             if own.share > 0.0:
                 mass = inertia(working, own)
-                total += press_on_ball(t, ball, change, mass, points[particle], velocities[particle])
+                total += press_on_ball(t, ball, change, mass, at(points, particle), at(velocities, particle))
         return total
 
     @wp.func
@@ -72,14 +77,14 @@ def marked_functions(traits: Traits) -> tuple[Any, Any, Any]:
         last: wp.vec3,
         change: wp.vec3,
         shift: wp.vec3,
-        points: wp.array[wp.vec3],
-        velocities: wp.array[wp.vec3],
+        points: Any,
+        velocities: Any,
     ):
         total = wp.spatial_vector()
-        for particle in range(mark * PARTICLES_A_MARK, end_of_mark(mark, points.shape[0])):
+        for particle in range(mark * PARTICLES_A_MARK, end_of_mark(mark, t.particles.balloon.shape[0])):
             if t.particles.mass_share[particle] > 0.0:
-                start = points[particle]
-                speed = velocities[particle]
+                start = at(points, particle)
+                speed = at(velocities, particle)
                 point, velocity = answer_to_ball(t, ball, last, change, shift, start, speed)
                 if wp.static(traits.spheres_rub):
                     own = read_own(t, world, particle)
@@ -87,8 +92,8 @@ def marked_functions(traits: Traits) -> tuple[Any, Any, Any]:
                     rub = rub_on_ball(t, ball, press, last, change, mass, own.n[friction_column], start, speed)
                     total += rub
                     point, velocity = rubbed_point(t, rub, mass, point, velocity)
-                points[particle] = point
-                velocities[particle] = velocity
+                put(points, particle, point)
+                put(velocities, particle, velocity)
         return total
 
     @wp.func
@@ -97,24 +102,29 @@ def marked_functions(traits: Traits) -> tuple[Any, Any, Any]:
         world: wp.int32,
         time: float,
         mark: wp.int32,
-        points: wp.array[wp.vec3],
-        velocities: wp.array[wp.vec3],
+        points: Any,
+        velocities: Any,
     ):
-        for particle in range(mark * PARTICLES_A_MARK, end_of_mark(mark, points.shape[0])):
+        for particle in range(mark * PARTICLES_A_MARK, end_of_mark(mark, t.particles.balloon.shape[0])):
             own = read_own(t, world, particle)
             if own.share > 0.0:
-                point, velocity = stand(t, around_own(own, time), points[particle], velocities[particle])
-                points[particle] = point
-                velocities[particle] = velocity
+                point, velocity = stand(t, around_own(own, time), at(points, particle), at(velocities, particle))
+                put(points, particle, point)
+                put(velocities, particle, velocity)
 
     return press_at_mark, answer_at_mark, stand_at_mark
 
 
 @cache
-def spheres_function(traits: Traits) -> Any:
-    """The function by which spheres and particles exchange momentum, sphere by sphere."""
+def spheres_function(traits: Traits, at: Any, put: Any) -> Any:
+    """The function by which spheres and particles exchange momentum, sphere by sphere.
+
+    Args:
+        at: the function that reads a point or velocity.
+        put: the one that writes it.
+    """
     ball_at = ball_function(traits, sphere_in_state)
-    press_at_mark, answer_at_mark, stand_at_mark = marked_functions(traits)
+    press_at_mark, answer_at_mark, stand_at_mark = marked_functions(traits, at, put)
 
     @wp.func
     def press_of_thread(
@@ -124,8 +134,8 @@ def spheres_function(traits: Traits) -> Any:
         thread: wp.int32,
         ball: Any,
         change: wp.vec3,
-        points: wp.array[wp.vec3],
-        velocities: wp.array[wp.vec3],
+        points: Any,
+        velocities: Any,
     ):
         """By the particles whose marks are a thread's."""
         part = Press()
@@ -142,8 +152,8 @@ def spheres_function(traits: Traits) -> Any:
         world: wp.int32,
         thread: wp.int32,
         end: float,
-        points: wp.array[wp.vec3],
-        velocities: wp.array[wp.vec3],
+        points: Any,
+        velocities: Any,
     ):
         """Of a world, by all threads of a block; nothing if no particle of it was noted, and then all marks are taken
         away."""

@@ -63,13 +63,13 @@ def note_function(traits: Traits) -> Any:
 
 
 @phase("balloon", when=lambda traits: traits.gas)
-def load(traits: Traits, look: Look) -> Any:
+def find_load(traits: Traits, look: Look) -> Any:
     """Find the pressure of the gas, and note it in the state."""
     read_numbers, holds_gas = numbers_reader(traits.columns), holding_function(traits)
     load_of_balloon, note_load = load_function(traits), note_function(traits)
 
     @wp.func
-    def load(
+    def find_load(
         t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32, time_in_frame: float, swelling: Swelling
     ):
         kind = t.inflation_kind[balloon]
@@ -88,4 +88,4 @@ def load(traits: Traits, look: Look) -> Any:
             )  # fmt: skip
             note_load(state, world, balloon, found)
 
-    return load
+    return find_load

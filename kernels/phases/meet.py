@@ -28,7 +28,7 @@ def keep_start(traits: Traits, look: Look) -> Any:
 @phase("team", when=lambda traits: traits.impulses)
 def meet_spheres(traits: Traits, look: Look) -> Any:
     """Let spheres and particles exchange momentum."""
-    return spheres_function(traits)
+    return spheres_function(traits, look.at, look.put)
 
 
 @phase("team", when=lambda traits: traits.bodies > 0)

@@ -1,0 +1,473 @@
+"""Phases as one kernel: a thread advances eight worlds, or one, by a frame. Its source is written from the list, flat.
+
+Where a phase takes eight side by side, an item goes through it at once. Any other is called lane by lane, for one that
+is rare once it is known that something in the lanes needs it at all.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import cache
+from itertools import groupby
+from typing import Any, ClassVar
+
+from balloon_warp.kernels.algebra import IN_LANES, LANE_COUNT, of_lane, scaled, set_lane
+from balloon_warp.kernels.codegen import kernel_from
+from balloon_warp.kernels.loops.near_solids import Solids
+from balloon_warp.kernels.options import OPTIONS
+from balloon_warp.kernels.phase import STATE, VIEWS, Item, Phase
+from balloon_warp.kernels.schedules.lanes.free import free_functions
+from balloon_warp.kernels.schedules.lanes.layouts import Layout, of_item, of_particle, places_of, put_item, view_of
+from balloon_warp.kernels.schedules.lanes.state import (
+    balloon_functions,
+    frame_functions,
+    own_functions_of,
+    showing_function,
+)
+from balloon_warp.kernels.schedules.lanes.tables import Frames, lane_structs
+from balloon_warp.kernels.schedules.pieces import Piece, Step, values_of
+from balloon_warp.kernels.schedules.writer import Writer, head, named_in, written_types
+
+OF_BALLOON: Mapping[str, str] = {
+    "keyed": "ramps_of(t, state, group, balloon, time_in_frame)",
+    "load": "loads_of(t, state, group, balloon)",
+    "gas_mass": "gas_masses_of(t, working, group, balloon)",
+    "forces": "t.forces[group]",
+    "origin": "of_particle({points}, t.places, volume_origin(t.all, balloon))",
+}
+"""how phases find what is of a balloon, or of all"""
+OFFSETS: Mapping[Item, str] = {
+    "particle": "t.item_offsets",
+    "face": "t.faces.balloon_offsets",
+    "quad": "t.quad_offsets",
+}
+"""where each balloon's items begin"""
+COUNTS: Mapping[Item, str] = {
+    "sphere": "state.sphere_positions.shape[1]", "triangle": "t.all.membranes.corners.shape[0]",
+    "hinge": "t.all.hinges.ends.shape[0]", "spring": "t.all.correction.particles.shape[0]",
+    "face": "t.all.faces.balloon.shape[0]",
+}  # fmt: skip
+"""how many items a world has that are gone through one by one"""
+HANDLES = ("t", "state", "working", "solids", "frames", "group", "substep", "time_in_frame", "time", "end")
+SAME = {"state", "working", "time_in_frame", "time", "end"}
+"""what a phase for one is handed as it is"""
+MOVERS: set[Item] = {"sphere", "world", "balloon", "team"}
+"""whose phases may move spheres"""
+
+
+class _Writer(Writer):
+    """Write the source of a frame."""
+
+    aliases: ClassVar[Mapping[str, str]] = {"springs": "solids"}
+
+    def __init__(self, step: Step, layout: Layout):
+        super().__init__(step, (*HANDLES, *STATE.values(), *(f"new_{view}" for view in STATE.values())))
+        self.layout = layout
+        self.item = "item"
+        """what the loop at hand counts"""
+        self.lane = "lane"
+        """and the one over lanes or worlds"""
+        self.single: set[str] = set()
+        """names that are bound for the world at hand alone"""
+        self.flips = dict.fromkeys(STATE.values(), 0)
+        """how often what particles keep has gone from one place to the other in this substep"""
+        self.shown = False
+        """whether the lanes have spheres as they are now"""
+        self.of_balloon: list[str] = []
+        """lines before the loop over a balloon's items"""
+
+    @property
+    def name(self) -> str:
+        """Return the name of the kernel."""
+        return "advance_worlds" if self.layout.worlds else "advance_octets"
+
+    # ---- the frame
+
+    def source(self) -> str:
+        """Return the text of the kernel."""
+        if not self.lines:
+            self._frame()
+        remark = f"A thread for each {'eight worlds' if self.layout.worlds else 'world'}: a frame."
+        return "\n".join([*head(self.name, self.arguments(), remark), *self.lines, ""])
+
+    def arguments(self) -> dict[str, str]:
+        """Return the names of the kernel's arguments, as it needs them, and their types."""
+        states = {view: "Seen" if view in self.seen else "Lanes3" for view in STATE.values()}
+        may_be = {
+            "t": "LaneTables", "first_group": "wp.int32", "state": "WorldState", "working": "Working",
+            "solids": "Solids", "frames": "Frames",
+            **{f"all_{view}": f"wp.array2d[{kind}]" for view, kind in states.items()},
+            **{f"other_{view}": f"wp.array2d[{kind}]" for view, kind in states.items()},
+            **{
+                f"all_{value}": f"wp.array2d[{'Seen' if value in self.seen else f'{value}_lanes'}]"
+                for value in self.step.kept
+            },
+        }  # fmt: skip
+        return named_in(self.lines, may_be)
+
+    @property
+    def seen(self) -> set[str]:
+        """Return what particles or faces look at in others: views of state, and values."""
+        read = {
+            name
+            for piece in self.step.pieces
+            for phase in piece.phases
+            for name in phase.reads(self.step.traits, self.step.look)
+        }
+        return {name for name in read if name in STATE.values()} | {VIEWS[name] for name in read if name in VIEWS}
+
+    @property
+    def doubled(self) -> list[str]:
+        """Return the views of state that have two places."""
+        return [STATE[name] for name in self.step.doubled]
+
+    def _frame(self) -> None:
+        step, free = self.step, self.step.traits.frames == "free"
+        self.line("group = first_group + wp.tid()")
+        if free:
+            self.line("if not any_free(t, frames, group):")
+            self.line("    return")
+        for view in STATE.values():
+            self.line(f"{view} = all_{view}[group]")
+        for view in self.doubled:
+            self.line(f"new_{view} = other_{view}[group]")
+        self.line("read_frame(t, state, working, group, points, velocities)")
+        self.line("for substep in range(t.all.substeps):")
+        with self._deeper():
+            self._begin_substep()
+            for once, pieces in groupby(step.pieces, key=lambda piece: piece.once):
+                if once:
+                    self.line("if substep == 0:")
+                with self._deeper(int(once)):
+                    for piece in pieces:
+                        self._piece(piece)
+        if free:
+            self.line("note_hurried_worlds(t, frames, group)")
+        self.line(f"write_frame(t, state, working, frames, group, {self.bound('points')}, {self.bound('velocities')})")
+
+    def _begin_substep(self) -> None:
+        self.line("time_in_frame = float(substep) * t.step_seconds")
+        self.line("time = time_of(t.all, state.frame, time_in_frame)")
+        self.line("end = end_of_step(t.all, state.frame, time_in_frame)")
+        turns = [view for view in self.doubled if sum(self._flips(piece, view) for piece in self.step.pieces) % 2]
+        for condition, names in (("if substep % 2 == 1:", ("other", "all")), ("else:", ("all", "other"))):
+            if turns:
+                self.line(condition)
+            for view in turns:
+                self.line(f"    {view} = {names[0]}_{view}[group]")
+                self.line(f"    new_{view} = {names[1]}_{view}[group]")
+
+    @staticmethod
+    def _flips(piece: Piece, view: str) -> int:
+        return sum(STATE[name] == view for name in piece.doubles)
+
+    @contextmanager
+    def _deeper(self, levels: int = 1) -> Iterator[None]:
+        self.indent += "    " * levels
+        yield
+        self.indent = self.indent[: len(self.indent) - 4 * levels]
+
+    # ---- a piece
+
+    def _piece(self, piece: Piece) -> None:
+        known, single = set(self.known), set(self.single)
+        wide = piece.phases[0].takes_eight(self.step.traits, self.step.look)
+        self._show_solids(piece)
+        if piece.sums:
+            self._sum(piece)
+        elif piece.item in ("particle", "quad") or (piece.item == "face" and wide):
+            self._items(piece.item, lambda: (self.calls(piece.phases), self._leave(piece)))
+        elif piece.item in COUNTS:
+            self._singles(piece)
+        else:
+            self._each_world(lambda: self._worlds(piece.phases))
+        self.known, self.single = known, single
+        for view in self.flips:
+            self.flips[view] += self._flips(piece, view)
+        self.shown = self.shown and piece.item not in MOVERS
+
+    def _show_solids(self, piece: Piece) -> None:
+        """Show spheres and obstacles, if the piece asks about them and they may have moved."""
+        phases = (*piece.phases, *self.step.light)
+        asks = any("solids" in self._names_of(phase.asked(self.step.traits, self.step.look)) for phase in phases)
+        if asks and piece.item == "particle" and not self.shown:
+            self.line("show_solids(t, state, solids, group, end)")
+            self.shown = True
+
+    @staticmethod
+    def _names_of(function: Any) -> list[str]:
+        return list(function.input_types) if function else []
+
+    def _items(
+        self, kind: Item, body: Callable[[], Any], before: str = "", after: Callable[[], Any] | None = None
+    ) -> None:
+        """Write a loop over the items of all balloons."""
+        known = set(self.known)
+        self.item = "item" if kind == "particle" else kind
+        self.line("for balloon in range(t.all.inflation_kind.shape[0]):")
+        with self._deeper():
+            lines, self.lines, self.of_balloon = self.lines, [], []
+            self.known |= {"balloon", self.item}
+            with self._deeper():
+                body()
+            of_items, self.lines = self.lines, lines
+            self.lines += self.of_balloon
+            if before:
+                self.line(before)
+            self.line(f"for {self.item} in range({OFFSETS[kind]}[balloon], {OFFSETS[kind]}[balloon + 1]):")
+            self.lines += of_items
+            self.known = known | {"balloon"}
+            if after:
+                after()
+        self.known = known
+
+    def _leave(self, piece: Piece) -> None:
+        """Write what an item has found to where it is kept."""
+        if self.step.traits.frames == "free" and "point" in piece.moves:
+            self.line(f"note_speed(t, frames, group, of_item({self.bound('points')}, {self.item}), point)")
+        for name in piece.moves:
+            view = STATE[name]
+            target = self._place(view, self.flips[view] + self._flips(piece, view))
+            self.line(f"put_item({target}, {self.item}, {name})")
+        for name in piece.leaves:
+            if name in self.seen:
+                self.line(f"put_item(all_{name}[group], {self.item}, {name})")
+            else:
+                self.line(f"all_{name}[group, {self.item}] = {name}")
+
+    def _sum(self, piece: Piece) -> None:
+        """Write what a balloon's items add up, and what comes of it in each world."""
+        phase, *others = piece.phases
+        (value,) = phase.writes
+
+        def add() -> None:
+            self.calls((phase,))
+            there = "" if piece.item != "particle" or self.layout.worlds else f", t.present[{self.item}]"
+            self.line(f"{value}_total += {f'scaled({value}{there})' if there else value}")
+
+        def go_on() -> None:
+            self.line(f"{value} = totals_of({value}_total)")
+            self.known.add(value)
+            if value in piece.leaves:
+                self.line(f"all_{value}[group, balloon] = {value}")
+            if others:
+                self._each_world(lambda: self.calls(others))
+                self._leave_of_world([name for name in piece.leaves if name != value])
+
+        self._items(piece.item, add, f"{value}_total = {value}_lanes()", go_on)
+
+    def _leave_of_world(self, names: list[str]) -> None:
+        """Write what a balloon of a world has found to where it is kept."""
+        with self._deeper():
+            for name in names:
+                kept = f"all_{name}[group, balloon]"
+                if self.layout.worlds:
+                    self.line(f"{kept} = set_lane({kept}, place, {name})")
+                else:
+                    self.line("for lane in range(LANE_COUNT):")
+                    self.line(f"    {kept} = set_lane({kept}, lane, {name})")
+
+    def _singles(self, piece: Piece) -> None:
+        """Write a loop over items that are gone through one by one, in each world."""
+        kind = piece.item
+        if kind == "spring":
+            self.line("for _sweep in range(t.all.correction.sweeps):")
+        with self._deeper(int(kind == "spring")):
+            self.line(f"for {kind} in range({COUNTS[kind]}):")
+            self.known.add(kind)
+            self.single.add(kind)
+            with self._deeper():
+                self._each_world(lambda: self.calls(piece.phases))
+
+    def _each_world(self, body: Callable[[], Any]) -> None:
+        """Write a loop over a group's worlds."""
+        self.line("for place in range(worlds_of(group, t.world_count)):")
+        self.lane, single = "place", set(self.single)
+        with self._deeper():
+            self.line("world = first_world(group) + place")
+            self.single |= {"world", "balloon"}
+            body()
+        self.lane, self.single = "lane", single
+
+    def _worlds(self, phases: tuple[Phase, ...]) -> None:
+        """Write what is done for a world, balloon by balloon."""
+        for of_balloon, some in groupby(phases, key=lambda phase: phase.item == "balloon"):
+            if of_balloon:
+                self.line("for balloon in range(t.all.inflation_kind.shape[0]):")
+            with self._deeper(int(of_balloon)):
+                self.calls(some)
+
+    # ---- a phase
+
+    def calls(self, phases: Any) -> None:
+        """Write calls of phases: of eight side by side, or lane by lane."""
+        for phase in phases:
+            if self.lane == "place":
+                call = self._call_of_one(phase)
+                self.line(f"# {phase.summary}")
+                self.line(f"{', '.join(phase.writes)} = {call}" if phase.writes else call)
+                self.single |= phase.writes.keys()
+            elif phase.takes_eight(self.step.traits, self.step.look):
+                super().calls((phase,))
+            else:
+                self._lane_by_lane(phase)
+
+    def need(self, name: str) -> None:
+        """See to it that a name is bound; what is of a balloon before the loop over its items."""
+        light = next((phase for phase in self.step.light if name in phase.writes), None)
+        if self.bound(name) in self.known:
+            return
+        if light and not light.takes_eight(self.step.traits, self.step.look):
+            self._lane_by_lane(light)
+        elif not light and (text := self._found_of_balloon(name)):
+            self.known.add(name)
+            self.of_balloon.append(f"{self.indent[4:]}{name} = {text}")
+        else:
+            super().need(name)
+
+    def _found_of_balloon(self, name: str) -> str:
+        if name in self.step.kept and self.step.owner(name) == "balloon":
+            return f"all_{name}[group, balloon]"
+        if name in VIEWS and VIEWS[name] in self.step.kept:
+            return f"all_{VIEWS[name]}[group]"
+        return OF_BALLOON.get(name, "").format(points=self.bound("points"))
+
+    def bound(self, name: str) -> str:
+        """Return the variable that holds what a phase names."""
+        if name in self.flips:
+            return self._place(name, self.flips[name])
+        return self.item if name == "particle" else name
+
+    @staticmethod
+    def _place(view: str, flips: int) -> str:
+        return f"new_{view}" if flips % 2 else view
+
+    def found(self, name: str) -> tuple[str, str] | None:
+        """Return what it takes to find a name, and how."""
+        kept = self.step.kept
+        if name in kept:
+            return (
+                "",
+                f"of_item(all_{name}[group], {self.item})" if name in self.seen else f"all_{name}[group, {self.item}]",
+            )
+        if name in STATE:
+            return "", f"of_item({self.bound(STATE[name])}, {self.item})"
+        if name == "own":
+            return "", f"{'own_of_quad' if self.item == 'quad' else 'own_of'}(t, group, balloon, {self.item})"
+        columns = self.step.traits.columns
+        return ("own", f"own.n[{columns.places[name]}]") if name in columns.places else None
+
+    def _call_of_one(self, phase: Phase) -> str:
+        """Return the call of a phase for one lane or world."""
+        reads = phase.reads(self.step.traits, self.step.look)
+        return f"{phase.name}({', '.join(self._of_one(name) for name in reads)})"
+
+    def _of_one(self, name: str) -> str:
+        """Return the text that finds what a phase for one reads."""
+        lane = self.lane
+        if name in self.single or name in SAME or name == "balloon":
+            return name
+        texts = {
+            "t": "t.all", "thread": "0", "own": f"own_of_one(t, own, {lane})",
+            "world": f"world_in_lane(group, {lane}, t.world_count)", "particle": f"particle_in_lane(t, item, {lane})",
+        }  # fmt: skip
+        if name == "own":
+            self.need(name)
+        if name in texts:
+            return texts[name]
+        if name in STATE.values():
+            return f"view_of({self.bound(name)}, {lane}, t.places)"
+        if name == "forces":
+            return f"view_of({OF_BALLOON[name]}, {lane}, t.places)"
+        if lane == "place" and (text := self._found_of_balloon(name)) and name not in self.known:
+            return f"of_lane({text}, {lane})"
+        self.need(name)
+        return f"of_lane({self.bound(name)}, {lane})"
+
+    def _lane_by_lane(self, phase: Phase) -> None:
+        """Write the call of a phase for one in each lane, if it is rare once it is known that any needs it."""
+        traits, look = self.step.traits, self.step.look
+        reads = phase.reads(traits, look)
+        call = self._call_of_one(phase)
+        begins = {name: name if name in self.known or name in STATE else "" for name in phase.writes}
+        for name, start in begins.items():
+            if start:
+                self.need(name)
+            else:
+                self.line(f"{name} = {name}_lanes()")
+        self.line(f"# {phase.summary}")
+        asked = self._question(phase)
+        guarded = bool(asked) or not phase.writes or {"state", "working"} & set(reads)
+        with self._deeper(int(bool(asked))):
+            self.line(f"for lane in range({'t.lane_count' if guarded else 'LANE_COUNT'}):")
+            with self._deeper():
+                if guarded:
+                    self.line(f"if is_there(t, group, {self.item}, lane):")
+                with self._deeper(int(bool(guarded))):
+                    its = [f"its_{name}" for name in phase.writes]
+                    self.line(f"{', '.join(its)} = {call}" if its else call)
+                    for name in phase.writes:
+                        self.line(f"{name} = set_lane({name}, lane, its_{name})")
+        self.known |= phase.writes.keys()
+
+    def _question(self, phase: Phase) -> bool:
+        """Write whether a rare phase has anything to do."""
+        asked = phase.asked(self.step.traits, self.step.look)
+        if not asked:
+            return False
+        for name in self._names_of(asked):
+            self.need(name)
+        names = ", ".join(self.bound(name) for name in self._names_of(asked))
+        self.line(f"if {phase.name}_may_act({names}):")
+        return True
+
+    def names(self) -> dict[str, Any]:
+        """Return what the text refers to."""
+        step, layout = self.step, self.layout
+        traits, look = step.traits, step.look
+        phases = [phase for piece in step.pieces for phase in piece.phases]
+        structs, places = lane_structs(layout), places_of(layout)
+        read_frame, write_frame = frame_functions(traits, layout)
+        own_of, own_of_quad, own_of_one = own_functions_of(traits.columns.places["mass"], layout)
+        types = written_types(step) | {name: kind for phase in step.light for name, kind in phase.writes.items()}
+        return {
+            **self.scope(phases), **balloon_functions(layout), **free_functions(layout),
+            "LaneTables": structs.tables, "Solids": Solids, "Frames": Frames, "Seen": layout.vector,
+            "Lanes3": IN_LANES[types["point"]] if "point" in types else None, "LANE_COUNT": LANE_COUNT,
+            "read_frame": read_frame, "write_frame": write_frame, "show_solids": showing_function(traits, layout),
+            "own_of": own_of, "own_of_quad": own_of_quad, "own_of_one": own_of_one,
+            "world_in_lane": places.world, "worlds_of": places.worlds, "first_world": places.first_world,
+            "is_there": places.is_there, "particle_in_lane": places.particle, "totals_of": places.totals,
+            "of_item": of_item, "put_item": put_item, "of_particle": of_particle, "view_of": view_of,
+            "of_lane": of_lane, "set_lane": set_lane, "scaled": scaled,
+            **{f"{name}_lanes": IN_LANES[kind] for name, kind in types.items()},
+            **{f"{each.name}_may_act": each.asked(traits, look) for each in (*phases, *step.light) if each.rare},
+        }  # fmt: skip
+
+
+@cache
+def kernel_of(step: Step, layout: Layout) -> Any:
+    """Make the kernel that advances groups of worlds, or worlds."""
+    writer = _Writer(step, layout)
+    return kernel_from(writer.name, writer.source(), writer.names(), module_options=OPTIONS)
+
+
+@cache
+def arguments_of(step: Step, layout: Layout) -> dict[str, str]:
+    """Return the names of what it takes, in order, and their types."""
+    writer = _Writer(step, layout)
+    writer.source()
+    return writer.arguments()
+
+
+def source_of(step: Step, layout: Layout) -> str:
+    """Write the kernel of a list."""
+    return _Writer(step, layout).source()
+
+
+def kinds_of(step: Step, layout: Layout) -> dict[str, tuple[Item, Any]]:
+    """Return whose the values are that are kept, and of what type."""
+    seen = _Writer(step, layout).seen
+    return {
+        value: (step.owner(value), layout.vector if value in seen else IN_LANES[kind])
+        for value, kind in values_of(step).items()
+    }
