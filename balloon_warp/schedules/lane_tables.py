@@ -111,6 +111,9 @@ def make_lane_tables(model: Model, traits: Traits, layout: Layout, tables: Any) 
     t.item_offsets, t.particles = array(items.offsets, wp.int32), array(items.particles, wp.int32)
     shares = np.append(model.particle_mass_share.numpy(), 0.0)[items.particles]
     t.shares = array(shares if layout.worlds else shares.reshape(-1, LANES), layout.number)
+    held = np.append(np.diff(tables.strings.offsets.numpy()) if model.string_count else [], 0)
+    lanes = 1 if layout.worlds else LANES
+    t.held = array(held[items.particles].reshape(-1, lanes).any(axis=1) if model.string_count else [], wp.int32)
     t.places = array(items.places, wp.int32)
     if not layout.worlds:
         t.present = array((items.particles >= 0).reshape(-1, LANES), layout.number)

@@ -81,7 +81,14 @@ class LanesSchedule:
         if self.busy:
             frames.free, frames.fastest = self.busy.outlook.table, memory.fastest
         t.rows = rows_of(memory.of_tables["numbers"])
-        has = {"t": t, "working": working, "solids": solids, "frames": frames, **memory.of_kernel}
+        has = {
+            "t": t,
+            "tables": self._tables,
+            "working": working,
+            "solids": solids,
+            "frames": frames,
+            **memory.of_kernel,
+        }
         return {name: has.get(name) for name in arguments_of(step, self.layout)}
 
     def _share_out(self, thread_count: int | None) -> None:

@@ -25,7 +25,7 @@ from balloon_warp.kernels.algebra import (
 from balloon_warp.kernels.loops.areas import CROSSES, area_loop, cross_at_quad_corner
 from balloon_warp.kernels.loops.faces import face_loop
 from balloon_warp.kernels.loops.net_force import Loops, one_after_the_other
-from balloon_warp.kernels.loops.strings import is_held, string_loop
+from balloon_warp.kernels.loops.strings import string_loop
 from balloon_warp.kernels.loops.wetness import ring_wetness_loop, wetness_loop
 from balloon_warp.kernels.memory import entry_at, int_at
 from balloon_warp.kernels.traits import Traits
@@ -160,16 +160,15 @@ def loops_of_eight(traits: Traits, at: Any, take: Any, view_of: Any, own_of_one:
     sum_faces = face_loop(traits, at, at) if traits.has("face") else None
     load_of_particle = ring_wetness_loop(at) if traits.rings else wetness_loop(at)
     level = traits.columns.places.get("water_level", 0)
-    only_strings = sum_strings is not None and sum_faces is None  # few particles have one, and own takes long to read
 
     @wp.func
     def pulls_on_one(t: Any, points: Any, velocities: Any, one: Any, point: wp.vec3, velocity: wp.vec3, time: float):
         """Of strings and faces [N]."""
         pull = wp.vec3()
         if wp.static(sum_strings is not None):
-            pull += sum_strings(t.strings, one.world, one.number, point, velocity, one.n, t.step_seconds, time)
+            pull += sum_strings(t.all.strings, one.world, one.number, point, velocity, one.n, t.step_seconds, time)
         if wp.static(sum_faces is not None):
-            pull += sum_faces(t, points, velocities, one.world, one.number, one.n, time)
+            pull += sum_faces(t.all, points, velocities, one.world, one.number, one.n, time)
         return pull
 
     @wp.func
@@ -179,17 +178,15 @@ def loops_of_eight(traits: Traits, at: Any, take: Any, view_of: Any, own_of_one:
         if wp.static(bool(traits.membranes) or traits.has("hinge")):
             force += take(t, own)
         if wp.static(sum_strings is not None or sum_faces is not None):
-            for lane in range(t.lane_count):
-                one = own_of_one(t, own, lane)
-                acts = bool(True)
-                if wp.static(only_strings):
-                    acts = is_held(t.all.strings, one.number)
-                if acts:
-                    pull = pulls_on_one(
-                        t.all, view_of(points, lane, t.places), view_of(velocities, lane, t.places), one,
-                        of_lane(point, lane), of_lane(velocity, lane), time,
-                    )  # fmt: skip
-                    force = set_lane(force, lane, of_lane(force, lane) + pull)
+            lanes = t.lane_count
+            if wp.static(sum_faces is None):
+                lanes = wp.where(t.held[own.number] > 0, lanes, 0)
+            for lane in range(lanes):
+                pull = pulls_on_one(
+                    t, view_of(points, lane, t.places), view_of(velocities, lane, t.places),
+                    own_of_one(t, own, lane), of_lane(point, lane), of_lane(velocity, lane), time,
+                )  # fmt: skip
+                force = set_lane(force, lane, of_lane(force, lane) + pull)
         return force
 
     @wp.func

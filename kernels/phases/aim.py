@@ -5,7 +5,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.algebra import length_of
-from balloon_warp.kernels.loops.aims import aim_loop
+from balloon_warp.kernels.loops.aims import aim_loop, aim_loop_of_eight
 from balloon_warp.kernels.loops.areas import face_measures
 from balloon_warp.kernels.phase import Look, phase
 from balloon_warp.kernels.traits import Traits
@@ -47,7 +47,7 @@ def extend(traits: Traits, look: Look) -> Any:
 @phase("particle", {"aim": wp.vec3}, when=_aims, once=_cached)
 def take_aim(traits: Traits, look: Look) -> Any:
     """Find where a normal force pushes a particle: (A_p / A_total) n."""
-    aim_of_particle = aim_loop(look.at)
+    aim_of_particle = aim_loop_of_eight(look.at) if look.world else aim_loop(look.at)
 
     @wp.func
     def take_aim(t: Any, face_centers: Any, face_areas: Any, particle: Any, point: Any, balloon_area: Any):

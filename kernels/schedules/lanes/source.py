@@ -32,7 +32,7 @@ OF_BALLOON: Mapping[str, str] = {
     "load": "loads_of(t, state, group, balloon)",
     "gas_mass": "gas_masses_of(t, working, group, balloon)",
     "forces": "t.forces[group]",
-    "origin": "of_particle({points}, t.places, volume_origin(t.all, balloon))",
+    "origin": "of_particle({points}, t.places, volume_origin(tables, balloon))",
 }
 """how phases find what is of a balloon, or of all"""
 OFFSETS: Mapping[Item, str] = {
@@ -42,12 +42,12 @@ OFFSETS: Mapping[Item, str] = {
 }
 """where each balloon's items begin"""
 COUNTS: Mapping[Item, str] = {
-    "sphere": "state.sphere_positions.shape[1]", "triangle": "t.all.membranes.corners.shape[0]",
-    "hinge": "t.all.hinges.ends.shape[0]", "spring": "t.all.correction.particles.shape[0]",
-    "face": "t.all.faces.balloon.shape[0]",
+    "sphere": "state.sphere_positions.shape[1]", "triangle": "tables.membranes.corners.shape[0]",
+    "hinge": "tables.hinges.ends.shape[0]", "spring": "tables.correction.particles.shape[0]",
+    "face": "tables.faces.balloon.shape[0]",
 }  # fmt: skip
 """how many items a world has that are gone through one by one"""
-HANDLES = ("t", "state", "working", "solids", "frames", "group", "substep", "time_in_frame", "time", "end")
+HANDLES = ("t", "tables", "state", "working", "solids", "frames", "group", "substep", "time_in_frame", "time", "end")
 SAME = {"state", "working", "time_in_frame", "time", "end"}
 """what a phase for one is handed as it is"""
 MOVERS: set[Item] = {"sphere", "world", "balloon", "team"}
@@ -93,7 +93,7 @@ class _Writer(Writer):
         """Return the names of the kernel's arguments, as it needs them, and their types."""
         states = {view: "Seen" if view in self.seen else "Lanes3" for view in STATE.values()}
         may_be = {
-            "t": "LaneTables", "first_group": "wp.int32", "state": "WorldState", "working": "Working",
+            "t": "LaneTables", "tables": "Tables", "first_group": "wp.int32", "state": "WorldState", "working": "Working",
             "solids": "Solids", "frames": "Frames",
             **{f"all_{view}": f"wp.array2d[{kind}]" for view, kind in states.items()},
             **{f"other_{view}": f"wp.array2d[{kind}]" for view, kind in states.items()},
@@ -131,7 +131,7 @@ class _Writer(Writer):
         for view in self.doubled:
             self.line(f"new_{view} = other_{view}[group]")
         self.line("read_frame(t, state, working, group, points, velocities)")
-        self.line("for substep in range(t.all.substeps):")
+        self.line("for substep in range(tables.substeps):")
         with self._deeper():
             self._begin_substep()
             for once, pieces in groupby(step.pieces, key=lambda piece: piece.once):
@@ -146,8 +146,8 @@ class _Writer(Writer):
 
     def _begin_substep(self) -> None:
         self.line("time_in_frame = float(substep) * t.step_seconds")
-        self.line("time = time_of(t.all, state.frame, time_in_frame)")
-        self.line("end = end_of_step(t.all, state.frame, time_in_frame)")
+        self.line("time = time_of(tables, state.frame, time_in_frame)")
+        self.line("end = end_of_step(tables, state.frame, time_in_frame)")
         turns = [view for view in self.doubled if sum(self._flips(piece, view) for piece in self.step.pieces) % 2]
         for condition, names in (("if substep % 2 == 1:", ("other", "all")), ("else:", ("all", "other"))):
             if turns:
@@ -190,7 +190,7 @@ class _Writer(Writer):
         phases = (*piece.phases, *self.step.light)
         asks = any("solids" in self._names_of(phase.asked(self.step.traits, self.step.look)) for phase in phases)
         if asks and piece.item == "particle" and not self.shown:
-            self.line("show_solids(t, state, solids, group, end)")
+            self.line("show_solids(t, tables, state, solids, group, end)")
             self.shown = True
 
     @staticmethod
@@ -203,7 +203,7 @@ class _Writer(Writer):
         """Write a loop over the items of all balloons."""
         known = set(self.known)
         self.item = "item" if kind == "particle" else kind
-        self.line("for balloon in range(t.all.inflation_kind.shape[0]):")
+        self.line("for balloon in range(tables.inflation_kind.shape[0]):")
         with self._deeper():
             lines, self.lines, self.of_balloon = self.lines, [], []
             self.known |= {"balloon", self.item}
@@ -270,7 +270,7 @@ class _Writer(Writer):
         """Write a loop over items that are gone through one by one, in each world."""
         kind = piece.item
         if kind == "spring":
-            self.line("for _sweep in range(t.all.correction.sweeps):")
+            self.line("for _sweep in range(tables.correction.sweeps):")
         with self._deeper(int(kind == "spring")):
             self.line(f"for {kind} in range({COUNTS[kind]}):")
             self.known.add(kind)
@@ -292,7 +292,7 @@ class _Writer(Writer):
         """Write what is done for a world, balloon by balloon."""
         for of_balloon, some in groupby(phases, key=lambda phase: phase.item == "balloon"):
             if of_balloon:
-                self.line("for balloon in range(t.all.inflation_kind.shape[0]):")
+                self.line("for balloon in range(tables.inflation_kind.shape[0]):")
             with self._deeper(int(of_balloon)):
                 self.calls(some)
 
@@ -367,7 +367,7 @@ class _Writer(Writer):
         if name in self.single or name in SAME or name == "balloon":
             return name
         texts = {
-            "t": "t.all", "thread": "0", "own": f"own_of_one(t, own, {lane})",
+            "t": "tables", "thread": "0", "own": f"own_of_one(t, own, {lane})",
             "world": f"world_in_lane(group, {lane}, t.world_count)", "particle": f"particle_in_lane(t, item, {lane})",
         }  # fmt: skip
         if name == "own":

@@ -13,7 +13,7 @@ from balloon_warp.kernels.memory import two_in
 from balloon_warp.kernels.schedules.free_frames import FREE
 from balloon_warp.kernels.schedules.lanes.layouts import Layout, of_item, places_of, put_item
 from balloon_warp.kernels.schedules.lanes.tables import Frames, lane_structs
-from balloon_warp.kernels.tables import WorldState, row_of_world
+from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.working import Working
 
@@ -174,13 +174,13 @@ def showing_function(traits: Traits, layout: Layout) -> Any:
     solid_at = solid_function(traits)
 
     @wp.func
-    def show_solids(t: LaneTables, state: WorldState, solids: Solids, group: wp.int32, end: float):
+    def show_solids(t: LaneTables, tables: Tables, state: WorldState, solids: Solids, group: wp.int32, end: float):
         """As they are when a substep ends."""
         for solid in range(solids.centers.shape[1]):
             centers, motions, reaches = Lanes3(), Lanes3(), Lanes()
             for lane in range(t.lane_count):
                 world = places.world(group, lane, t.world_count)
-                center, motion, reach = solid_at(t.all, state, world, solid, end)
+                center, motion, reach = solid_at(tables, state, world, solid, end)
                 centers = set_lane(centers, lane, center)
                 motions = set_lane(motions, lane, motion)
                 reaches[lane] = reach

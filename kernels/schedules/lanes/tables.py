@@ -83,6 +83,8 @@ def lane_structs(layout: Layout) -> LaneStructs:
         """where each particle stands among them"""
         present: wp.array[Lanes]
         """of each octet, 1 where a particle is, 0 where it is filled up; of eight worlds nothing"""
+        held: wp.array[wp.int32]
+        """of each item, whether a string holds any of its particles"""
         spring_offsets: wp.array[wp.int32]
         """where the springs of each item begin, and after the last, where they end"""
         spring_kinds: wp.array[wp.int32]
