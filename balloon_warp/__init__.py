@@ -15,6 +15,7 @@ from balloon_warp.garbage import without_collecting
 
 if TYPE_CHECKING:
     from balloon_warp.advice import advise_step
+    from balloon_warp.checking import CheckReport, Crossing, check_stage
     from balloon_warp.comparison.compare import compare
     from balloon_warp.errors import BlowUpError, InputError, MissingExtraError, WorkersLostError
     from balloon_warp.foil.make import foil_mesh, foil_parts
@@ -57,6 +58,7 @@ if TYPE_CHECKING:
     from balloon_warp.sweep.cluster import Cluster
     from balloon_warp.sweep.repeat import repeat_batch
     from balloon_warp.trajectories import Trajectories, simulate
+    from balloon_warp.viewer.notebook import show
     from balloon_warp.viewer.view import view
     from balloon_warp.warming import warm_up
 
@@ -67,7 +69,9 @@ __all__ = [
     "Body",
     "Box",
     "Change",
+    "CheckReport",
     "Cluster",
+    "Crossing",
     "Frame",
     "Ground",
     "Inflation",
@@ -95,6 +99,7 @@ __all__ = [
     "animate",
     "build_springs",
     "bundled_scenes",
+    "check_stage",
     "compare",
     "export_stage",
     "face_law",
@@ -108,6 +113,7 @@ __all__ = [
     "render_stage",
     "repeat_batch",
     "run_batch",
+    "show",
     "simulate",
     "spring_law",
     "view",
@@ -116,6 +122,7 @@ __all__ = [
 
 _HOMES = {
     "advice": ("advise_step",),
+    "checking": ("CheckReport", "Crossing", "check_stage"),
     "comparison.compare": ("compare",),
     "errors": ("BlowUpError", "InputError", "MissingExtraError", "WorkersLostError"),
     "foil.make": ("foil_mesh", "foil_parts"),
@@ -158,6 +165,7 @@ _HOMES = {
     "sweep.cluster": ("Cluster",),
     "sweep.repeat": ("repeat_batch",),
     "trajectories": ("Trajectories", "simulate"),
+    "viewer.notebook": ("show",),
     "viewer.view": ("view",),
     "warming": ("warm_up",),
 }

@@ -26,7 +26,10 @@ class FrameReader:
     def __init__(self, model: Model):
         self.model = model
         self._readers: dict[tuple[int, bool], WorldReader] = {}
-        self._stream = wp.Stream(model.device) if model.device.is_cuda else None
+
+    @cached_property
+    def _stream(self) -> wp.Stream | None:
+        return wp.Stream(self.model.device) if self.model.device.is_cuda else None
 
     @cached_property
     def _forces(self) -> Any:

@@ -189,7 +189,7 @@ def _begun(
     """The simulator of a scene, whose oddities are told; and how far its balloons swell by pressures that are left to
     us."""
     simulator = Simulator(scene, device, schedule=schedule, laws=laws)
-    on_begin(simulator.beginning)
+    on_begin(Beginning.of(simulator.model, simulator.schedule.name))
     for warning in simulator.model.warnings:
         on_warning(warning)
     return simulator, swellings_of(simulator.model)

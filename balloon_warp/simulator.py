@@ -1,33 +1,52 @@
 """The simulator: a scene in, frames out."""
 
-from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
 from typing import Any, Self
 
-import warp as wp
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from balloon_warp.beginning import Beginning
 from balloon_warp.blow_ups import BlowUp, Origin, Origins, diagnose
 from balloon_warp.device import pick_device
+from balloon_warp.errors import BlowUpError, InputError
 from balloon_warp.frame import Frame
 from balloon_warp.frame_reader import FrameReader
 from balloon_warp.garbage import without_collecting
 from balloon_warp.kernels.laws import Law
-from balloon_warp.model import Model, Vary, build_model, initial_state, overwrite, world_bytes
+from balloon_warp.kernels.measure.health import HEALTHY
+from balloon_warp.model import (
+    Model,
+    Vary,
+    build_model,
+    carried_over,
+    fitting,
+    initial_state,
+    overwrite,
+    remark_sentences,
+    remarks_on,
+    world_bytes,
+)
+from balloon_warp.model.acting import acting_laws
+from balloon_warp.model.gas import keep_pressures
 from balloon_warp.model.memory import require_memory
+from balloon_warp.model.planned_changes import PlannedChanges, changed_parameters, with_changed_methods
+from balloon_warp.model.setting import Setting, plan_setting
 from balloon_warp.model.varied_scene import scene_to_vary
+from balloon_warp.model.vary import METHODS
+from balloon_warp.outputs.snapshot import NOTEBOOK_SIZE, snapshot
 from balloon_warp.reading import Reading
+from balloon_warp.saved_state import fill_state, packed, plain_values, saved_changes
 from balloon_warp.scene import SceneLike
-from balloon_warp.schedules.late_spheres import LateSpheres
+from balloon_warp.schedules.choose import Schedule
+from balloon_warp.schedules.recorded_frame import RecordedFrame
+from balloon_warp.shown import Shown
 from balloon_warp.solids import MassProperties, mass_properties
 from balloon_warp.solvers.choose import solver_named
-from balloon_warp.steering import Steered
 from balloon_warp.warp_lock import PROCESS_LOCK, locked
 
 
-class Simulator(Steered):
+class Simulator(Shown):
     """Advances a batch of worlds frame by frame.
 
     Args:
@@ -46,8 +65,8 @@ class Simulator(Steered):
     """
 
     _internal = (
-        *("advance", "beginning", "diagnose", "drop_turns", "from_origin", "go_on_in", "go_on_with", "of_model"),
-        *("schedule", "set_parameters", "step_unread", "take_due_turns"),
+        *("advance", "diagnose", "drop_planned_changes", "go_on_in", "go_on_with"),
+        *("make_due_changes", "of_model", "schedule", "set_parameters", "step_unread"),
     )
 
     def __init__(
@@ -64,7 +83,7 @@ class Simulator(Steered):
 
     @classmethod
     def of_model(cls, model: Model, schedule: str = "auto") -> Self:
-        """A simulator of a model that is laid out already.
+        """Make a simulator of a model that is laid out already.
 
         Raises:
             InputError: the worlds do not fit into the device's memory, or there is no such schedule.
@@ -78,67 +97,106 @@ class Simulator(Steered):
     def _begin(self, model: Model, schedule: str) -> None:
         kind = solver_named(schedule, model)
         require_memory(model.device, [model.world_count], [world_bytes(model) + kind.world_bytes(model)])
-        self._turns, self._asked_schedule = deque(model.turns), schedule
+        self._planned, self._asked_schedule = PlannedChanges(model.due_changes), schedule
         self._origins = Origins(Origin(model, kind.name))
         self._first = model, schedule
-        self.model = model.with_own_parameters() if model.turns else model
-        self.schedule = kind(self.model)  # while a thread still compiles what places balloons
+        self.model = model.with_own_parameters() if model.due_changes else model
+        self._lay_out(kind)  # while a thread still compiles what places balloons
         self.state = initial_state(model)
-        self._late_spheres = LateSpheres(model)
-        self.frame_number, self._sets = 0, []
-        self._forget_records()
+        self.frame_number = 0
+        self._changes_set: list[tuple[int, dict[str, Any]]] = []
 
     @locked
     def reset(self) -> None:
-        """Back to the start, as it was when the simulator was made: parameters and methods, too."""
-        self._forget_records()
-        del self.state, self.schedule  # their memory is wanted
+        """Go back to the start, as it was when the simulator was made: parameters and methods, too."""
+        del self.state, self.schedule, self._recorded_frame, self._frame_reader  # their memory is wanted
         self._begin(*self._first)
 
     @property
-    def beginning(self) -> Beginning:
-        """What is simulated, where, and how."""
-        model = self.model
-        return Beginning(
-            worlds=model.world_count,
-            particles=model.world_count * model.particle_count,
-            frames=model.scene.frames,
-            substeps=model.substeps,
-            frames_per_second=model.scene.frames_per_second,
-            device=str(model.device),
-            schedule=self.schedule.name,
-        )
-
-    @classmethod
-    def from_origin(cls, origin: Origin) -> Self:
-        """A simulator that goes on from a state that was kept."""
-        simulator = cls.of_model(origin.model, origin.schedule)
-        simulator.frame_number = origin.frame
-        if origin.state:
-            overwrite(simulator.state, origin.state)
-        return simulator
-
-    @locked
-    def _begin_step(self) -> None:
-        self.take_due_turns()
-        if self._origins.is_due(self.model, self.frame_number):
-            model = replace(self.model, turns=list(self._turns))
-            self._origins.keep(Origin(model, self._asked_schedule, self.frame_number, self.state))
-        self.advance()
+    def time(self) -> float:
+        """simulated since the start [s]"""
+        return self.frame_number * self.model.frame_seconds
 
     @property
-    def _waits(self) -> bool:
-        return self._turn_is_due or self._origins.is_due(self.model, self.frame_number)
+    def warnings(self) -> list[str]:
+        """What is odd about the meshes, what became of it, and where numbers until now are not what was asked for, a
+        sentence each."""
+        return self.model.warnings + remark_sentences(remarks_on(self.model, self.state))
+
+    def __repr__(self) -> str:
+        return f"Simulator({self.model}, frame {self.frame_number}, {self.time:.3f} s)"
+
+    def step(self, world: int = 0) -> Frame:
+        """Advance every world by one frame, and hand one of them out: `frame = simulator.step()`.
+
+        Raises:
+            InputError: there is no such world; nothing is advanced then.
+            BlowUpError: the simulation blew up.
+        """
+        self._require_world(world)
+        self.step_unread()
+        return self.read_frame(world)
+
+    @locked
+    def step_unread(self) -> None:
+        """Advance every world by one frame, of which nothing is read but whether all are well.
+
+        Raises:
+            BlowUpError: the simulation blew up.
+        """
+        self._begin_step()
+        self._raise_if_bad(np.asarray(self.state.first_bad.numpy(), dtype=np.int32), self.frame_number)
+
+    def run(self, world: int = 0, ahead: bool = False) -> Iterator[Frame]:
+        """Yield the frames of one world: the start, then as many as the scene asks for, one after the other.
+
+        A simulator that is past its start gives the frames that are still missing.
+
+        Args:
+            ahead: whether the next frame is simulated while the loop works on this one, so that a GPU does not wait.
+                For loops that look at the frames alone: the simulator itself is a frame further on.
+
+        Raises:
+            BlowUpError: the simulation blew up.
+        """
+        if self.frame_number == 0:
+            yield self.read_frame(world)
+        reading = None
+        while reading or self._is_under_way:
+            if reading and not (ahead and self._is_under_way and not self._waits):
+                yield self._arrived(reading, world)
+                reading = None
+                continue
+            self._begin_step()
+            last, reading = reading, self._begin_reading(world, buffer=self.frame_number % 2)
+            if last:
+                yield self._arrived(last, world)
 
     @locked
     def advance(self) -> None:
         """Advance every world by one frame, without a look at which ones blew up."""
-        self.take_due_turns()
-        if self.schedule.capturable:
-            wp.capture_launch(self._frame_graph)
-        else:
-            self._advance_frame()
+        self.make_due_changes()
+        self._recorded_frame.advance(self.schedule, self.state)
         self.frame_number += 1
+
+    @locked
+    def _begin_step(self) -> None:
+        """Advance every world by one frame; a GPU goes on in the background."""
+        self.make_due_changes()
+        if self._origins.is_due(self.model, self.frame_number):
+            model = replace(self.model, due_changes=list(self._planned))
+            self._origins.keep(Origin(model, self._asked_schedule, self.frame_number, self.state))
+        self.advance()
+
+    @property
+    def _is_under_way(self) -> bool:
+        """Whether the scene asks for more frames."""
+        return self.frame_number < self.model.scene.frames
+
+    @property
+    def _waits(self) -> bool:
+        """Whether the next frame may begin only once it is known that all went well in the last."""
+        return self._planned.are_due(self.frame_number) or self._origins.is_due(self.model, self.frame_number)
 
     def read_frame(self, world: int = 0, net_forces: bool | None = None) -> Frame:
         """Copy one world to the host.
@@ -151,48 +209,191 @@ class Simulator(Steered):
         """
         return self._begin_reading(world, net_forces).frame()
 
+    def picture(self, world: int = 0, size: tuple[int, int] = (640, 360), samples: int = 4) -> bytes:
+        """Take a picture of one world as it is now, as a PNG file has it: `Path("now.png").write_bytes(picture)`.
+
+        Args:
+            size: width and height in pixels.
+            samples: rays a pixel.
+
+        Raises:
+            InputError: there is no such world, there is nothing finite to draw, or the size cannot be drawn.
+        """
+        return snapshot(self.model, self.read_frame(world), size, samples)
+
+    def _repr_png_(self) -> bytes | None:
+        """Show a notebook the first world, where there is something to be seen."""
+        try:
+            return self.picture(size=NOTEBOOK_SIZE)
+        except InputError:
+            return None
+
+    @locked
+    def mass_properties(self) -> MassProperties:
+        """Find volume, center of mass and inertia tensor of every balloon as a solid, in every world."""
+        return mass_properties(self.model, self.state.points)
+
     @locked
     def _begin_reading(self, world: int, net_forces: bool | None = None, buffer: int = 0) -> Reading:
+        """Send one world as it is now on its way to the host. Two may be, into two buffers."""
         self._require_world(world)
         wanted = self.model.scene.net_forces if net_forces is None else net_forces
         return self._frame_reader.begin(self.state, self.frame_number, world, wanted, buffer)
 
-    @locked
-    def mass_properties(self) -> MassProperties:
-        """Volume, center of mass and inertia tensor of every balloon as a solid, in every world."""
-        return mass_properties(self.model, self.state.points)
-
-    def _forget_records(self) -> None:
-        """What was recorded or laid out for another schedule."""
-        for cached in ("_frame_graph", "_frame_reader"):
-            vars(self).pop(cached, None)
+    def _require_world(self, world: int) -> None:
+        if not isinstance(world, int | np.integer) or not 0 <= world < self.model.world_count:
+            raise InputError(f"world: there is no world {world}; expected 0 to {self.model.world_count - 1}")
 
     @locked
     def diagnose(self, world: int, frame: int, bad: int | None = None) -> BlowUp:
-        """Why a world blew up. Its last frames are simulated again, by themselves, to find out.
+        """Find out why a world blew up. Its last frames are simulated again, by themselves.
 
         Args:
             bad: its first bad particle or sphere then; as the state has it, when missing.
         """
-        again = self.from_origin(self._origins.last.of_world(world))
+        origin = self._origins.last.of_world(world)
+        again = Simulator.of_model(origin.model, origin.schedule)
+        again.frame_number = origin.frame
+        if origin.state:
+            overwrite(again.state, origin.state)
         while again.frame_number < frame - 1:
             again.advance()
-        again.take_due_turns()
+        again.make_due_changes()
         if bad is None:
             bad = int(self.state.first_bad.numpy()[world])
         return diagnose(again.model, again.state, again.schedule, world, frame, bad)
 
-    @cached_property
-    def _frame_reader(self) -> FrameReader:
-        return FrameReader(self.model)
+    def _arrived(self, reading: Reading, world: int) -> Frame:
+        """Return a frame that was read, if all worlds were well in it."""
+        self._raise_if_bad(reading.first_bad(), reading.number)
+        frame = reading.frame()
+        if not frame.is_finite:
+            raise BlowUpError(self.diagnose(world, frame.number))
+        return frame
 
-    @cached_property
-    def _frame_graph(self) -> Any:
-        """A frame, recorded once to be replayed without the cost of its launches."""
-        with PROCESS_LOCK, wp.ScopedDevice(self.model.device), wp.ScopedCapture(self.model.device) as capture:
-            self._advance_frame()
-        return capture.graph
+    def _raise_if_bad(self, first_bad: NDArray[np.int32], frame: int) -> None:
+        if (first_bad != HEALTHY).any():
+            world = int(np.argmax(first_bad != HEALTHY))
+            raise BlowUpError(self.diagnose(world, frame, int(first_bad[world])))
 
-    def _advance_frame(self) -> None:
-        self.schedule.advance_frame(self.state)
-        self._late_spheres.hold(self.state)
+    @locked
+    def set(self, changes: Mapping[str, Any]) -> None:
+        """Set values from now on, by their paths in the scene:
+        {"balloon.mass": 3.0, "string.0.anchor": (0, 2, 0), "normals": "cached"}.
+
+        A number may be given for each world, as an array of shape (world_count,), and a vector as one of shape
+        (world_count, 3). A number takes the place of keyframes. Values are checked as those of a scene file, all of
+        them before any is set. A step that is left to us becomes as long as they allow. What the scene has planned for
+        later still happens.
+
+        What a mesh is made into cannot change, nor how many things there are, nor what counts at the start alone, such
+        as positions: `load_scene(scene, {...})` makes another scene of those.
+
+        Raises:
+            InputError: names the path that is not there, or cannot change, or has a value that cannot be; or the step,
+                which the scene says, would be too long.
+        """
+        self.make_due_changes()
+        self.go_on_with(plan_setting(self.model, changes, list(self._planned), self.frame_number))
+        self._changes_set.append((self.frame_number, plain_values(changes)))
+
+    @locked
+    def go_on_with(self, setting: Setting) -> None:
+        """Go on with what is set."""
+        acted, model = acting_laws(self.model), self.model
+        if any(len(rows) > model.parameters[name].shape[0] for name, rows in setting.parameters.items()):
+            model = model.with_rows_of_worlds()
+            self.go_on_in(model)
+        self.set_parameters(setting.parameters)
+        methods_stay = all(getattr(setting.scene, name) == getattr(model.scene, name) for name in METHODS)
+        model = replace(model, scene=setting.scene, substeps=setting.substeps)
+        if methods_stay and setting.substeps == self.model.substeps and acting_laws(model) == acted:
+            self.model = model
+        else:
+            self.go_on_in(model)
+
+    @locked
+    def set_parameters(self, parameters: Mapping[str, ArrayLike]) -> None:
+        """Write parameters where the kernels read them; they hold from the next frame on.
+
+        Args:
+            parameters: arrays by their names in `Model.parameters`, of the shapes there; a row for all worlds, too.
+
+        Raises:
+            InputError: there is no such parameter, or its values have another shape or are not finite.
+        """
+        written = {name: fitting(self.model, name, values) for name, values in parameters.items()}
+        self._origins.forget()  # what comes now does not follow from them
+        keep_pressures(self.model, self.state, written)
+        first, schedule = self._first
+        if first.parameters is self.model.parameters:
+            self._first = first.with_own_parameters(), schedule
+        for name, values in written.items():
+            self.model.parameters[name].assign(values)
+        if not self.schedule.depends_on.isdisjoint(parameters):
+            self._lay_out(solver_named(self._asked_schedule, self.model))
+
+    @locked
+    def go_on_in(self, model: Model, spheres: Sequence[int | None] | None = None) -> None:
+        """Go on from here in another model of the same balloons.
+
+        Args:
+            model: with other substeps, say, or with more or fewer spheres and strings.
+            spheres: for each sphere of the model its number until now, or None if it is new and starts where the model
+                puts it; all as they are, when missing.
+        """
+        self._origins.forget()
+        if spheres is not None:
+            self.state = carried_over(model, self.state, spheres)
+        if model.scene.contact != self.model.scene.contact:  # where momentum is exchanged, they have acted already
+            self.state.sphere_forces.zero_()
+        if model.scene.solver != self.model.scene.solver:
+            self._asked_schedule = "auto"  # what was asked for may be of the other solver
+        self.model = model
+        self._lay_out(solver_named(self._asked_schedule, self.model))
+
+    def _lay_out(self, kind: type[Schedule]) -> None:
+        """Make the schedule of the model as it is now, and what records its frames and reads them."""
+        self.schedule = kind(self.model)
+        self._recorded_frame, self._frame_reader = RecordedFrame(self.model), FrameReader(self.model)
+
+    def make_due_changes(self) -> None:
+        """Make the changes that the scene has planned for the start of the next frame."""
+        for change in self._planned.due(self.frame_number):
+            self.set_parameters(changed_parameters(change, self.model))
+            if change.methods:
+                self.go_on_in(with_changed_methods(change, self.model))
+
+    def drop_planned_changes(self) -> None:
+        """Forget the changes that the scene has planned from here on."""
+        self._planned.clear()
+        self._origins.forget()
+
+    @locked
+    def save(self) -> dict[str, NDArray]:
+        """Return all that `restore` takes to go on from here, as arrays by name.
+
+        `np.savez("here.npz", **simulator.save())` keeps it. Places and velocities of all worlds are `points` and
+        `velocities`.
+        """
+        return packed(self.state, self._changes_set)
+
+    @locked
+    def restore(self, saved: Mapping[str, NDArray]) -> None:
+        """Go on, bit for bit, from where this simulator, or another one of the same scene, worlds and schedule, was
+        when it was saved: what changed until then, of parameters and methods, is changed again.
+
+        Args:
+            saved: what `save` gave, or the file that it went into: `np.load("here.npz")`.
+        """
+        if self.frame_number or self._changes_set:
+            self.reset()
+        for frame, changes in saved_changes(saved):
+            self.frame_number = frame
+            self.set(changes)
+        frame = int(saved["frame"][0])
+        self.frame_number = frame - 1
+        self.make_due_changes()
+        self.frame_number = frame
+        self._origins.forget()
+        fill_state(self.state, saved)

@@ -38,7 +38,12 @@ templates_path = []
 
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 4
-myst_url_schemes = {"http": None, "https": None, "source": "source/{{path}}.html"}
+myst_url_schemes = {
+    "http": None,
+    "https": None,
+    "source": "source/{{path}}.html",
+    "up_source": "../source/{{path}}.html",
+}
 
 default_role = "code"
 nitpicky = False

@@ -416,3 +416,14 @@ def any_positive(number: float):
 def any_positive(lanes: Lanes):  # noqa: F811 - an overload
     """Whether a number is above zero in any of the lanes."""
     return any_negative(-lanes)
+
+
+@wp.func_native(
+    """
+    typedef float eight __attribute__((vector_size(32), aligned(4)));
+    return __builtin_reduce_and(*reinterpret_cast<const eight*>(&lanes.c[0]) > 0.0f) != 0;
+    """
+)
+def all_positive(lanes: Lanes) -> bool:
+    """Whether the numbers are above zero in all lanes; where one is no number, it is not."""
+    ...

@@ -41,12 +41,6 @@ def vector_at(array: wp.array[wp.vec3], index: wp.int32) -> wp.vec3:
 
 
 @wp.func
-def put_at(array: wp.array[wp.vec3], index: wp.int32, vector: wp.vec3):
-    """`array[index] = vector`"""
-    array[index] = vector
-
-
-@wp.func
 def add_at(array: wp.array[wp.vec3], index: wp.int32, vector: wp.vec3):
     """Add a vector to one to which others add theirs."""
     wp.atomic_add(array, index, vector)

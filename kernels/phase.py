@@ -23,24 +23,15 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import Any, Literal, NamedTuple
 
+from balloon_warp.kernels.memory import add_at, put_vector, vector_at
 from balloon_warp.kernels.traits import Traits
 
 Item = Literal[
-    "world",
-    "balloon",
-    "particle",
-    "face",
-    "triangle",
-    "quad",
-    "hinge",
-    "spring",
-    "element",
-    "sphere",
-    "team",
+    "world", "balloon", "particle", "face", "triangle", "quad", "hinge", "spring", "element", "film", "sphere", "team",
     "launches",
-]
-"""whose phase it is: `quad` is that of a quad or triangle of a membrane; `element` that of a spring, string, hinge,
-triangle or face; `team` that of all threads of a
+]  # fmt: skip
+"""whose phase it is: `quad` is that of a quad or triangle of a membrane, `film` of a face of one; `element` that of a
+spring, string, hinge, triangle or face; `team` that of all threads of a
 block, for a world; `launches` one of the host's own"""
 VIEWS = {"points": "point", "velocities": "velocity", "face_centers": "face_center", "face_areas": "face_area"}
 """what is seen of all items, and what each of them has of it"""
@@ -61,12 +52,18 @@ class Look(NamedTuple):
     """what a particle goes through for its forces, see `loops.net_force`"""
     alone: Callable[[Traits], bool] = lambda traits: False
     """whether these need no other particle"""
-    put: Any = None
+    put: Any = put_vector
     """the function that writes a point into a view"""
-    add: Any = None
+    velocity_at: Any = vector_at
+    put_velocity: Any = put_vector
+    in_team: tuple[Any, Any] = (vector_at, put_vector)
+    """the functions that read and write a point or velocity where all threads of a block have a phase"""
+    add: Any = add_at
     """the function that adds a force to those in a view"""
     world: Any = None
-    """the function that gives the world in one of eight lanes"""
+    """the function that gives the world in one of eight lanes, where eight stand side by side"""
+    films: Callable[[Traits], Any] = lambda traits: None
+    """what faces of membranes do, where each is measured once, see `phases.stretch`"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,12 +81,15 @@ class Phase:
     sums: bool = False
     """whether what it returns is added up over the items of each balloon before anyone may read it"""
     light: bool = False
-    """whether it is found again wherever it is read, of what stays the same in a substep, rather than kept"""
+    """whether it is found again wherever it is read, of what stays the same in a substep, rather than kept; in all of a
+    frame if it happens but once"""
     once: Callable[[Traits], bool] = lambda traits: False
     """whether it happens only as a frame begins"""
     rare: Callable[[Traits, Look], Any] | None = None
     """the function that says whether it does anything at all for an item, or for any of eight: otherwise what it writes
     stays as it was, or is zero. A schedule may ask it first"""
+    due: Callable[[Traits], Any] | None = None
+    """of a team: the function of (working, world) that says whether there is anything to do"""
     also_reads: tuple[str, ...] = ()
     """of a phase of the host: values"""
 

@@ -86,7 +86,7 @@ class Traits(NamedTuple):
     """sharp edges do, between particles"""
     frames: Literal["all", "free", "busy"] = "all"
     """those in which the kernels advance a world: in a free one its particles are far from obstacles and each other,
-    see `schedules.free_frames`"""
+    see `contact.free_frames`"""
 
     def of_kind(self, kind: Kind) -> tuple[Law, ...]:
         """The laws of a kind."""

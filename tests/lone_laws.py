@@ -22,43 +22,46 @@ TESTED: tuple[Law, ...] = (*LAWS, *OWN)
 """what is listed is tested"""
 NAMES = [law.name for law in TESTED]
 
-OF_SPRINGS = ("structural", "shear", "flexion")
-ZERO = ("gravity", "helium", "water_density", "string_stiffness", *OF_SPRINGS)
-"""without which laws do nothing that do not say when they are neutral"""
-VALUES: dict[str, Any] = {
-    "structural": 0.0,
-    "shear": 10.0,
-    "flexion": 0.0,
-    "yield_stretch": 3.0,
-    "correction_limit": 0.5,
-    "water_level": 0.1 / 3.0,
-    "water_density": 3.0,
-    "viscosity": 0.01,
-    "torsion": 0.1,
-    "gravity": 9.81,
-    "string_stiffness": 20.0,
-    "wind_shear": 0.0,
-    "wind_roughness": 0.0,
-    "gust_length": 1e4,
-}
-"""what tells more than the default, or than `value_of` makes of it: each spring is the only one of its ends, and
-a raft of 0.1 kg and 1 m^2 floats, and what nothing holds together is not blown apart"""
+BODY = {"structural": 0.0, "shear": 10.0, "flexion": 0.0, "string_stiffness": 20.0}
+"""constants of the body's springs and strings, where a law is of such: each spring is the only one of its ends"""
+LIQUID = {"water_level": 0.1 / 3.0, "water_density": 3.0}
+"""in which a raft of 0.1 kg and 1 m^2 floats"""
+OF_KIND = {"spring": ("structural", "shear", "flexion"), "string": ("string_stiffness",)}
+"""constants of the body, without which laws of a kind do nothing"""
 
 
 def value_of(row: Parameter) -> Any:
-    """A value with which a parameter does something."""
-    if row.name in VALUES:
-        return VALUES[row.name]
+    """A value with which a parameter does something, by its row: its default, or the middle of its domain."""
+    if row.name in LIQUID:
+        return LIQUID[row.name]
+    if row.domain:
+        return np.full(row.size, np.mean(row.domain)) if row.size > 1 else float(np.mean(row.domain))
     if row.default:
         return row.default
     return np.array([0.7, 0.3, -0.5])[: row.size] if row.size > 1 else np.clip(0.4, row.least, row.most)
 
 
+def drawn(row: Parameter, random: np.random.Generator, count: int) -> NDArray[np.float64]:
+    """Values from a parameter's domain, or from about what `value_of` gives, shape (count,) or (count, size)."""
+    shape = (count, row.size) if row.size > 1 else (count,)
+    if row.domain:
+        return random.uniform(*row.domain, shape)
+    value = value_of(row)
+    least, most = np.minimum(row.least, value), np.maximum(row.most, value)  # a default may stand for what is not said
+    return np.clip(random.uniform(0.8, 1.2, shape) * value, least, most)
+
+
 def values_of(law: Law) -> dict[str, Any]:
     """Of all that a law is told by name, with which it acts."""
-    values = {row.name: value_of(row) for row in law.parameters}
-    pulled = {"spring": OF_SPRINGS, "string": ("string_stiffness",)}.get(law.kind, ())
-    return values | {name: VALUES[name] for name in pulled}
+    constants = {name: BODY[name] for name in OF_KIND.get(law.kind, ())}
+    return {row.name: value_of(row) for row in law.parameters} | constants
+
+
+def values_without(laws: Sequence[Law]) -> dict[str, float]:
+    """Of all that laws are told by name, with which none acts: as each says that it is neutral, or else zero."""
+    zero = [row.name for law in laws if not law.neutral for row in law.parameters]
+    neutral = {name: value for law in laws for name, value in law.neutral.items()}
+    return dict.fromkeys([*BODY, *zero], 0.0) | neutral
 
 
 def tent() -> Any:
@@ -94,11 +97,8 @@ def plan_of_each(laws: Sequence[Law]) -> ModelPlan:
     """A world for each of the laws, which must want the same scene, with that law alone."""
     plan = plan_model(body_of(laws[0]), len(laws), laws=OWN)
     parameters = {name: np.repeat(values, len(laws) // len(values), axis=0) for name, values in plan.parameters.items()}
-    for name in ZERO:
-        parameters[name][:] = 0.0
-    for law in TESTED:
-        for name, value in law.neutral.items():
-            parameters[name][:] = value
+    for name, value in values_without(TESTED).items():
+        parameters[name][:] = value
     for world, law in enumerate(laws):
         for name, value in values_of(law).items():
             parameters[name][world] = value

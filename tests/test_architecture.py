@@ -7,34 +7,31 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import pytest
+from import_graph import ROOT, TREES, circle, graph, imports, module_of, unknown_imports
+
 from balloon_warp.kernels.laws import LAWS
 from balloon_warp.kernels.tables import Tables
-
-ROOT = Path(__file__).parent.parent
-FOLDERS = ("balloon_warp", "kernels", "scenes", "benchmarks", "tests")
-FILES = sorted(path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py"))
-TREES = {path.relative_to(ROOT).as_posix(): ast.parse(path.read_text(encoding="utf-8")) for path in FILES}
+from balloon_warp.shown import Shown
+from balloon_warp.simulator import Simulator
 
 LAYERS = (
     ("garbage", "temporaries"),
     ("kernels", "errors", "warp_logging", "driver", "shown"),
-    ("files", "warp_lock", "launching", "interrupts", "laws", "suggestions", "beginning"),
+    ("files", "warp_lock", "launching", "interrupts", "laws", "suggestions"),
     ("device",),
     ("mesh",),
     ("springs", "scene", "foil"),
     ("model", "provenance"),
-    ("schedules", "advice", "inspection", "solids", "swelling"),
+    ("schedules", "advice", "beginning", "inspection", "saved_state", "solids", "swelling"),
     ("solvers", "frame"),
     ("reading",),
     ("blow_ups", "outputs", "outcomes", "frame_reader"),
-    ("display",),
-    ("running",),
-    ("steering",),
     ("simulator",),
     ("resume",),
     ("job",),
     ("sweep", "viewer"),
-    ("comparison", "trajectories", "warming", "doctor"),
+    ("checking", "comparison", "trajectories", "warming", "doctor"),
     ("benchmarks", "scenes"),
     ("cli",),
 )
@@ -42,19 +39,36 @@ LAYERS = (
 itself"""
 
 MOST_FILE_LINES = 300
+ONE_THING = {"balloon_warp/simulator.py": 400}
+"""files that one thing needs longer, and how long they may be"""
 MOST_FUNCTION_LINES = 80
+STILL_TO_GO = {
+    ("kernels/contact/bodies.py", "bodies_function"): 131,
+    ("kernels/contact/faces.py", "faces_function"): 143,
+    ("kernels/contact/lists.py", "nearby_function"): 113,
+    ("kernels/schedules/block/board.py", "board_of"): 187,
+    ("kernels/schedules/block/films.py", "films_of"): 240,
+    ("kernels/schedules/block/gas.py", "gas_sums"): 135,
+    ("kernels/schedules/block/pairs.py", "pairs_of"): 128,
+    ("kernels/schedules/block/pieces.py", "pieces_of"): 163,
+    ("kernels/schedules/block/press.py", "presses_of"): 123,
+    ("kernels/schedules/block/quads.py", "quads_of"): 92,
+    ("kernels/schedules/block/resident.py", "resident_kernel"): 233,
+    ("kernels/schedules/block/solids.py", "solids_of"): 83,
+    ("kernels/schedules/block/springs.py", "slot_functions"): 140,
+    ("kernels/schedules/block/streaming.py", "streaming_kernel"): 255,
+    ("kernels/schedules/block/together.py", "together_of"): 84,
+    ("kernels/schedules/block/touch.py", "touching"): 85,
+    ("kernels/schedules/lanes/loops.py", "lane_loops"): 123,
+    ("kernels/schedules/lanes/membranes.py", "stretch_function"): 105,
+    ("kernels/schedules/lanes/tables.py", "lane_structs"): 102,
+    ("kernels/schedules/lanes/touch.py", "world_function"): 96,
+    ("kernels/schedules/patches/kernel.py", "patch_kernel"): 132,
+}
+"""functions over the limit, in files that are to be written anew, and how long they are at most: take out what is
+mended"""
 MOST_PARAMETERS = 12
 """that a call has to match up; an option, which has a default and can only be given by its name, is not counted"""
-
-
-def imports(tree: ast.Module) -> Iterator[str]:
-    """The modules that a file imports, wherever in it; of a name from the package itself, that."""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            yield from (name.name for name in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            module = f"{'.' * node.level}{node.module or ''}"
-            yield from (f"{module}.{name.name}" for name in node.names) if module == "balloon_warp" else (module,)
 
 
 def room(module: str) -> str:
@@ -88,10 +102,61 @@ def test_imports_go_down() -> None:
     upward = [
         f"{path} imports {module}"
         for path, own in rooms().items()
-        for module in imports(TREES[path])
+        for module in imports(TREES[path], module_of(path))
         if module.startswith("balloon_warp.") and room(module) != own and rank[room(module)] >= rank[own]
     ]
     assert not upward, "\n".join(upward)
+
+
+def test_nothing_loads_what_loads_it() -> None:
+    """Neither at its top, nor within a function, for types alone, or by a string."""
+    assert not circle(graph()), " loads\n".join(circle(graph()))
+
+
+LOADED_BY_NAME = {
+    "balloon_warp/__init__.py": "the names of the package, from where its table says",
+    "balloon_warp/foil/outlines.py": "packages of an extra, or says which extra",
+    "kernels/laws/law.py": "a law of one's own, in another process",
+}
+"""files that load a module of which they do not say which, and what"""
+
+
+def test_who_loads_by_a_string_says_what() -> None:
+    assert [path for path in unknown_imports() if not path.startswith("tests/")] == sorted(LOADED_BY_NAME)
+
+
+@pytest.mark.parametrize(
+    "form",
+    [
+        "import balloon_warp.model.state",
+        "from balloon_warp.model.state import State",
+        "from balloon_warp.model import state",
+        "def function():\n    from balloon_warp.model.state import State",
+        "if TYPE_CHECKING:\n    from balloon_warp.model.state import State",
+        'import_module("balloon_warp.model.state")',
+        'importlib.import_module("balloon_warp.model.state")',
+        '__import__("balloon_warp.model.state")',
+        'STATES = {"a": "state"}\nimport_module(f"balloon_warp.model.{STATES[name]}")',
+        "from .state import State",
+        "from . import state",
+        "from ..model.state import State",
+    ],
+)
+def test_an_import_is_seen_in_any_form(form: str) -> None:
+    assert list(imports(ast.parse(form), "balloon_warp.model.build")) == ["balloon_warp.model.state"]
+
+
+def test_a_name_of_the_package_counts_as_where_it_is_loaded_from() -> None:
+    assert list(imports(ast.parse("from balloon_warp import Simulator"))) == ["balloon_warp.simulator"]
+
+
+def test_a_circle_is_found() -> None:
+    assert circle({"a": {"b"}, "b": {"c", "d"}, "c": set(), "d": {"b"}}) == ["b", "d", "b"]
+    assert not circle({"a": {"b", "c"}, "b": {"c"}, "c": set()})
+
+
+def test_the_simulator_is_one_class() -> None:
+    assert Simulator.__mro__ == (Simulator, Shown, object)
 
 
 def test_every_room_has_a_layer() -> None:
@@ -108,30 +173,22 @@ def test_kernels_import_warp_and_each_other_alone() -> None:
         if path.startswith("kernels/")
         and not f"{module}.".startswith("balloon_warp.kernels.")
         and module.split(".")[0] not in {"warp", *sys.stdlib_module_names}
+        and not module.startswith("?")
     ]
     assert not others, "\n".join(others)
 
 
-def own_lines(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
-    """Lines of a function beside those of the functions and structs that it makes, which are looked at themselves."""
-    parts: list[ast.AST] = [function]
-    lines = (function.end_lineno or 0) - function.lineno + 1
-    while parts:
-        for node in ast.iter_child_nodes(parts.pop()):
-            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
-                first = min([node.lineno, *(decorator.lineno for decorator in node.decorator_list)])
-                lines -= (node.end_lineno or 0) - first + 1
-            else:
-                parts.append(node)
-    return lines
+def lines_of(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
+    """Lines of a function, with those of what it nests."""
+    return (function.end_lineno or 0) - function.lineno + 1
 
 
 def too_long(path: str) -> Iterator[str]:
     """What of a file is over a limit."""
-    if (lines := (ROOT / path).read_text(encoding="utf-8").count("\n")) > MOST_FILE_LINES:
+    if (lines := (ROOT / path).read_text(encoding="utf-8").count("\n")) > ONE_THING.get(path, MOST_FILE_LINES):
         yield f"{path} has {lines} lines"
     for function in functions(TREES[path]):
-        if (length := own_lines(function)) > MOST_FUNCTION_LINES:
+        if (length := lines_of(function)) > STILL_TO_GO.get((path, function.name), MOST_FUNCTION_LINES):
             yield f"{path}: {function.name} has {length} lines"
         if (count := parameter_count(function)) > MOST_PARAMETERS and not is_kernel(function):
             yield f"{path}: {function.name} has {count} parameters"
@@ -140,6 +197,14 @@ def too_long(path: str) -> Iterator[str]:
 def test_nothing_is_too_long_to_be_read() -> None:
     excesses = [excess for path in TREES for excess in too_long(path)]
     assert not excesses, "\n".join(excesses)
+
+
+def test_what_is_mended_is_on_no_list() -> None:
+    lengths = {
+        (path, function.name): lines_of(function) for path, tree in TREES.items() for function in functions(tree)
+    }
+    mended = [function for function in STILL_TO_GO if lengths.get(function, 0) <= MOST_FUNCTION_LINES]
+    assert not mended, f"take out of STILL_TO_GO: {mended}"
 
 
 def test_who_executes_a_list_of_phases_knows_none() -> None:

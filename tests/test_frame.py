@@ -8,7 +8,7 @@ import pytest
 from meshes import cube, quad_sphere
 from PIL import Image
 
-from balloon_warp import Balloon, BlowUpError, Change, InputError, Scene, Simulator, Sphere, String, display
+from balloon_warp import Balloon, BlowUpError, Change, InputError, Scene, Simulator, Sphere, String
 
 TWO = Scene(
     normals="cached",
@@ -68,7 +68,7 @@ def test_reset_forgets_what_was_written_where_nothing_changes_by_itself():
 
 def test_a_notebook_shows_a_picture(monkeypatch: pytest.MonkeyPatch):
     """Of the balloons, red and blue on gray; and none of what is not finite."""
-    monkeypatch.setattr(display, "NOTEBOOK_SIZE", (64, 36))
+    monkeypatch.setattr("balloon_warp.simulator.NOTEBOOK_SIZE", (64, 36))
     simulator = Simulator(TWO, "cpu")
     shown = simulator._repr_png_()
     assert shown is not None

@@ -14,7 +14,7 @@ from balloon_warp import Scene, animate, export_stage
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.outputs.knot import AROUND, PROFILE, Knot, knot_mesh, knot_size, turn_between
-from balloon_warp.outputs.render.moment import Z_TO_Y_UP
+from balloon_warp.outputs.moment import Z_TO_Y_UP
 from balloon_warp.outputs.render.stage_reader import RenderStage
 from balloon_warp.outputs.render.surface import SmoothSurface
 from balloon_warp.outputs.render.view import View

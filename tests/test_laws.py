@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from law_functions import COUNT, adjoint, called, difference, most_agree, size_of
-from lone_laws import TESTED, value_of
+from lone_laws import TESTED, drawn, value_of
 from numpy.typing import NDArray
 
 from balloon_warp.kernels.laws import PARAMETERS, Law
@@ -59,8 +59,7 @@ def samples_of(law: Law) -> dict[str, NDArray]:
     rows = PARAMETERS | {row.name: row for row in law.parameters}
     for name in [*told_to(law), *(row.name for row in law.parameters)]:
         if name not in samples:
-            factors = random.uniform(0.8, 1.2, (COUNT, *((rows[name].size,) if rows[name].size > 1 else ())))
-            samples[name] = factors * value_of(rows[name])
+            samples[name] = drawn(rows[name], random, COUNT)
     if "air" in samples and "wind" in samples:
         samples["air"] = np.column_stack([samples["wind"], np.full(COUNT, DENSITY)])
     return {name: values if values.dtype.kind == "i" else values.astype(np.float32) for name, values in samples.items()}
@@ -88,6 +87,18 @@ def slope_of_energy(law: Law, samples: dict[str, NDArray], place: str, axis: int
 
 with_energy = pytest.mark.parametrize("law", [law for law in TESTED if law.energy], ids=lambda law: law.name)
 each_law = pytest.mark.parametrize("law", TESTED, ids=lambda law: law.name)
+
+
+@each_law
+def test_values_are_drawn_from_a_parameter_s_own_row(law: Law):
+    """From its domain, or else from within its bounds; a default beyond them stands for what is not said."""
+    for row in law.parameters:
+        values, middle = drawn(row, np.random.default_rng(3), COUNT), value_of(row)
+        least, most = row.domain or (min(row.least, np.min(middle)), max(row.most, np.max(middle)))
+        assert values.shape == (COUNT, row.size)[: 1 + (row.size > 1)]
+        assert (least <= values).all()
+        assert (values <= most).all()
+        assert row.domain is None or row.least <= row.domain[0] < row.domain[1] <= row.most
 
 
 @with_energy
@@ -160,12 +171,12 @@ def test_a_pair_is_no_stiffer_than_its_bound(law: Law):
         pytest.param(law, which, by, id=f"{law.name} {which}")
         for law in TESTED
         for which, by in (("stiffness", "position"), ("drag", "velocity"))
-        if law.kind in ("particle", "face") and by in told_to(law) and law.name != "water"
+        if law.kind in ("particle", "face") and by in told_to(law) and "step_seconds" not in told_to(law)
     ],
 )
 def test_a_force_gives_way_no_faster_than_its_bound(law: Law, which: str, by: str):
-    """The largest eigenvalue of minus its derivative, by the place or by the velocity; water's drag looks after its
-    steps itself."""
+    """The largest eigenvalue of minus its derivative, by the place or by the velocity. A law that is told the step,
+    as water's drag is, looks after it itself."""
     samples = samples_of(law)
     columns = [-difference(law.force, samples, by, axis, "vec3") for axis in range(3)]
     slope = np.stack(columns, axis=2)

@@ -13,6 +13,7 @@ from test_guard import ask, talks  # noqa: E402
 from balloon_warp import InputError  # noqa: E402
 from balloon_warp.scene import Balloon, Scene  # noqa: E402
 from balloon_warp.simulator import Simulator  # noqa: E402
+from balloon_warp.viewer.notebook import show  # noqa: E402
 from balloon_warp.viewer.origins import MOST_TOLD, Origins  # noqa: E402
 from balloon_warp.viewer.page import Page  # noqa: E402
 from balloon_warp.viewer.session import Session  # noqa: E402
@@ -75,4 +76,4 @@ def test_strangers_do_not_fill_the_terminal():
 )
 def test_what_is_no_origin_is_refused(origin: str, tmp_path: Path):
     with pytest.raises(InputError, match=r"^--origin .*: expected http:// or https://, a host"):
-        Simulator(Scene(balloon=[Balloon(mesh=quad_sphere(2))]), "cpu").show(folder=tmp_path, origins=[origin])
+        show(Simulator(Scene(balloon=[Balloon(mesh=quad_sphere(2))]), "cpu"), folder=tmp_path, origins=[origin])

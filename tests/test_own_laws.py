@@ -228,9 +228,9 @@ def test_parameters_differ_between_worlds():
 
 def test_parameters_change_on_the_way():
     changing = scene(change=[Change(time=0.5, set={"balloon.0.law.magnet.strength": 7.0})])
-    (turn,) = plan_model(changing, laws=[MAGNET]).turns
+    (change,) = plan_model(changing, laws=[MAGNET]).due_changes
     rows = np.array([[2.0, 2.0]])
-    turn.apply("strength", rows)
+    change.apply("strength", rows)
     assert rows.tolist() == [[7.0, 2.0]]
     wrong = scene(change=[Change(time=0.5, set={"balloon.0.law.magnet.strength": -7.0})])
     with pytest.raises(bw.InputError, match=r"must be at least 0 \(got -7"):

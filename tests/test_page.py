@@ -20,6 +20,7 @@ from balloon_warp.model import build_model
 from balloon_warp.scene import Atmosphere, Balloon, Change, Ground, Inflation, Material, Scene, String, Touch, Water
 from balloon_warp.simulator import Simulator
 from balloon_warp.viewer.geometry import string_reach
+from balloon_warp.viewer.notebook import show
 from balloon_warp.viewer.session import Session
 from balloon_warp.viewer.status import COMPILING, status_line
 
@@ -154,7 +155,7 @@ def test_a_simulator_shows_the_page_until_it_is_closed(tmp_path):
     pytest.importorskip("viser")
     simulator = Simulator(Scene(balloon=[Balloon(mesh=quad_sphere(3))]), "cpu")
     simulator.step()
-    shown = simulator.show(folder=tmp_path, height=500)
+    shown = show(simulator, folder=tmp_path, height=500)
     assert f'<iframe src="{shown.address}"' in shown._repr_html_()
     assert "height: 500px" in shown._repr_html_()
     with urllib.request.urlopen(shown.address, timeout=60) as answer:
@@ -180,8 +181,8 @@ def test_the_page_begins_where_a_simulator_is(tmp_path):
     for _ in range(4):
         simulator.step()
     with pytest.raises(InputError, match="world: 2; expected 0 to 1"):
-        simulator.show(2, folder=tmp_path)
-    shown = simulator.show(1, folder=tmp_path)
+        show(simulator, 2, folder=tmp_path)
+    shown = show(simulator, 1, folder=tmp_path)
     session = shown.page.session  # time stands still, as nobody looks
     assert (session.picture.frame.number, session.playground.frame) == (4, 4)
     np.testing.assert_array_equal(session.playground.points, simulator.state.points.numpy()[1])
@@ -199,7 +200,7 @@ def test_showing_without_the_extra_is_refused_in_a_sentence(monkeypatch):
     monkeypatch.delitem(sys.modules, "balloon_warp.viewer.page", raising=False)
     monkeypatch.setitem(sys.modules, "viser", None)
     with pytest.raises(MissingExtraError, match=r"^view needs viser: pip install 'balloon-warp\[view\]'$"):
-        simulator.show()
+        show(simulator)
 
 
 def test_the_line_of_status_says_how_fast_time_runs_and_why():

@@ -12,7 +12,7 @@ from balloon_warp.kernels.pictures.shapes import Hit, Shapes, capsule_distance
 from balloon_warp.kernels.pictures.surface import sky_share
 from balloon_warp.mesh.folds import CREASE
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
-from balloon_warp.outputs.render.camera import MARGIN, CameraFit
+from balloon_warp.outputs.camera import MARGIN, CameraFit
 from balloon_warp.outputs.render.sampling import TILE, disc_points
 from balloon_warp.outputs.render.surface import SmoothSurface
 

@@ -8,8 +8,8 @@ from PIL import Image
 from pxr import Gf, Usd, UsdGeom
 from render_stages import LATEX, add_camera, add_curves, add_ground, add_mesh, add_sphere, new_stage, quad_sphere
 
+from balloon_warp.outputs.camera import Camera
 from balloon_warp.outputs.render import render_stage
-from balloon_warp.outputs.render.camera import Camera
 from balloon_warp.outputs.render.framing import frame_action
 from balloon_warp.outputs.render.raycaster import RayCaster
 from balloon_warp.outputs.render.stage_reader import RenderStage

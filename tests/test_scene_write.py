@@ -11,8 +11,9 @@ from meshes import quad_sphere
 from balloon_warp import InputError, Scene, bundled_scenes, load_scene
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.scene import Balloon, Sphere
-from balloon_warp.scene.reference import as_markdown, first_line, tables
+from balloon_warp.scene.reference import as_markdown, tables
 from balloon_warp.scene.schema import MESHED
+from balloon_warp.scene.schema.field_help import first_line
 from balloon_warp.scene.write import scene_toml, write_scene
 
 PAGE = Path(__file__).parent.parent / "docs" / "SCENE.md"

@@ -9,7 +9,8 @@ from meshes import quad_sphere
 import balloon_warp as bw
 from balloon_warp.errors import InputError
 from balloon_warp.scene.hover import unsaid
-from balloon_warp.scene.reference import meaning_of, tables
+from balloon_warp.scene.reference import tables
+from balloon_warp.scene.schema.field_help import meaning_of
 from balloon_warp.shown import plain_docstring
 from balloon_warp.solids import MassProperties
 from balloon_warp.sweep.batch import BatchSummary
@@ -18,7 +19,7 @@ TABLES = list(dict.fromkeys(table for _, table in tables()))
 DATACLASSES = (bw.Frame, bw.Trajectories, bw.PolygonMesh, MassProperties, BatchSummary)
 PYTHONS = ("Annotated[", "FieldInfo", "_SupportsArray", "numpy.dtype", "model_construct", "__dataclass_fields__")
 """what Python and libraries say and nobody wants to read"""
-SIMULATOR = """frame_number mass_properties model picture read_frame reset restore run save set show state step time
+SIMULATOR = """frame_number mass_properties model picture read_frame reset restore run save set state step time
 warnings"""
 FRAME = """areas body_poses corners gas_amounts ground_height inflation_forces is_finite meshes net_forces number
 obstacle_poses points pressures sphere_positions sphere_velocities stretches string_anchors string_lengths thrusts time

@@ -9,7 +9,7 @@ from pxr import Gf, Usd, UsdGeom
 
 from balloon_warp import InputError, render_stage
 from balloon_warp.cli.size import parse_frames, parse_place
-from balloon_warp.outputs.render.camera import Camera
+from balloon_warp.outputs.camera import Camera
 from balloon_warp.outputs.render.render import _choose_frames
 from balloon_warp.outputs.render.stage_reader import RenderStage
 from balloon_warp.outputs.render.view import View

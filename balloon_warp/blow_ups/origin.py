@@ -11,7 +11,7 @@ class Origin:
     """A model, and a state that it is in at the start of a frame; the same simulation follows from it, bit for bit."""
 
     model: Model
-    """whose turns are those that are still to come"""
+    """whose planned changes are those that are still to come"""
     schedule: str
     frame: int = 0
     state: State | None = None

@@ -11,6 +11,7 @@ from rich.console import Console
 
 from balloon_warp.cli.batch import batch
 from balloon_warp.cli.bench import bench
+from balloon_warp.cli.check import check
 from balloon_warp.cli.compare import compare
 from balloon_warp.cli.convert import convert
 from balloon_warp.cli.doctor import doctor
@@ -49,6 +50,7 @@ for command in (
     remesh,
     foil,
     render,
+    check,
     convert,
     warm_up,
     kernel,

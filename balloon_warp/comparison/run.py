@@ -92,7 +92,7 @@ def _measured(
     """The figures at the frame that is shown, and what each frame until then took [s]."""
     last = shown_frame(scene, frame)
     simulator = Simulator(scene, device, schedule=schedule, laws=laws)
-    on_begin(replace(simulator.beginning, frames=last))
+    on_begin(replace(Beginning.of(simulator.model, simulator.schedule.name), frames=last))
     recorder = Recorder(simulator, np.zeros(0, dtype=np.int32))
     seconds = []
     for number in range(1, last + 1):

@@ -4,7 +4,7 @@ from balloon_warp.model.build import build_model, lay_out
 from balloon_warp.model.model import Model, fitting
 from balloon_warp.model.plan import ModelPlan, plan_model
 from balloon_warp.model.remarks import Remark, remark_sentences, remarks_on
-from balloon_warp.model.state import State, carry_over, copy_of, initial_state, overwrite, world_bytes
+from balloon_warp.model.state import State, carried_over, copy_of, initial_state, overwrite, world_bytes
 from balloon_warp.model.timeline import DueChange
 from balloon_warp.model.vary import Vary
 
@@ -16,7 +16,7 @@ __all__ = [
     "State",
     "Vary",
     "build_model",
-    "carry_over",
+    "carried_over",
     "copy_of",
     "fitting",
     "initial_state",

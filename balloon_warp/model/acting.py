@@ -29,6 +29,6 @@ def values_over_time(model: Model | ModelPlan, name: str) -> Iterator[NDArray[np
     """Of all worlds, at the start and after each change."""
     rows = model.parameters[name]
     yield np.asarray(rows.numpy() if isinstance(rows, wp.array) else rows, dtype=np.float32)
-    for turn in model.turns:
-        if name in turn.values:
-            yield np.asarray(turn.values[name][1], dtype=np.float32)
+    for change in model.due_changes:
+        if name in change.values:
+            yield np.asarray(change.values[name][1], dtype=np.float32)

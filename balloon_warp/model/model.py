@@ -37,7 +37,7 @@ class Model:
     device: wp.Device
     world_count: int
     substeps: int
-    turns: list[DueChange]
+    due_changes: list[DueChange]
     """what changes during the simulation, in order"""
     laws: tuple[Law, ...]
     """the built-in ones and the user's own"""

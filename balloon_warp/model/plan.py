@@ -33,7 +33,7 @@ from balloon_warp.model.stability import Network, choose_substeps, names_of_the_
 from balloon_warp.model.starts import require_same_extreme, settle_starts, start_velocities
 from balloon_warp.model.strings import held_particle, overstretched_strings, string_lengths
 from balloon_warp.model.tears import settle_tears
-from balloon_warp.model.timeline import DueChange, turns
+from balloon_warp.model.timeline import DueChange, due_changes
 from balloon_warp.model.touch import settle_touch
 from balloon_warp.model.vary import Vary, vary_parameters
 from balloon_warp.model.wind import require_profile
@@ -56,7 +56,7 @@ class ModelPlan:
     parameters: Parameters
     substeps: int
     """at the start: as many as the stiffest world asks"""
-    turns: list[DueChange]
+    due_changes: list[DueChange]
     """what changes during the simulation"""
 
     @property
@@ -80,8 +80,8 @@ class ModelPlan:
             auto = scene.substeps == "auto"
             return scene if auto else scene.model_copy(update={"substeps": times * scene.substeps})
 
-        turns = [replace(turn, scene=finer(turn.scene)) for turn in self.turns]
-        return replace(self, scene=finer(self.scene), substeps=times * self.substeps, turns=turns)
+        changes = [replace(change, scene=finer(change.scene)) for change in self.due_changes]
+        return replace(self, scene=finer(self.scene), substeps=times * self.substeps, due_changes=changes)
 
     @property
     def warnings(self) -> list[str]:
@@ -145,7 +145,7 @@ def plan_model(
         from balloon_warp.model.clear_starts import require_clear_bodies  # takes long to load
 
         require_clear_bodies(scene, shapes, obstacles, bodies, parameters)
-    changes = list(turns(scene, rows))
+    changes = list(due_changes(scene, rows))
     network = Network(shapes, held, (*LAWS, *laws))
     substeps = substeps_over_time(scene, network, parameters, changes, start_velocities(shapes, parameters))
     if scene.substeps == "auto":
@@ -160,7 +160,7 @@ def plan_model(
         own_laws=tuple(laws),
         parameters=parameters,
         substeps=substeps,
-        turns=changes,
+        due_changes=changes,
     )
 
 

@@ -40,14 +40,14 @@ class Setting:
     """in a frame, as many as the scene says, or as all worlds need from now on"""
 
 
-def plan_setting(model: Model, changes: Mapping[str, Any], turns: Sequence[DueChange], frame: int) -> Setting:
+def plan_setting(model: Model, changes: Mapping[str, Any], planned: Sequence[DueChange], frame: int) -> Setting:
     """Check values that are to be set, and what follows from them.
 
     Args:
         model: as it is now, its scene and its parameters.
         changes: dotted paths as in overrides, and values; or for a number, or the numbers of a vector, an array with
             one for each world.
-        turns: what the scene still plans.
+        planned: what the scene still plans.
         frame: that is simulated next.
 
     Raises:
@@ -72,7 +72,7 @@ def plan_setting(model: Model, changes: Mapping[str, Any], turns: Sequence[DueCh
                 then[name] = _put(then[name], index, _number(path, value))
     _follow(model, scene, now, then)
     different = {name: values for name, values in then.items() if not np.array_equal(values, now[name])}
-    return Setting(scene, different, _substeps(model, scene, then, {*different}, turns))
+    return Setting(scene, different, _substeps(model, scene, then, {*different}, planned))
 
 
 def _told(
@@ -169,7 +169,7 @@ def _follow(model: Model, scene: Scene, now: Parameters, then: Parameters) -> No
         then.update({name: values for name, values in after.items() if not np.array_equal(values, before[name])})
 
 
-def _substeps(model: Model, scene: Scene, then: Parameters, different: set[str], turns: Sequence[DueChange]) -> int:
+def _substeps(model: Model, scene: Scene, then: Parameters, different: set[str], planned: Sequence[DueChange]) -> int:
     """Return the substeps of a frame from now on.
 
     Raises:
@@ -182,5 +182,5 @@ def _substeps(model: Model, scene: Scene, then: Parameters, different: set[str],
     held = [int(particle) - model.particle_offsets[string.balloon]
             for string, particle in zip(scene.string, particles, strict=True)]  # fmt: skip
     network = Network(model.shapes, held, model.laws)
-    substeps = substeps_over_time(scene, network, then, turns, None)
+    substeps = substeps_over_time(scene, network, then, planned, None)
     return max(substeps, substeps_of_solids(scene, model.bodies, then)) if scene.substeps == "auto" else substeps

@@ -220,12 +220,13 @@ def _place_bodies(model: Model, state: State) -> None:
         array.assign(np.broadcast_to(rows, (model.world_count, *rows.shape[1:])).astype(np.float32))
 
 
-def carry_over(state: State, before: State, spheres: Sequence[int | None]) -> None:
-    """Make a state what another of the same balloons is now.
+def carried_over(model: Model, before: State, spheres: Sequence[int | None]) -> State:
+    """Return a state of a model that goes on from another of the same balloons.
 
     Args:
-        spheres: for each sphere of the state its number in the one before, or None to leave it as it is.
+        spheres: for each sphere of the model its number in the one before, or None if the model says where it starts.
     """
+    state = initial_state(model)
     for name, array in vars(before).items():
         if not name.startswith("sphere_"):
             wp.copy(getattr(state, name), array)
@@ -233,6 +234,7 @@ def carry_over(state: State, before: State, spheres: Sequence[int | None]) -> No
         for now, until_now in enumerate(spheres):
             if until_now is not None:
                 wp.copy(getattr(state, name)[:, now], array[:, until_now])
+    return state
 
 
 def world_bytes(model: Model) -> int:

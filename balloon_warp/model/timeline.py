@@ -34,8 +34,8 @@ class DueChange:
         rows[:, which] = values[which]
 
 
-def turns(scene: Scene, rows: Sequence[Parameter]) -> Iterator[DueChange]:
-    """What changes in a scene, in order.
+def due_changes(scene: Scene, rows: Sequence[Parameter]) -> Iterator[DueChange]:
+    """Find what a scene plans to change, in order.
 
     Raises:
         InputError: names the change, and the path or field that is wrong.

@@ -5,9 +5,12 @@ from balloon_warp.frame import Frame
 from balloon_warp.model import Model
 from balloon_warp.temporaries import scratch_folder
 
+NOTEBOOK_SIZE = (480, 270)
+"""pixels of a picture that a notebook shows by itself"""
+
 
 def snapshot(model: Model, frame: Frame, size: tuple[int, int], samples: int) -> bytes:
-    """The frame as a PNG file has it, seen as `render_stage` sees it.
+    """Draw the frame as a PNG file has it, seen as `render_stage` sees it.
 
     Args:
         size: width and height in pixels.

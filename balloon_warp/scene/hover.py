@@ -11,7 +11,8 @@ import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 
-from balloon_warp.scene.reference import Tables, default_of, meaning_of, tables
+from balloon_warp.scene.reference import default_of, tables
+from balloon_warp.scene.schema.field_help import Tables, meaning_of
 from balloon_warp.shown import docstrings
 
 WIDTH = 120

@@ -12,8 +12,9 @@ from pydantic import BaseModel
 from balloon_warp.errors import InputError
 from balloon_warp.files import check_writable, whole_file
 from balloon_warp.scene.load import FILES, bundled_scenes
-from balloon_warp.scene.reference import default_of, first_line, meaning_of
+from balloon_warp.scene.reference import default_of
 from balloon_warp.scene.schema import MESHED, WITHOUT_MESHES, Balloon, Body, Obstacle, Scene
+from balloon_warp.scene.schema.field_help import first_line, meaning_of
 from balloon_warp.scene.toml import toml_value
 
 HEADER = """\

@@ -27,7 +27,6 @@ class LaneMemory(NamedTuple):
     of_tables: dict[str, Any]
     solids: dict[str, Any]
     working: dict[str, Any]
-    fastest: Any
 
 
 def group_count(model: Model, layout: Layout) -> int:
@@ -53,7 +52,6 @@ def allot_lanes(model: Model, step: Step, layout: Layout, room: Room) -> LaneMem
             "reaches": room.array((groups, solids), Lanes),
         },
         _working(model, traits, room),
-        room.array(groups if traits.frames == "free" else 0, Lanes),
     )
 
 

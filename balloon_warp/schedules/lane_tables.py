@@ -107,7 +107,8 @@ def make_lane_tables(model: Model, traits: Traits, layout: Layout, tables: Any) 
         return wp.array(np.asarray(values), dtype=dtype, device=model.device)
 
     t.all = tables
-    t.up, t.step_seconds, t.lane_count, t.world_count = model.up, model.step_seconds, LANES, model.world_count
+    t.up, t.step_seconds, t.substeps = model.up, model.step_seconds, model.substeps
+    t.lane_count, t.world_count = LANES, model.world_count
     t.item_offsets, t.particles = array(items.offsets, wp.int32), array(items.particles, wp.int32)
     shares = np.append(model.particle_mass_share.numpy(), 0.0)[items.particles]
     t.shares = array(shares if layout.worlds else shares.reshape(-1, LANES), layout.number)

@@ -12,7 +12,6 @@ from balloon_warp.kernels.loops.near_solids import Solids
 from balloon_warp.kernels.schedules.lanes.layouts import OCTETS, WORLDS, Layout
 from balloon_warp.kernels.schedules.lanes.looks import LOOKS
 from balloon_warp.kernels.schedules.lanes.source import arguments_of, kernel_of, source_of
-from balloon_warp.kernels.schedules.lanes.tables import Frames
 from balloon_warp.kernels.schedules.pieces import Step, cut
 from balloon_warp.kernels.substep import SHARED, phases_of
 from balloon_warp.kernels.traits import Traits
@@ -63,7 +62,7 @@ class LanesSchedule:
     @classmethod
     def step_of(cls, traits: Traits) -> Step:
         """The phases of a model, in pieces."""
-        return cut(phases_of(traits, SHARED), traits, LOOKS[cls.layout])
+        return cut(phases_of(traits, SHARED), traits, LOOKS[cls.layout], sums_along=True)
 
     @classmethod
     def source_of(cls, traits: Traits) -> str:
@@ -72,21 +71,21 @@ class LanesSchedule:
 
     def _arguments(self, step: Step) -> dict[str, Any]:
         """What the kernel takes, by name, in order; None for what differs from launch to launch."""
-        t, solids, frames = make_lane_tables(self.model, self._traits, self.layout, self._tables), Solids(), Frames()
+        t, solids = make_lane_tables(self.model, self._traits, self.layout, self._tables), Solids()
         working, memory = Working(), allot_lanes(self.model, step, self.layout, Allocating(self.model.device))
         put_far_away(memory.of_kernel, self.layout)
         for struct, arrays in ((t, memory.of_tables), (solids, memory.solids), (working, memory.working)):
             for name, array in arrays.items():
                 setattr(struct, name, array)
         if self.busy:
-            frames.free, frames.fastest = self.busy.outlook.table, memory.fastest
+            for name in ("verdicts", "ways", "any_busy"):
+                setattr(working, name, getattr(self.busy.working, name))
         t.rows = rows_of(memory.of_tables["numbers"])
         has = {
             "t": t,
             "tables": self._tables,
             "working": working,
             "solids": solids,
-            "frames": frames,
             **memory.of_kernel,
         }
         return {name: has.get(name) for name in arguments_of(step, self.layout)}
@@ -115,7 +114,7 @@ class LanesSchedule:
     @property
     def crowded(self) -> int:
         """How often a triangle that a particle may touch had no place in its list since it was made, in all worlds."""
-        return self.busy.launch.crowded if self.busy else 0
+        return self.busy.crowded if self.busy else 0
 
     def advance_frame(self, state: State) -> None:
         """One frame: the groups of worlds on as many threads as there are cores."""

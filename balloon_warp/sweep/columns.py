@@ -10,7 +10,7 @@ from balloon_warp.model.rows import KEYFRAME_VALUES, rows_of
 from balloon_warp.outputs.worlds_table import EXTREMES
 from balloon_warp.scene import Scene
 from balloon_warp.scene.nesting import table_in
-from balloon_warp.scene.reference import meaning_of
+from balloon_warp.scene.schema.field_help import meaning_of
 from balloon_warp.sweep.recorder import columns_of
 
 OF_ROWS = {

@@ -1,15 +1,14 @@
 """The page in a notebook's cell."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from numpy.typing import NDArray
-
-from balloon_warp.kernels.laws import Law
-from balloon_warp.scene import Scene
+from balloon_warp.errors import InputError
+from balloon_warp.simulator import Simulator
 from balloon_warp.viewer.view import make_page
+from balloon_warp.warp_lock import lock_of
 
 if TYPE_CHECKING:
     from balloon_warp.viewer.page import Page
@@ -47,27 +46,35 @@ class Shown:
 
 
 def show(
-    scene: Scene,
-    name: str,
-    device: str,
-    laws: Sequence[Law],
-    folder: str | Path,
-    size: tuple[str, int],
-    now: Mapping[str, NDArray] | None = None,
+    simulator: Simulator,
+    world: int = 0,
+    *,
+    folder: str | Path = ".",
+    width: str = "100%",
+    height: int = 640,
     origins: Sequence[str] = (),
 ) -> Shown:
-    """Serve a page, see `view`, and go on.
+    """Serve one world of a simulator in the page of `balloon-warp view`, to play with.
+
+    As the last line of a notebook's cell it is seen there, elsewhere its `address` says where to look. It begins where
+    the world is now, in a simulation of its own, with the scene's values, and runs until it is closed: `shown.close()`.
 
     Args:
-        origins: that it may be shown from beside its own address.
-        now: where it begins, as `Simulator.restore` takes it; the scene's start when missing.
+        folder: where recordings go.
+        width: in the notebook, as CSS has it, such as "100%" or "800px".
+        height: in pixels.
+        origins: that the page may be shown from beside this machine, such as a proxy's: ["https://hub.example"].
 
     Raises:
-        InputError: the scene cannot be simulated, the folder is not there, or the page cannot be served.
+        InputError: there is no such world, the folder is not there, or the page cannot be served.
         MissingExtraError: viser is not installed.
     """
-    page = make_page(scene, name, device, folder, laws, origins=origins)
-    if now is not None:
-        page.session.begin_at(now)
+    model = simulator.model
+    if not 0 <= world < model.world_count:
+        raise InputError(f"world: {world}; expected 0 to {model.world_count - 1}")
+    with lock_of(model.device):
+        now = {name: array.numpy() for name, array in vars(simulator.state.of_world(world)).items()}
+    page = make_page(model.scene, "scene", str(model.device), folder, model.own_laws, origins=origins)
+    page.session.begin_at(now)
     page.start()
-    return Shown(page, size)
+    return Shown(page, (width, height))

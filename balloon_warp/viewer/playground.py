@@ -208,7 +208,7 @@ class Playground:
         self.journal = moment.journal.copy()
         self.numbers = list(moment.numbers[0]), list(moment.numbers[1])
         self._untouched, self.hands = False, dict(moment.hands)
-        self.simulator.drop_turns()
+        self.simulator.drop_planned_changes()
         self._rebuild(moment.scene, [None] * len(moment.scene.sphere), moment.substeps)
         for name, values in moment.state.items():
             getattr(self.simulator.state, name).assign(values)
@@ -242,7 +242,7 @@ class Playground:
         for frame, changed in scenes_over_time(self.start):
             if frame < self.frame:
                 scene = changed
-        self.simulator.drop_turns()
+        self.simulator.drop_planned_changes()
         self.journal.forget_what_was_planned(self.frame)
         lasting = (scene.sphere, scene.string)
         there = [[n for n, body in enumerate(bodies) if is_there(scene, body, before)] for bodies in lasting]

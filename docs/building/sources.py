@@ -37,22 +37,30 @@ def _from_docs(folder: str, link: str) -> str:
 
 def _lead_to_pages(app: Sphinx, name: str, text: list[str]) -> None:
     text[0] = re.sub(r"\]\(examples/(\w+)\.py\)", r"](example_pages/\1.md)", text[0])
-    if name.startswith("example_pages/"):  # its links to files go up one folder more
+    if "/" in name:  # its links to files go up one folder more
         text[0] = text[0].replace("](../../", "](../")
-    text[0] = re.sub(r"\]\(\.\./([^)#]+)(#[^)]*)?\)", lambda link: f"]({_target(link[1])}{link[2] or ''})", text[0])
+    up = "../" * name.startswith("design/")
+    text[0] = re.sub(r"\]\(\.\./([^)#]+)(#[^)]*)?\)", lambda link: f"]({_target(link[1], up)}{link[2] or ''})", text[0])
 
 
-def _target(path: str) -> str:
+def _target(path: str, up: str) -> str:
+    """Say where a link leads from a page.
+
+    Args:
+        up: to docs/ from where the page stands.
+    """
     if path in PAGES:
-        return PAGES[path]
+        return up + PAGES[path]
     file = ROOT / path
     if file.is_dir():
         file = file / "__init__.py"
     if not file.is_file():
         return f"../{path}"  # Sphinx says that it leads nowhere
     name = file.resolve().relative_to(ROOT).as_posix()
+    if name.startswith("docs/") and name.endswith(".md"):
+        return up + name.removeprefix("docs/")
     _wanted.add(name)
-    return f"source:{name}"
+    return f"{'up_' if up else ''}source:{name}"
 
 
 def _write_sources(app: Sphinx, failed: Exception | None) -> None:

@@ -10,6 +10,7 @@ from balloon_warp.kernels.loops.obstacles import sphere_in_state
 from balloon_warp.kernels.loops.touching import is_near_sphere
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
+from balloon_warp.kernels.working import Working
 
 PARTICLES_A_MARK = wp.constant(8)
 
@@ -17,6 +18,12 @@ PARTICLES_A_MARK = wp.constant(8)
 def mark_count(particle_count: int) -> int:
     """Marks of a world; the last is that of the world."""
     return -(-particle_count // PARTICLES_A_MARK) + 1
+
+
+@wp.func
+def are_noted(working: Working, world: wp.int32):
+    """Return whether any particle of a world is."""
+    return working.near[world, working.near.shape[1] - 1] > 0
 
 
 @cache

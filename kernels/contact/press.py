@@ -48,9 +48,22 @@ PRESS_REGISTERS = 96
 """of a thread: a multiprocessor has 20 warps then, which wait for memory in turns, and 12 without a limit"""
 
 
+@wp.func
+def ease_of_moving(t: Tables, mass_of_balloon: float, particle: wp.int32):
+    """1 over its mass [1/kg], 0 if it is fixed."""
+    mass = float_at(t.particles.mass_share, particle) * mass_of_balloon
+    return wp.where(mass > 0.0, 1.0 / mass, 0.0)
+
+
+@wp.func
+def contacts_at(working: Working, world: wp.int32, particle: wp.int32, ease: float):
+    """Of a particle; none if it is fixed."""
+    return wp.where(ease > 0.0, float_in(working.contacts, world, particle), 0.0)
+
+
 @cache
 def press_function(traits: Traits, point_at: Any) -> Any:
-    """The function by which a particle touches one triangle.
+    """Make the function by which a particle touches one triangle.
 
     Args:
         point_at: the function that reads a particle's point.
@@ -64,17 +77,6 @@ def press_function(traits: Traits, point_at: Any) -> Any:
     def mass_of(t: Tables, world: wp.int32, balloon: wp.int32):
         """A balloon's [kg]."""
         return t.balloon_numbers[row_of_world(world, t.balloon_numbers.shape[0]), balloon, mass_column]
-
-    @wp.func
-    def ease_of_moving(t: Tables, mass_of_balloon: float, particle: wp.int32):
-        """1 over its mass [1/kg], 0 if it is fixed."""
-        mass = float_at(t.particles.mass_share, particle) * mass_of_balloon
-        return wp.where(mass > 0.0, 1.0 / mass, 0.0)
-
-    @wp.func
-    def contacts_at(working: Working, world: wp.int32, particle: wp.int32, ease: float):
-        """Of a particle; none if it is fixed."""
-        return wp.where(ease > 0.0, float_in(working.contacts, world, particle), 0.0)
 
     @wp.func
     def press(

@@ -227,6 +227,7 @@ WIND = (
         of="world",
         path="atmosphere.gust_length",
         meaning="how large gusts are, the integral scale of turbulence",
+        domain=(1.0, 1e4),
     ),
     Parameter(
         "gust_seed",

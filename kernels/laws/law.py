@@ -106,6 +106,9 @@ class Parameter:
     """3 for a vector"""
     absent: float | None = None
     """where the scene does not have the table that it stands in; the default, when missing"""
+    domain: tuple[float, float] | None = None
+    """between which values are usual: tests draw from there; when missing, from about the default, or from within the
+    bounds"""
 
 
 _OF_PARTICLE_AT_REST = (

@@ -60,6 +60,7 @@ VISCOSITY = Parameter(
     least=0.0,
     path="stiffness.viscosity",
     meaning="damping constant of each spring along it, over its spring constant (Tarantino 1996)",
+    domain=(0.005, 0.015),
 )
 YIELD_STRETCH = Parameter(
     "yield_stretch",
@@ -68,6 +69,7 @@ YIELD_STRETCH = Parameter(
     least=1.0,
     path="stiffness.yield_stretch",
     meaning="length over rest length from which on a spring pulls no more (Tarantino 1996)",
+    domain=(2.0, 4.0),
 )
 CORRECTION_LIMIT = Parameter(
     "correction_limit",
@@ -77,6 +79,7 @@ CORRECTION_LIMIT = Parameter(
     of="world",
     path="correction_limit",
     meaning="strain beyond which a spring is shortened",
+    domain=(0.3, 0.7),
 )
 
 

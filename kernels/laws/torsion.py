@@ -70,6 +70,7 @@ TORSION = Law(
             least=0.0,
             path="stiffness.torsion",
             meaning="of each edge between two faces, against a change of the angle between them",
+            domain=(0.05, 0.15),
         ),
     ),
     energy=torsion_energy,

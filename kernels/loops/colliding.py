@@ -57,28 +57,31 @@ def put_in_arrays(t: Tables, paths: Paths, world: wp.int32, sphere: wp.int32, po
 
 
 @cache
-def colliding_function(traits: Traits, path_at: Any, put_sphere: Any) -> Any:
-    """The function that lets the spheres of a world meet, once all have moved: by one thread, in the same order; and
-    the one that tells whether two of them may.
-
-    Args:
-        path_at: the function that gives a sphere's place before the step, its place after it, and its velocity.
-        put_sphere: the function that gives it another place and velocity after the step.
-    """
-    leave_fixtures = leaving_function(traits) if traits.fixtures else None
-    rub_on_ground = ground_rubbing_function(traits)
-    split = traits.columns.balloon_width
-    gravity, height, ground_restitution = (
-        traits.columns.places[name] - split for name in ("gravity", "ground_height", "ground_restitution")
-    )
+def spin_function(traits: Traits) -> Any:
+    """Make the function that reads a sphere's spin [rad/s]."""
 
     @wp.func
     def spin_at(spins: wp.array2d[wp.vec3], world: wp.int32, sphere: wp.int32):
-        """[rad/s]"""
         if wp.static(traits.spheres_rub):
             return spins[world, sphere]
         else:
             return wp.vec3()
+
+    return spin_at
+
+
+@cache
+def beside_function(traits: Traits, path_at: Any, put_sphere: Any) -> Any:
+    """Make the function that puts a sphere that another has moved out of the ground and obstacles.
+
+    Args:
+        path_at, put_sphere: as in `colliding_function`.
+    """
+    leave_fixtures = leaving_function(traits) if traits.fixtures else None
+    rub_on_ground = ground_rubbing_function(traits)
+    height, ground_restitution = (
+        traits.columns.places[name] - traits.columns.balloon_width for name in ("ground_height", "ground_restitution")
+    )
 
     @wp.func
     def put_beside(
@@ -107,6 +110,13 @@ def colliding_function(traits: Traits, path_at: Any, put_sphere: Any) -> Any:
         put_sphere(t, spheres, world, sphere, course.position, course.velocity)
         if wp.static(traits.spheres_rub):
             spins[world, sphere] = course.spin
+
+    return put_beside
+
+
+@cache
+def pair_rubbing_function(traits: Traits) -> Any:
+    """Make the function by which two spheres that meet rub on each other."""
 
     @wp.func
     def rub_pair(
@@ -147,6 +157,17 @@ def colliding_function(traits: Traits, path_at: Any, put_sphere: Any) -> Any:
             other.spin += spin_by(other_mass, other_radius, wp.cross(other_arm, rub))
         return mine, other
 
+    return rub_pair
+
+
+@cache
+def may_meet_function(path_at: Any) -> Any:
+    """Make the function that tells whether two spheres may meet in a step.
+
+    Args:
+        path_at: as in `colliding_function`.
+    """
+
     @wp.func
     def may_meet(t: Tables, spheres: Any, world: wp.int32, first: wp.int32, second: wp.int32):
         """Whether two are so near that they may meet in the step."""
@@ -155,6 +176,20 @@ def colliding_function(traits: Traits, path_at: Any, put_sphere: Any) -> Any:
         reach = sphere_radius(t.spheres, world, first) + sphere_radius(t.spheres, world, second)
         way = wp.length(end - start) + wp.length(other_end - other_start)
         return wp.length(other_start - start) <= 1.001 * (reach + way)
+
+    return may_meet
+
+
+@cache
+def pair_meeting_function(traits: Traits, path_at: Any, put_sphere: Any) -> Any:
+    """Make the function that lets two spheres meet.
+
+    Args:
+        path_at, put_sphere: as in `colliding_function`.
+    """
+    gravity = traits.columns.places["gravity"] - traits.columns.balloon_width
+    spin_at, rub_pair = spin_function(traits), pair_rubbing_function(traits)
+    put_beside = beside_function(traits, path_at, put_sphere)
 
     @wp.func
     def meet_pair(
@@ -195,6 +230,21 @@ def colliding_function(traits: Traits, path_at: Any, put_sphere: Any) -> Any:
             put_beside(t, spheres, spins, world, time, second, other)
         return moved
 
+    return meet_pair
+
+
+@cache
+def colliding_function(traits: Traits, path_at: Any, put_sphere: Any) -> Any:
+    """Make the function that lets the spheres of a world meet once all have moved, and the one that tells if two may.
+
+    One thread does it, in the same order.
+
+    Args:
+        path_at: the function that gives a sphere's place before the step, its place after it, and its velocity.
+        put_sphere: the function that gives it another place and velocity after the step.
+    """
+    meet_pair = pair_meeting_function(traits, path_at, put_sphere)
+
     @wp.func
     def collide(t: Tables, spheres: Any, spins: wp.array2d[wp.vec3], world: wp.int32, time: float):
         """At the end of a step [s]. A sphere without size is not there."""
@@ -211,4 +261,4 @@ def colliding_function(traits: Traits, path_at: Any, put_sphere: Any) -> Any:
                         moving = moving or moved
             sweep += 1
 
-    return collide, may_meet
+    return collide, may_meet_function(path_at)

@@ -89,9 +89,9 @@ def hold_point(
 
 
 @cache
-def holding_function(traits: Traits) -> Any:
-    """The function that makes the list."""
-    count_of, body_in, thing_at, gap_to = thing_functions(traits)
+def thing_holding_function(traits: Traits) -> Any:
+    """Make the function that puts a body and one thing into the list."""
+    _, _, _, gap_to = thing_functions(traits)
 
     @wp.func
     def hold_thing(
@@ -141,6 +141,15 @@ def holding_function(traits: Traits) -> Any:
                     places,
                 )  # fmt: skip
         return places
+
+    return hold_thing
+
+
+@cache
+def holding_function(traits: Traits) -> Any:
+    """Make the function that makes the list."""
+    count_of, body_in, thing_at, _ = thing_functions(traits)
+    hold_thing = thing_holding_function(traits)
 
     @wp.func
     def take_hold(t: Tables, state: WorldState, working: Any, world: wp.int32, time: float, pull: float):

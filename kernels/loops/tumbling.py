@@ -129,43 +129,41 @@ def remember(touches: wp.array[wp.int32], impulses: wp.array[wp.vec3], grips: wp
         touches[count] = -1
 
 
-@cache
-def tumbling_function(traits: Traits) -> Any:
-    """The function that moves the bodies of a world by a step."""
-    take_hold = holding_function(traits)
-    stop_at = stop_function(traits)
-    split = traits.columns.balloon_width
-    gravity = traits.columns.places["gravity"] - split
+@wp.func
+def rub_sphere(
+    t: Tables,
+    state: WorldState,
+    world: wp.int32,
+    body: wp.int32,
+    sphere: wp.int32,
+    rigid: Rigid,
+    stop: Stop,
+    velocity: wp.vec3,
+    push: wp.vec3,
+):
+    """The impulse of friction on a sphere that a body pushes [N s], which has turned it then."""
+    mass = sphere_mass(t.spheres, world, sphere)
+    radius = sphere_radius(t.spheres, world, sphere)
+    spin = state.sphere_spins[world, sphere]
+    arm = -radius * stop.normal
+    place = stop.arm + arm  # from the body's center of mass
+    twist = spin_of(rigid.start_turn, t.bodies.eases[body], rigid.mass, wp.cross(stop.arm, push))
+    beside = velocity + push / mass + wp.cross(spin, arm)
+    beside -= rigid.velocity - push / rigid.mass + wp.cross(rigid.spin - twist, place)
+    across = beside - wp.dot(beside, stop.normal) * stop.normal
+    ease = ease_of_ball(mass, radius, arm)
+    ease += ease_along(rigid.start_turn, t.bodies.eases[body], rigid.mass, place, wp.normalize(across))
+    own = t.bodies.friction[row_of_world(world, t.bodies.friction.shape[0]), body]
+    friction = friction_between(own, sphere_friction(t.spheres, world, sphere))
+    rub = friction_impulse(beside, stop.normal, ease, friction * wp.length(push))
+    state.sphere_spins[world, sphere] = spin + spin_by(mass, radius, wp.cross(arm, rub))
+    return rub
 
-    @wp.func
-    def rub_sphere(
-        t: Tables,
-        state: WorldState,
-        world: wp.int32,
-        body: wp.int32,
-        sphere: wp.int32,
-        rigid: Rigid,
-        stop: Stop,
-        velocity: wp.vec3,
-        push: wp.vec3,
-    ):
-        """The impulse of friction on a sphere that a body pushes [N s], which has turned it then."""
-        mass = sphere_mass(t.spheres, world, sphere)
-        radius = sphere_radius(t.spheres, world, sphere)
-        spin = state.sphere_spins[world, sphere]
-        arm = -radius * stop.normal
-        place = stop.arm + arm  # from the body's center of mass
-        twist = spin_of(rigid.start_turn, t.bodies.eases[body], rigid.mass, wp.cross(stop.arm, push))
-        beside = velocity + push / mass + wp.cross(spin, arm)
-        beside -= rigid.velocity - push / rigid.mass + wp.cross(rigid.spin - twist, place)
-        across = beside - wp.dot(beside, stop.normal) * stop.normal
-        ease = ease_of_ball(mass, radius, arm)
-        ease += ease_along(rigid.start_turn, t.bodies.eases[body], rigid.mass, place, wp.normalize(across))
-        own = t.bodies.friction[row_of_world(world, t.bodies.friction.shape[0]), body]
-        friction = friction_between(own, sphere_friction(t.spheres, world, sphere))
-        rub = friction_impulse(beside, stop.normal, ease, friction * wp.length(push))
-        state.sphere_spins[world, sphere] = spin + spin_by(mass, radius, wp.cross(arm, rub))
-        return rub
+
+@cache
+def sphere_meeting_function(traits: Traits) -> Any:
+    """Make the function by which a body that has moved meets a sphere that has."""
+    stop_at = stop_function(traits)
 
     @wp.func
     def meet_sphere(
@@ -206,6 +204,17 @@ def tumbling_function(traits: Traits) -> Any:
             if wp.static(traits.spheres_rub):  # friction acts where they touch
                 twist += radius * wp.cross(stop.normal, push)
             put_body(state, world, pushed_on(t, rigid, -push / rigid.mass, twist, -out / rigid.mass))
+
+    return meet_sphere
+
+
+@cache
+def tumbling_function(traits: Traits) -> Any:
+    """The function that moves the bodies of a world by a step."""
+    take_hold = holding_function(traits)
+    meet_sphere = sphere_meeting_function(traits)
+    split = traits.columns.balloon_width
+    gravity = traits.columns.places["gravity"] - split
 
     @wp.func
     def tumble(t: Tables, state: WorldState, working: Any, world: wp.int32, time: float):

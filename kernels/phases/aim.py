@@ -5,6 +5,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.algebra import length_of
+from balloon_warp.kernels.laws.inflation import aim_of
 from balloon_warp.kernels.loops.aims import aim_loop, aim_loop_of_eight
 from balloon_warp.kernels.loops.areas import face_measures
 from balloon_warp.kernels.phase import Look, phase
@@ -54,3 +55,26 @@ def take_aim(traits: Traits, look: Look) -> Any:
         return aim_of_particle(t.faces, face_centers, face_areas, particle, point, balloon_area)
 
     return take_aim
+
+
+@phase("face", {"balloon_area": float}, when=_aims, once=_cached, sums=True)
+def spread(traits: Traits, look: Look) -> Any:
+    """Sum the area of a balloon [m^2], from where its corners are."""
+    center_of_face, area_vector_of_face = face_measures(look.at)
+
+    @wp.func
+    def spread(t: Any, points: Any, face: wp.int32):
+        return wp.length(area_vector_of_face(t.faces, points, face, center_of_face(t.faces, points, face)))
+
+    return spread
+
+
+@phase("particle", {"aim": wp.vec3}, when=_aims, once=_cached)
+def turn(traits: Traits, look: Look) -> Any:
+    """Find where a normal force pushes a particle, from A_p n: (A_p / A_total) n."""
+
+    @wp.func
+    def turn(facing: wp.vec3, balloon_area: float):
+        return aim_of(facing, balloon_area)
+
+    return turn

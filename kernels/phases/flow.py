@@ -36,7 +36,7 @@ def weigh(traits: Traits, look: Look) -> Any:
     return weigh
 
 
-@phase("particle", {"inertia": float}, light=True)
+@phase("particle", {"inertia": float}, light=True, once=lambda traits: not traits.gas_changes)
 def burden(traits: Traits, look: Look) -> Any:
     """Find what a particle has to move, with its share of the gas, which moves along [kg]."""
 

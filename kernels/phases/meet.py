@@ -8,6 +8,7 @@ import warp as wp
 from balloon_warp.kernels.contact.bodies import bodies_function
 from balloon_warp.kernels.contact.edges import edges_function
 from balloon_warp.kernels.contact.faces import faces_function
+from balloon_warp.kernels.contact.near import are_noted
 from balloon_warp.kernels.contact.spheres import spheres_function
 from balloon_warp.kernels.phase import Look, phase
 from balloon_warp.kernels.traits import Traits
@@ -25,10 +26,10 @@ def keep_start(traits: Traits, look: Look) -> Any:
     return keep_start
 
 
-@phase("team", when=lambda traits: traits.impulses)
+@phase("team", when=lambda traits: traits.impulses, due=lambda traits: are_noted)
 def meet_spheres(traits: Traits, look: Look) -> Any:
     """Let spheres and particles exchange momentum."""
-    return spheres_function(traits, look.at, look.put)
+    return spheres_function(traits, *look.in_team)
 
 
 @phase("team", when=lambda traits: traits.bodies > 0)

@@ -51,7 +51,7 @@ def drift_of(traits: Traits) -> Any:
     return drift_forward if traits.forward_euler else drift_symplectic
 
 
-@phase("particle", {"gain": float}, light=True)
+@phase("particle", {"gain": float}, light=True, once=lambda traits: not traits.gas_changes)
 def respond(traits: Traits, look: Look) -> Any:
     """Find the velocity that a force gives it, see `response`."""
 

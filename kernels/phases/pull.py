@@ -44,6 +44,41 @@ def pull(traits: Traits, look: Look) -> Any:
     return pull_by_velocities if traits.looks_at_velocities else pull
 
 
+@phase("particle", {"force": wp.vec3, "area_vector": wp.vec3, "facing": wp.vec3})
+def pull_and_face(traits: Traits, look: Look) -> Any:
+    """Sum the forces on a particle [N], and on the way find its area vector, and A_p n [m^2]."""
+    net_force = net_force_function(traits, look.loops(traits))
+
+    @wp.func
+    def pull_and_face(
+        t: Tables,
+        points: Any,
+        own: Any,
+        springs: Any,
+        point: wp.vec3,
+        velocity: wp.vec3,
+        time: float,
+    ):
+        force, area_vector, facing = net_force(t, points, points, own, springs, point, velocity, time)
+        return force, area_vector, facing
+
+    @wp.func
+    def pull_by_velocities(
+        t: Tables,
+        points: Any,
+        velocities: Any,
+        own: Any,
+        springs: Any,
+        point: wp.vec3,
+        velocity: wp.vec3,
+        time: float,
+    ):
+        force, area_vector, facing = net_force(t, points, velocities, own, springs, point, velocity, time)
+        return force, area_vector, facing
+
+    return pull_by_velocities if traits.looks_at_velocities else pull_and_face
+
+
 @phase("particle", {"force": wp.vec3}, when=lambda traits: traits.touches)
 def take(traits: Traits, look: Look) -> Any:
     """Add what contacts push it with."""

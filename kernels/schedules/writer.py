@@ -8,7 +8,7 @@ from typing import Any
 from balloon_warp.kernels.clock import end_of_step, ramp_at, time_of
 from balloon_warp.kernels.loops.areas import volume_origin
 from balloon_warp.kernels.memory import put_vector_in, two_in, vector_in
-from balloon_warp.kernels.own import own_functions
+from balloon_warp.kernels.own import numbers_reader, own_functions
 from balloon_warp.kernels.phase import Phase
 from balloon_warp.kernels.schedules.pieces import Step, values_of
 from balloon_warp.kernels.tables import Tables, WorldState
@@ -51,6 +51,8 @@ class Writer(ABC):
         """Write calls of phases, each with what it does as a remark."""
         for phase in phases:
             call = self.call(phase)
+            if phase.name in self.known:
+                raise TypeError(f"{self.name}: the phase {phase.name} is named like what another reads")
             self.line(f"# {phase.summary}")
             writes = ", ".join(self.bound(name) for name in phase.writes)
             self.line(f"{writes} = {call}" if writes else call)
@@ -93,7 +95,9 @@ class Writer(ABC):
         called = {phase.name: phase.function(step.traits, step.look) for phase in (*phases, *step.light)}
         types = {f"{value}_type": dtype for value, dtype in written_types(step).items()}
         _, read_own = own_functions(step.traits.columns, step.traits.balloons)
-        return {**SCOPE, "read_own": read_own, **types, **called}
+        return {
+            **SCOPE, "read_own": read_own, "read_numbers": numbers_reader(step.traits.columns), **types, **called
+        }  # fmt: skip
 
 
 def head(name: str, arguments: Mapping[str, str], remark: str) -> list[str]:

@@ -12,9 +12,9 @@ from pxr import Usd, UsdGeom
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.usd_surfaces import texture_coordinates
+from balloon_warp.outputs.moment import Z_TO_Y_UP
 from balloon_warp.outputs.render.appearance import read_colors
 from balloon_warp.outputs.render.covering import Covering, plain_covering, read_covering
-from balloon_warp.outputs.render.moment import Z_TO_Y_UP
 from balloon_warp.outputs.render.prims import CORNERS, SIDES
 from balloon_warp.outputs.render.stage_reader import DRAWN, RenderStage
 from balloon_warp.outputs.round_shapes import capsule_mesh, sphere_mesh, tube_points, tube_topology

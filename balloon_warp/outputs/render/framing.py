@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.outputs.render.camera import AZIMUTH, ELEVATION, Camera, CameraFit
+from balloon_warp.outputs.camera import AZIMUTH, ELEVATION, Camera, CameraFit
 from balloon_warp.outputs.render.stage_reader import RenderStage
 
 MOST_FRAMES = 40

@@ -9,9 +9,9 @@ from pxr import Usd, UsdGeom
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.folds import CREASE, SOFT_CREASE
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
+from balloon_warp.outputs.moment import Moment
 from balloon_warp.outputs.render.appearance import read_colors, read_finish
 from balloon_warp.outputs.render.covering import Covering, plain_covering, read_covering
-from balloon_warp.outputs.render.moment import Moment
 from balloon_warp.outputs.render.printed import read_texels
 from balloon_warp.outputs.render.surface import SmoothSurface
 

@@ -13,7 +13,7 @@ from balloon_warp.device import pick_device
 from balloon_warp.kernels.pictures import raycast
 from balloon_warp.kernels.pictures.printed import Prints
 from balloon_warp.kernels.pictures.shapes import Shapes
-from balloon_warp.outputs.render.camera import Camera
+from balloon_warp.outputs.camera import Camera
 from balloon_warp.outputs.render.prims import Capsules
 from balloon_warp.outputs.render.sampling import disc_points, spread_points
 from balloon_warp.outputs.render.stage_reader import RenderStage

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from balloon_warp.errors import InputError
 from balloon_warp.files import check_writable, whole_file
-from balloon_warp.outputs.render.camera import Camera
+from balloon_warp.outputs.camera import Camera
 from balloon_warp.outputs.render.files import (
     PICTURE_SUFFIXES,
     Picture,

@@ -9,8 +9,8 @@ from pxr import Gf, Tf, Usd, UsdGeom, UsdUtils
 
 from balloon_warp.errors import InputError
 from balloon_warp.files import file_behind, legible
-from balloon_warp.outputs.render.camera import Camera
-from balloon_warp.outputs.render.moment import Moment
+from balloon_warp.outputs.camera import Camera
+from balloon_warp.outputs.moment import Moment
 from balloon_warp.outputs.render.prims import CapsulePrim, Capsules, CubePrim, CurvesPrim, MeshPrim, SpherePrim
 from balloon_warp.outputs.render.timing import timing_of
 from balloon_warp.outputs.usd import STAGE_SUFFIXES

@@ -7,7 +7,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from balloon_warp.kernels.pictures.studio import Studio
-from balloon_warp.outputs.render.camera import Camera
+from balloon_warp.outputs.camera import Camera
 
 KEY = (-0.62, 1.0, 0.62)
 """toward the key light: to the right, up, and back toward the camera"""

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from pxr import Usd, UsdGeom
 
 from balloon_warp.errors import InputError
-from balloon_warp.outputs.render.camera import AZIMUTH, ELEVATION, Camera, CameraFit
+from balloon_warp.outputs.camera import AZIMUTH, ELEVATION, Camera, CameraFit
+from balloon_warp.outputs.moment import Z_TO_Y_UP
 from balloon_warp.outputs.render.framing import Framing, frame_action
-from balloon_warp.outputs.render.moment import Z_TO_Y_UP
 from balloon_warp.outputs.render.stage_reader import RenderStage
 from balloon_warp.outputs.usd.names import is_called
 from balloon_warp.outputs.usd.presence import SHOWN, is_shown

@@ -1,17 +1,12 @@
 """The stage's camera: it has the run in view, from where the scene says that a picture is taken."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 from pxr import Gf, Sdf, Usd, UsdGeom
 
+from balloon_warp.outputs.camera import AZIMUTH, ELEVATION, Camera, CameraFit
+from balloon_warp.outputs.moment import Z_TO_Y_UP
 from balloon_warp.scene import Scene
-
-if TYPE_CHECKING:
-    from balloon_warp.outputs.render.camera import Camera, CameraFit
 
 OURS = "balloonWarp"
 """key of the custom data that tells our camera from a user's: pictures find a better place for each themselves"""
@@ -22,8 +17,6 @@ FOCAL_LENGTH = 0.5
 
 def fit_for(scene: Scene) -> CameraFit:
     """Begin to find the camera for a wide picture, from where the scene's picture looks."""
-    from balloon_warp.outputs.render.camera import AZIMUTH, ELEVATION, CameraFit  # a room that loads this one
-
     said = scene.picture
     azimuth = AZIMUTH if said is None or said.azimuth is None else said.azimuth
     elevation = ELEVATION if said is None or said.elevation is None else said.elevation
@@ -36,8 +29,6 @@ def as_pictured(camera: Camera, center: NDArray[np.float64], scene: Scene) -> Ca
     Args:
         center: of what the camera has in view, Y up, shape (3,).
     """
-    from balloon_warp.outputs.render.moment import Z_TO_Y_UP  # a room that loads this one
-
     if scene.picture is None:
         return camera
     if scene.picture.look_at is not None:

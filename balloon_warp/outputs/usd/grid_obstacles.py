@@ -36,7 +36,7 @@ class GridObstacles:
         for number, prim in enumerate(prims):
             place = Sdf.AttributeSpec(prim, PLACE, Sdf.ValueTypeNames.Double3)
             turn = Sdf.AttributeSpec(prim, TURN, Sdf.ValueTypeNames.Quatf)
-            if moves(plan.scene, number, (change.values for change in plan.turns)):
+            if moves(plan.scene, number, (change.values for change in plan.due_changes)):
                 self._moving[number] = place.path, turn.path
             else:
                 place.default, turn.default = as_gf(poses[number])
@@ -61,9 +61,9 @@ def values_over_time(plan: ModelPlan, name: str, row: int) -> list[tuple[int, ND
     """A parameter of a world of a plan, as it is from each frame on at which it is another."""
     rows = plan.parameters[name]
     values = [(0, rows[row % len(rows)])]
-    for turn in plan.turns:
-        if name in turn.values:
+    for change in plan.due_changes:
+        if name in change.values:
             moved = values[-1][1][None].copy()
-            turn.apply(name, moved)
-            values.append((turn.frame + 1, moved[0]))
+            change.apply(name, moved)
+            values.append((change.frame + 1, moved[0]))
     return values

@@ -21,6 +21,8 @@ from balloon_warp.outputs.usd.planes import SIZES, level_square
 from balloon_warp.outputs.usd.rigid import SURFACE, be_hit, be_moved
 from balloon_warp.scene import Body, Obstacle, Scene
 
+HALF_SPACE = "balloonWarpHalfSpace"
+"""key of the custom data of a square that stands for all that is below it"""
 ROUGHNESS = 0.45
 """as of wood with oil on it, or of painted metal"""
 
@@ -97,7 +99,7 @@ class ObstaclePrim:
             Look(model.scene.up_axis, middle, half),
         )
         self._place, self._turn = self.prim.GetOrderedXformOps()[:2]
-        self._moves = moves(model.scene, number, (turn.values for turn in model.turns))
+        self._moves = moves(model.scene, number, (change.values for change in model.due_changes))
         self._put(pose, Usd.TimeCode.Default())
         be_hit(
             self.prim.GetPrim(), *(float(model.parameters[f"obstacle_{each}"].numpy()[0, number]) for each in SURFACE)
@@ -158,6 +160,7 @@ def _define_plane(stage: Usd.Stage, path: Sdf.Path, pose: NDArray[np.float64], l
 
     below = Rotation.from_quat(pose[3:]).inv().apply(look.middle - pose[:3])
     square = level_square(below, look.half, 0.0, look.up_axis)
+    prim.GetPrim().SetCustomDataByKey(HALF_SPACE, True)
     prim.CreatePointsAttr(square)
     prim.CreateFaceVertexCountsAttr([4])
     prim.CreateFaceVertexIndicesAttr([0, 1, 2, 3])

@@ -73,7 +73,7 @@ class PlanePrim:
         self.plane, self.up_axis = plane, model.scene.up_axis
         self.middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
         self.half = SIZES * float(np.ptp(points, axis=0).max())
-        self._moves = any(plane.height in turn.values for turn in model.turns)
+        self._moves = any(plane.height in change.values for change in model.due_changes)
         height = float(model.parameters[plane.height].numpy()[0])
         path = Sdf.Path(f"/World/{plane.name}")
         self.prim = define_square(stage, path, plane, self.middle, self.half, height, self.up_axis)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom
 
+from balloon_warp.outputs.moment import Moment
 from balloon_warp.outputs.usd.backdrop import define_backdrop
 from balloon_warp.outputs.usd.camera import as_pictured, define_camera, fit_for
 from balloon_warp.outputs.usd.lights import define_lights
@@ -101,9 +102,6 @@ def _obstacles(stage: Usd.Stage, size: float, moments: Sequence[int]) -> Iterato
 
 def _points(stage: Usd.Stage, paths: Sequence[Sdf.Path], moments: Sequence[int]) -> Iterator[NDArray[np.float64]]:
     """The points of each mesh at some frames, and of what is none the corners of its box, Y up, shape (n, 3) each."""
-    # A room that reads stages, and so loads this one.
-    from balloon_warp.outputs.render.moment import Moment
-
     purposes = [UsdGeom.Tokens.default_, UsdGeom.Tokens.render, UsdGeom.Tokens.proxy]
     prims = [prim for path in paths if (prim := stage.GetPrimAtPath(path))]
     for frame in moments:

@@ -14,7 +14,8 @@ from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import PARAMETERS, Parameter
 from balloon_warp.kernels.laws.law import FAR, TINY
 from balloon_warp.scene.complaint import complaint
-from balloon_warp.shown import DOC, FieldHelp, Shown, ShownType, describe
+from balloon_warp.scene.schema.field_help import fields_of
+from balloon_warp.shown import DOC, Shown, ShownType, describe
 
 if TYPE_CHECKING:
     from pydantic._internal._model_construction import ModelMetaclass
@@ -99,12 +100,6 @@ class Table(Shown, BaseModel, metaclass=TableType):
     @classmethod
     def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:
         """Say in help() what its fields are; its signature names them, with their defaults."""
-
-        def fields_of(table: Any) -> Iterator[FieldHelp]:
-            from balloon_warp.scene.reference import fields_of  # stands above, and is for who asks
-
-            return fields_of(table)
-
         empty, of_name = inspect.Parameter.empty, inspect.Parameter.KEYWORD_ONLY
         describe(
             cls,

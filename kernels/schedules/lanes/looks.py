@@ -48,7 +48,10 @@ def _look(layout: Layout) -> Look:
     def world_of(t: Any, own: Any, lane: wp.int32):
         return places.world(own.group, lane, t.world_count)
 
-    return Look(near, sphere_in_state, loops, put=put, add=add, world=world_of)
+    return Look(
+        near, sphere_in_state, loops, put=put, velocity_at=near, put_velocity=put,
+        in_team=(near, put), add=add, world=world_of,
+    )  # fmt: skip
 
 
 LOOKS = {WORLDS: _look(WORLDS), OCTETS: _look(OCTETS)}

@@ -15,7 +15,6 @@ from balloon_warp.kernels.codegen import kernel_from
 from balloon_warp.kernels.loops.near_solids import Solids
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.phase import STATE, VIEWS, Item, Phase
-from balloon_warp.kernels.schedules.lanes.free import free_functions
 from balloon_warp.kernels.schedules.lanes.layouts import Layout, of_item, of_particle, places_of, put_item, view_of
 from balloon_warp.kernels.schedules.lanes.state import (
     balloon_functions,
@@ -23,7 +22,7 @@ from balloon_warp.kernels.schedules.lanes.state import (
     own_functions_of,
     showing_function,
 )
-from balloon_warp.kernels.schedules.lanes.tables import Frames, lane_structs
+from balloon_warp.kernels.schedules.lanes.tables import lane_structs
 from balloon_warp.kernels.schedules.pieces import Piece, Step, values_of
 from balloon_warp.kernels.schedules.writer import Writer, head, named_in, written_types
 
@@ -31,6 +30,7 @@ OF_BALLOON: Mapping[str, str] = {
     "keyed": "ramps_of(t, state, group, balloon, time_in_frame)",
     "load": "loads_of(t, state, group, balloon)",
     "gas_mass": "gas_masses_of(t, working, group, balloon)",
+    "way": "ways_of(t, working, group)",
     "forces": "t.forces[group]",
     "origin": "of_particle({points}, t.places, volume_origin(tables, balloon))",
 }
@@ -47,7 +47,7 @@ COUNTS: Mapping[Item, str] = {
     "face": "tables.faces.balloon.shape[0]",
 }  # fmt: skip
 """how many items a world has that are gone through one by one"""
-HANDLES = ("t", "tables", "state", "working", "solids", "frames", "group", "substep", "time_in_frame", "time", "end")
+HANDLES = ("t", "tables", "state", "working", "solids", "group", "substep", "time_in_frame", "time", "end")
 SAME = {"state", "working", "time_in_frame", "time", "end"}
 """what a phase for one is handed as it is"""
 MOVERS: set[Item] = {"sphere", "world", "balloon", "team"}
@@ -94,7 +94,7 @@ class _Writer(Writer):
         states = {view: "Seen" if view in self.seen else "Lanes3" for view in STATE.values()}
         may_be = {
             "t": "LaneTables", "tables": "Tables", "first_group": "wp.int32", "state": "WorldState", "working": "Working",
-            "solids": "Solids", "frames": "Frames",
+            "solids": "Solids",
             **{f"all_{view}": f"wp.array2d[{kind}]" for view, kind in states.items()},
             **{f"other_{view}": f"wp.array2d[{kind}]" for view, kind in states.items()},
             **{
@@ -124,7 +124,7 @@ class _Writer(Writer):
         step, free = self.step, self.step.traits.frames == "free"
         self.line("group = first_group + wp.tid()")
         if free:
-            self.line("if not any_free(t, frames, group):")
+            self.line("if not any_free(t, working, group):")
             self.line("    return")
         for view in STATE.values():
             self.line(f"{view} = all_{view}[group]")
@@ -140,9 +140,7 @@ class _Writer(Writer):
                 with self._deeper(int(once)):
                     for piece in pieces:
                         self._piece(piece)
-        if free:
-            self.line("note_hurried_worlds(t, frames, group)")
-        self.line(f"write_frame(t, state, working, frames, group, {self.bound('points')}, {self.bound('velocities')})")
+        self.line(f"write_frame(t, state, working, group, {self.bound('points')}, {self.bound('velocities')})")
 
     def _begin_substep(self) -> None:
         self.line("time_in_frame = float(substep) * t.step_seconds")
@@ -172,14 +170,14 @@ class _Writer(Writer):
         known, single = set(self.known), set(self.single)
         wide = piece.phases[0].takes_eight(self.step.traits, self.step.look)
         self._show_solids(piece)
-        if piece.sums:
+        if piece.phases[-1].sums:
             self._sum(piece)
         elif piece.item in ("particle", "quad") or (piece.item == "face" and wide):
             self._items(piece.item, lambda: (self.calls(piece.phases), self._leave(piece)))
         elif piece.item in COUNTS:
             self._singles(piece)
         else:
-            self._each_world(lambda: self._worlds(piece.phases))
+            self._each_world(lambda: self._worlds(piece))
         self.known, self.single = known, single
         for view in self.flips:
             self.flips[view] += self._flips(piece, view)
@@ -222,49 +220,34 @@ class _Writer(Writer):
 
     def _leave(self, piece: Piece) -> None:
         """Write what an item has found to where it is kept."""
-        if self.step.traits.frames == "free" and "point" in piece.moves:
-            self.line(f"note_speed(t, frames, group, of_item({self.bound('points')}, {self.item}), point)")
         for name in piece.moves:
             view = STATE[name]
             target = self._place(view, self.flips[view] + self._flips(piece, view))
             self.line(f"put_item({target}, {self.item}, {name})")
         for name in piece.leaves:
+            if self.step.owner(name) == "balloon":
+                continue
             if name in self.seen:
                 self.line(f"put_item(all_{name}[group], {self.item}, {name})")
             else:
                 self.line(f"all_{name}[group, {self.item}] = {name}")
 
     def _sum(self, piece: Piece) -> None:
-        """Write what a balloon's items add up, and what comes of it in each world."""
-        phase, *others = piece.phases
+        """Write what a balloon's items find, and what they add up."""
+        *others, phase = piece.phases
         (value,) = phase.writes
 
         def add() -> None:
+            self.calls(others)
             self.calls((phase,))
-            there = "" if piece.item != "particle" or self.layout.worlds else f", t.present[{self.item}]"
-            self.line(f"{value}_total += {f'scaled({value}{there})' if there else value}")
+            pads = piece.item == "particle" and not self.layout.worlds
+            self.line(f"{value}_total += {f'scaled({value}, t.present[item])' if pads else value}")
+            self._leave(piece)
 
-        def go_on() -> None:
-            self.line(f"{value} = totals_of({value}_total)")
-            self.known.add(value)
-            if value in piece.leaves:
-                self.line(f"all_{value}[group, balloon] = {value}")
-            if others:
-                self._each_world(lambda: self.calls(others))
-                self._leave_of_world([name for name in piece.leaves if name != value])
+        def end() -> None:
+            self.line(f"all_{value}[group, balloon] = totals_of({value}_total)")
 
-        self._items(piece.item, add, f"{value}_total = {value}_lanes()", go_on)
-
-    def _leave_of_world(self, names: list[str]) -> None:
-        """Write what a balloon of a world has found to where it is kept."""
-        with self._deeper():
-            for name in names:
-                kept = f"all_{name}[group, balloon]"
-                if self.layout.worlds:
-                    self.line(f"{kept} = set_lane({kept}, place, {name})")
-                else:
-                    self.line("for lane in range(LANE_COUNT):")
-                    self.line(f"    {kept} = set_lane({kept}, lane, {name})")
+        self._items(piece.item, add, f"{value}_total = {value}_lanes()", end)
 
     def _singles(self, piece: Piece) -> None:
         """Write a loop over items that are gone through one by one, in each world."""
@@ -288,13 +271,26 @@ class _Writer(Writer):
             body()
         self.lane, self.single = "lane", single
 
-    def _worlds(self, phases: tuple[Phase, ...]) -> None:
+    def _worlds(self, piece: Piece) -> None:
         """Write what is done for a world, balloon by balloon."""
-        for of_balloon, some in groupby(phases, key=lambda phase: phase.item == "balloon"):
+        for of_balloon, some in groupby(piece.phases, key=lambda phase: phase.item == "balloon"):
+            phases, single = tuple(some), set(self.single)
             if of_balloon:
                 self.line("for balloon in range(tables.inflation_kind.shape[0]):")
             with self._deeper(int(of_balloon)):
-                self.calls(some)
+                self.calls(phases)
+                for name in [name for phase in phases for name in phase.writes if name in piece.leaves]:
+                    self._leave_of_world(name)
+            self.single = single
+
+    def _leave_of_world(self, name: str) -> None:
+        """Write what a balloon of a world has found to where it is kept, for all lanes that hold the world."""
+        kept = f"all_{name}[group, balloon]"
+        if self.layout.worlds:
+            self.line(f"{kept} = set_lane({kept}, place, {name})")
+        else:
+            self.line("for lane in range(LANE_COUNT):")
+            self.line(f"    {kept} = set_lane({kept}, lane, {name})")
 
     # ---- a phase
 
@@ -364,10 +360,15 @@ class _Writer(Writer):
     def _of_one(self, name: str) -> str:
         """Return the text that finds what a phase for one reads."""
         lane = self.lane
+        light = next((phase for phase in self.step.light if name in phase.writes and phase.item == "balloon"), None)
+        if light and name not in self.single:
+            self.line(f"{name} = {self._call_of_one(light)}")
+            self.single.add(name)
         if name in self.single or name in SAME or name == "balloon":
             return name
         texts = {
-            "t": "tables", "thread": "0", "own": f"own_of_one(t, own, {lane})",
+            "t": "tables", "thread": "0",
+            "numbers": f"t.rows[group, {lane}, balloon]", "own": f"own_of_one(t, own, {lane})",
             "world": f"world_in_lane(group, {lane}, t.world_count)", "particle": f"particle_in_lane(t, item, {lane})",
         }  # fmt: skip
         if name == "own":
@@ -430,8 +431,8 @@ class _Writer(Writer):
         own_of, own_of_quad, own_of_one = own_functions_of(traits.columns.places["mass"], layout)
         types = written_types(step) | {name: kind for phase in step.light for name, kind in phase.writes.items()}
         return {
-            **self.scope(phases), **balloon_functions(layout), **free_functions(layout),
-            "LaneTables": structs.tables, "Solids": Solids, "Frames": Frames, "Seen": layout.vector,
+            **self.scope(phases), **balloon_functions(layout),
+            "LaneTables": structs.tables, "Solids": Solids, "Seen": layout.vector,
             "Lanes3": IN_LANES[types["point"]] if "point" in types else None, "LANE_COUNT": LANE_COUNT,
             "read_frame": read_frame, "write_frame": write_frame, "show_solids": showing_function(traits, layout),
             "own_of": own_of, "own_of_quad": own_of_quad, "own_of_one": own_of_one,

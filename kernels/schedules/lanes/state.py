@@ -7,12 +7,12 @@ import warp as wp
 
 from balloon_warp.kernels.algebra import Lanes, Lanes2, Lanes3, of_lane, set_lane, times
 from balloon_warp.kernels.clock import ramp_at
+from balloon_warp.kernels.contact.free_frames import FREE
 from balloon_warp.kernels.fixed_point import set_quanta, total_newtons
 from balloon_warp.kernels.loops.near_solids import Solids, solid_function
 from balloon_warp.kernels.memory import two_in
-from balloon_warp.kernels.schedules.free_frames import FREE
 from balloon_warp.kernels.schedules.lanes.layouts import Layout, of_item, places_of, put_item
-from balloon_warp.kernels.schedules.lanes.tables import Frames, lane_structs
+from balloon_warp.kernels.schedules.lanes.tables import lane_structs
 from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.working import Working
@@ -66,7 +66,6 @@ def frame_functions(traits: Traits, layout: Layout) -> tuple[Any, Any]:
         t: LaneTables,
         state: WorldState,
         working: Working,
-        frames: Frames,
         group: wp.int32,
         points: Any,
         velocities: Any,
@@ -83,7 +82,7 @@ def frame_functions(traits: Traits, layout: Layout) -> tuple[Any, Any]:
                 world = places.world(group, lane, t.world_count)
                 ends = places.is_there(t, group, item, lane)
                 if wp.static(traits.frames == "free"):
-                    ends = ends and frames.free.verdicts[world] == FREE
+                    ends = ends and working.verdicts[world] == FREE
                 if ends:
                     particle = places.particle(t, item, lane)
                     state.points[world, particle] = of_lane(point, lane)
@@ -122,7 +121,29 @@ def balloon_functions(layout: Layout) -> dict[str, Any]:
             masses[lane] = working.gas_masses[places.world(group, lane, t.world_count), balloon]
         return masses
 
-    return {"ramps_of": ramps_of, "loads_of": loads_of, "gas_masses_of": gas_masses_of}
+    @wp.func
+    def ways_of(t: LaneTables, working: Working, group: wp.int32):
+        """How far particles may go in a free frame [m]."""
+        ways = Lanes()
+        for lane in range(t.lane_count):
+            ways[lane] = working.ways[places.world(group, lane, t.world_count)]
+        return ways
+
+    @wp.func
+    def any_free(t: LaneTables, working: Working, group: wp.int32):
+        """Whether any world of a group has a free frame."""
+        found = bool(False)
+        for lane in range(t.lane_count):
+            found = found or working.verdicts[places.world(group, lane, t.world_count)] == FREE
+        return found
+
+    return {
+        "ways_of": ways_of,
+        "any_free": any_free,
+        "ramps_of": ramps_of,
+        "loads_of": loads_of,
+        "gas_masses_of": gas_masses_of,
+    }
 
 
 @cache

@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from balloon_warp.kernels.algebra import Lanes
-from balloon_warp.kernels.schedules.free_frames import FreeFrames
 from balloon_warp.kernels.schedules.lanes.layouts import Layout
 from balloon_warp.kernels.tables import Tables
 
@@ -72,6 +71,7 @@ def lane_structs(layout: Layout) -> LaneStructs:
         world_count: wp.int32
         up: wp.vec3
         step_seconds: float
+        substeps: wp.int32
         lane_count: wp.int32  # 8, as a number that no loop is unrolled for
         item_offsets: wp.array[wp.int32]
         """where each balloon's items begin, and after the last, where they end"""
@@ -138,12 +138,3 @@ def lane_structs(layout: Layout) -> LaneStructs:
         n: wp.array[float]
 
     return LaneStructs(LaneTables, LaneOwn, OneOwn)
-
-
-@wp.struct
-class Frames:
-    """Which worlds have a free frame, see `free_frames`; empty unless balloons touch."""
-
-    free: FreeFrames
-    fastest: wp.array[Lanes]
-    """square of the highest speed so far in each lane of each group [m^2/s^2]"""

@@ -7,7 +7,7 @@ import warp as wp
 
 from balloon_warp.kernels.loops.net_force import Loops, scalar_loops
 from balloon_warp.kernels.loops.obstacles import sphere_in_state
-from balloon_warp.kernels.memory import add_at, put_at, vector_at
+from balloon_warp.kernels.memory import vector_at
 from balloon_warp.kernels.phase import Look
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
@@ -43,9 +43,7 @@ def summed_loops(traits: Traits) -> Loops:
     return scalar_loops(traits, vector_at, summed_force, summed_area_vector)._replace(others=None)
 
 
-GATHERED = Look(vector_at, sphere_in_state, gathering_loops, put=put_at)
+GATHERED = Look(vector_at, sphere_in_state, gathering_loops)
 """a particle goes through what acts on it"""
-SUMMED = Look(
-    vector_at, sphere_in_state, summed_loops, lambda traits: not (traits.in_water or traits.bursts), put_at, add_at
-)
+SUMMED = Look(vector_at, sphere_in_state, summed_loops, lambda traits: not (traits.in_water or traits.bursts))
 """others have added that up"""

@@ -22,6 +22,7 @@ NAMES: Mapping[str, tuple[str, str]] = {
     "end": ("", "end_of_step(t, state.frame, time_in_frame)"),
     "points": ("", "all_points[world]"),
     "velocities": ("", "all_velocities[world]"),
+    "numbers": ("", "read_numbers(t, world, balloon)"),
 }
 """how a piece finds what phases name: what that takes itself, and the text"""
 OF_PARTICLE: Mapping[str, tuple[str, str]] = {
@@ -111,6 +112,9 @@ class _Writer(Writer):
 
     def _begin(self, indices: str) -> None:
         self.line(f"{indices} = wp.tid()")
+        if self.step.traits.frames == "busy":
+            self.line("if working.verdicts[world] == 0:")
+            self.line("    return")
         self.known |= set(indices.split(", "))
 
     def found(self, name: str) -> tuple[str, str] | None:

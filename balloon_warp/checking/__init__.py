@@ -1,0 +1,5 @@
+"""Checks of written stages: does anything cross anything?"""
+
+from balloon_warp.checking.check import CheckReport, Crossing, check_stage
+
+__all__ = ["CheckReport", "Crossing", "check_stage"]

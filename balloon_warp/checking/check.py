@@ -1,0 +1,144 @@
+"""A check of a stage for what crosses, frame by frame."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import warp as wp
+from pxr import Usd, UsdGeom
+
+from balloon_warp.checking.moments import Checker, Met
+from balloon_warp.checking.things import Surface, things_of
+from balloon_warp.device import pick_device
+from balloon_warp.errors import InputError
+from balloon_warp.files import file_behind
+from balloon_warp.mesh.usd_stage import open_stage
+from balloon_warp.outputs.render.timing import timing_of
+from balloon_warp.outputs.usd import STAGE_SUFFIXES
+from balloon_warp.shown import Shown, described
+from balloon_warp.suggestions import did_you_mean_file
+
+THICKNESS = 0.05
+"""of a balloon's skin, over its mean edge: as deep as that it may be in what is firm; see `[touch]`"""
+BLURS = 10.0
+"""of what rounding makes of places: balloons that are less deep in each other only touch"""
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """Two things that are in each other at a frame, and where that is worst."""
+
+    frame: int
+    first: str
+    """such as "balloon ball"; of parts of one balloon both are the same"""
+    second: str
+    place: tuple[float, float, float]
+    """where they are deepest in each other [m]"""
+    depth: float
+    """how far a face is from being free of the other thing, along its normal [m]"""
+
+    def __str__(self) -> str:
+        place = ", ".join(f"{number:.4g}" for number in self.place)
+        other = "itself" if self.first == self.second else self.second
+        return f"frame {self.frame}: {self.first} is {self.depth:.3g} m deep in {other} at ({place})"
+
+
+@described
+@dataclass(frozen=True, repr=False)
+class CheckReport(Shown):
+    """What a check has found."""
+
+    stage: str
+    frames: int
+    """how many were looked at"""
+    things: tuple[str, ...]
+    """that were looked at"""
+    triangles: int
+    within: float
+    """how deep balloons may be in firm things [m]"""
+    crossings: tuple[Crossing, ...]
+    """of each frame and each pair of things, by frame"""
+
+    @property
+    def passed(self) -> bool:
+        """whether nothing crosses"""
+        return not self.crossings
+
+
+def check_stage(
+    path: str | Path,
+    *,
+    frames: tuple[int | None, int | None] | None = None,
+    within: float | None = None,
+    device: str | wp.Device | None = None,
+    on_frame: Callable[[int, int], None] | None = None,
+) -> CheckReport:
+    """Check a stage for things that are in each other: balloons, parts of a balloon, obstacles, bodies, spheres, the
+    ground.
+
+    Args:
+        path: any file that USD opens. What changes its shape counts as a balloon.
+        frames: the first and the last to look at; all if not given.
+        within: how deep a balloon may be in what is firm [m]; a twentieth of its mean edge if not given.
+        device: that looks, such as "cpu".
+        on_frame: is told how many frames are done, and of how many.
+
+    Raises:
+        InputError: the stage cannot be read, or has nothing that could cross.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; expected a USD stage{did_you_mean_file(path, STAGE_SUFFIXES)}")
+    if within is not None and not 0.0 <= within < np.inf:
+        raise InputError(f"within: {within:g}; expected a length of 0 m or more")
+    stage, first, last, _rate = timing_of(open_stage(file_behind(path)), path)
+    numbers = _chosen(path, range(first, last + 1), frames)
+    unit = UsdGeom.GetStageMetersPerUnit(stage)
+    things = things_of(stage, [Usd.TimeCode(number) for number in numbers])
+    if len(things) < 2 and not any(isinstance(each, Surface) for each in things):
+        raise InputError(f"{path}: has nothing that could cross; expected meshes, spheres or capsules")
+    checker = Checker(things, unit, pick_device(device))
+    allowed = within if within is not None else _thickness(checker, Usd.TimeCode(numbers[0]), unit)
+    found: list[Crossing] = []
+    for done, number in enumerate(numbers):
+        met = checker.look(Usd.TimeCode(number))
+        found += [_crossing(number, each) for each in met if each.depth > _allowed(each, allowed, checker.blur)]
+        if on_frame:
+            on_frame(done + 1, len(numbers))
+    return CheckReport(
+        str(path), len(numbers), tuple(thing.said for thing in things), checker.triangle_count, allowed, tuple(found)
+    )
+
+
+def _chosen(path: Path, known: range, frames: tuple[int | None, int | None] | None) -> range:
+    """Those of the known frames that are asked for."""
+    first, last = frames or (None, None)
+    begin = known.start if first is None else first
+    end = known[-1] if last is None else last
+    if begin not in known or end not in known or begin > end:
+        span = f"{known.start} to {known[-1]}"
+        raise InputError(f"{path}: has frames {span}; expected a part of these (got {begin}:{end})")
+    return range(begin, end + 1)
+
+
+def _thickness(checker: Checker, time: Usd.TimeCode, unit: float) -> float:
+    """A twentieth of the mean edge of all balloons [m]; 0 without any."""
+    lengths = [np.zeros(0)]
+    for surface in checker.surfaces:
+        if surface.soft:
+            corners = surface.at(time, unit)[surface.triangles]
+            lengths += [np.linalg.norm(corners[:, end] - corners[:, end - 1], axis=1) for end in range(3)]
+    edges = np.concatenate(lengths)
+    return THICKNESS * float(edges.mean()) if len(edges) else 0.0
+
+
+def _allowed(met: Met, thickness: float, blur: float) -> float:
+    """How deep two things may be in each other [m]."""
+    balloons = [each.kind == "balloon" for each in (met.first, met.second)]
+    return BLURS * blur if all(balloons) else max(thickness, blur)
+
+
+def _crossing(frame: int, met: Met) -> Crossing:
+    x, y, z = met.place.tolist()
+    return Crossing(frame, met.first.said, met.second.said, (x, y, z), met.depth)

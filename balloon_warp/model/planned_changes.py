@@ -1,0 +1,49 @@
+"""The changes that a scene has planned, while a model is simulated."""
+
+from collections import deque
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+
+from numpy.typing import NDArray
+
+from balloon_warp.model.model import Model
+from balloon_warp.model.timeline import DueChange
+
+
+class PlannedChanges:
+    """The changes that are still to come, in order."""
+
+    def __init__(self, changes: Iterable[DueChange]):
+        self._ahead = deque(changes)
+
+    def __iter__(self) -> Iterator[DueChange]:
+        return iter(self._ahead)
+
+    def are_due(self, frame: int) -> bool:
+        """Whether one is to be made at the start of a frame."""
+        return bool(self._ahead) and self._ahead[0].frame <= frame
+
+    def due(self, frame: int) -> Iterator[DueChange]:
+        """Take those that are to be made at the start of a frame, one after the other."""
+        while self.are_due(frame):
+            yield self._ahead.popleft()
+
+    def clear(self) -> None:
+        """Forget them all."""
+        self._ahead.clear()
+
+
+def changed_parameters(change: DueChange, model: Model) -> dict[str, NDArray]:
+    """Find a model's parameters that change, with the rows that they have from then on."""
+    changed = {name: model.parameters[name].numpy().copy() for name in change.values}
+    for name, rows in changed.items():
+        change.apply(name, rows)
+    return changed
+
+
+def with_changed_methods(change: DueChange, model: Model) -> Model:
+    """Return a model with the methods that change."""
+    methods = {name: getattr(change.scene, name) for name in change.methods}
+    asked = methods.get("substeps", "auto")
+    substeps = model.substeps if asked == "auto" else asked
+    return replace(model, scene=model.scene.model_copy(update=methods), substeps=substeps)

@@ -1,0 +1,44 @@
+"""What a simulator saves of itself: the arrays of its state, and what somebody set on the way."""
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.model import State
+
+CHANGES = "set"
+"""the name, among what is saved, of what was set: JSON, pairs of a frame and the values by their paths"""
+
+
+def packed(state: State, changes: Sequence[tuple[int, Mapping[str, Any]]]) -> dict[str, NDArray]:
+    """Copy a state to the host, with what was set until then.
+
+    Args:
+        changes: pairs of a frame and the values by their paths.
+    """
+    arrays = {name: np.array(array.numpy()) for name, array in vars(state).items()}
+    if changes:
+        arrays[CHANGES] = np.array(json.dumps(changes))
+    return arrays
+
+
+def saved_changes(saved: Mapping[str, NDArray]) -> list[tuple[int, dict[str, Any]]]:
+    """Find what had been set when a simulator was saved, in order."""
+    return json.loads(str(saved[CHANGES])) if CHANGES in saved else []
+
+
+def fill_state(state: State, saved: Mapping[str, NDArray]) -> None:
+    """Fill a state with the arrays that were saved of one like it."""
+    for name, array in vars(state).items():
+        if array.size:  # what the scene does not have may not be among what was saved
+            array.assign(saved[name])
+
+
+def plain_values(changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Copy values that are set by their paths, NumPy's as those that JSON has."""
+    return {
+        path: value.tolist() if isinstance(value, np.ndarray | np.generic) else value for path, value in changes.items()
+    }

@@ -1,0 +1,156 @@
+"""Which triangles of a moment cross, and how deep."""
+
+import warp as wp
+
+from balloon_warp.kernels.measure.gaps import Corners, depth_of_round, normal_of, spread, triangles_cross
+from balloon_warp.kernels.options import OPTIONS
+
+wp.set_module_options(OPTIONS)
+
+DOUBLINGS = wp.constant(24)
+"""of the way that a face is moved until it is free"""
+HALVINGS = wp.constant(8)
+"""of the interval that the way is then known to"""
+
+
+@wp.struct
+class Things:
+    """The surfaces of all things at a moment, as triangles."""
+
+    tree: wp.uint64
+    """of the boxes around triangles"""
+    points: wp.array[wp.vec3d]
+    """[m]"""
+    triangles: wp.array[wp.vec3i]
+    vertices: wp.array[wp.int32]
+    """of each point the first that is always at its place"""
+    owners: wp.array[wp.int32]
+    """the thing that each triangle is part of"""
+    groups: wp.array[wp.int32]
+    """of each thing: those of a group do not meet"""
+    soft: wp.array[wp.int32]
+    """whether each thing changes its shape, and so meets itself"""
+    pad: float
+    """of boxes, for what float32 rounds away [m]"""
+
+
+@wp.func
+def corners_of(things: Things, triangle: wp.int32):
+    """Where a triangle is."""
+    ends = things.triangles[triangle]
+    return wp.matrix_from_rows(things.points[ends[0]], things.points[ends[1]], things.points[ends[2]])
+
+
+@wp.func
+def may_cross(things: Things, first: wp.int32, second: wp.int32):
+    """Whether two triangles should not cross: of things that meet, without a corner of both."""
+    own = things.owners[first]
+    other = things.owners[second]
+    if own != other:
+        return things.groups[own] != things.groups[other]
+    meets = things.soft[own] != 0
+    for end in range(3):
+        for far in range(3):
+            here = things.vertices[things.triangles[first][end]]
+            meets = meets and here != things.vertices[things.triangles[second][far]]
+    return meets
+
+
+@wp.kernel
+def find_boxes(things: Things, lowers: wp.array[wp.vec3], uppers: wp.array[wp.vec3]):
+    """A thread a triangle: the box around it."""
+    i = wp.tid()
+    lower, upper = spread(corners_of(things, i), things.pad)
+    lowers[i] = lower
+    uppers[i] = upper
+
+
+@wp.kernel
+def find_crossings(things: Things, count: wp.array[wp.int32], pairs: wp.array[wp.vec2i]):
+    """A thread a triangle: those of higher numbers that it crosses."""
+    i = wp.tid()
+    mine = corners_of(things, i)
+    lower, upper = spread(mine, things.pad)
+    query = wp.bvh_query_aabb(things.tree, lower, upper)
+    j = wp.int32(0)
+    while wp.bvh_query_next(query, j):
+        if j > i and may_cross(things, i, j):
+            crosses, _place = triangles_cross(mine, corners_of(things, j))
+            if crosses:
+                slot = wp.atomic_add(count, 0, 1)
+                if slot < pairs.shape[0]:
+                    pairs[slot] = wp.vec2i(i, j)
+
+
+@wp.func
+def is_free(things: Things, face: wp.int32, other: wp.int32, moved: wp.vec3d):
+    """Whether a face that is moved crosses nothing of a thing."""
+    mine = corners_of(things, face)
+    for corner in range(3):
+        mine[corner] = mine[corner] + moved
+    lower, upper = spread(mine, things.pad)
+    query = wp.bvh_query_aabb(things.tree, lower, upper)
+    j = wp.int32(0)
+    free = wp.bool(True)
+    while wp.bvh_query_next(query, j):
+        if free and things.owners[j] == other and j != face and may_cross(things, face, j):
+            crosses, _place = triangles_cross(mine, corners_of(things, j))
+            free = not crosses
+    return free
+
+
+@wp.func
+def way_out(things: Things, face: wp.int32, other: wp.int32, outward: wp.vec3d, least: wp.float64):
+    """How far a face has to be moved to be free of a thing [m]."""
+    most = wp.float64(least)
+    doubling = wp.int32(0)
+    while doubling < DOUBLINGS and not is_free(things, face, other, most * outward):
+        most = wp.float64(2.0) * most
+        doubling += 1
+    low = wp.where(doubling > 0, wp.float64(0.5) * most, wp.float64(0.0))
+    for _ in range(HALVINGS):
+        middle = wp.float64(0.5) * (low + most)
+        if is_free(things, face, other, middle * outward):
+            most = middle
+        else:
+            low = middle
+    return most
+
+
+@wp.kernel
+def measure_crossings(
+    things: Things,
+    pairs: wp.array[wp.vec2i],
+    least: wp.float64,
+    depths: wp.array[wp.float64],
+    places: wp.array[wp.vec3d],
+):
+    """A thread a crossing: how far one of its faces, along its normal, is from being free of the other thing."""
+    i = wp.tid()
+    face = pairs[i][0]
+    far = pairs[i][1]
+    _crosses, place = triangles_cross(corners_of(things, face), corners_of(things, far))
+    if things.soft[things.owners[face]] == 0:
+        face, far = far, face
+    outward = wp.normalize(normal_of(corners_of(things, face)))
+    other = things.owners[far]
+    depths[i] = wp.min(way_out(things, face, other, outward, least), way_out(things, face, other, -outward, least))
+    places[i] = place
+
+
+@wp.kernel
+def measure_rounds(
+    things: Things,
+    begins: wp.array[wp.vec3d],
+    ends: wp.array[wp.vec3d],
+    radii: wp.array[wp.float64],
+    groups: wp.array[wp.int32],
+    depths: wp.array2d[wp.float64],
+):
+    """A thread a triangle and a capsule: how deep one is in the other; negative where they are apart."""
+    i, k = wp.tid()
+    depth = wp.float64(-1.0)
+    if groups[k] != things.groups[things.owners[i]]:
+        tri = Corners(corners_of(things, i))
+        depth = depth_of_round(begins[k], ends[k], radii[k], tri)
+    depths[i, k] = depth

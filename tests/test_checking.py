@@ -1,0 +1,213 @@
+"""That a check of a stage finds what crosses, how deep, and nothing else."""
+
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from pxr import Gf, Usd, UsdGeom
+
+from balloon_warp import InputError, check_stage
+from balloon_warp.job import animate
+from balloon_warp.mesh.usd_stage import SCENERY
+from balloon_warp.scene import Scene
+
+BALL = trimesh.creation.icosphere(subdivisions=3, radius=0.5)
+EDGE = float(BALL.edges_unique_length.mean())
+FRAMES = 3
+
+
+class Stage:
+    """A stage of three frames."""
+
+    def __init__(self, path: Path):
+        self.path = path
+        self._stage = Usd.Stage.CreateNew(str(path))
+        UsdGeom.SetStageMetersPerUnit(self._stage, 1.0)
+        UsdGeom.SetStageUpAxis(self._stage, UsdGeom.Tokens.y)
+        self._stage.SetTimeCodesPerSecond(24.0)
+        self._stage.SetStartTimeCode(0)
+        self._stage.SetEndTimeCode(FRAMES - 1)
+
+    def balloon(self, name: str, mesh: trimesh.Trimesh, *way: Sequence[float]) -> "Stage":
+        """A mesh that changes its shape, along a way: a shift at each frame."""
+        prim = self.obstacle(name, mesh, under="/World")
+        for frame in range(FRAMES):
+            shift = np.array(way[min(frame, len(way) - 1)])
+            prim.GetPointsAttr().Set((mesh.vertices + shift).astype(np.float32), frame)
+        return self
+
+    def obstacle(self, name: str, mesh: trimesh.Trimesh, under: str = "/World/Obstacles") -> Any:
+        prim = UsdGeom.Mesh.Define(self._stage, f"{under}/{name}")
+        prim.CreatePointsAttr(np.asarray(mesh.vertices, np.float32))
+        prim.CreateFaceVertexCountsAttr([3] * len(mesh.faces))
+        prim.CreateFaceVertexIndicesAttr(mesh.faces.ravel().tolist())
+        return prim
+
+    def sphere(self, radius: float, center: Sequence[float]) -> "Stage":
+        prim = UsdGeom.Sphere.Define(self._stage, "/World/Spheres/Sphere_0")
+        prim.CreateRadiusAttr(radius)
+        prim.AddTranslateOp().Set(Gf.Vec3d(*center))
+        return self
+
+    def capsule(self, radius: float, length: float, center: Sequence[float]) -> "Stage":
+        prim = UsdGeom.Capsule.Define(self._stage, "/World/Obstacles/capsule")
+        prim.CreateAxisAttr("Z")
+        prim.CreateRadiusAttr(radius)
+        prim.CreateHeightAttr(length)
+        prim.AddTranslateOp().Set(Gf.Vec3d(*center))
+        return self
+
+    def ground(self, height: float) -> "Stage":
+        corners = [(-9.0, height, 9.0), (9.0, height, 9.0), (9.0, height, -9.0), (-9.0, height, -9.0)]
+        mesh = trimesh.Trimesh(corners, [(0, 1, 2), (0, 2, 3)], process=False)
+        self.obstacle("Ground", mesh, under="/World").GetPrim().SetCustomDataByKey(SCENERY, "Ground")
+        return self
+
+    def save(self) -> Path:
+        self._stage.GetRootLayer().Save()
+        return self.path
+
+
+@pytest.fixture
+def stage(tmp_path: Path) -> Stage:
+    return Stage(tmp_path / "stage.usda")
+
+
+def test_what_is_apart_passes(stage: Stage) -> None:
+    stage.balloon("one", BALL, (0, 0, 0)).balloon("two", BALL, (1.01, 0, 0)).sphere(0.1, (0, 0.61, 0)).ground(-0.5)
+    report = check_stage(stage.save())
+    assert report.passed
+    assert (report.frames, len(report.things)) == (FRAMES, 4)
+
+
+def test_balloons_that_cross_are_found_at_their_frame(stage: Stage) -> None:
+    stage.balloon("one", BALL, (0, 0, 0)).balloon("two", BALL, (1.01, 0, 0), (0.97, 0, 0), (1.01, 0, 0))
+    (crossing,) = check_stage(stage.save()).crossings
+    assert (crossing.frame, crossing.first, crossing.second) == (1, "balloon one", "balloon two")
+    assert 0.005 < crossing.depth < 0.031
+    np.testing.assert_allclose(crossing.place, (0.485, 0.0, 0.0), atol=0.13)
+
+
+def test_parts_of_a_balloon_that_cross_are_found(stage: Stage) -> None:
+    double = BALL + BALL.copy().apply_translation((0.9, 0, 0))
+    stage.balloon("ball", double, (0, 0, 0))
+    crossings = check_stage(stage.save()).crossings
+    assert [crossing.frame for crossing in crossings] == list(range(FRAMES))
+    assert {crossing.second for crossing in crossings} == {"balloon ball"}
+    assert "itself" in str(crossings[0])
+
+
+@pytest.mark.parametrize("cells", [1, 40], ids=["coarse", "fine"])
+def test_a_sheet_is_as_deep_on_any_mesh(stage: Stage, cells: int) -> None:
+    """It stands on edge, its top 0.1 m in a ball."""
+    z, y = np.meshgrid(np.linspace(-1, 1, cells + 1), np.linspace(-2, -0.4, cells + 1))
+    number = np.arange((cells + 1) ** 2).reshape(cells + 1, -1)
+    corners = [number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]]
+    a, b, c, d = (each.ravel() for each in corners)
+    sheet = trimesh.Trimesh(
+        np.stack([np.full(z.size, 0.013), y.ravel(), z.ravel()], axis=1),
+        np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)]), process=False,
+    )  # fmt: skip
+    stage.obstacle("sheet", sheet)
+    stage.balloon("ball", BALL, (0, 0, 0))
+    deepest = max(crossing.depth for crossing in check_stage(stage.save()).crossings)
+    assert deepest == pytest.approx(0.1, rel=0.1)
+
+
+@pytest.mark.parametrize(("deep", "found"), [(0.15 * EDGE, True), (0.02 * EDGE, False)])
+def test_a_needle_in_a_face_is_found_beyond_the_thickness(stage: Stage, deep: float, found: bool) -> None:
+    """A sphere far smaller than a face."""
+    middle = BALL.triangles_center[0]
+    outward = BALL.face_normals[0]
+    radius = 0.2 * EDGE
+    stage.balloon("ball", BALL, (0, 0, 0)).sphere(radius, middle + (radius - deep) * outward)
+    crossings = check_stage(stage.save()).crossings
+    assert bool(crossings) == found
+    for crossing in crossings:
+        assert crossing.depth == pytest.approx(deep, rel=1e-3)
+
+
+def test_a_rod_is_found_between_particles(stage: Stage) -> None:
+    middle, outward = BALL.triangles_center[0], BALL.face_normals[0]
+    stage.balloon("ball", BALL, (0, 0, 0)).capsule(0.02, 0.001, middle + 0.002 * outward)
+    crossing = check_stage(stage.save()).crossings[0]
+    assert crossing.second == "obstacle capsule"
+    assert crossing.depth == pytest.approx(0.02, abs=0.003)
+
+
+def test_what_is_swallowed_is_found(stage: Stage) -> None:
+    """Nothing crosses a ball in the middle of a box, but it is in there."""
+    stage.obstacle("box", trimesh.creation.box((3.0, 3.0, 3.0)))
+    stage.balloon("ball", BALL, (0, 0, 0))
+    assert check_stage(stage.save()).crossings[0].depth == pytest.approx(1.5 - 0.5 / np.sqrt(3.0), abs=0.05)
+
+
+def test_a_room_swallows_nothing(stage: Stage) -> None:
+    room = trimesh.creation.box((3.0, 3.0, 3.0))
+    room.invert()
+    stage.obstacle("room", room)
+    stage.balloon("ball", BALL, (0, 0, 0))
+    assert check_stage(stage.save()).passed
+
+
+def test_the_ground_is_as_deep_as_it_is(stage: Stage) -> None:
+    stage.balloon("ball", BALL, (0, 0, 0)).ground(-0.4)
+    crossing = check_stage(stage.save()).crossings[0]
+    assert crossing.second == "the ground"
+    assert crossing.depth == pytest.approx(0.1, abs=1e-6)
+
+
+def test_a_run_passes_or_does_not(tmp_path: Path) -> None:
+    """Two balls that fly at each other, with and without contact."""
+    ball = {"mesh": str(_ball(tmp_path)), "mass": 0.05}
+    balls = [
+        {**ball, "name": name, "position": [x, 0, 0], "velocity": [speed, 0, 0]}
+        for name, x, speed in (("one", -0.6, 1.0), ("two", 0.6, -1.0))
+    ]
+    scene = {"balloon": balls, "gravity": 0.0, "frames": 24}
+    animate(Scene(**scene), tmp_path / "through.usda", device="cpu")
+    animate(Scene(**scene, touch={}), tmp_path / "apart.usda", device="cpu")
+    assert not check_stage(tmp_path / "through.usda").passed
+    report = check_stage(tmp_path / "apart.usda")
+    assert report.passed, report.crossings
+
+
+def _ball(folder: Path) -> Path:
+    path = folder / "ball.obj"
+    BALL.export(path)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"frames": (0, 9)}, "has frames 0 to 2; expected a part of these (got 0:9)"),
+        ({"within": -1.0}, "expected a length of 0 m or more"),
+    ],
+)
+def test_bad_input_gets_a_sentence(stage: Stage, given: dict[str, Any], said: str) -> None:
+    stage.balloon("ball", BALL, (0, 0, 0))
+    with pytest.raises(InputError, match=said.replace("(", r"\(").replace(")", r"\)")):
+        check_stage(stage.save(), **given)
+
+
+def test_an_empty_stage_gets_a_sentence(stage: Stage) -> None:
+    with pytest.raises(InputError, match="has nothing that could cross"):
+        check_stage(stage.save())
+    with pytest.raises(InputError, match="no such file"):
+        check_stage(stage.path.with_name("none.usda"))
+
+
+def test_the_command_says_where_and_ends_with_one(stage: Stage) -> None:
+    stage.balloon("one", BALL, (0, 0, 0)).balloon("two", BALL, (0.9, 0, 0))
+    path = stage.save()
+    words = [sys.executable, "-m", "balloon_warp", "check", str(path), "--device", "cpu"]
+    run = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert run.returncode == 1, run.stderr
+    assert "balloon one is" in run.stdout
+    assert "in balloon two at (" in run.stdout
