@@ -62,7 +62,7 @@ class LanesSchedule:
     @classmethod
     def step_of(cls, traits: Traits) -> Step:
         """The phases of a model, in pieces."""
-        return cut(phases_of(traits, SHARED), traits, LOOKS[cls.layout], sums_along=True)
+        return cut(phases_of(traits, SHARED), traits, LOOKS[cls.layout], sums_along=True, apart=("pull",))
 
     @classmethod
     def source_of(cls, traits: Traits) -> str:

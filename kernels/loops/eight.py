@@ -172,21 +172,30 @@ def loops_of_eight(traits: Traits, at: Any, take: Any, view_of: Any, own_of_one:
         return pull
 
     @wp.func
+    def pulls_one_by_one(
+        t: Any, points: Any, velocities: Any, own: Any, point: Lanes3, velocity: Lanes3, time: float
+    ):
+        """Of strings and faces [N]."""
+        pulls = Lanes3()
+        for lane in range(t.lane_count):
+            pull = pulls_on_one(
+                t, view_of(points, lane, t.places), view_of(velocities, lane, t.places), own_of_one(t, own, lane),
+                of_lane(point, lane), of_lane(velocity, lane), time,
+            )  # fmt: skip
+            pulls = set_lane(pulls, lane, pull)
+        return pulls
+
+    @wp.func
     def other_pulls(t: Any, points: Any, velocities: Any, own: Any, point: Lanes3, velocity: Lanes3, time: float):
         """Net force of strings, faces, and of what hinges and membranes have added up [N]; nothing of that is left."""
         force = Lanes3()
         if wp.static(bool(traits.membranes) or traits.has("hinge")):
             force += take(t, own)
-        if wp.static(sum_strings is not None or sum_faces is not None):
-            lanes = t.lane_count
-            if wp.static(sum_faces is None):
-                lanes = wp.where(t.held[own.number] > 0, lanes, 0)
-            for lane in range(lanes):
-                pull = pulls_on_one(
-                    t, view_of(points, lane, t.places), view_of(velocities, lane, t.places),
-                    own_of_one(t, own, lane), of_lane(point, lane), of_lane(velocity, lane), time,
-                )  # fmt: skip
-                force = set_lane(force, lane, of_lane(force, lane) + pull)
+        if wp.static(sum_faces is not None):
+            force += pulls_one_by_one(t, points, velocities, own, point, velocity, time)
+        elif wp.static(sum_strings is not None):
+            if t.held[own.number] > 0:
+                force += pulls_one_by_one(t, points, velocities, own, point, velocity, time)
         return force
 
     @wp.func
