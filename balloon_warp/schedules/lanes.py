@@ -48,15 +48,13 @@ class LanesSchedule:
             raise InputError(
                 f"--schedule {self.name}: runs on the CPU (got {model.device}); block is its like for a GPU"
             )
-        self.model, self._traits = model, model_traits(model)
-        self.busy = busy_worlds(model, self._traits, self.name) if self._traits.in_blocks else None
-        if self.busy:
-            self._traits = free_traits(self._traits)
+        self.model, self._traits, all_traits = model, traits_of(model), model_traits(model)
+        self.busy = busy_worlds(model, all_traits, self.name) if all_traits.in_blocks else None
         step = self.step_of(self._traits)
         self._kernel = kernel_of(step, self.layout)
-        self._tables = make_tables(model, self._traits)
+        self.tables = make_tables(model, self._traits)
         self._inputs = self._arguments(step)
-        self._health = HealthCheck(model, self._tables)
+        self._health = HealthCheck(model, self.tables)
         self._share_out(thread_count)
 
     @classmethod
@@ -65,13 +63,13 @@ class LanesSchedule:
         return cut(phases_of(traits, SHARED), traits, LOOKS[cls.layout], sums_along=True, apart=("pull",))
 
     @classmethod
-    def source_of(cls, traits: Traits) -> str:
+    def source_of(cls, model: Model) -> str:
         """The source of the kernel that a model gets."""
-        return source_of(cls.step_of(traits), cls.layout)
+        return source_of(cls.step_of(traits_of(model)), cls.layout)
 
     def _arguments(self, step: Step) -> dict[str, Any]:
         """What the kernel takes, by name, in order; None for what differs from launch to launch."""
-        t, solids = make_lane_tables(self.model, self._traits, self.layout, self._tables), Solids()
+        t, solids = make_lane_tables(self.model, self._traits, self.layout, self.tables), Solids()
         working, memory = Working(), allot_lanes(self.model, step, self.layout, Allocating(self.model.device))
         put_far_away(memory.of_kernel, self.layout)
         for struct, arrays in ((t, memory.of_tables), (solids, memory.solids), (working, memory.working)):
@@ -81,13 +79,7 @@ class LanesSchedule:
             for name in ("verdicts", "ways", "any_busy"):
                 setattr(working, name, getattr(self.busy.working, name))
         t.rows = rows_of(memory.of_tables["numbers"])
-        has = {
-            "t": t,
-            "tables": self._tables,
-            "working": working,
-            "solids": solids,
-            **memory.of_kernel,
-        }
+        has = {"t": t, "tables": self.tables, "working": working, "solids": solids, **memory.of_kernel}
         return {name: has.get(name) for name in arguments_of(step, self.layout)}
 
     def _share_out(self, thread_count: int | None) -> None:
@@ -106,8 +98,7 @@ class LanesSchedule:
             from balloon_warp.schedules.busy_worlds import BusyWorlds
 
             BusyWorlds.allot(model, traits, room)
-            traits = free_traits(traits)
-        allot_lanes(model, cls.step_of(traits), cls.layout, room)
+        allot_lanes(model, cls.step_of(traits_of(model)), cls.layout, room)
         look_arrays(model, room)
         return room.bytes // model.world_count
 
@@ -122,8 +113,8 @@ class LanesSchedule:
         if self.busy:
             self.busy.begin_loading(self.capturable)
         refresh_ramp(self.model, state)
-        weigh_air(self.model, self._traits, self._tables, state)
-        forget_looks(self._tables)
+        weigh_air(self.model, self._traits, self.tables, state)
+        forget_looks(self.tables)
         worlds = world_state(state)
         if self.busy:
             self.busy.find(state)
@@ -140,6 +131,12 @@ class LanesSchedule:
     def _advance_groups(self, worlds: Any, groups: np.ndarray) -> None:
         inputs = self._inputs | {"first_group": int(groups[0]), "state": worlds}
         launch(self._kernel, len(groups), list(inputs.values()), device=self.model.device)
+
+
+def traits_of(model: Model) -> Traits:
+    """What its kernel has to do: of worlds that may be busy, the free frames."""
+    traits = model_traits(model)
+    return free_traits(traits) if traits.in_blocks else traits
 
 
 def busy_worlds(model: Model, traits: Traits, schedule: str) -> Any:

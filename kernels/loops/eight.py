@@ -172,9 +172,7 @@ def loops_of_eight(traits: Traits, at: Any, take: Any, view_of: Any, own_of_one:
         return pull
 
     @wp.func
-    def pulls_one_by_one(
-        t: Any, points: Any, velocities: Any, own: Any, point: Lanes3, velocity: Lanes3, time: float
-    ):
+    def pulls_one_by_one(t: Any, points: Any, velocities: Any, own: Any, point: Lanes3, velocity: Lanes3, time: float):
         """Of strings and faces [N]."""
         pulls = Lanes3()
         for lane in range(t.lane_count):

@@ -57,7 +57,7 @@ MOVERS: set[Item] = {"sphere", "world", "balloon", "team"}
 class _Writer(Writer):
     """Write the source of a frame."""
 
-    aliases: ClassVar[Mapping[str, str]] = {"springs": "solids"}
+    aliases: ClassVar[Mapping[str, str]] = {"springs": "working"}
 
     def __init__(self, step: Step, layout: Layout):
         super().__init__(step, (*HANDLES, *STATE.values(), *(f"new_{view}" for view in STATE.values())))
@@ -66,8 +66,8 @@ class _Writer(Writer):
         """what the loop at hand counts"""
         self.lane = "lane"
         """and the one over lanes or worlds"""
-        self.single: set[str] = set()
-        """names that are bound for the world at hand alone"""
+        self.single: dict[str, str] = {}
+        """variables that hold names for the world at hand alone"""
         self.flips = dict.fromkeys(STATE.values(), 0)
         """how often what particles keep has gone from one place to the other in this substep"""
         self.shown = False
@@ -167,7 +167,7 @@ class _Writer(Writer):
     # ---- a piece
 
     def _piece(self, piece: Piece) -> None:
-        known, single = set(self.known), set(self.single)
+        known, single = set(self.known), dict(self.single)
         wide = piece.phases[0].takes_eight(self.step.traits, self.step.look)
         self._show_solids(piece)
         if piece.phases[-1].sums:
@@ -257,24 +257,24 @@ class _Writer(Writer):
         with self._deeper(int(kind == "spring")):
             self.line(f"for {kind} in range({COUNTS[kind]}):")
             self.known.add(kind)
-            self.single.add(kind)
+            self.single[kind] = kind
             with self._deeper():
                 self._each_world(lambda: self.calls(piece.phases))
 
     def _each_world(self, body: Callable[[], Any]) -> None:
         """Write a loop over a group's worlds."""
         self.line("for place in range(worlds_of(group, t.world_count)):")
-        self.lane, single = "place", set(self.single)
+        self.lane, single = "place", dict(self.single)
         with self._deeper():
             self.line("world = first_world(group) + place")
-            self.single |= {"world", "balloon"}
+            self.single |= {"world": "world", "balloon": "balloon"}
             body()
         self.lane, self.single = "lane", single
 
     def _worlds(self, piece: Piece) -> None:
         """Write what is done for a world, balloon by balloon."""
         for of_balloon, some in groupby(piece.phases, key=lambda phase: phase.item == "balloon"):
-            phases, single = tuple(some), set(self.single)
+            phases, single = tuple(some), dict(self.single)
             if of_balloon:
                 self.line("for balloon in range(tables.inflation_kind.shape[0]):")
             with self._deeper(int(of_balloon)):
@@ -287,10 +287,10 @@ class _Writer(Writer):
         """Write what a balloon of a world has found to where it is kept, for all lanes that hold the world."""
         kept = f"all_{name}[group, balloon]"
         if self.layout.worlds:
-            self.line(f"{kept} = set_lane({kept}, place, {name})")
+            self.line(f"{kept} = set_lane({kept}, place, its_{name})")
         else:
             self.line("for lane in range(LANE_COUNT):")
-            self.line(f"    {kept} = set_lane({kept}, lane, {name})")
+            self.line(f"    {kept} = set_lane({kept}, lane, its_{name})")
 
     # ---- a phase
 
@@ -300,8 +300,7 @@ class _Writer(Writer):
             if self.lane == "place":
                 call = self._call_of_one(phase)
                 self.line(f"# {phase.summary}")
-                self.line(f"{', '.join(phase.writes)} = {call}" if phase.writes else call)
-                self.single |= phase.writes.keys()
+                self._bind_of_one(phase, call)
             elif phase.takes_eight(self.step.traits, self.step.look):
                 super().calls((phase,))
             else:
@@ -357,15 +356,20 @@ class _Writer(Writer):
         reads = phase.reads(self.step.traits, self.step.look)
         return f"{phase.name}({', '.join(self._of_one(name) for name in reads)})"
 
+    def _bind_of_one(self, phase: Phase, call: str) -> None:
+        """Write a call, and what holds for the world at hand alone that it finds."""
+        its = {name: f"its_{name}" for name in phase.writes}
+        self.line(f"{', '.join(its.values())} = {call}" if its else call)
+        self.single |= its
+
     def _of_one(self, name: str) -> str:
         """Return the text that finds what a phase for one reads."""
         lane = self.lane
         light = next((phase for phase in self.step.light if name in phase.writes and phase.item == "balloon"), None)
         if light and name not in self.single:
-            self.line(f"{name} = {self._call_of_one(light)}")
-            self.single.add(name)
+            self._bind_of_one(light, self._call_of_one(light))
         if name in self.single or name in SAME or name == "balloon":
-            return name
+            return self.single.get(name, name)
         texts = {
             "t": "tables", "thread": "0",
             "numbers": f"t.rows[group, {lane}, balloon]", "own": f"own_of_one(t, own, {lane})",
