@@ -19,8 +19,8 @@ from balloon_warp.kernels.schedules.launched.looks import GATHERED, SUMMED
 from balloon_warp.kernels.schedules.launched.source import source_of
 from balloon_warp.kernels.schedules.pieces import Step, cut
 from balloon_warp.kernels.substep import PROJECTIVE_STEP, READING, STEP, phases_of
-from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.tables import Tables
+from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State, build_model, initial_state
 from balloon_warp.model.memory import Allocating
 from balloon_warp.scene import Balloon, Scene, load_scene

@@ -4,18 +4,18 @@ Where a phase takes eight side by side, an item goes through it at once. Any oth
 is rare once it is known that something in the lanes needs it at all.
 """
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from functools import cache
 from itertools import groupby
-from typing import Any, ClassVar
+from typing import Any
 
-from balloon_warp.kernels.algebra import IN_LANES, LANE_COUNT, of_lane, scaled, set_lane
+from balloon_warp.kernels.algebra import IN_LANES, LANE_COUNT, Lanes3, of_lane, scaled, set_lane
 from balloon_warp.kernels.codegen import kernel_from
 from balloon_warp.kernels.loops.near_solids import Solids
 from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.phase import STATE, VIEWS, Item, Phase
+from balloon_warp.kernels.phase import STATE, Item
 from balloon_warp.kernels.schedules.lanes.layouts import Layout, of_item, of_particle, places_of, put_item, view_of
+from balloon_warp.kernels.schedules.lanes.names import NamesInLanes
 from balloon_warp.kernels.schedules.lanes.state import (
     balloon_functions,
     frame_functions,
@@ -24,17 +24,8 @@ from balloon_warp.kernels.schedules.lanes.state import (
 )
 from balloon_warp.kernels.schedules.lanes.tables import lane_structs
 from balloon_warp.kernels.schedules.pieces import Piece, Step, values_of
-from balloon_warp.kernels.schedules.writer import Writer, head, named_in, written_types
+from balloon_warp.kernels.schedules.writer import head, named_in, written_types
 
-OF_BALLOON: Mapping[str, str] = {
-    "keyed": "ramps_of(t, state, group, balloon, time_in_frame)",
-    "load": "loads_of(t, state, group, balloon)",
-    "gas_mass": "gas_masses_of(t, working, group, balloon)",
-    "way": "ways_of(t, working, group)",
-    "forces": "t.forces[group]",
-    "origin": "of_particle({points}, t.places, volume_origin(tables, balloon))",
-}
-"""how phases find what is of a balloon, or of all"""
 OFFSETS: Mapping[Item, str] = {
     "particle": "t.item_offsets",
     "face": "t.faces.balloon_offsets",
@@ -47,33 +38,12 @@ COUNTS: Mapping[Item, str] = {
     "face": "tables.faces.balloon.shape[0]",
 }  # fmt: skip
 """how many items a world has that are gone through one by one"""
-HANDLES = ("t", "tables", "state", "working", "solids", "group", "substep", "time_in_frame", "time", "end")
-SAME = {"state", "working", "time_in_frame", "time", "end"}
-"""what a phase for one is handed as it is"""
 MOVERS: set[Item] = {"sphere", "world", "balloon", "team"}
 """whose phases may move spheres"""
 
 
-class _Writer(Writer):
+class _Writer(NamesInLanes):
     """Write the source of a frame."""
-
-    aliases: ClassVar[Mapping[str, str]] = {"springs": "working"}
-
-    def __init__(self, step: Step, layout: Layout):
-        super().__init__(step, (*HANDLES, *STATE.values(), *(f"new_{view}" for view in STATE.values())))
-        self.layout = layout
-        self.item = "item"
-        """what the loop at hand counts"""
-        self.lane = "lane"
-        """and the one over lanes or worlds"""
-        self.single: dict[str, str] = {}
-        """variables that hold names for the world at hand alone"""
-        self.flips = dict.fromkeys(STATE.values(), 0)
-        """how often what particles keep has gone from one place to the other in this substep"""
-        self.shown = False
-        """whether the lanes have spheres as they are now"""
-        self.of_balloon: list[str] = []
-        """lines before the loop over a balloon's items"""
 
     @property
     def name(self) -> str:
@@ -93,8 +63,8 @@ class _Writer(Writer):
         """Return the names of the kernel's arguments, as it needs them, and their types."""
         states = {view: "Seen" if view in self.seen else "Lanes3" for view in STATE.values()}
         may_be = {
-            "t": "LaneTables", "tables": "Tables", "first_group": "wp.int32", "state": "WorldState", "working": "Working",
-            "solids": "Solids",
+            "t": "LaneTables", "tables": "Tables", "first_group": "wp.int32", "state": "WorldState",
+            "working": "Working", "solids": "Solids",
             **{f"all_{view}": f"wp.array2d[{kind}]" for view, kind in states.items()},
             **{f"other_{view}": f"wp.array2d[{kind}]" for view, kind in states.items()},
             **{
@@ -103,17 +73,6 @@ class _Writer(Writer):
             },
         }  # fmt: skip
         return named_in(self.lines, may_be)
-
-    @property
-    def seen(self) -> set[str]:
-        """Return what particles or faces look at in others: views of state, and values."""
-        read = {
-            name
-            for piece in self.step.pieces
-            for phase in piece.phases
-            for name in phase.reads(self.step.traits, self.step.look)
-        }
-        return {name for name in read if name in STATE.values()} | {VIEWS[name] for name in read if name in VIEWS}
 
     @property
     def doubled(self) -> list[str]:
@@ -132,12 +91,12 @@ class _Writer(Writer):
             self.line(f"new_{view} = other_{view}[group]")
         self.line("read_frame(t, state, working, group, points, velocities)")
         self.line("for substep in range(tables.substeps):")
-        with self._deeper():
+        with self.deeper():
             self._begin_substep()
             for once, pieces in groupby(step.pieces, key=lambda piece: piece.once):
                 if once:
                     self.line("if substep == 0:")
-                with self._deeper(int(once)):
+                with self.deeper(int(once)):
                     for piece in pieces:
                         self._piece(piece)
         self.line(f"write_frame(t, state, working, group, {self.bound('points')}, {self.bound('velocities')})")
@@ -157,12 +116,6 @@ class _Writer(Writer):
     @staticmethod
     def _flips(piece: Piece, view: str) -> int:
         return sum(STATE[name] == view for name in piece.doubles)
-
-    @contextmanager
-    def _deeper(self, levels: int = 1) -> Iterator[None]:
-        self.indent += "    " * levels
-        yield
-        self.indent = self.indent[: len(self.indent) - 4 * levels]
 
     # ---- a piece
 
@@ -186,14 +139,10 @@ class _Writer(Writer):
     def _show_solids(self, piece: Piece) -> None:
         """Show spheres and obstacles, if the piece asks about them and they may have moved."""
         phases = (*piece.phases, *self.step.light)
-        asks = any("solids" in self._names_of(phase.asked(self.step.traits, self.step.look)) for phase in phases)
+        asks = any("solids" in self.names_of(phase.asked(self.step.traits, self.step.look)) for phase in phases)
         if asks and piece.item == "particle" and not self.shown:
             self.line("show_solids(t, tables, state, solids, group, end)")
             self.shown = True
-
-    @staticmethod
-    def _names_of(function: Any) -> list[str]:
-        return list(function.input_types) if function else []
 
     def _items(
         self, kind: Item, body: Callable[[], Any], before: str = "", after: Callable[[], Any] | None = None
@@ -202,10 +151,10 @@ class _Writer(Writer):
         known = set(self.known)
         self.item = "item" if kind == "particle" else kind
         self.line("for balloon in range(tables.inflation_kind.shape[0]):")
-        with self._deeper():
+        with self.deeper():
             lines, self.lines, self.of_balloon = self.lines, [], []
             self.known |= {"balloon", self.item}
-            with self._deeper():
+            with self.deeper():
                 body()
             of_items, self.lines = self.lines, lines
             self.lines += self.of_balloon
@@ -222,7 +171,7 @@ class _Writer(Writer):
         """Write what an item has found to where it is kept."""
         for name in piece.moves:
             view = STATE[name]
-            target = self._place(view, self.flips[view] + self._flips(piece, view))
+            target = self.place_of(view, self.flips[view] + self._flips(piece, view))
             self.line(f"put_item({target}, {self.item}, {name})")
         for name in piece.leaves:
             if self.step.owner(name) == "balloon":
@@ -254,18 +203,18 @@ class _Writer(Writer):
         kind = piece.item
         if kind == "spring":
             self.line("for _sweep in range(tables.correction.sweeps):")
-        with self._deeper(int(kind == "spring")):
+        with self.deeper(int(kind == "spring")):
             self.line(f"for {kind} in range({COUNTS[kind]}):")
             self.known.add(kind)
             self.single[kind] = kind
-            with self._deeper():
+            with self.deeper():
                 self._each_world(lambda: self.calls(piece.phases))
 
     def _each_world(self, body: Callable[[], Any]) -> None:
         """Write a loop over a group's worlds."""
         self.line("for place in range(worlds_of(group, t.world_count)):")
         self.lane, single = "place", dict(self.single)
-        with self._deeper():
+        with self.deeper():
             self.line("world = first_world(group) + place")
             self.single |= {"world": "world", "balloon": "balloon"}
             body()
@@ -277,7 +226,7 @@ class _Writer(Writer):
             phases, single = tuple(some), dict(self.single)
             if of_balloon:
                 self.line("for balloon in range(tables.inflation_kind.shape[0]):")
-            with self._deeper(int(of_balloon)):
+            with self.deeper(int(of_balloon)):
                 self.calls(phases)
                 for name in [name for phase in phases for name in phase.writes if name in piece.leaves]:
                     self._leave_of_world(name)
@@ -292,139 +241,6 @@ class _Writer(Writer):
             self.line("for lane in range(LANE_COUNT):")
             self.line(f"    {kept} = set_lane({kept}, lane, its_{name})")
 
-    # ---- a phase
-
-    def calls(self, phases: Any) -> None:
-        """Write calls of phases: of eight side by side, or lane by lane."""
-        for phase in phases:
-            if self.lane == "place":
-                call = self._call_of_one(phase)
-                self.line(f"# {phase.summary}")
-                self._bind_of_one(phase, call)
-            elif phase.takes_eight(self.step.traits, self.step.look):
-                super().calls((phase,))
-            else:
-                self._lane_by_lane(phase)
-
-    def need(self, name: str) -> None:
-        """See to it that a name is bound; what is of a balloon before the loop over its items."""
-        light = next((phase for phase in self.step.light if name in phase.writes), None)
-        if self.bound(name) in self.known:
-            return
-        if light and not light.takes_eight(self.step.traits, self.step.look):
-            self._lane_by_lane(light)
-        elif not light and (text := self._found_of_balloon(name)):
-            self.known.add(name)
-            self.of_balloon.append(f"{self.indent[4:]}{name} = {text}")
-        else:
-            super().need(name)
-
-    def _found_of_balloon(self, name: str) -> str:
-        if name in self.step.kept and self.step.owner(name) == "balloon":
-            return f"all_{name}[group, balloon]"
-        if name in VIEWS and VIEWS[name] in self.step.kept:
-            return f"all_{VIEWS[name]}[group]"
-        return OF_BALLOON.get(name, "").format(points=self.bound("points"))
-
-    def bound(self, name: str) -> str:
-        """Return the variable that holds what a phase names."""
-        if name in self.flips:
-            return self._place(name, self.flips[name])
-        return self.item if name == "particle" else name
-
-    @staticmethod
-    def _place(view: str, flips: int) -> str:
-        return f"new_{view}" if flips % 2 else view
-
-    def found(self, name: str) -> tuple[str, str] | None:
-        """Return what it takes to find a name, and how."""
-        kept = self.step.kept
-        if name in kept:
-            return (
-                "",
-                f"of_item(all_{name}[group], {self.item})" if name in self.seen else f"all_{name}[group, {self.item}]",
-            )
-        if name in STATE:
-            return "", f"of_item({self.bound(STATE[name])}, {self.item})"
-        if name == "own":
-            return "", f"{'own_of_quad' if self.item == 'quad' else 'own_of'}(t, group, balloon, {self.item})"
-        columns = self.step.traits.columns
-        return ("own", f"own.n[{columns.places[name]}]") if name in columns.places else None
-
-    def _call_of_one(self, phase: Phase) -> str:
-        """Return the call of a phase for one lane or world."""
-        reads = phase.reads(self.step.traits, self.step.look)
-        return f"{phase.name}({', '.join(self._of_one(name) for name in reads)})"
-
-    def _bind_of_one(self, phase: Phase, call: str) -> None:
-        """Write a call, and what holds for the world at hand alone that it finds."""
-        its = {name: f"its_{name}" for name in phase.writes}
-        self.line(f"{', '.join(its.values())} = {call}" if its else call)
-        self.single |= its
-
-    def _of_one(self, name: str) -> str:
-        """Return the text that finds what a phase for one reads."""
-        lane = self.lane
-        light = next((phase for phase in self.step.light if name in phase.writes and phase.item == "balloon"), None)
-        if light and name not in self.single:
-            self._bind_of_one(light, self._call_of_one(light))
-        if name in self.single or name in SAME or name == "balloon":
-            return self.single.get(name, name)
-        texts = {
-            "t": "tables", "thread": "0",
-            "numbers": f"t.rows[group, {lane}, balloon]", "own": f"own_of_one(t, own, {lane})",
-            "world": f"world_in_lane(group, {lane}, t.world_count)", "particle": f"particle_in_lane(t, item, {lane})",
-        }  # fmt: skip
-        if name == "own":
-            self.need(name)
-        if name in texts:
-            return texts[name]
-        if name in STATE.values():
-            return f"view_of({self.bound(name)}, {lane}, t.places)"
-        if name == "forces":
-            return f"view_of({OF_BALLOON[name]}, {lane}, t.places)"
-        if lane == "place" and (text := self._found_of_balloon(name)) and name not in self.known:
-            return f"of_lane({text}, {lane})"
-        self.need(name)
-        return f"of_lane({self.bound(name)}, {lane})"
-
-    def _lane_by_lane(self, phase: Phase) -> None:
-        """Write the call of a phase for one in each lane, if it is rare once it is known that any needs it."""
-        traits, look = self.step.traits, self.step.look
-        reads = phase.reads(traits, look)
-        call = self._call_of_one(phase)
-        begins = {name: name if name in self.known or name in STATE else "" for name in phase.writes}
-        for name, start in begins.items():
-            if start:
-                self.need(name)
-            else:
-                self.line(f"{name} = {name}_lanes()")
-        self.line(f"# {phase.summary}")
-        asked = self._question(phase)
-        guarded = bool(asked) or not phase.writes or {"state", "working"} & set(reads)
-        with self._deeper(int(bool(asked))):
-            self.line(f"for lane in range({'t.lane_count' if guarded else 'LANE_COUNT'}):")
-            with self._deeper():
-                if guarded:
-                    self.line(f"if is_there(t, group, {self.item}, lane):")
-                with self._deeper(int(bool(guarded))):
-                    its = [f"its_{name}" for name in phase.writes]
-                    self.line(f"{', '.join(its)} = {call}" if its else call)
-                    for name in phase.writes:
-                        self.line(f"{name} = set_lane({name}, lane, its_{name})")
-        self.known |= phase.writes.keys()
-
-    def _question(self, phase: Phase) -> bool:
-        """Write whether a rare phase has anything to do."""
-        asked = phase.asked(self.step.traits, self.step.look)
-        if not asked:
-            return False
-        for name in self._names_of(asked):
-            self.need(name)
-        names = ", ".join(self.bound(name) for name in self._names_of(asked))
-        self.line(f"if {phase.name}_may_act({names}):")
-        return True
-
     def names(self) -> dict[str, Any]:
         """Return what the text refers to."""
         step, layout = self.step, self.layout
@@ -437,7 +253,7 @@ class _Writer(Writer):
         return {
             **self.scope(phases), **balloon_functions(layout),
             "LaneTables": structs.tables, "Solids": Solids, "Seen": layout.vector,
-            "Lanes3": IN_LANES[types["point"]] if "point" in types else None, "LANE_COUNT": LANE_COUNT,
+            "Lanes3": Lanes3, "LANE_COUNT": LANE_COUNT,
             "read_frame": read_frame, "write_frame": write_frame, "show_solids": showing_function(traits, layout),
             "own_of": own_of, "own_of_quad": own_of_quad, "own_of_one": own_of_one,
             "world_in_lane": places.world, "worlds_of": places.worlds, "first_world": places.first_world,
