@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from balloon_warp.advice import advise_step
     from balloon_warp.checking import CheckReport, Crossing, check_stage
     from balloon_warp.comparison.compare import compare
+    from balloon_warp.designing.design import design
+    from balloon_warp.designing.result import Design
     from balloon_warp.errors import BlowUpError, InputError, MissingExtraError, WorkersLostError
     from balloon_warp.foil.make import foil_mesh, foil_parts
     from balloon_warp.frame import Frame
@@ -72,6 +74,7 @@ __all__ = [
     "CheckReport",
     "Cluster",
     "Crossing",
+    "Design",
     "Frame",
     "Ground",
     "Inflation",
@@ -101,6 +104,7 @@ __all__ = [
     "bundled_scenes",
     "check_stage",
     "compare",
+    "design",
     "export_stage",
     "face_law",
     "foil_mesh",
@@ -124,6 +128,8 @@ _HOMES = {
     "advice": ("advise_step",),
     "checking": ("CheckReport", "Crossing", "check_stage"),
     "comparison.compare": ("compare",),
+    "designing.design": ("design",),
+    "designing.result": ("Design",),
     "errors": ("BlowUpError", "InputError", "MissingExtraError", "WorkersLostError"),
     "foil.make": ("foil_mesh", "foil_parts"),
     "frame": ("Frame",),

@@ -36,6 +36,7 @@ from balloon_warp.model.varied_scene import scene_to_vary
 from balloon_warp.model.vary import METHODS
 from balloon_warp.outputs.snapshot import NOTEBOOK_SIZE, snapshot
 from balloon_warp.reading import Reading
+from balloon_warp.resting import relax
 from balloon_warp.saved_state import fill_state, packed, plain_values, saved_changes
 from balloon_warp.scene import SceneLike
 from balloon_warp.schedules.choose import Schedule
@@ -232,6 +233,32 @@ class Simulator(Shown):
     def mass_properties(self) -> MassProperties:
         """Find volume, center of mass and inertia tensor of every balloon as a solid, in every world."""
         return mass_properties(self.model, self.state.points)
+
+    def relax(self, speed: float = 1.0e-3, most_seconds: float = 60.0, world: int = 0) -> Frame:
+        """Go on until everything is at rest, and hand out that frame: what every shape that is called one waits for.
+
+        Args:
+            speed: no particle of any world is faster for a tenth of a second [m/s].
+            most_seconds: simulated time after which it gives up.
+
+        Raises:
+            InputError: there is no such world, or something still moves then.
+            BlowUpError: the simulation blew up.
+        """
+        self._require_world(world)
+        relax(self, speed, most_seconds)
+        return self.read_frame(world)
+
+    def stiffness(self, world: int = 0, balloon: int = 0) -> Any:
+        """Find how stiffly a balloon holds its shape as it is now: minus the derivatives of the forces of its springs,
+        film, pressure and gas by the places of its particles [N/m], a symmetric operator of SciPy's, (3 n, 3 n).
+
+        Raises:
+            InputError: there is no such world or balloon.
+        """
+        from balloon_warp.statics.of_model import stiffness_in  # only who asks waits for SciPy's sparse matrices
+
+        return stiffness_in(self.model, self.read_frame(world), world, balloon)
 
     @locked
     def _begin_reading(self, world: int, net_forces: bool | None = None, buffer: int = 0) -> Reading:

@@ -25,13 +25,14 @@ LAYERS = (
     ("model", "provenance"),
     ("schedules", "advice", "beginning", "inspection", "saved_state", "solids", "swelling"),
     ("solvers", "frame"),
-    ("reading",),
-    ("blow_ups", "outputs", "outcomes", "frame_reader"),
+    ("reading", "statics"),
+    ("blow_ups", "outputs", "outcomes", "frame_reader", "resting"),
     ("simulator",),
     ("resume",),
     ("job",),
     ("sweep", "viewer"),
     ("checking", "comparison", "trajectories", "warming", "doctor"),
+    ("designing",),
     ("benchmarks", "scenes"),
     ("cli",),
 )
@@ -39,7 +40,7 @@ LAYERS = (
 itself"""
 
 MOST_FILE_LINES = 300
-ONE_THING = {"balloon_warp/simulator.py": 400}
+ONE_THING = {"balloon_warp/simulator.py": 430}
 """files that one thing needs longer, and how long they may be"""
 MOST_FUNCTION_LINES = 80
 STILL_TO_GO = {

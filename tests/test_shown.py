@@ -19,8 +19,8 @@ TABLES = list(dict.fromkeys(table for _, table in tables()))
 DATACLASSES = (bw.Frame, bw.Trajectories, bw.PolygonMesh, MassProperties, BatchSummary)
 PYTHONS = ("Annotated[", "FieldInfo", "_SupportsArray", "numpy.dtype", "model_construct", "__dataclass_fields__")
 """what Python and libraries say and nobody wants to read"""
-SIMULATOR = """frame_number mass_properties model picture read_frame reset restore run save set state step time
-warnings"""
+SIMULATOR = """frame_number mass_properties model picture read_frame relax reset restore run save set state step
+stiffness time warnings"""
 FRAME = """areas body_poses corners gas_amounts ground_height inflation_forces is_finite meshes net_forces number
 obstacle_poses points pressures sphere_positions sphere_velocities stretches string_anchors string_lengths thrusts time
 torn velocities volumes water_level"""

@@ -14,6 +14,7 @@ from balloon_warp.cli.bench import bench
 from balloon_warp.cli.check import check
 from balloon_warp.cli.compare import compare
 from balloon_warp.cli.convert import convert
+from balloon_warp.cli.design import design
 from balloon_warp.cli.doctor import doctor
 from balloon_warp.cli.foil import foil
 from balloon_warp.cli.inspect import inspect
@@ -49,6 +50,7 @@ for command in (
     inspect,
     remesh,
     foil,
+    design,
     render,
     check,
     convert,

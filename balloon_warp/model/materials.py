@@ -31,7 +31,7 @@ STEP = 1.0e-5
 """of differences"""
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(12)
 """of the integral from rest to a state"""
-OF_ARRAYS = SimpleNamespace(max=np.maximum, pow=np.power, sqrt=np.sqrt, where=np.where)
+OF_ARRAYS = SimpleNamespace(log=np.log, max=np.maximum, pow=np.power, sqrt=np.sqrt, where=np.where)
 """what laws call of Warp"""
 NAMES = frozenset(row.name for row in (*PARAMETERS, *SOFTENING))
 """parameters that the step of a membrane depends on"""

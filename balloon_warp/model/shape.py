@@ -22,7 +22,8 @@ from balloon_warp.mesh.units import as_told
 from balloon_warp.model.about_slack import about_slack
 from balloon_warp.model.fixed import fixed_particles, group_of
 from balloon_warp.model.neck import NO_NECK, Neck, neck_of
-from balloon_warp.model.strung import spring_sums, strung
+from balloon_warp.model.strung import constants_of, spring_sums, strung
+from balloon_warp.model.told_shape import rest_shape, springs_told
 from balloon_warp.scene import Balloon, Material, Scene, Stiffness
 from balloon_warp.springs import SpringKind, Springs
 from balloon_warp.springs.hinges import Hinges, build_hinges
@@ -102,18 +103,26 @@ def shape_balloon(balloon: Balloon, scene: Scene, *, as_soft_as_can_be: bool = F
             particle is not in it, or its weights are not as many as its vertices.
     """
     mesh, source = _mesh_of(balloon)
-    placed = place_mesh(
-        as_told(mesh, balloon.unit, balloon.up), scene.up_axis, balloon.scale, balloon.rotation, balloon.position
-    )
+    told = as_told(mesh, balloon.unit, balloon.up)
+    placed = place_mesh(told, scene.up_axis, balloon.scale, balloon.rotation, balloon.position)
     require_size(placed, source)
     placed = replace(placed, name=balloon.name or mesh.name)
     placed, slack = _pushed(placed, balloon)
     material = balloon.material
     beside = [SpringKind[kind.upper()] for kind in material.springs] if material.is_membrane else list(SpringKind)
+    resting = rest_shape(balloon, placed, told.meters_per_unit * balloon.scale)
     springs = balloon_springs(placed, balloon.parts, beside)
-    membrane = _membrane(placed, material) if material.is_membrane else no_membrane()
-    springs, scale, across = strung(placed, springs, balloon)
-    if balloon.stiffness.thin != "softer":
+    if material.rest_mesh:
+        springs = springs.resting_at(resting.points)
+    membrane = _membrane(resting, material) if material.is_membrane else no_membrane()
+    if balloon.springs:
+        if material.is_membrane:
+            raise InputError(f'springs: {balloon.springs} needs material.kind = "springs" (got "{material.law}")')
+        unit, across = told.meters_per_unit * balloon.scale, None
+        springs, scale = springs_told(balloon.springs, springs, placed, constants_of(balloon.stiffness), unit)
+    else:
+        springs, scale, across = strung(placed, springs, balloon)
+    if balloon.stiffness.thin != "softer" or balloon.springs:
         softness = np.ones(springs.count)
     else:
         softness = np.full(springs.count, LEAST) if as_soft_as_can_be else _softness(placed, springs)

@@ -24,8 +24,8 @@ from balloon_warp.suggestions import did_you_mean_file
 SceneLike = TypeAliasType("SceneLike", Scene | str | Path | MeshLike)
 """a scene; or what `load_scene` makes one of: a bundled scene's name, a scene file, or a mesh (file or not)"""
 Meshed = TypeVar("Meshed", Balloon, Obstacle, Body)
-FILES = ("mesh", "print")
-"""fields that name files"""
+FILES = ("mesh", "print", "springs", "material.rest_mesh")
+"""fields that name files, of a balloon; of others those that they have"""
 LARGEST_FILE = 1 << 24
 """bytes of a scene file"""
 
@@ -203,10 +203,28 @@ def check_scene(table: dict[str, Any], path: Path) -> Scene:
 
 def _beside(meshed: Meshed, path: Path) -> Meshed:
     """A balloon, obstacle or body whose files are named from where the scene's file is."""
-    files = {name: getattr(meshed, name, None) for name in FILES}
-    return meshed.model_copy(
-        update={name: _found(file, path) for name, file in files.items() if isinstance(file, Path)}
-    )
+    return with_files(meshed, {name: _found(file, path) for name, file in files_of(meshed).items()})
+
+
+def files_of(meshed: Meshed) -> dict[str, Path]:
+    """The files that it names, by the paths of the fields that do."""
+    found = {}
+    for name in FILES:
+        table, _, field = name.rpartition(".")
+        file = getattr(getattr(meshed, table, None) if table else meshed, field, None)
+        if isinstance(file, Path):
+            found[name] = file
+    return found
+
+
+def with_files(meshed: Meshed, files: Mapping[str, Path]) -> Meshed:
+    """The same that names other files."""
+    update: dict[str, Any] = {name: file for name, file in files.items() if "." not in name}
+    for name, file in files.items():
+        table, _, field = name.rpartition(".")
+        if table:
+            update[table] = getattr(meshed, table).model_copy(update={field: file})
+    return meshed.model_copy(update=update)
 
 
 def _found(file: Path, path: Path) -> Path:

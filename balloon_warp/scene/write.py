@@ -11,7 +11,7 @@ from pydantic import BaseModel
 
 from balloon_warp.errors import InputError
 from balloon_warp.files import check_writable, whole_file
-from balloon_warp.scene.load import FILES, bundled_scenes
+from balloon_warp.scene.load import bundled_scenes, files_of, with_files
 from balloon_warp.scene.reference import default_of
 from balloon_warp.scene.schema import MESHED, WITHOUT_MESHES, Balloon, Body, Obstacle, Scene
 from balloon_warp.scene.schema.field_help import first_line, meaning_of
@@ -38,7 +38,7 @@ def write_scene(scene: Scene, path: Path) -> list[Path]:
     missing = {mesh: copy for mesh, copy in copies.items() if not _is_copied(mesh, copy)}
     moved = {
         name: [
-            each.model_copy(update={field: copies.get(file, file) for field, file in _files_of(each).items()})
+            with_files(each, {field: copies.get(file, file) for field, file in _files_of(each).items()})
             for each in getattr(scene, name)
         ]
         for name in MESHED
@@ -60,8 +60,18 @@ def scene_toml(scene: Scene, folder: Path) -> str:
     for name in MESHED:
         for number, each in enumerate(getattr(scene, name)):
             files = {field: _named_from(file, folder) for field, file in _files_of(each).items()}
-            table[name][number] = files | {k: v for k, v in table[name][number].items() if k not in files}
+            table[name][number] = _with_files_named(table[name][number], files)
     return HEADER + "\n".join(_lines(scene, table)) + "\n"
+
+
+def _with_files_named(table: dict[str, Any], files: dict[str, str]) -> dict[str, Any]:
+    """A table whose files come first, those of tables within it in these."""
+    own = {field: file for field, file in files.items() if "." not in field}
+    table = own | {field: value for field, value in table.items() if field not in own}
+    for path in files.keys() - own.keys():
+        within, _, field = path.partition(".")
+        table[within] = {field: files[path]} | {k: v for k, v in table[within].items() if k != field}
+    return table
 
 
 def _files(scene: Scene) -> list[Path]:
@@ -70,7 +80,7 @@ def _files(scene: Scene) -> list[Path]:
 
 def _files_of(meshed: Balloon | Body | Obstacle) -> dict[str, Path]:
     """Those of its mesh and its print, by the fields that name them."""
-    named = {field: getattr(meshed, field, None) for field in FILES}
+    named = {"mesh": meshed.mesh} | files_of(meshed)
     return {field: Path(os.path.abspath(str(file))) for field, file in named.items() if file is not None}
 
 

@@ -35,6 +35,11 @@ class Springs:
         kept = np.isin(self.kind, [int(kind) for kind in kinds])
         return Springs(self.pairs[kept], self.kind[kept], self.rest_lengths[kept])
 
+    def resting_at(self, points: NDArray[np.float64]) -> "Springs":
+        """The same at rest where particles are at these points, shape (particle_count, 3)."""
+        lengths = np.linalg.norm(points[self.pairs[:, 1]] - points[self.pairs[:, 0]], axis=1)
+        return Springs(self.pairs, self.kind, lengths)
+
     def with_structural(self, pairs: NDArray[np.integer], points: NDArray[np.float64]) -> "Springs":
         """With springs of the structural kind between more particles, as long as these are apart; of pairs that have
         springs already, those stay.

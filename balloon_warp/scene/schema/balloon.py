@@ -129,6 +129,10 @@ class Balloon(Table):
     thing alone, or between balloons `touch.friction` [1]"""
     stiffness: Stiffness = Stiffness()
     """Spring constants k [N/m] of the three kinds of springs (paper, figure 3)."""
+    springs: Path | None = None
+    """a .npz file, sought beside the scene file, that says which springs there are, in place of the mesh's own: `pairs`
+    of particles, shape (m, 2); `rest_lengths` in the mesh's unit; and `constants` [N/m], which a later change of
+    `stiffness` multiplies"""
     material: Material = Material()
     """What the balloon is made of: springs, as in the paper, or rubber or film that has a thickness."""
     inflation: Inflation = Inflation()

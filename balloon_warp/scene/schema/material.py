@@ -1,5 +1,6 @@
 """What a balloon is made of."""
 
+from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
@@ -15,9 +16,20 @@ SpringsBeside = Literal["structural", "shear", "flexion"]
 Exponent = Annotated[float, Field(ge=OGDEN_EXPONENTS.least, le=OGDEN_EXPONENTS.most)]
 SOFTENING = ("softening", "softening_energy", "softening_share")
 TEARING = ("strength", "tear_strength", "branching_stress", "tear_speed", "needle_time")
-OF_ALL = ("thickness", "density", "wrinkling", "most_stretch", "viscosity", "springs", "weights", *SOFTENING, *TEARING)
+OF_ALL = (
+    "rest_mesh",
+    "thickness",
+    "density",
+    "wrinkling",
+    "most_stretch",
+    "viscosity",
+    "springs",
+    "weights",
+    *SOFTENING,
+    *TEARING,
+)
 FIELDS_OF_KINDS: dict[str, tuple[str, ...]] = {
-    "springs": (),
+    "springs": ("rest_mesh",),
     "neo_hookean": (*OF_ALL, "shear_modulus"),
     "mooney_rivlin": (*OF_ALL, "shear_modulus", "mooney_ratio"),
     "ogden": (*OF_ALL, "ogden_moduli", "ogden_exponents"),
@@ -41,6 +53,9 @@ class Material(Table):
     """the law of its stretching; when missing, the preset's, or "springs\""""
     shear_modulus: float | None = optional_field_of("shear_modulus")
     """at rest; a third of Young's; 3.3e5 when missing [Pa]"""
+    rest_mesh: Path | None = None
+    """a mesh file, sought beside the scene file, of the same vertices and faces: the shape at which nothing pulls, such
+    as the mould of a latex balloon; when missing, that of the start"""
     thickness: float | None = optional_field_of("thickness")
     """at rest; 2e-4 when missing [m]"""
     density: Positive | None = None

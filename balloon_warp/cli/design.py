@@ -1,0 +1,90 @@
+"""`balloon-warp design`"""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from balloon_warp.cli.options import LONG, OUTPUT, Device, Resume
+from balloon_warp.cli.stages import stages
+from balloon_warp.cli.warn import warn
+from balloon_warp.errors import StoppedError
+from balloon_warp.warp_logging import quiet_warp
+
+DESIGN = "The design"
+"""a part of the help"""
+
+Stretch = Annotated[
+    float | None,
+    typer.Option(
+        metavar="RATIO",
+        help="How much the skin is stretched in the wanted shape: 1.2 of springs and 2 of latex if not given.",
+        rich_help_panel=DESIGN,
+    ),
+]
+
+
+def design(
+    target: Annotated[str, typer.Argument(metavar="TARGET", help="The wanted shape: a mesh that is closed.")],
+    output: Annotated[
+        Path,
+        typer.Option("--output", "-o", metavar="DIR", help="The folder to write to.", rich_help_panel=OUTPUT),
+    ],
+    of: Annotated[
+        str,
+        typer.Option(
+            metavar="springs|latex|foil",
+            help="What it is made of: springs, each of its own rest length; latex, whose mould is found; or foil, "
+            "whose outline is: TARGET is then letters, or a drawing, .svg.",
+            rich_help_panel=DESIGN,
+        ),
+    ] = "springs",
+    stretch: Stretch = None,
+    hold: Annotated[
+        str,
+        typer.Option(
+            metavar="tension|any",
+            help="Whether springs only pull, or may also push.",
+            rich_help_panel=DESIGN,
+        ),
+    ] = "tension",
+    size: Annotated[
+        float,
+        typer.Option(metavar="METERS", help="How large the wanted shape is, at its largest.", rich_help_panel=DESIGN),
+    ] = 0.3,
+    thickness: Annotated[
+        float, typer.Option(metavar="METERS", help="Of the latex or foil.", rich_help_panel=DESIGN)
+    ] = 2e-4,
+    steps: Annotated[
+        int, typer.Option(metavar="COUNT", help="How many steps of the design to try.", rich_help_panel=LONG)
+    ] = 30,
+    resume: Resume = False,
+    device: Device = None,
+) -> None:
+    """Find the balloon that becomes a shape, and simulate it from rest.
+
+    DIR gets balloon.toml, which runs as it is, springs.npz, mould.stl or pattern.svg, error.png and report.json. Try
+    `balloon-warp design toy.obj -o toy`, then `balloon-warp run toy/balloon.toml`.
+    """
+    from balloon_warp.designing.design import design as designed  # loads SciPy and Warp
+
+    quiet_warp()
+    last = ["before its first step"]
+    with stages(Path(target).name) as stage:
+
+        def on_stage(words: str) -> None:
+            last[0] = f"at {words}"
+            stage(words)
+
+        try:
+            found = designed(
+                target, of=of, stretch=stretch, hold=hold, size=size, thickness=thickness, folder=output, steps=steps,
+                resume=resume, device=device, on_stage=on_stage,  # pyright: ignore[reportArgumentType]
+            )  # fmt: skip
+        except KeyboardInterrupt:
+            raise StoppedError(f"design was stopped {last[0]}; --resume goes on from its last step") from None
+    for sentence in found.cannot:
+        warn(sentence)
+    print(f"simulated from rest: {found.error} of the size off; as designed {found.held_error}", end="")
+    print(f"; plain at the same stretch {found.plain_error}" if found.plain_error else "")
+    print(f"wrote {output}: balloon-warp run {output / 'balloon.toml'} inflates it")

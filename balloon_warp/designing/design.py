@@ -1,0 +1,77 @@
+"""The balloon that becomes a given shape."""
+
+import atexit
+import shutil
+import tempfile
+from collections.abc import Callable
+from math import isfinite
+from pathlib import Path
+from typing import Literal, get_args
+
+from balloon_warp.designing.folder import require_folder
+from balloon_warp.designing.job import Job
+from balloon_warp.designing.of_latex import design_of_latex
+from balloon_warp.designing.of_springs import design_of_springs
+from balloon_warp.designing.result import Design
+from balloon_warp.designing.springs import Hold
+from balloon_warp.designing.target import target_of
+from balloon_warp.errors import InputError
+from balloon_warp.mesh.from_python import MeshLike
+
+Of = Literal["springs", "latex", "foil"]
+SIZE, THICKNESS, STRETCH, STEPS = 0.3, 2.0e-4, 1.2, 30
+
+
+def design(
+    target: str | Path | MeshLike,
+    *,
+    of: Of = "springs",
+    stretch: float | None = None,
+    hold: Hold = "tension",
+    size: float = SIZE,
+    thickness: float = THICKNESS,
+    folder: str | Path | None = None,
+    steps: int = STEPS,
+    resume: bool = False,
+    device: str | None = None,
+    on_stage: Callable[[str], None] = lambda stage: None,
+) -> Design:
+    """Find the balloon that becomes a shape when it is inflated, and simulate it from rest.
+
+    Args:
+        target: the wanted shape: a mesh file, or a mesh; closed, of one part, not crossing itself.
+        of: what it is made of: a rest length for each of its springs; latex, whose mould is found; or foil.
+        stretch: how much its skin is stretched in the wanted shape; 1.2 of springs, 2 of latex, when missing.
+        hold: of springs: whether they only pull ("tension"), or may also push ("any").
+        size: largest extent of the wanted shape [m].
+        thickness: of latex and foil [m].
+        folder: where it is written: balloon.toml, which runs as it is, and its files, error.png and report.json. A
+            temporary one when missing, which goes when Python ends.
+        steps: at most, of the design.
+        resume: go on where the same design in that folder was stopped.
+        device: a Warp device for the simulation; if missing, the GPU or else the CPU.
+        on_stage: told what is done, a few words each time.
+
+    Raises:
+        InputError: the shape cannot be designed, a number cannot be, or what was designed finds no rest.
+    """
+    for name, given, known in (("of", of, get_args(Of)), ("hold", hold, get_args(Hold))):
+        if given not in known:
+            raise InputError(f"{name}: must be {' or '.join(known)} (got {given!r})")
+    stretch = stretch if stretch is not None else {"springs": STRETCH, "latex": 2.0, "foil": 1.0}[of]
+    for name, number in (("stretch", stretch), ("thickness", thickness)):
+        if not (isinstance(number, int | float) and isfinite(number) and number > 0.0):
+            raise InputError(f"{name}: must be a number greater than 0 (got {number})")
+    if not isinstance(steps, int) or steps < 0:
+        raise InputError(f"steps: must be a whole number, at least 0 (got {steps})")
+    mesh = target_of(target, size)
+    place = Path(folder) if folder is not None else _temporary()
+    require_folder(place)
+    job = Job(mesh, of, float(stretch), hold, float(thickness), place, steps, device, resume, on_stage)
+    return {"springs": design_of_springs, "latex": design_of_latex}[of](job)
+
+
+def _temporary() -> Path:
+    folder = tempfile.mkdtemp(prefix="balloon_design_")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return Path(folder)

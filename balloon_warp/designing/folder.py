@@ -1,0 +1,65 @@
+"""The folder of a design: a scene that runs as it is, its files, a picture and a report."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from balloon_warp.errors import InputError
+from balloon_warp.files import whole_file
+from balloon_warp.mesh import PolygonMesh
+
+SAVED = "progress.npz"
+JOB = "progress.json"
+"""what a design that is stopped goes on from, and what it was asked for"""
+
+
+def require_folder(folder: Path) -> None:
+    """Make the folder, where there is none.
+
+    Raises:
+        InputError: it cannot be made, or is a file.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be a folder to write to: {error.strerror}") from None
+
+
+def write_springs(
+    path: Path, pairs: NDArray[Any], lengths: NDArray[np.float64], constants: NDArray[np.float64]
+) -> None:
+    """Write a file of springs, which `balloon.springs` names."""
+    with whole_file(path) as temporary:
+        np.savez_compressed(temporary, pairs=pairs, rest_lengths=lengths, constants=constants)
+
+
+def write_stl(path: Path, mesh: PolygonMesh, triangles: NDArray[Any], unit: float = 1000.0) -> None:
+    """Write a binary STL file in millimeters, which printers take for granted.
+
+    Args:
+        unit: of the file, in the mesh's.
+    """
+    corners = (unit * mesh.points[triangles]).astype("<f4")
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+    facet = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+    facets = np.zeros(len(triangles), dtype=facet)
+    facets["normal"], facets["corners"] = normals, corners
+    with whole_file(path) as temporary:
+        temporary.write_bytes(b"millimeters".ljust(80) + len(facets).to_bytes(4, "little") + facets.tobytes())
+
+
+def write_report(path: Path, report: dict[str, Any]) -> None:
+    """Write what was reached, for people and programs."""
+    with whole_file(path) as temporary:
+        temporary.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
+
+
+def write_picture(path: Path, picture: Image.Image) -> None:
+    """Write the picture of the errors."""
+    with whole_file(path) as temporary:
+        picture.save(temporary, format="PNG", optimize=True)

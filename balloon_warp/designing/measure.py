@@ -1,0 +1,94 @@
+"""How far a shape is from the one that is wanted."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from balloon_warp.kernels.measure.signed_distance import unsigned_distances
+from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.geometry import vertex_areas, vertex_normals
+
+Values = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Error:
+    """How far two surfaces are apart, both ways, over the largest size of the wanted one."""
+
+    mean: float
+    """over the vertices of both [1]"""
+    worst: float
+    """[1]: the Hausdorff distance"""
+
+    def __str__(self) -> str:
+        return f"{100.0 * self.mean:.2g}% mean, {100.0 * self.worst:.2g}% worst"
+
+
+@dataclass(frozen=True)
+class Ruler:
+    """Measures shapes of a mesh's vertices against the mesh."""
+
+    mesh: PolygonMesh
+
+    @cached_property
+    def size(self) -> float:
+        """The largest extent [m]."""
+        return float(np.ptp(self.mesh.points, axis=0).max())
+
+    @cached_property
+    def normals(self) -> Values:
+        """Outward, at the vertices, shape (n, 3)."""
+        return vertex_normals(self.mesh)
+
+    @cached_property
+    def weights(self) -> Values:
+        """Of the vertices by their areas, 1 in the mean, shape (n,)."""
+        areas = vertex_areas(self.mesh)
+        return areas / areas.mean()
+
+    @cached_property
+    def triangles(self) -> NDArray[np.int64]:
+        """That cover the mesh, quads by one split, shape (t, 3)."""
+        starts = np.cumsum(self.mesh.face_vertex_counts) - self.mesh.face_vertex_counts
+        found = []
+        for size in np.unique(self.mesh.face_vertex_counts).tolist():
+            first = starts[self.mesh.face_vertex_counts == size]
+            for k in range(1, size - 1):
+                found.append(self.mesh.face_vertex_indices[first[:, None] + [0, k, k + 1]])
+        return np.concatenate(found).astype(np.int64)
+
+    def aligned(self, points: Values) -> Values:
+        """The points moved and turned onto the mesh's."""
+        return aligned(points, self.mesh.points)
+
+    def error(self, points: Values) -> Error:
+        """Of a shape, wherever it is."""
+        return Error(*map(float, self._statistics(self.distances(points))))
+
+    def distances(self, points: Values) -> Values:
+        """Of each vertex to the wanted surface, and of its vertices to the shape, over the size, shape (2 n,)."""
+        there, wanted = self.aligned(points), self.mesh.points
+        both = [self._apart(there, wanted), self._apart(wanted, there)]
+        return np.concatenate(both) / self.size
+
+    def _statistics(self, distances: Values) -> tuple[float, float]:
+        return distances.mean(), distances.max()
+
+    def _apart(self, points: Values, surface: Values) -> Values:
+        corners = wp.array(surface, dtype=wp.vec3, device="cpu")
+        indices = wp.array(self.triangles.ravel(), dtype=wp.int32, device="cpu")
+        mesh, found = wp.Mesh(corners, indices), wp.zeros(len(points), dtype=float, device="cpu")
+        asked = [mesh.id, wp.array(points, dtype=wp.vec3, device="cpu"), 1.0e6]
+        wp.launch(unsigned_distances, len(points), asked, [found], device="cpu")
+        return found.numpy().astype(np.float64)
+
+
+def aligned(points: Values, to: Values) -> Values:
+    """The points moved and turned as near to others as can be (Kabsch)."""
+    here, there = points - points.mean(axis=0), to - to.mean(axis=0)
+    u, _, v = np.linalg.svd(here.T @ there)
+    turn = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ v))]) @ v
+    return here @ turn + to.mean(axis=0)

@@ -1,0 +1,68 @@
+"""From a wanted shape to a mould for a balloon of latex, simulated."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from balloon_warp.designing.descent import begin, descend
+from balloon_warp.designing.folder import write_stl
+from balloon_warp.designing.job import Job
+from balloon_warp.designing.mould import MouldProblem
+from balloon_warp.designing.proof import DAMPING_RATE, MORE_FRAMES, common_fields, filled, scene_of
+from balloon_warp.designing.result import Design
+from balloon_warp.designing.target import crossing_triangles
+from balloon_warp.errors import InputError
+from balloon_warp.mesh.geometry import total_area
+from balloon_warp.mesh.obj import write_obj
+from balloon_warp.model.parameters import Parameters
+from balloon_warp.model.plan import plan_model
+from balloon_warp.scene import Balloon, Inflation, Material
+from balloon_warp.statics.film import FilmSkin
+from balloon_warp.statics.of_model import film_of
+
+LEAST_STRETCH, MOST_STRETCH = 1.05, 5.0
+GOAL = 1.0e-10
+DENSITY = 940.0
+"""of latex [kg/m^3]"""
+
+
+def design_of_latex(job: Job) -> Design:
+    """Design the mould.
+
+    Raises:
+        InputError: the stretch cannot be, the mould would cross itself, or finds no rest.
+    """
+    if not LEAST_STRETCH <= job.stretch <= MOST_STRETCH:
+        raise InputError(f"stretch: must be from {LEAST_STRETCH:g} to {MOST_STRETCH:g} for latex (got {job.stretch:g})")
+    material = Material(preset="latex", thickness=job.thickness)
+    problem = MouldProblem(job.ruler, _film(job, material), job.stretch)
+    job.say("inflating a plain mould")
+    plain = begin(problem, problem.plain)
+    if plain is None:
+        raise InputError(f"stretch: a plain mould finds no rest at {job.stretch:g}; expected less")
+    reached = descend(problem, job.saved() or plain, job.steps, GOAL, job.on_step)
+    mould = replace(problem.mesh, points=reached.design.reshape(-1, 3))
+    if crossed := len(crossing_triangles(mould)):
+        raise InputError(f"the mould crosses itself at {crossed} places; expected another stretch")
+    write_obj(job.folder / "balloon.obj", mould)
+    write_stl(job.folder / "mould.stl", mould, job.ruler.triangles)
+    mass = DENSITY * job.thickness * total_area(mould)
+    inflation = filled(problem.gas, problem.volume.of(mould.points))
+    damping = float(f"{5.0 * DAMPING_RATE * mass:.4g}")
+    fields = common_fields(job.folder / "balloon.obj", inflation)
+    scene = scene_of(
+        Balloon(**fields, material=material, damping=damping),
+        f"A latex balloon that becomes {problem.mesh.name}",
+        240 + MORE_FRAMES,
+    )
+    stretches = np.sqrt(total_area(problem.mesh) / total_area(mould))
+    return job.proven(scene, reached.points, plain.points, float(stretches))
+
+
+def _film(job: Job, material: Material) -> FilmSkin:
+    """The wanted shape as a film that is at rest."""
+    fields = common_fields(job.target, Inflation(pressure=0.0))
+    scene = scene_of(Balloon(**fields, material=material), "", 1)
+    plan = plan_model(scene)
+    parameters: Parameters = plan.parameters
+    return film_of(scene, 0, plan.shapes[0], parameters)

@@ -1,0 +1,97 @@
+"""Balloons of springs: a rest length for each spring, one constant for each kind."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+import scipy.sparse as sparse
+from numpy.typing import NDArray
+
+from balloon_warp.designing.measure import Ruler
+from balloon_warp.mesh import PolygonMesh
+from balloon_warp.springs import Springs, build_springs
+from balloon_warp.statics.balance import Balance
+from balloon_warp.statics.springs import SpringSkin
+from balloon_warp.statics.volume import SealedGas, Volume
+
+Values = NDArray[np.float64]
+Hold = Literal["tension", "any"]
+PRESSURE = 200.0
+"""that the plain springs would bear in the wanted shape [Pa]"""
+OF_KINDS = np.array([1.0, 0.5, 0.25])
+"""the constants of structural, shear and flexion springs, over each other"""
+LEAST, MOST = 0.3, 1.3
+"""rest lengths over the lengths in the wanted shape: springs that may push are no longer"""
+FURTHEST = 0.15
+"""by which part of it a rest length changes in a step"""
+
+
+@dataclass(frozen=True)
+class SpringProblem:
+    """The rest lengths of a mesh's springs."""
+
+    ruler: Ruler
+    stretch: float
+    """of the plain springs that it begins with"""
+    hold: Hold
+    """whether springs only pull, or may also push"""
+
+    @property
+    def mesh(self) -> PolygonMesh:
+        """The wanted shape."""
+        return self.ruler.mesh
+
+    @cached_property
+    def springs(self) -> Springs:
+        """Of the mesh."""
+        return build_springs(self.mesh)
+
+    @cached_property
+    def volume(self) -> Volume:
+        """Of the mesh."""
+        return Volume(self.mesh)
+
+    @cached_property
+    def gas(self) -> SealedGas:
+        """What fills the wanted shape."""
+        return SealedGas.of(PRESSURE, self.volume.of(self.mesh.points))
+
+    @property
+    def plain(self) -> Values:
+        """The rest lengths of plain springs: all stretched alike in the wanted shape."""
+        return self.springs.rest_lengths / self.stretch
+
+    @cached_property
+    def constants(self) -> Values:
+        """Of each spring [N/m]: plain ones bear the pressure as well as they can."""
+        of_kinds = OF_KINDS[self.springs.kind]
+        forces = SpringSkin(self._pairs, self.plain, of_kinds).forces(self.mesh.points)
+        slopes = self.volume.slopes(self.mesh.points)
+        return of_kinds * (-PRESSURE * (slopes * slopes).sum() / (forces * slopes).sum())
+
+    def balance(self, design: Values) -> Balance:
+        """The balloon of springs of these rest lengths."""
+        return Balance(SpringSkin(self._pairs, design, self.constants), self.volume, self.gas)
+
+    def by_design(self, balance: Balance, points: Values) -> sparse.csc_matrix:
+        """The derivatives of its forces by the rest lengths."""
+        return balance.skin.forces_by_lengths(points)
+
+    def scales(self, design: Values) -> Values:
+        """Rest lengths change in proportion to themselves."""
+        return design
+
+    def changed(self, design: Values, change: Values) -> Values:
+        """The rest lengths with a change, within their bounds."""
+        most = (1.0 if self.hold == "tension" else MOST) * self.springs.rest_lengths
+        low = np.maximum(LEAST * self.springs.rest_lengths, (1.0 - FURTHEST) * design)
+        return np.clip(design + change, low, np.minimum(most, (1.0 + FURTHEST) * design))
+
+    def mean_stretch(self, design: Values) -> float:
+        """Of all springs, by their constants."""
+        return float((self.constants * self.springs.rest_lengths).sum() / (self.constants * design).sum())
+
+    @cached_property
+    def _pairs(self) -> NDArray[np.int64]:
+        return self.springs.pairs.astype(np.int64)

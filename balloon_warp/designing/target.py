@@ -1,0 +1,117 @@
+"""The shape that is wanted: one closed surface that does not cross itself, centered, of the size asked for."""
+
+from dataclasses import replace
+from math import isfinite
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from balloon_warp.designing.measure import Ruler
+from balloon_warp.errors import InputError
+from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.from_python import MeshLike
+from balloon_warp.mesh.geometry import signed_volume
+from balloon_warp.mesh.load import load_mesh
+from balloon_warp.mesh.prepare import Treatment, prepared
+from balloon_warp.mesh.topology import border_edges, is_closed, mesh_edges, vertex_components
+
+LEAST_SIZE, MOST_SIZE = 0.01, 100.0
+"""[m]"""
+MOST_VERTICES = 20_000
+"""that are designed within minutes"""
+INSIDE = 1.0e-9
+"""of an edge and of a triangle counts as crossing, so that what only touches does not"""
+
+
+def target_of(given: str | Path | MeshLike, size: float) -> PolygonMesh:
+    """Read the wanted shape, or take it as it is in Python.
+
+    Args:
+        size: its largest extent [m].
+
+    Raises:
+        InputError: it cannot be read, is open, has several parts, crosses itself or is too large.
+    """
+    if not (isfinite(size) and LEAST_SIZE <= size <= MOST_SIZE):
+        raise InputError(f"size: must be from {LEAST_SIZE:g} to {MOST_SIZE:g} m (got {size})")
+    mesh = load_mesh(Path(given) if isinstance(given, str) else given)
+    source = given if isinstance(given, str | Path) else mesh.name
+    mesh = _used(prepared(mesh, source, Treatment()))
+    edges = mesh_edges(mesh)
+    if not is_closed(edges):
+        low, high = edges.ends[border_edges(edges)[0]] + 1
+        raise InputError(
+            f"{source}: is open, between vertex {low} and {high}, counted from 1; expected a closed shape, as "
+            "`balloon-warp remesh` makes of any surface"
+        )
+    if parts := len(np.unique(vertex_components(mesh, edges))) - 1:
+        raise InputError(f"{source}: has {parts + 1} parts; expected one closed shape, as `balloon-warp remesh` makes")
+    if mesh.vertex_count > MOST_VERTICES:
+        raise InputError(
+            f"{source}: has {mesh.vertex_count:,} vertices; expected at most {MOST_VERTICES:,}, see "
+            "`balloon-warp remesh`"
+        )
+    if signed_volume(mesh) < 0.0:
+        mesh = _turned(mesh)
+    if crossed := len(crossing_triangles(mesh)):
+        raise InputError(
+            f"{source}: crosses itself at {crossed} places; expected a surface that does not, as `balloon-warp remesh` "
+            "makes"
+        )
+    points = mesh.points * mesh.meters_per_unit
+    points = points - 0.5 * (points.max(axis=0) + points.min(axis=0))
+    return replace(
+        mesh, points=points * (size / np.ptp(points, axis=0).max()), meters_per_unit=1.0, warnings=(), looks=None,
+        texture_coordinates=None, stand_ins=None, groups={},
+    )  # fmt: skip
+
+
+def crossing_triangles(mesh: PolygonMesh) -> NDArray[np.int64]:
+    """Pairs of an edge and a triangle that it goes through, shape (n, 2)."""
+    triangles, ends = Ruler(mesh).triangles, mesh_edges(mesh).ends
+    corners, segments = mesh.points[triangles], mesh.points[ends]
+    middles, halves = segments.mean(axis=1), 0.5 * np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1)
+    centers = corners.mean(axis=1)
+    radii = np.linalg.norm(corners - centers[:, None], axis=2).max(axis=1)
+    near = KDTree(centers).query_ball_point(middles, halves + radii.max())
+    edge = np.repeat(np.arange(len(ends)), [len(each) for each in near])
+    triangle = np.concatenate([np.asarray(each, dtype=np.int64) for each in near])
+    apart = np.linalg.norm(middles[edge] - centers[triangle], axis=1) < halves[edge] + radii[triangle]
+    shares = (ends[edge][:, :, None] == triangles[triangle][:, None, :]).any(axis=(1, 2))
+    edge, triangle = edge[apart & ~shares], triangle[apart & ~shares]
+    goes = _goes_through(segments[edge], corners[triangle])
+    return np.stack([edge[goes], triangle[goes]], axis=1)
+
+
+def _goes_through(segments: NDArray[np.float64], corners: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether each segment goes through its triangle (Moeller and Trumbore), shape (n,)."""
+    start, way = segments[:, 0], segments[:, 1] - segments[:, 0]
+    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    across = np.cross(way, second)
+    det = (first * across).sum(axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        arm = start - corners[:, 0]
+        u = (arm * across).sum(axis=1) / det
+        other = np.cross(arm, first)
+        v, t = (way * other).sum(axis=1) / det, (second * other).sum(axis=1) / det
+        return (u > INSIDE) & (v > INSIDE) & (u + v < 1.0 - INSIDE) & (t > INSIDE) & (t < 1.0 - INSIDE)
+
+
+def _used(mesh: PolygonMesh) -> PolygonMesh:
+    """Without vertices of no face."""
+    used, numbers = np.unique(mesh.face_vertex_indices, return_inverse=True)
+    return replace(
+        mesh, points=mesh.points[used], face_vertex_indices=numbers.ravel().astype(np.int32), stand_ins=None, groups={}
+    )
+
+
+def _turned(mesh: PolygonMesh) -> PolygonMesh:
+    """With faces outward."""
+    starts = np.cumsum(mesh.face_vertex_counts) - mesh.face_vertex_counts
+    order = np.concatenate([
+        np.arange(start + count - 1, start - 1, -1)
+        for start, count in zip(starts.tolist(), mesh.face_vertex_counts.tolist(), strict=True)
+    ])  # fmt: skip
+    return replace(mesh, face_vertex_indices=mesh.face_vertex_indices[order])

@@ -1,0 +1,100 @@
+"""What files say of a balloon beside its mesh: its springs one by one, and the shape at which nothing pulls."""
+
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.errors import InputError
+from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.load import load_mesh
+from balloon_warp.scene import Balloon
+from balloon_warp.springs import Springs
+from balloon_warp.springs.springs import SpringKind
+
+Values = NDArray[np.float64]
+COLUMNS = ("pairs", "rest_lengths", "constants")
+"""of a file of springs"""
+
+
+def springs_told(path: Path, own: Springs, mesh: PolygonMesh, constants: Values, unit: float) -> tuple[Springs, Values]:
+    """The springs of a file, and the scale of each one's constant over that of its kind.
+
+    A spring between particles that the mesh would join has the kind of that; others are structural.
+
+    Args:
+        own: the springs of the mesh.
+        constants: of the three kinds [N/m].
+        unit: meters in the file's unit of length.
+
+    Raises:
+        InputError: the file cannot be read, or does not fit the mesh.
+    """
+    pairs, lengths, stiffness = _columns(path)
+    _require_springs(path, pairs, lengths, stiffness, mesh.vertex_count)
+    pairs = np.sort(pairs, axis=1).astype(np.int32)
+    kind = _kinds(pairs, own)
+    order = np.lexsort((pairs[:, 1], pairs[:, 0], kind))
+    of_kind = constants[kind]
+    if (none := (of_kind == 0.0) & (stiffness > 0.0)).any():
+        name = SpringKind(int(kind[none][0])).name.lower()
+        raise InputError(f"stiffness.{name}: is 0, so that {path} cannot say it spring by spring; expected more")
+    scale = np.divide(stiffness, of_kind, out=np.zeros(len(kind)), where=of_kind > 0.0)
+    return Springs(pairs[order], kind[order], unit * lengths[order]), scale[order]
+
+
+def rest_shape(balloon: Balloon, placed: PolygonMesh, unit: float) -> PolygonMesh:
+    """The balloon as it is where nothing pulls: its own mesh, or the vertices of another.
+
+    Raises:
+        InputError: the other mesh cannot be read, or has other vertices.
+    """
+    path = balloon.material.rest_mesh
+    if path is None:
+        return placed
+    points = load_mesh(path).points
+    if len(points) != placed.vertex_count:
+        raise InputError(
+            f"material.rest_mesh: {path} has {len(points)} vertices; expected the {placed.vertex_count} of "
+            f"{placed.name}, in its order"
+        )
+    return replace(placed, points=unit * points)
+
+
+def _columns(path: Path) -> list[NDArray]:
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            return [np.asarray(file[name], dtype=np.int64 if name == "pairs" else np.float64) for name in COLUMNS]
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file; expected the .npz file of springs") from None
+    except (OSError, ValueError, TypeError, KeyError, EOFError, zipfile.BadZipFile):
+        expected = "a .npz file with pairs, rest_lengths and constants"
+        raise InputError(f"{path}: cannot be read as springs; expected {expected}") from None
+
+
+def _require_springs(path: Path, pairs: NDArray, lengths: Values, constants: Values, count: int) -> None:
+    """Raise where they cannot be springs of so many particles."""
+    if pairs.ndim != 2 or pairs.shape[1] != 2 or lengths.shape != constants.shape or lengths.shape != pairs.shape[:1]:
+        shapes = f"{pairs.shape}, {lengths.shape} and {constants.shape}"
+        raise InputError(f"{path}: expected pairs of shape (m, 2), and m rest_lengths and constants (got {shapes})")
+    if len(pairs) and (pairs.min() < 0 or pairs.max() >= count or (pairs[:, 0] == pairs[:, 1]).any()):
+        raise InputError(f"{path}: pairs: expected two of the mesh's {count} particles each, counted from 0")
+    if len(np.unique(np.sort(pairs, axis=1), axis=0)) != len(pairs):
+        raise InputError(f"{path}: pairs: two springs join the same particles; expected each pair once")
+    for name, values in (("rest_lengths", lengths), ("constants", constants)):
+        if not np.isfinite(values).all() or (values < 0.0).any():
+            raise InputError(f"{path}: {name}: expected numbers of at least 0")
+
+
+def _kinds(pairs: NDArray[np.int32], own: Springs) -> NDArray[np.int32]:
+    """Of each pair, as the mesh's own springs have it; structural where they have none."""
+    keys = (own.pairs[:, 0].astype(np.int64) << 32) + own.pairs[:, 1]
+    order = np.argsort(keys)
+    wanted = (pairs[:, 0].astype(np.int64) << 32) + pairs[:, 1]
+    at = np.minimum(np.searchsorted(keys[order], wanted), max(len(keys) - 1, 0))
+    if not len(keys):
+        return np.zeros(len(pairs), dtype=np.int32)
+    found = keys[order][at] == wanted
+    return np.where(found, own.kind[order][at], int(SpringKind.STRUCTURAL)).astype(np.int32)

@@ -1,0 +1,122 @@
+"""Where a balloon comes to rest: the least energy of its skin and of the gas in it, by Newton's method."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+import scipy.sparse as sparse
+from numpy.typing import NDArray
+from scipy.sparse.linalg import splu
+
+from balloon_warp.statics.volume import SealedGas, Volume
+
+Values = NDArray[np.float64]
+MOST_STEPS = 100
+STILL = 1.0e-7
+"""of the forces of the gas is what is left of forces at rest"""
+FIRST_SHIFT, LEAST_SHIFT, MOST_SHIFT = 1.0e-4, 1.0e-9, 1.0e4
+"""of the mean stiffness, added where the energy is not convex; it also holds what could move along and turn"""
+
+
+class Skin(Protocol):
+    """What pulls: springs or a film."""
+
+    def energy(self, points: Values) -> float:
+        """[J]"""
+        ...
+
+    def forces(self, points: Values) -> Values:
+        """On the particles [N], shape (n, 3)."""
+        ...
+
+    def stiffness(self, points: Values) -> sparse.csc_matrix:
+        """Minus the derivatives of the forces [N/m], shape (3 n, 3 n)."""
+        ...
+
+
+@dataclass(frozen=True)
+class Balance:
+    """A skin around a sealed gas."""
+
+    skin: Any
+    volume: Volume
+    gas: SealedGas
+
+    def forces(self, points: Values) -> Values:
+        """Of both on the particles [N], shape (n, 3)."""
+        return self.skin.forces(points) + self.pressure(points) * self.volume.slopes(points)
+
+    def pressure(self, points: Values) -> float:
+        """Of the gas above the air's [Pa]."""
+        return self.gas.pressure(self.volume.of(points))
+
+    def stiffness(self, points: Values) -> tuple[sparse.csc_matrix, Values, float]:
+        """Minus the derivatives of the forces [N/m]: a sparse matrix plus s g g', where the gas is squeezed.
+
+        Returns:
+            The sparse part, shape (3 n, 3 n); g, shape (3 n,); and s.
+        """
+        volume = self.volume.of(points)
+        sparse_part = self.skin.stiffness(points) - self.gas.pressure(volume) * self.volume.curvature(points)
+        return sparse_part.tocsc(), self.volume.slopes(points).ravel(), self.gas.stiffness(volume)
+
+    def left_over(self, points: Values) -> float:
+        """The root mean square of the forces over that of the gas's."""
+        of_gas = self.pressure(points) * self.volume.slopes(points)
+        return float(np.linalg.norm(self.forces(points)) / max(float(np.linalg.norm(of_gas)), 1.0e-30))
+
+    def settle(
+        self, points: Values, still: float = STILL, strays: Callable[[Values], bool] = lambda points: False
+    ) -> Values | None:
+        """Where it comes to rest, beginning there; None where it finds no rest.
+
+        The center and the turn stay as they are, or nearly so.
+
+        Args:
+            still: of the gas's forces, what may be left.
+            strays: says on the way whether it is not worth going on.
+        """
+        shift, here = FIRST_SHIFT, points
+        for _ in range(MOST_STEPS):
+            if strays(here):
+                return None
+            if self.left_over(here) < still:
+                return here
+            found = self._step(here, shift)
+            if found is None:
+                return None
+            here, shift = found
+        return here if self.left_over(here) < 100.0 * still else None
+
+    def _step(self, points: Values, shift: float) -> tuple[Values, float] | None:
+        """The next points, and the next shift; None where no step helps."""
+        matrix, slopes, squeeze = self.stiffness(points)
+        forces, before = self.forces(points).ravel(), self.volume.of(points)
+        resting, unit = self.skin.energy(points), float(np.abs(matrix.diagonal()).mean())
+        while shift <= MOST_SHIFT:
+            solved = solver_of(matrix + shift * unit * sparse.identity(len(slopes), format="csc"))
+            along, across = solved(forces), solved(slopes)
+            along -= across * (squeeze * (slopes @ along) / (1.0 + squeeze * (slopes @ across)))
+            if along @ forces > 0.0:
+                for length in (1.0, 0.5, 0.2):
+                    there = points + length * along.reshape(-1, 3)
+                    volume = self.volume.of(there)
+                    if volume <= 0.0:
+                        continue
+                    gained = self.skin.energy(there) - resting + self.gas.energy(volume, before)
+                    least = 1.0e-4 * length * float(along @ forces)
+                    rounding = 1.0e-13 * abs(resting)
+                    if gained <= rounding - least or (gained <= rounding and self._calmer(there, forces)):
+                        return there, max(shift / 10.0, LEAST_SHIFT) if length == 1.0 else shift
+            shift *= 10.0
+        return None
+
+    def _calmer(self, points: Values, before: Values) -> bool:
+        return float(np.linalg.norm(self.forces(points))) < float(np.linalg.norm(before))
+
+
+def solver_of(matrix: sparse.csc_matrix) -> Callable[[Values], Values]:
+    """What solves with a matrix of a symmetric pattern."""
+    factor = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.001, options={"SymmetricMode": True})
+    return factor.solve

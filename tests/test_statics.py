@@ -1,0 +1,143 @@
+"""The stiffness of a balance, relaxing, and springs and rest shapes from files."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from meshes import quad_sphere
+
+import balloon_warp as bw
+from balloon_warp.errors import InputError
+from balloon_warp.mesh.obj import write_obj
+from balloon_warp.scene.write import write_scene
+from balloon_warp.statics.balance import Balance
+from balloon_warp.statics.of_model import film_of, springs_of
+from balloon_warp.statics.volume import SealedGas, Volume
+
+EGG = replace(quad_sphere(3), points=0.2 * quad_sphere(3).points * [1.0, 0.8, 1.3])
+MATERIALS = {
+    "springs": bw.Material(),
+    "latex": bw.Material(preset="latex"),
+    "gent": bw.Material(kind="gent", gent_limit=30.0),
+    "without wrinkles": bw.Material(preset="latex", wrinkling=False),
+}
+KINDS = ("structural", "shear", "flexion")
+
+
+def gas_scene(mesh, material: bw.Material = MATERIALS["springs"], **of_balloon) -> bw.Scene:
+    inflation = bw.Inflation(moles=1.0, fill_time=0.1, added_mass=0.0, molar_mass=0.0)
+    balloon = bw.Balloon(mesh=mesh, damping=2.0, material=material, inflation=inflation, parts="free", **of_balloon)
+    return bw.Scene(balloon=[balloon], gravity=0.0)
+
+
+def balance_of(simulator: bw.Simulator) -> Balance:
+    """What a simulator's balloon is, on the host."""
+    model, frame = simulator.model, simulator.read_frame()
+    shape, rows = model.shapes[0], {name: values.numpy() for name, values in model.parameters.items()}
+    constants = np.array([float(rows[kind][0, 0]) for kind in KINDS])
+    skin = film_of(model.scene, 0, shape, rows) if shape.membrane.count else springs_of(shape, constants)
+    return Balance(skin, Volume(shape.mesh), SealedGas(float(frame.gas_amounts[0]), 293.15, 101325.0))
+
+
+@pytest.mark.parametrize("name", MATERIALS)
+def test_statics_are_those_of_what_is_simulated(name: str):
+    """At rest all forces of the host's cancel; its operator is their slope; and its own rest is the same shape."""
+    simulator = bw.Simulator(gas_scene(EGG, MATERIALS[name]), "cpu")
+    points = simulator.relax(1.0e-4).points[0].astype(float)
+    balance, way = balance_of(simulator), np.random.default_rng(0).standard_normal(EGG.points.shape)
+    assert balance.left_over(points) < 2.0e-3
+    felt = (balance.forces(points + 1e-7 * way) - balance.forces(points - 1e-7 * way)) / 2e-7
+    told = (simulator.stiffness() @ way.ravel()).reshape(-1, 3)
+    assert np.linalg.norm(felt + told) < 2e-4 * np.linalg.norm(told)  # the pressure was read in float32
+    settled = balance.settle(EGG.points * 1.2)
+    assert settled is not None
+    assert np.linalg.norm(settled - settled.mean(0) - points + points.mean(0), axis=1).max() < 1e-3
+
+
+def test_what_still_moves_is_not_called_at_rest():
+    simulator = bw.Simulator(gas_scene(EGG), "cpu")
+    with pytest.raises(InputError, match=r"fastest particle moves by .* after 0.05 s"):
+        simulator.relax(1.0e-6, most_seconds=0.05)
+    with pytest.raises(InputError, match="speed: must be above 0"):
+        simulator.relax(0.0)
+
+
+def write_springs(path: Path, **changed) -> Path:
+    springs = bw.build_springs(EGG)
+    table = {"pairs": springs.pairs, "rest_lengths": springs.rest_lengths, "constants": np.full(springs.count, 30.0)}
+    np.savez(path, **(table | changed))
+    return path
+
+
+def test_springs_of_a_file_are_those_that_act(tmp_path: Path):
+    """Whatever their order, in the mesh's unit, each with its own length and constant; and written down again."""
+    springs = bw.build_springs(EGG)
+    order = np.random.default_rng(1).permutation(springs.count)
+    lengths, constants = 0.5 * springs.rest_lengths, 10.0 + np.arange(springs.count) % 7
+    file = write_springs(
+        tmp_path / "springs.npz",
+        pairs=springs.pairs[order][:, ::-1],
+        rest_lengths=lengths[order],
+        constants=constants[order],
+    )
+    scene = bw.load_scene(gas_scene(EGG, springs=file), {"balloon.scale": 2.0})
+    shape = bw.Simulator(scene, "cpu").model.shapes[0]
+    assert (shape.springs.pairs == springs.pairs).all()
+    np.testing.assert_allclose(shape.springs.rest_lengths, 2.0 * lengths)
+    of_kind = np.array([20.0, 10.0, 2.0])[shape.springs.kind]
+    np.testing.assert_allclose(shape.stiffness_scale * of_kind, constants)
+    write_obj(tmp_path / "egg.obj", EGG)
+    (tmp_path / "out").mkdir()
+    saved = bw.load_scene(scene, {"balloon.mesh": str(tmp_path / "egg.obj")})
+    write_scene(saved, tmp_path / "out" / "scene.toml")
+    assert 'springs = "../springs.npz"' in (tmp_path / "out" / "scene.toml").read_text()
+    read = bw.load_scene(tmp_path / "out" / "scene.toml").balloon[0].springs
+    assert read
+    assert read.resolve() == file.resolve()
+
+
+@pytest.mark.parametrize(
+    ("changed", "sentence"),
+    [
+        ({"pairs": [[0, 1]]}, "expected pairs of shape"),
+        ({"pairs": "none"}, "expected a .npz file with pairs"),
+        ({"constants": -1.0}, "constants: expected numbers of at least 0"),
+        ({"rest_lengths": np.nan}, "rest_lengths: expected numbers"),
+    ],
+)
+def test_a_file_that_says_no_springs_is_refused(changed: dict, sentence: str, tmp_path: Path):
+    count = bw.build_springs(EGG).count
+    table = {name: np.full(count, value) if isinstance(value, float) else value for name, value in changed.items()}
+    with pytest.raises(InputError, match=sentence):
+        bw.Simulator(gas_scene(EGG, springs=write_springs(tmp_path / "springs.npz", **table)), "cpu")
+
+
+def test_a_missing_file_of_springs_and_one_beside_a_film_are_refused(tmp_path: Path):
+    with pytest.raises(InputError, match=r"none.npz: no such file"):
+        bw.Simulator(gas_scene(EGG, springs=tmp_path / "none.npz"), "cpu")
+    scene = gas_scene(EGG, MATERIALS["latex"], springs=write_springs(tmp_path / "springs.npz"))
+    with pytest.raises(InputError, match=r'needs material.kind = "springs" \(got "mooney_rivlin"\)'):
+        bw.Simulator(scene, "cpu")
+
+
+@pytest.mark.parametrize("material", [bw.Material(), bw.Material(preset="latex")])
+def test_nothing_pulls_in_the_rest_shape(material: bw.Material, tmp_path: Path):
+    """What starts larger than its mould shrinks to it; a film, which nothing else spreads, under a slight pressure."""
+    write_obj(tmp_path / "mould.obj", EGG)
+    larger = replace(EGG, points=1.1 * EGG.points)
+    there = bw.Material(**{"rest_mesh": tmp_path / "mould.obj", **material.model_dump(exclude_unset=True)})
+    balloon = bw.Balloon(
+        mesh=larger, material=there, damping=0.5, inflation=bw.Inflation(pressure=20.0 * material.is_membrane)
+    )
+    simulator = bw.Simulator(bw.Scene(balloon=[balloon], gravity=0.0), "cpu")
+    points = simulator.relax(1e-4).points[0]
+    edges = bw.build_springs(EGG)
+    now = np.linalg.norm(points[edges.pairs[:, 1]] - points[edges.pairs[:, 0]], axis=1)
+    np.testing.assert_allclose(now, edges.rest_lengths, rtol=5e-2)
+
+
+def test_a_rest_shape_of_other_vertices_is_refused(tmp_path: Path):
+    write_obj(tmp_path / "other.obj", quad_sphere(4))
+    with pytest.raises(InputError, match=r"material.rest_mesh: .*other.obj has 98 vertices; expected the 56"):
+        bw.Simulator(gas_scene(EGG, bw.Material(rest_mesh=tmp_path / "other.obj")), "cpu")
