@@ -7,8 +7,6 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.algebra import LaneNumbers, Lanes
-
 
 @wp.func_native("return array.data[(unsigned int)index];")
 def int_at(array: wp.array[wp.int32], index: wp.int32) -> wp.int32:
@@ -291,30 +289,3 @@ def put_vector(array: wp.array[wp.vec3], index: wp.int32, value: wp.vec3):
 def put_in_array(array: Any, index: wp.int32, value: Any):
     """Into an array."""
     array[index] = value
-
-
-# ---- what is listed for eight side by side
-
-
-@wp.func
-def entry_at(array: wp.array[wp.int32], entry: wp.int32):
-    """Of a contiguous array: what is the same in all lanes."""
-    return int_at(array, entry)
-
-
-@wp.func
-def entry_at(array: wp.array[float], entry: wp.int32):  # noqa: F811 - an overload
-    """The same of a number."""
-    return float_at(array, entry)
-
-
-@wp.func_native("return array.data[(unsigned int)entry];")
-def entry_at(array: wp.array[Lanes], entry: wp.int32) -> Lanes:  # noqa: F811 - an overload
-    """Of a contiguous array: a number for each lane."""
-    ...
-
-
-@wp.func_native("return array.data[(unsigned int)entry];")
-def entry_at(array: wp.array[LaneNumbers], entry: wp.int32) -> LaneNumbers:  # noqa: F811 - an overload
-    """The same of whole numbers."""
-    ...

@@ -60,10 +60,6 @@ STILL_TO_GO = {
     ("kernels/schedules/block/streaming.py", "streaming_kernel"): 255,
     ("kernels/schedules/block/together.py", "together_of"): 84,
     ("kernels/schedules/block/touch.py", "touching"): 85,
-    ("kernels/schedules/lanes/loops.py", "lane_loops"): 123,
-    ("kernels/schedules/lanes/membranes.py", "stretch_function"): 105,
-    ("kernels/schedules/lanes/tables.py", "lane_structs"): 102,
-    ("kernels/schedules/lanes/touch.py", "world_function"): 96,
     ("kernels/schedules/patches/kernel.py", "patch_kernel"): 132,
 }
 """functions over the limit, in files that are to be written anew, and how long they are at most: take out what is
@@ -214,7 +210,7 @@ def test_who_executes_a_list_of_phases_knows_none() -> None:
         f"{path} imports {module}"
         for path, tree in TREES.items()
         for module in imports(tree)
-        if path.startswith("kernels/schedules/launched/")
+        if path.startswith(("kernels/schedules/launched/", "kernels/schedules/lanes/"))
         and module.startswith(("balloon_warp.kernels.laws", "balloon_warp.kernels.phases"))
     ]
     assert not known, "\n".join(known)

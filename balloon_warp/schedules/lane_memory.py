@@ -4,8 +4,8 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from balloon_warp.kernels.algebra import LANE_COUNT, Lanes, Lanes3
 from balloon_warp.kernels.contact.near import mark_count
+from balloon_warp.kernels.lanes import LANE_COUNT, Lanes, Lanes3
 from balloon_warp.kernels.schedules.lanes.layouts import Layout
 from balloon_warp.kernels.schedules.lanes.source import arguments_of, kinds_of
 from balloon_warp.kernels.schedules.pieces import Step

@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.algebra import LANE_COUNT
+from balloon_warp.kernels.lanes import LANE_COUNT
 from balloon_warp.kernels.schedules.lanes.layouts import Layout
 from balloon_warp.kernels.schedules.lanes.tables import lane_structs, part_structs
 from balloon_warp.kernels.traits import Traits

@@ -30,12 +30,8 @@ from balloon_warp.kernels.working import Working
 @cache
 def marked_functions(traits: Traits, at: Any, put: Any) -> tuple[Any, Any, Any]:
     """The functions that go through the particles at a mark: what they press a sphere with, how they answer it, which
-    gives how they rub on it, and, when all have, how they stand on the ground and on obstacles.
-
-    Args:
-        at: the function that reads a point or velocity.
-        put: the one that writes it.
-    """
+    gives how they rub on it, and, when all have, how they stand on the ground and on obstacles. `at` reads a point
+    or velocity, `put` writes it."""
     _, read_own = own_functions(traits.columns, traits.balloons)
     inertia = inertia_function(traits)
     stand = standing_function(traits)
@@ -97,14 +93,7 @@ def marked_functions(traits: Traits, at: Any, put: Any) -> tuple[Any, Any, Any]:
         return total
 
     @wp.func
-    def stand_at_mark(
-        t: Tables,
-        world: wp.int32,
-        time: float,
-        mark: wp.int32,
-        points: Any,
-        velocities: Any,
-    ):
+    def stand_at_mark(t: Tables, world: wp.int32, time: float, mark: wp.int32, points: Any, velocities: Any):
         for particle in range(mark * PARTICLES_A_MARK, end_of_mark(mark, t.particles.balloon.shape[0])):
             own = read_own(t, world, particle)
             if own.share > 0.0:
@@ -117,12 +106,8 @@ def marked_functions(traits: Traits, at: Any, put: Any) -> tuple[Any, Any, Any]:
 
 @cache
 def spheres_function(traits: Traits, at: Any, put: Any) -> Any:
-    """The function by which spheres and particles exchange momentum, sphere by sphere.
-
-    Args:
-        at: the function that reads a point or velocity.
-        put: the one that writes it.
-    """
+    """The function by which spheres and particles exchange momentum, sphere by sphere. `at` reads a point
+    or velocity, `put` writes it."""
     ball_at = ball_function(traits, sphere_in_state)
     press_at_mark, answer_at_mark, stand_at_mark = marked_functions(traits, at, put)
 

@@ -14,7 +14,8 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.algebra import LANE_COUNT, Five, Lanes, dot_product, five, scaled, times
+from balloon_warp.kernels.algebra import dot_product, scaled, times
+from balloon_warp.kernels.lanes import LANE_COUNT, Five, Lanes, five
 from balloon_warp.kernels.laws.air import AIR, air_of_height, molar_volume
 from balloon_warp.kernels.laws.body import GRAVITY
 from balloon_warp.kernels.laws.empty import COLLAPSING, EMPTIEST, end_of_collapse

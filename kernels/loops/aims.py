@@ -5,10 +5,11 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.algebra import LANE_COUNT, Lanes, Lanes3, cross_product, of_lane, set_lane
+from balloon_warp.kernels.algebra import cross_product
+from balloon_warp.kernels.lanes import LANE_COUNT, Lanes, Lanes3, entry_at, of_lane, set_lane
 from balloon_warp.kernels.laws.inflation import FAR, aim_of, facing_of, nearer_area
 from balloon_warp.kernels.loops.ring_ends import ring_ends
-from balloon_warp.kernels.memory import entry_at, four_ints_at
+from balloon_warp.kernels.memory import four_ints_at
 from balloon_warp.kernels.tables import SLICE, FaceTable, RingTable
 
 

@@ -10,24 +10,14 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.algebra import (
-    LANE_COUNT,
-    Lanes,
-    Lanes3,
-    Lanes4,
-    dot_product,
-    of_lane,
-    plus_scaled,
-    scaled,
-    set_lane,
-    squared_length,
-)
+from balloon_warp.kernels.algebra import dot_product, plus_scaled, scaled, squared_length
+from balloon_warp.kernels.lanes import LANE_COUNT, Lanes, Lanes3, Lanes4, entry_at, of_lane, set_lane
 from balloon_warp.kernels.loops.areas import CROSSES, area_loop, cross_at_quad_corner
 from balloon_warp.kernels.loops.faces import face_loop
 from balloon_warp.kernels.loops.net_force import Loops, one_after_the_other
 from balloon_warp.kernels.loops.strings import string_loop
 from balloon_warp.kernels.loops.wetness import ring_wetness_loop, wetness_loop
-from balloon_warp.kernels.memory import entry_at, int_at
+from balloon_warp.kernels.memory import int_at
 from balloon_warp.kernels.traits import Traits
 
 

@@ -5,7 +5,8 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.algebra import LANE_COUNT, Lanes, Lanes4, any_negative, dot_product, of_lane, times
+from balloon_warp.kernels.algebra import dot_product, times
+from balloon_warp.kernels.lanes import LANE_COUNT, Lanes, Lanes4, any_negative, entry_at, of_lane
 from balloon_warp.kernels.laws.tension_field import NEVER_ZERO, how_surely_taut
 from balloon_warp.kernels.loops.membranes import (
     material_reader,
@@ -13,7 +14,6 @@ from balloon_warp.kernels.loops.membranes import (
     taut_tension_function,
     tension_function,
 )
-from balloon_warp.kernels.memory import entry_at
 from balloon_warp.kernels.traits import Traits
 
 

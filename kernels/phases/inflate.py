@@ -5,7 +5,8 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.algebra import pair, reach_along, scaled, times
+from balloon_warp.kernels.algebra import reach_along, scaled, times
+from balloon_warp.kernels.lanes import pair
 from balloon_warp.kernels.laws.inflation import NORMAL_FORCE, normal_push
 from balloon_warp.kernels.phase import Look, phase
 from balloon_warp.kernels.traits import Traits

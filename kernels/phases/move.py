@@ -4,7 +4,8 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.algebra import Lanes, scaled
+from balloon_warp.kernels.algebra import scaled
+from balloon_warp.kernels.lanes import Lanes
 from balloon_warp.kernels.phase import Look, phase
 from balloon_warp.kernels.traits import Traits
 

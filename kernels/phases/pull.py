@@ -5,8 +5,8 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.algebra import any_positive
 from balloon_warp.kernels.contact.forces import take_pushes
+from balloon_warp.kernels.lanes import any_positive
 from balloon_warp.kernels.loops.jets import hole_jet_loop, jet_loop
 from balloon_warp.kernels.loops.net_force import net_force_function
 from balloon_warp.kernels.phase import Look, phase

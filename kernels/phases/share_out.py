@@ -5,8 +5,8 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.lanes import entry_at
 from balloon_warp.kernels.loops.eight_quads import quad_pull
-from balloon_warp.kernels.memory import entry_at
 from balloon_warp.kernels.phase import Look, phase
 from balloon_warp.kernels.phases.add import hinge_function
 from balloon_warp.kernels.tables import Tables

@@ -4,8 +4,9 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.algebra import all_positive, squared_length, times
+from balloon_warp.kernels.algebra import squared_length, times
 from balloon_warp.kernels.contact.free_frames import HURRIED
+from balloon_warp.kernels.lanes import all_positive
 from balloon_warp.kernels.phase import Look, phase
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits

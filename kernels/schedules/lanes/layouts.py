@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from balloon_warp.kernels.algebra import LANE_COUNT, LaneNumbers, Lanes, Lanes3, Lanes4, total_in
+from balloon_warp.kernels.lanes import LANE_COUNT, LaneNumbers, Lanes, Lanes3, Lanes4, total_in
 from balloon_warp.kernels.memory import int_at
 
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.algebra import Lanes3
+from balloon_warp.kernels.lanes import Lanes3
 from balloon_warp.kernels.loops.eight import loops_of_eight
 from balloon_warp.kernels.loops.net_force import Loops
 from balloon_warp.kernels.loops.obstacles import sphere_in_state

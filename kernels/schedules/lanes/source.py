@@ -9,8 +9,9 @@ from functools import cache
 from itertools import groupby
 from typing import Any
 
-from balloon_warp.kernels.algebra import IN_LANES, LANE_COUNT, Lanes3, of_lane, scaled, set_lane
+from balloon_warp.kernels.algebra import scaled
 from balloon_warp.kernels.codegen import kernel_from
+from balloon_warp.kernels.lanes import IN_LANES, LANE_COUNT, Lanes3, of_lane, set_lane
 from balloon_warp.kernels.loops.near_solids import Solids
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.phase import STATE, Item

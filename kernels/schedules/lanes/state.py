@@ -5,10 +5,11 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.algebra import Lanes, Lanes2, Lanes3, of_lane, set_lane, times
+from balloon_warp.kernels.algebra import times
 from balloon_warp.kernels.clock import ramp_at
 from balloon_warp.kernels.contact.free_frames import FREE
 from balloon_warp.kernels.fixed_point import set_quanta, total_newtons
+from balloon_warp.kernels.lanes import Lanes, Lanes2, Lanes3, of_lane, set_lane
 from balloon_warp.kernels.loops.near_solids import Solids, solid_function
 from balloon_warp.kernels.memory import two_in
 from balloon_warp.kernels.schedules.lanes.layouts import Layout, of_item, places_of, put_item

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from balloon_warp.kernels.algebra import Lanes
+from balloon_warp.kernels.lanes import Lanes
 from balloon_warp.kernels.schedules.lanes.layouts import Layout
 from balloon_warp.kernels.tables import Tables
 
