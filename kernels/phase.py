@@ -25,6 +25,7 @@ from typing import Any, Literal, NamedTuple
 
 from balloon_warp.kernels.memory import add_at, put_vector, vector_at
 from balloon_warp.kernels.traits import Traits
+from balloon_warp.kernels.warp_sums import sum_over_block
 
 Item = Literal[
     "world", "balloon", "particle", "face", "triangle", "quad", "hinge", "spring", "element", "film", "sphere", "team",
@@ -56,8 +57,9 @@ class Look(NamedTuple):
     """the function that writes a point into a view"""
     velocity_at: Any = vector_at
     put_velocity: Any = put_vector
-    in_team: tuple[Any, Any] = (vector_at, put_vector)
-    """the functions that read and write a point or velocity where all threads of a block have a phase"""
+    in_team: tuple[Any, Any, Any] = (vector_at, put_vector, sum_over_block)
+    """the functions that read and write a point or velocity, and that add up what threads have, where all of a block
+    have a phase"""
     add: Any = add_at
     """the function that adds a force to those in a view"""
     world: Any = None

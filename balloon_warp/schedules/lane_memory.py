@@ -51,7 +51,7 @@ def allot_lanes(model: Model, step: Step, layout: Layout, room: Room) -> LaneMem
             "motions": room.array((groups, solids), Lanes3),
             "reaches": room.array((groups, solids), Lanes),
         },
-        _working(model, traits, room),
+        _working(model, traits, groups * (LANES if layout.worlds else 1), room),
     )
 
 
@@ -84,8 +84,8 @@ def put_far_away(arrays: dict[str, Any], layout: Layout) -> None:
         arrays["all_face_center"].assign(centers)
 
 
-def _working(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
-    worlds, spheres = model.world_count, model.sphere_count
+def _working(model: Model, traits: Traits, worlds: int, room: Room) -> dict[str, Any]:
+    spheres = model.sphere_count
     return {
         "gas_masses": room.array((worlds, model.balloon_count if traits.gas else 0), wp.float32),
         "sphere_quanta": room.array((worlds, spheres if traits.penalties else 0, 3), wp.int64),

@@ -105,9 +105,9 @@ def marked_functions(traits: Traits, at: Any, put: Any) -> tuple[Any, Any, Any]:
 
 
 @cache
-def spheres_function(traits: Traits, at: Any, put: Any) -> Any:
+def spheres_function(traits: Traits, at: Any, put: Any, total_of: Any) -> Any:
     """The function by which spheres and particles exchange momentum, sphere by sphere. `at` reads a point
-    or velocity, `put` writes it."""
+    or velocity, `put` writes it, `total_of` adds up what threads have."""
     ball_at = ball_function(traits, sphere_in_state)
     press_at_mark, answer_at_mark, stand_at_mark = marked_functions(traits, at, put)
 
@@ -148,14 +148,14 @@ def spheres_function(traits: Traits, at: Any, put: Any) -> Any:
                 ball = ball_at(t, state, state.sphere_spins, world, sphere)
                 last = wp.vec3()
                 part = press_of_thread(t, working, world, thread, ball, last, points, velocities)
-                press = wp.tile_sum(wp.tile(part, preserve_type=True))[0]
+                press = total_of(part)
                 if is_met(press):
                     change = change_of_ball(t, ball, press, last)
                     turn = wp.int32(1)
                     while turn < MOST_TURNS and not is_settled(change, last):
                         last = change
                         part = press_of_thread(t, working, world, thread, ball, last, points, velocities)
-                        press = wp.tile_sum(wp.tile(part, preserve_type=True))[0]
+                        press = total_of(part)
                         change = change_of_ball(t, ball, press, last)
                         turn += 1
                     shift = shift_of_ball(t, ball, press)
@@ -168,7 +168,7 @@ def spheres_function(traits: Traits, at: Any, put: Any) -> Any:
                             )  # fmt: skip
                     center, motion, force = answer_of_ball(t, ball, change, shift)
                     if wp.static(traits.spheres_rub):
-                        rub = wp.tile_sum(wp.tile(mine, preserve_type=True))[0]
+                        rub = total_of(mine)
                         center, motion, spin = rubbed_ball(t, ball, press, change, center, motion, rub)
                         if thread == 0:
                             state.sphere_spins[world, sphere] = spin

@@ -35,6 +35,12 @@ def take_forces(t: Any, own: Any):
     return force
 
 
+@wp.func
+def itself(part: Any):
+    """What one thread has, which is alone."""
+    return part
+
+
 def _look(layout: Layout) -> Look:
     places = places_of(layout)
 
@@ -50,7 +56,7 @@ def _look(layout: Layout) -> Look:
 
     return Look(
         near, sphere_in_state, loops, put=put, velocity_at=near, put_velocity=put,
-        in_team=(near, put), add=add, world=world_of,
+        in_team=(near, put, itself), add=add, world=world_of,
     )  # fmt: skip
 
 
