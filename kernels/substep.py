@@ -61,7 +61,9 @@ FILMED = tuple(
     each for line in STEP for each in ((clear, stretch, collect, pull_with_skin) if line is pull else (line,))
 )
 """the same where each face of a membrane is measured once, and leaves there what it does to its corners"""
-SHARED = tuple(each for line in STEP for each in ((bend, share_out, line) if line is pull else (line,)))
+SHARED = tuple(
+    each for line in STEP if line is not wear for each in ((bend, share_out, line) if line is pull else (line,))
+)
 """the same where hinges and membranes have added up what they do to particles"""
 SETTLE = Phase("settle", "launches", lambda traits, look: None, also_reads=("inflation",))
 """local and global steps in turn, until every world has settled, see `solvers.projective`"""

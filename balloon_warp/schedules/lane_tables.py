@@ -174,6 +174,11 @@ def _quads_of(model: Model, layout: Layout) -> MembraneQuads:
     )
 
 
+def quad_count(model: Model, layout: Layout) -> int:
+    """Of quads and triangles, or of so many as eight lanes hold."""
+    return len(_quads_of(model, layout).triangles)
+
+
 def _add_membranes(t: Any, model: Model, traits: Traits, items: Items, array: Any) -> None:
     quads, layout = _quads_of(model, items.layout), items.layout
     corners = np.where(quads.corners >= 0, items.places[quads.corners], 0)

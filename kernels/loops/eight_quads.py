@@ -14,6 +14,7 @@ from balloon_warp.kernels.loops.membranes import (
     taut_tension_function,
     tension_function,
 )
+from balloon_warp.kernels.loops.wear import wear_of_triangle
 from balloon_warp.kernels.traits import Traits
 
 
@@ -110,23 +111,34 @@ def are_surely_taut(t: Any, own: Any, d11: Lanes4, d12: Lanes4):
 
 
 @cache
-def wearing_function(world_of: Any) -> Any:
-    """The function that makes tensions what is left of them.
+def wearing_function(traits: Traits, world_of: Any) -> Any:
+    """The function that makes tensions what is left of them, and notes how far triangles have been stretched.
 
     Args:
         world_of: the function that gives the world in a lane.
     """
+    wear, material_of = wear_of_triangle(traits), material_reader(traits)
 
     @wp.func
-    def worn(t: Any, own: Any, along: Lanes4, mixed: Lanes4, back: Lanes4):
-        """Once `phases.wear` has found it."""
+    def worn(t: Any, own: Any, d11: Lanes4, d12: Lanes4, along: Lanes4, mixed: Lanes4, back: Lanes4):
+        """By the products of the quad's edges."""
+        material = material_of(t.all.membranes, own.balloon)
         for corner in range(t.quad_triangles[own.number]):
-            numbers = t.quad_numbers[4 * own.number + corner]
+            e11 = d11[corner]
+            e12 = d12[corner]
+            e22 = d11[(corner + 3) % 4]
+            rests = t.quad_rests[4 * own.number + corner]
+            peaks = t.peaks[own.group, 4 * own.number + corner]
             left = Lanes()
             for lane in range(LANE_COUNT):
-                number = of_lane(numbers, lane)
-                if number >= 0:
-                    left[lane] = t.all.membranes.wear.left[world_of(t, own, lane), number]
+                metric = wp.vec3(e11[lane], e12[lane], e22[lane])
+                of_one, greatest, _stress = wear(
+                    t.all, world_of(t, own, lane), own.balloon, material, metric, of_lane(rests, lane), peaks[lane],
+                    own.n, lane,
+                )  # fmt: skip
+                left[lane] = of_one
+                peaks[lane] = greatest
+            t.peaks[own.group, 4 * own.number + corner] = peaks
             along[corner] = times(along[corner], left)
             mixed[corner] = times(mixed[corner], left)
             back[(corner + 3) % 4] = times(back[(corner + 3) % 4], left)
@@ -144,7 +156,7 @@ def quad_pull(traits: Traits, at: Any, world_of: Any) -> Any:
         world_of: the one that gives the world in a lane.
     """
     tensions, taut_tensions = (tensions_function(traits, surely_taut) for surely_taut in (False, True))
-    worn = wearing_function(world_of) if traits.wears else None
+    worn = wearing_function(traits, world_of) if traits.softens else None
 
     @wp.func
     def pull_of_quad(t: Any, points: Any, velocities: Any, own: Any):
@@ -177,7 +189,7 @@ def quad_pull(traits: Traits, at: Any, world_of: Any) -> Any:
             else:
                 along, mixed, back = tensions(t, own, d11, d12, r11, r12)
         if wp.static(worn is not None):
-            along, mixed, back = worn(t, own, along, mixed, back)
+            along, mixed, back = worn(t, own, d11, d12, along, mixed, back)
         return pulls_on_corners(ab, bc, cd, da, along, mixed, back)
 
     return pull_of_quad

@@ -27,7 +27,9 @@ def bend(traits: Traits, look: Look) -> Any:
 
 @phase("quad", when=lambda traits: bool(traits.membranes))
 def share_out(traits: Traits, look: Look) -> Any:
-    """Add what a quad or triangle of a membrane does to its corners, or eight of them [N]."""
+    """Add what a quad or triangle of a membrane does to its corners, or eight of them [N].
+
+    Where rubber softens, what is left of its tension is found on the way."""
     pull_of_quad, add = quad_pull(traits, look.at, look.world), look.add
 
     @wp.func

@@ -31,6 +31,14 @@ def frame_functions(traits: Traits, layout: Layout) -> tuple[Any, Any]:
         return places.first_world(group) + places.worlds(group, t.world_count)
 
     @wp.func
+    def counts(working: Working, world: wp.int32):
+        """Whether what has been found of a world counts: not if its frame was not free, and only that counts."""
+        if wp.static(traits.frames == "free"):
+            return working.verdicts[world] == FREE
+        else:
+            return True
+
+    @wp.func
     def read_numbers(t: LaneTables, group: wp.int32):
         """The parameters of balloons and worlds."""
         for lane in range(t.lane_count):
@@ -44,9 +52,24 @@ def frame_functions(traits: Traits, layout: Layout) -> tuple[Any, Any]:
                     t.numbers[group, balloon, split + column][lane] = t.all.world_numbers[of_world, column]
 
     @wp.func
+    def exchange_peaks(t: LaneTables, state: WorldState, working: Working, group: wp.int32, writes: bool):
+        """How far triangles have been stretched: out of the state, or into it."""
+        for entry in range(t.quad_numbers.shape[0]):
+            for lane in range(t.lane_count):
+                number = of_lane(t.quad_numbers[entry], lane)
+                world = places.world(group, lane, t.world_count)
+                if number >= 0:
+                    if not writes:
+                        t.peaks[group, entry][lane] = state.peaks[world, number]
+                    elif counts(working, world):
+                        state.peaks[world, number] = t.peaks[group, entry][lane]
+
+    @wp.func
     def read_frame(t: LaneTables, state: WorldState, working: Working, group: wp.int32, points: Any, velocities: Any):
         """Numbers, points and velocities, and the forces that the last frame left on spheres."""
         read_numbers(t, group)
+        if wp.static(traits.softens):
+            exchange_peaks(t, state, working, group, False)
         if wp.static(traits.penalties):
             for world in range(places.first_world(group), end_of(t, group)):
                 for sphere in range(state.sphere_forces.shape[1]):
@@ -76,15 +99,14 @@ def frame_functions(traits: Traits, layout: Layout) -> tuple[Any, Any]:
             for world in range(places.first_world(group), end_of(t, group)):
                 for sphere in range(state.sphere_forces.shape[1]):
                     state.sphere_forces[world, sphere] = total_newtons(working.sphere_quanta, world, sphere)
+        if wp.static(traits.softens):
+            exchange_peaks(t, state, working, group, True)
         for item in range(t.item_offsets[t.all.inflation_kind.shape[0]]):
             point = of_item(points, item)
             velocity = of_item(velocities, item)
             for lane in range(t.lane_count):
                 world = places.world(group, lane, t.world_count)
-                ends = places.is_there(t, group, item, lane)
-                if wp.static(traits.frames == "free"):
-                    ends = ends and working.verdicts[world] == FREE
-                if ends:
+                if places.is_there(t, group, item, lane) and counts(working, world):
                     particle = places.particle(t, item, lane)
                     state.points[world, particle] = of_lane(point, lane)
                     state.velocities[world, particle] = of_lane(velocity, lane)

@@ -110,6 +110,8 @@ def lane_structs(layout: Layout) -> LaneStructs:
         `laws.columns`"""
         rows: wp.array4d[float]
         """the same, by group, lane and balloon"""
+        peaks: wp.array2d[Lanes]
+        """of the triangles at the corners of quads, see `State`, four each; empty unless rubber softens"""
         forces: wp.array2d[Vector]
         """what hinges and membranes have added up, on each particle [N]"""
 
