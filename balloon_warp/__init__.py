@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from balloon_warp.designing.design import design
     from balloon_warp.designing.result import Design
     from balloon_warp.errors import BlowUpError, InputError, MissingExtraError, WorkersLostError
+    from balloon_warp.fitting.fit import fit
+    from balloon_warp.fitting.result import Fit
     from balloon_warp.foil.make import foil_mesh, foil_parts
     from balloon_warp.frame import Frame
     from balloon_warp.inspection import inspect_mesh
@@ -75,6 +77,7 @@ __all__ = [
     "Cluster",
     "Crossing",
     "Design",
+    "Fit",
     "Frame",
     "Ground",
     "Inflation",
@@ -107,6 +110,7 @@ __all__ = [
     "design",
     "export_stage",
     "face_law",
+    "fit",
     "foil_mesh",
     "foil_parts",
     "inspect_mesh",
@@ -131,6 +135,8 @@ _HOMES = {
     "designing.design": ("design",),
     "designing.result": ("Design",),
     "errors": ("BlowUpError", "InputError", "MissingExtraError", "WorkersLostError"),
+    "fitting.fit": ("fit",),
+    "fitting.result": ("Fit",),
     "foil.make": ("foil_mesh", "foil_parts"),
     "frame": ("Frame",),
     "inspection": ("inspect_mesh",),
@@ -193,5 +199,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """What tab completion offers, before anything is loaded."""
+    """List what tab completion offers, before anything is loaded."""
     return sorted({*(name for name in globals() if name.startswith("__")), *__all__, "__version__"})

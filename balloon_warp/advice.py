@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from math import ceil
 
 from balloon_warp.kernels.laws import Law
-from balloon_warp.model.doubts import doubts_about
 from balloon_warp.model.plan import plan_model
 from balloon_warp.model.stability import Network
+from balloon_warp.model.unit_checks import doubts_about
 from balloon_warp.scene import SceneLike, scene_of
 from balloon_warp.scene.overrides import override_scene
 
@@ -36,7 +36,7 @@ class StepAdvice:
 
 
 def advise_step(scene: SceneLike, laws: Sequence[Law] = ()) -> StepAdvice:
-    """The stable step of a scene, even if the scene itself asks for too few substeps.
+    """Find the stable step of a scene, even if the scene itself asks for too few substeps.
 
     Args:
         laws: your own, which act beside the built-in ones, and count where they have bounds.

@@ -8,7 +8,7 @@ from balloon_warp.warp_logging import quiet_warp
 
 
 def pick_device(name: str | wp.Device | None) -> wp.Device:
-    """The device of that name, such as "cpu" or "cuda:0"; if missing, the GPU or else the CPU. Starts Warp.
+    """Return the device of that name, such as "cpu" or "cuda:0"; if missing, the GPU or else the CPU. Starts Warp.
 
     Raises:
         InputError: there is no such device.

@@ -107,8 +107,11 @@ def _is_installed(package: str) -> bool:
 
 
 def self_test(device: str) -> SelfTest:
-    """Let a cube fall for a second under a pressure that blows it up. Neither pressure nor springs may move its center
-    of mass, which falls by g h^2 n (n + 1) / 2 in n steps of h seconds."""
+    """Let a cube fall for a second under a pressure that blows it up.
+
+    Neither pressure nor springs may move its center of mass, which falls by g h^2 n (n + 1) / 2 in n steps of h
+    seconds.
+    """
     started = time.perf_counter()
     balloon = Balloon(mesh=load_mesh(CUBE), mass=1.0, damping=0.0, inflation=Inflation(pressure=20.0))
     scene = Scene(balloon=[balloon], gravity=GRAVITY, frames=FRAMES)

@@ -14,7 +14,7 @@ STAGE, PICTURES = ".usdc", (".png", ".webp", ".gif", ".mp4")
 
 
 def legible(name: str) -> str:
-    """A file's name with _ for what is no Unicode, as USD and JSON take it: names are bytes, of any encoding."""
+    """Write a file's name with _ for what is no Unicode, as USD and JSON take it: names are bytes, of any encoding."""
     return "".join("_" if "\ud800" <= letter <= "\udfff" else letter for letter in name)
 
 
@@ -81,8 +81,10 @@ def target_of(path: Path) -> Path:
 
 
 def file_behind(path: Path) -> Path:
-    """Return the file that a link leads to, which has beside it what it names; the link itself, where the file has
-    another suffix, as in stores that call files by their content."""
+    """Return the file that a link leads to, which has beside it what it names.
+
+    It is the link itself, where the file has another suffix, as in stores that call files by their content.
+    """
     target = Path(os.path.realpath(path)) if path.is_symlink() else path
     return target if target.suffix.lower() == path.suffix.lower() else path
 
@@ -99,7 +101,7 @@ def whole_path(path: Path) -> Path:
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """A temporary path beside `path`, of the same suffix, that takes its place when the block ends well.
+    """Give a temporary path beside `path`, of the same suffix, that takes its place when the block ends well.
 
     It is on the disk before it takes the place, so that a crash of the machine leaves a good file, too. Where `path` is
     a link, the place is where that leads.

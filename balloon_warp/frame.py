@@ -58,18 +58,20 @@ class Frame(Shown):
 
     @property
     def volumes(self) -> NDArray[np.float64]:
-        """of the balloons [m^3], shape (balloon_count,): what a closed one encloses; 0 of one that burst, once it is
-        open"""
+        """Volume of each balloon [m^3], shape (balloon_count,).
+
+        It is what a closed one encloses; 0 of one that burst, once it is open.
+        """
         return self._volumes_and_areas[:, 0]
 
     @property
     def areas(self) -> NDArray[np.float64]:
-        """of the balloons [m^2], shape (balloon_count,)"""
+        """Area of each balloon [m^2], shape (balloon_count,)."""
         return self._volumes_and_areas[:, 1]
 
     @property
     def stretches(self) -> NDArray[np.float64]:
-        """of the balloons, shape (balloon_count,): the mean one, the root of the area over that at the start"""
+        """Mean stretch of each balloon, shape (balloon_count,): the root of the area over that at the start."""
         areas = np.array([total_area(mesh) for mesh in self.meshes])
         return np.sqrt(self.areas / np.maximum(areas, np.finfo(float).tiny))
 
@@ -85,7 +87,7 @@ class Frame(Shown):
         return measures
 
     def corners(self, number: int) -> NDArray[np.int32]:
-        """The vertices at the corners of a balloon's faces, one face after the other.
+        """Find the vertices at the corners of a balloon's faces, one face after the other.
 
         A torn face has all of its corners at one vertex, and so no area.
 

@@ -39,8 +39,9 @@ class FrameReader:
         return ForceReader(self.model.of_world(0, copied=False), self.model)
 
     def begin(self, state: State, number: int, world: int, net_forces: bool, buffer: int = 0) -> Reading:
-        """One world of a state at the frame of that number, with forces if they are wanted; on a GPU it is under way
-        then.
+        """Begin to read one world of a state at the frame of that number; on a GPU it is under way then.
+
+        Forces are read if they are wanted.
 
         Args:
             buffer: of the host, 0 or 1: two readings may be under way.
@@ -57,8 +58,9 @@ class FrameReader:
 
 
 class WorldReader:
-    """Copies one world to the host. On a GPU it takes a copy there first; a stream of its own goes on with that, while
-    the next frame is simulated.
+    """Copies one world to the host.
+
+    On a GPU it takes a copy there first; a stream of its own goes on with that, while the next frame is simulated.
 
     Args:
         model: of the world alone.
@@ -87,7 +89,7 @@ class WorldReader:
         self._last: HostBuffer | None = None
 
     def begin(self, number: int, buffer: int) -> Reading:
-        """The frame of that number, into that buffer."""
+        """Begin to read the frame of that number into that buffer."""
         if buffer not in self._buffers:
             self._buffers[buffer] = HostBuffer({**self._sources, **self._shown}, self._copy, self._stream)
         if self._stream:
@@ -97,7 +99,7 @@ class WorldReader:
         return Reading(self.model, self._last, number, self._obstacle_motion)
 
     def _hand_over(self, reading: wp.Stream) -> None:
-        """What the simulation has come to, once the last copy is read, to the reading stream."""
+        """Hand what the simulation has come to, once the last copy is read, to the reading stream."""
         simulating = self.model.device.stream
         if self._last and self._last.filled:
             simulating.wait_event(self._last.filled)

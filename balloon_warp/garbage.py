@@ -7,8 +7,10 @@ from contextlib import contextmanager
 
 @contextmanager
 def without_collecting() -> Iterator[None]:
-    """While much is loaded or made that stays, it is not looked through for cycles that nothing refers to: that takes
-    a sixth of the time until the first frame. Afterwards all of it counts as old, and is looked through seldom.
+    """Leave what is loaded or made that stays, while it is, without a search for cycles that nothing refers to.
+
+    That takes a sixth of the time until the first frame. Afterwards all of it counts as old, and is looked through
+    seldom.
 
     Nothing changes where whoever calls has turned the search off.
     """

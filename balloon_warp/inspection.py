@@ -60,8 +60,10 @@ class Figures:
 
 @dataclass(frozen=True)
 class MeshReport(Figures):
-    """The report of `balloon-warp inspect`; its fields are the keys of the JSON. The figures are those of the balloon:
-    seams, faces, winding and holes are as a run has them."""
+    """The report of `balloon-warp inspect`; its fields are the keys of the JSON.
+
+    The figures are those of the balloon: seams, faces, winding and holes are as a run has them.
+    """
 
     springs: SpringCounts
     in_file: dict[str, Any]

@@ -11,7 +11,7 @@ from balloon_warp.blow_ups import MOST_HALVINGS, check_policy, with_half_the_ste
 from balloon_warp.errors import BlowUpError
 from balloon_warp.interrupts import Interrupts
 from balloon_warp.kernels.laws import Law
-from balloon_warp.model import remark_sentences, remarks_on
+from balloon_warp.model.remarks import remarks_in_sentences
 from balloon_warp.outcomes import BadEnding, bad_endings, ending_sentences
 from balloon_warp.outputs.background import Background
 from balloon_warp.outputs.usd import StageWriter
@@ -150,7 +150,7 @@ def animate(
 def _begun_again(
     scene: Scene, substeps: int, failure: BlowUpError, restarts: int, on_warning: Callable[[str], None]
 ) -> Scene:
-    """The scene with half the step, once that is told.
+    """Return the scene with half the step, once that is told.
 
     Raises:
         BlowUpError: it was halved often enough.
@@ -172,7 +172,7 @@ def _look_at_the_end(
     endings = bad_endings(simulator.model, simulator.read_frame(net_forces=False))
     for sentence in ending_sentences(endings):
         on_warning(sentence)
-    remarks = remark_sentences(remarks_on(simulator.model, simulator.state))
+    remarks = remarks_in_sentences(simulator.model, simulator.state)
     for sentence in [*remarks, *crowding_remarks(simulator.schedule.crowded)]:
         on_warning(sentence)
     return endings
@@ -186,8 +186,7 @@ def _begun(
     on_begin: Callable[[Beginning], None],
     on_warning: Callable[[str], None],
 ) -> tuple[Simulator, list[Swelling]]:
-    """The simulator of a scene, whose oddities are told; and how far its balloons swell by pressures that are left to
-    us."""
+    """Make the simulator of a scene, tell its oddities, and how far its balloons swell by pressures left to us."""
     simulator = Simulator(scene, device, schedule=schedule, laws=laws)
     on_begin(Beginning.of(simulator.model, simulator.schedule.name))
     for warning in simulator.model.warnings:
@@ -206,7 +205,7 @@ def _summary(
     inflation: list[Swelling],
     seconds: float,
 ) -> Summary:
-    """What `animate` hands back."""
+    """Sum up what `animate` hands back."""
     model, frames = simulator.model, simulator.frame_number - bool(blow_up)
     return Summary(
         output=str(wanted.output),
@@ -241,8 +240,10 @@ def _write(
     on_frame: Callable[[int], None],
     on_note: Callable[[str], None],
 ) -> tuple[int, BlowUpError | None]:
-    """Simulate all frames, write them into a stage, and make of it what is wanted: after which frame it began, and what
-    ended them early, where that is to leave a stage."""
+    """Simulate all frames, write them into a stage, and make of it what is wanted.
+
+    Returns after which frame it began, and what ended them early, where that is to leave a stage.
+    """
     blow_up, job = None, describe_run(simulator) | wanted.left_out
     said = {**provenance, **without_folders(job)}
     writer = StageWriter(wanted.stage, simulator.model, said, lights=wanted.lights, ground=wanted.ground)
@@ -274,7 +275,7 @@ def _write(
 
 
 def _begin(checkpoints: Checkpoints, resume: bool, on_note: Callable[[str], None]) -> int:
-    """The frame that a run begins at: the last checkpoint's, if that is wanted and there is one.
+    """Find the frame that a run begins at: the last checkpoint's, if that is wanted and there is one.
 
     Raises:
         InputError: it is of another run or damaged, or something else is in its place.

@@ -23,8 +23,11 @@ _beginning = Lock()
 
 
 def begin_loading(kernel: Any, device: wp.Device) -> None:
-    """Compile a kernel, and all others of its module, or load them, while whoever calls goes on. It should be one that
-    is launched for sure: a process does not end before it is compiled. A GPU's are left to the first launch."""
+    """Compile a kernel, and all others of its module, or load them, while whoever calls goes on.
+
+    It should be one that is launched for sure: a process does not end before it is compiled. A GPU's are left to the
+    first launch.
+    """
     if not device.is_cpu or kernel.module in _begun:
         return
     with _beginning:

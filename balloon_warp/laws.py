@@ -38,7 +38,7 @@ SAMPLES: Mapping[str, Any] = {
 
 
 def particle_law(function: Any, parameters: Sequence[Parameter] = (), **more: Any) -> Law:
-    """A law that gives a force on each particle.
+    """Make a law that gives a force on each particle.
 
     Args:
         function: a `wp.func` that returns the force, a vector [N]. The names of its arguments say what it needs: things
@@ -55,14 +55,18 @@ def particle_law(function: Any, parameters: Sequence[Parameter] = (), **more: An
 
 
 def spring_law(function: Any, parameters: Sequence[Parameter] = (), **more: Any) -> Law:
-    """A law that gives a force along each spring. Its function returns the force over the spring's length [N/m].
-    Otherwise as `particle_law`, with `GIVEN["spring"]`."""
+    """Make a law that gives a force along each spring.
+
+    Its function returns the force over the spring's length [N/m]. Otherwise as `particle_law`, with `GIVEN["spring"]`.
+    """
     return _law("spring", function, parameters, more)
 
 
 def face_law(function: Any, parameters: Sequence[Parameter] = (), **more: Any) -> Law:
-    """A law that gives a force on each face [N]. Each corner gets the same share. Otherwise as `particle_law`, with
-    `GIVEN["face"]`."""
+    """Make a law that gives a force on each face [N].
+
+    Each corner gets the same share. Otherwise as `particle_law`, with `GIVEN["face"]`.
+    """
     return _law("face", function, parameters, more)
 
 
@@ -165,7 +169,7 @@ def _require_function(whose: str, function: Any, types: Mapping[str, str], resul
 
 
 def _tried(whose: str, function: Any, samples: Sequence[Any]) -> Any:
-    """What a function returns on the host; None where the host cannot tell, for not everything in a kernel is there."""
+    """Call a function on the host; None where the host cannot tell, for not everything in a kernel is there."""
     try:
         returned = function.func(*samples)
     except ArithmeticError:  # with these numbers

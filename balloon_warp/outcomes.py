@@ -1,5 +1,4 @@
-"""Check the outcome of a run: whether balloons came apart, fell for ever, collapsed, swelled past recognition,
-swallowed parts of themselves or folded over.
+"""Check the outcome of a run: balloons that came apart, fell for ever, collapsed, swelled, swallowed parts or folded.
 
 Cheap measures of the last frame's points beside the mesh, on the host, in NumPy. The bounds are far from what the
 bundled scenes end with, and near to what balloons in ruins do (tests/test_outcomes.py).
@@ -75,7 +74,7 @@ class LastFrame(NamedTuple):
 
 
 def bad_endings(model: Model | ModelPlan, frame: Frame | LastFrame) -> list[BadEnding]:
-    """The balloons of a world that ended badly, each with the gravest of what there is, in the scene's order.
+    """Find the balloons of a world that ended badly, each with the gravest of what there is, in the scene's order.
 
     Args:
         model: what was simulated.
@@ -197,7 +196,7 @@ def _collapsed(rest: PolygonMesh, end: PolygonMesh, used: NDArray[np.integer], c
 
 
 def _misshapen(model: Model | ModelPlan, rest: PolygonMesh, end: PolygonMesh, number: int) -> BadEnding | None:
-    """What is closed and thick enough that its volume says something."""
+    """Look at what is closed and thick enough that its volume says something."""
     volume = signed_volume(rest)
     if volume < COMPACT * total_area(rest) ** 1.5:
         return None
@@ -230,7 +229,7 @@ def _is_left_to_itself(model: Model | ModelPlan) -> bool:
 
 
 def _height_left(rest: PolygonMesh, end: PolygonMesh, up: NDArray[np.float64]) -> float:
-    """The height at the end over that of the mesh, along what was up, turned as the balloon has turned (Kabsch)."""
+    """Compare the height at the end with that of the mesh, along what was up, as the balloon has turned (Kabsch)."""
     before, after = (mesh.points[np.unique(mesh.face_vertex_indices)] for mesh in (rest, end))
     before, after = before - before.mean(axis=0), after - after.mean(axis=0)
     left, _, right = np.linalg.svd(after.T @ before)

@@ -20,7 +20,7 @@ LIBRARIES = ("balloon-warp", "warp-lang", "numpy", "scipy", "usd-core")
 
 
 def describe_scene(scene: Scene) -> dict[str, Any]:
-    """A scene as JSON has it. Of a mesh that came from Python there is the name only."""
+    """Describe a scene as JSON has it. Of a mesh that came from Python there is the name only."""
     described = scene.model_dump(mode="json", exclude=WITHOUT_MESHES)
     for name in MESHED:
         for table, meshed in zip(described[name], getattr(scene, name), strict=True):
@@ -30,7 +30,7 @@ def describe_scene(scene: Scene) -> dict[str, Any]:
 
 
 def describe_simulation(scene: Scene, laws: Iterable[Law], substeps: int) -> dict[str, Any]:
-    """What is simulated, by what. Before the run: mesh files may change meanwhile."""
+    """Describe what is simulated, and by what. Before the run: mesh files may change meanwhile."""
     return {
         "scene": describe_scene(scene),
         "laws": describe_laws(laws),
@@ -46,8 +46,11 @@ def meshes_of(scene: Scene) -> list[Path | PolygonMesh]:
 
 
 def without_folders(description: Mapping[str, Any]) -> dict[str, Any]:
-    """A description with a `scene` and its `meshes`, as it is wherever the files are: the meshes' names without their
-    folders, and their hashes by where they stand, as `balloon.0.mesh`."""
+    """Describe the same as it is wherever the files are.
+
+    A description has a `scene` and its `meshes`: the meshes' names lose their folders, and their hashes are by where
+    they stand, as `balloon.0.mesh`.
+    """
     scene, hashes = {**description["scene"]}, {}
     for name in MESHED:
         tables = [{**table} for table in scene.get(name, ())]
@@ -63,12 +66,12 @@ def without_folders(description: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def hash_meshes(meshes: Iterable[str | Path | PolygonMesh]) -> dict[str, str]:
-    """The hash of each, by its label. Before a run: files may change meanwhile."""
+    """Hash each mesh, by its label. Before a run: files may change meanwhile."""
     return {mesh_label(mesh): hash_of_mesh(mesh) for mesh in meshes}
 
 
 def describe_laws(laws: Iterable[Law]) -> dict[str, dict[str, str]]:
-    """The SHA-256 of each one's functions, as their source has them, by its name."""
+    """Hash each law's functions, as their source has them, by its name (SHA-256)."""
     described = {}
     for law in laws:
         functions = {"force": law.force} | ({"energy": law.energy} if law.energy else {})

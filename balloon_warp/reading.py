@@ -16,8 +16,10 @@ from balloon_warp.warp_lock import lock_of
 
 
 class Recorded:
-    """Launches and copies that are done over and over. On a GPU they are recorded when they are first done again, since
-    each of so many small ones would cost more than what it does.
+    """Launches and copies that are done over and over.
+
+    On a GPU they are recorded when they are first done again, since each of so many small ones would cost more than
+    what it does.
 
     Args:
         do: all of them.
@@ -94,7 +96,7 @@ class Reading:
         self._buffer, self._obstacle_motion = buffer, obstacle_motion
 
     def frame(self) -> Frame:
-        """What was read, once it is there."""
+        """Return what was read, once it is there."""
         self._buffer.wait()
         return Frame(
             number=self.number,
@@ -131,21 +133,21 @@ class Reading:
         return np.split(self._row("torn", np.float32) >= 0.0, ends[:-1])
 
     def _row(self, name: str, dtype: Any) -> NDArray[Any]:
-        """The world's row of what is on the host, for whoever is to keep it."""
+        """Copy the world's row of what is on the host, for whoever is to keep it."""
         return np.array(
             self._buffer.arrays[name].numpy()[0] if name in self._buffer.arrays else np.zeros(0), dtype=dtype
         )
 
     def _rows(self, name: str, size: int = 3) -> NDArray[np.float32]:
-        """The same of vectors."""
+        """Copy the world's row of vectors."""
         return self._row(name, np.float32).reshape(-1, size)
 
     def _of_balloons(self, name: str) -> list[NDArray[np.float32]]:
-        """The rows of particles, split by balloon; none if they are not read."""
+        """Split the rows of particles by balloon; none if they are not read."""
         return np.split(self._rows(name), self.model.particle_offsets[1:-1]) if name in self._buffer.arrays else []
 
     def _moving_along(self, name: str) -> list[NDArray[np.float32]]:
-        """The same, welded vertices with the rows of those that stand in for them."""
+        """Split rows by balloon, welded vertices with the rows of those that stand in for them."""
         stand_ins = (shape.mesh.stand_ins for shape in self.model.shapes)
         rows = self._of_balloons(name)
         return [own if others is None else own[others] for own, others in zip(rows, stand_ins, strict=True)]

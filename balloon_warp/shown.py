@@ -43,8 +43,10 @@ class ShownType(ABCMeta):
 
 
 class Shown(metaclass=ShownType):
-    """What Tab shows of an object: its public names, but for those in the `_internal` of its class and of its bases,
-    which other modules use and people need not."""
+    """What Tab shows of an object: its public names.
+
+    Those in the `_internal` of its class and of its bases are left out, which other modules use and people need not.
+    """
 
     _internal: ClassVar[tuple[str, ...]] = ()
 
@@ -61,8 +63,9 @@ class FieldHelp(NamedTuple):
 
 
 class Help:
-    """A class's docstring, followed by its fields once somebody reads it: to find what stands below them in the source
-    takes as long as to load them.
+    """A class's docstring, followed by its fields once somebody reads it.
+
+    To find what stands below them in the source takes as long as to load them.
 
     Args:
         fields_of: what is to be said of the fields of a class.

@@ -15,25 +15,14 @@ from balloon_warp.frame_reader import FrameReader
 from balloon_warp.garbage import without_collecting
 from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.measure.health import HEALTHY
-from balloon_warp.model import (
-    Model,
-    Vary,
-    build_model,
-    carried_over,
-    fitting,
-    initial_state,
-    overwrite,
-    remark_sentences,
-    remarks_on,
-    world_bytes,
-)
+from balloon_warp.model import Model, Vary, build_model, carried_over, fitting, initial_state, world_bytes
 from balloon_warp.model.acting import acting_laws
 from balloon_warp.model.gas import keep_pressures
 from balloon_warp.model.memory import require_memory
 from balloon_warp.model.planned_changes import PlannedChanges, changed_parameters, with_changed_methods
+from balloon_warp.model.remarks import remarks_in_sentences
 from balloon_warp.model.setting import Setting, plan_setting
 from balloon_warp.model.varied_scene import scene_to_vary
-from balloon_warp.model.vary import METHODS
 from balloon_warp.outputs.snapshot import NOTEBOOK_SIZE, snapshot
 from balloon_warp.reading import Reading
 from balloon_warp.resting import relax
@@ -99,8 +88,7 @@ class Simulator(Shown):
         kind = solver_named(schedule, model)
         require_memory(model.device, [model.world_count], [world_bytes(model) + kind.world_bytes(model)])
         self._planned, self._asked_schedule = PlannedChanges(model.due_changes), schedule
-        self._origins = Origins(Origin(model, kind.name))
-        self._first = model, schedule
+        self._origins, self._first = Origins(Origin(model, kind.name)), (model, schedule)
         self.model = model.with_own_parameters() if model.due_changes else model
         self._lay_out(kind)  # while a thread still compiles what places balloons
         self.state = initial_state(model)
@@ -115,14 +103,13 @@ class Simulator(Shown):
 
     @property
     def time(self) -> float:
-        """simulated since the start [s]"""
+        """Time simulated since the start [s]."""
         return self.frame_number * self.model.frame_seconds
 
     @property
     def warnings(self) -> list[str]:
-        """What is odd about the meshes, what became of it, and where numbers until now are not what was asked for, a
-        sentence each."""
-        return self.model.warnings + remark_sentences(remarks_on(self.model, self.state))
+        """Remarks, a sentence each: on odd meshes, what became of them, and numbers that are not what was asked for."""
+        return self.model.warnings + remarks_in_sentences(self.model, self.state)
 
     def __repr__(self) -> str:
         return f"Simulator({self.model}, frame {self.frame_number}, {self.time:.3f} s)"
@@ -134,7 +121,7 @@ class Simulator(Shown):
             InputError: there is no such world; nothing is advanced then.
             BlowUpError: the simulation blew up.
         """
-        self._require_world(world)
+        self.model.require_world(world)
         self.step_unread()
         return self.read_frame(world)
 
@@ -162,9 +149,9 @@ class Simulator(Shown):
         """
         if self.frame_number == 0:
             yield self.read_frame(world)
-        reading = None
-        while reading or self._is_under_way:
-            if reading and not (ahead and self._is_under_way and not self._waits):
+        reading, frames = None, self.model.scene.frames
+        while reading or self.frame_number < frames:
+            if reading and not (ahead and self.frame_number < frames and not self._waits):
                 yield self._arrived(reading, world)
                 reading = None
                 continue
@@ -188,11 +175,6 @@ class Simulator(Shown):
             model = replace(self.model, due_changes=list(self._planned))
             self._origins.keep(Origin(model, self._asked_schedule, self.frame_number, self.state))
         self.advance()
-
-    @property
-    def _is_under_way(self) -> bool:
-        """Whether the scene asks for more frames."""
-        return self.frame_number < self.model.scene.frames
 
     @property
     def _waits(self) -> bool:
@@ -245,13 +227,12 @@ class Simulator(Shown):
             InputError: there is no such world, or something still moves then.
             BlowUpError: the simulation blew up.
         """
-        self._require_world(world)
+        self.model.require_world(world)
         relax(self, speed, most_seconds)
         return self.read_frame(world)
 
     def stiffness(self, world: int = 0, balloon: int = 0) -> Any:
-        """Find how stiffly a balloon holds its shape as it is now: minus the derivatives of the forces of its springs,
-        film, pressure and gas by the places of its particles [N/m], a symmetric operator of SciPy's, (3 n, 3 n).
+        """Find minus the slopes of a balloon's forces by its places [N/m], as SciPy's symmetric operator, (3 n, 3 n).
 
         Raises:
             InputError: there is no such world or balloon.
@@ -263,13 +244,9 @@ class Simulator(Shown):
     @locked
     def _begin_reading(self, world: int, net_forces: bool | None = None, buffer: int = 0) -> Reading:
         """Send one world as it is now on its way to the host. Two may be, into two buffers."""
-        self._require_world(world)
+        self.model.require_world(world)
         wanted = self.model.scene.net_forces if net_forces is None else net_forces
         return self._frame_reader.begin(self.state, self.frame_number, world, wanted, buffer)
-
-    def _require_world(self, world: int) -> None:
-        if not isinstance(world, int | np.integer) or not 0 <= world < self.model.world_count:
-            raise InputError(f"world: there is no world {world}; expected 0 to {self.model.world_count - 1}")
 
     @locked
     def diagnose(self, world: int, frame: int, bad: int | None = None) -> BlowUp:
@@ -281,8 +258,7 @@ class Simulator(Shown):
         origin = self._origins.last.of_world(world)
         again = Simulator.of_model(origin.model, origin.schedule)
         again.frame_number = origin.frame
-        if origin.state:
-            overwrite(again.state, origin.state)
+        origin.fill(again.state)
         while again.frame_number < frame - 1:
             again.advance()
         again.make_due_changes()
@@ -299,19 +275,17 @@ class Simulator(Shown):
         return frame
 
     def _raise_if_bad(self, first_bad: NDArray[np.int32], frame: int) -> None:
-        if (first_bad != HEALTHY).any():
-            world = int(np.argmax(first_bad != HEALTHY))
-            raise BlowUpError(self.diagnose(world, frame, int(first_bad[world])))
+        if (worlds := np.flatnonzero(first_bad != HEALTHY)).size:
+            raise BlowUpError(self.diagnose(int(worlds[0]), frame, int(first_bad[worlds[0]])))
 
     @locked
     def set(self, changes: Mapping[str, Any]) -> None:
-        """Set values from now on, by their paths in the scene:
-        {"balloon.mass": 3.0, "string.0.anchor": (0, 2, 0), "normals": "cached"}.
+        """Set values from now on, by their paths in the scene.
 
-        A number may be given for each world, as an array of shape (world_count,), and a vector as one of shape
-        (world_count, 3). A number takes the place of keyframes. Values are checked as those of a scene file, all of
-        them before any is set. A step that is left to us becomes as long as they allow. What the scene has planned for
-        later still happens.
+        For example {"balloon.mass": 3.0, "string.0.anchor": (0, 2, 0), "normals": "cached"}. A number may be given for
+        each world, as an array of shape (world_count,), and a vector as one of shape (world_count, 3). A number takes
+        the place of keyframes. Values are checked as those of a scene file, all of them before any is set. A step that
+        is left to us becomes as long as they allow. What the scene has planned for later still happens.
 
         What a mesh is made into cannot change, nor how many things there are, nor what counts at the start alone, such
         as positions: `load_scene(scene, {...})` makes another scene of those.
@@ -327,17 +301,15 @@ class Simulator(Shown):
     @locked
     def go_on_with(self, setting: Setting) -> None:
         """Go on with what is set."""
-        acted, model = acting_laws(self.model), self.model
-        if any(len(rows) > model.parameters[name].shape[0] for name, rows in setting.parameters.items()):
-            model = model.with_rows_of_worlds()
-            self.go_on_in(model)
+        if setting.differs_by_world(self.model):
+            self.go_on_in(self.model.with_rows_of_worlds())
+        acted, changes_methods = acting_laws(self.model), setting.changes_methods(self.model)
         self.set_parameters(setting.parameters)
-        methods_stay = all(getattr(setting.scene, name) == getattr(model.scene, name) for name in METHODS)
-        model = replace(model, scene=setting.scene, substeps=setting.substeps)
-        if methods_stay and setting.substeps == self.model.substeps and acting_laws(model) == acted:
-            self.model = model
-        else:
+        model = replace(self.model, scene=setting.scene, substeps=setting.substeps)
+        if changes_methods or acting_laws(model) != acted:
             self.go_on_in(model)
+        else:
+            self.model = model
 
     @locked
     def set_parameters(self, parameters: Mapping[str, ArrayLike]) -> None:
@@ -398,17 +370,17 @@ class Simulator(Shown):
 
     @locked
     def save(self) -> dict[str, NDArray]:
-        """Return all that `restore` takes to go on from here, as arrays by name.
+        """Return all that `restore` takes, as arrays by name: `np.savez("here.npz", **simulator.save())` keeps it.
 
-        `np.savez("here.npz", **simulator.save())` keeps it. Places and velocities of all worlds are `points` and
-        `velocities`.
+        Places and velocities of all worlds are `points` and `velocities`.
         """
         return packed(self.state, self._changes_set)
 
     @locked
     def restore(self, saved: Mapping[str, NDArray]) -> None:
-        """Go on, bit for bit, from where this simulator, or another one of the same scene, worlds and schedule, was
-        when it was saved: what changed until then, of parameters and methods, is changed again.
+        """Go on, bit for bit, from where a simulator of the same scene, worlds and schedule was when it was saved.
+
+        It may be this one or another. What changed until then, of parameters and methods, is changed again.
 
         Args:
             saved: what `save` gave, or the file that it went into: `np.load("here.npz")`.
@@ -418,9 +390,8 @@ class Simulator(Shown):
         for frame, changes in saved_changes(saved):
             self.frame_number = frame
             self.set(changes)
-        frame = int(saved["frame"][0])
-        self.frame_number = frame - 1
+        self.frame_number = int(saved["frame"][0]) - 1
         self.make_due_changes()
-        self.frame_number = frame
+        self.frame_number += 1
         self._origins.forget()
         fill_state(self.state, saved)

@@ -19,8 +19,9 @@ LANES = 32
 @described
 @dataclass(frozen=True)
 class MassProperties(Shown):
-    """Volume, center of mass and inertia of every balloon, as a solid of density 1 kg/m^3. Multiply by a density to get
-    those of a material.
+    """Volume, center of mass and inertia of every balloon, as a solid of density 1 kg/m^3.
+
+    Multiply by a density to get those of a material.
 
     They are exact for the polyhedron whose faces are fans of triangles about their centers (Kim et al. 2006). Of open
     balloons they mean nothing.

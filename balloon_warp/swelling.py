@@ -58,7 +58,7 @@ def swellings(scene: Scene, shapes: Sequence[BalloonShape], parameters: Paramete
 
 
 def swellings_of(model: Model) -> list[Swelling]:
-    """The same, of a model."""
+    """Foretell the swellings of a model."""
     names = ("keyframe_values", *(row.name for row in KINDS))
     with lock_of(model.device):
         read = {name: np.asarray(model.parameters[name].numpy(), dtype=np.float64) for name in names}
@@ -66,7 +66,7 @@ def swellings_of(model: Model) -> list[Swelling]:
 
 
 def foretold_swellings(scene: Scene) -> list[Swelling]:
-    """The same, of a scene.
+    """Foretell the swellings of a scene.
 
     Raises:
         InputError: as `plan_model`.
@@ -83,8 +83,10 @@ def sentences(found: Sequence[Swelling]) -> list[str]:
 def told_before(
     found: Sequence[Swelling], on_note: Callable[[str], None], on_frame: Callable[[int], None]
 ) -> Callable[[int], None]:
-    """A listener to frames that notes these before the first: where no frame comes, something is wrong, and there is
-    nothing to say but that."""
+    """Make a listener to frames that notes these before the first.
+
+    Where no frame comes, something is wrong, and there is nothing to say but that.
+    """
     waiting = sentences(found)
 
     def listen(number: int) -> None:
@@ -96,7 +98,7 @@ def told_before(
 
 
 def volume_under(shape: BalloonShape, constants: NDArray[np.float64], pressure: float) -> float | None:
-    """The volume in balance, over that at the start; None where there is none.
+    """Find the volume in balance, over that at the start; None where there is none.
 
     Each round solves for the places at which the springs, each at its rest length along the way that it has now, and
     the pressure's forces of now are in balance: as projective dynamics does (Bouaziz et al. 2014), with a step without
@@ -125,7 +127,7 @@ def volume_under(shape: BalloonShape, constants: NDArray[np.float64], pressure: 
 
 
 def _rounds(shape: BalloonShape, constants: NDArray[np.float64], pressure: float) -> Any:
-    """The function that gives how far each particle moves in a round, from the points of all [m]."""
+    """Make the function that gives how far each particle moves in a round, from the points of all [m]."""
     from scipy.sparse import coo_array, csc_matrix, diags_array
     from scipy.sparse.linalg import splu
 

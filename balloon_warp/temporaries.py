@@ -81,8 +81,9 @@ def clear_left_over(folder: Path) -> None:
 
 
 def hold(path: Path) -> int | None:
-    """Lock a file until its descriptor, which is returned, is closed or this process ends; None if somebody has it, or
-    where there are no locks.
+    """Lock a file until its descriptor, which is returned, is closed or this process ends.
+
+    Returns None if somebody has it, or where there are no locks.
 
     Raises:
         OSError: there is no such file.

@@ -27,8 +27,10 @@ from balloon_warp.warp_lock import lock_of
 @described
 @dataclass(frozen=True, repr=False)
 class Trajectories(Shown):
-    """How everything moved, as arrays of NumPy. With several worlds, all but `times` have world_count as their first
-    dimension, before those named here."""
+    """How everything moved, as arrays of NumPy.
+
+    With several worlds, all but `times` have world_count as their first dimension, before those named here.
+    """
 
     scene: Scene
     meshes: list[PolygonMesh]
@@ -50,12 +52,12 @@ class Trajectories(Shown):
 
     @cached_property
     def volumes(self) -> NDArray[np.float64]:
-        """of the balloons [m^3], shape (frame_count, balloon_count): what a closed one encloses"""
+        """Volume of each balloon [m^3], shape (frame_count, balloon_count): what a closed one encloses."""
         return self._measured(signed_volume)
 
     @cached_property
     def areas(self) -> NDArray[np.float64]:
-        """of the balloons [m^2], shape (frame_count, balloon_count)"""
+        """Area of each balloon [m^2], shape (frame_count, balloon_count)."""
         return self._measured(total_area)
 
     def _measured(self, measure: Callable[[PolygonMesh], float]) -> NDArray[np.float64]:
@@ -159,7 +161,7 @@ def _record(tracks: Mapping[str, NDArray], simulator: Simulator, group: Group, p
 
 
 def _by_balloon(tracks: dict[str, NDArray], meshes: Sequence[PolygonMesh]) -> dict[str, Any]:
-    """The tracks as `Trajectories` has them: particles by balloon, and a single world without its dimension."""
+    """Split the tracks as `Trajectories` has them: particles by balloon, and a single world without its dimension."""
     ends = np.cumsum([mesh.vertex_count for mesh in meshes])[:-1]
     alone = len(tracks["pressures"]) == 1
     found: dict[str, Any] = {name: track[0] if alone else track for name, track in tracks.items()}

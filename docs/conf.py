@@ -42,7 +42,7 @@ myst_url_schemes = {
     "http": None,
     "https": None,
     "source": "source/{{path}}.html",
-    "up_source": "../source/{{path}}.html",
+    "above-source": "../source/{{path}}.html",
 }
 
 default_role = "code"

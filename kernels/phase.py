@@ -90,8 +90,10 @@ class Phase:
     rare: Callable[[Traits, Look], Any] | None = None
     """the function that says whether it does anything at all for an item, or for any of eight: otherwise what it writes
     stays as it was, or is zero. A schedule may ask it first"""
+    last: bool = False
+    """whether it happens only as a frame ends"""
     due: Callable[[Traits], Any] | None = None
-    """of a team: the function of (working, world) that says whether there is anything to do"""
+    """the function that says whether there is anything to do, by names of handles alone: in one thread of a block"""
     also_reads: tuple[str, ...] = ()
     """of a phase of the host: values"""
 

@@ -32,7 +32,7 @@ LAYERS = (
     ("job",),
     ("sweep", "viewer"),
     ("checking", "comparison", "trajectories", "warming", "doctor"),
-    ("designing",),
+    ("designing", "fitting"),
     ("benchmarks", "scenes"),
     ("cli",),
 )
@@ -40,7 +40,7 @@ LAYERS = (
 itself"""
 
 MOST_FILE_LINES = 300
-ONE_THING = {"balloon_warp/simulator.py": 430}
+ONE_THING = {"balloon_warp/simulator.py": 400}
 """files that one thing needs longer, and how long they may be"""
 MOST_FUNCTION_LINES = 80
 STILL_TO_GO = {

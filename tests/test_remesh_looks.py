@@ -15,9 +15,9 @@ from typer.testing import CliRunner
 from balloon_warp.cli.app import app
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.mesh.dressed import dressed
 from balloon_warp.mesh.geometry import face_centers
 from balloon_warp.mesh.load import load_mesh
+from balloon_warp.mesh.look_transfer import dressed
 from balloon_warp.mesh.looks import Look, Looks
 from balloon_warp.mesh.obj import read_obj, write_obj
 from balloon_warp.mesh.remesh import remesh
@@ -85,7 +85,7 @@ def test_colors_of_vertices_stay_where_they_were(tmp_path: Path):
 
 def test_a_texture_in_crumbs_becomes_its_mean(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     surface = load_mesh(write_painted(tmp_path, "obj"))
-    monkeypatch.setattr("balloon_warp.mesh.dressed.MOST_CHARTS", 2)
+    monkeypatch.setattr("balloon_warp.mesh.look_transfer.MOST_CHARTS", 2)
     made = remesh(surface, 8)
     assert made.texture_coordinates is None
     assert made.warnings == ("Its texture is in pieces smaller than the quads: they have its mean color instead.",)

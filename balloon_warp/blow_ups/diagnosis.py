@@ -80,7 +80,7 @@ def _distances(last: LastSubstep, name: str) -> NDArray[np.float64]:
 
 
 def _push_on(last: LastSubstep, sphere: int) -> float:
-    """The force that a sphere's speed in the substep shows [N]."""
+    """Find the force that a sphere's speed in the substep shows [N]."""
     before, after = (
         state.sphere_velocities.numpy()[0, sphere].astype(np.float64) for state in (last.before, last.after)
     )

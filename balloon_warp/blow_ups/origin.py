@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 from typing import Self
 
-from balloon_warp.model import Model, State
+from balloon_warp.model import Model, State, overwrite
 
 
 @dataclass(frozen=True)
@@ -16,6 +16,11 @@ class Origin:
     frame: int = 0
     state: State | None = None
     """of one world; the scene's start, when missing"""
+
+    def fill(self, state: State) -> None:
+        """Make a state what this one is, if it is not the scene's start."""
+        if self.state is not None:
+            overwrite(state, self.state)
 
     def of_world(self, world: int) -> Self:
         """One world by itself, as it is among the others."""

@@ -28,7 +28,7 @@ class Origins:
         return model.world_count == 1 and (kept is None or frame >= kept.frame + KEPT_FRAMES)
 
     def keep(self, here: Origin) -> None:
-        """A copy of the state that a simulation is in."""
+        """Keep a copy of the state that a simulation is in."""
         kept = self._kept.state if self._kept else None
         if here.state is not None and kept is not None:  # its arrays are there already
             overwrite(kept, here.state)
@@ -37,5 +37,5 @@ class Origins:
         self._kept = replace(here, state=kept)
 
     def forget(self) -> None:
-        """What comes now does not follow from what was kept."""
+        """Forget what was kept: what comes now does not follow from it."""
         self._kept = None

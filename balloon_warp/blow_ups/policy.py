@@ -20,7 +20,7 @@ def check_policy(on_blowup: str) -> None:
 
 
 def with_half_the_step(scene: Scene, substeps: int) -> Scene:
-    """The scene with twice its substeps, now and wherever it changes them.
+    """Return the scene with twice its substeps, now and wherever it changes them.
 
     Args:
         substeps: that it has at the start, in a frame.

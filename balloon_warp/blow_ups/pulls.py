@@ -82,7 +82,7 @@ class Pulls:
         )
 
     def others_at(self, particle: int) -> list[Pull]:
-        """The inflation, other laws, and taut strings."""
+        """Find the inflation, other laws, and taut strings."""
         parameters = self.model.parameters
         pulls = [Pull(name.replace("_", " "), float(newtons[particle])) for name, newtons in self._pushes.items()]
         for number in np.flatnonzero(self.model.string_particle.numpy() == particle).tolist():
@@ -93,7 +93,7 @@ class Pulls:
         return pulls
 
     def touched_by(self, particle: int) -> list[str]:
-        """The spheres that it lies on, balloons, and the ground, in words."""
+        """Name the spheres that it lies on, balloons, and the ground."""
         model, point = self.model, self._points[particle]
         distances = np.linalg.norm(self._spheres - point, axis=1)
         spheres = np.flatnonzero(distances < TOUCH * _row(model.parameters["sphere_radius"])).tolist()
@@ -103,8 +103,9 @@ class Pulls:
         return named + ["the ground"] * bool(on_ground)
 
     def contact_at(self, sphere: int, newtons: float) -> Pull | None:
-        """Of the particles that lie on a sphere the one that pushes hardest, or all where they exchange momentum; None
-        if it is free.
+        """Find the particle that pushes hardest of those that lie on a sphere; None if it is free.
+
+        Where they exchange momentum, it is all of them.
 
         Args:
             newtons: with which all of them push it.
@@ -130,5 +131,5 @@ def name_of_particle(model: Model, particle: int) -> str:
 
 
 def _row(array: wp.array) -> NDArray[np.float64]:
-    """The one world's."""
+    """Return the row of the one world."""
     return np.array(array.numpy()[0], dtype=np.float64)

@@ -32,8 +32,11 @@ class LastSubstep:
 
 
 def last_substep(model: Model, state: State, schedule: Schedule, frame: int) -> LastSubstep | None:
-    """Simulate a world from the start of the frame in which it blew up, in place, by the readable reference, which can
-    be watched. None if it does not blow up there: its state was written to meanwhile."""
+    """Simulate a world from the start of the frame in which it blew up, in place.
+
+    The readable reference does it, which can be watched. None if it does not blow up there: its state was written to
+    meanwhile.
+    """
     from balloon_warp.schedules.launched import LaunchedSchedule  # the kernels of these load when first needed
     from balloon_warp.schedules.scatter import ScatterSchedule
 

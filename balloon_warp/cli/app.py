@@ -16,6 +16,7 @@ from balloon_warp.cli.compare import compare
 from balloon_warp.cli.convert import convert
 from balloon_warp.cli.design import design
 from balloon_warp.cli.doctor import doctor
+from balloon_warp.cli.fit import fit
 from balloon_warp.cli.foil import foil
 from balloon_warp.cli.inspect import inspect
 from balloon_warp.cli.kernel import kernel
@@ -51,6 +52,7 @@ for command in (
     remesh,
     foil,
     design,
+    fit,
     render,
     check,
     convert,
@@ -78,8 +80,11 @@ def balloon_warp(
 
 
 def main() -> None:
-    """Run a command; without one, print the help. A user's mistake becomes one sentence on standard error and exit
-    status 2; a blow-up or the loss of all workers, 1; Ctrl-C, 130; SIGTERM, 143."""
+    """Run a command; without one, print the help.
+
+    A user's mistake becomes one sentence on standard error and exit status 2; a blow-up or the loss of all workers, 1;
+    Ctrl-C, 130; SIGTERM, 143.
+    """
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a terminal or log that is not UTF-8 loses letters, no work

@@ -1,4 +1,4 @@
-"""`balloon-warp batch`"""
+"""The command `balloon-warp batch`."""
 
 import json
 import sys
@@ -187,7 +187,7 @@ def batch(
 
 @contextmanager
 def _naming_vary() -> Iterator[None]:
-    """A mistake in what differs between worlds names the option."""
+    """Name the option of a mistake in what differs between worlds."""
     from balloon_warp.model.vary import VaryError
 
     try:
@@ -197,7 +197,7 @@ def _naming_vary() -> Iterator[None]:
 
 
 def _print_summary(summary: "BatchSummary", rate: float, spread: bool) -> None:
-    """What was done, what went wrong, and where it is.
+    """Print what was done, what went wrong, and where it is.
 
     Args:
         rate: frames a second of the stage.

@@ -1,4 +1,4 @@
-"""`balloon-warp bench`"""
+"""The command `balloon-warp bench`."""
 
 import json
 from collections.abc import Sequence
@@ -83,7 +83,7 @@ def bench(
 
 
 def _print_table(results: Sequence["Result"]) -> None:
-    """A line for each case, as Markdown."""
+    """Print a line for each case, as Markdown."""
     table = Table(box=box.MARKDOWN)
     for header in (
         "case",
@@ -116,7 +116,7 @@ def _print_table(results: Sequence["Result"]) -> None:
 
 
 def _counts(text: str) -> list[int]:
-    """The numbers of `1,2,4`."""
+    """Read the numbers of `1,2,4`."""
     try:
         return [int(word) for word in text.split(",")]
     except ValueError:

@@ -16,7 +16,7 @@ from balloon_warp.scene.schema import Balloon, Scene
 
 
 def checked_parts(parts: str | None) -> Taken | None:
-    """What `--parts` says.
+    """Check what `--parts` says.
 
     Raises:
         InputError: it is none of what it may be.
@@ -74,7 +74,7 @@ class Changes:
         self._options.append(option or f"--set {path}")
 
     def load(self, scene: str, vary: Mapping[str, Any] | None = None) -> Scene:
-        """The scene of that name, changed.
+        """Load the scene of that name, changed.
 
         Args:
             vary: what will differ between its worlds.
@@ -95,7 +95,7 @@ class Changes:
         return override_scene(loaded, [("frames", frames)], other_kinds=True)
 
     def balloon_of(self, mesh: Path) -> Balloon:
-        """A mesh by itself as a balloon, changed; the mesh is not read.
+        """Make a balloon of a mesh by itself, changed; the mesh is not read.
 
         Raises:
             InputError: names the option whose value is wrong.

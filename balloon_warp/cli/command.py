@@ -7,7 +7,7 @@ import typer
 
 
 def command_line(context: typer.Context, without: Collection[str] = ()) -> str:
-    """The command, its arguments and the options that were given, in the order of its help, as a shell takes them.
+    """Write the command as a shell takes it, its arguments and the options given in the order of its help.
 
     Args:
         context: of the command.

@@ -1,4 +1,4 @@
-"""`balloon-warp compare`"""
+"""The command `balloon-warp compare`."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -139,7 +139,7 @@ def figure_console() -> Console:
 
 
 def print_comparison(console: Console, comparison: "Comparison") -> None:
-    """The table without what is alike in all runs, which is said in a line of its own, and why runs are not done."""
+    """Print the table without what is alike in all runs, which has a line of its own, and why runs are not done."""
     done = [run.figures for run in comparison.runs if run.figures]
     alike = {name: done[0][name] for name in COUNTS if len({figures[name] for figures in done}) == 1}
     console.print(", ".join(f"{_header(name)} {_cell(name, value)}" for name, value in alike.items()), style="dim")
@@ -160,7 +160,7 @@ def print_comparison(console: Console, comparison: "Comparison") -> None:
 
 
 def _short(path: str, paths: list[str]) -> str:
-    """The end of a dotted path that no other of the paths shares, from a name on."""
+    """Cut a dotted path to its end that no other of the paths shares, from a name on."""
     steps = path.split(".")
     ends = (".".join(steps[-length:]) for length in range(1, len(steps)) if not steps[-length].isdecimal())
     return next((end for end in ends if sum(f".{other}".endswith(f".{end}") for other in paths) == 1), path)

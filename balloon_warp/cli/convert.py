@@ -1,4 +1,4 @@
-"""`balloon-warp convert`"""
+"""The command `balloon-warp convert`."""
 
 from pathlib import Path
 from typing import Annotated

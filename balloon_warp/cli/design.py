@@ -1,4 +1,4 @@
-"""`balloon-warp design`"""
+"""The command `balloon-warp design`."""
 
 from pathlib import Path
 from typing import Annotated

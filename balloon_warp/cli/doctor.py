@@ -1,4 +1,4 @@
-"""`balloon-warp doctor`"""
+"""The command `balloon-warp doctor`."""
 
 import json
 from typing import TYPE_CHECKING

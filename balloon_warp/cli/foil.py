@@ -1,4 +1,4 @@
-"""`balloon-warp foil`"""
+"""The command `balloon-warp foil`."""
 
 from pathlib import Path
 from typing import Annotated

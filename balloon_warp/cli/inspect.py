@@ -1,4 +1,4 @@
-"""`balloon-warp inspect`"""
+"""The command `balloon-warp inspect`."""
 
 import json
 from collections.abc import Sequence
@@ -97,8 +97,10 @@ def _inspect_scene(source: str, scene: Scene, as_json: bool) -> None:
 
 
 def _inspect_mesh(mesh: Path, changes: Changes, as_json: bool) -> None:
-    """The step is that of the scene that a mesh by itself gets. A mesh of which that makes no balloon is reported on
-    first, and then refused."""
+    """Inspect a mesh; the step is that of the scene that a mesh by itself gets.
+
+    A mesh of which that makes no balloon is reported on first, and then refused.
+    """
     balloon = changes.balloon_of(mesh)
     step, inflation, alone, refusal = None, [], {}, None
     with stages(mesh.name) as stage:
@@ -131,7 +133,7 @@ def _inspect_mesh(mesh: Path, changes: Changes, as_json: bool) -> None:
 
 
 def _prims(balloon: Balloon) -> str | tuple[str, ...] | None:
-    """What is named of the stage, as something that can be looked up."""
+    """Look up what is named of the stage."""
     return tuple(balloon.prim) if isinstance(balloon.prim, list) else balloon.prim
 
 
@@ -142,7 +144,7 @@ def _console() -> Console:
 def _print_mesh(
     console: Console, name: str, report: MeshReport, unit: str | None, more: dict[str, str], doubts: Sequence[str] = ()
 ) -> None:
-    """A table of it.
+    """Print a table of a mesh.
 
     Args:
         unit: of the mesh's numbers, if that is known.

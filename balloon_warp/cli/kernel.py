@@ -1,4 +1,4 @@
-"""`balloon-warp kernel`"""
+"""The command `balloon-warp kernel`."""
 
 from typing import Annotated
 

@@ -44,8 +44,11 @@ class _About(ProgressColumn):
 
 
 class FrameProgress(Progress):
-    """A bar with frames a second and the time left; where the console is no terminal, a line of that every
-    `LOG_SECONDS`. Of what takes minutes both say early how many."""
+    """A bar with frames a second and the time left.
+
+    Where the console is no terminal, it is a line of that every `LOG_SECONDS`. Of what takes minutes both say early how
+    many.
+    """
 
     def __init__(self, console: Console):
         self._logs, self._said = not console.is_terminal, time.monotonic()

@@ -1,4 +1,4 @@
-"""`balloon-warp remesh`"""
+"""The command `balloon-warp remesh`."""
 
 from pathlib import Path
 from typing import Annotated

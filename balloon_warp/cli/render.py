@@ -1,4 +1,4 @@
-"""`balloon-warp render`"""
+"""The command `balloon-warp render`."""
 
 from pathlib import Path
 from typing import Annotated

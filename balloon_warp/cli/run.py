@@ -1,4 +1,4 @@
-"""`balloon-warp run`"""
+"""The command `balloon-warp run`."""
 
 import json
 import re
@@ -175,7 +175,7 @@ def picture_beside(output: Path) -> Path:
 
 
 def _print_summary(summary: "Summary", rate: float) -> None:
-    """What was done, and where it is.
+    """Print what was done, and where it is.
 
     Args:
         rate: frames a second of the stage.

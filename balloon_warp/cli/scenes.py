@@ -1,4 +1,4 @@
-"""`balloon-warp scenes`"""
+"""The command `balloon-warp scenes`."""
 
 from pathlib import Path
 from typing import Annotated

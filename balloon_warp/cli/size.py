@@ -18,7 +18,7 @@ def parse_size(text: str) -> tuple[int, int]:
 
 
 def parse_frames(text: str) -> tuple[int | None, int | None]:
-    """The first and the last of `FIRST:LAST`, either of which may be missing.
+    """Read the first and the last of `FIRST:LAST`, either of which may be missing.
 
     Raises:
         InputError: the text has another form.
@@ -31,7 +31,7 @@ def parse_frames(text: str) -> tuple[int | None, int | None]:
 
 
 def parse_place(text: str, option: str = "look-at") -> str | tuple[float, float, float]:
-    """A point of `X,Y,Z`, or what else is a name.
+    """Read a point of `X,Y,Z`, or what else is a name.
 
     Raises:
         InputError: the text has commas and is no point.

@@ -14,8 +14,10 @@ LINE_SECONDS = 5.0
 
 
 class Stages:
-    """Shows the stage that is told to it: on a terminal beside a spinner, which goes when all is done; elsewhere as a
-    line, if the stage lasts. What is short shows nothing.
+    """Shows the stage that is told to it.
+
+    On a terminal it is beside a spinner, which goes when all is done; elsewhere it is a line, if the stage lasts. What
+    is short shows nothing.
 
     Args:
         name: of what is worked on.

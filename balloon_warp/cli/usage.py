@@ -16,7 +16,7 @@ UsageError = cast("type[Exception]", typer.BadParameter.__base__)
 
 
 def usage_sentence(error: Any, program: Any, words: Sequence[str]) -> str:
-    """What is wrong, what was expected, and where to read more.
+    """Say what is wrong, what was expected, and where to read more.
 
     Args:
         error: a `UsageError`.
@@ -57,7 +57,7 @@ def _command_meant(word: str, commands: Iterable[str]) -> str:
 
 
 def _called(parameter: Any) -> str:
-    """An option by its long name, an argument by what stands for it in the help."""
+    """Name an option by its long name, an argument by what stands for it in the help."""
     if parameter.param_type_name == "argument":
         return parameter.metavar
     return max(parameter.opts, key=len)

@@ -1,4 +1,4 @@
-"""`balloon-warp view`"""
+"""The command `balloon-warp view`."""
 
 import ipaddress
 import socket

@@ -1,4 +1,4 @@
-"""`balloon-warp warm-up`"""
+"""The command `balloon-warp warm-up`."""
 
 from typing import Annotated
 

@@ -72,5 +72,5 @@ def warner(first: str | None) -> Callable[[str], None]:
 
 
 def first_line(source: str, scene: Scene) -> str | None:
-    """The first line about a mesh by itself: what scene it got."""
+    """Write the first line about a mesh by itself: what scene it got."""
     return None if source in bundled_scenes() or Path(source).suffix.lower() == ".toml" else scene.description

@@ -30,6 +30,6 @@ def begun(beginning: Beginning) -> str:
 
 
 def briefly(beginning: Beginning) -> str:
-    """What a frame costs: particles and substeps."""
+    """Say what a frame costs: particles and substeps."""
     substeps = counted(beginning.substeps, "substep")
     return f"{counted(beginning.particles, 'particle')}, {substeps} a frame"

@@ -41,7 +41,7 @@ def parse_choices(text: str, scene_source: str = "") -> tuple[str, list[Any]]:
 
 
 def shown(value: Any) -> str:
-    """A value as a label or a table shows it: a mesh by its name."""
+    """Show a value as a label or a table does: a mesh by its name."""
     if isinstance(value, float):
         return f"{value:g}"
     return value.name if isinstance(value, Path | PolygonMesh) else str(value)

@@ -67,8 +67,9 @@ def compare(
     on_begin: Callable[[int, int, Beginning], None] = lambda run, run_count, beginning: None,
     on_frame: Callable[[int, int, int, int], None] = lambda run, run_count, frame, frame_count: None,
 ) -> Comparison:
-    """Simulate a scene once for each combination of values, and show the runs side by side: all through one camera, in
-    a grid whose columns are the values of the last path.
+    """Simulate a scene once for each combination of values, and show the runs side by side.
+
+    All are seen through one camera, in a grid whose columns are the values of the last path.
 
     A run that is refused or blows up is shown as such.
 
@@ -116,7 +117,7 @@ def compare(
 
 
 def _column_count(vary: Mapping[str, Sequence[Any]]) -> int:
-    """The values of the last path; those of a single path are broken into even rows."""
+    """Count the values of the last path; those of a single path are broken into even rows."""
     last = len(list(vary.values())[-1]) if vary else 0
     if len(vary) != 1 or last <= MOST_COLUMNS:
         return last

@@ -89,7 +89,7 @@ def _measured(
     on_frame: Callable[[int, int], None],
     clock: Callable[[], float],
 ) -> tuple[dict[str, float], list[float]]:
-    """The figures at the frame that is shown, and what each frame until then took [s]."""
+    """Measure the figures at the frame that is shown, and what each frame until then took [s]."""
     last = shown_frame(scene, frame)
     simulator = Simulator(scene, device, schedule=schedule, laws=laws)
     on_begin(replace(Beginning.of(simulator.model, simulator.schedule.name), frames=last))
@@ -124,7 +124,7 @@ def _measured(
 
 
 def shown_frame(scene: Scene, frame: int | None) -> int:
-    """The frame that is shown of a scene.
+    """Find the frame that is shown of a scene.
 
     Raises:
         InputError: the scene has no such frame.

@@ -30,7 +30,10 @@ ALONG = 0.1
 class Problem(Protocol):
     """What is designed."""
 
-    ruler: Ruler
+    @property
+    def ruler(self) -> Ruler:
+        """Of the wanted shape."""
+        ...
 
     def balance(self, design: Values) -> Balance:
         """The balloon of a design."""

@@ -22,9 +22,10 @@ FINEST = 4
 def foil_mesh(
     source: str | Path, height: float = HEIGHT, edge: float | None = None, font: str | None = None
 ) -> PolygonMesh:
-    """The mesh of a foil balloon that is not inflated yet: two flat sheets of even quads, sewn at the rim. Each letter,
-    or part of a drawing, is a component of its own; `foil_parts` has them apart. It stands in the plane of x and y, on
-    y = 0, about x = 0.
+    """Make the mesh of a foil balloon that is not inflated yet: two flat sheets of even quads, sewn at the rim.
+
+    Each letter, or part of a drawing, is a component of its own; `foil_parts` has them apart. It stands in the plane of
+    x and y, on y = 0, about x = 0.
 
     Args:
         source: a line of text; or the path of a drawing, an `.svg` file.
@@ -42,14 +43,16 @@ def foil_mesh(
 def foil_parts(
     source: str | Path, height: float = HEIGHT, edge: float | None = None, font: str | None = None
 ) -> list[PolygonMesh]:
-    """What `foil_mesh` makes, a mesh for each letter or part of a drawing, from left to right, each in its place, so
-    that each can be a balloon of its own."""
+    """Make what `foil_mesh` makes, a mesh for each letter or part of a drawing.
+
+    They come from left to right, each in its place, so that each can be a balloon of its own.
+    """
     sheets, size, name = _sheets(source, height, edge, font)
     return [sewn([sheet], size, f"{name} {number}") for number, sheet in enumerate(sheets, start=1)]
 
 
 def _sheets(source: str | Path, height: float, edge: float | None, font: str | None) -> tuple[list[Sheet], float, str]:
-    """The sheets, about how long their edges are [m], and a name."""
+    """Make the sheets, and say about how long their edges are [m], and a name."""
     for name, value in (("height", height), ("edge", edge)):
         if value is not None and not (isfinite(value) and value > 0.0):
             raise InputError(f"{name}: must be a number greater than 0 (got {value})")
@@ -81,7 +84,7 @@ def _placed(outlines: list[Any], height: float) -> list[Any]:
 
 
 def _sheet(outline: Any, edge: float, as_asked: bool, what: str) -> Sheet:
-    """A sheet of such edges; of shorter ones if it is too narrow, unless they are asked for."""
+    """Make a sheet of such edges; of shorter ones if it is too narrow, unless they are asked for."""
     for halvings in range(FINEST + 1):
         finer = edge * 0.5**halvings
         if sheet := sheet_of(outline, finer):

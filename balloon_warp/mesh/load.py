@@ -1,5 +1,7 @@
-"""Any mesh: a file, by its suffix, or what Python has for a mesh. Each format says in its own file which suffixes are
-its, and how they are read."""
+"""Any mesh: a file, by its suffix, or what Python has for a mesh.
+
+Each format says in its own file which suffixes are its, and how they are read.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace

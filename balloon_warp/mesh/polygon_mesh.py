@@ -56,11 +56,11 @@ class PolygonMesh(Shown):
         return len(self.face_vertex_counts)
 
     def stand_in(self, vertex: int) -> int:
-        """The vertex that faces use instead of this vertex of the file."""
+        """Find the vertex that faces use instead of this vertex of the file."""
         return vertex if self.stand_ins is None else int(self.stand_ins[vertex])
 
     @property
     def left_vertices(self) -> NDArray[np.int64]:
-        """those that faces have left for others, in order"""
+        """Vertices that faces have left for others, in order."""
         own = np.arange(self.vertex_count)
         return np.flatnonzero((own if self.stand_ins is None else self.stand_ins) != own)

@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.components import component_labels
-from balloon_warp.mesh.dressed import dressed
-from balloon_warp.mesh.faithful import infidelity
 from balloon_warp.mesh.feasible import (
     MOST_BY_ITSELF,
     MOST_QUADS,
@@ -18,9 +16,11 @@ from balloon_warp.mesh.feasible import (
     require_quads,
     wrong_volume,
 )
+from balloon_warp.mesh.fidelity import infidelity
 from balloon_warp.mesh.fit import fitted, slabs_left
 from balloon_warp.mesh.handles import handle_count, handles_lost, handles_of_level, handles_said
 from balloon_warp.mesh.level import Level
+from balloon_warp.mesh.look_transfer import dressed
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.surface_nets import surface_nets
 from balloon_warp.mesh.topology import mesh_edges
@@ -34,7 +34,7 @@ CRUMB = 3.0
 
 
 def remesh(mesh: PolygonMesh, cells: int, on_stage: Callable[[str], None] = lambda stage: None) -> PolygonMesh:
-    """A closed quad mesh of a surface that may have holes, cracks, flipped faces and sheets without thickness.
+    """Make a closed quad mesh of a surface that may have holes, cracks, flipped faces and sheets without thickness.
 
     What the surface winds around becomes the inside. Holes are closed by a smooth membrane. Sheets become 1.5 cells
     thick, but what has an inside stays as thin as it is, and tips stay where they are. Crumbs are dropped. Every other
@@ -75,7 +75,7 @@ class _Made:
     """with fewer cells, as the end of a sentence"""
 
     def mistake(self, mesh: PolygonMesh) -> str | None:
-        """What of the surface they do not stand for, as the end of a sentence."""
+        """Say what of the surface they do not stand for, as the end of a sentence."""
         return infidelity(mesh, self.quads, Level.width(mesh, self.cells)) or wrong_volume(mesh, self.quads)
 
 
@@ -137,7 +137,7 @@ def _cells_for_handles(mesh: PolygonMesh, cells: int) -> int | None:
 
 
 def _quads(mesh: PolygonMesh, cells: int, on_stage: Callable[[str], None]) -> _Made:
-    """A closed quad mesh of a surface, with so many cells, and what to say about it."""
+    """Make a closed quad mesh of a surface, with so many cells, and what to say about it."""
     on_stage("looking for thin parts")
     level = Level.of(mesh, cells)
     on_stage(f"making quads of {cells} cells")
@@ -169,7 +169,7 @@ def _quads(mesh: PolygonMesh, cells: int, on_stage: Callable[[str], None]) -> _M
 
 
 def _without_crumbs(mesh: PolygonMesh) -> tuple[PolygonMesh, list[str]]:
-    """The components of the mesh that are worth keeping, and what to say about it; points are in cells."""
+    """Find the components of the mesh that are worth keeping, and what to say about it; points are in cells."""
     edges = mesh_edges(mesh)
     labels = component_labels(mesh.vertex_count, edges.ends[:, 0], edges.ends[:, 1])
     lowest, highest = np.full((mesh.vertex_count, 3), np.inf), np.full((mesh.vertex_count, 3), -np.inf)
@@ -186,7 +186,7 @@ def _without_crumbs(mesh: PolygonMesh) -> tuple[PolygonMesh, list[str]]:
 
 
 def _vertices_kept(mesh: PolygonMesh, keep: NDArray[np.bool_]) -> PolygonMesh:
-    """The quad mesh without the components whose vertices are not kept."""
+    """Return the quad mesh without the components whose vertices are not kept."""
     quads = mesh.face_vertex_indices.reshape(-1, 4)
     quads = (np.cumsum(keep) - 1)[quads[keep[quads[:, 0]]]].astype(np.int32)
     return replace(

@@ -146,6 +146,15 @@ class Model:
         worlds = "1 world" if self.world_count == 1 else f"{self.world_count} worlds"
         return f"Model({balloons}; {worlds}, {self.substeps} substeps a frame, {self.device})"
 
+    def require_world(self, world: int) -> None:
+        """Make sure that there is a world of that number.
+
+        Raises:
+            InputError: there is none.
+        """
+        if not isinstance(world, int | np.integer) or not 0 <= world < self.world_count:
+            raise InputError(f"world: there is no world {world}; expected 0 to {self.world_count - 1}")
+
     def with_own_parameters(self) -> Self:
         """The same with parameters that may be written, though others use this model."""
         return self._with_parameters(wp.clone)

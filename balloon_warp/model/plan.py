@@ -17,7 +17,6 @@ from balloon_warp.kernels.laws import LAWS, Law
 from balloon_warp.laws import require_laws
 from balloon_warp.model.bodies import BodyShape, settle_bodies, shape_body
 from balloon_warp.model.body_steps import substeps_of_solids
-from balloon_warp.model.doubts import doubts_about
 from balloon_warp.model.gas import require_openings, require_sealed, settle_gas
 from balloon_warp.model.law_tables import with_law_tables
 from balloon_warp.model.limit_points import pressures_too_high
@@ -25,7 +24,6 @@ from balloon_warp.model.materials import settle_masses
 from balloon_warp.model.obstacle_motion import with_parts_apart
 from balloon_warp.model.obstacles import ObstacleShape, shape_obstacle
 from balloon_warp.model.parameters import Parameters, parameters_at
-from balloon_warp.model.passing import warnings_of
 from balloon_warp.model.pressure import settle_pressure
 from balloon_warp.model.rows import rows_of
 from balloon_warp.model.shape import BalloonShape, shape_balloon
@@ -35,6 +33,8 @@ from balloon_warp.model.strings import held_particle, overstretched_strings, str
 from balloon_warp.model.tears import settle_tears
 from balloon_warp.model.timeline import DueChange, due_changes
 from balloon_warp.model.touch import settle_touch
+from balloon_warp.model.tunneling import warnings_of
+from balloon_warp.model.unit_checks import doubts_about
 from balloon_warp.model.vary import Vary, vary_parameters
 from balloon_warp.model.wind import require_profile
 from balloon_warp.scene import Scene

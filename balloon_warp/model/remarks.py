@@ -47,6 +47,11 @@ def _found(model: Model, state: State, worlds: NDArray[np.integer]) -> list[Rema
     return found
 
 
+def remarks_in_sentences(model: Model, state: State) -> list[str]:
+    """Say what is to be said of a model and a state, as `remarks_on`."""
+    return remark_sentences(remarks_on(model, state))
+
+
 def remark_sentences(remarks: Sequence[Remark]) -> list[str]:
     """One sentence for each kind: of its first world, and how many others there are."""
     counts = Counter(remark.kind for remark in remarks)

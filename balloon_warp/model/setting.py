@@ -39,6 +39,15 @@ class Setting:
     substeps: int
     """in a frame, as many as the scene says, or as all worlds need from now on"""
 
+    def differs_by_world(self, model: Model) -> bool:
+        """Whether it has values for each world, where a model has one for all."""
+        return any(len(rows) > model.parameters[name].shape[0] for name, rows in self.parameters.items())
+
+    def changes_methods(self, model: Model) -> bool:
+        """Whether the steps of a model's frame become others, in kind or number."""
+        alike = all(getattr(self.scene, name) == getattr(model.scene, name) for name in METHODS)
+        return not alike or self.substeps != model.substeps
+
 
 def plan_setting(model: Model, changes: Mapping[str, Any], planned: Sequence[DueChange], frame: int) -> Setting:
     """Check values that are to be set, and what follows from them.

@@ -19,9 +19,9 @@ from balloon_warp.mesh.size import LEAST_SIZE, require_size
 from balloon_warp.mesh.thickness import LEAST, relative_thickness
 from balloon_warp.mesh.topology import is_closed, mesh_edges
 from balloon_warp.mesh.units import as_told
-from balloon_warp.model.about_slack import about_slack
 from balloon_warp.model.fixed import fixed_particles, group_of
 from balloon_warp.model.neck import NO_NECK, Neck, neck_of
+from balloon_warp.model.slack_remarks import about_slack
 from balloon_warp.model.strung import constants_of, spring_sums, strung
 from balloon_warp.model.told_shape import rest_shape, springs_told
 from balloon_warp.scene import Balloon, Material, Scene, Stiffness

@@ -6,7 +6,7 @@ import numpy as np
 
 from balloon_warp.model.acting import values_over_time
 from balloon_warp.model.model import Model
-from balloon_warp.model.passing import MOST_STRETCH, widest_opening
+from balloon_warp.model.tunneling import MOST_STRETCH, widest_opening
 
 
 def small_spheres(model: Model) -> list[bool]:

@@ -29,7 +29,7 @@ class PartialFolder:
         self._let_go: Callable[[], object] = lambda: None
 
     def job(self) -> dict[str, Any] | None:
-        """What the files are of; nothing where there are none.
+        """Read what the files are of; nothing where there are none.
 
         Raises:
             InputError: there is something else.
@@ -102,7 +102,7 @@ class PartialFolder:
         return True
 
     def file(self, name: str) -> AbstractContextManager[Path]:
-        """A temporary path, which becomes the file of that name when the `with` block ends well."""
+        """Give a temporary path, which becomes the file of that name when the `with` block ends well."""
         return whole_file(self.path / name)
 
     def remove(self) -> None:

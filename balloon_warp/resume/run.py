@@ -27,7 +27,7 @@ PLAYLIST, STILL = "frames.usda", "still.usdc"
 
 
 def partial_path(output: Path) -> Path:
-    """The folder of a run that is not finished, beside its output, or what links lead to from there."""
+    """Name the folder of a run that is not finished, beside its output, or what links lead to from there."""
     target = target_of(output)
     return target.with_name(f"{target.name}.partial")
 
@@ -45,7 +45,7 @@ def halvings_until(folder: Path, substeps: int) -> int:
 
 
 def describe_run(simulator: Simulator) -> dict[str, Any]:
-    """What the bits of a run depend on, as JSON has it. Before the run: mesh files may change meanwhile."""
+    """Describe what the bits of a run depend on, as JSON has it. Before the run: mesh files may change meanwhile."""
     model = simulator.model
     done_by = {
         "schedule": simulator.schedule.name,
@@ -55,8 +55,10 @@ def describe_run(simulator: Simulator) -> dict[str, Any]:
 
 
 class Checkpoints:
-    """Keeps a run safe as it goes. A checkpoint is a stage of the frames since the last, `frames_BEGIN.usdc`, and then
-    the state after them, `state_FRAME.npz`; `frames.usda` plays all of them.
+    """Keeps a run safe as it goes.
+
+    A checkpoint is a stage of the frames since the last, `frames_BEGIN.usdc`, and then the state after them,
+    `state_FRAME.npz`; `frames.usda` plays all of them.
 
     Args:
         simulator: at the start of the run, or where `resume` takes it.

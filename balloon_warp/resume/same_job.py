@@ -6,7 +6,7 @@ from typing import Any
 
 
 def as_json(job: Mapping[str, Any]) -> dict[str, Any]:
-    """A job as it is when it was written and read again."""
+    """Return a job as it is when it was written and read again."""
     return json.loads(json.dumps(job))
 
 

@@ -35,7 +35,7 @@ MOST_FLOW = 9e11
 def scene_table_around(
     source: Path | PolygonMesh, balloon: Balloon, up_axis: str | None, gravity: float | None
 ) -> dict[str, Any]:
-    """A scene's table for a mesh, or the mesh of a file.
+    """Make a scene's table for a mesh, or the mesh of a file.
 
     Forces and lengths grow with the mesh's size, and springs are alike, so that a mesh of any size has the same shapes.
     Where its unit is known, gravity is true, masses grow with the size, and time with its root. Where it is not,
@@ -110,7 +110,7 @@ def _as_taken(mesh: PolygonMesh, balloon: Balloon, up_axis: str) -> str:
 
 
 def _description(name: str, mesh: PolygonMesh, size: float, gravity: float | None, taken: str) -> str:
-    """What is shown, and what of it is a guess.
+    """Describe what is shown, and what of it is a guess.
 
     Args:
         size: of the mesh [m].
@@ -129,8 +129,11 @@ def _description(name: str, mesh: PolygonMesh, size: float, gravity: float | Non
 
 
 def _gentle(inflation: Inflation, placed: PolygonMesh, size: float) -> dict[str, Any]:
-    """Inflation up to 1.5 s at most: the pressure that stretches it a little; or half as much gas again as fits into
-    the mesh, unless it is said how much; or normal forces in proportion to the size."""
+    """Make an inflation up to 1.5 s at most, which stretches the mesh a little.
+
+    It is a pressure; or half as much gas again as fits into the mesh, unless it is said how much; or normal forces in
+    proportion to the size.
+    """
     if inflation.kind == "pressure":
         return {"stretch": STRETCH} if inflation.is_automatic else {}
     if inflation.kind == "normal_force":

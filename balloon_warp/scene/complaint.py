@@ -18,8 +18,10 @@ MOST_ASKED = 4
 
 
 def complaint(error: ValidationError, schema: type[BaseModel]) -> str:
-    """The first wrong field, and what was expected of it. A value that fits no member of a union fails each of them:
-    what they expect is joined by "or"."""
+    """Name the first wrong field, and what was expected of it.
+
+    A value that fits no member of a union fails each of them: what they expect is joined by "or".
+    """
     by_field: dict[str, list[ErrorDetails]] = {}
     for details in error.errors():
         if details["type"] == "callable_type":
@@ -47,12 +49,12 @@ def complaint(error: ValidationError, schema: type[BaseModel]) -> str:
 
 
 def _field(details: ErrorDetails, schema: type[BaseModel]) -> str:
-    """The dotted path of the wrong field: Pydantic's location less the members of unions that it names too."""
+    """Write the dotted path of the wrong field: Pydantic's location less the members of unions that it names too."""
     return ".".join(_walk(details, schema)[0])
 
 
 def _walk(details: ErrorDetails, schema: type[BaseModel]) -> tuple[list[str], type[BaseModel]]:
-    """The steps of the path, and the last table on it that the schema knows."""
+    """Walk the steps of the path, to the last table on it that the schema knows."""
     steps: list[str] = []
     table, keys = schema, 0
     for place, step in enumerate(details["loc"]):
@@ -73,8 +75,11 @@ def _is_table(value: object) -> bool:
 
 
 def _hint(details: ErrorDetails, schema: type[BaseModel]) -> str:
-    """The known field that was probably meant: of the same name elsewhere, near by if it is, or of a similar name
-    there; or all that are known there. A table is taken for another table only."""
+    """Find the known field that was probably meant, or all that are known there.
+
+    It is of the same name elsewhere, near by if it is, or of a similar name there. A table is taken for another table
+    only.
+    """
     name, (steps, table) = str(details["loc"][-1]), _walk(details, schema)
     only_tables = _is_table(details["input"])
 
@@ -93,7 +98,7 @@ def _hint(details: ErrorDetails, schema: type[BaseModel]) -> str:
 
 
 def _paths_of(table: type[BaseModel], is_meant: Callable[[str], bool], only_tables: bool) -> Iterator[str]:
-    """The paths of all fields of such a name, in a table and those within it."""
+    """Find the paths of all fields of such a name, in a table and those within it."""
     for field, info in table.model_fields.items():
         inner = table_in(info.annotation)
         if is_meant(field) and (inner or not only_tables):

@@ -1,4 +1,6 @@
-"""Docstrings below the fields of tables, which editors show: python -m balloon_warp.scene.hover
+"""Docstrings below the fields of tables, which editors show.
+
+`python -m balloon_warp.scene.hover` writes them.
 
 What a law's parameter is, and its default, stand in its row, and what a table is in its class. This writes it below the
 fields that take them, where it is missing or another. The tests hold the schema to this.

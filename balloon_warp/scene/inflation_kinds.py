@@ -45,7 +45,7 @@ def drop_masses(table: dict[str, Any], overrides: Iterable[tuple[str, Any]]) -> 
 
 
 def _set_fields(number: int, overrides: Iterable[tuple[str, Any]], field: str = "inflation") -> dict[str, Any]:
-    """What overrides set in the inflation, or another field, of a balloon."""
+    """Find what overrides set in the inflation, or another field, of a balloon."""
     fields = {}
     for path, value in overrides:
         for opening in (f"balloon.{field}.", f"balloon.{number}.{field}."):
@@ -55,7 +55,7 @@ def _set_fields(number: int, overrides: Iterable[tuple[str, Any]], field: str = 
 
 
 def _asked_kind(fields: dict[str, Any], named: bool) -> str | None:
-    """The kind that the fields set ask for; none where they ask for none, or for several.
+    """Find the kind that the fields set ask for; none where they ask for none, or for several.
 
     Args:
         named: whether the table names a kind already.

@@ -39,18 +39,18 @@ def bundled_scenes() -> dict[str, Path]:
 
 
 def scene_name(source: str | Path) -> str:
-    """What outputs of this scene are called: the bundled name, or the file's name without its suffix."""
+    """Name what outputs of this scene are called: the bundled name, or the file's name without its suffix."""
     return legible(Path(source).stem)
 
 
 def find_mesh(name: str, source: str | Path) -> Path:
-    """A mesh file that a command names: in the current folder, or beside the scene's file."""
+    """Find a mesh file that a command names: in the current folder, or beside the scene's file."""
     path = Path(name)
     return path if path.exists() else bundled_scenes().get(str(source), Path(source)).parent / path
 
 
 def scene_of(source: SceneLike) -> Scene:
-    """The scene itself, or what `load_scene` makes of what is none yet."""
+    """Return the scene itself, or what `load_scene` makes of what is none yet."""
     return source if isinstance(source, Scene) else load_scene(source)
 
 
@@ -83,7 +83,7 @@ def load_scene(source: SceneLike, overrides: Mapping[str, Any] | Iterable[Overri
 
 
 def mesh_balloon(path: Path, overrides: Sequence[Override] = ()) -> Balloon:
-    """A mesh by itself as a balloon, with values changed at paths of the scene that it gets; its mesh is not read.
+    """Make a balloon of a mesh by itself, with values changed at paths of the scene that it gets; its mesh is not read.
 
     Raises:
         InputError: names the path or field that is wrong.
@@ -92,7 +92,7 @@ def mesh_balloon(path: Path, overrides: Sequence[Override] = ()) -> Balloon:
 
 
 def _from_python(source: Scene | MeshLike, overrides: Sequence[Override]) -> Scene:
-    """What is no file: a scene, with its overrides made, or a mesh, with a scene around it.
+    """Make a scene of what is no file: a scene, with its overrides made, or a mesh, with a scene around it.
 
     Raises:
         InputError: it is neither, or as `load_scene`.
@@ -122,7 +122,7 @@ def pairs_of(overrides: Mapping[str, Any] | Iterable[Override]) -> list[Override
 
 
 def _around(mesh: Path | PolygonMesh, overrides: Sequence[Override], path: Path) -> Scene:
-    """The scene around a mesh, which complaints call `path`."""
+    """Make the scene around a mesh, which complaints call `path`."""
     bare = _bare_scene(mesh, overrides, path)
     asked = (getattr(bare, name) if name in bare.model_fields_set else None for name in ("up_axis", "gravity"))
     return _overridden(scene_table_around(mesh, bare.balloon[0], *asked), overrides, path)
@@ -134,7 +134,7 @@ def _bare_scene(mesh: Path | PolygonMesh, overrides: Sequence[Override], path: P
 
 
 def _overridden(table: dict[str, Any], overrides: Sequence[Override], path: Path) -> Scene:
-    """The scene of a table with values put at some paths, in place.
+    """Make the scene of a table with values put at some paths, in place.
 
     Raises:
         OverrideError: which override spoils a table that is right without it.
@@ -155,7 +155,7 @@ def _overridden(table: dict[str, Any], overrides: Sequence[Override], path: Path
 
 
 def _culprit(table: dict[str, Any], overrides: Sequence[Override]) -> OverrideError:
-    """The override at fault: the last without which all would be well, or the first that spoils what came before."""
+    """Find the override at fault: the last without which all is well, or the first that spoils what came before."""
     numbers = range(len(overrides))
     for number in reversed(numbers):
         if not _complaint(table, [*overrides[:number], *overrides[number + 1 :]]):
@@ -165,7 +165,7 @@ def _culprit(table: dict[str, Any], overrides: Sequence[Override]) -> OverrideEr
 
 
 def _complaint(table: dict[str, Any], overrides: Sequence[Override] = ()) -> str | None:
-    """What is wrong with a table, once values are put at some paths; None where nothing is."""
+    """Say what is wrong with a table, once values are put at some paths; None where nothing is."""
     overridden = copy.deepcopy(table)
     try:
         apply_overrides(overridden, overrides)
@@ -178,7 +178,7 @@ def _complaint(table: dict[str, Any], overrides: Sequence[Override] = ()) -> str
 
 
 def _mesh_beside(value: Any) -> Any:
-    """A file that an override names is sought in the current folder first, then beside the scene's file."""
+    """Seek a file that an override names in the current folder first, then beside the scene's file."""
     return whole_path(Path(value)) if isinstance(value, str) and Path(value).is_file() else value
 
 
@@ -202,12 +202,12 @@ def check_scene(table: dict[str, Any], path: Path) -> Scene:
 
 
 def _beside(meshed: Meshed, path: Path) -> Meshed:
-    """A balloon, obstacle or body whose files are named from where the scene's file is."""
+    """Name a balloon's, obstacle's or body's files from where the scene's file is."""
     return with_files(meshed, {name: _found(file, path) for name, file in files_of(meshed).items()})
 
 
-def files_of(meshed: Meshed) -> dict[str, Path]:
-    """The files that it names, by the paths of the fields that do."""
+def files_of(meshed: Balloon | Obstacle | Body) -> dict[str, Path]:
+    """Find the files that it names, by the paths of the fields that do."""
     found = {}
     for name in FILES:
         table, _, field = name.rpartition(".")
@@ -218,7 +218,7 @@ def files_of(meshed: Meshed) -> dict[str, Path]:
 
 
 def with_files(meshed: Meshed, files: Mapping[str, Path]) -> Meshed:
-    """The same that names other files."""
+    """Return the same that names other files."""
     update: dict[str, Any] = {name: file for name, file in files.items() if "." not in name}
     for name, file in files.items():
         table, _, field = name.rpartition(".")

@@ -7,7 +7,7 @@ from pydantic import BaseModel
 
 
 def table_in(annotation: Any) -> type[BaseModel] | None:
-    """The table that a field of this type has, or has a list of, if any."""
+    """Find the table that a field of this type has, or has a list of, if any."""
     if isinstance(annotation, type) and not typing.get_args(annotation):
         return annotation if issubclass(annotation, BaseModel) else None
     return next((found for part in typing.get_args(annotation) if (found := table_in(part))), None)

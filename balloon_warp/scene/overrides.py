@@ -45,7 +45,7 @@ def parse_override(text: str) -> Override:
 
 
 def parse_value(text: str) -> Any:
-    """A value as TOML has it, or as plain text where it is no TOML value."""
+    """Read a value as TOML has it, or as plain text where it is no TOML value."""
     try:
         return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
@@ -97,13 +97,13 @@ def _put(place: Any, names: list[str], value: Any, path: str) -> None:
 
 
 def _of_preset(table: dict[str, Any], name: str) -> Any:
-    """The numbers that a material's preset has under a name, of which one is to be another; or a table of its own."""
+    """Read the numbers that a material's preset has under a name, to change one; or make a table of its own."""
     numbers = PRESETS.get(str(table.get("preset")), {}).get(name)
     return list(numbers) if isinstance(numbers, tuple) else {}
 
 
 def override_scene(scene: Scene, overrides: Iterable[Override], other_kinds: bool = False) -> Scene:
-    """A scene with other values at some paths. A mesh file is taken as it is given, not sought beside a scene file.
+    """Return a scene with other values at some paths. A mesh file is taken as given, not sought beside a scene file.
 
     Args:
         other_kinds: whether a field of another kind of inflation asks for that kind, where the scene names none, as in

@@ -10,7 +10,7 @@ from balloon_warp.errors import InputError
 
 
 def pins_of(given: Any) -> Any:
-    """A single name, as a list, and a mask as the numbers of what it holds for; what is neither, as it is."""
+    """Make a list of a single name, and numbers of a mask; what is neither, stays as it is."""
     if isinstance(given, str):
         return [given]
     is_mask = isinstance(given, list) and bool(given) and all(isinstance(pin, bool) for pin in given)
@@ -18,7 +18,7 @@ def pins_of(given: Any) -> Any:
 
 
 def pinned_by(rule: Callable[[NDArray[np.float64]], Any], points: NDArray[np.float64]) -> list[int]:
-    """The points of a mesh that a rule holds for, by their numbers.
+    """Find the points of a mesh that a rule holds for, by their numbers.
 
     Args:
         points: as the mesh has them, shape (n, 3).
@@ -36,7 +36,7 @@ def pinned_by(rule: Callable[[NDArray[np.float64]], Any], points: NDArray[np.flo
 
 
 def weighed_by(rule: Callable[[NDArray[np.float64]], Any], points: NDArray[np.float64]) -> list[float]:
-    """What a rule says of each point of a mesh.
+    """Ask a rule about each point of a mesh.
 
     Args:
         points: as the mesh has them, shape (n, 3).

@@ -14,7 +14,7 @@ MOST = 0.5
 
 
 def pinned_at_borders(mesh: PolygonMesh, parts: Parts) -> NDArray[np.int64]:
-    """The particles on the borders of open parts, in order; of a part that has no others, those of its first face.
+    """Find the particles on the borders of open parts, in order; of a part without others, those of its first face.
 
     None where most of the surface is of closed parts, or where parts are free and some of them are closed: what is held
     would leave those to fall.

@@ -1,4 +1,6 @@
-"""Every field of a scene file, with its unit, default and bounds: python -m balloon_warp.scene.reference
+"""Every field of a scene file, with its unit, default and bounds.
+
+`python -m balloon_warp.scene.reference` prints them.
 
 The tests hold docs/SCENE.md to this.
 """
@@ -19,7 +21,7 @@ Tables = type[BaseModel]
 
 
 def default_of(table: Tables, field: str) -> str:
-    """What a field is where a file does not say it, as TOML; empty where it must be said, or is nothing then."""
+    """Write what a field is where a file does not say it, as TOML; empty where it must be said, or is nothing then."""
     info = table.model_fields[field]
     if info.is_required() or info.default in (None, "", [], {}) or isinstance(info.default, BaseModel):
         return ""
@@ -27,7 +29,7 @@ def default_of(table: Tables, field: str) -> str:
 
 
 def tables(table: Tables = Scene, path: str = "") -> Iterator[tuple[str, Tables]]:
-    """A table and all that it holds, each with its heading in a file; of the scene itself, that is empty."""
+    """List a table and all that it holds, each with its heading in a file; of the scene itself, that is empty."""
     yield path and (f"[[{path}]]" if path in LISTS else f"[{path}]"), table
     for field, info in table.model_fields.items():
         if inner := table_in(info.annotation):
@@ -39,7 +41,7 @@ LISTS = {name for name, info in Scene.model_fields.items() if typing.get_origin(
 
 
 def as_markdown() -> str:
-    """The page's tables, each with its heading."""
+    """Write the page's tables, each with its heading."""
     return "\n\n".join(_section(heading, table) for heading, table in tables())
 
 

@@ -9,7 +9,7 @@ from balloon_warp.scene.schema import Scene, Sphere, String
 
 
 def frame_at(scene: Scene, seconds: float) -> int:
-    """The first frame that is not before a time; what rounding puts a little after a frame belongs to it."""
+    """Find the first frame that is not before a time; what rounding puts a little after a frame belongs to it."""
     return ceil(seconds * scene.frames_per_second - 1e-6)
 
 
@@ -20,7 +20,7 @@ def is_there(scene: Scene, lasting: Sphere | String, frame: int) -> bool:
 
 
 def scenes_over_time(scene: Scene) -> Iterator[tuple[int, Scene]]:
-    """The frames at which something changes, appears or ends, in order, and the scene from then on: its changes made.
+    """Find the frames at which something changes, appears or ends, in order, and the scene from then on.
 
     Raises:
         InputError: names the change, and the path or field that is wrong.

@@ -5,7 +5,7 @@ from typing import Any
 
 
 def toml_value(value: Any) -> str:
-    """A truth value, number, text, list or table. Every number has all its digits."""
+    """Write a truth value, number, text, list or table. Every number has all its digits."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, int | float):

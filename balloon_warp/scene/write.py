@@ -52,7 +52,7 @@ def write_scene(scene: Scene, path: Path) -> list[Path]:
 
 
 def scene_toml(scene: Scene, folder: Path) -> str:
-    """The scene as a TOML file in `folder` would say it, with what each field is; what has its default is left out.
+    """Write the scene as a TOML file in `folder` would say it, with what each field is, but without defaults.
 
     Mesh files are named from the folder, those of bundled scenes by their whole path. Every number has all its digits.
     """
@@ -65,7 +65,7 @@ def scene_toml(scene: Scene, folder: Path) -> str:
 
 
 def _with_files_named(table: dict[str, Any], files: dict[str, str]) -> dict[str, Any]:
-    """A table whose files come first, those of tables within it in these."""
+    """Put the files of a table first, those of tables within it in these."""
     own = {field: file for field, file in files.items() if "." not in field}
     table = own | {field: value for field, value in table.items() if field not in own}
     for path in files.keys() - own.keys():
@@ -102,7 +102,7 @@ def _is_copied(mesh: Path, copy: Path) -> bool:
 
 
 def _named_from(mesh: Path, folder: Path) -> str:
-    """A mesh as a file in a folder names it, so that both can be moved together."""
+    """Name a mesh as a file in a folder does, so that both can be moved together."""
     if not _is_bundled(mesh) or mesh.parent == Path(os.path.abspath(folder)):
         with suppress(ValueError):  # another drive
             return Path(os.path.relpath(os.path.realpath(mesh.parent), os.path.realpath(folder)), mesh.name).as_posix()
@@ -110,7 +110,7 @@ def _named_from(mesh: Path, folder: Path) -> str:
 
 
 def _lines(said: BaseModel, dump: dict[str, Any], path: str = "") -> list[str]:
-    """The lines of a table: its values, and then the tables within it.
+    """Write the lines of a table: its values, and then the tables within it.
 
     Args:
         said: the table.

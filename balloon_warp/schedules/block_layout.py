@@ -1,6 +1,7 @@
 """How a world lies on a block of threads: what stays in registers, what in shared memory, and how many threads."""
 
 from balloon_warp.kernels.loops.film_places import FilmLayout
+from balloon_warp.kernels.phases.check import check
 from balloon_warp.kernels.schedules.block.layout import Layout
 from balloon_warp.kernels.schedules.block.looks import look_of
 from balloon_warp.kernels.schedules.pieces import Step, cut
@@ -35,6 +36,8 @@ POINT_BYTES = 12
 THREADS_BESIDE = ((416, 72), (384, 80), (256, 80))
 """of a block whose threads loop over particles, and registers of each, where a multiprocessor has memory for two such
 blocks: those whose last turn is fullest"""
+THREADS_OF_MANY, MANY = (512, 64), 1792
+"""the same for so many particles of one balloon of springs"""
 THREADS_NEAR_FIXTURES = 256, 128
 """the same where particles meet obstacles, which takes more registers"""
 THREADS_ALONE = 768, 80
@@ -44,7 +47,9 @@ THREADS_ALONE = 768, 80
 def step_of(traits: Traits, layout: Layout) -> Step:
     """The phases of a scene, in pieces, as a block executes them."""
     step = FILMED if layout.film else FACING if traits.aims_on_the_way else STEP
-    return cut(phases_of(traits, step), traits, look_of(layout), doubles=True, sums_along=True)
+    return cut(
+        phases_of(traits, (*step, check)), traits, look_of(layout, traits.spheres), doubles=True, sums_along=True
+    )
 
 
 def layout_of(model: Model, traits: Traits) -> Layout:
@@ -109,11 +114,7 @@ def _looped(model: Model, traits: Traits) -> Layout:
     """Threads loop over particles; what waits from piece to piece does so in shared memory, as far as two blocks have
     room for it."""
     film = film_layout(model, traits)
-    threads, registers = THREADS_ALONE
-    if 2 * model.particle_count <= most_particles(model):
-        threads, registers = min(THREADS_BESIDE, key=lambda each: _round_up(model.particle_count, each[0]))
-        if traits.stands_on_fixtures:
-            threads, registers = THREADS_NEAR_FIXTURES
+    threads, registers = _loop_threads(model, traits, film)
     threads = 1 if model.device.is_cpu else min(_round_up(model.particle_count, WARP_THREADS), threads)
     capacity = _round_up(model.particle_count, CAPACITY_STEP)
     layout = Layout(
@@ -121,6 +122,17 @@ def _looped(model: Model, traits: Traits) -> Layout:
         film=film._replace(areas=False) if film else None,  # from memory they are no sooner read than found
     )  # fmt: skip
     return layout._replace(tiles=_tiles(model, traits, layout))
+
+
+def _loop_threads(model: Model, traits: Traits, film: FilmLayout | None) -> tuple[int, int]:
+    """Threads that loop, and registers of each."""
+    if 2 * model.particle_count > most_particles(model):
+        return THREADS_ALONE
+    if traits.stands_on_fixtures:
+        return THREADS_NEAR_FIXTURES
+    if model.balloon_count == 1 and film is None and model.particle_count > MANY:
+        return THREADS_OF_MANY
+    return min(THREADS_BESIDE, key=lambda each: _round_up(model.particle_count, each[0]))
 
 
 def _tiles(model: Model, traits: Traits, layout: Layout) -> tuple[str, ...]:

@@ -16,25 +16,26 @@ class Framing:
 
     Args:
         tables: that the schedule has made of it.
-        working: what its kernels keep beside the state.
+        working: what its kernels keep beside the state; None where that is nothing from frame to frame, and where they
+            look after the health of particles.
     """
 
-    def __init__(self, model: Model, traits: Traits, tables: Any, working: Any):
+    def __init__(self, model: Model, traits: Traits, tables: Any, working: Any | None = None):
         self.model, self.traits, self.tables, self.working = model, traits, tables, working
-        self._health = HealthCheck(model, tables)
+        self._health = HealthCheck(model, tables, particles=working is not None)
 
     def begin(self, state: State) -> None:
         """The ramp of what is keyframed, and the forces that the last frame left on spheres."""
         refresh_ramp(self.model, state)
         weigh_air(self.model, self.traits, self.tables, state)
         forget_looks(self.tables)
-        if self.traits.penalties:
+        if self.working and self.traits.penalties:
             self._over_spheres(read_sphere_forces, state.sphere_forces, self.working.sphere_quanta)
 
     def end(self, state: State) -> None:
         """What the last substep leaves on spheres, and the pressures that it had; then the frame is counted, and all
         are looked at."""
-        if self.traits.penalties:
+        if self.working and self.traits.penalties:
             self._over_spheres(write_sphere_forces, self.working.sphere_quanta, state.sphere_forces)
         note_pressures(self.model, self.traits, state)
         self._health.end_frame(state)

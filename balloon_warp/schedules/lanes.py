@@ -49,7 +49,7 @@ class LanesSchedule:
                 f"--schedule {self.name}: runs on the CPU (got {model.device}); block is its like for a GPU"
             )
         self.model, self._traits, all_traits = model, traits_of(model), model_traits(model)
-        self.busy = busy_worlds(model, all_traits, self.name) if all_traits.in_blocks else None
+        self.busy = busy_worlds(model, all_traits) if all_traits.in_blocks else None
         step = self.step_of(self._traits)
         self._kernel = kernel_of(step, self.layout)
         self.tables = make_tables(model, self._traits)
@@ -139,16 +139,10 @@ def traits_of(model: Model) -> Traits:
     return free_traits(traits) if traits.in_blocks else traits
 
 
-def busy_worlds(model: Model, traits: Traits, schedule: str) -> Any:
-    """Those in which balloons may touch, bodies move or small spheres meet faces; kernels load only where they do.
-
-    Raises:
-        InputError: a world is too large for them.
-    """
-    from balloon_warp.schedules.block import require_block
+def busy_worlds(model: Model, traits: Traits) -> Any:
+    """Those in which balloons may touch, bodies move or small spheres meet faces; kernels load only where they do."""
     from balloon_warp.schedules.busy_worlds import BusyWorlds
 
-    require_block(model, schedule)
     return BusyWorlds(model, traits)
 
 

@@ -8,7 +8,7 @@ import warp as wp
 from balloon_warp.kernels.contact.free_frames import (
     FreeFrames,
     judge_kernel,
-    keep_busy,
+    keep_sphere_forces,
     put_worlds_back,
     surround_kernel,
 )
@@ -25,7 +25,7 @@ THREADS = 128
 
 def has_free_frames(traits: Traits) -> bool:
     """Whether a block leaves worlds to launches, in some frames: not where it does all itself."""
-    return (traits.fixtures or traits.touches) and not traits.always_busy
+    return traits.touches or traits.meets_solids or (traits.fixtures and not traits.always_busy)
 
 
 def free_traits(traits: Traits) -> Traits:
@@ -77,9 +77,11 @@ class Outlook:
         inputs = [self.table, self._before, threads, world_state(state), self._working.sphere_quanta]
         launch(put_worlds_back, (self.model.world_count, threads), inputs=inputs, device=self.model.device)
 
-    def keep(self, source: wp.array, target: wp.array) -> None:
-        """Points or velocities of worlds whose frame was not free."""
-        launch(keep_busy, source.shape, inputs=[self.table, source, target], device=self.model.device)
+    def keep_forces(self, state: State) -> None:
+        """On spheres, of worlds whose frame was not free."""
+        if self._traits.penalties:
+            inputs = [self.table, self._working.sphere_quanta, state.sphere_forces]
+            launch(keep_sphere_forces, state.sphere_forces.shape, inputs=inputs, device=self.model.device)
 
 
 def outlook_arrays(model: Model, traits: Traits, room: Room) -> tuple[dict[str, Any], dict[str, Any]]:

@@ -81,7 +81,7 @@ def step_of_patches(traits: Traits, layout: Layout) -> Step:
     """What patches execute, in pieces: but for what happens only as a frame begins, which is launched before."""
     step = FACING if traits.aims_on_the_way else STEP
     phases = [phase for phase in phases_of(traits, step) if phase.light or not phase.once(traits)]
-    return cut(phases, traits, look_of(layout), doubles=False, sums_along=True)
+    return cut(phases, traits, look_of(layout, traits.spheres), doubles=False, sums_along=True)
 
 
 def first_phases(traits: Traits) -> tuple[Phase, ...]:

@@ -9,8 +9,9 @@ PROJECTIVE = "projective"
 
 
 def solver_named(schedule: str, model: Model) -> type[Schedule]:
-    """The schedule of that name, or the fastest for the model with "auto"; the scene's implicit solver, which is laid
-    out in one way only. Not made yet.
+    """Return the schedule of that name, or the fastest for the model with "auto", not made yet.
+
+    Where the scene asks for the implicit solver, it is that one, which is laid out in one way only.
 
     Raises:
         InputError: there is no such schedule, or the scene's solver has none.

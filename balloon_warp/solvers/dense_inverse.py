@@ -62,8 +62,10 @@ class DenseInverse:
         return 4 * int((np.diff(model.particle_offsets) ** 2).sum()) * matrices.count // model.world_count
 
     def solve(self, right_sides: wp.array, solutions: wp.array, going: wp.array) -> None:
-        """A solution for each right side, both of shape (world_count, particle_count), vec3, in the worlds whose entry
-        of `going`, int32, is not 0."""
+        """Find a solution for each right side, in the worlds that go on.
+
+        Both have the shape (world_count, particle_count), vec3; the entry of `going`, int32, is not 0 in those worlds.
+        """
         worlds, device, tiles = self._model.world_count, self._model.device, len(self._tiles)
         inputs = [self._inverse, self._tiles, right_sides, going, solutions]
         if self._product:
@@ -81,7 +83,7 @@ def _tiles(counts: NDArray[np.integer], rows: int) -> list[tuple[int, int]]:
 
 
 def _inverses(matrix: Any, offsets: list[int]) -> NDArray[np.float32]:
-    """The inverses of the matrix's diagonal blocks, flat, one after the other."""
+    """Invert the matrix's diagonal blocks, flat, one after the other."""
     from scipy.linalg import get_lapack_funcs
 
     potrf, potri = get_lapack_funcs(("potrf", "potri"), dtype=np.float64)

@@ -71,8 +71,11 @@ class ProjectiveSolver(LaunchedSchedule):
 
     @staticmethod
     def allot(model: Model, traits: Traits, room: Room) -> tuple[Any, ...]:
-        """Six vectors of each particle: displacements without springs, those tried, those reached, points tried,
-        residuals, and increments of displacements."""
+        """Allot six vectors of each particle.
+
+        They are displacements without springs, those tried, those reached, points tried, residuals, and increments of
+        displacements.
+        """
         return tuple(room.array((model.world_count, model.particle_count), wp.vec3) for _ in range(6))
 
     @classmethod
@@ -81,7 +84,7 @@ class ProjectiveSolver(LaunchedSchedule):
         return super().world_bytes(model) + _global_step(model).world_bytes(model, StepMatrices(model))
 
     def own(self) -> Mapping[str, Own]:
-        """What it does itself of a step, by the names of phases."""
+        """Name what it does itself of a step, by the names of phases."""
         return {"settle": self._settle}
 
     def _settle(self, state: State, substep: int, time_in_frame: float, now: Moving) -> None:
@@ -122,7 +125,7 @@ class ProjectiveSolver(LaunchedSchedule):
 
 
 def _settling(model: Model, matrices: StepMatrices) -> Any:
-    """What the iterations of a model end by."""
+    """Make what the iterations of a model end by."""
     said = model.scene.solver_iterations
     settling = Settling()
     settling.least, settling.most = (LEAST_ITERATIONS, MOST_ITERATIONS) if said == "auto" else (said, said)
@@ -137,7 +140,7 @@ def _settling(model: Model, matrices: StepMatrices) -> Any:
 
 
 def _beyond(traits: Traits) -> str | None:
-    """What it does not simulate, in words, or None."""
+    """Name what it does not simulate, or None."""
     if traits.touches:
         return "balloons that touch"
     if traits.membranes:

@@ -66,8 +66,10 @@ class SparseFactor:
         return room.bytes // model.world_count
 
     def solve(self, right_sides: wp.array, solutions: wp.array, going: wp.array) -> None:
-        """A solution for each right side, both of shape (world_count, particle_count), vec3, in the worlds whose entry
-        of `going`, int32, is not 0, at least."""
+        """Find a solution for each right side, at least in the worlds that go on.
+
+        Both have the shape (world_count, particle_count), vec3; the entry of `going`, int32, is not 0 in those worlds.
+        """
         launch(
             self._kernel,
             self._work.shape[0],
@@ -89,7 +91,7 @@ class _Layout:
     rows: NDArray[np.int32]
 
     def factorize(self, matrix: Any) -> tuple[NDArray, NDArray]:
-        """The entries of L, 0 where SuperLU leaves one out, and the pivots D."""
+        """Find the entries of L, 0 where SuperLU leaves one out, and the pivots D."""
         order = np.argsort(self.place)
         lower, pivots, _ = _factors(matrix[order][:, order], "NATURAL")
         entries = np.zeros(len(self.rows))

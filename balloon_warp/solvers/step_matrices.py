@@ -43,7 +43,7 @@ class StepMatrices:
 
     @property
     def count(self) -> int:
-        """how many distinct ones there are"""
+        """Number of distinct matrices."""
         return len(self._rows)
 
     def matrix(self, number: int) -> Any:
@@ -51,7 +51,7 @@ class StepMatrices:
         return self._matrix(self._rows[number])
 
     def pattern(self) -> Any:
-        """A matrix as they are, with no entry that happens to be zero."""
+        """Make a matrix as they are, with no entry that happens to be zero."""
         return self._matrix(np.ones_like(self._rows[0]), np.ones_like(self._scale))
 
     def _matrix(self, row: NDArray[np.float64], scale: NDArray[np.float64] | None = None) -> Any:

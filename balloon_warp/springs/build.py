@@ -57,7 +57,7 @@ def build_springs(mesh: PolygonMesh) -> Springs:
 
 
 def _keys(first: NDArray[np.int64], second: NDArray[np.int64], count: int) -> NDArray[np.int64]:
-    """A number for each pair of different particles, the same in both orders: low * count + high."""
+    """Give a number to each pair of different particles, the same in both orders: low * count + high."""
     keys = np.minimum(first, second) * count + np.maximum(first, second)
     return keys[first != second]
 
@@ -83,8 +83,10 @@ def _pairs_in_groups(members: NDArray[np.int64], sizes: NDArray, count: int) -> 
 
 
 def _pairs_past_particles(neighbors: NDArray[np.int64], valences: NDArray, count: int) -> NDArray[np.int64]:
-    """Sorted keys of the pairs that flexion springs may join: all neighbors of a particle, or, where they are too many,
-    each with the one half-way around."""
+    """Find the sorted keys of the pairs that flexion springs may join.
+
+    They are all neighbors of a particle, or, where they are too many, each with the one half-way around.
+    """
     is_hub = valences > LARGEST_FAN
     at_hub = np.repeat(is_hub, valences)
     across = [np.zeros(0, dtype=np.int64)]

@@ -104,13 +104,13 @@ def run_batch(
     on_note: Callable[[str], None] = lambda sentence: None,
     on_warning: Callable[[str], None] = lambda sentence: None,
 ) -> BatchSummary:
-    """Simulate worlds that differ; write tables as .npz and .csv, `table` of each world and frame and `worlds` of each
-    world, `worlds.usdc` of the chosen worlds, and `manifest.json`, from which `repeat_batch` makes them again.
+    """Simulate worlds that differ, and write tables of them and a stage of the chosen ones.
 
-    All in the folder is of one batch: where no world is chosen, the `worlds.usdc` of an earlier one is removed.
-
-    What takes long is safe from a kill: now and then what there is goes into the folder `partial` of that folder, which
-    is removed once all is there. Ctrl-C, too, saves what there is.
+    Tables are .npz and .csv: `table` of each world and frame, `worlds` of each world. The stage is `worlds.usdc`,
+    and from `manifest.json` `repeat_batch` makes them again. All in the folder is of one batch: where no world is
+    chosen, the `worlds.usdc` of an earlier one is removed. What takes long is safe from a kill: now and then what
+    there is goes into the folder `partial` of that folder, which is removed once all is there. Ctrl-C, too, saves
+    what there is.
 
     Args:
         scene: what all worlds have in common: a scene, or what `load_scene` makes one of.
@@ -168,7 +168,7 @@ def run_batch(
 def _warning(
     task: BatchTask, on_begin: Callable[[Beginning], None], on_warning: Callable[[str], None]
 ) -> Callable[[Beginning], None]:
-    """A listener to what begins that tells, too, what is odd about the meshes."""
+    """Make a listener to what begins that tells, too, what is odd about the meshes."""
 
     def begin(beginning: Beginning) -> None:
         on_begin(beginning)
@@ -179,7 +179,7 @@ def _warning(
 
 
 def _chosen(scene: Scene, export: Sequence[int], world_count: int) -> NDArray[np.int64]:
-    """The worlds to export, ascending.
+    """Choose the worlds to export, ascending.
 
     Raises:
         InputError: one is not there.
@@ -207,13 +207,13 @@ def _simulate(
 
 
 def _remarks(outcome: Outcome) -> list[str]:
-    """What is to be said at the end."""
+    """Say what is to be said at the end."""
     ends, worlds = ending_sentences(outcome.bad_endings), remark_sentences(outcome.remarks)
     return [*ends, *worlds, *crowding_remarks(outcome.crowded)]
 
 
 def _summary(task: BatchTask, outcome: Outcome, name: str) -> BatchSummary:
-    """What `run_batch` hands back."""
+    """Sum up what `run_batch` hands back."""
     scene, groups, stage = task.scene, task.groups, str(task.folder / STAGE_NAME)
     substeps = groups[0].plan.substeps
     particles = task.particle_count

@@ -82,7 +82,7 @@ class Cluster:
 
 @contextmanager
 def connect(cluster: Cluster) -> Iterator["Client"]:
-    """A client of the workers, once there is one. Workers that are started here end with the `with` block.
+    """Connect a client to the workers, once there is one. Workers that are started here end with the `with` block.
 
     Raises:
         MissingExtraError: dask.distributed is not installed.
@@ -149,7 +149,7 @@ def worker_environments(cluster: Cluster) -> list[dict[str, str]]:
 
 
 def start_workers(environments: list[dict[str, str]]) -> "SpecCluster":
-    """A scheduler and workers that listen on loopback only. A worker that dies is replaced by its nanny."""
+    """Start a scheduler and workers that listen on loopback only. A worker that dies is replaced by its nanny."""
     from distributed import Nanny, Scheduler, SpecCluster
 
     common: dict[str, Any] = {"host": LOOPBACK, "dashboard": False, "dashboard_address": f"{LOOPBACK}:0"}
@@ -165,8 +165,10 @@ def start_workers(environments: list[dict[str, str]]) -> "SpecCluster":
 
 
 def dask_setup(_: Any) -> None:
-    """What Dask calls in each worker that is started here: a terminal sends Ctrl-C to all, and it is for the first
-    process, which saves what there is and ends them. And they end at once: what is left in one goes with it, and is not
-    looked through for garbage once more."""
+    """Set up each worker that is started here, as Dask calls it.
+
+    A terminal sends Ctrl-C to all, and it is for the first process, which saves what there is and ends them. And they
+    end at once: what is left in one goes with it, and is not looked through for garbage once more.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     atexit.register(gc.freeze)

@@ -48,8 +48,9 @@ KEYFRAMED_UNITS = {"k_normal": "100 N", "pressure": "Pa", "pump": "mol/s"}
 
 
 def describe_columns(scene: Scene, varied: Iterable[str], laws: Sequence[Law] = ()) -> dict[str, dict[str, str]]:
-    """Unit and meaning of each column of `table` and of `worlds`, by name; the unit of numbers without one is "1", and
-    that of words is empty.
+    """Describe unit and meaning of each column of `table` and of `worlds`, by name.
+
+    The unit of numbers without one is "1", and that of words is empty.
 
     Args:
         varied: the paths of what differs.

@@ -124,7 +124,7 @@ def _write_table(task: BatchTask, output: BatchOutput) -> None:
 
 
 def _require_table_memory(task: BatchTask) -> None:
-    """The table is in memory."""
+    """Make sure that the table fits, which is in memory."""
     counts = [len(group.worlds) for group in task.groups]
     require_memory(pick_device("cpu"), counts, [table_bytes(task.scene)] * len(counts))
 
@@ -138,7 +138,7 @@ def _require_laws_that_travel(task: BatchTask, cluster: Cluster) -> None:
 
 
 def _worker_devices(client: "Client", cluster: Cluster, device: str | None, laws: Sequence[Law]) -> list[str]:
-    """The device of each worker, such as "cpu" or "cuda:0".
+    """Ask for the device of each worker, such as "cpu" or "cuda:0".
 
     Raises:
         InputError: a worker has no such device; or it, or the scheduler, has no Balloon Warp, or not the module of a
@@ -165,8 +165,9 @@ def _run_shares(
     worker_count: int,
     on_frame: Callable[[int], None],
 ) -> Iterator[tuple[int, ShareResult] | None]:
-    """Simulate the shares, and give each one's number and result as it comes, and nothing now and then meanwhile. What
-    a lost worker had is done again.
+    """Simulate the shares, and give each one's number and result as it comes, and nothing now and then meanwhile.
+
+    What a lost worker had is done again.
 
     Args:
         task: what the shares are of.
@@ -260,7 +261,7 @@ def _work(
     topic: str,
     number: int,
 ) -> ShareResult:
-    """Runs on a worker."""
+    """Simulate a share on a worker."""
     from distributed import get_worker
 
     worker, last = get_worker(), time.monotonic()
@@ -278,7 +279,7 @@ def _work(
 
 
 def _device_name(device: str | None, prepare: Callable[[], None] | None) -> str:
-    """Runs on a worker."""
+    """Name the device of a worker, on the worker."""
     if prepare:
         prepare()
     return str(pick_device(device))

@@ -33,21 +33,22 @@ class Group:
     """their numbers in the batch, ascending"""
 
     def part(self, rows: NDArray[np.integer]) -> Self:
-        """Some of its worlds, by their numbers in its plan, ascending."""
+        """Return some of its worlds, by their numbers in its plan, ascending."""
         return replace(self, plan=self.plan.of_worlds(rows), worlds=self.worlds[rows])
 
     def those_of(self, chosen: NDArray[np.integer]) -> NDArray[np.integer]:
-        """The chosen worlds of this group, by their numbers in the batch."""
+        """Find the chosen worlds of this group, by their numbers in the batch."""
         return self.worlds[self.rows_of(chosen)]
 
     def rows_of(self, chosen: NDArray[np.integer]) -> NDArray[np.integer]:
-        """The chosen worlds of this group, by their numbers in its plan."""
+        """Find the chosen worlds of this group, by their numbers in its plan."""
         return np.flatnonzero(np.isin(self.worlds, chosen))
 
 
 def plan_groups(scene: Scene, world_count: int, vary: BatchVary, laws: Sequence[Law] = ()) -> list[Group]:
-    """Plan a model for each set of meshes, and of what else makes one. All take the same step, which suits the stiffest
-    world.
+    """Plan a model for each set of meshes, and of what else makes one.
+
+    All take the same step, which suits the stiffest world.
 
     Args:
         laws: your own, which act beside the built-in ones.
@@ -77,7 +78,7 @@ def plan_groups(scene: Scene, world_count: int, vary: BatchVary, laws: Sequence[
 
 
 def vary_columns(vary: BatchVary) -> dict[str, NDArray]:
-    """What varies as columns of a table: numbers, and the meshes' names, shape (world_count,)."""
+    """Write what varies as columns of a table: numbers, and the meshes' names, shape (world_count,)."""
     return {
         path: np.array([_label(value) for value in values]) if _is_mesh(path) else np.asarray(values, dtype=np.float64)
         for path, values in vary.items()
@@ -89,7 +90,7 @@ def _is_mesh(path: str) -> bool:
 
 
 def _column(path: str, values: Any, world_count: int) -> list[Any]:
-    """A value for each world: a mesh or a file, or a number, whole where it may be."""
+    """Write a value for each world: a mesh or a file, or a number, whole where it may be."""
     what = "mesh" if _is_mesh(path) else "number"
     try:
         column = list(values)
@@ -103,7 +104,7 @@ def _column(path: str, values: Any, world_count: int) -> list[Any]:
 
 
 def _own_scene(scene: Scene, values: Mapping[str, Any], world: int) -> Scene:
-    """The scene of a group, whose first world is given.
+    """Make the scene of a group, whose first world is given.
 
     Raises:
         VaryError: names that world, where a number is wrong.
@@ -117,7 +118,7 @@ def _own_scene(scene: Scene, values: Mapping[str, Any], world: int) -> Scene:
 
 
 def _identity(value: Any) -> Any:
-    """What tells two values apart: of a mesh that is no file, which one it is."""
+    """Tell two values apart: of a mesh that is no file, by which one it is."""
     return value if isinstance(value, Path | float | int | str) else id(value)
 
 

@@ -23,7 +23,7 @@ MANIFEST_NAME = "manifest.json"
 
 
 def describe_batch(task: BatchTask) -> dict[str, Any]:
-    """What a batch is made of, as JSON has it. Before the run: mesh files may change meanwhile.
+    """Describe what a batch is made of, as JSON has it. Before the run: mesh files may change meanwhile.
 
     Of a mesh that came from Python there is the hash of its arrays, and its name.
     """

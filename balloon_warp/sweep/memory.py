@@ -31,8 +31,9 @@ def require_room(
     laws: Sequence[Law] = (),
     spread: bool = False,
 ) -> None:
-    """Make sure that so many worlds could fit, before each gets its values: where they are very many, and all of one
-    size.
+    """Make sure that so many worlds could fit, before each gets its values.
+
+    That is where they are very many, and all of one size.
 
     Args:
         varied: the paths of what differs.

@@ -78,13 +78,13 @@ class BatchOutput:
         return self
 
     def write(self, records: list[Record]) -> None:
-        """The next frame: a record of each group."""
+        """Write the next frame: a record of each group."""
         for number, record in enumerate(records):
             self.add(number, record)
         self.end_frame()
 
     def add(self, group: int, record: Record) -> None:
-        """A frame of one group."""
+        """Add a frame of one group."""
         worlds = self.groups[group].worlds
         self.table.values[record.number, worlds] = record.measures
         self.table.health[record.number, worlds] = record.healthy
@@ -92,8 +92,9 @@ class BatchOutput:
             self.stage.write(record.number, group, *record.shapes)
 
     def replace(self, group: int, rows: NDArray[np.integer], places: NDArray[np.integer], record: Record) -> None:
-        """Put a record in the place of what was recorded of some worlds of a group in its frame; in the table's text
-        that is once `rewrite_table` is called.
+        """Put a record in the place of what was recorded of some worlds of a group in its frame.
+
+        In the table's text that is once `rewrite_table` is called.
 
         Args:
             rows: the worlds, by their numbers in the group.
@@ -110,7 +111,7 @@ class BatchOutput:
         self.table.write_again()
 
     def endings(self) -> list[BadEnding]:
-        """What ended badly in worlds of the stage, in at most `MOST_LOOKED_AT` of them, spread evenly."""
+        """Find what ended badly in worlds of the stage, in at most `MOST_LOOKED_AT` of them, spread evenly."""
         if not self.stage:
             return []
         exported = [

@@ -27,8 +27,11 @@ OF_GAS = ("moles", "mean_stretch", "thrust")
 
 
 def columns_of(scene: Scene) -> list[str]:
-    """What is measured of each world: `MEASURES`, the heights of spheres and of free bodies [m], how many balloons are
-    in the box, how many have burst, and `OF_GAS`."""
+    """List what is measured of each world.
+
+    It is `MEASURES`, the heights of spheres and of free bodies [m], how many balloons are in the box, how many have
+    burst, and `OF_GAS`.
+    """
     heights = [f"sphere_{number}_height" for number in range(len(scene.sphere))]
     heights += [f"body_{number}_height" for number in range(len(scene.body))]
     may_burst = any(balloon.material.strength is not None for balloon in scene.balloon)
@@ -57,7 +60,7 @@ class Record:
 
     @property
     def shapes(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.int8]]:
-        """of the chosen worlds, in the order of `SHAPES`"""
+        """Shapes of the chosen worlds, in the order of `SHAPES`."""
         return self.points, self.sphere_positions, self.body_poses, self.torn
 
 
@@ -109,7 +112,7 @@ class Recorder:
         self._torn = zeros((len(chosen), state.torn.shape[1]), wp.int8)
 
     def read(self) -> Record:
-        """The frame that the simulator is at."""
+        """Read the frame that the simulator is at."""
         with lock_of(self.simulator.model.device):
             return self._read()
 

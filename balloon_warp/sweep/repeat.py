@@ -15,8 +15,10 @@ from balloon_warp.sweep.batch import BatchSummary, run_batch
 def repeat_batch(
     manifest: str | Path, folder: str | Path, device: str | None = None, laws: Sequence[Law] = ()
 ) -> BatchSummary:
-    """Simulate the batch of a manifest again. Where versions and device are the same, so are the outputs, byte by byte;
-    the stage of a cluster's batch, whose shares came in any order, sample by sample.
+    """Simulate the batch of a manifest again.
+
+    Where versions and device are the same, so are the outputs, byte by byte; the stage of a cluster's batch, whose
+    shares came in any order, sample by sample.
 
     Args:
         manifest: the `manifest.json` of the batch. Mesh files are sought where it says, from the current folder.

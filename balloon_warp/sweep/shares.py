@@ -32,7 +32,7 @@ class Grain(NamedTuple):
     """in all its frames; but no more than `MOST_PARTICLES` for that"""
 
     def particles_of(self, plan: ModelPlan) -> float:
-        """That a share has at least, of worlds of a plan."""
+        """Find how many particles a share has at least, of worlds of a plan."""
         worth = self.particle_substeps / (plan.substeps * plan.scene.frames)
         return max(self.particles, min(worth, MOST_PARTICLES))
 

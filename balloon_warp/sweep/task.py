@@ -33,7 +33,7 @@ class BatchTask:
 
     @property
     def laws(self) -> tuple[Law, ...]:
-        """that act beside the built-in ones"""
+        """Laws that act beside the built-in ones."""
         return self.groups[0].plan.own_laws
 
     @property
@@ -42,11 +42,11 @@ class BatchTask:
 
     @property
     def particle_count(self) -> int:
-        """in all worlds together"""
+        """Number of particles in all worlds together."""
         return sum(len(group.worlds) * group.plan.particle_count for group in self.groups)
 
     def beginning(self, device: str, schedule: str, workers: int = 1) -> Beginning:
-        """What is simulated, where, and how."""
+        """Say what is simulated, where, and how."""
         return Beginning(
             worlds=self.world_count,
             particles=self.particle_count,

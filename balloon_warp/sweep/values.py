@@ -54,14 +54,14 @@ def parse_vary(text: str, scene_source: str = "") -> tuple[str, Choice]:
 
 
 def ends_of(choices: Mapping[str, Choice]) -> dict[str, list[float] | list[str]]:
-    """The ends of ranges, and the values of lists, by their paths."""
+    """Find the ends of ranges, and the values of lists, by their paths."""
     return {
         path: [choice.low, choice.high] if isinstance(choice, Range) else choice for path, choice in choices.items()
     }
 
 
 def spread(choices: dict[str, Choice], world_count: int, seed: int = 0, grid: bool = False) -> dict[str, NDArray]:
-    """A value for each world, as arrays of shape (world_count,).
+    """Draw a value for each world, as arrays of shape (world_count,).
 
     Lists are cycled: world w takes value w modulo the list's length. Ranges are sampled uniformly, each from a stream
     of its own, so that a world's value depends on the seed, the path and its number alone; or, with `grid`, are divided
@@ -87,7 +87,7 @@ def spread(choices: dict[str, Choice], world_count: int, seed: int = 0, grid: bo
 
 
 def parse_export(text: str, world_count: int) -> list[int]:
-    """The worlds of `all`, `none` or `0,5,9`.
+    """Read the worlds of `all`, `none` or `0,5,9`.
 
     Raises:
         InputError: it is none of these, or there is no such world.

@@ -5,7 +5,6 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from balloon_warp.errors import InputError
 from balloon_warp.simulator import Simulator
 from balloon_warp.viewer.view import make_page
 from balloon_warp.warp_lock import lock_of
@@ -27,7 +26,7 @@ class Shown:
 
     @property
     def address(self) -> str:
-        """where the page is, for a window of its own"""
+        """Address of the page, for a window of its own."""
         return self.page.address
 
     def close(self) -> None:
@@ -70,8 +69,7 @@ def show(
         MissingExtraError: viser is not installed.
     """
     model = simulator.model
-    if not 0 <= world < model.world_count:
-        raise InputError(f"world: {world}; expected 0 to {model.world_count - 1}")
+    model.require_world(world)
     with lock_of(model.device):
         now = {name: array.numpy() for name, array in vars(simulator.state.of_world(world)).items()}
     page = make_page(model.scene, "scene", str(model.device), folder, model.own_laws, origins=origins)

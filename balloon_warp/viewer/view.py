@@ -72,7 +72,7 @@ def make_page(
     port: int | None = None,
     **who: Any,
 ) -> "Page":
-    """A page that is served, and not started yet; see `view`.
+    """Make a page that is served, and not started yet; see `view`.
 
     Args:
         who: may talk to it, as `Page` takes it: `origins` and `on_refused`.

@@ -60,7 +60,7 @@ def _target(path: str, up: str) -> str:
     if name.startswith("docs/") and name.endswith(".md"):
         return up + name.removeprefix("docs/")
     _wanted.add(name)
-    return f"{'up_' if up else ''}source:{name}"
+    return f"{'above-' if up else ''}source:{name}"
 
 
 def _write_sources(app: Sphinx, failed: Exception | None) -> None:

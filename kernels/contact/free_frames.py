@@ -10,7 +10,7 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.fixed_point import set_quanta
+from balloon_warp.kernels.fixed_point import set_quanta, total_newtons
 from balloon_warp.kernels.laws.fixture import FAR_AWAY
 from balloon_warp.kernels.loops.fixtures import free_ball_function
 from balloon_warp.kernels.loops.meeting import skin_functions
@@ -199,14 +199,28 @@ def put_worlds_back(
 
 
 @wp.kernel(enable_backward=False)
-def keep_busy(
+def keep_sphere_forces(
     # in
     free: FreeFrames,
+    sphere_quanta: wp.array3d[wp.int64],
+    # out
+    sphere_forces: wp.array2d[wp.vec3],
+):
+    """A thread a (world, sphere): of worlds whose frame was not free, from whole numbers to newtons."""
+    world, sphere = wp.tid()
+    if free.verdicts[world] != FREE:
+        sphere_forces[world, sphere] = total_newtons(sphere_quanta, world, sphere)
+
+
+@wp.kernel(enable_backward=False)
+def keep_busy(
+    # in
+    verdicts: wp.array[wp.int32],
     source: wp.array2d[wp.vec3],
     # out
     target: wp.array2d[wp.vec3],
 ):
     """A thread a (world, particle): of worlds whose frame was not free."""
     world, particle = wp.tid()
-    if free.verdicts[world] != FREE:
+    if verdicts[world] != FREE:
         target[world, particle] = source[world, particle]

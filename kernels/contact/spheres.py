@@ -9,7 +9,7 @@ import warp as wp
 from balloon_warp.kernels.contact.near import PARTICLES_A_MARK
 from balloon_warp.kernels.laws.impulse import MOST_TURNS, Press, is_met, is_settled
 from balloon_warp.kernels.loops.inertia import inertia_function
-from balloon_warp.kernels.loops.obstacles import around_function, sphere_in_state, standing_function
+from balloon_warp.kernels.loops.obstacles import around_function, standing_function
 from balloon_warp.kernels.loops.touching import (
     answer_of_ball,
     answer_to_ball,
@@ -22,7 +22,8 @@ from balloon_warp.kernels.loops.touching import (
     shift_of_ball,
 )
 from balloon_warp.kernels.own import own_functions
-from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.spheres import sphere_at
+from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.working import Working
 
@@ -108,7 +109,7 @@ def marked_functions(traits: Traits, at: Any, put: Any) -> tuple[Any, Any, Any]:
 def spheres_function(traits: Traits, at: Any, put: Any, total_of: Any) -> Any:
     """The function by which spheres and particles exchange momentum, sphere by sphere. `at` reads a point
     or velocity, `put` writes it, `total_of` adds up what threads have."""
-    ball_at = ball_function(traits, sphere_in_state)
+    ball_at = ball_function(traits, sphere_at)
     press_at_mark, answer_at_mark, stand_at_mark = marked_functions(traits, at, put)
 
     @wp.func
@@ -132,7 +133,7 @@ def spheres_function(traits: Traits, at: Any, put: Any, total_of: Any) -> Any:
     @wp.func
     def touch_spheres(
         t: Tables,
-        state: WorldState,
+        spheres: Any,
         working: Working,
         world: wp.int32,
         thread: wp.int32,
@@ -144,8 +145,8 @@ def spheres_function(traits: Traits, at: Any, put: Any, total_of: Any) -> Any:
         away."""
         marks = working.near.shape[1] - 1
         if working.near[world, marks] > 0:
-            for sphere in range(state.sphere_positions.shape[1]):
-                ball = ball_at(t, state, state.sphere_spins, world, sphere)
+            for sphere in range(t.spheres.radius.shape[1]):
+                ball = ball_at(t, spheres, spheres.sphere_spins, world, sphere)
                 last = wp.vec3()
                 part = press_of_thread(t, working, world, thread, ball, last, points, velocities)
                 press = total_of(part)
@@ -171,11 +172,11 @@ def spheres_function(traits: Traits, at: Any, put: Any, total_of: Any) -> Any:
                         rub = total_of(mine)
                         center, motion, spin = rubbed_ball(t, ball, press, change, center, motion, rub)
                         if thread == 0:
-                            state.sphere_spins[world, sphere] = spin
+                            spheres.sphere_spins[world, sphere] = spin
                     if thread == 0:
-                        state.sphere_positions[world, sphere] = center
-                        state.sphere_velocities[world, sphere] = motion
-                        state.sphere_forces[world, sphere] = force
+                        spheres.sphere_positions[world, sphere] = center
+                        spheres.sphere_velocities[world, sphere] = motion
+                        spheres.sphere_forces[world, sphere] = force
             for mark in range(thread, marks, wp.block_dim()):
                 if working.near[world, mark] > 0:
                     if wp.static(traits.stands):

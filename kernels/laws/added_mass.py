@@ -28,7 +28,7 @@ ADDED_MASS = Parameter(
 
 @wp.func
 def volume_of_gas(pressure: float, free_volume: float, gamma: float, air_pressure: float):
-    """That a gas has when its pressure above the air's is known [m^3]: what `gas_pressure` takes."""
+    """Volume of a gas whose pressure above the air's is known [m^3]: what `gas_pressure` takes."""
     return volume_at(free_volume, wp.max(air_pressure + pressure, THINNEST * STANDARD_PRESSURE), gamma)
 
 

@@ -89,9 +89,12 @@ def wind_alike(wind: wp.vec3):
 
 @wp.func
 def growth_of_wind(height: float, wind_shear: float, wind_height: float, wind_roughness: float):
-    """Over what it is at `wind_height`, up to ten times that: (z / wind_height)^wind_shear; or by the roughness length
-    z_0 of the ground ln(z / z_0) / ln(wind_height / z_0), nothing up to z_0: the profile of air that is neither warmed
-    nor cooled from below (Wieringa 1992, Updating the Davenport roughness classification)."""
+    """Wind at a height over that at `wind_height`, up to ten times that height.
+
+    It is (z / wind_height)^wind_shear; or by the roughness length z_0 of the ground ln(z / z_0) / ln(wind_height /
+    z_0), nothing up to z_0: the profile of air that is neither warmed nor cooled from below (Wieringa 1992, Updating
+    the Davenport roughness classification).
+    """
     growth = float(1.0)
     if wind_roughness > 0.0:
         most = MOST_GROWTH * wind_height
@@ -115,8 +118,7 @@ def wind_at(
     gust_length: float,
     gust_seed: float,
 ):
-    """Velocity of the air at a place and time [m/s]: the wind, as it grows with height, and gusts that it carries
-    along."""
+    """Velocity of the air at a place and time [m/s]: of the wind, as it grows with height, and of gusts in it."""
     velocity = growth_of_wind(wp.dot(place, up), wind_shear, wind_height, wind_roughness) * wind
     if gusts > 0.0:
         carried = (place - time * wind) / gust_length
@@ -272,7 +274,7 @@ def drag_bound(
 
 
 def density_of_given_air(air_pressure: Any, air_temperature: Any, air_density: Any) -> Any:
-    """The same as `density_of_air`, of many worlds on the host [kg/m^3]."""
+    """Find on the host what `density_of_air` gives, for many worlds [kg/m^3]."""
     dry = DRY_AIR_MOLAR_MASS / (GAS_CONSTANT * air_temperature / air_pressure)
     return (air_density < 0.0) * dry + (air_density >= 0.0) * air_density
 

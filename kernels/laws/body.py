@@ -13,7 +13,7 @@ def weight(mass: float, up: wp.vec3, gravity: float, helium: float):
 
 @wp.func
 def weight_energy(position: wp.vec3, mass: float, up: wp.vec3, gravity: float, helium: float):
-    """-F . x [J]"""
+    """Potential energy of the weight, -F . x [J]."""
     return -wp.dot(weight(mass, up, gravity, helium), position)
 
 

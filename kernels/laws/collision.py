@@ -23,8 +23,10 @@ SLOW = wp.constant(2.0)
 
 @wp.func
 def part_until(start: wp.vec3, way: wp.vec3, reach: float):
-    """Which part of a way leads to a distance of `reach` from the origin; 0 where it begins nearer, `NEVER` where it
-    does not lead there."""
+    """Part of a way that leads to a distance of `reach` from the origin.
+
+    It is 0 where the way begins nearer, and `NEVER` where it does not lead there.
+    """
     away = wp.length(start)
     if away <= reach:
         return 0.0
@@ -58,8 +60,7 @@ def collision(
     up: wp.vec3,
     step_seconds: float,
 ):
-    """What a sphere's end gains beside another's [m], and its velocity [m/s], both along n; and after which part of the
-    step they meet.
+    """Shift [m] and gain [m/s] of a sphere beside another, along n, and the part of the step after which they meet.
 
     What overlaps already may not come nearer, and is moved apart slowly, without speed.
 

@@ -54,8 +54,11 @@ class Columns:
 
 
 def columns_of(laws: Sequence[Law]) -> Columns:
-    """What these laws ask for, and what springs, membranes, inertia, gas and its openings, the ground and
-    touching balloons do, each once. The kinds of springs stand first."""
+    """List the parameters of these laws and of all that every scene has, each once.
+
+    The others are those of springs, membranes, inertia, gas and its openings, the ground and touching balloons. The
+    kinds of springs stand first.
+    """
     asked = (
         *KINDS,
         MASS,

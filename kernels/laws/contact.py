@@ -16,7 +16,7 @@ from balloon_warp.kernels.laws.law import Parameter
 
 @wp.func
 def way_out(point: wp.vec3, center: wp.vec3, up: wp.vec3):
-    """Unit vector from a sphere's center to a particle; up where they coincide."""
+    """Direction from a sphere's center to a particle, a unit vector; up where they coincide."""
     arm = point - center
     if wp.length_sq(arm) > 0.0:
         return inverse_root(squared_length(arm)) * arm
@@ -25,7 +25,7 @@ def way_out(point: wp.vec3, center: wp.vec3, up: wp.vec3):
 
 @wp.func
 def without_approach(velocity: wp.vec3, obstacle_velocity: wp.vec3, normal: wp.vec3):
-    """The velocity less its part into the obstacle."""
+    """Velocity without its part into the obstacle."""
     return velocity - wp.min(wp.dot(velocity - obstacle_velocity, normal), 0.0) * normal
 
 
@@ -33,7 +33,10 @@ def without_approach(velocity: wp.vec3, obstacle_velocity: wp.vec3, normal: wp.v
 def leave_sphere(
     point: wp.vec3, velocity: wp.vec3, center: wp.vec3, sphere_velocity: wp.vec3, radius: float, up: wp.vec3
 ):
-    """A particle out of a sphere: its point, its velocity, and the unit vector it moved along, zero if outside."""
+    """Move a particle out of a sphere.
+
+    Returns its point, its velocity, and the unit vector along which it moved, zero if it is outside.
+    """
     outward = wp.vec3()
     if wp.length_sq(point - center) < radius * radius:
         outward = way_out(point, center, up)
@@ -44,7 +47,7 @@ def leave_sphere(
 
 @wp.func
 def own_friction(own: float, otherwise: float):
-    """A balloon's own coefficient; where it does not say it, what else would be."""
+    """Return a balloon's own coefficient of friction; where it does not say it, what else would be."""
     return wp.where(own < 0.0, otherwise, own)
 
 
@@ -56,7 +59,7 @@ def friction_between(first: float, second: float):
 
 @wp.func
 def friction_on(own: float, its: float):
-    """The same, of a balloon on what is none."""
+    """Return the friction of a balloon on what is no balloon."""
     return friction_between(own_friction(own, its), its)
 
 
@@ -69,7 +72,7 @@ def stand_on(
     friction: float,
     step_seconds: float,
 ):
-    """A particle that a step has brought to a place on a surface: where it is then, and its velocity.
+    """Place [m] and velocity [m/s] of a particle that a step has brought to a place on a surface.
 
     Of that beside the surface the part into it is stopped, and by Coulomb's law at most `friction` times as much of the
     part along it. The way along it is that of the slower velocity: what friction holds does not creep.
@@ -85,7 +88,7 @@ def stand_on(
 
 @wp.func
 def leave_ground(point: wp.vec3, velocity: wp.vec3, up: wp.vec3, height: float, friction: float, step_seconds: float):
-    """A particle up to the ground's height."""
+    """Move a particle up to the ground's height."""
     depth = height - wp.dot(point, up)
     if depth > 0.0:
         stood, slowed = stand_on(point + depth * up, velocity, wp.vec3(), up, friction, step_seconds)
@@ -118,7 +121,7 @@ def stop_of(velocity: wp.vec3, surface_velocity: wp.vec3, normal: wp.vec3, resti
 
 @wp.func
 def bounced(velocity: wp.vec3, surface_velocity: wp.vec3, normal: wp.vec3, restitution: float):
-    """The velocity of a sphere that has met a surface: it leaves with its speed toward that times the restitution."""
+    """Velocity of a sphere that has met a surface: it leaves with the speed of its approach times the restitution."""
     return velocity + stop_of(velocity, surface_velocity, normal, restitution) * normal
 
 
@@ -134,8 +137,10 @@ def move_sphere(
     ground_restitution: float,
     step_seconds: float,
 ):
-    """Position and velocity of a sphere after a step: gravity, the ground, and the acceleration by contacts; and what
-    the ground has changed that velocity by [m/s]."""
+    """Position and velocity of a sphere after a step, and what the ground has changed that velocity by [m/s].
+
+    Gravity, the ground and the acceleration by contacts move it.
+    """
     velocity += step_seconds * (pushed - gravity * up)
     position += step_seconds * velocity
     depth = ground_height + radius - wp.dot(position, up)

@@ -1,5 +1,6 @@
-"""Position correction: after a step, a spring longer than (1 + limit) times its rest length is shortened to that, by
-moving both ends alike, or the free one (Provot 1995).
+"""Position correction: after a step, springs longer than (1 + limit) times their rest length are shortened to that.
+
+Both ends move alike, or the free one (Provot 1995).
 
 One spring after the other, of those that share no particle side by side: springs are colored so that no two of a color
 meet, and a sweep takes the colors in turn (Gauss-Seidel), which carries a correction through the balloon faster than
@@ -27,7 +28,7 @@ def excess(d: wp.vec3, rest_length: float, limit: float):
 
 @wp.func
 def share_of_correction(mass_share: float, mass_share_of_other: float):
-    """The part of a correction that one end makes: half, or all beside a fixed end, or nothing if fixed itself."""
+    """Part of a correction that one end makes: half, or all beside a fixed end, or nothing if fixed itself."""
     if mass_share == 0.0:
         return 0.0
     return wp.where(mass_share_of_other > 0.0, 0.5, 1.0)

@@ -89,7 +89,7 @@ def ease_along(weights: wp.vec4, eases: wp.vec4):
 
 @wp.func
 def push_apart(parting: float, gap: float, kept: float, ease: float, step_seconds: float):
-    """The impulse along n [N s]
+    """Impulse along n that keeps two edges apart [N s].
 
     Args:
         parting: n . (u_q - u_p) [m/s].
@@ -112,7 +112,7 @@ def crosses(crossing: Crossing):
 
 @wp.func
 def couples(crossing: Crossing, along: wp.vec3):
-    """a and b, of 1 N s of friction along a unit vector across n."""
+    """Couples a and b of 1 N s of friction along a unit vector across n."""
     scale = crossing.gap / wp.dot(wp.cross(crossing.first, crossing.second), crossing.normal)
     return wp.vec2(
         scale * wp.dot(wp.cross(along, crossing.second), crossing.normal),
@@ -137,7 +137,7 @@ def sliding_at(crossing: Crossing, weights: wp.vec4, moving: FOUR):
 
 @wp.func
 def rub_shares(crossing: Crossing, weights: wp.vec4, along: wp.vec3):
-    """What of 1 N s of friction along a unit vector each end bears."""
+    """Share of each end in 1 N s of friction along a unit vector."""
     couple = couples(crossing, along)
     return wp.matrix_from_rows(
         weights[0] * along - couple[0] * crossing.normal,
@@ -149,7 +149,7 @@ def rub_shares(crossing: Crossing, weights: wp.vec4, along: wp.vec3):
 
 @wp.func
 def friction_of_edges(speed: float, shares: FOUR, eases: wp.vec4, most: float):
-    """The impulse against what slides at a speed [N s], no more than `most`."""
+    """Impulse against what slides at a speed [N s], no more than `most`."""
     ease = float(0.0)
     for end in range(4):
         ease += eases[end] * wp.length_sq(shares[end])

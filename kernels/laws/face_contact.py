@@ -55,8 +55,10 @@ class Facing:
 
 @wp.struct
 class Impact:
-    """What a contact does: along its normal, shifts [m] and gains [m/s] of the sphere and the three corners; and by
-    friction across it."""
+    """Shifts [m] and gains [m/s] of a sphere and three corners by a contact.
+
+    They are along its normal, and by friction across it.
+    """
 
     normal: wp.vec3
     shifts: wp.vec4
@@ -98,7 +100,7 @@ def way_beside(facing: Facing, weights: wp.vec3):
 
 @wp.func
 def part_until_contact(facing: Facing, radius: float):
-    """The part of the step after which they come nearer than a radius; `NEVER` if they do not."""
+    """Part of the step after which they come nearer than a radius; `NEVER` if they do not."""
     longest = wp.max(
         wp.max(wp.length(facing.way - facing.ways[0]), wp.length(facing.way - facing.ways[1])),
         wp.length(facing.way - facing.ways[2]),
@@ -133,7 +135,7 @@ def impact(
     friction: float,
     step_seconds: float,
 ):
-    """What comes of it after a part of the step.
+    """Find what comes of a contact after a part of the step.
 
     Args:
         velocity: of the sphere.

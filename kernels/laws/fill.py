@@ -1,5 +1,4 @@
-"""What a balloon is filled with: breaths, litres or moles over some time, or what a pump gives, up to a pressure or a
-diameter."""
+"""Filling a balloon: breaths, litres or moles over some time, or what a pump gives, up to a pressure or a diameter."""
 
 import math
 
@@ -93,7 +92,7 @@ def up_to(
     air_pressure: float,
     air_temperature: float,
 ):
-    """What of some moles comes in before the balloon is full: no more than would take it there if it were rigid."""
+    """Return how many of some moles come in before a balloon is full: as if it were rigid."""
     allowed = moles
     full = GAS_CONSTANT * air_temperature
     if fill_to_pressure > 0.0:

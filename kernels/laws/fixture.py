@@ -42,7 +42,7 @@ def is_settled(start: wp.vec3, end: wp.vec3, point: wp.vec3):
 
 @wp.func
 def toward(arm: wp.vec3, otherwise: wp.vec3):
-    """The unit vector along an arm; `otherwise` where there is none."""
+    """Direction of an arm, a unit vector; `otherwise` where there is none."""
     if wp.length_sq(arm) > 0.0:
         return wp.normalize(arm)
     return otherwise
@@ -77,8 +77,10 @@ def capsule_surface(point: wp.vec3, radius: float, half_length: float, up: wp.ve
 
 @wp.func
 def mesh_normal(arm: wp.vec3, face_normal: wp.vec3, side: float, reach: float):
-    """Along the arm from the nearest place of a mesh to a point, or that face's normal where float32 would tell no
-    direction; turned to a side."""
+    """Direction of the arm from the nearest place of a mesh to a point, a unit vector, turned to a side.
+
+    It is that face's normal where float32 would tell no direction.
+    """
     if wp.length_sq(arm) > (BLURRED * reach) * (BLURRED * reach):
         return side * wp.normalize(arm)
     return face_normal
@@ -86,8 +88,10 @@ def mesh_normal(arm: wp.vec3, face_normal: wp.vec3, side: float, reach: float):
 
 @wp.func
 def mesh_surface(mesh: wp.uint64, closed: wp.int32, point: wp.vec3, farthest: float, reach: float, blur: float):
-    """Distance to a mesh [m], and its normal; `FAR_AWAY` where there is nothing within `farthest`. A sheet has two
-    sides: its normal is on that of the point."""
+    """Distance to a mesh [m], and its normal; `FAR_AWAY` where there is nothing within `farthest`.
+
+    A sheet has two sides: its normal is on that of the point.
+    """
     if closed != 0:
         found = wp.mesh_query_point_sign_normal(mesh, point, farthest, blur)
         if found.result:

@@ -64,15 +64,18 @@ RESPONSE_HEIGHT = wp.constant(4)  # sum h |a|^2 height / m [m^4/s/Pa]
 
 @wp.func
 def free_along(area_vector: Any, normal: Any):
-    """What of an area vector a particle can follow, that is pressed against an obstacle of this normal; zero if
-    none."""
+    """Part of an area vector that a particle can follow beside an obstacle of this normal; zero if none.
+
+    The particle is pressed against the obstacle.
+    """
     return area_vector - scaled(normal, dot_product(area_vector, normal))
 
 
 @wp.func
 def rate_beside_obstacles(area_vector: Any, free: Any, velocity: Any, gain: Any, push: Any):
-    """A particle's part of the rate of swelling without pressure [m^3/s], where obstacles let it move at a velocity
-    that the old pressure has a part in.
+    """Rate of swelling at a particle without pressure [m^3/s], beside obstacles.
+
+    They let it move at a velocity that the old pressure has a part in.
 
     Args:
         free: what of the area vector it can follow, see `free_along`.
@@ -84,7 +87,7 @@ def rate_beside_obstacles(area_vector: Any, free: Any, velocity: Any, gain: Any,
 
 @wp.func
 def swelling_of_particle(arm: Any, area_vector: Any, free: Any, rate: Any, gain: Any, share: Any, height: Any):
-    """A particle's part.
+    """Part of a particle in its balloon's swelling.
 
     Args:
         arm: from a point of the balloon's own, about which its volume is taken, which keeps float32's digits.
@@ -107,8 +110,10 @@ def weight_of_end(breathing_damping: float):
 
 @wp.func
 def memory_of_rate(breathing_damping: float):
-    """k, the part that the old rate of swelling has beside the new one, see `gas_load`: 0 in backward Euler, 1 in the
-    trapezoidal rule."""
+    """Part k that the old rate of swelling has beside the new one, see `gas_load`.
+
+    It is 0 in backward Euler, 1 in the trapezoidal rule.
+    """
     return (1.0 - breathing_damping) / (1.0 + 3.0 * breathing_damping)
 
 
@@ -132,7 +137,7 @@ def gas_pressure(air_pressure: float, free_volume: float, volume: float, gamma: 
 
 @wp.func
 def volume_at(free_volume: float, pressure: float, gamma: float):
-    """That a gas has at a pressure in full [Pa], or a mole of it by its free volume: V_0 (p_0 / p)^(1 / gamma)."""
+    """Volume of a gas at a pressure in full [Pa], or a mole's by its free volume: V_0 (p_0 / p)^(1 / gamma)."""
     return free_volume * wp.pow(STANDARD_PRESSURE / pressure, 1.0 / gamma)
 
 
@@ -145,8 +150,10 @@ def free_volume_of(volume: float, pressure: float, gamma: float, warmth: float):
 
 @wp.func
 def gas_energy(air_pressure: float, free_volume: float, volume: float, gamma: float):
-    """Of a gas and the air around it [J], whose negative slope by the volume is the pressure above the air's; 0 where
-    both are in balance."""
+    """Energy of a gas and the air around it [J], 0 where both are in balance.
+
+    Its negative slope by the volume is the pressure above the air's.
+    """
     balanced = volume_at(free_volume, air_pressure, gamma)
     ratio = balanced / volume
     inside = balanced * wp.log(ratio)
@@ -176,8 +183,10 @@ def gas_load(
     air_lapse: float,
     gravity: float,
 ):
-    """Pressure of a gas above the air's at the center of mass [Pa], at height 0, and its rise with height [Pa/m]; and
-    how the first two would rise if there were more gas [Pa/m^3 of free volume].
+    """Pressure of a gas above the air's [Pa], its rise with height [Pa/m], and how both rise with more gas.
+
+    The pressure is that at the center of mass, at height 0; how it and its rise would grow is for each m^3 of free
+    volume.
 
     Where the gas is stiff, the step is too long for the pressure p(V) of its beginning. What acts is a mean of the
     pressures at its end, its beginning and that of the step before, to first order in the volume:
@@ -263,21 +272,26 @@ def pumped_gas(
 
 @wp.func
 def tube_flow(conductance: float, flow: float, difference: float, softness: float, step_seconds: float):
-    """What is to be added to a tube's flow [mol/s] so that it is conductance times the difference of the pressures at
-    its ends [Pa] at the end of a step, where they fall by `softness` [Pa/mol] with all that flows."""
+    """Correction of a tube's flow [mol/s] that makes it conductance times the difference of pressures.
+
+    These are the pressures at its ends [Pa] at the end of a step, where they fall by `softness` [Pa/mol] with all that
+    flows.
+    """
     return (conductance * difference - flow) / (1.0 + conductance * step_seconds * softness)
 
 
 @wp.func
 def molar_free_volume(gas: wp.vec2d):
-    """[m^3/mol]"""
+    """Free volume of a mole [m^3/mol]."""
     return float(gas[1] / wp.max(gas[0], wp.float64(1.0e-20)))
 
 
 @wp.func
 def gas_through_tube(source: wp.vec2d, sink: wp.vec2d, moles: float, pressures: wp.vec2, gamma: float):
-    """Both gases, by amount [mol] and free volume [m^3], when so much goes from one to the other; `pressures` are
-    theirs, in full [Pa]. What leaves takes its part of the free volume along, and is throttled."""
+    """Amounts [mol] and free volumes [m^3] of two gases when so much goes from one to the other.
+
+    `pressures` are theirs, in full [Pa]. What leaves takes its part of the free volume along, and is throttled.
+    """
     moved = wp.min(wp.float64(moles), source[0])
     taken = molar_free_volume(source)
     brought = throttled(taken, pressures[0], pressures[1], gamma)

@@ -78,7 +78,7 @@ def rebound_speed(gap: float, approach: float, restitution: float, pull: float, 
 
 @wp.func
 def least_speed(gap: float, approach: float, restitution: float, pull: float, slow: float, step_seconds: float):
-    """That n . u is to be [m/s], of what is `gap` away and comes at `approach` before gravity acts.
+    """Least n . u [m/s] of what is `gap` away and comes at `approach` before gravity acts.
 
     Args:
         pull: the acceleration by which it comes faster [m/s^2].
@@ -93,14 +93,17 @@ def least_speed(gap: float, approach: float, restitution: float, pull: float, sl
 
 @wp.func
 def slowest_rebound(gravity: float, step_seconds: float):
-    """The speed [m/s] up to which nothing rebounds."""
+    """Speed [m/s] up to which nothing rebounds."""
     return SLOW * step_seconds * wp.abs(gravity)
 
 
 @wp.func
 def clear_gap(gap: float, reach: float, place: wp.vec3):
-    """A gap, or none where it is too small to count, so that what rests is not moved by how places are rounded [m].
-    What is larger closes all the way, and does not stay at the edge of that."""
+    """Gap [m], or none where it is too small to count.
+
+    So what rests is not moved by how places are rounded. What is larger closes all the way, and does not stay at the
+    edge of that.
+    """
     blurred = BLURRED_SIZE * reach + BLURRED_PLACE * wp.length(place)
     return wp.where(wp.abs(gap) <= blurred, 0.0, gap)
 
@@ -115,7 +118,7 @@ def way_out_of(gap: float, step_seconds: float):
 
 @wp.func
 def grip_impulse(grip: Grip, beside: wp.vec3, friction_ease: float, friction: float):
-    """What is added to its impulse [N s].
+    """Impulse that is added at a grip [N s].
 
     Args:
         beside: u, with the impulse so far [m/s].

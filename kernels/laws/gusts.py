@@ -73,7 +73,7 @@ def _table_by_wave() -> str:
 
 
 def _table_by_number() -> str:
-    """The same with each number of all waves side by side, filled up to whole vectors."""
+    """Arrange each number of all waves side by side, filled up to whole vectors."""
     waves = _waves()
     rows = [[wave[which][axis] for wave in waves] for which in range(2) for axis in range(3)]
     return _listed([number for row in rows for number in (*row, *[0.0] * (-len(row) % AT_ONCE))])
@@ -87,8 +87,11 @@ def _hash(state: int) -> int:
 
 
 def _written() -> str:
-    """What sums the waves, in C++. A wave is about sin(2 pi turns), to 0.001, without a sine: with few operations,
-    alike on every device. Its phase is `randf` of `rand_init(seed, number)`, from 0 to 1."""
+    """Write in C++ what sums the waves.
+
+    A wave is about sin(2 pi turns), to 0.001, without a sine: with few operations, alike on every device. Its phase is
+    `randf` of `rand_init(seed, number)`, from 0 to 1.
+    """
     count, vectors = 3 * SHELLS, -(-3 * SHELLS // AT_ONCE)
     hashes = ", ".join(f"{_hash(number)}u" for number in range(AT_ONCE * vectors))
     return f"""

@@ -73,7 +73,7 @@ def comes_near(start: wp.vec3, way: wp.vec3, radius: float):
 
 @wp.func
 def meet_sphere(start: wp.vec3, way: wp.vec3, radius: float, up: wp.vec3, step_seconds: float):
-    """The unit vector from a sphere to a particle; by how much that comes too fast; and how far it is to be moved out.
+    """Direction from a sphere to a particle, how much too fast that comes, and how far it is to be moved out.
 
     Args:
         start: from the sphere's center, before the step.
@@ -169,7 +169,7 @@ def change_of_body(press: Press, mass: float, up: wp.vec3, sinking: float, chang
 
 @wp.func
 def push_of_ground(press: Press, mass: float, up: wp.vec3, change: wp.vec3):
-    """The impulse by which the ground keeps up a body that particles press to it [N s]: what both gain by it."""
+    """Impulse by which the ground keeps up a body that particles press to it [N s]: what both gain by it."""
     lost = wp.vec3(press[PRESSED + 6], press[PRESSED + 7], press[PRESSED + 8])
     of_particles = wp.vec3(
         press[PRESSED] * change[0] + press[PRESSED + 1] * change[1] + press[PRESSED + 2] * change[2],
@@ -193,8 +193,10 @@ def is_settled(change: wp.vec3, last: wp.vec3):
 
 @wp.func
 def gain_of_particle(outward: wp.vec3, excess: float, change: wp.vec3):
-    """The velocity [m/s] that a particle gains which is pressed, when the body's changes so; or how far one is moved
-    out of an overlap [m], beside a body that is moved itself."""
+    """Velocity [m/s] that a pressed particle gains when the body's changes so.
+
+    Or how far one is moved out of an overlap [m], beside a body that is moved itself.
+    """
     return (wp.dot(outward, change) + excess) * outward
 
 
@@ -209,8 +211,9 @@ def fall(
     ground_restitution: float,
     step_seconds: float,
 ):
-    """Position and velocity of a sphere after a step of gravity beside the ground, before it meets particles, and what
-    the ground has changed its velocity by [m/s].
+    """Position and velocity of a sphere after a step of gravity beside the ground, and what the ground changed [m/s].
+
+    It has not met particles yet.
 
     It goes as far as the ground, or, had it been falling, turns where it is, with the speed that it had before the
     step times the restitution: then no energy is gained, whatever the step.

@@ -88,9 +88,11 @@ TINY = 1.0e-12
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number that a scene has for each world, or for each balloon, sphere, string or tube. Its unit, bounds, default
-    and place in scene files all follow from this one row. Parameters of your own laws belong to the world or to
-    balloons."""
+    """A number that a scene has for each world, or for each balloon, sphere, string or tube.
+
+    Its unit, bounds, default and place in scene files all follow from this one row. Parameters of your own laws belong
+    to the world or to balloons.
+    """
 
     name: str
     unit: str

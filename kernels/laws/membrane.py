@@ -97,7 +97,7 @@ def neo_hookean(det: float, shear_modulus: float):
 
 @wp.func
 def neo_hookean_energy(trace: float, det: float, shear_modulus: float):
-    """[J/m^3]"""
+    """Energy of a neo-Hookean film [J/m^3]."""
     return 0.5 * shear_modulus * (trace + 1.0 / det - 3.0)
 
 
@@ -112,14 +112,14 @@ def mooney_rivlin(trace: float, det: float, shear_modulus: float, mooney_ratio: 
 
 @wp.func
 def mooney_rivlin_energy(trace: float, det: float, shear_modulus: float, mooney_ratio: float):
-    """[J/m^3]"""
+    """Energy of Mooney and Rivlin's film [J/m^3]."""
     first = 0.5 * shear_modulus / (1.0 + mooney_ratio)
     return first * (trace + 1.0 / det - 3.0 + mooney_ratio * (det + trace / det - 3.0))
 
 
 @wp.func
 def locking_room(gent_limit: float, most_stretch: float):
-    """What is left of a Gent material's limit at its most stretch, both ways, and I1 there."""
+    """Room that is left to a Gent material's limit at its most stretch, both ways, and I1 there."""
     squared = most_stretch * most_stretch
     least = wp.max(gent_limit + 3.0 - 2.0 * squared - 1.0 / (squared * squared), LEAST_ROOM * gent_limit)
     return least, gent_limit + 3.0 - least
@@ -127,12 +127,15 @@ def locking_room(gent_limit: float, most_stretch: float):
 
 @wp.func
 def gent(trace: float, det: float, shear_modulus: float, gent_limit: float, most_stretch: float):
-    """W = -mu J/2 ln(1 - (I1 - 3) / J) (Gent 1996), up to the I1 = M of the most stretch, both ways. From there on, in
-    place of a pole that no step could follow, a tension that rises on with the root of I1, as it begins to there:
+    """Slopes of W = -mu J/2 ln(1 - (I1 - 3) / J) (Gent 1996), up to the I1 = M of the most stretch, both ways.
+
+    From there on, in place of a pole that no step could follow, a tension rises on with the root of I1, as it begins to
+    there:
 
         dW/dI1 = mu J/2 / R (1 + (1 + 2 M / R) (s - 1)) / s,  s = sqrt(I1 / M),  R = J + 3 - M
 
-    The energy's second derivative is then nowhere more than at M, so that no shorter step is needed."""
+    The energy's second derivative is then nowhere more than at M, so that no shorter step is needed.
+    """
     least, most = locking_room(gent_limit, most_stretch)
     inverse = 1.0 / det
     first = trace + inverse
@@ -144,7 +147,7 @@ def gent(trace: float, det: float, shear_modulus: float, gent_limit: float, most
 
 @wp.func
 def gent_energy(trace: float, det: float, shear_modulus: float, gent_limit: float, most_stretch: float):
-    """[J/m^3]"""
+    """Energy of Gent's film [J/m^3]."""
     least, most = locking_room(gent_limit, most_stretch)
     first = trace + 1.0 / det
     s = wp.sqrt(wp.max(first / most, 1.0))
@@ -194,7 +197,7 @@ def ogden(trace: float, det: float, spread: float, ogden_moduli: wp.vec3, ogden_
 
 @wp.func
 def ogden_energy(trace: float, det: float, spread: float, ogden_moduli: wp.vec3, ogden_exponents: wp.vec3):
-    """[J/m^3]"""
+    """Energy of Ogden's film [J/m^3]."""
     root = wp.sqrt(det)
     major = wp.max(0.5 * (trace + spread), root)
     energy = float(0.0)

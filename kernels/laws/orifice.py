@@ -79,9 +79,14 @@ def thrust(opening: float, pressure: float):
 def orifice_flow(
     opening: float, density: float, molar_volume: float, pressure: float, softness: float, step_seconds: float
 ):
-    """What leaves [mol/s] from a pressure p >= 0 above that beyond [Pa], such that it is what the pressure at the end
-    of the step gives, p less `softness` [Pa/mol] for all that has flowed: q = C_d A sqrt(2 (p - s h q) / rho) / v, with
-    v the volume of a mole [m^3/mol]. It is stable at any step, and empties nothing beyond p = 0."""
+    """Flow [mol/s] from a pressure p >= 0 above that beyond [Pa], such that the step's end gives it.
+
+    The pressure at the end of the step is p less `softness` [Pa/mol] for all that has flowed:
+
+        q = C_d A sqrt(2 (p - s h q) / rho) / v
+
+    with v the volume of a mole [m^3/mol]. It is stable at any step, and empties nothing beyond p = 0.
+    """
     squared = 2.0 * opening * opening / wp.max(density * molar_volume * molar_volume, LEAST_FLOW)
     held_back = squared * softness * step_seconds
     return (
@@ -107,8 +112,9 @@ def vent_flow(
     air_temperature: float,
     air_density: float,
 ):
-    """What leaves a balloon [mol/s], negative if air comes in, by the pressure at the end
-    of the step; and how much faster free volume leaves by that [m^3/s] than by the flow that was believed before.
+    """Flow out of a balloon [mol/s], negative if air comes in, by the pressure at the end of the step.
+
+    Then how much faster free volume leaves by that [m^3/s] than by the flow that was believed before.
 
     Args:
         flow: that one [mol/s].

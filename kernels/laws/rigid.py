@@ -52,7 +52,7 @@ def spin_of(turn: wp.quat, ease: wp.mat33, mass: float, momentum: wp.vec3):
 
 @wp.func
 def turned_by(turn: wp.quat, way: wp.vec3):
-    """Turned on about an axis, by its length [rad]."""
+    """Turn about an axis, by its length [rad]."""
     angle = wp.length(way)
     if angle > 0.0:
         return wp.normalize(wp.quat_from_axis_angle(way / angle, angle) * turn)
@@ -68,7 +68,7 @@ def turned(turn: wp.quat, ease: wp.mat33, mass: float, momentum: wp.vec3, step_s
 
 @wp.func
 def inertia_in_world(turn: wp.quat, inertia: wp.mat33):
-    """R J R^T"""
+    """Inertia in the world, R J R^T."""
     matrix = wp.quat_to_matrix(turn)
     return matrix * inertia * wp.transpose(matrix)
 
@@ -90,7 +90,7 @@ class Change:
 
 @wp.func
 def gain_at(change: Change, arm: wp.vec3, normal: wp.vec3):
-    """Along n, of the body's point at an arm: c . D [m/s]"""
+    """Gain along n of the body's point at an arm: c . D [m/s]."""
     return wp.dot(normal, change.velocity + wp.cross(change.spin, arm))
 
 
@@ -147,7 +147,7 @@ def is_pushed(push: Push):
 
 @wp.func
 def symmetric(push: Push, first: wp.int32):
-    """The matrix of six numbers."""
+    """Make the matrix of six numbers."""
     xx = wp.float64(push[first])
     xy = wp.float64(push[first + 1])
     xz = wp.float64(push[first + 2])
@@ -178,15 +178,18 @@ def change_of_rigid(push: Push, mass: float, inertia: wp.mat33):
 
 @wp.func
 def friction_share(mass: float, ease: wp.mat33, reach: float, pressed: float):
-    """k, of a body's mass [kg], the inverse inertia tensor of 1 kg [1/m^2], how far it reaches [m], and the mass of
-    what it presses [kg]."""
+    """Share k of friction between a body and what it presses.
+
+    Of a body's mass [kg], the inverse inertia tensor of 1 kg [1/m^2], how far it reaches [m], and the mass of what it
+    presses [kg].
+    """
     widest = wp.sqrt(wp.ddot(ease, ease))  # no less than the largest eigenvalue
     return 1.0 / (1.0 + pressed * (1.0 + reach * reach * widest) / mass)
 
 
 @wp.func
 def rub_on(beside: wp.vec3, pushed: wp.vec3, mass: float, share: float, friction: float):
-    """The impulse of friction on a particle [N s].
+    """Impulse of friction on a particle [N s].
 
     Args:
         beside: its velocity beside the body's point there.

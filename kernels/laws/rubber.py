@@ -26,8 +26,10 @@ def rubber(
     viscosity: float,
     yield_stretch: float,
 ):
-    """What is added to Hooke's coefficient [N/m]: t k (d . d') / |d|^2, t the viscosity; or, from the yield stretch on,
-    what takes the whole pull away."""
+    """Addition to Hooke's coefficient [N/m]: t k (d . d') / |d|^2, t the viscosity.
+
+    From the yield stretch on, it takes the whole pull away.
+    """
     elastic = hooke(squared_length, stiffness, stiffness_times_length)
     if elastic > stiffness * (1.0 - 1.0 / yield_stretch):  # elastic / stiffness is 1 - L/|d|
         return -elastic
@@ -44,8 +46,11 @@ def rubber_at_limit(
     yield_stretch: float,
     correction_limit: float,
 ):
-    """The same, with springs that do not pull at the length either that correction shortens them to. Just below it
-    their pull comes to its end gradually: many are there, and rounding is not to decide which of them pull."""
+    """Addition to Hooke's coefficient [N/m] where springs do not pull at the length that correction gives them, either.
+
+    Just below it their pull comes to its end gradually: many are there, and rounding is not to decide which of them
+    pull.
+    """
     elastic = hooke(squared_length, stiffness, stiffness_times_length)
     plain = rubber(squared_length, opening, stiffness, stiffness_times_length, viscosity, yield_stretch)
     longest = AT_LIMIT * (1.0 + correction_limit)

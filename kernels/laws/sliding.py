@@ -50,7 +50,7 @@ def ease_of_ball(mass: float, radius: float, arm: wp.vec3):
 
 @wp.func
 def spin_by(mass: float, radius: float, torque: wp.vec3):
-    """The spin that a sphere gains [rad/s] by an angular momentum [N m s]."""
+    """Spin that a sphere gains [rad/s] by an angular momentum [N m s]."""
     return (TURNING / (mass * radius * radius)) * torque
 
 
@@ -58,7 +58,7 @@ def spin_by(mass: float, radius: float, torque: wp.vec3):
 def rubbed(
     velocity: wp.vec3, spin: wp.vec3, moving: wp.vec3, normal: wp.vec3, stopped: float, radius: float, friction: float
 ):
-    """What friction on something that gives way to nothing adds to a sphere's velocity [m/s], and to its spin [rad/s].
+    """Gain of a sphere's velocity [m/s] and spin [rad/s] by friction on something that gives way to nothing.
 
     Args:
         moving: how fast the other moves there [m/s].

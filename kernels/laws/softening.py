@@ -34,7 +34,9 @@ def softened(energy: float, peak: float, softening: float, softening_energy: flo
 
 
 def steepening(energy: Any, softening: Any, softening_energy: Any, softening_share: Any) -> Any:
-    """By how much eta falls for each pascal by which the energy density falls below its peak, at most: right there
-    [1/Pa]. It makes rubber stiffer as it begins to give way. For the host."""
+    """Fall of eta for each pascal by which the energy density falls below its peak, at most [1/Pa].
+
+    That is right at the peak. It makes rubber stiffer as it begins to give way. For the host.
+    """
     root_of_pi = 1.7724539
     return 2.0 * softening / (root_of_pi * (softening_energy + softening_share * energy))

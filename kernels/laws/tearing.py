@@ -42,13 +42,13 @@ PARAMETERS = (
 
 @wp.func
 def true_stress(by_trace: float, by_det: float, major: float, minor: float):
-    """The larger principal one [Pa], l dW/dl, of the slopes of the relaxed energy and the squared stretches."""
+    """Larger principal true stress [Pa], l dW/dl, of the slopes of the relaxed energy and the squared stretches."""
     return 2.0 * major * (by_trace + by_det * minor)
 
 
 @wp.func
 def across_tension(first_rest: wp.vec3, second_rest: wp.vec3, first: wp.vec3, second: wp.vec3):
-    """The direction of the larger stretch on the unstretched skin; that of the first edge where both are alike.
+    """Direction of the larger stretch on the unstretched skin; that of the first edge where both are alike.
 
     Args:
         first_rest: two edges of a triangle, unstretched [m].
@@ -76,7 +76,7 @@ def plane_through(normal: wp.vec3, point: wp.vec3):
 
 @wp.func
 def normal_of(plane: wp.vec4):
-    """A unit vector."""
+    """Read the unit normal of a plane."""
     return wp.vec3(plane[0], plane[1], plane[2])
 
 

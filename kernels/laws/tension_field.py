@@ -68,8 +68,10 @@ def rest_of_shape(shape: wp.vec4, part: float):
 
 @wp.func
 def products_at_angles(metric: wp.vec3):
-    """Of the two edges that meet in the angles opposite the first, the second and the third edge [m^2]: the cotangent
-    of each angle times twice the triangle's area."""
+    """Dot products of the two edges at the angles opposite the first, the second and the third edge [m^2].
+
+    Each is the cotangent of its angle times twice the triangle's area.
+    """
     return wp.vec3(metric[2] - metric[1], metric[0] - metric[1], metric[1])
 
 
@@ -111,7 +113,7 @@ def how_surely_taut(metric: wp.vec3, rest: wp.vec4):
 
 @wp.func
 def relaxed(by_trace: float, by_det: float, major: float, spread: float, across: float, taut: bool, wrinkling: float):
-    """The energy's slopes by trace and determinant [Pa], of those of the law.
+    """Slopes of the relaxed energy by trace and determinant [Pa], of those of the law.
 
     In wrinkles the energy is a function of the larger squared stretch a alone, whose slopes are a / (a - b) by the
     trace and -1 / (a - b) by the determinant.
@@ -146,8 +148,10 @@ def viscous_tension(
     wrinkling: float,
     viscosity: float,
 ):
-    """The stress of an incompressible Newtonian fluid in the same place, along the edges, which is added to the elastic
-    one (Kelvin and Voigt) [Pa/m^2]: Cauchy's is 2 eta (d + tr d 1), and 3 eta along the tension in wrinkles.
+    """Viscous stress along the edges, which is added to the elastic one (Kelvin and Voigt) [Pa/m^2].
+
+    It is that of an incompressible Newtonian fluid in the same place. Cauchy's is 2 eta (d + tr d 1), and 3 eta along
+    the tension in wrinkles.
 
     Args:
         mixed: see `mixed_stretch`.
@@ -179,8 +183,9 @@ def viscous_tension(
 
 @wp.func
 def elastic_tension(metric: wp.vec3, rest: wp.vec4, by_trace: float, by_det: float, double_volume: float):
-    """The tensions 2 (dW/dtr G + dW/ddet det C M^-1) along the edges, times the volume at rest, components 11, 12, 22
-    [N/m].
+    """Elastic tensions along the edges, times the volume at rest, components 11, 12, 22 [N/m].
+
+    The tensions are 2 (dW/dtr G + dW/ddet det C M^-1).
 
     Args:
         double_volume: twice that volume [m^3].
@@ -196,8 +201,10 @@ def elastic_tension(metric: wp.vec3, rest: wp.vec4, by_trace: float, by_det: flo
 
 @wp.func
 def elastic_stiffness(shape: wp.vec4, by_trace: float, by_det: float, skin: float):
-    """The same as two numbers: what an edge pulls its ends together with, over its vector, is the first times the
-    cotangent at rest of the angle opposite, plus the second times the product there [N/m, N/m^3].
+    """Elastic tension of a triangle as two numbers [N/m, N/m^3].
+
+    An edge pulls its ends together, over its vector, with the first times the cotangent at rest of the angle opposite,
+    plus the second times the product there.
 
     Args:
         shape: see `rest_of_shape`, which has the cotangents; for the products see `products_at_angles`.

@@ -16,7 +16,7 @@ SECOND_WING = wp.constant(3)
 
 @wp.func
 def angle_beyond(a: wp.vec3, b: wp.vec3, first: wp.vec3, second: wp.vec3, rest_angle: float):
-    """The angle between the two faces beyond the rest angle, from -pi to pi [rad]."""
+    """Angle between the two faces beyond the rest angle, from -pi to pi [rad]."""
     edge = b - a
     first_normal = wp.cross(edge, first - a)
     second_normal = wp.cross(second - a, edge)
@@ -28,8 +28,9 @@ def angle_beyond(a: wp.vec3, b: wp.vec3, first: wp.vec3, second: wp.vec3, rest_a
 
 @wp.func
 def torsion(role: wp.int32, a: wp.vec3, b: wp.vec3, first: wp.vec3, second: wp.vec3, bend: float, torsion: float):
-    """Force [N] on one of the four places of a hinge: minus the constant [N m/rad] times the angle beyond the rest
-    angle, times the angle's gradient.
+    """Force [N] on one of the four places of a hinge.
+
+    It is minus the constant [N m/rad] times the angle beyond the rest angle, times the angle's gradient.
 
     Args:
         role: which place: a, b, first or second.
@@ -56,7 +57,7 @@ def torsion(role: wp.int32, a: wp.vec3, b: wp.vec3, first: wp.vec3, second: wp.v
 
 @wp.func
 def torsion_energy(bend: float, torsion: float):
-    """1/2 constant angle^2 [J]"""
+    """Energy of a hinge, 1/2 constant angle^2 [J]."""
     return 0.5 * torsion * bend * bend
 
 

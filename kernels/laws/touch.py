@@ -110,14 +110,17 @@ def nearest_weights(point: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3):
 
 @wp.func
 def weighted(weights: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3):
-    """What the weights say of the corners'."""
+    """Mean of the corners' vectors by their weights."""
     return weights[0] * a + weights[1] * b + weights[2] * c
 
 
 @wp.func
 def facing(arm: wp.vec3, weights: wp.vec3, area_vector: wp.vec3):
-    """The unit vector n of the arm from the nearest point to the particle, outward. Inside the triangle it is the
-    normal, and so it is so near to an edge or a corner that the arm's direction is rounding; zero if there is none."""
+    """Direction n of the arm from the nearest point to the particle, outward, a unit vector; zero if there is none.
+
+    Inside the triangle it is the normal, and so it is so near to an edge or a corner that the arm's direction is
+    rounding.
+    """
     distance = wp.length(arm)
     if wp.min(weights) > 0.0 or distance * distance <= NEAR * NEAR * wp.length(area_vector):
         return wp.normalize(area_vector)
@@ -142,7 +145,7 @@ def touch_damping(stiffness: float, mass: float):
 
 @wp.func
 def touch_push(overlap: float, approach: float, stiffness: float, mass: float):
-    """F [N]
+    """Push F of a contact [N].
 
     Args:
         overlap: o [m].
@@ -154,19 +157,19 @@ def touch_push(overlap: float, approach: float, stiffness: float, mass: float):
 
 @wp.func
 def touch_energy(overlap: float, stiffness: float):
-    """k o^2 / 2 [J]"""
+    """Energy of a contact, k o^2 / 2 [J]."""
     return 0.5 * stiffness * wp.max(overlap, 0.0) * wp.max(overlap, 0.0)
 
 
 @wp.func
 def across(vector: wp.vec3, normal: wp.vec3):
-    """The part of a vector that is not along the normal."""
+    """Part of a vector that is not along the normal."""
     return vector - wp.dot(vector, normal) * normal
 
 
 @wp.func
 def touch_friction(slip: wp.vec3, slide: wp.vec3, most: float, stiffness: float, mass: float):
-    """The friction on the particle [N], no more than `most`, and what of the slip is left [m].
+    """Friction on the particle [N], no more than `most`, and what of the slip is left [m].
 
     Args:
         slip: across n, from where the particle took hold [m].

@@ -13,8 +13,11 @@ from balloon_warp.kernels.laws.law import TINY, Law, Parameter
 
 @wp.func
 def corner_shares(depths: wp.vec3):
-    """Of the piece that the surface cuts off a triangle at its first corner, which alone is wet, or alone is dry: the
-    integrals of depth times each barycentric coordinate [m], and of each coordinate, over the triangle's area."""
+    """Shares of the corners in the piece that the surface cuts off a triangle at its first corner.
+
+    That corner alone is wet, or alone is dry. They are the integrals of depth times each barycentric coordinate [m],
+    and of each coordinate, over the triangle's area.
+    """
     along = depths[0] / (depths[0] - depths[1])
     across = depths[0] / (depths[0] - depths[2])
     piece = along * across
@@ -25,7 +28,7 @@ def corner_shares(depths: wp.vec3):
 
 @wp.func
 def lone_corner(depths: wp.vec3, wet: bool):
-    """The corner that alone is wet, or alone is dry."""
+    """Return the corner that alone is wet, or alone is dry."""
     if (depths[0] > 0.0) == wet:
         return 0
     if (depths[1] > 0.0) == wet:
@@ -35,7 +38,10 @@ def lone_corner(depths: wp.vec3, wet: bool):
 
 @wp.func
 def from_corner(numbers: wp.vec3, corner: wp.int32):
-    """The numbers of the corners, from one of them on. An index that is not known would put them out of registers."""
+    """Return the numbers of the corners, from one of them on.
+
+    An index that is not known would put them out of registers.
+    """
     if corner == 1:
         return wp.vec3(numbers[1], numbers[2], numbers[0])
     if corner == 2:
@@ -45,8 +51,11 @@ def from_corner(numbers: wp.vec3, corner: wp.int32):
 
 @wp.func
 def wet_shares(depths: wp.vec3):
-    """Of the wetted part of a triangle with these depths at its corners [m]: the integrals of depth times each
-    barycentric coordinate [m], and of each coordinate, over the triangle's area."""
+    """Shares of the corners in the wetted part of a triangle with these depths at its corners [m].
+
+    They are the integrals of depth times each barycentric coordinate [m], and of each coordinate, over the triangle's
+    area.
+    """
     wet = wp.where(depths[0] > 0.0, 1, 0) + wp.where(depths[1] > 0.0, 1, 0) + wp.where(depths[2] > 0.0, 1, 0)
     moments = wp.vec3()
     areas = wp.vec3()
@@ -76,7 +85,7 @@ class TriangleLoad:
 
 @wp.func
 def triangle_load(a: wp.vec3, b: wp.vec3, c: wp.vec3, level: float, up: wp.vec3):
-    """What water up to a level puts on a triangle."""
+    """Load that water up to a level puts on a triangle."""
     load = TriangleLoad()
     moments, shares = wet_shares(wp.vec3(level - wp.dot(a, up), level - wp.dot(b, up), level - wp.dot(c, up)))
     load.area_vector = 0.5 * wp.cross(a - c, b - c)
@@ -87,14 +96,17 @@ def triangle_load(a: wp.vec3, b: wp.vec3, c: wp.vec3, level: float, up: wp.vec3)
 
 @wp.func
 def corner_load(load: TriangleLoad, moment: float, area: float):
-    """A corner's depth times area vector, and wetted area, as one vector."""
+    """Depth times area vector of a corner, and its wetted area, as one vector."""
     return wp.vec4(moment * load.area_vector[0], moment * load.area_vector[1], moment * load.area_vector[2], area)
 
 
 @wp.func
 def drag_in_water(density: float, drag: float, wet_area: float, velocity: wp.vec3, mass: float, step_seconds: float):
-    """Force against the velocity [N]: 1/2 density drag A |v| v as it is on average over a step in which nothing else
-    acts, 1/v growing evenly: a light particle in a dense liquid stops, and does not turn back."""
+    """Drag against the velocity in water [N], as it is on average over a step.
+
+    It is 1/2 density drag A |v| v; in a step in which nothing else acts 1/v grows evenly: a light particle in a dense
+    liquid stops, and does not turn back.
+    """
     resistance = 0.5 * density * drag * wet_area * wp.length(velocity)
     slowed = wp.where(mass > 0.0, 1.0 + resistance * step_seconds / mass, 1.0)
     return (-resistance / slowed) * velocity

@@ -12,7 +12,7 @@ from balloon_warp.kernels.algebra import reach_along, scaled, squared_length
 from balloon_warp.kernels.lanes import Lanes, Lanes3, any_negative
 from balloon_warp.kernels.laws.impulse import NEAR
 from balloon_warp.kernels.loops.fixture_poses import center_function
-from balloon_warp.kernels.loops.obstacles import sphere_in_state
+from balloon_warp.kernels.spheres import sphere_in_state
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 

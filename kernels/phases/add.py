@@ -1,5 +1,7 @@
-"""What springs, strings, hinges, triangles and faces do to their particles: atomic adds into one array of forces, which
-particles take. The readable reference, which every other way is tested against."""
+"""Forces of springs, strings, hinges, triangles and faces, by atomic adds into one array that particles take.
+
+The readable reference, which every other way is tested against.
+"""
 
 from functools import cache
 from typing import Any
@@ -23,7 +25,7 @@ from balloon_warp.kernels.working import Working
 
 @cache
 def line_functions(traits: Traits) -> tuple[Any, Any]:
-    """The functions that add what a spring, and a string, do to a world's forces."""
+    """Make the functions that add what a spring, and a string, do to a world's forces."""
     pull_of_pair, pull_of_held_string = pair_pull(traits), held_string_pull(traits)
 
     @wp.func

@@ -7,7 +7,8 @@ import warp as wp
 from balloon_warp.kernels.algebra import length_of
 from balloon_warp.kernels.laws.inflation import aim_of
 from balloon_warp.kernels.loops.aims import aim_loop, aim_loop_of_eight
-from balloon_warp.kernels.loops.areas import face_measures
+from balloon_warp.kernels.loops.areas import area_vector_between, face_measures
+from balloon_warp.kernels.memory import quad_at
 from balloon_warp.kernels.phase import Look, phase
 from balloon_warp.kernels.traits import Traits
 
@@ -63,10 +64,14 @@ def spread(traits: Traits, look: Look) -> Any:
     center_of_face, area_vector_of_face = face_measures(look.at)
 
     @wp.func
+    def spread_quads(t: Any, points: Any, face: wp.int32):
+        return wp.length(area_vector_between(points, quad_at(t.faces.particles, face)))
+
+    @wp.func
     def spread(t: Any, points: Any, face: wp.int32):
         return wp.length(area_vector_of_face(t.faces, points, face, center_of_face(t.faces, points, face)))
 
-    return spread
+    return spread_quads if traits.quads else spread
 
 
 @phase("particle", {"aim": wp.vec3}, when=_aims, once=_cached)

@@ -1,5 +1,7 @@
-"""Gas that is pumped in or let out as a substep begins, and that flows through tubes, necks and leaks once its pressure
-is known; and how much a particle has to move of it."""
+"""Gas that is pumped in or let out, and that flows through tubes, necks and leaks.
+
+The former as a substep begins, the latter once its pressure is known; and how much a particle has to move of it.
+"""
 
 from typing import Any
 

@@ -44,7 +44,7 @@ def enclosed(t: Tables, points: wp.array[wp.vec3], balloon: wp.int32):
 def seal_air_in(
     t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32, columns: GasColumns, volume: float, height: float
 ):
-    """What is in a balloon whose pressure was given until now is as much air as that has in its volume [m^3]."""
+    """Seal as much air into a balloon whose pressure was given until now as has its volume [m^3]."""
     of_world = t.world_numbers[row_of_world(world, t.world_numbers.shape[0])]
     gamma = t.balloon_numbers[row_of_world(world, t.balloon_numbers.shape[0]), balloon, columns[5]]
     air = air_of_height(
@@ -60,7 +60,7 @@ def seal_air_in(
 
 @cache
 def opening_function(columns: Columns) -> Any:
-    """The function by which a balloon bursts, and that then finds how large its hole is, through which gas leaves."""
+    """Make the function by which a balloon bursts, and that finds how large its hole is, through which gas leaves."""
     places, split = columns.places, columns.balloon_width
     told = GasColumns(*(places[row.name] - split for row in (*AIR, GRAVITY)), places["gamma"])
 

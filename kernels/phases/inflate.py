@@ -20,11 +20,11 @@ def pressure_at(load: Any, rise: Any, point: Any, up: wp.vec3):
 
 @cache
 def inflation_of(traits: Traits) -> Any:
-    """The function that gives the force of the inflation on a particle, or on eight of a balloon."""
+    """Make the function that gives the force of the inflation on a particle, or on eight of a balloon."""
 
     @wp.func
     def inflation(kind: wp.int32, k_normal: Any, load: Any, rise: Any, up: wp.vec3, point: Any, aim: Any, area: Any):
-        """[N]
+        """Find the force of the inflation [N].
 
         Args:
             load: pressure at height 0 [Pa].

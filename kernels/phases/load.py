@@ -17,8 +17,11 @@ from balloon_warp.kernels.traits import Traits
 
 @cache
 def load_function(traits: Traits) -> Any:
-    """The function that gives a balloon's pressure above the air's at its center of mass [Pa], at height 0, its rise
-    with height [Pa/m], and how more gas would raise it, of its swelling, its gas and the step."""
+    """Make the function that finds a balloon's pressure above the air's from its swelling, its gas and the step.
+
+    It gives the pressure at the center of mass [Pa], at height 0, its rise with height [Pa/m], and how more gas would
+    raise both.
+    """
     given = ["swelling", "amount", "free_volume", "step_seconds"]
     fixed = {} if traits.breathes_on else {"breathing_damping": "1.0"}
     if not traits.air_varies:
@@ -48,7 +51,7 @@ def load_function(traits: Traits) -> Any:
 
 @cache
 def note_function(traits: Traits) -> Any:
-    """The function that notes a load in the state."""
+    """Make the function that notes a load in the state."""
 
     @wp.func
     def note_load(state: WorldState, world: wp.int32, balloon: wp.int32, load: wp.vec4):

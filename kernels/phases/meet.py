@@ -1,5 +1,8 @@
-"""What comes once all particles have moved: spheres and particles exchange momentum, as do bodies and particles, small
-spheres and faces, and sharp edges. Each by all threads of a block, for a world."""
+"""Exchange of momentum once all particles have moved.
+
+Spheres and particles exchange it, as do bodies and particles, small spheres and faces, and sharp edges. Each by all
+threads of a block, for a world.
+"""
 
 from typing import Any
 

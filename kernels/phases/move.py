@@ -48,7 +48,7 @@ def drift_forward(point: Any, old_velocity: Any, velocity: Any, step_seconds: fl
 
 
 def drift_of(traits: Traits) -> Any:
-    """The function that moves a point."""
+    """Make the function that moves a point."""
     return drift_forward if traits.forward_euler else drift_symplectic
 
 
@@ -92,7 +92,7 @@ def push(traits: Traits, look: Look) -> Any:
 def _move(traits: Traits, look: Look) -> Any:
     @wp.func
     def move(t: Any, point: Any, velocity: Any):
-        """x + h v [m]"""
+        """Move a point: x + h v [m]."""
         return drift_symplectic(point, velocity, velocity, t.step_seconds)
 
     return move

@@ -1,5 +1,8 @@
-"""All forces on a particle but the inflation's: of springs, strings, hinges, faces, membranes and laws on particles;
-the thrust of jets, and what contacts push with."""
+"""All forces on a particle but the inflation's.
+
+They are of springs, strings, hinges, faces, membranes and laws on particles; the thrust of jets, and what contacts push
+with.
+"""
 
 from typing import Any
 

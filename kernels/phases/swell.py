@@ -17,14 +17,16 @@ from balloon_warp.kernels.laws.inflation import NORMAL_FORCE
 from balloon_warp.kernels.loops.near_solids import heads_for_solids
 from balloon_warp.kernels.loops.obstacles import Around, around_function, course_function, detour_function
 from balloon_warp.kernels.phase import Look, phase
-from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
 
 
 @cache
 def memory_function(traits: Traits) -> Any:
-    """The function that gives what of a velocity before the step counts in a balloon's swelling; of a balloon's
-    breathing_damping, where one breathes on."""
+    """Make the function that gives what of a velocity before the step counts in a balloon's swelling.
+
+    It is a balloon's breathing_damping, where one breathes on.
+    """
 
     @wp.func
     def remembered(velocity: wp.vec3, n: Any):
@@ -38,7 +40,7 @@ def memory_function(traits: Traits) -> Any:
 
 @cache
 def swell_function(traits: Traits, sphere_at: Any) -> Any:
-    """The function that gives a particle's part of its balloon's swelling."""
+    """Make the function that gives a particle's part of its balloon's swelling."""
     course_beside_obstacles = course_function(traits, sphere_at)
 
     @wp.func
@@ -102,16 +104,20 @@ def foresee(traits: Traits, look: Look) -> Any:
     detour_beside, around_own = detour_function(traits, look.sphere_at), around_function(traits)
 
     @wp.func
-    def foresee(t: Tables, state: WorldState, own: Any, end: float, gain: float, point: wp.vec3, course: wp.vec3):
+    def foresee(t: Tables, spheres: Any, own: Any, end: float, gain: float, point: wp.vec3, course: wp.vec3):
         detour = wp.vec3()
         away = wp.vec3()
         if gain > 0.0:
-            turned, normal = detour_beside(t, state, around_own(own, end), point, course)
+            turned, normal = detour_beside(t, spheres, around_own(own, end), point, course)
             detour = turned
             away = normal
         return detour, away
 
-    return foresee
+    @wp.func
+    def foresee_solids(t: Tables, own: Any, end: float, gain: float, point: wp.vec3, course: wp.vec3):
+        return foresee(t, t, own, end, gain, point, course)
+
+    return foresee if traits.spheres else foresee_solids
 
 
 @phase("particle", {"swelling": Swelling}, when=lambda traits: traits.gas, sums=True)

@@ -34,13 +34,13 @@ def packed(stress: float, face: wp.int32):
 
 @wp.func
 def unpacked(number: wp.int64):
-    """The stress [Pa]."""
+    """Unpack the stress [Pa]."""
     return wp.cast(wp.uint32(number >> wp.int64(32)), wp.float32)
 
 
 @wp.func
 def face_of(number: wp.int64):
-    """The face."""
+    """Read the face of an entry."""
     return wp.int32(LAST_FACE - (number & LAST_FACE))
 
 
@@ -51,8 +51,10 @@ def is_gone(torn: wp.array2d[float], world: wp.int32, face: wp.int32):
 
 @wp.func
 def weigh_faces(t: Tables, state: WorldState, world: wp.int32, face: wp.int32, time: float):
-    """Those that are torn pull no more; of the others the stress, and whether the balloon is
-    to burst there."""
+    """Weigh the stress of the faces that are not torn, and whether the balloon is to burst there.
+
+    Those that are torn pull no more.
+    """
     tears = t.membranes.wear.tears
     begin = tears.triangle_offsets[face]
     end = tears.triangle_offsets[face + 1]
@@ -89,8 +91,10 @@ def middle_of(t: Tables, edge: wp.vec2i):
 
 @wp.func
 def branch_of(t: Tables, plane: wp.vec4, burst: wp.vec4, world: wp.int32, face: wp.int32):
-    """The entry of the neighbor to which a tear branches off from a torn face, or -1: where it begins, and each time
-    that it has gone as far again from there."""
+    """Find the entry of the neighbor to which a tear branches off from a torn face, or -1.
+
+    It branches where it begins, and each time that it has gone as far again from there.
+    """
     tears = t.membranes.wear.tears
     balloon = t.faces.balloon[face]
     if burst[3] <= of_balloon(tears.branching_stress, world, balloon):

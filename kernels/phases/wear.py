@@ -16,7 +16,7 @@ from balloon_warp.kernels.traits import Traits
 
 @cache
 def wear_of_state(traits: Traits, at: Any, keeps: bool) -> Any:
-    """The function that finds what is left of the tension of triangles, and their stresses.
+    """Make the function that finds what is left of the tension of triangles, and their stresses.
 
     Args:
         keeps: whether it notes the greatest energy densities in the state.

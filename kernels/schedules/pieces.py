@@ -35,6 +35,11 @@ class Piece(NamedTuple):
         return self.phases[0].item
 
     @property
+    def last(self) -> bool:
+        """Return whether it happens only as a frame ends."""
+        return self.phases[0].last
+
+    @property
     def sums(self) -> bool:
         """Return whether a block adds up what its items give, and goes on with the balloon that they belong to."""
         return self.phases[0].sums
@@ -107,7 +112,7 @@ def cut(
 def _goes_on(group: Sequence[Phase], phase: Phase, traits: Traits, look: Look, doubles: bool, sums_along: bool) -> bool:
     """Return whether the thread that executes a group may go on with a phase."""
     first = group[0]
-    if phase.once(traits) != first.once(traits):
+    if phase.once(traits) != first.once(traits) or phase.last != first.last:
         return False
     if any(each.sums for each in group):
         return not sums_along and phase.item == "balloon"

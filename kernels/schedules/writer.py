@@ -11,13 +11,14 @@ from balloon_warp.kernels.memory import put_vector_in, two_in, vector_in
 from balloon_warp.kernels.own import numbers_reader, own_functions
 from balloon_warp.kernels.phase import Phase
 from balloon_warp.kernels.schedules.pieces import Step, values_of
+from balloon_warp.kernels.spheres import spheres_in_state
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.working import Working
 
 SCOPE: Mapping[str, Any] = {
     "Tables": Tables, "WorldState": WorldState, "Working": Working, "time_of": time_of, "end_of_step": end_of_step,
     "ramp_at": ramp_at, "vector_in": vector_in, "put_vector_in": put_vector_in, "two_in": two_in,
-    "volume_origin": volume_origin,
+    "volume_origin": volume_origin, "spheres_in_state": spheres_in_state,
 }  # fmt: skip
 """what a source may refer to, beside its phases"""
 
@@ -60,10 +61,13 @@ class Writer(ABC):
 
     def call(self, phase: Phase) -> str:
         """Return the call of a phase, once what it reads is at hand."""
-        reads = [self.aliases.get(name, name) for name in phase.reads(self.step.traits, self.step.look)]
-        for name in reads:
+        for name in self.reads(phase):
             self.need(name)
-        return f"{phase.name}({', '.join(self.bound(name) for name in reads)})"
+        return f"{phase.name}({', '.join(self.bound(name) for name in self.reads(phase))})"
+
+    def reads(self, phase: Phase) -> list[str]:
+        """Return the names that a phase reads, as the writer knows them."""
+        return [self.aliases.get(name, name) for name in phase.reads(self.step.traits, self.step.look)]
 
     def need(self, name: str) -> None:
         """See to it that a name is bound."""

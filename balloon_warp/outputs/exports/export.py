@@ -58,8 +58,10 @@ def export_stage(
     on_note: Callable[[str], None] = lambda sentence: None,
     on_frame: Callable[[int, int], None] = lambda done, count: None,
 ) -> None:
-    """Write what a stage shows into a file of another kind: .usdc, .usda, .usd, .usdz, .glb, .abc, .h5, .pvd, or one
-    .obj or .ply for each frame, where the name has #### for its number. Files appear whole or not at all.
+    """Write what a stage shows into a file of another kind.
+
+    That is .usdc, .usda, .usd, .usdz, .glb, .abc, .h5, .pvd, or one .obj or .ply for each frame, where the name has
+    #### for its number. Files appear whole or not at all.
 
     Args:
         stage: any file that USD opens.

@@ -156,7 +156,7 @@ def _choose_frames(
     part: tuple[int | None, int | None] | None = None,
     rate: float | None = None,
 ) -> tuple[list[int], float]:
-    """The frames to draw, and how long each is shown [s]."""
+    """Choose the frames to draw, and how long each is shown [s]."""
     first, last = stage.first_frame, stage.last_frame
     if part is not None:
         begin, end = (own if given is None else given for own, given in zip((first, last), part, strict=True))

@@ -85,13 +85,13 @@ class StageWriter:
         return self
 
     def write(self, frame: Frame) -> None:
-        """Author one frame's time samples."""
+        """Write one frame's time samples."""
         for prim in self._prims:
             prim.write(frame)
         self._end_frame(frame.number)
 
     def copy_frames(self, part: Path) -> int:
-        """Author the frames that are in a part, which another writer of the same model wrote; the number of the last.
+        """Copy the frames of a part that another writer of the same model wrote, and return the last number.
 
         Raises:
             InputError: it cannot be read.
@@ -123,13 +123,13 @@ class StageWriter:
             part.stage.SetStartTimeCode(numbers.start)
 
     def another(self, path: Path) -> "StageWriter":
-        """A writer of the same prims into another stage."""
+        """Make a writer of the same prims into another stage."""
         part = StageWriter(path, self.model, lights=self.lights, ground=self.ground)
         part._is_whole = False
         return part
 
     def _copy_frame(self, source: Sdf.Layer, paths: Sequence[Sdf.Path], number: int) -> None:
-        """Author a frame as it is in a layer, but for the velocities."""
+        """Copy a frame as it is in a layer, but for the velocities."""
         for path in paths:
             value = source.QueryTimeSample(path, number)
             if value is not None and path.name != UsdGeom.Tokens.velocities:
@@ -144,13 +144,13 @@ class StageWriter:
             self._write_velocities(self._last, self.stage.GetRootLayer())
 
     def _end_frame(self, number: int) -> None:
-        """A frame's points are there, and so the velocities of the one before follow."""
+        """End a frame whose points are there, so that the velocities of the one before follow."""
         self._write_last_velocities()
         self._last = number
         self._count_frame(number)
 
     def _count_frame(self, number: int) -> None:
-        """What is authored may now be saved: when it is depends on the frames alone, so that the bytes do."""
+        """Count what may now be saved: when it is depends on the frames alone, so that the bytes do."""
         self.stage.SetEndTimeCode(number)
         self._unsaved_bytes += 2 * 12 * self.model.particle_count
         if self._grows and self._unsaved_bytes > SAVE_BYTES:
@@ -163,7 +163,7 @@ class StageWriter:
         self._file.__exit__(kind, error, traceback)
 
     def _save(self, kind: type[BaseException] | None, *_: object) -> None:
-        """What the file's end begins with, so that a failure to save is one of its own."""
+        """Save what the file's end begins with, so that a failure to save is one of its own."""
         if kind is None:
             self._write_last_velocities()
             if self.lights and self._last is not None:
@@ -215,7 +215,7 @@ class StageWriter:
         return [*self._balloons, *planes, *grouped]
 
     def _balloon_paths(self) -> list[Sdf.Path]:
-        """A path for each balloon, after its name, all different."""
+        """Name a path for each balloon, after its name, all different."""
         names = prim_names([shape.name for shape in self.model.shapes])
         return [Sdf.Path(f"/World/{name}") for name in names]
 

@@ -69,7 +69,7 @@ class Stiffness(Table):
 
 
 def _mesh_of(given: Any) -> Any:
-    """What Python has for a mesh, as a mesh; a file's name, and what can be none, as it is."""
+    """Make a mesh of what Python has for a mesh; a file's name, and what can be none, stay as they are."""
     return mesh_from(given) if is_mesh(given) else given
 
 
@@ -156,12 +156,12 @@ class Balloon(Table):
 
     @property
     def looks_like(self) -> Literal["latex", "foil"]:
-        """its look, or that of its material"""
+        """Look of the balloon, or that of its material."""
         return self.look or ("foil" if self.material.preset in ("foil", "nylon") else "latex")
 
     @property
     def treatment(self) -> Treatment:
-        """what becomes of the mesh's seams, holes and parts"""
+        """Treatment of the mesh's seams, holes and parts."""
         return Treatment(self.weld, self.holes, self.parts, self.taken)
 
     @model_validator(mode="after")
@@ -182,7 +182,7 @@ class Balloon(Table):
     @model_validator(mode="before")
     @classmethod
     def _without_rules(cls, given: Any) -> Any:
-        """A function of points becomes what it says, so that a scene can be written down."""
+        """Turn a function of points into what it says, so that a scene can be written down."""
         if not isinstance(given, dict) or "mesh" not in given:
             return given
         for field in ("fixed", "stiffness.weights", "material.weights"):
@@ -203,11 +203,11 @@ class Balloon(Table):
 
 
 def value_in(given: Any, name: str) -> Any:
-    """A field of what is given as a table, or as an object."""
+    """Return a field of what is given as a table, or as an object."""
     return given.get(name) if isinstance(given, dict) else getattr(given, name, None)
 
 
 def with_value(given: Any, name: str, value: Any) -> dict[str, Any]:
-    """The same as a table with another value of a field, which is checked like the others."""
+    """Return the same as a table with another value of a field, which is checked like the others."""
     table = given if isinstance(given, dict) else {field: getattr(given, field) for field in given.model_fields_set}
     return {**table, name: value}

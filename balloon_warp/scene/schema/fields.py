@@ -48,13 +48,13 @@ LawTables = dict[str, dict[str, Real | Vector]]
 
 
 def field_of(name: str) -> Any:
-    """The field of a law's parameter: default, bounds, unit and meaning are those of its row."""
+    """Make the field of a law's parameter: default, bounds, unit and meaning are those of its row."""
     row = PARAMETERS[name]
     return Field((row.default,) * 3 if row.size == 3 else row.default, **_bounds(row), description=_description(row))
 
 
 def optional_field_of(name: str) -> Any:
-    """The same, of one that may be left out: None stands for the default of its row."""
+    """Make the field of a law's parameter that may be left out: None stands for the default of its row."""
     row = PARAMETERS[name]
     return Field(None, **_bounds(row), description=_description(row))
 
@@ -71,8 +71,10 @@ def _description(row: Parameter) -> str:
 
 
 def missed_between_frames(keyframes: Sequence[Keyframe], frame_seconds: float) -> float:
-    """How much of what is keyframed is missed where it is taken as linear from frame to frame, as a part of all of it
-    until the frame after the last keyframe: of a pump, of what it gives."""
+    """Find how much of what is keyframed is missed where it is taken as linear from frame to frame.
+
+    It is a part of all of it until the frame after the last keyframe: of a pump, of what it gives.
+    """
     times, values = np.array(keyframes).T
     frames = frame_seconds * np.arange(math.floor(times[0] / frame_seconds), math.ceil(times[-1] / frame_seconds) + 1)
     every = np.union1d(frames, times)
@@ -141,7 +143,7 @@ class Table(Shown, BaseModel, metaclass=TableType):
         }
 
     def __repr_args__(self) -> Iterator[tuple[str | None, Any]]:
-        """What is not as it is by default."""
+        """Show what is not as it is by default."""
         for name, field in type(self).model_fields.items():
             if (value := getattr(self, name)) != field.get_default():
                 yield name, str(value) if isinstance(value, Path) else value

@@ -79,27 +79,27 @@ class Inflation(Table):
 
     @property
     def keyframed(self) -> Literal["k_normal", "pressure", "pump"]:
-        """which field its kind may change with time"""
+        """Field that its kind may change with time."""
         return KEYFRAMED_FIELDS[self.kind]
 
     @property
     def own_fields(self) -> tuple[str, ...]:
-        """the fields that its kind has"""
+        """Fields that its kind has."""
         return FIELDS_OF_KINDS[self.kind]
 
     @property
     def has_keyframes(self) -> bool:
-        """whether the field that may change is given as keyframes"""
+        """Whether the field that may change is given as keyframes."""
         return isinstance(getattr(self, self.keyframed), list)
 
     @property
     def is_automatic(self) -> bool:
-        """whether its pressure is left to us"""
+        """Whether its pressure is left to us."""
         return self.kind == "pressure" and self.pressure == "auto"
 
     @property
     def says_how_much(self) -> bool:
-        """whether it says how much gas there is, or comes"""
+        """Whether it says how much gas there is, or comes."""
         return any(getattr(self, field) not in (None, 0.0, []) for field in (*MUCH, *FAST, "start_pressure"))
 
     @property
@@ -112,7 +112,7 @@ class Inflation(Table):
 
     @property
     def names_its_kind(self) -> bool:
-        """whether its kind was given; else other fields than it has ask for another one"""
+        """Whether its kind was given; else other fields than it has ask for another one."""
         return "kind" in self.model_fields_set
 
     @model_validator(mode="wrap")

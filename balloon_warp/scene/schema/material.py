@@ -107,22 +107,22 @@ class Material(Table):
 
     @property
     def law(self) -> Kind:
-        """its kind, or that of its preset"""
+        """Kind of the material, or that of its preset."""
         return self.kind or (PRESETS[self.preset]["kind"] if self.preset else "springs")
 
     @property
     def is_membrane(self) -> bool:
-        """whether it is not of springs"""
+        """Whether it is not of springs."""
         return self.law != "springs"
 
     @property
     def own_fields(self) -> tuple[str, ...]:
-        """the fields that its kind has, without what it does not do"""
+        """Fields that its kind has, without what it does not do."""
         absent = (*(SOFTENING if self.softening is None else ()), *(TEARING if self.strength is None else ()))
         return tuple(field for field in FIELDS_OF_KINDS[self.law] if field not in absent)
 
     def value(self, field: str) -> Any:
-        """What it is: as said, or as its preset has it; None where neither says it."""
+        """Return what a field is: as said, or as its preset has it; None where neither says it."""
         said = getattr(self, field)
         if said is None and self.preset:
             said = PRESETS[self.preset].get(field)
@@ -132,7 +132,7 @@ class Material(Table):
 
     @property
     def locking_stretch(self) -> float:
-        """both ways, at which a Gent material's chains are straight"""
+        """Stretch both ways at which a Gent material's chains are straight."""
         limit = self.value("gent_limit") or GENT_LIMIT.default
         return FAR if self.law != "gent" else (0.5 * (limit + 3.0)) ** 0.5
 

@@ -117,22 +117,22 @@ class Scene(Table):
 
     @property
     def up(self) -> Vector:
-        """unit vector of the up axis"""
+        """Direction of the up axis, a unit vector."""
         return (0.0, 1.0, 0.0) if self.up_axis == "Y" else (0.0, 0.0, 1.0)
 
     @property
     def touches(self) -> bool:
-        """whether any surfaces can touch"""
+        """Whether any surfaces can touch."""
         return self.touches_itself or (self.touch is not None and self.touch.balloons and len(self.balloon) > 1)
 
     @property
     def touches_spheres(self) -> bool:
-        """whether spheres that are small beside faces touch these"""
+        """Whether spheres that are small beside faces touch these."""
         return self.touch is not None and self.touch.spheres and bool(self.sphere)
 
     @property
     def touches_itself(self) -> bool:
-        """whether parts of a balloon can"""
+        """Whether parts of a balloon can touch each other."""
         return self.touch is not None and self.touch.itself
 
     @model_validator(mode="after")

@@ -21,7 +21,7 @@ FIELDS_OF_SHAPES: dict[ShapeKind, tuple[str, ...]] = {
 
 
 def _mesh_of(given: Any) -> Any:
-    """What Python has for a mesh, as a mesh; a file's name, and what can be none, as it is."""
+    """Make a mesh of what Python has for a mesh; a file's name, and what can be none, stay as they are."""
     return mesh_from(given) if is_mesh(given) else given
 
 

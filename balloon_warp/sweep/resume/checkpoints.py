@@ -24,9 +24,10 @@ PARTIAL_NAME, PLAYLIST, STILL = "partial", "worlds.usda", "still.usdc"
 
 
 class BatchCheckpoints:
-    """Keeps a batch safe as it goes. A checkpoint is a part of the table, `rows_NUMBER.npz`, that of the stage which
-    goes with it, `worlds_NUMBER.usdc`, and where each group's simulation goes on, `state_FRAME_GROUP.npz`;
-    `worlds.usda` plays all of them.
+    """Keeps a batch safe as it goes.
+
+    A checkpoint is a part of the table, `rows_NUMBER.npz`, that of the stage which goes with it, `worlds_NUMBER.usdc`,
+    and where each group's simulation goes on, `state_FRAME_GROUP.npz`; `worlds.usda` plays all of them.
 
     Each file appears whole, a part's rows last: a part without them is no part, and a state that no rows lead up to is
     not gone on from.
@@ -164,7 +165,7 @@ class BatchCheckpoints:
         self._saved_at = time.monotonic()
 
     def _write_playlist(self, stage: "GridWriter", begins: Sequence[int], last: int) -> None:
-        """A stage of all parts: one after the other, or, of shares, which begin alike, together."""
+        """Write a stage of all parts: one after the other, or, of shares, which begin alike, together."""
         from balloon_warp.outputs.usd.playlist import write_overlay, write_playlist  # loads USD: only for a stage
 
         if not (still := self.folder.path / STILL).exists():

@@ -54,7 +54,7 @@ class ShareJournal:
             checkpoints.on_note(f"goes on with {shares} done, from {checkpoints.folder.path}")
 
     def add(self, number: int, result: ShareResult) -> None:
-        """A share that is done."""
+        """Add a share that is done."""
         for record in result.records:
             self._output.add(number, record)
         self.schedules[number] = result.schedule

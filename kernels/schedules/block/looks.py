@@ -6,11 +6,11 @@ from typing import Any
 
 from balloon_warp.kernels.loops.film_looks import film_functions, kept_springs
 from balloon_warp.kernels.loops.net_force import Loops, scalar_loops
-from balloon_warp.kernels.loops.obstacles import sphere_in_state
 from balloon_warp.kernels.loops.slots import slot_functions
 from balloon_warp.kernels.memory import in_tile, put_in_tile
 from balloon_warp.kernels.phase import Look
 from balloon_warp.kernels.schedules.block.layout import Layout
+from balloon_warp.kernels.spheres import shared_spheres
 from balloon_warp.kernels.traits import Traits
 
 
@@ -34,9 +34,9 @@ def held_loops(slots: tuple[int, int, int], rings: int) -> Callable[[Traits], Lo
 
 
 @cache
-def look_of(layout: Layout) -> Look:
-    """Return how items see each other on a layout."""
-    look = Look(in_tile, sphere_in_state, looping_loops, put=put_in_tile)
+def look_of(layout: Layout, spheres: int) -> Look:
+    """Return how items see each other on a layout, with so many spheres."""
+    look = Look(in_tile, shared_spheres(spheres)[2] if spheres else None, looping_loops, put=put_in_tile)
     if layout.film:
         film, slots = layout.film, layout.slots if layout.held else None
         look = look._replace(

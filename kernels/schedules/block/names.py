@@ -8,7 +8,7 @@ from balloon_warp.kernels.schedules.block.layout import Layout
 from balloon_warp.kernels.schedules.pieces import Step
 from balloon_warp.kernels.schedules.writer import Writer
 
-HANDLES = ("t", "slots", "state", "working", "world", "thread", "films", "pulls", "area_vectors")
+HANDLES = ("t", "slots", "state", "working", "world", "thread", "spheres", "films", "pulls", "area_vectors")
 OF_SUBSTEP = ("time_in_frame", "time", "end")
 OF_BALLOON = ("balloon", "ramp", "keyed", "load", "gas_mass", "origin", "origin_place", "numbers")
 """what particles of one balloon have in common"""
@@ -82,7 +82,7 @@ class NamesInBlock(Writer):
         if name == "numbers":
             return "", f"{self.own_of_any()}.n" if self.alone else "read_numbers(t, world, balloon)"
         if name == "balloon" and self.alone:
-            return "", "wp.int32(0)"
+            return "", f"{self.own_of_any()}.balloon"
         if name in self.step.kept and self.step.owner(name) == "balloon":
             return "", f"all_{name}[world, balloon]"
         return None
@@ -91,7 +91,7 @@ class NamesInBlock(Writer):
         own, balloon, ramp = self.bound("own"), self.bound("balloon"), self.bound("ramp")
         texts = {
             "own": ("", f"read_own_beside(t, first, {self.bound('particle')})" if self.alone else "read_own(t, world, particle)"),
-            "balloon": ("own", f"{own}.balloon"),
+            "balloon": ("", f"{self.own_of_any()}.balloon") if self.alone else ("own", f"{own}.balloon"),
             "numbers": ("own", f"{own}.n"),
             "point": ("", f"in_tile({self.points[0]}, particle)"),
             "velocity": ("", self.read("velocity")),

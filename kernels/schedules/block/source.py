@@ -4,6 +4,7 @@ Points stand in shared memory. A thread either keeps a few particles in register
 loops over particles, whose values then wait in memory from piece to piece.
 """
 
+import inspect
 import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -25,15 +26,16 @@ from balloon_warp.kernels.schedules.block.names import NamesInBlock
 from balloon_warp.kernels.schedules.block.sums import block_sum
 from balloon_warp.kernels.schedules.pieces import Piece, Step
 from balloon_warp.kernels.schedules.writer import head, named_in
+from balloon_warp.kernels.spheres import shared_spheres
 from balloon_warp.kernels.tables import WorldState
 from balloon_warp.kernels.traits import Traits
-from balloon_warp.kernels.warps import WARP_THREADS, block_barrier
+from balloon_warp.kernels.warps import WARP_THREADS, any_in_block, block_barrier
 
 COUNTS = {
     "particle": "count",
     "face": "t.faces.balloon.shape[0]",
     "triangle": "t.membranes.corners.shape[0]",
-    "sphere": "state.sphere_positions.shape[1]",
+    "sphere": "t.spheres.radius.shape[1]",
     "film": "t.membranes.films.corners.shape[0]",
 }
 """items of a world"""
@@ -45,6 +47,9 @@ class BlockWriter(NamesInBlock):
 
     def __init__(self, step: Step, layout: Layout, alone: bool | None = None):
         super().__init__(step, layout, step.traits.balloons == 1 if alone is None else alone)
+        self.deferred: list[Piece] = []
+        """pieces about spheres, which nobody has asked for since these have moved"""
+        self.spheres_moved = False
         self.shows_velocities = "velocity" in step.doubled or any(piece.item == "spring" for piece in step.pieces)
         """whether others look at velocities, or change them"""
 
@@ -81,7 +86,7 @@ class BlockWriter(NamesInBlock):
         names = {
             **self.scope(phase for piece in self.step.pieces for phase in piece.phases),
             "in_tile": in_tile, "put_in_tile": put_in_tile, "vector_at": vector_at, "put_vector": put_vector,
-            "block_barrier": block_barrier, "WARP_THREADS": WARP_THREADS, "SlotTable": SlotTable,
+            "block_barrier": block_barrier, "any_in_block": any_in_block, "WARP_THREADS": WARP_THREADS, "SlotTable": SlotTable,
             "read_own_beside": own_beside_function(self.traits.columns, self.traits.balloons),
             "take_place": place_function(self.traits), "load_in": load_in,
         }  # fmt: skip
@@ -89,6 +94,8 @@ class BlockWriter(NamesInBlock):
             names["read_springs"] = reader_of_springs(self.traits, self.layout)
         if self.layout.film and self.layout.film.quads:
             names["hold_films"] = self.step.look.films(self.traits).keeps
+        if self.traits.spheres:
+            names["share_spheres"], names["put_spheres"], _ = shared_spheres(self.traits.spheres)
         for phase in self.phases:
             if phase.due:
                 names[f"{phase.name}_is_due"] = phase.due(self.traits)
@@ -117,6 +124,7 @@ class BlockWriter(NamesInBlock):
         self._write_pieces(piece for piece in self.step.pieces if piece.once)
         self._keep_once()
         self._substeps()
+        self._write_pieces(piece for piece in self.step.pieces if piece.last)
         self.line("# Particles go back to the state.")
         self._put_particles()
 
@@ -162,12 +170,15 @@ class BlockWriter(NamesInBlock):
                 self._take_particle(place)
         if self.layout.film and self.layout.film.quads:
             self.line(f"films = hold_films(t, world, {self.own_of_any()}.n, thread)")
+        if self.traits.spheres:
+            self.line("spheres = share_spheres(t, state, world, thread)")
         if self.alone:
             with self.about(0):
                 for name in ("balloon", "ramp", "origin_place"):
                     self.need(name)
         if self.keeps_load:
             self.line("gas_load = load_in(state, world, balloon)")
+            self.known.add("gas_load")
 
     def _take_particle(self, number: int) -> None:
         """Write how a thread takes one of the particles that it keeps; where there is none, one that does not move."""
@@ -219,9 +230,21 @@ class BlockWriter(NamesInBlock):
     def _substep(self, number: str) -> None:
         with self.indented():
             self.line(f"time_in_frame = float({number}) * t.step_seconds")
-            self._write_pieces(piece for piece in self.step.pieces if not piece.once)
+            self._write_pieces(piece for piece in self.step.pieces if not piece.once and not piece.last)
+
+    @property
+    def notes(self) -> tuple[Phase, ...]:
+        """Return the phases that note what all threads know anyway, for who asks once the frame has ended."""
+        if not self.keeps_load or self.traits.gas_changes:
+            return ()
+        behind = (piece for piece in self.step.pieces if piece.item == "balloon" and piece.phases[0].writes)
+        return tuple(phase for piece in behind for phase in piece.phases if not phase.writes)
 
     def _put_particles(self) -> None:
+        for phase in self.notes:
+            self._by_one_thread(phase)
+        if self.traits.spheres:
+            self.line(f"put_spheres(state, world, thread, spheres, {self.traits.penalties})")
         for place in self.places:
             with self.about(place):
                 b = self.bound
@@ -238,6 +261,11 @@ class BlockWriter(NamesInBlock):
 
     def _write_pieces(self, pieces: Iterable[Piece]) -> None:
         for piece in pieces:
+            if self._is_deferred(piece):
+                self.deferred.append(piece)
+                continue
+            if not (piece.item == "particle" and self.layout.held) and any(map(self._asks, piece.phases)):
+                self._settle_spheres()
             if piece.item == "particle" and self.layout.held:
                 self._held_particles(piece)
             elif piece.item in ("world", "balloon"):
@@ -252,15 +280,52 @@ class BlockWriter(NamesInBlock):
             else:
                 self._items(piece)
 
+    def _is_deferred(self, piece: Piece) -> bool:
+        """Return whether a piece is about spheres alone, once they have moved: it may wait until somebody asks."""
+        return all(phase.item == "world" and phase.due is not None for phase in piece.phases)
+
+    def _asks(self, phase: Phase) -> bool:
+        return phase.item != "sphere" and "spheres" in self.reads(phase)
+
+    def _settle_spheres(self) -> None:
+        """Write what is to be done before anyone asks where spheres are."""
+        if not self.spheres_moved:
+            return
+        self.spheres_moved = False
+        self.line("block_barrier()")
+        for piece in self.deferred:
+            for phase in piece.phases:
+                call = self.call(phase)
+                self.line(f"if any_in_block({phase.name}_is_due({self._asked(phase)})):")
+                self.line(f"    # {phase.summary}")
+                self.line("    if thread == 0:")
+                self.line(f"        {call}")
+                self.line("    block_barrier()")
+        self.deferred.clear()
+
+    def _asked(self, phase: Phase) -> str:
+        """Return the arguments of the function that says whether there is anything to do."""
+        assert phase.due is not None
+        return ", ".join(inspect.signature(phase.due(self.traits).func).parameters)
+
     def _held_particles(self, piece: Piece) -> None:
         summed = self._begin_sum(piece)
+        asking = next((number for number, phase in enumerate(piece.phases) if self._asks(phase)), None)
+        if asking is not None and self.spheres_moved:  # others get on with what comes before
+            for place in self.places:
+                with self.about(place):
+                    self.calls(piece.phases[:asking])
+            self._settle_spheres()
+        else:
+            asking = 0
         for place in self.places:
             with self.about(place):
-                self._calls_and_sum(piece, summed, self.bound("is_there"))
+                self._calls_and_sum(piece.phases[asking:], summed, self.bound("is_there"))
                 self._show_held(piece)
         self._switch(piece)
         self._exchange(piece)
-        self._end_sum(summed)
+        if not piece.last:
+            self._end_sum(summed)
 
     def _exchange(self, piece: Piece) -> None:
         """Write what blocks tell each other of what a piece has moved: nothing, where each has a world."""
@@ -282,7 +347,7 @@ class BlockWriter(NamesInBlock):
             if summed and item != "particle" and not self.alone:
                 self.line(f"balloon = {BALLOON_OF[item]}[{item}]")
                 self.known.add("balloon")
-            self._calls_and_sum(piece, summed, "is_there" if rounds else "")
+            self._calls_and_sum(piece.phases, summed, "is_there" if rounds else "")
             for value in piece.leaves:
                 if summed is None or value not in summed.writes:
                     of_particle = item == "particle"
@@ -294,7 +359,10 @@ class BlockWriter(NamesInBlock):
             if "point" in piece.moves:
                 self.line(f"put_in_tile({self._target(piece, 'point')}, particle, point)")
         self._switch(piece)
-        self._end_sum(summed)
+        if item == "sphere":
+            self.spheres_moved = True  # who asks waits for a barrier
+        elif not piece.last:
+            self._end_sum(summed)
 
     def _target(self, piece: Piece, name: str) -> str:
         """Return where a piece writes points, or velocities."""
@@ -346,22 +414,21 @@ class BlockWriter(NamesInBlock):
             self.line(f"clear_{value}(thread)")
         return last
 
-    def _calls_and_sum(self, piece: Piece, summed: Phase | None, condition: str) -> None:
-        """Write the calls of a piece, the last one's value added up.
+    def _calls_and_sum(self, phases: Iterable[Phase], summed: Phase | None, condition: str) -> None:
+        """Write the calls of phases, the last one's value added up.
 
         Args:
             condition: on which there is such an item.
         """
-        self.calls(phase for phase in piece.phases if phase is not summed)
+        self.calls(phase for phase in phases if phase is not summed)
         if summed is None:
             return
         (value,) = summed.writes
         call = self.call(summed)
         self.line(f"# {summed.summary}")
         if self.alone:
-            if condition:
-                self.line(f"if {condition}:")
-            self.line(f"{'    ' if condition else ''}part_of_{value} += {call}")
+            part = f"wp.where({condition}, {call}, {_nothing(summed)})" if condition else call
+            self.line(f"part_of_{value} += {part}")
             return
         self.need("balloon")
         part = self.bound(f"part_of_{value}")
@@ -381,11 +448,20 @@ class BlockWriter(NamesInBlock):
             self.known.add(value)
             return
         self.line("block_barrier()")
-        self.line(f"for balloon in range(thread // WARP_THREADS, {self.traits.balloons}, {self.layout.warps}):")
-        self.line(f"    {value} = total_{value}(balloon)")
-        self.line("    if thread % WARP_THREADS == 0:")
-        self.line(f"        all_{value}[world, balloon] = {value}")
-        self.line("block_barrier()")
+        if self._read_by_particles(value):
+            self.line(f"for balloon in range({self._warps_of_balloons}):")
+            self.line(f"    {value} = total_{value}(balloon)")
+            self.line("    if thread % WARP_THREADS == 0:")
+            self.line(f"        all_{value}[world, balloon] = {value}")
+            self.line("block_barrier()")
+
+    def _read_by_particles(self, value: str) -> bool:
+        pieces = (piece for piece in self.step.pieces if piece.item == "particle")
+        return any(value in piece.takes for piece in pieces)
+
+    @property
+    def _warps_of_balloons(self) -> str:
+        return f"thread // WARP_THREADS, {self.traits.balloons}, {self.layout.warps}"
 
     # a world's own
 
@@ -399,6 +475,8 @@ class BlockWriter(NamesInBlock):
             for phase in phases:
                 if phase.writes:
                     self.calls((phase,))
+                elif phase in self.notes:
+                    continue
                 else:
                     self._by_one_thread(phase)
             if not self.alone:
@@ -419,12 +497,19 @@ class BlockWriter(NamesInBlock):
         return "thread == 0"
 
     def _over_balloons(self, phases: tuple[Phase, ...]) -> None:
-        self.line(f"for balloon in range(thread, {self.traits.balloons}, {self.layout.threads}):")
+        """Write what is done for each balloon, by a warp of which one thread does it once all have the sums."""
+        self.line(f"for balloon in range({self._warps_of_balloons}):")
         with self.indented():
             self.known.add("balloon")
-            self.calls(phases)
-            for value in (value for phase in phases for value in phase.writes if value in self.step.kept):
-                self.line(f"all_{value}[world, balloon] = {value}")
+            summed = {value for phase in self.phases if phase.sums for value in phase.writes}
+            for value in dict.fromkeys(name for phase in phases for name in self.reads(phase) if name in summed):
+                self.line(f"{value} = total_{value}(balloon)")
+                self.known.add(value)
+            self.line("if thread % WARP_THREADS == 0:")
+            with self.indented():
+                self.calls(phases)
+                for value in (value for phase in phases for value in phase.writes if value in self.step.kept):
+                    self.line(f"all_{value}[world, balloon] = {value}")
         self.line("block_barrier()")
 
     def _springs(self, piece: Piece) -> None:
@@ -448,7 +533,7 @@ class BlockWriter(NamesInBlock):
     def _team(self, piece: Piece) -> None:
         """Write what all threads do with points and velocities in arrays, if there is anything to do."""
         (phase,) = piece.phases
-        self.line(f"if {phase.name}_is_due(working, world):")
+        self.line(f"if {phase.name}_is_due({self._asked(phase)}):")
         points, velocities = self.points, self.velocities
         with self.indented():
             self._to_arrays()

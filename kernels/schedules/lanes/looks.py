@@ -8,7 +8,6 @@ import warp as wp
 from balloon_warp.kernels.lanes import Lanes3
 from balloon_warp.kernels.loops.eight import loops_of_eight
 from balloon_warp.kernels.loops.net_force import Loops
-from balloon_warp.kernels.loops.obstacles import sphere_in_state
 from balloon_warp.kernels.phase import Look
 from balloon_warp.kernels.schedules.lanes.layouts import (
     OCTETS,
@@ -23,6 +22,7 @@ from balloon_warp.kernels.schedules.lanes.layouts import (
     view_of,
 )
 from balloon_warp.kernels.schedules.lanes.state import own_functions_of
+from balloon_warp.kernels.spheres import sphere_at
 from balloon_warp.kernels.traits import Traits
 
 
@@ -55,7 +55,7 @@ def _look(layout: Layout) -> Look:
         return places.world(own.group, lane, t.world_count)
 
     return Look(
-        near, sphere_in_state, loops, put=put, velocity_at=near, put_velocity=put,
+        near, sphere_at, loops, put=put, velocity_at=near, put_velocity=put,
         in_team=(near, put, itself), add=add, world=world_of,
     )  # fmt: skip
 

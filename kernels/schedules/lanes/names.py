@@ -19,8 +19,8 @@ OF_BALLOON: Mapping[str, str] = {
     "origin": "of_particle({points}, t.places, volume_origin(tables, balloon))",
 }
 """how phases find what is of a balloon, or of all"""
-HANDLES = ("t", "tables", "state", "working", "solids", "group", "substep", "time_in_frame", "time", "end")
-SAME = {"state", "working", "time_in_frame", "time", "end"}
+HANDLES = ("t", "tables", "state", "working", "solids", "spheres", "group", "substep", "time_in_frame", "time", "end")
+SAME = {"state", "working", "spheres", "time_in_frame", "time", "end"}
 """what a phase for one is handed as it is"""
 
 
@@ -172,7 +172,7 @@ class NamesInLanes(Writer):
                 self.line(f"{name} = {name}_lanes()")
         self.line(f"# {phase.summary}")
         asked = self._question(phase)
-        guarded = bool(asked) or not phase.writes or {"state", "working"} & set(reads)
+        guarded = bool(asked) or not phase.writes or {"state", "working", "spheres"} & set(reads)
         with self.deeper(int(bool(asked))):
             self.line(f"for lane in range({'t.lane_count' if guarded else 'LANE_COUNT'}):")
             with self.deeper():

@@ -86,6 +86,8 @@ class _Writer(NamesInLanes):
         if free:
             self.line("if not any_free(t, working, group):")
             self.line("    return")
+        if self.step.traits.spheres:
+            self.line("spheres = spheres_in_state(tables, state, working)")
         for view in STATE.values():
             self.line(f"{view} = all_{view}[group]")
         for view in self.doubled:

@@ -22,6 +22,7 @@ NAMES: Mapping[str, tuple[str, str]] = {
     "end": ("", "end_of_step(t, state.frame, time_in_frame)"),
     "points": ("", "all_points[world]"),
     "velocities": ("", "all_velocities[world]"),
+    "spheres": ("", "spheres_in_state(t, state, working)"),
     "numbers": ("", "read_numbers(t, world, balloon)"),
 }
 """how a piece finds what phases name: what that takes itself, and the text"""

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from balloon_warp.cli.app import app
 from balloon_warp.model import plan_model
-from balloon_warp.model.passing import widest_opening
+from balloon_warp.model.tunneling import widest_opening
 from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Sphere
 from balloon_warp.scene.load import bundled_scenes, load_scene
 from balloon_warp.simulator import Simulator

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from balloon_warp.cli.app import app
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.mesh.faithful import infidelity
+from balloon_warp.mesh.fidelity import infidelity
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.mesh.remesh import remesh
 from balloon_warp.mesh.topology import mesh_edges

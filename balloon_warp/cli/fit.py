@@ -1,0 +1,129 @@
+"""The command `balloon-warp fit`."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from balloon_warp.cli.options import MACHINE, OUTPUT, SCENE, Device, Json
+from balloon_warp.cli.stages import stages
+from balloon_warp.cli.warn import warn
+from balloon_warp.errors import InputError
+from balloon_warp.files import check_writable, whole_file
+from balloon_warp.warp_logging import quiet_warp
+
+if TYPE_CHECKING:
+    from balloon_warp.fitting.result import Fit
+
+RUBBER = "A curve"
+"""a part of the help"""
+
+Free = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="PATH=LOW:HIGH",
+        help="What is not known of the scene, and its bounds: balloon.inflation.moles=0.01:0.1. May be given again. "
+        "The first is scanned: give what starts get stuck in.",
+        rich_help_panel=SCENE,
+    ),
+]
+Plot = Annotated[
+    Path | None,
+    typer.Option("--output", "-o", metavar="FILE", help="Also draw the curve, .png.", rich_help_panel=OUTPUT),
+]
+
+
+def fit(
+    data: Annotated[
+        Path, typer.Argument(metavar="CURVE.csv|DATA.npz", help="What was measured: see the page Fit your rubber.")
+    ],
+    scene: Annotated[str | None, typer.Argument(metavar="[SCENE]", help="Of DATA.npz: what was measured.")] = None,
+    free: Free = None,
+    starts: Annotated[int, typer.Option(metavar="COUNT", help="How many starts.", rich_help_panel=SCENE)] = 8,
+    of: Annotated[
+        str,
+        typer.Option(
+            metavar="sphere|MESH", help="What was inflated: a sphere, or a mesh in meters.", rich_help_panel=RUBBER
+        ),
+    ] = "sphere",
+    kind: Annotated[
+        str,
+        typer.Option(metavar="mooney_rivlin|gent|ogden", help="The material's law.", rich_help_panel=RUBBER),
+    ] = "mooney_rivlin",
+    thickness: Annotated[
+        float, typer.Option(metavar="METERS", help="Of the rubber at rest.", rich_help_panel=RUBBER)
+    ] = 2e-4,
+    radius: Annotated[
+        float | None,
+        typer.Option(metavar="METERS", help="Of the sphere at rest; found, too, if not given.", rich_help_panel=RUBBER),
+    ] = None,
+    output: Plot = None,
+    json: Json = False,
+    device: Device = None,
+    schedule: Annotated[str, typer.Option(metavar="NAME", hidden=True, rich_help_panel=MACHINE)] = "auto",
+) -> None:
+    """Find the rubber that a curve of pressure over volume was, or the values of a scene that moved as was measured.
+
+    Try `balloon-warp fit curve.csv --of sphere --thickness 2e-4 --radius 0.05`, or
+    `balloon-warp fit points.npz scene.toml --free balloon.inflation.moles=0.01:0.1`.
+    """
+    is_curve = data.suffix.lower() == ".csv"
+    if is_curve and (scene or free):
+        raise InputError(f"{data}: is a curve, which has no SCENE and no --free; expected a .npz file with these")
+    if not is_curve and not (scene and free):
+        raise InputError(
+            f"{data}: expected a .csv file of a curve, or a SCENE and --free PATH=LOW:HIGH with a .npz file"
+        )
+    if output:
+        check_writable(output, (".png",))
+    quiet_warp()
+    toml = ""
+    with stages(data.name) as stage:
+        if is_curve:
+            from balloon_warp.fitting.curve import fit_curve, read_curve
+            from balloon_warp.fitting.plot import curve_plot
+
+            curve = read_curve(data)
+            rubber = fit_curve(curve, of=of, kind=kind, thickness=thickness, radius=radius, on_stage=stage)  # pyright: ignore
+            found, toml = rubber.fit, rubber.toml
+            if output:
+                with whole_file(output) as temporary:
+                    curve_plot(curve.volumes, curve.pressures, rubber.pressures).save(temporary, format="PNG")
+        else:
+            from balloon_warp.fitting.fit import fit as fitted
+
+            bounds = dict(map(_bounds, free or []))
+            found = fitted(
+                str(scene), data, free=bounds, starts=starts, device=device, schedule=schedule, on_stage=stage
+            )
+    _say(found, toml, json, is_curve)
+
+
+def _say(found: "Fit", toml: str, json: bool, is_curve: bool) -> None:
+    if json:
+        import json as format_
+
+        print(format_.dumps(found.report()))
+        return
+    for name, value in found.values.items():
+        print(f"{name} = {value:.6g} +- {found.errors[name]:.2g}")
+    unit = " times the noise" if found.noise_known else " Pa" if is_curve else ""
+    print(f"misfit {found.misfit:.4g}{unit}")
+    for doubt in found.doubts:
+        warn(doubt)
+    if toml:
+        print(f"\n{toml}", end="")
+
+
+def _bounds(text: str) -> tuple[str, tuple[float, float]]:
+    """Read a path and its bounds.
+
+    Raises:
+        InputError: the text is none.
+    """
+    path, _, pair = text.partition("=")
+    low, _, high = pair.partition(":")
+    try:
+        return path, (float(low), float(high))
+    except ValueError:
+        raise InputError(f"--free {text}: expected PATH=LOW:HIGH, as in balloon.inflation.moles=0.01:0.1") from None

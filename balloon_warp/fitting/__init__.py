@@ -1,0 +1,1 @@
+"""Fits: the values of a scene, or the rubber, that something measured was."""

@@ -1,0 +1,225 @@
+"""The rubber whose balloon had a measured curve of pressure over volume."""
+
+import csv
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from math import isfinite
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from balloon_warp.errors import InputError
+from balloon_warp.fitting.result import Fit, fit_of
+from balloon_warp.kernels.laws.membrane import MEMBRANES, MOST_STRETCH
+from balloon_warp.mesh.load import load_mesh
+from balloon_warp.mesh.prepare import Treatment, prepared
+from balloon_warp.model.materials import slopes_by_stretches
+from balloon_warp.springs.membrane import build_membrane
+from balloon_warp.statics.balance import Balance
+from balloon_warp.statics.film import FilmSkin, determinant, metric_of
+from balloon_warp.statics.volume import SealedGas, Volume
+
+Values = NDArray[np.float64]
+Kind = Literal["mooney_rivlin", "gent", "ogden"]
+EXPONENTS = (1.3, 5.0, -2.0)
+"""of an Ogden material, as for rubber (Ogden 1972): its moduli are what is fitted"""
+STARTS: dict[str, list[tuple[float, ...]]] = {
+    "mooney_rivlin": [(3.0e5, 0.02), (3.0e5, 0.2)],
+    "gent": [(3.0e5, 20.0), (3.0e5, 60.0), (3.0e5, 150.0)],
+    "ogden": [(6.0e5, 1.2e3, 1.0e4), (4.0e5, 3.0e3, 3.0e4)],
+}
+NAMES = {
+    "mooney_rivlin": ("shear_modulus", "mooney_ratio"),
+    "gent": ("shear_modulus", "gent_limit"),
+    "ogden": ("ogden_modulus_1", "ogden_modulus_2", "ogden_modulus_3"),
+}
+LEAST_ROWS = 5
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A measured curve."""
+
+    volumes: Values
+    """[m^3], shape (n,)"""
+    pressures: Values
+    """above the air's [Pa], shape (n,)"""
+
+
+@dataclass(frozen=True)
+class CurveFit:
+    """The rubber, and the curve that it has."""
+
+    fit: Fit
+    pressures: Values
+    """at the measured volumes [Pa], shape (n,)"""
+    toml: str
+    """a table of a scene file"""
+
+
+def read_curve(path: Path) -> Curve:
+    """Read a .csv file of volumes [m^3] and pressures [Pa]: the first two columns, or those of these names.
+
+    Raises:
+        InputError: it cannot be read, or has too few rows, or a wrong number.
+    """
+    try:
+        rows = [
+            row for row in csv.reader(path.read_text(encoding="utf-8-sig").splitlines()) if any(map(str.strip, row))
+        ]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{path}: cannot be read as a .csv file: {error}") from None
+    columns = (0, 1)
+    if rows and not _is_number(rows[0][0]):
+        names = [name.strip().lower().split(" ")[0] for name in rows.pop(0)]
+        if {"volume", "pressure"} <= set(names):
+            columns = (names.index("volume"), names.index("pressure"))
+    try:
+        volumes, pressures = np.array([[float(row[column]) for column in columns] for row in rows]).reshape(-1, 2).T
+    except (ValueError, IndexError):
+        raise InputError(f"{path}: expected volumes [m^3] and pressures [Pa], two numbers in each row") from None
+    if len(volumes) < LEAST_ROWS or not (np.isfinite(volumes) & np.isfinite(pressures) & (volumes > 0.0)).all():
+        raise InputError(f"{path}: expected at least {LEAST_ROWS} rows of volumes above 0 and pressures")
+    order = np.argsort(volumes)
+    return Curve(volumes[order], pressures[order])
+
+
+def fit_curve(
+    curve: Curve,
+    *,
+    of: str | Path = "sphere",
+    kind: Kind = "mooney_rivlin",
+    thickness: float = 2.0e-4,
+    radius: float | None = None,
+    on_stage: Callable[[str], None] = lambda stage: None,
+) -> CurveFit:
+    """Find the rubber of a balloon by its curve of pressure over volume.
+
+    Only the product of modulus and thickness is seen, so that the thickness must be known.
+
+    Args:
+        of: "sphere", whose formula is used, or the mesh of the balloon at rest, in meters.
+        kind: of material. Of "ogden" the moduli are found, with exponents 1.3, 5 and -2.
+        thickness: at rest [m].
+        radius: of the sphere at rest [m]; found, too, when missing.
+        on_stage: told what is done.
+
+    Raises:
+        InputError: a number, a kind or the mesh cannot be.
+    """
+    if kind not in STARTS:
+        raise InputError(f"kind: must be {', '.join(STARTS)} (got {kind!r})")
+    for name, number in (("thickness", thickness), ("radius", 1.0 if radius is None else radius)):
+        if not (isfinite(number) and number > 0.0):
+            raise InputError(f"{name}: must be a number greater than 0 (got {number})")
+    names, starts = list(NAMES[kind]), STARTS[kind]
+    if str(of) == "sphere":
+        fixed = radius
+        if fixed is None:
+            names.append("radius")
+            least = (3.0 * curve.volumes[0] / (4.0 * np.pi)) ** (1.0 / 3.0)
+            starts = [(*start, part * least) for start in starts for part in (0.6, 0.95)]
+
+        def pressures(values: Values) -> Values:
+            own = values[: len(NAMES[kind])]
+            return sphere_pressures(kind, own, curve.volumes, thickness, fixed or float(values[-1]))
+
+    else:
+        pressures = MeshCurve(Path(of), kind, thickness, curve.volumes).pressures
+        starts = starts[:2]
+    return _fitted(curve, pressures, names, starts, kind, thickness, on_stage)
+
+
+def sphere_pressures(kind: str, values: Values, volumes: Values, thickness: float, radius: float) -> Values:
+    """The law of a thin sphere: 2 h / R W_1 / stretch^2 [Pa]."""
+    stretches = (3.0 * volumes / (4.0 * np.pi)) ** (1.0 / 3.0) / radius
+    told = {
+        name: np.full(1, number) if np.ndim(number) == 0 else number for name, number in _numbers(kind, values).items()
+    }
+    first, _ = slopes_by_stretches(MEMBRANES[kind], told, stretches, stretches)
+    return 2.0 * thickness / radius * first / stretches**2
+
+
+class MeshCurve:
+    """The curve of a mesh's balloon, by its statics; each asking begins where the last came to rest."""
+
+    def __init__(self, path: Path, kind: str, thickness: float, volumes: Values):
+        mesh = prepared(load_mesh(path), path, Treatment())
+        self._volume, self._kind, self._volumes = Volume(mesh), kind, volumes
+        if not 0.0 < self._volume.of(mesh.points) < volumes.max():
+            raise InputError(
+                f"{path}: encloses {self._volume.of(mesh.points):.3g} m^3 at rest; expected less than measured"
+            )
+        membrane = build_membrane(mesh)
+        parts = membrane.areas / (0.5 * np.sqrt(determinant(metric_of(membrane.edges))))
+        self._film = FilmSkin(MEMBRANES[kind], {}, membrane.corners, thickness * parts, membrane.edges)
+        growth = (volumes / self._volume.of(mesh.points)) ** (1.0 / 3.0)
+        self._points = [mesh.points * max(factor, 1.01) for factor in growth]
+
+    def pressures(self, values: Values) -> Values:
+        """At the volumes [Pa], shape (n,); not a number where there is no balance."""
+        film, found = replace(self._film, numbers=_numbers(self._kind, values)), np.full(len(self._volumes), 1.0e6)
+        for row, volume in enumerate(self._volumes):
+            points = self._points[row]
+            slopes = self._volume.slopes(points)
+            guess = -float((film.forces(points) * slopes).sum() / (slopes * slopes).sum())
+            settled = Balance(film, self._volume, SealedGas.of(guess, volume)).settle(points)
+            if settled is not None:
+                self._points[row] = settled
+                found[row] = SealedGas.of(guess, volume).pressure(self._volume.of(settled))
+        return found
+
+
+def _fitted(
+    curve: Curve, pressures: Callable[[Values], Values], names: list[str], starts: list[tuple[float, ...]], kind: str,
+    thickness: float, on_stage: Callable[[str], None],
+) -> CurveFit:  # fmt: skip
+    """The best of least squares from all starts, by logarithms."""
+    unit = np.abs(curve.pressures).max()
+    found = []
+    for number, start in enumerate(starts, start=1):
+        on_stage(f"start {number} of {len(starts)}")
+
+        def off(logs: Values) -> Values:
+            with np.errstate(all="ignore"):
+                return np.nan_to_num(
+                    (pressures(np.exp(logs)) - curve.pressures) / unit, nan=1e3, posinf=1e3, neginf=-1e3
+                )
+
+        found.append(least_squares(off, np.log(start), diff_step=1e-5, x_scale=1.0, max_nfev=60))
+    best = min(found, key=lambda each: each.cost)
+    values, free = np.exp(best.x), len(curve.volumes) - len(names)
+    misfit = float(unit * np.sqrt(2.0 * best.cost / max(free, 1)))
+    misfits = np.array([unit * np.sqrt(2.0 * each.cost / max(free, 1)) for each in found])
+    fit = fit_of(names, values, unit * best.jac / values, misfit, False, misfits)
+    return CurveFit(fit, pressures(values), _toml(kind, values, thickness))
+
+
+def _numbers(kind: str, values: Values) -> dict[str, Any]:
+    """The law's parameters of what is fitted."""
+    if kind == "ogden":
+        moduli = np.array(values[:3]) * np.sign(EXPONENTS)
+        return {"ogden_moduli": moduli, "ogden_exponents": np.array(EXPONENTS)}
+    most = {"most_stretch": max(MOST_STRETCH.default, 6.0)} if kind == "gent" else {}
+    return dict(zip(NAMES[kind], map(float, values), strict=False)) | most
+
+
+def _toml(kind: str, values: Values, thickness: float) -> str:
+    lines = ["[balloon.material]", f'kind = "{kind}"', f"thickness = {thickness:g}"]
+    if kind == "ogden":
+        moduli = ", ".join(f"{value:.6g}" for value in values[:3] * np.sign(EXPONENTS))
+        lines += [f"ogden_moduli = [{moduli}]", f"ogden_exponents = {list(EXPONENTS)}"]
+    else:
+        lines += [f"{name} = {value:.6g}" for name, value in zip(NAMES[kind], values, strict=False)]
+    return "\n".join(lines) + "\n"
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

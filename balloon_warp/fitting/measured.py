@@ -1,0 +1,100 @@
+"""What was measured of a moving balloon."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.errors import InputError
+
+Values = NDArray[np.float64]
+NOISES = {"points": "noise", "volumes": "volume_noise", "pressures": "pressure_noise"}
+"""what may be measured, and by which name the deviation of its noise is given"""
+EXPECTED = "times, and points with particles, volumes or pressures of one balloon"
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Measures of one balloon at some times."""
+
+    times: Values
+    """[s], shape (t,)"""
+    tracks: dict[str, Values]
+    """points, shape (t, m, 3); volumes, shape (t,); pressures, shape (t,)"""
+    particles: NDArray[np.int64]
+    """whose points they are, shape (m,)"""
+    noises: dict[str, float]
+    """deviations, where they are known"""
+    balloon: int = 0
+
+    def residuals(self, tracks: Mapping[str, Values], times: Values) -> Values:
+        """What simulated worlds are off, over the noise, shape (w, ...).
+
+        Args:
+            tracks: of all frames, by name, shape (w, f, ...).
+            times: of the frames [s], shape (f,).
+        """
+        after = np.clip(np.searchsorted(times, self.times), 1, len(times) - 1)
+        share = (self.times - times[after - 1]) / (times[after] - times[after - 1])
+        parts = []
+        for name, wanted in self.tracks.items():
+            track = tracks[name]
+            part = share.reshape(-1, *[1] * (track.ndim - 2))
+            there = (1.0 - part) * track[:, after - 1] + part * track[:, after]
+            off = (there - wanted).reshape(len(track), -1)
+            known = np.isfinite(wanted).ravel()  # what was hidden is not a number
+            parts.append(off[:, known] / self.noises.get(name, 1.0))
+        return np.concatenate(parts, axis=1)
+
+    @property
+    def noise_known(self) -> bool:
+        """Whether it is, of all that was measured."""
+        return set(self.tracks) <= set(self.noises)
+
+
+def measured_of(data: str | Path | Mapping[str, Any], particle_count: int, last_time: float) -> Measured:
+    """Read what was measured: a .npz file, or a mapping, with `times` and what was seen then.
+
+    Args:
+        particle_count: of the scene's balloon.
+        last_time: of the scene [s].
+
+    Raises:
+        InputError: it cannot be read, or is not of the scene.
+    """
+    source, table = ("data", dict(data)) if isinstance(data, Mapping) else (str(data), _read(Path(data)))
+    tracks = {name: np.asarray(table[name], dtype=np.float64) for name in NOISES if name in table}
+    times = np.asarray(table.get("times", ()), dtype=np.float64)
+    if not len(times) or not tracks or times.ndim != 1:
+        raise InputError(f"{source}: expected {EXPECTED} (got {', '.join(table) or 'nothing'})")
+    if not (np.isfinite(times).all() and times.min() >= 0.0 and times.max() <= last_time * (1.0 + 1e-9)):
+        raise InputError(f"{source}: times: expected from 0 to {last_time:g} s, as long as the scene goes on")
+    particles = np.asarray(table.get("particles", np.arange(particle_count)), dtype=np.int64)
+    if particles.ndim != 1 or (len(particles) and not 0 <= particles.min() <= particles.max() < particle_count):
+        raise InputError(f"{source}: particles: expected numbers from 0 to {particle_count - 1}")
+    for name, track in tracks.items():
+        shape = (len(times), len(particles), 3) if name == "points" else (len(times),)
+        if track.shape != shape:
+            raise InputError(f"{source}: {name}: expected shape {shape} (got {track.shape})")
+        if not np.isfinite(track).any():
+            raise InputError(f"{source}: {name}: holds no number")
+    noises = {name: float(table[noise]) for name, noise in NOISES.items() if noise in table}
+    if any(not deviation > 0.0 for deviation in noises.values()):
+        raise InputError(f"{source}: noise: expected deviations above 0")
+    if len(tracks) > 1 and not set(tracks) <= set(noises):
+        missing = " and ".join(NOISES[name] for name in tracks if name not in noises)
+        raise InputError(f"{source}: {missing}: is missing; measures of several kinds are weighed by their noise")
+    return Measured(times, tracks, particles, noises)
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            return {name: file[name] for name in file.files}
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file; expected a .npz file of what was measured") from None
+    except Exception:
+        raise InputError(f"{path}: cannot be read; expected a .npz file with {EXPECTED}") from None

@@ -1,0 +1,93 @@
+"""How near designs come to their targets, beside their rivals: python -m balloon_warp.benchmarks.design [NAME ...]
+
+A case is its kind, its stretch and its target: springs/any/1.2/pear. Targets are analytic shapes on a ball, bundled
+meshes, and those in the folder that `BALLOON_WARP_TEST_MESHES` names. Everything is simulated from rest.
+"""
+
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.designing.design import design
+from balloon_warp.errors import InputError
+from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.load import load_mesh
+from balloon_warp.scene import bundled_scenes
+from balloon_warp.warp_logging import quiet_warp
+
+Points = NDArray[np.float64]
+SHAPES: dict[str, Callable[[Points], Points]] = {
+    "ellipsoid": lambda x: x * [1.0, 1.0, 1.5],
+    "pear": lambda x: x * (1.0 + 0.25 * x[:, 2:]) * [1.0, 1.0, 1.2],
+    "peanut": lambda x: x * np.stack([1.0 - 0.35 * np.exp(-6.0 * x[:, 2] ** 2)] * 2 + [np.full(len(x), 1.5)], axis=1),
+    "cube": lambda x: x / (np.sum(x**4, axis=1) ** 0.15)[:, None],
+}
+"""of points on a ball"""
+CASES = (
+    *(f"springs/{hold}/1.3/{name}" for hold in ("any", "tension") for name in ("ellipsoid", "pear", "peanut", "cube")),
+    *(f"springs/any/1.2/{name}" for name in ("toy", "squirrel", "knot", "turtle", "spot_quadrangulated")),
+    *(f"springs/tension/1.2/{name}" for name in ("toy", "squirrel", "knot", "turtle", "spot_quadrangulated")),
+    *(f"latex/tension/{stretch}/{name}" for stretch in (1.3, 2.0, 4.0) for name in ("ellipsoid", "pear")),
+    *(f"latex/tension/2.0/{name}" for name in ("peanut", "cube", "toy", "spot_quadrangulated")),
+)
+
+
+@dataclass(frozen=True)
+class Row:
+    """What came of a case."""
+
+    case: str
+    said: str
+    seconds: float
+
+    def __str__(self) -> str:
+        return f"| {self.case} | {self.said} | {self.seconds:.0f} |"
+
+
+def target(name: str) -> PolygonMesh | Path:
+    """Find a target by its name.
+
+    Raises:
+        InputError: there is none of this name.
+    """
+    scenes = next(iter(bundled_scenes().values())).parent
+    if name in SHAPES:
+        ball = load_mesh(scenes / "ball.obj")
+        points = ball.points - ball.points.mean(axis=0)
+        return replace(ball, points=SHAPES[name](points / np.linalg.norm(points, axis=1)[:, None]), name=name)
+    folders = [scenes, *(Path(folder) for folder in [os.environ.get("BALLOON_WARP_TEST_MESHES")] if folder)]
+    for folder in folders:
+        if (folder / f"{name}.obj").is_file():
+            return folder / f"{name}.obj"
+    raise InputError(f"{name}: no such mesh; BALLOON_WARP_TEST_MESHES may name a folder that has it")
+
+
+def run(case: str, steps: int = 30) -> Row:
+    """Design a case, and time it."""
+    of, hold, stretch, name = case.split("/")
+    began = time.perf_counter()
+    try:
+        found = design(target(name), of=of, hold=hold, stretch=float(stretch), steps=steps, device="cpu")  # type: ignore
+    except InputError as mistake:
+        return Row(case, str(mistake), time.perf_counter() - began)
+    said = f"{found.error} | {found.held_error} | {found.plain_error} | {found.stretch:.2f} | {len(found.cannot)}"
+    return Row(case, said, time.perf_counter() - began)
+
+
+def rows(cases: list[str]) -> Iterator[Row]:
+    """Those of some cases, or of all."""
+    return (run(case) for case in cases or CASES)
+
+
+if __name__ == "__main__":
+    quiet_warp()
+    print("| case | simulated from rest | as designed | plain | stretch reached | places off | s |")
+    print("|---|---|---|---|---|---|---|")
+    for row in rows(sys.argv[1:]):
+        print(row, flush=True)

@@ -1,0 +1,179 @@
+"""Fits: curves of rubber, and scenes that moved as was measured."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from meshes import quad_sphere
+from typer.testing import CliRunner
+
+import balloon_warp as bw
+from balloon_warp.cli.app import app
+from balloon_warp.errors import InputError
+from balloon_warp.fitting.curve import Curve, fit_curve, sphere_pressures
+from balloon_warp.mesh.obj import write_obj
+
+TRUE = {
+    "mooney_rivlin": {"shear_modulus": 3.3e5, "mooney_ratio": 0.1},
+    "gent": {"shear_modulus": 3.3e5, "gent_limit": 60.0},
+    "ogden": {"ogden_modulus_1": 6.3e5, "ogden_modulus_2": 1.2e3, "ogden_modulus_3": 1.0e4},
+}
+RADIUS, THICKNESS = 0.05, 2e-4
+VOLUMES = 4.0 / 3.0 * np.pi * RADIUS**3 * np.linspace(1.05, 5.0, 20) ** 3
+
+
+def curve_of(kind: str, noise: float = 0.0, seed: int = 0) -> Curve:
+    pressures = sphere_pressures(kind, np.array(list(TRUE[kind].values())), VOLUMES, THICKNESS, RADIUS)
+    rng = np.random.default_rng(seed)
+    return Curve(VOLUMES, pressures + noise * pressures.max() * rng.standard_normal(len(VOLUMES)))
+
+
+@pytest.mark.parametrize("kind", TRUE)
+def test_a_curve_gives_back_its_rubber(kind: str):
+    """Exactly without noise; and a scene takes what is to be pasted."""
+    found = fit_curve(curve_of(kind), kind=kind, thickness=THICKNESS, radius=RADIUS)
+    for name, true in TRUE[kind].items():
+        assert found.fit.values[name] == pytest.approx(true, rel=1e-3)
+    (table,) = found.toml.split("[balloon.material]\n")[1:]
+    assert f'kind = "{kind}"' in table
+    assert f"thickness = {THICKNESS:g}" in table
+
+
+def test_errors_are_as_large_as_they_are_said_to_be():
+    """One deviation covers about two thirds of what noise does."""
+    inside, off = [], []
+    for seed in range(40):
+        fit = fit_curve(curve_of("mooney_rivlin", 0.01, seed), radius=RADIUS).fit
+        true = np.array(list(TRUE["mooney_rivlin"].values()))
+        apart = np.abs(np.array(list(fit.values.values())) - true)
+        inside.append(apart < np.array(list(fit.errors.values())))
+        off.append(apart / true)
+    assert 0.45 < np.mean(inside) < 0.9
+    assert np.percentile(np.array(off)[:, 0], 95) < 0.015
+
+
+def test_the_radius_is_found_where_nobody_says_it():
+    fit = fit_curve(curve_of("mooney_rivlin"), thickness=THICKNESS).fit
+    assert fit.values["radius"] == pytest.approx(RADIUS, rel=1e-3)
+
+
+def test_a_curve_of_a_mesh_is_that_of_what_is_simulated(tmp_path: Path):
+    """The product inflates an egg; the fit finds its rubber by statics."""
+    egg = replace(quad_sphere(2), points=0.05 * quad_sphere(2).points * [1.0, 1.0, 1.5])
+    write_obj(tmp_path / "egg.obj", egg)
+    inflation = bw.Inflation(moles=0.1, fill_time=0.2, added_mass=0.0)
+    material = bw.Material(preset="latex", thickness=THICKNESS)
+    scene = bw.Scene(
+        balloon=[bw.Balloon(mesh=egg, damping=0.4, material=material, inflation=inflation, parts="free")],
+        gravity=0.0,
+        frames=60,
+    )
+    moles = {"balloon.inflation.moles": np.array([0.05, 0.15, 0.4, 1.0])}
+    moved = bw.simulate(scene, world_count=4, vary=moles, every=60, device="cpu")
+    curve = Curve(moved.volumes[:, -1, 0], moved.pressures[:, -1, 0].astype(float))
+    fit = fit_curve(curve, of=tmp_path / "egg.obj", thickness=THICKNESS).fit
+    modulus = bw.load_scene("latex_inflate").balloon[0].material.value("shear_modulus")
+    assert fit.values["shear_modulus"] == pytest.approx(modulus, rel=0.02)
+
+
+def falling() -> bw.Scene:
+    ball = replace(quad_sphere(2), points=0.1 * quad_sphere(2).points)
+    return bw.Scene(balloon=[bw.Balloon(mesh=ball, mass=0.02, damping=0.05, velocity=(2.0, 3.0, 0.0))], frames=12)
+
+
+FREE = {"balloon.mass": (0.005, 0.08), "balloon.inflation.pressure": (5.0, 60.0)}
+
+
+def test_points_give_back_what_moved_them(tmp_path: Path):
+    """Noisy, hidden in part, of some particles alone, and between frames."""
+    scene = bw.load_scene(falling(), {"balloon.mass": 0.03, "balloon.inflation.pressure": 25.0})
+    moved = bw.simulate(scene, device="cpu")
+    rng = np.random.default_rng(0)
+    particles = np.arange(0, moved.points[0].shape[1], 2)
+    points = moved.points[0][:, particles] + 1e-4 * rng.standard_normal((13, len(particles), 3))
+    points[rng.random(points.shape[:2]) < 0.3] = np.nan
+    seen = {"times": moved.times, "points": points, "particles": particles, "noise": 1e-4}
+    fit = bw.fit(falling(), seen, free=FREE, starts=3, rounds=10, device="cpu")
+    assert fit.values["balloon.mass"] == pytest.approx(0.03, rel=0.01)
+    assert fit.values["balloon.inflation.pressure"] == pytest.approx(25.0, rel=0.02)
+    assert fit.misfit == pytest.approx(1.0, abs=0.1)
+    assert abs(fit.values["balloon.mass"] - 0.03) < 4.0 * fit.errors["balloon.mass"]
+    np.savez(tmp_path / "points.npz", **seen)
+    from balloon_warp.fitting.measured import measured_of
+
+    read = measured_of(tmp_path / "points.npz", moved.points[0].shape[1], 0.2)
+    assert (read.particles == particles).all()
+
+
+def test_what_is_not_seen_is_told():
+    """Nothing that was measured depends on helium and gravity apart."""
+    moved = bw.simulate(falling(), device="cpu")
+    seen = {"times": moved.times, "points": moved.points[0], "noise": 1e-3}
+    free = {"balloon.helium": (0.1, 5.0), "gravity": (5.0, 12.0)}
+    scene = bw.load_scene(falling(), {"balloon.helium": 1.0})
+    fit = bw.fit(scene, seen, free=free, starts=1, rounds=4, device="cpu")
+    assert any("hardly told apart" in doubt for doubt in fit.doubts)
+
+
+@pytest.mark.parametrize(
+    ("data", "sentence"),
+    [
+        ({}, "data: expected times, and points"),
+        (
+            {"times": [0.0], "points": np.zeros((1, 3, 3))},
+            r"points: expected shape \(1, 26, 3\) \(got \(1, 3, 3\)\)",
+        ),
+        ({"times": [9.0], "volumes": [1.0]}, "data: times: expected from 0 to 0.2 s"),
+        ({"times": [0.1], "volumes": [np.nan]}, "data: volumes: holds no number"),
+        ({"times": [0.1], "volumes": [1.0], "pressures": [1.0]}, "volume_noise and pressure_noise: is missing"),
+        ({"times": [0.1], "volumes": [1.0], "volume_noise": 0.0}, "noise: expected deviations above 0"),
+    ],
+)
+def test_data_of_something_else_is_refused(data: dict, sentence: str):
+    with pytest.raises(InputError, match=sentence):
+        bw.fit(falling(), data, free=FREE, device="cpu")
+
+
+@pytest.mark.parametrize(
+    ("free", "sentence"),
+    [
+        ({}, "free: expected at least one path"),
+        ({"balloon.mass": (2.0, 1.0)}, "balloon.mass: expected a lowest value below the highest"),
+        ({"balloon.mass": 2.0}, "balloon.mass: expected the lowest and the highest value"),
+        ({"balloon.mas": (1.0, 2.0)}, r"balloon.0.mas: unknown field"),
+    ],
+)
+def test_what_cannot_be_free_is_refused(free: dict, sentence: str):
+    seen = {"times": [0.1], "volumes": [1.0]}
+    with pytest.raises(InputError, match=sentence):
+        bw.fit(falling(), seen, free=free, device="cpu", starts=1)
+
+
+def test_command_of_a_curve(tmp_path: Path):
+    curve = curve_of("mooney_rivlin", 0.005)
+    rows = [f"{p:.3f},{v:.9g}" for v, p in zip(curve.volumes, curve.pressures, strict=True)]
+    (tmp_path / "curve.csv").write_text("\n".join(["pressure [Pa],volume [m3]", *rows]))
+    asked = ["fit", str(tmp_path / "curve.csv"), "--radius", str(RADIUS), "-o", str(tmp_path / "curve.png")]
+    said = CliRunner().invoke(app, asked)
+    assert said.exit_code == 0, said.output
+    assert "shear_modulus = 33" in said.output
+    assert "[balloon.material]" in said.output
+    assert (tmp_path / "curve.png").stat().st_size > 1000
+
+
+@pytest.mark.parametrize(
+    ("words", "rows", "sentence"),
+    [
+        ([], "1,2\n", "expected at least 5 rows"),
+        ([], "a,b\nx,y\n", "two numbers in each row"),
+        (["--kind", "steel"], "1,2\n" * 6, "kind: must be mooney_rivlin, gent, ogden"),
+        (["--thickness", "-1"], "1,2\n" * 6, "thickness: must be a number greater than 0"),
+        (["knot"], "1,2\n" * 6, "is a curve, which has no SCENE"),
+    ],
+)
+def test_curves_that_cannot_be_get_a_sentence(words: list[str], rows: str, sentence: str, tmp_path: Path):
+    (tmp_path / "curve.csv").write_text(rows)
+    said = CliRunner().invoke(app, ["fit", str(tmp_path / "curve.csv"), *words])
+    assert isinstance(said.exception, InputError)
+    assert sentence in str(said.exception)
