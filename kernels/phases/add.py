@@ -48,7 +48,7 @@ def line_functions(traits: Traits) -> tuple[Any, Any]:
 
 @cache
 def hinge_function(traits: Traits, at: Any, add: Any) -> Any:
-    """The function that adds what a hinge does.
+    """Make the function that adds what a hinge does.
 
     Args:
         at: the function that reads a point.
@@ -58,7 +58,7 @@ def hinge_function(traits: Traits, at: Any, add: Any) -> Any:
 
     @wp.func
     def add_hinge(t: Tables, world: wp.int32, hinge: wp.int32, points: Any, forces: Any):
-        """Forces on its two ends and on the corners of its wings."""
+        """Add forces on its two ends and on the corners of its wings."""
         ends = t.hinges.ends[hinge]
         of_roles = forces_of_hinge(t.hinges, points, hinge, read_numbers(t, world, t.particles.balloon[ends[0]]))
         add(forces, ends[0], of_roles[0])
@@ -73,7 +73,7 @@ def hinge_function(traits: Traits, at: Any, add: Any) -> Any:
 
 @cache
 def surface_functions(traits: Traits, at: Any) -> tuple[Any, Any]:
-    """The functions that add what a triangle of a membrane, and a face do to a world's forces.
+    """Make the functions that add what a triangle of a membrane, and a face do to a world's forces.
 
     Args:
         at: the function that reads a point.

@@ -1,5 +1,7 @@
-"""What membranes and hinges do to their particles, where one thread has all of a world: each is looked at once, and
-what it does waits at the particles."""
+"""What membranes and hinges do to their particles, where one thread has all of a world.
+
+Each is looked at once, and what it does waits at the particles.
+"""
 
 from typing import Any
 

@@ -127,7 +127,7 @@ def swell(traits: Traits, look: Look) -> Any:
 
     @wp.func
     def without_memory(course: Any, own: Any, velocity: Any):
-        """A course, less what of the velocity before the step counts, see `memory_function`."""
+        """Take from a course what of the velocity before the step counts, see `memory_function`."""
         if wp.static(traits.breathes_on):
             return course - scaled(velocity, memory_of_rate(own.n[place]))
         else:

@@ -20,15 +20,9 @@ from balloon_warp.kernels.working import Working
 
 
 @cache
-def frame_functions(traits: Traits, layout: Layout) -> tuple[Any, Any]:
-    """The functions that read what a frame begins with, and that write what it ends with."""
+def peaks_functions(traits: Traits, layout: Layout) -> tuple[Any, Any]:
+    """The functions that say whether a world's frame counts, and that exchange how far its triangles were stretched."""
     LaneTables, places = lane_structs(layout).tables, places_of(layout)  # noqa: N806 - a type
-    split = traits.columns.balloon_width
-
-    @wp.func
-    def end_of(t: LaneTables, group: wp.int32):
-        """Of its worlds."""
-        return places.first_world(group) + places.worlds(group, t.world_count)
 
     @wp.func
     def counts(working: Working, world: wp.int32):
@@ -37,19 +31,6 @@ def frame_functions(traits: Traits, layout: Layout) -> tuple[Any, Any]:
             return working.verdicts[world] == FREE
         else:
             return True
-
-    @wp.func
-    def read_numbers(t: LaneTables, group: wp.int32):
-        """The parameters of balloons and worlds."""
-        for lane in range(t.lane_count):
-            world = places.world(group, lane, t.world_count)
-            of_balloons = row_of_world(world, t.all.balloon_numbers.shape[0])
-            of_world = row_of_world(world, t.all.world_numbers.shape[0])
-            for balloon in range(t.all.inflation_kind.shape[0]):
-                for column in range(t.all.balloon_numbers.shape[2]):
-                    t.numbers[group, balloon, column][lane] = t.all.balloon_numbers[of_balloons, balloon, column]
-                for column in range(t.all.world_numbers.shape[1]):
-                    t.numbers[group, balloon, split + column][lane] = t.all.world_numbers[of_world, column]
 
     @wp.func
     def exchange_peaks(t: LaneTables, state: WorldState, working: Working, group: wp.int32, writes: bool):
@@ -63,6 +44,34 @@ def frame_functions(traits: Traits, layout: Layout) -> tuple[Any, Any]:
                         t.peaks[group, entry][lane] = state.peaks[world, number]
                     elif counts(working, world):
                         state.peaks[world, number] = t.peaks[group, entry][lane]
+
+    return counts, exchange_peaks
+
+
+@cache
+def frame_functions(traits: Traits, layout: Layout) -> tuple[Any, Any]:
+    """The functions that read what a frame begins with, and that write what it ends with."""
+    LaneTables, places = lane_structs(layout).tables, places_of(layout)  # noqa: N806 - a type
+    split = traits.columns.balloon_width
+    counts, exchange_peaks = peaks_functions(traits, layout)
+
+    @wp.func
+    def end_of(t: LaneTables, group: wp.int32):
+        """Of its worlds."""
+        return places.first_world(group) + places.worlds(group, t.world_count)
+
+    @wp.func
+    def read_numbers(t: LaneTables, group: wp.int32):
+        """The parameters of balloons and worlds."""
+        for lane in range(t.lane_count):
+            world = places.world(group, lane, t.world_count)
+            of_balloons = row_of_world(world, t.all.balloon_numbers.shape[0])
+            of_world = row_of_world(world, t.all.world_numbers.shape[0])
+            for balloon in range(t.all.inflation_kind.shape[0]):
+                for column in range(t.all.balloon_numbers.shape[2]):
+                    t.numbers[group, balloon, column][lane] = t.all.balloon_numbers[of_balloons, balloon, column]
+                for column in range(t.all.world_numbers.shape[1]):
+                    t.numbers[group, balloon, split + column][lane] = t.all.world_numbers[of_world, column]
 
     @wp.func
     def read_frame(t: LaneTables, state: WorldState, working: Working, group: wp.int32, points: Any, velocities: Any):

@@ -47,6 +47,38 @@ def part_structs(layout: Layout) -> tuple[Any, Any, Any]:
     return LaneFaces, LaneFans, LaneNecks
 
 
+@cache
+def own_structs(layout: Layout) -> tuple[Any, Any]:
+    """The types of what an item knows of itself, and of what one particle of it does."""
+    Number = layout.number  # noqa: N806 - a type
+
+    @wp.struct
+    class LaneOwn:
+        """What an item knows of itself."""
+
+        group: wp.int32
+        number: wp.int32
+        balloon: wp.int32
+        kind: wp.int32
+        share: Number
+        mass: Lanes
+        n: wp.array[Lanes]
+
+    @wp.struct
+    class OneOwn:
+        """What one particle knows of itself."""
+
+        world: wp.int32
+        number: wp.int32
+        balloon: wp.int32
+        kind: wp.int32
+        share: float
+        mass: float
+        n: wp.array[float]
+
+    return LaneOwn, OneOwn
+
+
 class LaneStructs(NamedTuple):
     """Types."""
 
@@ -115,28 +147,4 @@ def lane_structs(layout: Layout) -> LaneStructs:
         forces: wp.array2d[Vector]
         """what hinges and membranes have added up, on each particle [N]"""
 
-    @wp.struct
-    class LaneOwn:
-        """What an item knows of itself."""
-
-        group: wp.int32
-        number: wp.int32
-        balloon: wp.int32
-        kind: wp.int32
-        share: Number
-        mass: Lanes
-        n: wp.array[Lanes]
-
-    @wp.struct
-    class OneOwn:
-        """What one particle knows of itself."""
-
-        world: wp.int32
-        number: wp.int32
-        balloon: wp.int32
-        kind: wp.int32
-        share: float
-        mass: float
-        n: wp.array[float]
-
-    return LaneStructs(LaneTables, LaneOwn, OneOwn)
+    return LaneStructs(LaneTables, *own_structs(layout))
