@@ -190,14 +190,15 @@ def loops_of_eight(traits: Traits, at: Any, take: Any, view_of: Any, own_of_one:
     def water_load(t: Any, points: Any, own: Any):
         """Depth times area vector [m^3], and wetted area [m^2]."""
         loads = Lanes4()
+        levels = own.n[level]
         for lane in range(t.lane_count):
             one = own_of_one(t, own, lane)
             view = view_of(points, lane, t.places)
             load = wp.vec4()
             if wp.static(traits.rings):
-                load = load_of_particle(t.all.rings, view, one.number, one.n[level], t.up)
+                load = load_of_particle(t.all.rings, view, one.number, levels[lane], t.up)
             else:
-                load = load_of_particle(t.all.faces, view, one.number, one.n[level], t.up)
+                load = load_of_particle(t.all.faces, view, one.number, levels[lane], t.up)
             loads = set_lane(loads, lane, load)
         return loads
 
