@@ -38,6 +38,12 @@ def vector_at(array: wp.array[wp.vec3], index: wp.int32) -> wp.vec3:
     ...
 
 
+@wp.func
+def add_at(array: wp.array[wp.vec3], index: wp.int32, vector: wp.vec3):
+    """Add a vector to one to which others add theirs."""
+    wp.atomic_add(array, index, vector)
+
+
 @wp.func_native("""
 #if defined(__CUDA_ARCH__)
     const float2 pair = __ldg(reinterpret_cast<const float2*>(array.data) + (unsigned int)index);

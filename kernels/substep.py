@@ -20,8 +20,9 @@ from balloon_warp.kernels.phases.move import free, move, move_first, push, respo
 from balloon_warp.kernels.phases.press import press
 from balloon_warp.kernels.phases.pull import jet, jet_of_holes, pull, pull_and_face, take
 from balloon_warp.kernels.phases.roll import collide, roll, tumble
+from balloon_warp.kernels.phases.share_out import bend, share_out
 from balloon_warp.kernels.phases.stretch import clear, collect, pull_with_skin, stretch
-from balloon_warp.kernels.phases.swell import swell
+from balloon_warp.kernels.phases.swell import foresee, head, swell
 from balloon_warp.kernels.phases.tell import note_unhindered, tell_contacts
 from balloon_warp.kernels.phases.watch import set_off, watch
 from balloon_warp.kernels.phases.wear import burst, look_at_wear, run, tear, wear, weigh_skin
@@ -39,7 +40,7 @@ STEP: tuple[Phase, ...] = (
     # where normal forces push: once a frame, or every substep
     measure, extend, take_aim,
     # forces, what they would do, and the pressure that follows
-    pull, jet, jet_of_holes, take, free, swell, hold, find_load, note, flow,
+    pull, jet, jet_of_holes, take, free, head, foresee, swell, hold, find_load, note, flow,
     # particles move, by all forces
     set_off, given_load, inflate, move_first, push, move,
     # springs that are too long are shortened; then faces leave ridges of obstacles and bodies, and particles leave
@@ -62,6 +63,10 @@ FILMED = tuple(
     each for line in STEP for each in ((clear, stretch, collect, pull_with_skin) if line is pull else (line,))
 )
 """the same where each face of a membrane is measured once, and leaves there what it does to its corners"""
+SHARED = tuple(
+    each for line in STEP if line is not wear for each in ((bend, share_out, line) if line is pull else (line,))
+)
+"""the same where hinges and membranes have added up what they do to particles"""
 SETTLE = Phase("settle", "launches", lambda traits, look: None, also_reads=("inflation",))
 """local and global steps in turn, until every world has settled, see `solvers.projective`"""
 PROJECTIVE_STEP = (

@@ -1,6 +1,8 @@
 """Sums over the particles of a block on a GPU: each warp puts those of its own into shared memory, and adds up what all
 have put. On a CPU a block has one thread."""
 
+from typing import Any
+
 import warp as wp
 
 from balloon_warp.kernels.laws.impulse import Press
@@ -94,3 +96,9 @@ def sum_of_presses(words: wp.uint64, first: wp.int32, count: wp.int32) -> Press:
     """The sums of what so many warps put, in 32 words each, by all threads of a warp, which get the same to the
     last bit every time."""
     ...
+
+
+@wp.func
+def sum_over_block(part: Any):
+    """The sum over all threads of a block."""
+    return wp.tile_sum(wp.tile(part, preserve_type=True))[0]

@@ -47,10 +47,6 @@ STILL_TO_GO = {
     ("kernels/contact/bodies.py", "bodies_function"): 131,
     ("kernels/contact/faces.py", "faces_function"): 143,
     ("kernels/contact/lists.py", "nearby_function"): 113,
-    ("kernels/schedules/lanes/loops.py", "lane_loops"): 123,
-    ("kernels/schedules/lanes/membranes.py", "stretch_function"): 105,
-    ("kernels/schedules/lanes/tables.py", "lane_structs"): 102,
-    ("kernels/schedules/lanes/touch.py", "world_function"): 96,
 }
 """functions over the limit, in files that are to be written anew, and how long they are at most: take out what is
 mended"""
@@ -199,13 +195,12 @@ OF_THE_HOST = ("kernels/schedules/frame.py", "kernels/schedules/air_along.py")
 
 
 def test_who_executes_a_list_of_phases_knows_none() -> None:
-    """`lanes` still calls its own one by one."""
     known = [
         f"{path} imports {module}"
         for path, tree in TREES.items()
         for module in imports(tree)
         if path.startswith("kernels/schedules/")
-        and not path.startswith(("kernels/schedules/lanes/", *OF_THE_HOST))
+        and not path.startswith(OF_THE_HOST)
         and module.startswith(("balloon_warp.kernels.laws", "balloon_warp.kernels.phases"))
     ]
     assert not known, "\n".join(known)

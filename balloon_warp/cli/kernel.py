@@ -15,7 +15,10 @@ def kernel(
     *,
     mesh: MeshOptions,
     schedule: Annotated[
-        str, typer.Option(metavar="NAME", help="gather or scatter, whose kernels are written from the list of phases.")
+        str,
+        typer.Option(
+            metavar="NAME", help="gather, scatter, lanes or octets, whose kernels are written from the list of phases."
+        ),
     ] = "gather",
 ) -> None:
     """Print the source of the kernels that a scene gets: the substep, as one reads it.

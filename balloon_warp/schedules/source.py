@@ -5,6 +5,7 @@ from balloon_warp.kernels.schedules.launched.source import source_of
 from balloon_warp.model import build_model
 from balloon_warp.scene import Scene
 from balloon_warp.schedules.choose import schedule_named
+from balloon_warp.schedules.lanes import LanesSchedule
 from balloon_warp.schedules.launched import LaunchedSchedule
 from balloon_warp.schedules.traits import model_traits
 
@@ -13,16 +14,18 @@ def kernel_source(scene: Scene, schedule: str = "gather") -> str:
     """Write the kernels of a scene's substep as text, in the order of their launches.
 
     Args:
-        schedule: "gather" or "scatter", whose kernels are written from the list of phases.
+        schedule: "gather", "scatter", "lanes" or "octets", whose kernels are written from the list of phases.
 
     Raises:
         InputError: the schedule's kernels are not written from the list, or there is no such schedule.
     """
     model = build_model(scene, "cpu")
     named = schedule_named(schedule, model)
+    if issubclass(named, LanesSchedule):
+        return named.source_of(model)
     if not issubclass(named, LaunchedSchedule):
         raise InputError(
             f"--schedule {schedule}: the kernels of {named.name} are not written from the list of phases; expected "
-            "gather or scatter"
+            "gather, scatter, lanes or octets"
         )
     return source_of(named.step_of(model, model_traits(model)))

@@ -148,8 +148,8 @@ def obstacle_loop(traits: Traits, sphere_at: Any, add_force: Any) -> Any:
 
 
 @cache
-def course_function(traits: Traits, sphere_at: Any) -> Any:
-    """The function that foresees where obstacles let a particle go.
+def detour_function(traits: Traits, sphere_at: Any) -> Any:
+    """The function that foresees how obstacles turn a particle aside.
 
     Args:
         sphere_at: the function that gives a sphere's center, velocity and radius.
@@ -158,14 +158,8 @@ def course_function(traits: Traits, sphere_at: Any) -> Any:
     spheres_there = traits.spheres
 
     @wp.func
-    def course_beside_obstacles(
-        t: Tables,
-        spheres: Any,
-        around: Around,
-        point: wp.vec3,
-        velocity: wp.vec3,
-    ):
-        """The velocity at which obstacles let a particle move in a step, and the normal of the last one that it meets,
+    def detour_beside_obstacles(t: Tables, spheres: Any, around: Around, point: wp.vec3, velocity: wp.vec3):
+        """By how much they change the velocity of a particle in a step, and the normal of the last one that it meets;
         zero if none."""
         end = point + t.step_seconds * velocity
         outside = end
@@ -187,6 +181,25 @@ def course_function(traits: Traits, sphere_at: Any) -> Any:
                 )
                 outside = stood
                 normal = t.up
-        return velocity + (outside - end) / t.step_seconds, normal
+        return (outside - end) / t.step_seconds, normal
+
+    return detour_beside_obstacles
+
+
+@cache
+def course_function(traits: Traits, sphere_at: Any) -> Any:
+    """The function that foresees where obstacles let a particle go.
+
+    Args:
+        sphere_at: the function that gives a sphere's center, velocity and radius.
+    """
+    detour_beside_obstacles = detour_function(traits, sphere_at)
+
+    @wp.func
+    def course_beside_obstacles(t: Tables, spheres: Any, around: Around, point: wp.vec3, velocity: wp.vec3):
+        """The velocity at which obstacles let a particle move in a step, and the normal of the last one that it meets,
+        zero if none."""
+        detour, normal = detour_beside_obstacles(t, spheres, around, point, velocity)
+        return velocity + detour, normal
 
     return course_beside_obstacles

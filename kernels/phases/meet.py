@@ -39,7 +39,7 @@ def meet_ridges(traits: Traits, look: Look) -> Any:
 @phase("team", when=lambda traits: traits.impulses, due=lambda traits: are_noted)
 def meet_spheres(traits: Traits, look: Look) -> Any:
     """Let spheres and particles exchange momentum."""
-    return spheres_function(traits)
+    return spheres_function(traits, *look.in_team)
 
 
 @phase("team", when=lambda traits: traits.bodies > 0)

@@ -9,6 +9,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.contact.forces import take_pushes
+from balloon_warp.kernels.lanes import any_positive
 from balloon_warp.kernels.loops.jets import hole_jet_loop, jet_loop
 from balloon_warp.kernels.loops.net_force import net_force_function
 from balloon_warp.kernels.phase import Look, phase
@@ -23,26 +24,19 @@ def pull(traits: Traits, look: Look) -> Any:
     net_force = net_force_function(traits, look.loops(traits))
 
     @wp.func
-    def pull(t: Tables, points: Any, own: Any, springs: Any, point: wp.vec3, velocity: wp.vec3, time: float):
+    def pull(t: Any, points: Any, own: Any, springs: Any, point: Any, velocity: Any, time: float):
         force, area_vector, _facing = net_force(t, points, points, own, springs, point, velocity, time)
         return force, area_vector
 
     @wp.func
     def pull_by_velocities(
-        t: Tables,
-        points: Any,
-        velocities: Any,
-        own: Any,
-        springs: Any,
-        point: wp.vec3,
-        velocity: wp.vec3,
-        time: float,
+        t: Any, points: Any, velocities: Any, own: Any, springs: Any, point: Any, velocity: Any, time: float
     ):
         force, area_vector, _facing = net_force(t, points, velocities, own, springs, point, velocity, time)
         return force, area_vector
 
     @wp.func
-    def pull_alone(t: Tables, own: Any, springs: Any, point: wp.vec3, velocity: wp.vec3, time: float):
+    def pull_alone(t: Any, own: Any, springs: Any, point: Any, velocity: Any, time: float):
         force, area_vector, _facing = net_force(
             t, point, velocity, own, springs, point, velocity, time
         )  # looks nowhere
@@ -99,7 +93,16 @@ def take(traits: Traits, look: Look) -> Any:
     return take
 
 
-@phase("particle", {"force": wp.vec3}, when=lambda traits: traits.jets)
+def _at_neck(traits: Traits, look: Look) -> Any:
+    @wp.func
+    def is_at_neck(t: Any, own: Any):
+        """Whether any is."""
+        return any_positive(t.necks.weights[own.number])
+
+    return is_at_neck
+
+
+@phase("particle", {"force": wp.vec3}, when=lambda traits: traits.jets, rare=_at_neck)
 def jet(traits: Traits, look: Look) -> Any:
     """Add the thrust at the balloon's neck."""
     thrust_at = jet_loop(traits, look.at)

@@ -77,7 +77,8 @@ class Writer(ABC):
         self.known.add(variable)
         for phase in self.step.light:
             if name in phase.writes:
-                self.line(f"{variable} = {self.call(phase)}")
+                self.known |= {self.bound(each) for each in phase.writes}
+                self.line(f"{', '.join(self.bound(each) for each in phase.writes)} = {self.call(phase)}")
                 return
         where = self.found(name)
         if where is None:

@@ -10,7 +10,7 @@ from balloon_warp.kernels.schedules.writer import Writer
 
 HANDLES = ("t", "slots", "state", "working", "world", "thread", "spheres", "films", "pulls", "area_vectors")
 OF_SUBSTEP = ("time_in_frame", "time", "end")
-OF_BALLOON = ("balloon", "ramp", "keyed", "load", "origin", "origin_place", "numbers")
+OF_BALLOON = ("balloon", "ramp", "keyed", "load", "gas_mass", "origin", "origin_place", "numbers")
 """what particles of one balloon have in common"""
 
 
@@ -99,6 +99,7 @@ class NamesInBlock(Writer):
             "keyed": ("ramp", f"{ramp}[0] + {ramp}[1] * time_in_frame"),
             "origin_place": ("balloon", f"volume_origin(t, {balloon})"),
             "origin": ("origin_place", f"in_tile({self.points[0]}, {self.bound('origin_place')})"),
+            "gas_mass": ("balloon", f"working.gas_masses[world, {balloon}]"),
             "load": ("balloon", f"two_in(state.inflation_loads, world, {balloon})"),
         }  # fmt: skip
         if name == "load" and self.keeps_load:

@@ -32,6 +32,7 @@ OF_PARTICLE: Mapping[str, tuple[str, str]] = {
     "point": ("", "vector_in(all_points, world, particle)"),
     "velocity": ("", "vector_in(all_velocities, world, particle)"),
     "origin": ("balloon", "all_points[world, volume_origin(t, balloon)]"),
+    "gas_mass": ("balloon", "working.gas_masses[world, balloon]"),
     "keyed": ("balloon", "ramp_at(state, world, balloon, time_in_frame)"),
     "load": ("balloon", "two_in(state.inflation_loads, world, balloon)"),
 }
