@@ -119,7 +119,7 @@ def memory_of_rate(breathing_damping: float):
 
 @wp.func
 def memory_of_rate(breathing_damping: Lanes):  # noqa: F811 - an overload
-    """The same in each lane."""
+    """Return the same in each lane."""
     memories = Lanes()
     for lane in range(LANE_COUNT):
         memories[lane] = memory_of_rate(breathing_damping[lane])

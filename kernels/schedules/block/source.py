@@ -1,7 +1,7 @@
 """A list of phases as one kernel: a block of threads advances a world by a frame, with barriers between pieces.
 
-Points stand in shared memory. A thread either keeps a few particles in registers, with all that is known of them, or
-loops over particles, whose values then wait in memory from piece to piece.
+Points stand in shared memory. A thread keeps a few particles in registers, with all that is known of them, or loops
+over particles, whose values then wait in memory.
 """
 
 import re
@@ -286,11 +286,9 @@ def place_function(traits: Traits) -> Any:
 @cache
 def kernel_of_frame(step: Step, layout: Layout) -> Any:
     """Make the kernel of a list."""
-    writer = BlockWriter(step, layout)
+    w = BlockWriter(step, layout)
     options = {**OPTIONS, "fast_math": True, "max_unroll": 128 if layout.held else 16}
-    return kernel_from(
-        writer.name, writer.source(), writer.names(), cuda_max_registers=layout.registers, module_options=options
-    )
+    return kernel_from(w.name, w.source(), w.names(), cuda_max_registers=layout.registers, module_options=options)
 
 
 @cache
