@@ -1,9 +1,11 @@
 """The `block` schedule: a thread block a world, which advances it by a frame in one launch."""
 
 from balloon_warp.errors import InputError
+from balloon_warp.kernels.schedules.block.source import source_of_frame
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Counting
 from balloon_warp.schedules.block_frames import BlockFrames
+from balloon_warp.schedules.block_layout import layout_of, step_of
 from balloon_warp.schedules.block_room import fits_in_block, most_particles
 from balloon_warp.schedules.busy_worlds import BusyWorlds
 from balloon_warp.schedules.fixtures import look_arrays
@@ -42,6 +44,14 @@ class BlockSchedule:
         left_array(model, room)
         look_arrays(model, room)
         return room.bytes // model.world_count
+
+    @staticmethod
+    def source_of(model: Model) -> str:
+        """The text of the kernel that advances worlds, or those whose frame is free."""
+        traits = model_traits(model)
+        traits = free_traits(traits) if has_free_frames(traits) else traits
+        layout = layout_of(model, traits)
+        return source_of_frame(step_of(traits, layout), layout)
 
     @property
     def depends_on(self) -> frozenset[str]:
