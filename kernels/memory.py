@@ -249,30 +249,6 @@ def in_tile(tile: Any, index: wp.int32):
     return tile[index & 0xFFFF]
 
 
-@wp.func_native("((wp::uint64*)words)[index] = (wp::uint64)tile.data.ptr;")
-def put_address(words: wp.uint64, index: wp.int32, tile: Any):
-    """Of a shared tile, into two words of shared memory: so one piece of code serves several tiles."""
-    ...
-
-
-@wp.func_native("return ((const wp::uint64*)words)[index];")
-def address_at(words: wp.uint64, index: wp.int32) -> wp.uint64:
-    """An address in two words of shared memory."""
-    ...
-
-
-@wp.func_native("""
-    const float* const vector = (const float*)address + 3 * index;
-#if defined(__CUDA_ARCH__)
-    __builtin_assume(__isShared(vector));
-#endif
-    return wp::vec3(vector[0], vector[1], vector[2]);
-""")
-def vector_at_address(address: wp.uint64, index: wp.int32) -> wp.vec3:
-    """A vector of a shared tile at an address."""
-    ...
-
-
 @wp.func_native("tile.data.ptr[index] = value;")
 def put_in_tile(tile: Any, index: wp.int32, value: Any):
     """Into a shared tile, without a barrier."""

@@ -5,8 +5,6 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.laws.impulse import Press
-
 Five = wp.types.vector(length=5, dtype=wp.float32)
 
 
@@ -70,31 +68,6 @@ def put_warp_sums(words: wp.uint64, first: wp.int32, v: Five, added: bool):
 )
 def sum_of_warp_sums(words: wp.uint64, first: wp.int32, count: wp.int32) -> Five:
     """The sums of what so many warps put, by all threads of a warp, which get the same to the last bit every time."""
-    ...
-
-
-@wp.func_native(
-    """
-    wp::vec_t<18, float> sums;
-#if defined(__CUDA_ARCH__)
-    float total = 0.0f;
-    for (int n = 0; n < count; ++n) {
-        total += ((const float*)words)[first + 32 * n + (threadIdx.x & 31)];
-    }
-    for (int n = 0; n < 18; ++n) {
-        sums[n] = __shfl_sync(0xffffffffu, total, n);
-    }
-#else
-    for (int n = 0; n < 18; ++n) {
-        sums[n] = ((const float*)words)[first + n];
-    }
-#endif
-    return sums;
-    """
-)
-def sum_of_presses(words: wp.uint64, first: wp.int32, count: wp.int32) -> Press:
-    """The sums of what so many warps put, in 32 words each, by all threads of a warp, which get the same to the
-    last bit every time."""
     ...
 
 

@@ -76,6 +76,3 @@ def spread_over_banks(neighbors: NDArray[np.int64]) -> NDArray[np.int64]:
         current[a, p], current[b, p] = current[b, p], current[a, p]
         order[a, p], order[b, p] = order[b, p], order[a, p]
     return order
-
-
-TURN_ROUNDS = 2

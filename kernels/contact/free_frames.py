@@ -166,19 +166,6 @@ def judge_kernel(traits: Traits) -> Any:
     return judge_worlds
 
 
-@wp.func
-def goes_too_far(free: FreeFrames, world: wp.int32, fastest: float, frame_seconds: float):
-    """Whether a particle may have left what was free, from its highest speed in the frame, squared [m^2/s^2]."""
-    return not (frame_seconds * wp.sqrt(fastest) < free.ways[world])
-
-
-@wp.func
-def note_hurry(free: FreeFrames, world: wp.int32):
-    """A particle of the world went further than was free."""
-    free.verdicts[world] = HURRIED
-    free.any_busy[0] = 1
-
-
 @wp.kernel(enable_backward=False)
 def put_worlds_back(
     # in

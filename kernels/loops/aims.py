@@ -8,9 +8,7 @@ import warp as wp
 from balloon_warp.kernels.algebra import cross_product
 from balloon_warp.kernels.lanes import LANE_COUNT, Lanes, Lanes3, entry_at, of_lane, set_lane
 from balloon_warp.kernels.laws.inflation import FAR, aim_of, facing_of, nearer_area
-from balloon_warp.kernels.loops.ring_ends import ring_ends
-from balloon_warp.kernels.memory import four_ints_at
-from balloon_warp.kernels.tables import SLICE, FaceTable, RingTable
+from balloon_warp.kernels.tables import FaceTable
 
 
 @cache
@@ -87,34 +85,3 @@ def see_quad(normal: wp.vec3, nearest: wp.vec2, before: wp.vec3, across: wp.vec3
 def facing_of_quads(normal: wp.vec3, nearest: wp.vec2):
     """A_p n, when all quads around a particle have been seen [m^2]."""
     return 0.5 * facing_of(normal, nearest)
-
-
-@cache
-def ring_aim_loop(at: Any) -> Any:
-    """The function that aims a particle by the quads that go all around it, which it measures itself.
-
-    Args:
-        at: the function that reads a point.
-    """
-    ends_at = ring_ends(at)
-
-    @wp.func
-    def aim_of_particle(rings: RingTable, points: Any, particle: wp.int32, point: wp.vec3, total_area: float):
-        """(A_p / A_total) n"""
-        normal = wp.vec3()
-        nearest = wp.vec2(FAR, 0.0)
-        place = four_ints_at(rings.places, particle)
-        before = at(points, place[3]) - point
-        next_ends = ends_at(rings, place[0])
-        for entry in range(place[0], place[0] + SLICE * place[1], SLICE):
-            ends = next_ends
-            next_ends = ends_at(rings, entry + SLICE)
-            across = at(points, ends[0]) - point
-            along = at(points, ends[1]) - point
-            turned, nearer = see_quad(normal, nearest, before, across, along)
-            normal = turned
-            nearest = nearer
-            before = along
-        return aim_of(facing_of_quads(normal, nearest), total_area)
-
-    return aim_of_particle

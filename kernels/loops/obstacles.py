@@ -184,22 +184,3 @@ def detour_function(traits: Traits, sphere_at: Any) -> Any:
         return (outside - end) / t.step_seconds, normal
 
     return detour_beside_obstacles
-
-
-@cache
-def course_function(traits: Traits, sphere_at: Any) -> Any:
-    """The function that foresees where obstacles let a particle go.
-
-    Args:
-        sphere_at: the function that gives a sphere's center, velocity and radius.
-    """
-    detour_beside_obstacles = detour_function(traits, sphere_at)
-
-    @wp.func
-    def course_beside_obstacles(t: Tables, spheres: Any, around: Around, point: wp.vec3, velocity: wp.vec3):
-        """The velocity at which obstacles let a particle move in a step, and the normal of the last one that it meets,
-        zero if none."""
-        detour, normal = detour_beside_obstacles(t, spheres, around, point, velocity)
-        return velocity + detour, normal
-
-    return course_beside_obstacles

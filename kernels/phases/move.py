@@ -41,17 +41,6 @@ def drift_symplectic(point: Any, old_velocity: Any, velocity: Any, step_seconds:
     return point + scaled(velocity, step_seconds)
 
 
-@wp.func
-def drift_forward(point: Any, old_velocity: Any, velocity: Any, step_seconds: float):
-    """x + h v, v the old velocity: forward Euler."""
-    return point + scaled(old_velocity, step_seconds)
-
-
-def drift_of(traits: Traits) -> Any:
-    """Make the function that moves a point."""
-    return drift_forward if traits.forward_euler else drift_symplectic
-
-
 @phase("particle", {"gain": float}, light=True, once=lambda traits: not traits.gas_changes)
 def respond(traits: Traits, look: Look) -> Any:
     """Find the velocity that a force gives it, see `response`."""

@@ -15,7 +15,7 @@ from balloon_warp.kernels.laws.gas import (
 )
 from balloon_warp.kernels.laws.inflation import NORMAL_FORCE
 from balloon_warp.kernels.loops.near_solids import heads_for_solids
-from balloon_warp.kernels.loops.obstacles import Around, around_function, course_function, detour_function
+from balloon_warp.kernels.loops.obstacles import around_function, detour_function
 from balloon_warp.kernels.phase import Look, phase
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
@@ -36,50 +36,6 @@ def memory_function(traits: Traits) -> Any:
             return wp.vec3()
 
     return remembered
-
-
-@cache
-def swell_function(traits: Traits, sphere_at: Any) -> Any:
-    """Make the function that gives a particle's part of its balloon's swelling."""
-    course_beside_obstacles = course_function(traits, sphere_at)
-
-    @wp.func
-    def swell(
-        t: Tables,
-        spheres: Any,
-        around: Around,
-        share: float,
-        gain: float,
-        load: wp.vec2,
-        arm: wp.vec3,
-        point: wp.vec3,
-        velocity: wp.vec3,
-        remembered: wp.vec3,
-        area_vector: wp.vec3,
-    ):
-        """Beside obstacles under the old load; the velocity is that without inflation.
-
-        Args:
-            gain: see `response`.
-            arm: from a point of the balloon's own [m].
-            remembered: what of the velocity before the step counts, see `memory_function`.
-        """
-        height = wp.dot(point, t.up)
-        free = area_vector
-        rate = float(0.0)
-        if wp.static(traits.obstacles):
-            push = load[0] + load[1] * height
-            course = velocity + (gain * push) * area_vector
-            if gain > 0.0:
-                let, normal = course_beside_obstacles(t, spheres, around, point, course)
-                course = let
-                free = free_along(area_vector, normal)
-            rate = rate_beside_obstacles(area_vector, free, course - remembered, gain, push)
-        else:
-            rate = wp.dot(area_vector, velocity - remembered)
-        return swelling_of_particle(arm, area_vector, free, rate, gain, share, height)
-
-    return swell
 
 
 def _beside(traits: Traits) -> bool:

@@ -94,8 +94,7 @@ class BlockWriter(GroupsInBlock):
     def _body(self) -> None:
         self._find_world()
         if self.traits.frames != "all":
-            self.line(f"if working.verdicts[world] {'!=' if self.traits.frames == 'free' else '=='} 0:")
-            self.line("    return")
+            self.line(f"if working.verdicts[world] {'!=' if self.traits.frames == 'free' else '=='} 0: return")
         self._places_of_values()
         self.line("# Particles come from the state.")
         self._take_particles()
@@ -252,13 +251,10 @@ class BlockWriter(GroupsInBlock):
 
 def _read_ones(lines: list[str]) -> list[str]:
     """Return lines without values that no other line reads."""
-    while True:
-        words = re.findall(r"\w+", "\n".join(line.split("#")[0] for line in lines))
-        unread = {word for word in set(words) if words.count(word) == 1}
-        kept = [line for line in lines if not ((m := re.match(r"\s*(\w+) = ", line)) and m[1] in unread)]
-        if len(kept) == len(lines):
-            return lines
-        lines = kept
+    words = re.findall(r"\w+", "\n".join(line.split("#")[0] for line in lines))
+    unread = {word for word in set(words) if words.count(word) == 1}
+    kept = [line for line in lines if not ((m := re.match(r"\s*(\w+) = ", line)) and m[1] in unread)]
+    return kept if len(kept) == len(lines) else _read_ones(kept)
 
 
 @wp.func
