@@ -2,7 +2,7 @@
 then to see why: python -m balloon_warp.benchmarks.health [DEVICE]; status 1 where it is more than it may be."""
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 from unittest.mock import patch
 
@@ -12,9 +12,9 @@ from balloon_warp.benchmarks.cases import CPU_BASE, GPU_BASE, Case, balloons
 from balloon_warp.benchmarks.measure import FRAMES, seconds_a_frame
 from balloon_warp.blow_ups import KEPT_FRAMES
 from balloon_warp.device import pick_device
-from balloon_warp.kernels.schedules.block import resident, state
+from balloon_warp.kernels.phases.check import check
 from balloon_warp.model import Model, State, build_model, initial_state, overwrite
-from balloon_warp.schedules import block_launch
+from balloon_warp.schedules import block_layout
 from balloon_warp.schedules.choose import Schedule, make_schedule
 from balloon_warp.schedules.health import HealthCheck
 from balloon_warp.schedules.tables import make_tables
@@ -69,21 +69,10 @@ def count_frame(frame: Any):
     frame[0] = frame[0] + 1
 
 
-@wp.func
-def look_away(health: Any, first_bad: Any, world: Any, particle: Any, balloon: Any, mass_share: Any, points: Any):
-    """Stands in for the look at a particle."""
-
-
 def blind_schedule(model: Model, name: str) -> Schedule:
     """One whose kernels, of those that look themselves, do not."""
-    with (
-        patch.object(state, "look_at_particle", look_away),
-        patch.object(resident, "state_functions", state.state_functions.__wrapped__),
-        patch.object(block_launch, "resident_kernel", resident.resident_kernel.__wrapped__),
-    ):
-        schedule = make_schedule(model, name)
-        schedule.advance_frame(initial_state(model))  # now is when they are made
-    return schedule
+    with patch.object(block_layout, "check", replace(check, when=lambda traits: False)):
+        return make_schedule(model, name)
 
 
 @dataclass(frozen=True)

@@ -6,19 +6,9 @@ instructions of them, also where the body calls a law for one particle. It is le
 that algebra is native, a row of eight at a time.
 """
 
-from typing import Any
-
 import warp as wp
 
-LANE_COUNT = wp.constant(8)
-Lanes = wp.types.vector(length=8, dtype=wp.float32)
-"""a number in each of eight lanes"""
-Lanes3 = wp.types.matrix(shape=(3, 8), dtype=wp.float32)
-"""a vector in each of eight lanes, one a column"""
-Lanes4 = wp.types.matrix(shape=(4, 8), dtype=wp.float32)
-"""four numbers in each of eight lanes, those of one a column"""
-LaneNumbers = wp.types.vector(length=8, dtype=wp.int32)
-"""the number of a particle, or of something else, in each of eight lanes"""
+from balloon_warp.kernels.lanes import LANE_COUNT, Lanes, Lanes3, Lanes5, of_lane
 
 NOT_QUITE_ZERO = wp.constant(1.0e-20)
 """[m^2], added to a squared length, so that its root can be divided by"""
@@ -37,78 +27,6 @@ NOT_QUITE_ZERO = wp.constant(1.0e-20)
 def inverse_root(x: float) -> float:
     """1 / sqrt(x); one instruction of a GPU, where the division of a root takes two even with fast math."""
     ...
-
-
-# ---- one of eight
-
-
-@wp.func
-def of_lane(number: float, lane: wp.int32):
-    """What is the same in all lanes."""
-    return number
-
-
-@wp.func
-def of_lane(number: wp.int32, lane: wp.int32):  # noqa: F811 - an overload
-    """What is the same in all lanes."""
-    return number
-
-
-@wp.func
-def of_lane(vector: wp.vec3, lane: wp.int32):  # noqa: F811 - an overload
-    """What is the same in all lanes."""
-    return vector
-
-
-@wp.func
-def of_lane(numbers: Lanes, lane: wp.int32):  # noqa: F811 - an overload
-    """The number of one lane."""
-    return numbers[lane]
-
-
-@wp.func
-def of_lane(vectors: Lanes3, lane: wp.int32):  # noqa: F811 - an overload
-    """The vector of one lane."""
-    return wp.vec3(vectors[0, lane], vectors[1, lane], vectors[2, lane])
-
-
-@wp.func
-def of_lane(vectors: wp.vec4, lane: wp.int32):  # noqa: F811 - an overload
-    """What is the same in all lanes."""
-    return vectors
-
-
-@wp.func
-def of_lane(vectors: Lanes4, lane: wp.int32):  # noqa: F811 - an overload
-    """The four numbers of one lane."""
-    return wp.vec4(vectors[0, lane], vectors[1, lane], vectors[2, lane], vectors[3, lane])
-
-
-@wp.func
-def of_lane(numbers: LaneNumbers, lane: wp.int32):  # noqa: F811 - an overload
-    """The number of one lane."""
-    return numbers[lane]
-
-
-@wp.func
-def number_in(row: Any, column: wp.int32, lane: wp.int32):
-    """A number of a row of one particle's."""
-    return row[column]
-
-
-@wp.func
-def number_in(row: wp.array[Lanes], column: wp.int32, lane: wp.int32):  # noqa: F811 - an overload
-    """The number of one lane, of a row of lanes."""
-    return row[column][lane]
-
-
-@wp.func
-def set_lane(vectors: Lanes3, lane: wp.int32, vector: wp.vec3):
-    """The vectors with that of one lane replaced."""
-    vectors[0, lane] = vector[0]
-    vectors[1, lane] = vector[1]
-    vectors[2, lane] = vector[2]
-    return vectors
 
 
 # ---- products
@@ -242,9 +160,38 @@ def plus_scaled(total: Lanes3, vector: Lanes3, factor: Lanes) -> Lanes3:
 
 
 @wp.func
+def scaled(number: Lanes, factor: Lanes):  # noqa: F811 - an overload
+    """Each lane's number times its own factor."""
+    return wp.cw_mul(number, factor)
+
+
+@wp.func
+def scaled(fives: Lanes5, factor: Lanes):  # noqa: F811 - an overload
+    """Each lane's five numbers times its own factor."""
+    for row in range(5):
+        fives[row] = wp.cw_mul(fives[row], factor)
+    return fives
+
+
+@wp.func
 def scaled(vector: Lanes3, factor: float):  # noqa: F811 - an overload
     """Each lane's vector times one factor."""
     return factor * vector
+
+
+@wp.func
+def length_of(vector: wp.vec3):
+    """|v|"""
+    return wp.length(vector)
+
+
+@wp.func
+def length_of(vectors: Lanes3):  # noqa: F811 - an overload
+    """|v| in each lane."""
+    lengths = Lanes()
+    for lane in range(LANE_COUNT):
+        lengths[lane] = wp.length(of_lane(vectors, lane))
+    return lengths
 
 
 @wp.func_native(
@@ -279,15 +226,4 @@ def squared_length(d: wp.vec3):
 def squared_length(d: Lanes3) -> Lanes:  # noqa: F811 - an overload
     """The squared length in each lane, and a little more, so that its root can be divided by. Rounded as that of one
     vector: springs that are hardly longer than at rest then pull alike in every schedule."""
-    ...
-
-
-@wp.func_native(
-    """
-    typedef float eight __attribute__((vector_size(32), aligned(4)));
-    return __builtin_reduce_or(*reinterpret_cast<const eight*>(&lanes.c[0]) < 0.0f) != 0;
-    """
-)
-def any_negative(lanes: Lanes) -> bool:
-    """Whether a number is below zero in any of the lanes."""
     ...

@@ -9,8 +9,8 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from typing import Any
 
-from balloon_warp.kernels.algebra import number_in, of_lane
 from balloon_warp.kernels.codegen import function_from
+from balloon_warp.kernels.lanes import number_in, of_lane
 from balloon_warp.kernels.laws.columns import Columns
 from balloon_warp.kernels.laws.law import GIVEN, Kind, Law
 

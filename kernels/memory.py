@@ -38,6 +38,12 @@ def vector_at(array: wp.array[wp.vec3], index: wp.int32) -> wp.vec3:
     ...
 
 
+@wp.func
+def add_at(array: wp.array[wp.vec3], index: wp.int32, vector: wp.vec3):
+    """Add a vector to one to which others add theirs."""
+    wp.atomic_add(array, index, vector)
+
+
 @wp.func_native("""
 #if defined(__CUDA_ARCH__)
     const float2 pair = __ldg(reinterpret_cast<const float2*>(array.data) + (unsigned int)index);
@@ -241,30 +247,6 @@ def triple_at(array: wp.array[wp.vec3i], index: wp.int32) -> wp.vec3i:
 def in_tile(tile: Any, index: wp.int32):
     """`tile[index]`, which has fewer entries than this; so the compiler knows that the index is not negative."""
     return tile[index & 0xFFFF]
-
-
-@wp.func_native("((wp::uint64*)words)[index] = (wp::uint64)tile.data.ptr;")
-def put_address(words: wp.uint64, index: wp.int32, tile: Any):
-    """Of a shared tile, into two words of shared memory: so one piece of code serves several tiles."""
-    ...
-
-
-@wp.func_native("return ((const wp::uint64*)words)[index];")
-def address_at(words: wp.uint64, index: wp.int32) -> wp.uint64:
-    """An address in two words of shared memory."""
-    ...
-
-
-@wp.func_native("""
-    const float* const vector = (const float*)address + 3 * index;
-#if defined(__CUDA_ARCH__)
-    __builtin_assume(__isShared(vector));
-#endif
-    return wp::vec3(vector[0], vector[1], vector[2]);
-""")
-def vector_at_address(address: wp.uint64, index: wp.int32) -> wp.vec3:
-    """A vector of a shared tile at an address."""
-    ...
 
 
 @wp.func_native("tile.data.ptr[index] = value;")

@@ -9,44 +9,64 @@ from collections.abc import Sequence
 
 from balloon_warp.kernels.phase import Phase
 from balloon_warp.kernels.phases.add import add_area_vectors, add_forces
-from balloon_warp.kernels.phases.aim import extend, measure, take_aim
+from balloon_warp.kernels.phases.aim import extend, measure, spread, take_aim, turn
 from balloon_warp.kernels.phases.correct import correct
 from balloon_warp.kernels.phases.flow import burden, flow, pump, weigh
 from balloon_warp.kernels.phases.inflate import add_up, given_load, inflate
 from balloon_warp.kernels.phases.leave import leave
-from balloon_warp.kernels.phases.load import load
+from balloon_warp.kernels.phases.load import find_load, hold, note
 from balloon_warp.kernels.phases.meet import keep_start, meet_bodies, meet_edges, meet_faces, meet_ridges, meet_spheres
 from balloon_warp.kernels.phases.move import free, move, move_first, push, respond
 from balloon_warp.kernels.phases.press import press
-from balloon_warp.kernels.phases.pull import jet, jet_of_holes, pull, take
+from balloon_warp.kernels.phases.pull import jet, jet_of_holes, pull, pull_and_face, take
 from balloon_warp.kernels.phases.roll import collide, roll, tumble
-from balloon_warp.kernels.phases.swell import swell
+from balloon_warp.kernels.phases.share_out import bend, share_out
+from balloon_warp.kernels.phases.stretch import clear, collect, pull_with_skin, stretch
+from balloon_warp.kernels.phases.swell import foresee, head, swell
 from balloon_warp.kernels.phases.tell import note_unhindered, tell_contacts
+from balloon_warp.kernels.phases.watch import set_off, watch
 from balloon_warp.kernels.phases.wear import burst, look_at_wear, run, tear, wear, weigh_skin
 from balloon_warp.kernels.traits import Traits
 
 STEP: tuple[Phase, ...] = (
-    # where normal forces push: once a frame, or every substep
-    measure, extend, take_aim,
     # spheres and free bodies move
     roll, collide, tumble,
     # balloons that touch find each other, and push
     keep_start, press,
     # rubber softens, and tears
     wear, weigh_skin, run, tear, burst,
-    # gas comes and goes; then forces, what they would do, and the pressure that follows
-    pump, weigh, burden, respond, pull, jet, jet_of_holes, take, free, swell, load, flow,
+    # gas comes and goes
+    pump, weigh, burden, respond,
+    # where normal forces push: once a frame, or every substep
+    measure, extend, take_aim,
+    # forces, what they would do, and the pressure that follows
+    pull, jet, jet_of_holes, take, free, head, foresee, swell, hold, find_load, note, flow,
     # particles move, by all forces
-    given_load, inflate, move_first, push, move,
+    set_off, given_load, inflate, move_first, push, move,
     # springs that are too long are shortened; then faces leave ridges of obstacles and bodies, and particles leave
     # spheres, obstacles and the ground
-    correct, note_unhindered, meet_ridges, leave,
+    correct, note_unhindered, meet_ridges, leave, watch,
     # momentum is exchanged, once all have moved
     meet_spheres, meet_bodies, meet_faces, tell_contacts, meet_edges,
 )  # fmt: skip
 
 SCATTERED = tuple(each for line in STEP for each in ((add_forces, add_area_vectors, line) if line is pull else (line,)))
 """the same where springs, strings, hinges, triangles and faces have added up what particles pull by"""
+FACING = tuple(
+    each
+    for line in STEP
+    if line not in (extend, take_aim)
+    for each in {measure: (spread,), pull: (pull_and_face, turn)}.get(line, (line,))
+)
+"""the same where who goes around a particle finds on the way where normal forces push it"""
+FILMED = tuple(
+    each for line in STEP for each in ((clear, stretch, collect, pull_with_skin) if line is pull else (line,))
+)
+"""the same where each face of a membrane is measured once, and leaves there what it does to its corners"""
+SHARED = tuple(
+    each for line in STEP if line is not wear for each in ((bend, share_out, line) if line is pull else (line,))
+)
+"""the same where hinges and membranes have added up what they do to particles"""
 SETTLE = Phase("settle", "launches", lambda traits, look: None, also_reads=("inflation",))
 """local and global steps in turn, until every world has settled, see `solvers.projective`"""
 PROJECTIVE_STEP = (

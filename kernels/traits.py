@@ -90,7 +90,7 @@ class Traits(NamedTuple):
     """sharp edges do, between particles"""
     frames: Literal["all", "free", "busy"] = "all"
     """those in which the kernels advance a world: in a free one its particles are far from obstacles and each other,
-    see `schedules.free_frames`"""
+    see `contact.free_frames`"""
 
     def of_kind(self, kind: Kind) -> tuple[Law, ...]:
         """The laws of a kind."""
@@ -147,11 +147,6 @@ class Traits(NamedTuple):
         return self.softens or self.bursts
 
     @property
-    def keeps_velocities(self) -> bool:
-        """Whether velocities before a substep are needed when some after it are known."""
-        return self.looks_at_velocities or (self.gas and (self.forward_euler or self.breathes_on))
-
-    @property
     def measures_areas(self) -> bool:
         """Whether area vectors are needed."""
         return self.pressures or self.needs("particle", "area_vector")
@@ -160,11 +155,6 @@ class Traits(NamedTuple):
     def aims_on_the_way(self) -> bool:
         """Whether a block, which has the points at hand, aims as it goes around particles: in every substep."""
         return self.rings and self.aims and self.fresh_normals
-
-    @property
-    def keeps_aims(self) -> bool:
-        """Whether a block keeps aims in memory: those of a frame, or where not all is done in one go."""
-        return self.aims and (not self.aims_on_the_way or self.gas or self.leaves_together)
 
     @property
     def in_water(self) -> bool:
@@ -210,21 +200,8 @@ class Traits(NamedTuple):
 
     @property
     def meets_solids(self) -> bool:
-        """Whether free bodies move, small spheres meet faces, or edges meet, once particles have left all else."""
-        return self.bodies > 0 or self.small_spheres or self.edges_meet
-
-    @property
-    def pushes_come_last(self) -> bool:
-        """Whether contacts push a particle once everything else has moved it. With gas they come first: a balloon
-        swells by all forces."""
-        return self.touches and not self.gas
-
-    @property
-    def may_put_off(self) -> bool:
-        """Whether particles may end a substep by themselves when all have moved, see `schedules.block.deferred`: not
-        where spheres come first, nor where all wait for each other anyway."""
-        waits = self.corrected or self.impulses or self.penalties
-        return (self.stands_on_fixtures or self.pushes_come_last) and not waits
+        """Whether free bodies move, small spheres meet faces, or edges or ridges meet: what launches are left to do."""
+        return self.bodies > 0 or self.small_spheres or self.edges_meet or self.ridges
 
     @property
     def in_blocks(self) -> bool:
@@ -240,18 +217,3 @@ class Traits(NamedTuple):
     def penalties(self) -> bool:
         """Whether spheres push particles out one by one, by the paper's rule."""
         return self.spheres > 0 and not self.impulses
-
-    @property
-    def leaves_together(self) -> bool:
-        """Whether particles leave spheres by the paper's rule, or the ground, only when all have moved."""
-        return (self.corrected or self.impulses) and (self.stands or self.penalties)
-
-    @property
-    def leaves_at_once(self) -> bool:
-        """Whether each does so as it moves."""
-        return self.obstacles and not self.corrected and not self.impulses
-
-    @property
-    def keeps_inflations(self) -> bool:
-        """Whether the inflation's forces are needed when particles leave spheres later."""
-        return self.corrected and self.penalties

@@ -1,9 +1,9 @@
 """Sums over the particles of a block on a GPU: each warp puts those of its own into shared memory, and adds up what all
 have put. On a CPU a block has one thread."""
 
-import warp as wp
+from typing import Any
 
-from balloon_warp.kernels.laws.impulse import Press
+import warp as wp
 
 Five = wp.types.vector(length=5, dtype=wp.float32)
 
@@ -71,26 +71,7 @@ def sum_of_warp_sums(words: wp.uint64, first: wp.int32, count: wp.int32) -> Five
     ...
 
 
-@wp.func_native(
-    """
-    wp::vec_t<18, float> sums;
-#if defined(__CUDA_ARCH__)
-    float total = 0.0f;
-    for (int n = 0; n < count; ++n) {
-        total += ((const float*)words)[first + 32 * n + (threadIdx.x & 31)];
-    }
-    for (int n = 0; n < 18; ++n) {
-        sums[n] = __shfl_sync(0xffffffffu, total, n);
-    }
-#else
-    for (int n = 0; n < 18; ++n) {
-        sums[n] = ((const float*)words)[first + n];
-    }
-#endif
-    return sums;
-    """
-)
-def sum_of_presses(words: wp.uint64, first: wp.int32, count: wp.int32) -> Press:
-    """The sums of what so many warps put, in 32 words each, by all threads of a warp, which get the same to the
-    last bit every time."""
-    ...
+@wp.func
+def sum_over_block(part: Any):
+    """The sum over all threads of a block."""
+    return wp.tile_sum(wp.tile(part, preserve_type=True))[0]

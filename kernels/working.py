@@ -61,8 +61,6 @@ class Working:
     """the same on bodies, and their angular momenta"""
     near: wp.array2d[wp.int32]
     """whether particles may touch a sphere, see `contact.spheres`; empty unless momentum is exchanged"""
-    later: wp.array2d[wp.int32]
-    """particles of each world that are put off, in a block, see `deferred`; empty where none are"""
     balloon_boxes: wp.array3d[wp.vec3]
     """around each balloon until the next search: lower and upper corner [m], and `PACE`; this and what follows is empty
     unless balloons touch, see `contact.boxes`"""
@@ -100,3 +98,9 @@ class Working:
     as is the next"""
     edge_counts: wp.array2d[wp.int32]
     """how many they are"""
+    verdicts: wp.array[wp.int32]
+    """of each world, see `contact.free_frames`; empty where worlds need no look ahead, as are the next two"""
+    ways: wp.array[float]
+    """how far each of its particles may go in the frame [m]"""
+    any_busy: wp.array[wp.int32]
+    """whether any world is not free"""

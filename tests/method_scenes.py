@@ -218,7 +218,7 @@ def with_bodies() -> Scene:
     return scene.model_copy(update={"sphere": [*scene.sphere, marble], "body": bodies})
 
 
-SCENES = {
+_SCENES = {
     "everything": everything(),
     "fresh": everything("fresh"),
     "bare": bare(),
@@ -246,3 +246,9 @@ SCENES = {
     "touch": in_touch(),
     "touch itself": in_touch(itself=True),
 }
+SCENES = {
+    name: scene if scene.body or scene.touch else scene.model_copy(update={"faces": False})
+    for name, scene in _SCENES.items()
+}
+"""spheres and obstacles are small beside their coarse faces: so that blocks and lanes do all that they can, these meet
+particles alone"""

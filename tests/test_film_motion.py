@@ -4,18 +4,9 @@ import numpy as np
 import pytest
 from conserved import put
 from lone_films import QUADS, TRIANGLES, latex, measured, moved
-from meshes import prism
-from odd_meshes import finned, walled
 
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.model import build_model
-from balloon_warp.scene import Balloon, Inflation, Material, Scene
-from balloon_warp.schedules.films import film_layout
 from balloon_warp.schedules.readout import ForceReader
-from balloon_warp.schedules.residence import looks_late
-from balloon_warp.schedules.slots import kind_slots
-from balloon_warp.schedules.spring_ends import spring_ends
-from balloon_warp.schedules.traits import model_traits
 from balloon_warp.simulator import Simulator
 
 
@@ -35,18 +26,3 @@ def test_viscous_faces_read_velocities_of_their_own_corners(mesh: PolygonMesh) -
     added = shown[0] - shown[1]
     assert np.abs(added).max() > 0.1 * np.abs(shown[1]).max()
     np.testing.assert_allclose(read[0] - read[1], added, atol=1e-5 * np.abs(shown[0]).max())
-
-
-@pytest.mark.parametrize(
-    ("mesh", "late"), [(QUADS, False), (TRIANGLES, False), (prism(5), True), (finned(), True), (walled(), True)],
-    ids=["quads", "triangles", "both", "finned", "walled"],
-)  # fmt: skip
-def test_who_finds_an_area_vector_late_needs_a_second_tile(mesh: PolygonMesh, late: bool) -> None:
-    """A particle moves while others still look at it, unless faces have handed out area vectors before all do."""
-    balloon = Balloon(mesh=mesh, material=Material(kind="neo_hookean"), inflation=Inflation(pressure=30.0))
-    model = build_model(Scene(balloon=[balloon]), "cpu")
-    traits = model_traits(model)
-    film = film_layout(model, traits)
-    assert film is not None
-    assert sum(kind_slots(spring_ends(model))) == 0
-    assert looks_late(traits, 0, film) == late

@@ -4,18 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from lone_films import QUADS, TRIANGLES, measured, measured_at_ends, moved
-from meshes import cube, grid, mesh_of, prism, quad_sphere
+from lone_films import QUADS, TRIANGLES, measured, moved
+from meshes import grid
 
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.model import build_model
 from balloon_warp.scene import Balloon, Material, Scene
 from balloon_warp.scene.schema.material import Kind
-from balloon_warp.schedules.films import film_layout, held_layout, shapes_of, sums_of
+from balloon_warp.schedules.films import shapes_of, sums_of
 from balloon_warp.schedules.membranes import membrane_quads
-from balloon_warp.schedules.pairs import paired
-from balloon_warp.schedules.traits import model_traits
 
 
 @pytest.mark.parametrize(("mesh", "held"), [(QUADS, 0), (QUADS, 1), (QUADS, 2), (TRIANGLES, 0)])
@@ -39,15 +37,6 @@ def test_quads_pull_alike_whether_threads_keep_them(stretch: float, kind: Kind, 
     np.testing.assert_allclose(kept.sum(axis=0), 0.0, atol=1e-5 * largest)
 
 
-@pytest.mark.parametrize("kind", ["neo_hookean", "mooney_rivlin"])
-@pytest.mark.parametrize("stretch", [0.9, 1.6], ids=["slack", "taut"])
-def test_pairs_pull_alike_where_threads_have_their_ends(stretch: float, kind: Kind) -> None:
-    points = moved(QUADS, stretch)
-    kept, read = measured_at_ends(QUADS, points, kind), measured(QUADS, points, 0, kind)
-    for of_ends, expected in zip(kept, read, strict=True):
-        np.testing.assert_allclose(of_ends, expected, atol=2e-5 * np.abs(expected).max())
-
-
 def uneven() -> PolygonMesh:
     """Quads with angles of all kinds."""
     mesh = grid(12, 12)
@@ -68,60 +57,6 @@ def test_taut_quads_of_a_linear_law_are_told_by_sums(mesh: PolygonMesh) -> None:
             cotangents = shapes_of(quads)[:, corner, :3]
             of_corner = np.roll(steep, -corner, axis=1)
             assert ((cotangents * squares).sum(axis=1) <= (of_corner * squares[:, :2]).sum(axis=1) * (1.0 + 1e-6)).all()
-
-
-def paired_corners(corners: np.ndarray, pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of the two quads of each pair, turned."""
-    ordered = (np.arange(4) + pairs[:, 2:, None]) % 4
-    first, second = (np.take_along_axis(corners[pairs[:, n]], ordered[:, n], axis=1) for n in (0, 1))
-    return first, second
-
-
-@pytest.mark.parametrize(
-    ("mesh", "most"), [(quad_sphere(9), 3), (quad_sphere(4), 3), (cube(), 3), (grid(4, 4), 3), (grid(2, 5), 3)]
-)
-def test_each_quad_is_in_a_pair_that_shares_an_edge(mesh: PolygonMesh, most: int) -> None:
-    corners = mesh.face_vertex_indices.reshape(-1, 4).astype(np.int64)
-    pairs = paired(corners, np.zeros(len(corners), dtype=np.int64))
-    np.testing.assert_array_equal(np.sort(pairs[:, :2], axis=None), np.arange(len(corners)))
-    first, second = paired_corners(corners, pairs)
-    np.testing.assert_array_equal(first[:, 1:3], second[:, [0, 3]])
-    assert np.bincount(np.concatenate([first, second[:, 1:3]], axis=1).ravel()).max() <= most
-
-
-def test_some_meshes_have_no_such_pairs() -> None:
-    """Nine quads; three in a T of four, whose fourth has no neighbor that is free; two that are wound against each
-    other."""
-    strip = grid(3, 1).face_vertex_indices.reshape(-1, 4).astype(np.int64)
-    branch = np.concatenate([strip, [[5, 6, 9, 8]]])  # at the middle
-    against = grid(2, 1).face_vertex_indices.reshape(-1, 4).astype(np.int64)
-    against[1] = against[1, ::-1]
-    odd = grid(3, 3).face_vertex_indices.reshape(-1, 4).astype(np.int64)
-    for corners in (odd, branch, against):
-        assert len(paired(corners, np.zeros(len(corners), dtype=np.int64))) == 0
-
-
-def test_no_pair_is_of_two_balloons() -> None:
-    corners = quad_sphere(2).face_vertex_indices.reshape(-1, 4).astype(np.int64)
-    both = np.concatenate([corners, corners + corners.max() + 1])
-    balloons = np.repeat([0, 1], len(corners))
-    pairs = paired(both, balloons)
-    assert len(pairs) == len(corners)
-    assert (balloons[pairs[:, 0]] == balloons[pairs[:, 1]]).all()
-    strip = grid(2, 1).face_vertex_indices.reshape(-1, 4).astype(np.int64)
-    assert len(paired(strip, np.array([0, 0]))) == 1
-    assert len(paired(strip, np.array([0, 1]))) == 0
-
-
-def test_threads_keep_single_quads_where_some_have_no_pair() -> None:
-    mesh = prism(4)  # without its lid: five quads
-    mesh = mesh_of(mesh.points.tolist(), mesh.face_vertex_indices.reshape(-1, 4)[1:].tolist())
-    material = Material(preset="latex")
-    model = build_model(Scene(balloon=[Balloon(mesh=mesh, material=material)]), "cpu")
-    film = film_layout(model, model_traits(model))
-    assert film is not None
-    held = held_layout(model, film, 6, 3)
-    assert held == film._replace(held=6)
 
 
 def gradient(mesh: PolygonMesh, points: np.ndarray, step: float = 1e-4) -> np.ndarray:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from meshes import mesh_of, quad_sphere
 
-from balloon_warp.kernels.schedules.free_frames import BUSY, FREE, HURRIED
+from balloon_warp.kernels.contact.free_frames import BUSY, FREE, HURRIED
 from balloon_warp.scene import Balloon, Inflation, Obstacle, Scene, Sphere, Stiffness, Touch
 from balloon_warp.simulator import Simulator
 

@@ -14,14 +14,17 @@ from method_scenes import SCENES
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.phase import Look, Phase, phase
+from balloon_warp.kernels.schedules.lanes.looks import LOOKS
 from balloon_warp.kernels.schedules.launched.looks import GATHERED, SUMMED
 from balloon_warp.kernels.schedules.launched.source import source_of
-from balloon_warp.kernels.schedules.pieces import cut
+from balloon_warp.kernels.schedules.pieces import Step, cut
 from balloon_warp.kernels.substep import PROJECTIVE_STEP, READING, STEP, phases_of
+from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
-from balloon_warp.model import Model, build_model, initial_state
+from balloon_warp.model import Model, State, build_model, initial_state
 from balloon_warp.model.memory import Allocating
 from balloon_warp.scene import Balloon, Scene, load_scene
+from balloon_warp.schedules.lanes import LanesSchedule, OctetsSchedule
 from balloon_warp.schedules.launches import Launches
 from balloon_warp.schedules.source import kernel_source
 from balloon_warp.schedules.tables import make_tables
@@ -33,9 +36,11 @@ Values = dict[str, np.ndarray]
 
 @phase("particle", {"seen": wp.vec3})
 def look_aside(traits: Traits, look: Look) -> Any:
+    at = look.at
+
     @wp.func
-    def look_aside(points: wp.array[wp.vec3], particle: wp.int32):
-        return points[(particle + 5) % points.shape[0]]
+    def look_aside(t: Tables, points: Any, particle: wp.int32):
+        return at(points, (particle + 5) % t.particles.balloon.shape[0])
 
     return look_aside
 
@@ -43,7 +48,7 @@ def look_aside(traits: Traits, look: Look) -> Any:
 @phase("particle", {"point": wp.vec3})
 def follow(traits: Traits, look: Look) -> Any:
     @wp.func
-    def follow(point: wp.vec3, seen: wp.vec3):
+    def follow(point: Any, seen: Any):
         return 0.75 * point + 0.25 * seen
 
     return follow
@@ -88,7 +93,7 @@ def double(traits: Traits, look: Look) -> Any:
 @phase("particle", {"velocity": wp.vec3})
 def heed(traits: Traits, look: Look) -> Any:
     @wp.func
-    def heed(velocity: wp.vec3, twice: wp.vec3):
+    def heed(velocity: Any, twice: Any):
         return 0.5 * velocity + 0.125 * twice
 
     return heed
@@ -129,29 +134,56 @@ def model(request: pytest.FixtureRequest) -> Model:
     return build_model(Scene(balloon=[Balloon(mesh=mesh) for mesh in meshes]), "cpu", 3)
 
 
-@pytest.mark.parametrize("doubles", [True, False], ids=["two places", "barriers"])
-@pytest.mark.parametrize("phases", LISTS, ids=lambda phases: " ".join(each.name for each in phases))
-def test_a_list_does_what_its_phases_do_one_after_the_other(phases, doubles, model):
-    """Three substeps of it, in 3 worlds that differ."""
-    traits = model_traits(model)
-    step = cut(phases, traits, GATHERED, doubles=doubles)
-    assert doubles or not step.doubled
+def at_random(model: Model) -> tuple[State, Values]:
+    """Where particles are, in worlds that differ."""
     rng = np.random.default_rng(2)
     shape = (model.world_count, model.particle_count, 3)
     have: Values = {name: rng.uniform(-1.0, 1.0, shape).astype(np.float32) for name in ("point", "velocity")}
     state = initial_state(model)
     state.points, state.velocities = (wp.array(each, dtype=wp.vec3, device="cpu") for each in have.values())
-    launches, now = Launches(model, step, make_tables(model, traits), Allocating(model.device)), None
-    have = {name: each.astype(np.float64) for name, each in have.items()}
-    for substep in range(3):
-        now = launches.substep(state, substep, now or (state.points, state.velocities))
+    return state, {name: each.astype(np.float64) for name, each in have.items()}
+
+
+def assert_done(phases: Sequence[Phase], model: Model, have: Values, now: Sequence[wp.array]) -> None:
+    """Three substeps of them."""
+    for _ in range(3):
         for each in phases:
             if not each.light:
                 by_numpy(each.name, have, np.asarray(model.particle_offsets))
-    assert now is not None
     for found, name in zip(now, ("point", "velocity"), strict=True):
         size = np.abs(have[name]).max()
         np.testing.assert_allclose(found.numpy(), have[name], atol=4e-6 * size)  # float32, sums of thousands among them
+
+
+@pytest.mark.parametrize("doubles", [True, False], ids=["two places", "barriers"])
+@pytest.mark.parametrize("phases", LISTS, ids=lambda phases: " ".join(each.name for each in phases))
+def test_a_list_does_what_its_phases_do_one_after_the_other(phases, doubles, model):
+    traits = model_traits(model)
+    step = cut(phases, traits, GATHERED, doubles=doubles)
+    assert doubles or not step.doubled
+    state, have = at_random(model)
+    launches, now = Launches(model, step, make_tables(model, traits), Allocating(model.device)), None
+    for substep in range(3):
+        now = launches.substep(state, substep, now or (state.points, state.velocities))
+    assert now is not None
+    assert_done(phases, model, have, now)
+
+
+@pytest.mark.parametrize("schedule", [LanesSchedule, OctetsSchedule], ids=["lanes", "octets"])
+@pytest.mark.parametrize("phases", LISTS, ids=lambda phases: " ".join(each.name for each in phases))
+def test_eight_side_by_side_do_the_same(phases, schedule, model):
+    """Some phases take eight, some one."""
+
+    class OfPhases(schedule):
+        @classmethod
+        def step_of(cls, traits: Traits) -> Step:
+            return cut(phases, traits, LOOKS[cls.layout], sums_along=True)
+
+    state, have = at_random(model)
+    of_phases = OfPhases(model)
+    of_phases.tables.substeps = 3
+    of_phases.advance_frame(state)
+    assert_done(phases, model, have, (state.points, state.velocities))
 
 
 def test_what_nothing_writes_is_refused_by_name(model):
@@ -200,11 +232,14 @@ def test_the_source_in_the_docs_is_the_one_that_is_printed():
     ]
     assert len(shown) == 1
     assert shown[0] in printed
+    in_block = [text for text in code_blocks(DOCS / "ARCHITECTURE.md") if text.startswith("        for particle in")]
+    assert len(in_block) == 1
+    assert in_block[0] in kernel_source(load_scene("squirrel_tether"), "block")
 
 
 def test_a_source_has_its_phases_in_the_order_of_the_list():
-    """Of a scene with much in it, in both schedules."""
-    for schedule in ("gather", "scatter"):
+    """Of a scene with much in it."""
+    for schedule in ("gather", "scatter", "block", "lanes", "octets"):
         printed = kernel_source(SCENES["in air"], schedule)
         called = [each.name for each in STEP if not each.light and re.search(rf"\b{each.name}\(", printed)]
         assert len(called) > 10
@@ -212,8 +247,6 @@ def test_a_source_has_its_phases_in_the_order_of_the_list():
         assert [place.start() for place in places if place] == sorted(place.start() for place in places if place)
 
 
-def test_what_is_not_written_from_the_list_is_refused():
-    with pytest.raises(InputError, match="--schedule block: the kernels of block are not written from the list"):
-        kernel_source(load_scene("latex_inflate"), "block")
+def test_who_has_no_kernels_is_refused():
     with pytest.raises(InputError, match="--schedule weave: no such schedule"):
         kernel_source(load_scene("latex_inflate"), "weave")

@@ -15,7 +15,6 @@ from balloon_warp.kernels.working import Working
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import Model, build_model
 from balloon_warp.scene import Balloon, Inflation, Scene
-from balloon_warp.schedules.banks import turned_over_banks, wavefronts
 from balloon_warp.schedules.rings import quad_rings
 from balloon_warp.schedules.tables import make_tables
 from balloon_warp.schedules.traits import model_traits
@@ -85,17 +84,3 @@ def test_springs_stand_in_their_own_table_beside_rings(inflation: Inflation):
     springs = make_tables(model, traits).springs
     assert springs.valences.numpy().sum() == 2 * model.spring_count
     assert len(springs.entries) >= 2 * model.spring_count
-
-
-def test_rings_begin_where_banks_are_less_crowded():
-    """Each is the same ring, turned."""
-    model = model_of(torus(24, 20))
-    found = quad_rings(model)
-    assert found is not None
-    shuffled = np.random.default_rng(0).permutation(model.particle_count)
-    rings = np.stack(found)[:, :, shuffled]
-    turned = turned_over_banks(rings)
-    assert np.mean([wavefronts(ring) for ring in turned]) < 0.95 * np.mean([wavefronts(ring) for ring in rings])
-    first = (rings[0] == turned[0, 0]).argmax(axis=0)
-    slots = (np.arange(rings.shape[1])[:, None] + first) % rings.shape[1]
-    np.testing.assert_array_equal(turned, np.take_along_axis(rings, np.stack([slots, slots]), axis=1))

@@ -15,7 +15,8 @@ def kernel(
     *,
     mesh: MeshOptions,
     schedule: Annotated[
-        str, typer.Option(metavar="NAME", help="gather or scatter, whose kernels are written from the list of phases.")
+        str,
+        typer.Option(metavar="NAME", help="gather, scatter, block, lanes or octets."),
     ] = "gather",
 ) -> None:
     """Print the source of the kernels that a scene gets: the substep, as one reads it.

@@ -1,13 +1,17 @@
-"""The `block` schedule: a thread block a world."""
+"""The `block` schedule: a thread block a world, which advances it by a frame in one launch."""
 
 from balloon_warp.errors import InputError
+from balloon_warp.kernels.schedules.block.source import source_of_frame
 from balloon_warp.model import Model, State
-from balloon_warp.model.memory import Counting
-from balloon_warp.schedules.block_launch import BlockLaunch
+from balloon_warp.model.memory import Allocating, Counting
+from balloon_warp.schedules.block_frames import BlockFrames
+from balloon_warp.schedules.block_layout import layout_of, step_of
 from balloon_warp.schedules.block_room import fits_in_block, most_particles
 from balloon_warp.schedules.busy_worlds import BusyWorlds
+from balloon_warp.schedules.fixtures import look_arrays
+from balloon_warp.schedules.framing import Framing
+from balloon_warp.schedules.membranes import left_array
 from balloon_warp.schedules.outlook import free_traits, has_free_frames
-from balloon_warp.schedules.ramp import note_pressures, refresh_ramp, weigh_air
 from balloon_warp.schedules.traits import choosing_parameters, model_traits
 
 
@@ -23,21 +27,31 @@ class BlockSchedule:
 
     def __init__(self, model: Model):
         require_block(model, self.name)
-        self.model, self._traits = model, model_traits(model)
+        self.model, self._traits, room = model, model_traits(model), Allocating(model.device)
         self.busy = BusyWorlds(model, self._traits) if has_free_frames(self._traits) else None
-        self._worlds = BlockLaunch(model, free_traits(self._traits) if self.busy else self._traits)
-        if self.busy:
-            self._worlds.memory.free = self.busy.outlook.table
+        traits = free_traits(self._traits) if self.busy else self._traits
+        self.frames = BlockFrames(model, traits, room, self.busy.working if self.busy else None)
+        self._framing = Framing(model, self._traits, self.frames.tables)
 
-    @staticmethod
-    def world_bytes(model: Model) -> int:
+    @classmethod
+    def world_bytes(cls, model: Model) -> int:
         """Device memory that it keeps for each world, beside the state."""
         room, traits = Counting(), model_traits(model)
         if has_free_frames(traits):
             BusyWorlds.allot(model, traits, room)
             traits = free_traits(traits)
-        BlockLaunch.allot(model, traits, room)
+        BlockFrames.allot(model, traits, room)
+        left_array(model, room)
+        look_arrays(model, room)
         return room.bytes // model.world_count
+
+    @staticmethod
+    def source_of(model: Model) -> str:
+        """The text of the kernel that advances worlds, or those whose frame is free."""
+        traits = model_traits(model)
+        traits = free_traits(traits) if has_free_frames(traits) else traits
+        layout = layout_of(model, traits)
+        return source_of_frame(step_of(traits, layout), layout)
 
     @property
     def depends_on(self) -> frozenset[str]:
@@ -46,24 +60,21 @@ class BlockSchedule:
 
     @property
     def crowded(self) -> int:
-        """How often a triangle that a particle may touch had no place in its list since it was made, in all worlds."""
-        return (self.busy.launch if self.busy else self._worlds).crowded
+        """As of a schedule."""
+        return self.busy.crowded if self.busy else 0
 
     def advance_frame(self, state: State) -> None:
-        """One frame, after the ramp of the inflation: in one launch, or the worlds that may meet something in one of
-        their own."""
-        self._worlds.begin_loading()
+        """One frame."""
+        self.frames.begin_loading()
         if self.busy:
             self.busy.begin_loading(self.capturable)
-        refresh_ramp(self.model, state)
-        weigh_air(self.model, self._traits, self._worlds.tables, state, self._worlds.memory.numbers)
-        self._worlds.keep_time(state)
+        self._framing.begin(state)
         if self.busy:
             self.busy.find(state)
-        self._worlds.advance(state)
+        self.frames.advance(state)
         if self.busy:
             self.busy.advance(state)
-        note_pressures(self.model, self._traits, state)
+        self._framing.end(state)
 
 
 def require_block(model: Model, schedule: str) -> None:

@@ -1,28 +1,96 @@
-"""Worlds whose particles may meet obstacles or each other in a frame: found as it begins, and advanced by a block each,
-after those that are free."""
+"""Worlds whose particles may meet obstacles or each other in a frame: found as it begins, and advanced after those that
+are free, by blocks that know of obstacles, or where balloons touch by launches."""
+
+from typing import Any, Protocol
 
 import warp as wp
 
+from balloon_warp.kernels.contact.free_frames import keep_busy
 from balloon_warp.kernels.traits import Traits
+from balloon_warp.launching import launch
 from balloon_warp.model import Model, State
-from balloon_warp.model.memory import Room
-from balloon_warp.schedules.block_launch import BlockLaunch
+from balloon_warp.model.memory import Allocating, Room
+from balloon_warp.schedules.block_frames import BlockFrames
+from balloon_warp.schedules.block_room import fits_in_block
+from balloon_warp.schedules.fixtures import forget_looks
+from balloon_warp.schedules.gather import GatherSchedule
+from balloon_warp.schedules.launches import Launches
 from balloon_warp.schedules.outlook import Outlook, busy_traits, outlook_arrays
+
+
+class BusyFrames(Protocol):
+    """Advance worlds that are not free by frames."""
+
+    tables: Any
+    working: Any
+
+    @property
+    def crowded(self) -> int:
+        """As of a schedule."""
+        ...
+
+    def begin_loading(self) -> None:
+        """Compile kernels ahead."""
+
+    def advance(self, state: State) -> None:
+        """Advance by a frame."""
+
+
+class LaunchedFrames:
+    """Advance them by launches, in place: no other world is touched."""
+
+    def __init__(self, model: Model, traits: Traits):
+        self._gather = GatherSchedule(model, traits)
+        self.tables, self.working = self._gather.tables, self._gather.launches.working
+
+    @property
+    def crowded(self) -> int:
+        """As of a schedule."""
+        return self._gather.crowded
+
+    def begin_loading(self) -> None:
+        """Compile kernels ahead."""
+        self._gather.launches.begin_loading()
+
+    def advance(self, state: State) -> None:
+        """Advance by a frame."""
+        now = kept = (state.points, state.velocities)
+        for substep in range(self._gather.model.substeps):
+            now = self._gather.launches.substep(state, substep, now)
+        for source, target in zip(now, kept, strict=True):
+            if source is not target:
+                inputs = [self.working.verdicts, source, target]
+                launch(keep_busy, source.shape, inputs=inputs, device=self._gather.model.device)
 
 
 class BusyWorlds:
     """Beside a schedule that advances the others."""
 
     def __init__(self, model: Model, traits: Traits):
-        self.launch = BlockLaunch(model, busy_traits(traits))
-        self.outlook = Outlook(model, traits, self.launch.tables)
-        self.launch.memory.free = self.outlook.table
+        busy = busy_traits(traits)
+        self._model = model
+        self._frames: BusyFrames = (
+            BlockFrames(model, busy, Allocating(model.device))
+            if _in_blocks(model, traits)
+            else LaunchedFrames(model, busy)
+        )
+        self.working = self._frames.working
+        self.outlook = Outlook(model, traits, self._frames.tables, self.working)
 
     @staticmethod
     def allot(model: Model, traits: Traits, room: Room) -> None:
         """Ask for all memory that it keeps."""
-        BlockLaunch.allot(model, busy_traits(traits), room)
+        busy = busy_traits(traits)
+        if _in_blocks(model, traits):
+            BlockFrames.allot(model, busy, room)
+        else:
+            Launches.allot(model, GatherSchedule.step_of(model, busy), room)
         outlook_arrays(model, traits, room)
+
+    @property
+    def crowded(self) -> int:
+        """As of a schedule."""
+        return self._frames.crowded
 
     def begin_loading(self, are_recorded: bool) -> None:
         """Compile ahead what a frame needs.
@@ -32,21 +100,26 @@ class BusyWorlds:
         """
         self.outlook.begin_loading()
         if are_recorded:
-            self.launch.begin_loading()
+            self._frames.begin_loading()
 
     def find(self, state: State) -> None:
         """Before the free worlds are advanced."""
-        self.launch.keep_time(state)
         self.outlook.look(state)
 
     def advance(self, state: State) -> None:
         """Once they are: with those that were not free after all; on a GPU in no time if there are none."""
-        any_busy, device = self.outlook.table.any_busy, self.launch.model.device
-        if device.is_cpu or wp.is_conditional_graph_supported():
-            wp.capture_if(any_busy, self._advance, state=state)
+        if self._model.device.is_cpu or wp.is_conditional_graph_supported():
+            wp.capture_if(self.working.any_busy, self._advance, state=state)
         else:
             self._advance(state)
 
     def _advance(self, state: State) -> None:
         self.outlook.put_back(state)
-        self.launch.advance(state)
+        forget_looks(self._frames.tables)
+        self._frames.advance(state)
+        if isinstance(self._frames, LaunchedFrames):
+            self.outlook.keep_forces(state)
+
+
+def _in_blocks(model: Model, traits: Traits) -> bool:
+    return not (traits.touches or traits.meets_solids) and fits_in_block(model)

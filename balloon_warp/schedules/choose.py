@@ -85,9 +85,7 @@ def only_launched(model: Model) -> str | None:
     """What of a model only schedules do that launch a kernel for each piece of a substep, in words, or None."""
     if model.bursts:
         return "balloons burst"
-    if model.scene.contacts:
-        return "balloons tell what presses them"
-    return "faces meet obstacles and bodies" if model.faces_meet and model.scene.faces is True else None
+    return "balloons tell what presses them" if model.scene.contacts else None
 
 
 def settled_schedule(name: str, model: Model, world_count: int) -> str:
@@ -103,31 +101,27 @@ def fastest_schedule(model: Model, world_count: int) -> str:
     give each multiprocessor one, with spheres a quarter of them, or where they could be moved in patches half of them,
     with fresh normals a third. Else, where they could not: with gas or corrections, when a substep would be many
     launches otherwise; and where it would be some, with spheres or fresh normals, which a block is done with sooner if
-    it has few particles. Where balloons touch, only where there are enough worlds, and where they touch themselves,
-    only with a thread a particle: all particles look around then, for which a block has few threads. On the CPU, eight
-    worlds side by side, or eight particles of a world that is alone.
+    it has few particles. Where balloons touch, only where there are enough worlds, and not where they touch
+    themselves. On the CPU, eight worlds side by side, or eight particles of a world that is alone.
     `python -m balloon_warp.benchmarks.auto` measures whether that is right.
     """
-    if only_launched(model) or model.faces_meet or model.bodies or any(small_spheres(model)):
+    if only_launched(model) or model.bodies or any(small_spheres(model)):
         return "gather"
-    if model.device.is_cpu and not model.scene.touches:
-        return "lanes" if world_count > 1 else "octets"
-    if not model.device.is_cpu and (traits := _in_patches(model)):
-        enough = model.device.sm_count // (3 if traits.fresh_normals else 2)
-        return "block" if world_count >= enough and fits_in_block(model) else "gather"
-    if not model.device.is_cpu and model.scene.touches_itself and not thread_a_particle(model):
-        return "gather"
-    if not fits_in_block(model):  # blocks are also what lets balloons touch beside lanes
+    if model.scene.touches_itself:  # somebody is always near
         return "gather"
     if model.device.is_cpu:
         return "lanes" if world_count > 1 else "octets"
+    if traits := _in_patches(model):
+        enough = model.device.sm_count // (3 if traits.fresh_normals else 2)
+        return "block" if world_count >= enough and fits_in_block(model) else "gather"
+    if not fits_in_block(model):
+        return "gather"
     from balloon_warp.schedules.traits import model_traits
 
     many_launches = GAS in model.inflation_kind.numpy() or model.scene.correction != "none"
     some_launches = model.sphere_count > 0 or model_traits(model).aims_on_the_way
     enough_worlds = world_count >= model.device.sm_count // (4 if model.sphere_count else 1)
     few_particles = thread_a_particle(model) or (some_launches and model.particle_count <= FEW_PARTICLES)
-    # a block that looks for who touches whom has few threads for it, where launches have a thread a particle
     pays = enough_worlds or (not model.scene.touches and (few_particles or many_launches))
     return "block" if pays else "gather"
 

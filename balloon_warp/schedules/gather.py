@@ -9,13 +9,13 @@ from typing import Any
 
 from balloon_warp.kernels.schedules.launched.looks import GATHERED
 from balloon_warp.kernels.schedules.pieces import Step, cut
-from balloon_warp.kernels.substep import AIMING, phases_of
+from balloon_warp.kernels.substep import phases_of
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
 from balloon_warp.schedules.later import has_many
 from balloon_warp.schedules.launched import LaunchedSchedule
-from balloon_warp.schedules.patches import PatchLaunch, cut_into_patches
+from balloon_warp.schedules.patches import PatchLaunch, cut_into_patches, first_phases
 
 
 class GatherSchedule(LaunchedSchedule):
@@ -26,10 +26,13 @@ class GatherSchedule(LaunchedSchedule):
     fast_math = True
     look = GATHERED
 
-    def __init__(self, model: Model):
-        super().__init__(model)
+    def __init__(self, model: Model, traits: Traits | None = None):
+        super().__init__(model, traits)
         patches = cut_into_patches(model, self.traits)
-        self._patches = PatchLaunch(model, self.traits, self.tables, patches, self.vectors[0]) if patches else None
+        self._patches = None
+        if patches:
+            working = self.launches.working
+            self._patches = PatchLaunch(model, self.traits, self.tables, patches, self.vectors[0], working)
 
     @classmethod
     def step_of(cls, model: Model, traits: Traits) -> Step:
@@ -37,7 +40,7 @@ class GatherSchedule(LaunchedSchedule):
         others, nor take as many registers: what stands on something has a launch of its own."""
         apart = ("leave",) if traits.stands_on_fixtures and has_many(model) else ()
         if cut_into_patches(model, traits):
-            return cut(phases_of(traits, AIMING), traits, cls.look, shown=("aim",))
+            return cut(first_phases(traits), traits, cls.look, shown=("aim",))
         return cut(phases_of(traits), traits, cls.look, apart=apart)
 
     @staticmethod
@@ -51,8 +54,8 @@ class GatherSchedule(LaunchedSchedule):
         if self._patches is None:
             super().advance_frame(state)
             return
-        self.begin_frame(state)
-        if not self.traits.fresh_normals:
+        self.framing.begin(state)
+        if self.launches.step.pieces:
             self.launches.substep(state, 0, (state.points, state.velocities))
         self._patches.advance(state, self.launches.values.get("aim"))
-        self.end_frame(state)
+        self.framing.end(state)

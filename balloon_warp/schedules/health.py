@@ -34,14 +34,15 @@ class HealthCheck:
         model: what is simulated.
         tables: that the schedule has made of it.
         threads: that share a world; as many as suit the device, when missing.
+        particles: whether it looks at particles, or others have.
     """
 
-    def __init__(self, model: Model, tables: Any, threads: int | None = None):
+    def __init__(self, model: Model, tables: Any, threads: int | None = None, particles: bool = True):
         if threads is None:
-            threads = 1 if model.device.is_cpu else model.particle_count
+            threads = 1 if model.device.is_cpu or not particles else model.particle_count
         self._shape = (model.world_count, threads)
         self._device = model.device
-        self._inputs = [tables.particles, tables.health, threads]
+        self._inputs = [tables.particles, tables.health, threads, model.particle_count if particles else 0]
         self._model, self._locking = model, _locking_triangles(model)
 
     def look(self, state: State) -> None:

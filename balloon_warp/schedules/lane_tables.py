@@ -8,10 +8,9 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.algebra import LANE_COUNT
+from balloon_warp.kernels.lanes import LANE_COUNT
 from balloon_warp.kernels.schedules.lanes.layouts import Layout
-from balloon_warp.kernels.schedules.lanes.tables import face_structs, lane_structs
-from balloon_warp.kernels.tables import Tables
+from balloon_warp.kernels.schedules.lanes.tables import lane_structs, part_structs
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model
 from balloon_warp.schedules.membranes import MembraneQuads, membrane_quads
@@ -102,19 +101,26 @@ def list_entries(items: Items, particles: NDArray[np.int64], classes: NDArray[np
 def make_lane_tables(model: Model, traits: Traits, layout: Layout, tables: Any) -> Any:
     """The model item by item."""
     items = items_of(model, layout)
-    t = lane_structs(layout)[0]()
+    t = lane_structs(layout).tables()
 
     def array(values: Any, dtype: Any) -> Any:
         return wp.array(np.asarray(values), dtype=dtype, device=model.device)
 
-    t.all, t.seen = tables, tables if layout.worlds else _by_places(model, items, tables)
-    t.up, t.step_seconds, t.lane_count, t.world_count = model.up, model.step_seconds, LANES, model.world_count
+    t.all = tables
+    t.up, t.step_seconds, t.substeps = model.up, model.step_seconds, model.substeps
+    t.lane_count, t.world_count = LANES, model.world_count
     t.item_offsets, t.particles = array(items.offsets, wp.int32), array(items.particles, wp.int32)
     shares = np.append(model.particle_mass_share.numpy(), 0.0)[items.particles]
     t.shares = array(shares if layout.worlds else shares.reshape(-1, LANES), layout.number)
+    held = np.append(np.diff(tables.strings.offsets.numpy()) if model.string_count else [], 0)
+    lanes = 1 if layout.worlds else LANES
+    t.held = array(held[items.particles].reshape(-1, lanes).any(axis=1) if model.string_count else [], wp.int32)
+    t.places = array(items.places, wp.int32)
+    if not layout.worlds:
+        t.present = array((items.particles >= 0).reshape(-1, LANES), layout.number)
     if traits.jets:
         weights = np.append(model.neck_weights.numpy(), 0.0)[items.particles]
-        t.neck_weights = array(weights if layout.worlds else weights.reshape(-1, LANES), layout.number)
+        t.necks.weights = array(weights if layout.worlds else weights.reshape(-1, LANES), layout.number)
     _add_springs(t, model, traits, items, array)
     if traits.membranes:
         _add_membranes(t, model, traits, items, array)
@@ -180,7 +186,7 @@ def _add_membranes(t: Any, model: Model, traits: Traits, items: Items, array: An
     t.quads = array(corners.reshape(-1, *corners.shape[2:]), layout.index)
     t.quad_rests = array(quads.rests.reshape(-1, *quads.rests.shape[2:]), layout.four)
     t.quad_triangles = array(quads.triangles, wp.int32)
-    numbers = quads.numbers if traits.softens else quads.numbers[:0]
+    numbers = quads.numbers if traits.wears else quads.numbers[:0]
     t.quad_numbers = array(numbers.reshape(-1, *numbers.shape[2:]), layout.index)
 
 
@@ -197,7 +203,7 @@ def _add_fans(t: Any, model: Model, items: Items, array: Any) -> None:
     there = sources[fan] >= 0
     corners = fans.others[np.where(there, fans.begins[sources[fan]] + nth[:, None], 0)]
     flat = np.where(there, items.places[corners], owners[fan])
-    table = face_structs(items.layout)[1]()
+    table = part_structs(items.layout)[1]()
     table.offsets, table.begins = array(entries.offsets, wp.int32), array(begins, wp.int32)
     table.particles = array(flat.ravel() if items.layout.worlds else flat, items.layout.index)
     t.fans = table
@@ -212,11 +218,12 @@ def _add_faces(t: Any, model: Model, items: Items, array: Any) -> None:
     around = list_entries(items, particles, np.zeros_like(particles))
     faces = np.asarray(model.particle_faces.numpy(), dtype=np.int64)
     balloons = np.asarray(model.face_balloon.numpy(), dtype=np.int64)
-    table = face_structs(items.layout)[0]()
+    table = part_structs(items.layout)[0]()
     table.particle_offsets = array(around.offsets, wp.int32)
     if items.layout.worlds:
         table.offsets, table.particles = array(begins, wp.int32), array(corners, wp.int32)
-        table.balloon, table.around_particles = array(balloons, wp.int32), array(faces[around.sources], wp.int32)
+        table.balloon_offsets = array(np.searchsorted(balloons, np.arange(model.balloon_count + 1)), wp.int32)
+        table.around_particles = array(faces[around.sources], wp.int32)
         t.faces = table
         return
     octets = face_octets(model)
@@ -230,7 +237,8 @@ def _add_faces(t: Any, model: Model, items: Items, array: Any) -> None:
         offsets.append(offsets[-1] + size)
         where[members] = LANES * number + np.arange(len(members))
     table.offsets, table.particles = array(offsets, wp.int32), array(np.concatenate(listed), items.layout.index)
-    table.balloon = array([balloons[members[0]] for members in octets], wp.int32)
+    of_octets = [balloons[members[0]] for members in octets]
+    table.balloon_offsets = array(np.searchsorted(of_octets, np.arange(model.balloon_count + 1)), wp.int32)
     nothing = LANES * len(octets)
     seen = np.where(around.sources >= 0, where[faces[around.sources]], nothing)
     table.around_particles = array(seen, items.layout.index)
@@ -245,41 +253,3 @@ def face_octets(model: Model) -> list[NDArray[np.int64]]:
         members = np.flatnonzero((alike == kind[:, None]).all(axis=0))
         octets += [members[first : first + LANES] for first in range(0, len(members), LANES)]
     return octets
-
-
-def _by_places(model: Model, items: Items, tables: Any) -> Any:
-    """The tables with particles numbered by their places in octets."""
-    places = items.places
-    filled = items.particles >= 0
-
-    def renumbered(particles: wp.array) -> wp.array:
-        return wp.array(
-            places[np.asarray(particles.numpy(), dtype=np.int64)], dtype=particles.dtype, device=model.device
-        )
-
-    def offsets_by_place(offsets: wp.array) -> Any:
-        """What is listed for particles stands as it did: places are in the same order."""
-        counts = np.zeros(len(filled), dtype=np.int64)
-        counts[filled] = np.diff(offsets.numpy())
-        return wp.array(np.cumsum(np.append(0, counts)), dtype=wp.int32, device=model.device)
-
-    seen = Tables()
-    for name in Tables.vars:
-        setattr(seen, name, getattr(tables, name))
-    changed = [getattr(tables, name) for name in ("faces", "hinges", "correction", "necks")]
-    faces, hinges, correction, necks = (type(table)() for table in changed)
-    for copy, table in zip((faces, hinges, correction, necks), changed, strict=True):
-        for name in type(table).vars if hasattr(type(table), "vars") else copy._cls.vars:
-            setattr(copy, name, getattr(table, name))
-    faces.particles = renumbered(tables.faces.particles)
-    faces.particle_offsets = offsets_by_place(tables.faces.particle_offsets)
-    if tables.hinges.ends.shape[0]:
-        hinges.ends = renumbered(tables.hinges.ends)
-        hinges.wing_particles = renumbered(tables.hinges.wing_particles)
-        hinges.particle_offsets = offsets_by_place(tables.hinges.particle_offsets)
-    if tables.correction.particles.shape[0]:
-        correction.particles = renumbered(tables.correction.particles)
-    if tables.necks.edges.shape[0]:
-        necks.edges = renumbered(tables.necks.edges)
-    seen.faces, seen.hinges, seen.correction, seen.necks = faces, hinges, correction, necks
-    return seen

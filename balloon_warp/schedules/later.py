@@ -1,12 +1,7 @@
-"""Particles that touch, or are near obstacles: whether they end a substep in a launch of their own, or later in their
-block."""
-
-from typing import Any
-
-import warp as wp
+"""Particles that touch, or are near obstacles: whether they end a substep in a launch of their own, and by how many
+threads."""
 
 from balloon_warp.model import Model
-from balloon_warp.model.memory import Room
 
 MANY = 500_000
 """particles in all worlds, which take a GPU several times as long as one more launch"""
@@ -28,8 +23,3 @@ def threads_of_list(model: Model) -> int:
         return 1
     wanted = max(model.particle_count // 8, min(ENOUGH_THREADS // model.world_count, model.particle_count))
     return -(-wanted // FEW_THREADS) * FEW_THREADS
-
-
-def later_array(model: Model, needed: bool, room: Room) -> Any:
-    """The list of those that a block puts off."""
-    return room.array((model.world_count, model.particle_count) if needed else (0, 0), wp.int32)

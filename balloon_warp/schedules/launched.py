@@ -7,18 +7,15 @@ from typing import Any, ClassVar
 import warp as wp
 
 from balloon_warp.kernels.phase import Look, Phase
-from balloon_warp.kernels.schedules.launched.sphere_forces import read_sphere_forces, write_sphere_forces
 from balloon_warp.kernels.schedules.pieces import Step, cut
 from balloon_warp.kernels.substep import STEP, phases_of
 from balloon_warp.kernels.traits import Traits
-from balloon_warp.launching import launch
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Counting, Room
-from balloon_warp.schedules.fixtures import forget_looks, look_arrays
-from balloon_warp.schedules.health import HealthCheck
+from balloon_warp.schedules.fixtures import look_arrays
+from balloon_warp.schedules.framing import Framing
 from balloon_warp.schedules.launches import Launches, Moving, Own
 from balloon_warp.schedules.membranes import left_array
-from balloon_warp.schedules.ramp import note_pressures, refresh_ramp, weigh_air
 from balloon_warp.schedules.tables import make_tables
 from balloon_warp.schedules.tears import tear_arrays
 from balloon_warp.schedules.touching import TouchLaunches
@@ -37,8 +34,8 @@ class LaunchedSchedule(ABC):
     phases: ClassVar[Sequence[Phase]] = STEP
     look: ClassVar[Look]
 
-    def __init__(self, model: Model):
-        self.model, self.traits = model, model_traits(model)
+    def __init__(self, model: Model, traits: Traits | None = None):
+        self.model, self.traits = model, traits or model_traits(model)
         self.tables = make_tables(model, self.traits)
         self.vectors = self.allot(model, self.traits, room := Allocating(model.device))
         """its own memory"""
@@ -47,7 +44,7 @@ class LaunchedSchedule(ABC):
         self._touch = None
         if self.traits.touches:
             self._touch = TouchLaunches(model, self.traits, self.tables, self.launches.working, self.fast_math)
-        self._health = HealthCheck(model, self.tables)
+        self.framing = Framing(model, self.traits, self.tables, self.launches.working)
 
     @classmethod
     def step_of(cls, model: Model, traits: Traits) -> Step:
@@ -93,40 +90,17 @@ class LaunchedSchedule(ABC):
         """One frame that pauses after each substep, with its number from 0."""
         now = kept = (state.points, state.velocities)
         self.launches.begin_loading()
-        self.begin_frame(state)
+        self.framing.begin(state)
         for substep in range(self.model.substeps):
             now = self.launches.substep(state, substep, now)
             yield substep
         for source, target in zip(now, kept, strict=True):
             if source is not target:
                 wp.copy(target, source)
-        self.end_frame(state)
-
-    def begin_frame(self, state: State) -> None:
-        """The ramp of what is keyframed, and the forces that the last frame left on spheres."""
-        refresh_ramp(self.model, state)
-        weigh_air(self.model, self.traits, self.tables, state)
-        forget_looks(self.tables)
-        if self.traits.tells_contacts:
-            self.launches.working.contact_pushes.zero_()
-        if self.traits.penalties:
-            self._over_spheres(read_sphere_forces, state.sphere_forces, self.launches.working.sphere_quanta)
-
-    def end_frame(self, state: State) -> None:
-        """What the last substep leaves on spheres, and the pressures that it had."""
-        if self.traits.penalties:
-            self._over_spheres(write_sphere_forces, self.launches.working.sphere_quanta, state.sphere_forces)
-        note_pressures(self.model, self.traits, state)
-        if self.traits.tells_contacts:
-            wp.copy(state.contact_pushes, self.launches.working.contact_pushes)
-        self._health.end_frame(state)
+        self.framing.end(state)
 
     def _press(self, state: State, substep: int, time_in_frame: float, now: Moving) -> None:
         """Balloons that touch push each other off; now and then it is found which may."""
         assert self._touch is not None
         self._touch.search(state, substep, *now)
         self._touch.press(state, *now)
-
-    def _over_spheres(self, kernel: Any, *arguments: Any) -> None:
-        shape = (self.model.world_count, self.model.sphere_count)
-        launch(kernel, shape, inputs=list(arguments), device=self.model.device)

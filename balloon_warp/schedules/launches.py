@@ -221,5 +221,16 @@ def working_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
         **ridge_arrays(model, traits, room),
         "contact_pushes": room.array(contact_shape(model), wp.vec4),
         **touch_arrays(model, traits, room),
+        **verdict_arrays(model, traits, room),
         "near": room.array((worlds, mark_count(model.particle_count) if traits.impulses else 0), wp.int32),
+    }
+
+
+def verdict_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
+    """Allocate what is known of each world's frame as it begins; empty where nothing is asked."""
+    asked = traits.frames != "all"
+    return {
+        "ways": room.array(model.world_count if asked else 0, wp.float32),
+        "verdicts": room.array(model.world_count if asked else 0, wp.int32),
+        "any_busy": room.array(1 if asked else 0, wp.int32),
     }

@@ -1,14 +1,15 @@
 """What lies before each world in a frame: whether its particles may meet obstacles or each other at all, so that those
-which cannot are advanced by kernels that know of neither. See `kernels.schedules.free_frames`."""
+which cannot are advanced by kernels that know of neither. See `kernels.contact.free_frames`."""
 
 from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.schedules.free_frames import (
+from balloon_warp.kernels.contact.free_frames import (
     FreeFrames,
     judge_kernel,
-    put_bodies_back,
+    keep_sphere_forces,
+    put_worlds_back,
     surround_kernel,
 )
 from balloon_warp.kernels.tables import WorldState
@@ -23,14 +24,20 @@ THREADS = 128
 
 
 def has_free_frames(traits: Traits) -> bool:
-    """Whether worlds may have frames that are free, and others."""
-    return (traits.fixtures or traits.touches) and not traits.always_busy
+    """Whether a block leaves worlds to launches, in some frames: not where it does all itself."""
+    return traits.touches or traits.meets_solids or (traits.fixtures and not traits.always_busy)
 
 
 def free_traits(traits: Traits) -> Traits:
     """What kernels have to do in a free frame."""
     return traits._replace(
-        frames="free", touches=False, touches_itself=False, edges_meet=False, bodies=0, small_spheres=False
+        frames="free",
+        touches=False,
+        touches_itself=False,
+        edges_meet=False,
+        bodies=0,
+        small_spheres=False,
+        ridges=False,
     )
 
 
@@ -42,12 +49,14 @@ def busy_traits(traits: Traits) -> Traits:
 class Outlook:
     """Launches what looks at all worlds as a frame begins, and what puts those back that were believed to be free."""
 
-    def __init__(self, model: Model, traits: Traits, tables: Any):
-        self.model, self._traits, self._tables = model, traits, tables
+    def __init__(self, model: Model, traits: Traits, tables: Any, working: Any):
+        self.model, self._traits, self._tables, self._working = model, traits, tables, working
         self.table, self._before = FreeFrames(), WorldState()
         arrays, before = outlook_arrays(model, traits, Allocating(model.device))
         for name, array in arrays.items():
             setattr(self.table, name, array)
+        for name in ("verdicts", "ways", "any_busy"):
+            setattr(self.table, name, getattr(working, name))
         for name, array in before.items():
             setattr(self._before, name, array)
 
@@ -69,10 +78,16 @@ class Outlook:
         launch(judge_kernel(self._traits), m.world_count, [self._tables, self.table], device=m.device)
 
     def put_back(self, state: State) -> None:
-        """Spheres and gas, once the free frames are over."""
-        if self._traits.gas or self._traits.spheres:
-            inputs = [self.table, self._before, world_state(state)]
-            launch(put_bodies_back, self.model.world_count, inputs, device=self.model.device)
+        """All of worlds whose frame was not free, once the free frames are over."""
+        threads = THREADS if self.model.device.is_cuda else 1
+        inputs = [self.table, self._before, threads, world_state(state), self._working.sphere_quanta]
+        launch(put_worlds_back, (self.model.world_count, threads), inputs=inputs, device=self.model.device)
+
+    def keep_forces(self, state: State) -> None:
+        """On spheres, of worlds whose frame was not free."""
+        if self._traits.penalties:
+            inputs = [self.table, self._working.sphere_quanta, state.sphere_forces]
+            launch(keep_sphere_forces, state.sphere_forces.shape, inputs=inputs, device=self.model.device)
 
 
 def outlook_arrays(model: Model, traits: Traits, room: Room) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -82,11 +97,11 @@ def outlook_arrays(model: Model, traits: Traits, room: Room) -> tuple[dict[str, 
     free = {
         "boxes": room.array((worlds, balloons, 2), wp.vec3),
         "alone": room.array((worlds, balloons, 2), wp.float32),
-        "ways": room.array(worlds, wp.float32),
-        "verdicts": room.array(worlds, wp.int32),
-        "any_busy": room.array(1, wp.int32),
     }
+    particles = (worlds, model.particle_count)
     before = {
+        "points": room.array(particles, wp.vec3),
+        "velocities": room.array(particles, wp.vec3),
         "inflation_loads": room.array(gas, wp.vec2),
         "pressures": room.array(gas, wp.float32),
         "pressure_slopes": room.array(gas, wp.float32),

@@ -4,15 +4,20 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.schedules.patches.kernel import PatchLayout, patch_kernel
+from balloon_warp.kernels.phase import Phase
+from balloon_warp.kernels.schedules.block.layout import Layout
+from balloon_warp.kernels.schedules.block.looks import look_of
 from balloon_warp.kernels.schedules.patches.memory import PatchMemory
+from balloon_warp.kernels.schedules.patches.source import arguments_of_patches, kernel_of_patches
+from balloon_warp.kernels.schedules.pieces import Step, cut
+from balloon_warp.kernels.substep import FACING, STEP, phases_of
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.launching import launch_tiled
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
+from balloon_warp.schedules.block_layout import MOST_REGISTERS, REGISTERS
 from balloon_warp.schedules.block_room import MOST_THREADS, thread_a_particle
 from balloon_warp.schedules.patching import Patches, patch_table, patches_of, slots_in_patches, tables_in_patches
-from balloon_warp.schedules.residence import MOST_REGISTERS, REGISTERS
 from balloon_warp.schedules.rings import quad_rings
 from balloon_warp.schedules.slots import kind_slots
 from balloon_warp.schedules.spring_ends import spring_ends
@@ -72,56 +77,80 @@ def bytes_of_block(patches: Patches) -> int:
     return BYTES_OF_PLACE * (patches.threads + patches.most_of_rim) + SUM_BYTES
 
 
+def step_of_patches(traits: Traits, layout: Layout) -> Step:
+    """What patches execute, in pieces: but for what happens only as a frame begins, which is launched before."""
+    step = FACING if traits.aims_on_the_way else STEP
+    phases = [phase for phase in phases_of(traits, step) if phase.light or not phase.once(traits)]
+    return cut(phases, traits, look_of(layout, traits.spheres), doubles=False, sums_along=True)
+
+
+def first_phases(traits: Traits) -> tuple[Phase, ...]:
+    """What happens only as a frame begins."""
+    return tuple(phase for phase in phases_of(traits) if phase.once(traits) and not phase.light)
+
+
 class PatchLaunch:
     """Advances all worlds by a frame, as many at a time as there are multiprocessors for: their blocks wait for each
-    other, and so must all run at once."""
+    other, and so must all run at once.
 
-    def __init__(self, model: Model, traits: Traits, tables: Any, patches: Patches, arrays: dict[str, Any]):
-        self.model, self._traits, self._patches = model, traits, patches
+    Args:
+        working: what launches keep beside the state.
+    """
+
+    def __init__(
+        self, model: Model, traits: Traits, tables: Any, patches: Patches, arrays: dict[str, Any], working: Any
+    ):
+        self.model, self._patches = model, patches
         rings = quad_rings(model) if traits.measures_areas or traits.aims_on_the_way else None
-        self._kernel = patch_kernel(traits, _layout(model, traits, patches, rings is not None))
-        self._tables = tables_in_patches(model, patches, tables)
-        self._slots = slots_in_patches(model, patches, rings)
-        self._table = patch_table(model, patches, traits.aims_on_the_way)
+        self._layout = _layout(model, traits, patches, rings is not None)
+        self._step = step_of_patches(traits, self._layout)
         self._at_once = worlds_at_once(model, traits, patches)
         self.memory = PatchMemory()
         for name, array in arrays.items():
             setattr(self.memory, name, array)
+        self._given = {
+            "t": tables_in_patches(model, patches, tables, traits.aims_on_the_way),
+            "slots": slots_in_patches(model, patches, rings),
+            "patches": patch_table(model, patches, traits.aims_on_the_way),
+            "memory": self.memory,
+            "working": working,
+        }
 
     @staticmethod
     def arrays(model: Model, traits: Traits, patches: Patches, room: Room) -> dict[str, Any]:
-        """The memory of `PatchMemory`, but for aims."""
+        """The memory of `PatchMemory`."""
         worlds = worlds_at_once(model, traits, patches)
         return {
             "points": room.array((2 * worlds * model.particle_count,), wp.vec4),
             "sums": room.array((2 * 2 * worlds * patches.count if traits.gas or traits.fresh_normals else 0,), wp.vec4),
-            "frame": room.array((1,), wp.int32),
         }
 
     def advance(self, state: State, aims: wp.array | None) -> None:
         """The substeps of a frame."""
-        if self._traits.tells_time:
-            wp.copy(self.memory.frame, state.frame)
-        if aims is not None:
-            self.memory.aims = aims
+        kernel = kernel_of_patches(self._step, self._layout)
         for first in range(0, self.model.world_count, self._at_once):
             worlds = min(self._at_once, self.model.world_count - first)
             self.memory.points.zero_()
             self.memory.sums.zero_()
+            given = {
+                **self._given, "state": world_state(state), "first_world": first, "worlds_at_work": worlds, "aims": aims
+            }  # fmt: skip
             launch_tiled(
-                self._kernel,
+                kernel,
                 dim=[worlds, self._patches.count],
-                inputs=[self._tables, self._slots, self._table, first, worlds, world_state(state), self.memory],
+                inputs=[given[name] for name in arguments_of_patches(self._step, self._layout)],
                 block_dim=self._patches.threads,
                 device=self.model.device,
             )
 
 
-def _layout(model: Model, traits: Traits, patches: Patches, rings: bool) -> PatchLayout:
-    return PatchLayout(
+def _layout(model: Model, traits: Traits, patches: Patches, rings: bool) -> Layout:
+    """A particle a thread, with a tile for those of the rim, too."""
+    return Layout(
         threads=patches.threads,
-        rim=max(patches.most_of_rim, 1),
+        capacity=patches.threads + max(patches.most_of_rim, 1),
+        held=1,
+        slots=kind_slots(spring_ends(model)),
+        rings=int(rings),
         registers=_registers(model, traits, patches),
-        kind_slots=kind_slots(spring_ends(model)),
-        rings=rings,
     )

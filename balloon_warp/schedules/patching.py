@@ -8,12 +8,12 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.schedules.block.springs import SlotTable
+from balloon_warp.kernels.loops.slots import SlotTable
 from balloon_warp.kernels.schedules.patches.memory import PatchTable
-from balloon_warp.kernels.tables import SLICE, FanTable, MembraneTable, Tables
+from balloon_warp.kernels.tables import SLICE, FaceTable, FanTable, MembraneTable, Tables
 from balloon_warp.model import Model
+from balloon_warp.schedules.block_layout import WARP_THREADS
 from balloon_warp.schedules.block_room import MOST_THREADS
-from balloon_warp.schedules.residence import WARP_THREADS
 from balloon_warp.schedules.rings import Ring
 from balloon_warp.schedules.spring_ends import SpringEnds, neighbors_in_slots, spring_ends
 from balloon_warp.schedules.tables import volume_origins
@@ -154,11 +154,24 @@ def patch_table(model: Model, patches: Patches, measures_faces: bool) -> Any:
     table.balloons = array(patches.balloons)
     table.firsts = array(np.searchsorted(patches.balloons, np.arange(model.balloon_count + 1)))
     if measures_faces:
-        corners = model.face_particles.numpy().astype(np.int64).reshape(-1, 4)
-        corners = corners[np.argsort(patches.patch[corners[:, 0]], kind="stable")]
-        places = patches.places_of(np.broadcast_to(corners[:, :1], corners.shape), corners)
-        table.faces = wp.array(places, dtype=wp.vec4i, device=model.device)
-        table.face_offsets = array(np.searchsorted(patches.patch[corners[:, 0]], np.arange(patches.count + 1)))
+        first = patches.patch[_corners_by_patch(model, patches)[:, 0]]
+        table.face_offsets = array(np.searchsorted(first, np.arange(patches.count + 1)))
+    return table
+
+
+def _corners_by_patch(model: Model, patches: Patches) -> NDArray[np.int64]:
+    """The corners of all quads, patch by patch: each in that of its first corner."""
+    corners = model.face_particles.numpy().astype(np.int64).reshape(-1, 4)
+    return corners[np.argsort(patches.patch[corners[:, 0]], kind="stable")]
+
+
+def faces_in_patches(model: Model, patches: Patches) -> Any:
+    """The faces, which are quads, patch by patch: their corners lead to places there."""
+    corners = _corners_by_patch(model, patches)
+    places = patches.places_of(np.broadcast_to(corners[:, :1], corners.shape), corners)
+    table = FaceTable()
+    table.offsets = wp.array(4 * np.arange(len(corners) + 1), dtype=wp.int32, device=model.device)
+    table.particles = wp.array(places.ravel(), dtype=wp.int32, device=model.device)
     return table
 
 
@@ -190,8 +203,12 @@ def slots_in_patches(model: Model, patches: Patches, ring: Ring | None) -> Any:
     return table
 
 
-def tables_in_patches(model: Model, patches: Patches, tables: Any) -> Any:
-    """The tables, but faces and membranes around a particle lead to places in its patch."""
+def tables_in_patches(model: Model, patches: Patches, tables: Any, measures_faces: bool = False) -> Any:
+    """The tables, but faces and membranes around a particle lead to places in its patch.
+
+    Args:
+        measures_faces: whether faces do, too, which are quads then.
+    """
     t, fans, membranes = Tables(), FanTable(), MembraneTable()
     for kind, copy, original in (
         (Tables, t, tables),
@@ -212,6 +229,8 @@ def tables_in_patches(model: Model, patches: Patches, tables: Any) -> Any:
         owners = _owners(model, tables.membranes.slice_offsets, tables.membranes.others)
         membranes.others = _led(model, patches, owners, tables.membranes.others)
     t.fans, t.membranes = fans, membranes
+    if measures_faces:
+        t.faces = faces_in_patches(model, patches)
     return t
 
 

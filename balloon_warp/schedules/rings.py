@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from balloon_warp.kernels.tables import SLICE, RingTable
 from balloon_warp.model import Model
-from balloon_warp.schedules.banks import turned_over_banks
 from balloon_warp.schedules.slices import slices_of
 from balloon_warp.schedules.spring_ends import SpringEnds, neighbors_in_slots, spring_ends
 
@@ -81,17 +80,13 @@ def ring_table(model: Model, ends: SpringEnds, ring: Ring | None, springs_vary: 
     """The rings as kernels read them.
 
     Args:
-        in_block: for a block, which reads points from shared memory: each ring begins where the threads of a warp get
-            least in each other's way there.
+        in_block: for a block, whose worlds have so few particles that 16 bits number them.
     """
     table = RingTable()
     if ring is None:
         return table
     along, across = ring
     flexion = neighbors_in_slots(ends, FLEXION)
-    if in_block:
-        along, across = turned_over_banks(np.stack(ring))
-        flexion = turned_over_banks(flexion[None])[0]
     count = model.particle_count
     around, opposite = _entries(across)
     quads = np.bincount(around, minlength=count)

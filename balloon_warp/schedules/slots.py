@@ -6,7 +6,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.schedules.block.springs import SlotTable
+from balloon_warp.kernels.loops.slots import SlotTable
 from balloon_warp.model import Model
 from balloon_warp.schedules.banks import spread_over_banks
 from balloon_warp.schedules.rings import Ring

@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.algebra import LANE_COUNT, Lanes, Lanes3
+from balloon_warp.kernels.lanes import LANE_COUNT, Lanes, Lanes3
 from balloon_warp.kernels.solvers.linear_systems import FactorTable, factored_solver
 from balloon_warp.launching import launch
 from balloon_warp.model import Model

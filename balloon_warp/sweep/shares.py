@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.device import pick_device
-from balloon_warp.kernels.algebra import LANE_COUNT
+from balloon_warp.kernels.lanes import LANE_COUNT
 from balloon_warp.model import ModelPlan, Remark, lay_out, remarks_on
 from balloon_warp.simulator import Simulator
 from balloon_warp.solvers.choose import settled_solver

@@ -61,12 +61,6 @@ def tell_push(working: Working, world: wp.int32, particle: wp.int32, other: wp.i
 
 
 @wp.func
-def is_touched(working: Working, world: wp.int32, particle: wp.int32):
-    """Whether there is something to take for a particle: for most there is not, which costs a GPU a byte to read."""
-    return byte_in(working.touched, world, particle) != UNTOUCHED
-
-
-@wp.func
 def take_pushes(working: Working, world: wp.int32, particle: wp.int32):
     """What contacts do to a particle [N], and nothing is left of it; and how many they are, for the next substep."""
     force = wp.vec3()
@@ -77,14 +71,6 @@ def take_pushes(working: Working, world: wp.int32, particle: wp.int32):
         working.contacts[world, particle] = since[3]
         working.touched[world, particle] = wp.where(mark == TOUCHED, COUNTED, UNTOUCHED)
     return force
-
-
-@wp.func
-def forget_pushes(working: Working, world: wp.int32, particle: wp.int32):
-    """As if it had no contacts until now."""
-    growth(working.push_quanta, working.pushes_taken, world, particle)
-    working.contacts[world, particle] = 0.0
-    working.touched[world, particle] = UNTOUCHED
 
 
 @wp.kernel(enable_backward=False)

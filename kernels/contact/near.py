@@ -6,10 +6,10 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.loops.obstacles import sphere_in_state
 from balloon_warp.kernels.loops.touching import is_near_sphere
-from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
+from balloon_warp.kernels.working import Working
 
 PARTICLES_A_MARK = wp.constant(8)
 
@@ -19,14 +19,25 @@ def mark_count(particle_count: int) -> int:
     return -(-particle_count // PARTICLES_A_MARK) + 1
 
 
+@wp.func
+def are_noted(working: Working, world: wp.int32):
+    """Return whether any particle of a world is."""
+    return working.near[world, working.near.shape[1] - 1] > 0
+
+
 @cache
-def noting_function(traits: Traits) -> Any:
-    """The function that notes a particle."""
+def noting_function(traits: Traits, sphere_at: Any) -> Any:
+    """The function that notes a particle.
+
+    Args:
+        sphere_at: the function that gives a sphere's center, velocity and radius.
+    """
+    spheres_there = traits.spheres
 
     @wp.func
     def is_noted(
         t: Tables,
-        state: WorldState,
+        spheres: Any,
         near: wp.array2d[wp.int32],
         world: wp.int32,
         particle: wp.int32,
@@ -35,8 +46,8 @@ def noting_function(traits: Traits) -> Any:
     ):
         """Whether it may touch, which is then noted. All who write a mark write the same."""
         noted = bool(False)
-        for sphere in range(state.sphere_positions.shape[1]):
-            center, motion, radius = sphere_in_state(t, state, world, sphere)
+        for sphere in range(spheres_there):
+            center, motion, radius = sphere_at(t, spheres, world, sphere)
             noted = noted or is_near_sphere(t, center, motion, radius, point, velocity)
         if noted:
             near[world, particle // PARTICLES_A_MARK] = 1

@@ -9,7 +9,7 @@ import warp as wp
 from balloon_warp.kernels.contact.near import PARTICLES_A_MARK
 from balloon_warp.kernels.laws.impulse import MOST_TURNS, Press, is_met, is_settled
 from balloon_warp.kernels.loops.inertia import inertia_function
-from balloon_warp.kernels.loops.obstacles import around_function, sphere_in_state, standing_function
+from balloon_warp.kernels.loops.obstacles import around_function, standing_function
 from balloon_warp.kernels.loops.touching import (
     answer_of_ball,
     answer_to_ball,
@@ -22,15 +22,17 @@ from balloon_warp.kernels.loops.touching import (
     shift_of_ball,
 )
 from balloon_warp.kernels.own import own_functions
-from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.spheres import sphere_at
+from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.working import Working
 
 
 @cache
-def marked_functions(traits: Traits) -> tuple[Any, Any, Any]:
+def marked_functions(traits: Traits, at: Any, put: Any) -> tuple[Any, Any, Any]:
     """The functions that go through the particles at a mark: what they press a sphere with, how they answer it, which
-    gives how they rub on it, and, when all have, how they stand on the ground and on obstacles."""
+    gives how they rub on it, and, when all have, how they stand on the ground and on obstacles. `at` reads a point
+    or velocity, `put` writes it."""
     _, read_own = own_functions(traits.columns, traits.balloons)
     inertia = inertia_function(traits)
     stand = standing_function(traits)
@@ -50,15 +52,15 @@ def marked_functions(traits: Traits) -> tuple[Any, Any, Any]:
         mark: wp.int32,
         ball: Any,
         change: wp.vec3,
-        points: wp.array[wp.vec3],
-        velocities: wp.array[wp.vec3],
+        points: Any,
+        velocities: Any,
     ):
         total = Press()
-        for particle in range(mark * PARTICLES_A_MARK, end_of_mark(mark, points.shape[0])):
+        for particle in range(mark * PARTICLES_A_MARK, end_of_mark(mark, t.particles.balloon.shape[0])):
             own = read_own(t, world, particle)
             if own.share > 0.0:
                 mass = inertia(working, own)
-                total += press_on_ball(t, ball, change, mass, points[particle], velocities[particle])
+                total += press_on_ball(t, ball, change, mass, at(points, particle), at(velocities, particle))
         return total
 
     @wp.func
@@ -72,14 +74,14 @@ def marked_functions(traits: Traits) -> tuple[Any, Any, Any]:
         last: wp.vec3,
         change: wp.vec3,
         shift: wp.vec3,
-        points: wp.array[wp.vec3],
-        velocities: wp.array[wp.vec3],
+        points: Any,
+        velocities: Any,
     ):
         total = wp.spatial_vector()
-        for particle in range(mark * PARTICLES_A_MARK, end_of_mark(mark, points.shape[0])):
+        for particle in range(mark * PARTICLES_A_MARK, end_of_mark(mark, t.particles.balloon.shape[0])):
             if t.particles.mass_share[particle] > 0.0:
-                start = points[particle]
-                speed = velocities[particle]
+                start = at(points, particle)
+                speed = at(velocities, particle)
                 point, velocity = answer_to_ball(t, ball, last, change, shift, start, speed)
                 if wp.static(traits.spheres_rub):
                     own = read_own(t, world, particle)
@@ -87,34 +89,28 @@ def marked_functions(traits: Traits) -> tuple[Any, Any, Any]:
                     rub = rub_on_ball(t, ball, press, last, change, mass, own.n[friction_column], start, speed)
                     total += rub
                     point, velocity = rubbed_point(t, rub, mass, point, velocity)
-                points[particle] = point
-                velocities[particle] = velocity
+                put(points, particle, point)
+                put(velocities, particle, velocity)
         return total
 
     @wp.func
-    def stand_at_mark(
-        t: Tables,
-        world: wp.int32,
-        time: float,
-        mark: wp.int32,
-        points: wp.array[wp.vec3],
-        velocities: wp.array[wp.vec3],
-    ):
-        for particle in range(mark * PARTICLES_A_MARK, end_of_mark(mark, points.shape[0])):
+    def stand_at_mark(t: Tables, world: wp.int32, time: float, mark: wp.int32, points: Any, velocities: Any):
+        for particle in range(mark * PARTICLES_A_MARK, end_of_mark(mark, t.particles.balloon.shape[0])):
             own = read_own(t, world, particle)
             if own.share > 0.0:
-                point, velocity = stand(t, around_own(own, time), points[particle], velocities[particle])
-                points[particle] = point
-                velocities[particle] = velocity
+                point, velocity = stand(t, around_own(own, time), at(points, particle), at(velocities, particle))
+                put(points, particle, point)
+                put(velocities, particle, velocity)
 
     return press_at_mark, answer_at_mark, stand_at_mark
 
 
 @cache
-def spheres_function(traits: Traits) -> Any:
-    """The function by which spheres and particles exchange momentum, sphere by sphere."""
-    ball_at = ball_function(traits, sphere_in_state)
-    press_at_mark, answer_at_mark, stand_at_mark = marked_functions(traits)
+def spheres_function(traits: Traits, at: Any, put: Any, total_of: Any) -> Any:
+    """The function by which spheres and particles exchange momentum, sphere by sphere. `at` reads a point
+    or velocity, `put` writes it, `total_of` adds up what threads have."""
+    ball_at = ball_function(traits, sphere_at)
+    press_at_mark, answer_at_mark, stand_at_mark = marked_functions(traits, at, put)
 
     @wp.func
     def press_of_thread(
@@ -124,8 +120,8 @@ def spheres_function(traits: Traits) -> Any:
         thread: wp.int32,
         ball: Any,
         change: wp.vec3,
-        points: wp.array[wp.vec3],
-        velocities: wp.array[wp.vec3],
+        points: Any,
+        velocities: Any,
     ):
         """By the particles whose marks are a thread's."""
         part = Press()
@@ -137,30 +133,30 @@ def spheres_function(traits: Traits) -> Any:
     @wp.func
     def touch_spheres(
         t: Tables,
-        state: WorldState,
+        spheres: Any,
         working: Working,
         world: wp.int32,
         thread: wp.int32,
         end: float,
-        points: wp.array[wp.vec3],
-        velocities: wp.array[wp.vec3],
+        points: Any,
+        velocities: Any,
     ):
         """Of a world, by all threads of a block; nothing if no particle of it was noted, and then all marks are taken
         away."""
         marks = working.near.shape[1] - 1
         if working.near[world, marks] > 0:
-            for sphere in range(state.sphere_positions.shape[1]):
-                ball = ball_at(t, state, state.sphere_spins, world, sphere)
+            for sphere in range(t.spheres.radius.shape[1]):
+                ball = ball_at(t, spheres, spheres.sphere_spins, world, sphere)
                 last = wp.vec3()
                 part = press_of_thread(t, working, world, thread, ball, last, points, velocities)
-                press = wp.tile_sum(wp.tile(part, preserve_type=True))[0]
+                press = total_of(part)
                 if is_met(press):
                     change = change_of_ball(t, ball, press, last)
                     turn = wp.int32(1)
                     while turn < MOST_TURNS and not is_settled(change, last):
                         last = change
                         part = press_of_thread(t, working, world, thread, ball, last, points, velocities)
-                        press = wp.tile_sum(wp.tile(part, preserve_type=True))[0]
+                        press = total_of(part)
                         change = change_of_ball(t, ball, press, last)
                         turn += 1
                     shift = shift_of_ball(t, ball, press)
@@ -173,14 +169,14 @@ def spheres_function(traits: Traits) -> Any:
                             )  # fmt: skip
                     center, motion, force = answer_of_ball(t, ball, change, shift)
                     if wp.static(traits.spheres_rub):
-                        rub = wp.tile_sum(wp.tile(mine, preserve_type=True))[0]
+                        rub = total_of(mine)
                         center, motion, spin = rubbed_ball(t, ball, press, change, center, motion, rub)
                         if thread == 0:
-                            state.sphere_spins[world, sphere] = spin
+                            spheres.sphere_spins[world, sphere] = spin
                     if thread == 0:
-                        state.sphere_positions[world, sphere] = center
-                        state.sphere_velocities[world, sphere] = motion
-                        state.sphere_forces[world, sphere] = force
+                        spheres.sphere_positions[world, sphere] = center
+                        spheres.sphere_velocities[world, sphere] = motion
+                        spheres.sphere_forces[world, sphere] = force
             for mark in range(thread, marks, wp.block_dim()):
                 if working.near[world, mark] > 0:
                     if wp.static(traits.stands):

@@ -10,8 +10,12 @@ pressure p pushes it by p times that: net force and torque on a closed mesh vani
 around their centers; it is homogeneous of degree three in the places, so that it is a third of the sum of x . a.
 """
 
+from typing import Any
+
 import warp as wp
 
+from balloon_warp.kernels.algebra import dot_product, scaled, times
+from balloon_warp.kernels.lanes import LANE_COUNT, Five, Lanes, five
 from balloon_warp.kernels.laws.air import AIR, air_of_height, molar_volume
 from balloon_warp.kernels.laws.body import GRAVITY
 from balloon_warp.kernels.laws.empty import COLLAPSING, EMPTIEST, end_of_collapse
@@ -49,7 +53,7 @@ PARAMETERS = (
     GRAVITY,
 )
 
-Swelling = wp.types.vector(length=5, dtype=wp.float32)
+Swelling = Five
 """How a balloon swells, summed over its particles: see the numbers below."""
 VOLUME = wp.constant(0)  # [m^3]
 RESPONSE = wp.constant(1)  # to a pressure in a step: sum h |a|^2 / m [m^3/s/Pa], a the area vectors, along obstacles
@@ -59,16 +63,16 @@ RESPONSE_HEIGHT = wp.constant(4)  # sum h |a|^2 height / m [m^4/s/Pa]
 
 
 @wp.func
-def free_along(area_vector: wp.vec3, normal: wp.vec3):
+def free_along(area_vector: Any, normal: Any):
     """Part of an area vector that a particle can follow beside an obstacle of this normal; zero if none.
 
     The particle is pressed against the obstacle.
     """
-    return area_vector - wp.dot(area_vector, normal) * normal
+    return area_vector - scaled(normal, dot_product(area_vector, normal))
 
 
 @wp.func
-def rate_beside_obstacles(area_vector: wp.vec3, free: wp.vec3, velocity: wp.vec3, gain: float, push: float):
+def rate_beside_obstacles(area_vector: Any, free: Any, velocity: Any, gain: Any, push: Any):
     """Rate of swelling at a particle without pressure [m^3/s], beside obstacles.
 
     They let it move at a velocity that the old pressure has a part in.
@@ -78,13 +82,11 @@ def rate_beside_obstacles(area_vector: wp.vec3, free: wp.vec3, velocity: wp.vec3
         velocity: under the old pressure [m/s].
         push: the old pressure [Pa], whose part in the velocity does not count.
     """
-    return wp.dot(area_vector, velocity) - push * (gain * wp.length_sq(free))
+    return dot_product(area_vector, velocity) - times(push, times(gain, dot_product(free, free)))
 
 
 @wp.func
-def swelling_of_particle(
-    arm: wp.vec3, area_vector: wp.vec3, free: wp.vec3, rate: float, gain: float, share: float, height: float
-):
+def swelling_of_particle(arm: Any, area_vector: Any, free: Any, rate: Any, gain: Any, share: Any, height: Any):
     """Part of a particle in its balloon's swelling.
 
     Args:
@@ -95,9 +97,9 @@ def swelling_of_particle(
         gain: h / m, the velocity that a force gives in a step [m/s/N]; 0 if it is fixed.
         share: of the balloon's mass.
     """
-    volume = wp.dot(arm, area_vector) / 3.0
-    response = gain * wp.length_sq(free)
-    return Swelling(volume, response, rate, share * height, response * height)
+    volume = dot_product(arm, area_vector) / 3.0
+    response = times(gain, dot_product(free, free))
+    return five(volume, response, rate, times(share, height), times(response, height))
 
 
 @wp.func
@@ -113,6 +115,15 @@ def memory_of_rate(breathing_damping: float):
     It is 0 in backward Euler, 1 in the trapezoidal rule.
     """
     return (1.0 - breathing_damping) / (1.0 + 3.0 * breathing_damping)
+
+
+@wp.func
+def memory_of_rate(breathing_damping: Lanes):  # noqa: F811 - an overload
+    """Return the same in each lane."""
+    memories = Lanes()
+    for lane in range(LANE_COUNT):
+        memories[lane] = memory_of_rate(breathing_damping[lane])
+    return memories
 
 
 @wp.func

@@ -6,10 +6,9 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.algebra import cross_product
+from balloon_warp.kernels.lanes import LANE_COUNT, Lanes, Lanes3, entry_at, of_lane, set_lane
 from balloon_warp.kernels.laws.inflation import FAR, aim_of, facing_of, nearer_area
-from balloon_warp.kernels.loops.ring_ends import ring_ends
-from balloon_warp.kernels.memory import four_ints_at
-from balloon_warp.kernels.tables import SLICE, FaceTable, RingTable
+from balloon_warp.kernels.tables import FaceTable
 
 
 @cache
@@ -37,6 +36,43 @@ def aim_loop(at: Any) -> Any:
     return aim_of_particle
 
 
+@cache
+def aim_loop_of_eight(at: Any) -> Any:
+    """The function that aims eight particles.
+
+    Args:
+        at: the function that reads centers or area vectors of eight faces.
+    """
+
+    @wp.func
+    def aims_of_eight(faces: Any, centers: Any, area_vectors: Any, eight: wp.int32, points: Lanes3, total_areas: Lanes):
+        """(A_p / A_total) n of each."""
+        normals = Lanes3()
+        squared_distances = Lanes(FAR)
+        areas = Lanes()
+        for incidence in range(faces.particle_offsets[eight], faces.particle_offsets[eight + 1]):
+            face = entry_at(faces.around_particles, incidence)
+            center = at(centers, face)
+            area_vector = at(area_vectors, face)
+            for lane in range(LANE_COUNT):
+                of_one = of_lane(area_vector, lane)
+                normal = wp.normalize(of_one)
+                nearest = wp.vec2(squared_distances[lane], areas[lane])
+                nearest = nearer_area(nearest, of_lane(points, lane), of_lane(center, lane), of_one)
+                squared_distances[lane] = nearest[0]
+                areas[lane] = nearest[1]
+                normals[0, lane] += normal[0]
+                normals[1, lane] += normal[1]
+                normals[2, lane] += normal[2]
+        aims = Lanes3()
+        for lane in range(LANE_COUNT):
+            nearest = wp.vec2(squared_distances[lane], areas[lane])
+            aims = set_lane(aims, lane, aim_of(facing_of(of_lane(normals, lane), nearest), total_areas[lane]))
+        return aims
+
+    return aims_of_eight
+
+
 @wp.func
 def see_quad(normal: wp.vec3, nearest: wp.vec2, before: wp.vec3, across: wp.vec3, along: wp.vec3):
     """The sum of the unit normals around a particle, and its nearest face, with one more quad, from the vectors to its
@@ -49,34 +85,3 @@ def see_quad(normal: wp.vec3, nearest: wp.vec2, before: wp.vec3, across: wp.vec3
 def facing_of_quads(normal: wp.vec3, nearest: wp.vec2):
     """A_p n, when all quads around a particle have been seen [m^2]."""
     return 0.5 * facing_of(normal, nearest)
-
-
-@cache
-def ring_aim_loop(at: Any) -> Any:
-    """The function that aims a particle by the quads that go all around it, which it measures itself.
-
-    Args:
-        at: the function that reads a point.
-    """
-    ends_at = ring_ends(at)
-
-    @wp.func
-    def aim_of_particle(rings: RingTable, points: Any, particle: wp.int32, point: wp.vec3, total_area: float):
-        """(A_p / A_total) n"""
-        normal = wp.vec3()
-        nearest = wp.vec2(FAR, 0.0)
-        place = four_ints_at(rings.places, particle)
-        before = at(points, place[3]) - point
-        next_ends = ends_at(rings, place[0])
-        for entry in range(place[0], place[0] + SLICE * place[1], SLICE):
-            ends = next_ends
-            next_ends = ends_at(rings, entry + SLICE)
-            across = at(points, ends[0]) - point
-            along = at(points, ends[1]) - point
-            turned, nearer = see_quad(normal, nearest, before, across, along)
-            normal = turned
-            nearest = nearer
-            before = along
-        return aim_of(facing_of_quads(normal, nearest), total_area)
-
-    return aim_of_particle

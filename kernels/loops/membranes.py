@@ -9,8 +9,9 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.algebra import number_in, scaled
+from balloon_warp.kernels.algebra import scaled
 from balloon_warp.kernels.compose import choice_of_laws
+from balloon_warp.kernels.lanes import number_in
 from balloon_warp.kernels.laws.tension_field import (
     LEAST_DET,
     compliance_of,

@@ -15,18 +15,8 @@ from balloon_warp.kernels.laws.contact import (
 from balloon_warp.kernels.laws.fixture import MOST_TURNS, is_settled
 from balloon_warp.kernels.loops.fixture_looks import forget_look, is_free
 from balloon_warp.kernels.loops.fixtures import Around, fixture_functions
-from balloon_warp.kernels.tables import Tables, WorldState, sphere_penalty, sphere_radius
+from balloon_warp.kernels.tables import Tables, sphere_penalty
 from balloon_warp.kernels.traits import Traits
-
-
-@wp.func
-def sphere_in_state(t: Tables, state: WorldState, world: wp.int32, sphere: wp.int32):
-    """Center, velocity and radius of a sphere that stands in the state."""
-    return (
-        state.sphere_positions[world, sphere],
-        state.sphere_velocities[world, sphere],
-        sphere_radius(t.spheres, world, sphere),
-    )
 
 
 @wp.func
@@ -119,20 +109,19 @@ def standing_function(traits: Traits) -> Any:
 
 
 @cache
-def obstacle_loop(traits: Traits, add_force: Any) -> Any:
-    """The function that lets a particle leave the ground, obstacles, and by the paper's rule spheres, which stand in
-    the state.
+def obstacle_loop(traits: Traits, sphere_at: Any, add_force: Any) -> Any:
+    """The function that lets a particle leave the ground, obstacles, and by the paper's rule spheres.
 
     Args:
+        sphere_at: the function that gives a sphere's center, velocity and radius.
         add_force: the function that adds a force to those on a sphere.
     """
-    stand = standing_function(traits)
+    stand, spheres_there = standing_function(traits), traits.spheres
 
     @wp.func
     def leave_obstacles(
         t: Tables,
-        state: WorldState,
-        forces: Any,
+        spheres: Any,
         around: Around,
         point: wp.vec3,
         velocity: wp.vec3,
@@ -140,15 +129,15 @@ def obstacle_loop(traits: Traits, add_force: Any) -> Any:
     ):
         """Its point and velocity outside at the end of a step; each sphere gets its force."""
         if wp.static(traits.penalties):
-            for sphere in range(state.sphere_positions.shape[1]):
-                center, motion, radius = sphere_in_state(t, state, around.world, sphere)
+            for sphere in range(spheres_there):
+                center, motion, radius = sphere_at(t, spheres, around.world, sphere)
                 if wp.length_sq(point - center) < radius * radius:
                     out, after, push = leave_one_sphere(
                         t, around.world, sphere, center, motion, radius, point, velocity, inflation
                     )
                     point = out
                     velocity = after
-                    add_force(forces, around.world, sphere, push)
+                    add_force(spheres, around.world, sphere, push)
         if wp.static(traits.stands):
             stood, slowed = stand(t, around, point, velocity)
             point = stood
@@ -159,29 +148,24 @@ def obstacle_loop(traits: Traits, add_force: Any) -> Any:
 
 
 @cache
-def course_function(traits: Traits, sphere_at: Any) -> Any:
-    """The function that foresees where obstacles let a particle go.
+def detour_function(traits: Traits, sphere_at: Any) -> Any:
+    """The function that foresees how obstacles turn a particle aside.
 
     Args:
         sphere_at: the function that gives a sphere's center, velocity and radius.
     """
     out_of_fixtures = fixture_functions(traits)[1] if traits.stands_on_fixtures else None
+    spheres_there = traits.spheres
 
     @wp.func
-    def course_beside_obstacles(
-        t: Tables,
-        spheres: Any,
-        around: Around,
-        point: wp.vec3,
-        velocity: wp.vec3,
-    ):
-        """The velocity at which obstacles let a particle move in a step, and the normal of the last one that it meets,
+    def detour_beside_obstacles(t: Tables, spheres: Any, around: Around, point: wp.vec3, velocity: wp.vec3):
+        """By how much they change the velocity of a particle in a step, and the normal of the last one that it meets;
         zero if none."""
         end = point + t.step_seconds * velocity
         outside = end
         normal = wp.vec3()
         if wp.static(traits.spheres > 0):
-            for sphere in range(t.spheres.radius.shape[1]):
+            for sphere in range(spheres_there):
                 center, _motion, radius = sphere_at(t, spheres, around.world, sphere)
                 out, outward = out_of_sphere(outside, normal, center, radius, t.up)
                 outside = out
@@ -197,6 +181,6 @@ def course_function(traits: Traits, sphere_at: Any) -> Any:
                 )
                 outside = stood
                 normal = t.up
-        return velocity + (outside - end) / t.step_seconds, normal
+        return (outside - end) / t.step_seconds, normal
 
-    return course_beside_obstacles
+    return detour_beside_obstacles

@@ -56,14 +56,6 @@ def held_string_pull(traits: Traits) -> Any:
     return pull_of_held_string
 
 
-@wp.func
-def is_held(strings: StringTable, particle: wp.int32):
-    """Whether a string holds a particle."""
-    if strings.offsets.shape[0] == 0:
-        return False
-    return int_at(strings.offsets, particle) < int_at(strings.offsets, particle + 1)
-
-
 @cache
 def string_loop(traits: Traits) -> Any:
     """The function that sums a particle's strings."""

@@ -5,8 +5,8 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.algebra import number_in
 from balloon_warp.kernels.compose import choice_of_energies, choice_of_laws
+from balloon_warp.kernels.lanes import number_in
 from balloon_warp.kernels.laws.softening import softened
 from balloon_warp.kernels.laws.tearing import true_stress
 from balloon_warp.kernels.laws.tension_field import LEAST_DET, invariants_of, is_taut, mixed_stretch, relaxed

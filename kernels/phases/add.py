@@ -11,7 +11,7 @@ import warp as wp
 from balloon_warp.kernels.laws.torsion import FIRST_WING
 from balloon_warp.kernels.loops.areas import area_vector_of_corner
 from balloon_warp.kernels.loops.faces import face_push
-from balloon_warp.kernels.loops.hinges import hinge_force, wing_size
+from balloon_warp.kernels.loops.hinges import hinge_forces, wing_size
 from balloon_warp.kernels.loops.membranes import material_reader, triangle_pull, wear_reader
 from balloon_warp.kernels.loops.springs import pair_pull
 from balloon_warp.kernels.loops.strings import held_string_pull
@@ -47,30 +47,41 @@ def line_functions(traits: Traits) -> tuple[Any, Any]:
 
 
 @cache
-def surface_functions(traits: Traits, at: Any) -> tuple[Any, Any, Any]:
-    """Make the functions that add what a hinge, a triangle of a membrane, and a face do to a world's forces.
+def hinge_function(traits: Traits, at: Any, add: Any) -> Any:
+    """Make the function that adds what a hinge does.
+
+    Args:
+        at: the function that reads a point.
+        add: the one that adds a force to a particle's.
+    """
+    forces_of_hinge, read_numbers = hinge_forces(traits, at), numbers_reader(traits.columns)
+
+    @wp.func
+    def add_hinge(t: Tables, world: wp.int32, hinge: wp.int32, points: Any, forces: Any):
+        """Add forces on its two ends and on the corners of its wings."""
+        ends = t.hinges.ends[hinge]
+        of_roles = forces_of_hinge(t.hinges, points, hinge, read_numbers(t, world, t.particles.balloon[ends[0]]))
+        add(forces, ends[0], of_roles[0])
+        add(forces, ends[1], of_roles[1])
+        for wing in range(2):
+            begin = t.hinges.wing_offsets[2 * hinge + wing]
+            for corner in range(begin, begin + wing_size(t.hinges, hinge, wing)):
+                add(forces, t.hinges.wing_particles[corner], of_roles[FIRST_WING + wing])
+
+    return add_hinge
+
+
+@cache
+def surface_functions(traits: Traits, at: Any) -> tuple[Any, Any]:
+    """Make the functions that add what a triangle of a membrane, and a face do to a world's forces.
 
     Args:
         at: the function that reads a point.
     """
-    force_at_role, push_at_corner = hinge_force(traits, at), face_push(traits, at, vector_at)
+    push_at_corner = face_push(traits, at, vector_at)
     read_numbers = numbers_reader(traits.columns)
     pull_of_triangle = triangle_pull(traits) if traits.membranes else None
     material_of, left_of = material_reader(traits), wear_reader(traits)
-
-    @wp.func
-    def add_hinge(t: Tables, world: wp.int32, hinge: wp.int32, points: Any, forces: Any):
-        """Add the forces of a hinge on its two ends and on the corners of its wings."""
-        p = t.hinges.ends[hinge][0]
-        q = t.hinges.ends[hinge][1]
-        n = read_numbers(t, world, t.particles.balloon[p])
-        wp.atomic_add(forces, p, force_at_role(t.hinges, points, hinge, 0, n))
-        wp.atomic_add(forces, q, force_at_role(t.hinges, points, hinge, 1, n))
-        for wing in range(2):
-            share = force_at_role(t.hinges, points, hinge, FIRST_WING + wing, n)
-            begin = t.hinges.wing_offsets[2 * hinge + wing]
-            for corner in range(begin, begin + wing_size(t.hinges, hinge, wing)):
-                wp.atomic_add(forces, t.hinges.wing_particles[corner], share)
 
     @wp.func
     def add_triangle(t: Tables, world: wp.int32, triangle: wp.int32, points: Any, velocities: Any, forces: Any):
@@ -101,14 +112,15 @@ def surface_functions(traits: Traits, at: Any) -> tuple[Any, Any, Any]:
         for corner in range(t.faces.offsets[face], t.faces.offsets[face + 1]):
             wp.atomic_add(forces, t.faces.particles[corner], share)
 
-    return add_hinge, add_triangle, add_face
+    return add_triangle, add_face
 
 
 @phase("element")
 def add_forces(traits: Traits, look: Look) -> Any:
     """Add what a spring, or string, or hinge, or triangle, or face does to its particles, in this order."""
     add_spring, add_string = line_functions(traits)
-    add_hinge, add_triangle, add_face = surface_functions(traits, look.at)
+    add_hinge = hinge_function(traits, look.at, look.add)
+    add_triangle, add_face = surface_functions(traits, look.at)
 
     @wp.func
     def add_forces(

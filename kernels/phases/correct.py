@@ -5,6 +5,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.laws.correction import excess, moves_of_ends
+from balloon_warp.kernels.memory import float_at, int_pair_at
 from balloon_warp.kernels.phase import Look, phase
 from balloon_warp.kernels.tables import Tables, row_of_world
 from balloon_warp.kernels.traits import Traits
@@ -13,25 +14,25 @@ from balloon_warp.kernels.traits import Traits
 @phase("spring", when=lambda traits: traits.corrected)
 def correct(traits: Traits, look: Look) -> Any:
     """Shorten a spring that is too long; no two of one color end at one particle."""
+    at, put, velocity_at, put_velocity = look.at, look.put, look.velocity_at, look.put_velocity
     limit_column = traits.columns.places["correction_limit"] - traits.columns.balloon_width
 
     @wp.func
-    def correct(
-        t: Tables,
-        points: wp.array[wp.vec3],
-        velocities: wp.array[wp.vec3],
-        world: wp.int32,
-        spring: wp.int32,
-    ):
-        p = t.correction.particles[spring][0]
-        q = t.correction.particles[spring][1]
+    def correct(t: Tables, points: Any, velocities: Any, world: wp.int32, spring: wp.int32):
+        ends = int_pair_at(t.correction.particles, spring)
+        p = ends[0]
+        q = ends[1]
+        at_p = at(points, p)
+        at_q = at(points, q)
         limit = t.world_numbers[row_of_world(world, t.world_numbers.shape[0]), limit_column]
-        too_long = excess(points[q] - points[p], t.correction.rest_lengths[spring], limit)
-        if wp.length_sq(too_long) > 0.0:
-            move_p, move_q = moves_of_ends(t.particles.mass_share[p], t.particles.mass_share[q], too_long)
-            points[p] = points[p] + move_p
-            points[q] = points[q] + move_q
-            velocities[p] = velocities[p] + move_p / t.step_seconds
-            velocities[q] = velocities[q] + move_q / t.step_seconds
+        too_long = excess(at_q - at_p, float_at(t.correction.rest_lengths, spring), limit)
+        if wp.length_sq(too_long) > 0.0:  # few are: what the others would write takes longer than all the rest
+            move_p, move_q = moves_of_ends(
+                float_at(t.particles.mass_share, p), float_at(t.particles.mass_share, q), too_long
+            )
+            put(points, p, at_p + move_p)
+            put(points, q, at_q + move_q)
+            put_velocity(velocities, p, velocity_at(velocities, p) + move_p / t.step_seconds)
+            put_velocity(velocities, q, velocity_at(velocities, q) + move_q / t.step_seconds)
 
     return correct

@@ -7,8 +7,8 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.algebra import times
 from balloon_warp.kernels.loops.gas import flows_function, gas_mass_function, pump_function
-from balloon_warp.kernels.loops.inertia import inertia_function
 from balloon_warp.kernels.phase import Look, phase
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
@@ -38,10 +38,19 @@ def weigh(traits: Traits, look: Look) -> Any:
     return weigh
 
 
-@phase("particle", {"inertia": float}, light=True)
+@phase("particle", {"inertia": float}, light=True, once=lambda traits: not traits.gas_changes)
 def burden(traits: Traits, look: Look) -> Any:
-    """Find what a particle has to move [kg]."""
-    return inertia_function(traits)
+    """Find what a particle has to move, with its share of the gas, which moves along [kg]."""
+
+    @wp.func
+    def burden(own: Any):
+        return own.mass
+
+    @wp.func
+    def burden_with_gas(own: Any, gas_mass: Any):
+        return own.mass + times(own.share, gas_mass)
+
+    return burden_with_gas if traits.gas else burden
 
 
 @phase("world", when=lambda traits: traits.gas_flows)

@@ -6,9 +6,9 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.algebra import reach_along, scaled, times
+from balloon_warp.kernels.lanes import pair
 from balloon_warp.kernels.laws.inflation import NORMAL_FORCE, normal_push
 from balloon_warp.kernels.phase import Look, phase
-from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
 
 
@@ -50,9 +50,9 @@ def given_load(traits: Traits, look: Look) -> Any:
     """Take a given pressure, the same at all heights."""
 
     @wp.func
-    def given_load(keyed: float):
+    def given_load(keyed: Any):
         """At height 0 [Pa], and its rise [Pa/m]."""
-        return wp.vec2(keyed, 0.0)
+        return pair(keyed, 0.0)
 
     return given_load
 
@@ -63,17 +63,15 @@ def inflate(traits: Traits, look: Look) -> Any:
     inflation = inflation_of(traits)
 
     @wp.func
-    def push_along_aim(t: Tables, keyed: float, aim: wp.vec3):
+    def push_along_aim(t: Any, keyed: Any, aim: Any):
         return inflation(NORMAL_FORCE, keyed, 0.0, 0.0, t.up, aim, aim, aim)
 
     @wp.func
-    def push_by_pressure(t: Tables, load: wp.vec2, point: wp.vec3, area_vector: wp.vec3):
+    def push_by_pressure(t: Any, load: Any, point: Any, area_vector: Any):
         return inflation(0, 0.0, load[0], load[1], t.up, point, area_vector, area_vector)
 
     @wp.func
-    def push_either_way(
-        t: Tables, own: Any, keyed: float, load: wp.vec2, point: wp.vec3, aim: wp.vec3, area_vector: wp.vec3
-    ):
+    def push_either_way(t: Any, own: Any, keyed: Any, load: Any, point: Any, aim: Any, area_vector: Any):
         return inflation(own.kind, keyed, load[0], load[1], t.up, point, aim, area_vector)
 
     if not traits.pressures:
@@ -86,7 +84,7 @@ def add_up(traits: Traits, look: Look) -> Any:
     """Add up all forces [N], for who looks at them."""
 
     @wp.func
-    def add_up(force: wp.vec3, inflation: wp.vec3):
+    def add_up(force: Any, inflation: Any):
         return force + inflation
 
     return add_up

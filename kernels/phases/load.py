@@ -10,7 +10,6 @@ from balloon_warp.kernels.compose import call_of, function_from
 from balloon_warp.kernels.laws.gas import Swelling, gas_load
 from balloon_warp.kernels.laws.inflation import GAS, NORMAL_FORCE, PRESSURE
 from balloon_warp.kernels.loops.emptying import holding_function
-from balloon_warp.kernels.own import numbers_reader
 from balloon_warp.kernels.phase import Look, phase
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
@@ -65,30 +64,60 @@ def note_function(traits: Traits) -> Any:
     return note_load
 
 
-@phase("balloon", when=lambda traits: traits.gas)
-def load(traits: Traits, look: Look) -> Any:
-    """Find the pressure of the gas, and note it in the state."""
-    read_numbers, holds_gas = numbers_reader(traits.columns), holding_function(traits)
-    load_of_balloon, note_load = load_function(traits), note_function(traits)
+@phase(
+    "balloon", {"gas": wp.vec2}, when=lambda traits: traits.gas, light=True, once=lambda traits: not traits.gas_changes
+)
+def hold(traits: Traits, look: Look) -> Any:
+    """Read what a balloon holds: amount of gas [mol], and its free volume [m^3]."""
 
     @wp.func
-    def load(
-        t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32, time_in_frame: float, swelling: Swelling
+    def hold(state: WorldState, world: wp.int32, balloon: wp.int32):
+        return wp.vec2(float(state.gas_amounts[world, balloon]), float(state.free_volumes[world, balloon]))
+
+    return hold
+
+
+@phase("balloon", {"gas_load": wp.vec4}, when=lambda traits: traits.gas)
+def find_load(traits: Traits, look: Look) -> Any:
+    """Find the pressure of the gas."""
+    load_of_balloon, holds_gas = load_function(traits), holding_function(traits)
+
+    @wp.func
+    def load_of_gas(t: Tables, swelling: Swelling, gas: wp.vec2, numbers: Any):
+        return load_of_balloon(GAS, 0.0, swelling, gas[0], gas[1], t.step_seconds, numbers)
+
+    @wp.func
+    def load_of_any(
+        t: Tables,
+        state: WorldState,
+        world: wp.int32,
+        balloon: wp.int32,
+        time_in_frame: float,
+        swelling: Swelling,
+        gas: wp.vec2,
+        numbers: Any,
     ):
         kind = t.inflation_kind[balloon]
-        if kind != NORMAL_FORCE:
-            given = ramp_at(state, world, balloon, time_in_frame)
-            if wp.static(traits.bursts):
-                if holds_gas(t, state, world, balloon):
-                    kind = GAS
-                elif state.bursts[world, balloon][0] >= 0.0:
-                    kind = PRESSURE
-                    given = 0.0  # it is open
-            found = load_of_balloon(
-                kind, given, swelling,
-                float(state.gas_amounts[world, balloon]), float(state.free_volumes[world, balloon]), t.step_seconds,
-                read_numbers(t, world, balloon),
-            )  # fmt: skip
-            note_load(state, world, balloon, found)
+        given = ramp_at(state, world, balloon, time_in_frame)
+        if wp.static(traits.bursts):
+            if holds_gas(t, state, world, balloon):
+                kind = GAS
+            elif state.bursts[world, balloon][0] >= 0.0:
+                kind = PRESSURE
+                given = 0.0  # it is open
+        return load_of_balloon(kind, given, swelling, gas[0], gas[1], t.step_seconds, numbers)
 
-    return load
+    return load_of_gas if traits.balloons == 1 and not traits.bursts else load_of_any
+
+
+@phase("balloon", when=lambda traits: traits.gas)
+def note(traits: Traits, look: Look) -> Any:
+    """Note the pressure in the state."""
+    note_load = note_function(traits)
+
+    @wp.func
+    def note(t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32, gas_load: wp.vec4):
+        if t.inflation_kind[balloon] != NORMAL_FORCE:
+            note_load(state, world, balloon, gas_load)
+
+    return note

@@ -11,6 +11,7 @@ import warp as wp
 from balloon_warp.kernels.contact.bodies import bodies_function
 from balloon_warp.kernels.contact.edges import edges_function
 from balloon_warp.kernels.contact.faces import faces_function
+from balloon_warp.kernels.contact.near import are_noted
 from balloon_warp.kernels.contact.ridges import ridges_function
 from balloon_warp.kernels.contact.spheres import spheres_function
 from balloon_warp.kernels.phase import Look, phase
@@ -35,10 +36,10 @@ def meet_ridges(traits: Traits, look: Look) -> Any:
     return ridges_function(traits)
 
 
-@phase("team", when=lambda traits: traits.impulses)
+@phase("team", when=lambda traits: traits.impulses, due=lambda traits: are_noted)
 def meet_spheres(traits: Traits, look: Look) -> Any:
     """Let spheres and particles exchange momentum."""
-    return spheres_function(traits)
+    return spheres_function(traits, *look.in_team)
 
 
 @phase("team", when=lambda traits: traits.bodies > 0)

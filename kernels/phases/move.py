@@ -4,9 +4,9 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.algebra import Lanes, scaled
+from balloon_warp.kernels.algebra import scaled
+from balloon_warp.kernels.lanes import Lanes
 from balloon_warp.kernels.phase import Look, phase
-from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
 
 
@@ -41,23 +41,12 @@ def drift_symplectic(point: Any, old_velocity: Any, velocity: Any, step_seconds:
     return point + scaled(velocity, step_seconds)
 
 
-@wp.func
-def drift_forward(point: Any, old_velocity: Any, velocity: Any, step_seconds: float):
-    """x + h v, v the old velocity: forward Euler."""
-    return point + scaled(old_velocity, step_seconds)
-
-
-def drift_of(traits: Traits) -> Any:
-    """Make the function that moves a point."""
-    return drift_forward if traits.forward_euler else drift_symplectic
-
-
-@phase("particle", {"gain": float}, light=True)
+@phase("particle", {"gain": float}, light=True, once=lambda traits: not traits.gas_changes)
 def respond(traits: Traits, look: Look) -> Any:
     """Find the velocity that a force gives it, see `response`."""
 
     @wp.func
-    def respond(t: Tables, inertia: float):
+    def respond(t: Any, inertia: Any):
         return response(inertia, t.step_seconds)
 
     return respond
@@ -68,7 +57,7 @@ def free(traits: Traits, look: Look) -> Any:
     """Accelerate it by all forces but the inflation's: so the gas finds its pressure."""
 
     @wp.func
-    def free(velocity: wp.vec3, force: wp.vec3, gain: float):
+    def free(velocity: Any, force: Any, gain: Any):
         return kick(velocity, force, gain)
 
     return free
@@ -79,11 +68,11 @@ def push(traits: Traits, look: Look) -> Any:
     """Accelerate it by all forces."""
 
     @wp.func
-    def push(velocity: wp.vec3, force: wp.vec3, inflation: wp.vec3, gain: float):
+    def push(velocity: Any, force: Any, inflation: Any, gain: Any):
         return kick(velocity, force + inflation, gain)
 
     @wp.func
-    def push_on(free_velocity: wp.vec3, inflation: wp.vec3, gain: float):
+    def push_on(free_velocity: Any, inflation: Any, gain: Any):
         return kick(free_velocity, inflation, gain)
 
     return push_on if traits.gas else push
@@ -91,7 +80,7 @@ def push(traits: Traits, look: Look) -> Any:
 
 def _move(traits: Traits, look: Look) -> Any:
     @wp.func
-    def move(t: Tables, point: wp.vec3, velocity: wp.vec3):
+    def move(t: Any, point: Any, velocity: Any):
         """Move a point: x + h v [m]."""
         return drift_symplectic(point, velocity, velocity, t.step_seconds)
 

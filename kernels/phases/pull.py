@@ -9,6 +9,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.contact.forces import take_pushes
+from balloon_warp.kernels.lanes import any_positive
 from balloon_warp.kernels.loops.jets import hole_jet_loop, jet_loop
 from balloon_warp.kernels.loops.net_force import net_force_function
 from balloon_warp.kernels.phase import Look, phase
@@ -23,9 +24,46 @@ def pull(traits: Traits, look: Look) -> Any:
     net_force = net_force_function(traits, look.loops(traits))
 
     @wp.func
-    def pull(t: Tables, points: Any, own: Any, springs: Any, point: wp.vec3, velocity: wp.vec3, time: float):
+    def pull(t: Any, points: Any, own: Any, springs: Any, point: Any, velocity: Any, time: float):
         force, area_vector, _facing = net_force(t, points, points, own, springs, point, velocity, time)
         return force, area_vector
+
+    @wp.func
+    def pull_by_velocities(
+        t: Any, points: Any, velocities: Any, own: Any, springs: Any, point: Any, velocity: Any, time: float
+    ):
+        force, area_vector, _facing = net_force(t, points, velocities, own, springs, point, velocity, time)
+        return force, area_vector
+
+    @wp.func
+    def pull_alone(t: Any, own: Any, springs: Any, point: Any, velocity: Any, time: float):
+        force, area_vector, _facing = net_force(
+            t, point, velocity, own, springs, point, velocity, time
+        )  # looks nowhere
+        return force, area_vector
+
+    if look.alone(traits):
+        return pull_alone
+    return pull_by_velocities if traits.looks_at_velocities else pull
+
+
+@phase("particle", {"force": wp.vec3, "area_vector": wp.vec3, "facing": wp.vec3})
+def pull_and_face(traits: Traits, look: Look) -> Any:
+    """Sum the forces on a particle [N], and on the way find its area vector, and A_p n [m^2]."""
+    net_force = net_force_function(traits, look.loops(traits))
+
+    @wp.func
+    def pull_and_face(
+        t: Tables,
+        points: Any,
+        own: Any,
+        springs: Any,
+        point: wp.vec3,
+        velocity: wp.vec3,
+        time: float,
+    ):
+        force, area_vector, facing = net_force(t, points, points, own, springs, point, velocity, time)
+        return force, area_vector, facing
 
     @wp.func
     def pull_by_velocities(
@@ -38,19 +76,10 @@ def pull(traits: Traits, look: Look) -> Any:
         velocity: wp.vec3,
         time: float,
     ):
-        force, area_vector, _facing = net_force(t, points, velocities, own, springs, point, velocity, time)
-        return force, area_vector
+        force, area_vector, facing = net_force(t, points, velocities, own, springs, point, velocity, time)
+        return force, area_vector, facing
 
-    @wp.func
-    def pull_alone(t: Tables, own: Any, springs: Any, point: wp.vec3, velocity: wp.vec3, time: float):
-        force, area_vector, _facing = net_force(
-            t, point, velocity, own, springs, point, velocity, time
-        )  # looks nowhere
-        return force, area_vector
-
-    if look.alone(traits):
-        return pull_alone
-    return pull_by_velocities if traits.looks_at_velocities else pull
+    return pull_by_velocities if traits.looks_at_velocities else pull_and_face
 
 
 @phase("particle", {"force": wp.vec3}, when=lambda traits: traits.touches)
@@ -64,7 +93,16 @@ def take(traits: Traits, look: Look) -> Any:
     return take
 
 
-@phase("particle", {"force": wp.vec3}, when=lambda traits: traits.jets)
+def _at_neck(traits: Traits, look: Look) -> Any:
+    @wp.func
+    def is_at_neck(t: Any, own: Any):
+        """Whether any is."""
+        return any_positive(t.necks.weights[own.number])
+
+    return is_at_neck
+
+
+@phase("particle", {"force": wp.vec3}, when=lambda traits: traits.jets, rare=_at_neck)
 def jet(traits: Traits, look: Look) -> Any:
     """Add the thrust at the balloon's neck."""
     thrust_at = jet_loop(traits, look.at)

@@ -9,9 +9,8 @@ from balloon_warp.kernels.loops.colliding import colliding_function, path_in_arr
 from balloon_warp.kernels.loops.rolling import course_of, rolling_function
 from balloon_warp.kernels.loops.tumbling import tumbling_function
 from balloon_warp.kernels.phase import Look, phase
-from balloon_warp.kernels.tables import Tables, WorldState, row_of_world, sphere_mass
+from balloon_warp.kernels.tables import Tables, row_of_world, sphere_mass
 from balloon_warp.kernels.traits import Traits
-from balloon_warp.kernels.working import Working
 
 
 @phase("sphere", when=lambda traits: traits.spheres > 0)
@@ -24,37 +23,54 @@ def roll(traits: Traits, look: Look) -> Any:
     )
 
     @wp.func
-    def roll(t: Tables, state: WorldState, working: Working, world: wp.int32, sphere: wp.int32, end: float):
+    def roll(t: Tables, spheres: Any, world: wp.int32, sphere: wp.int32, end: float):
         numbers = t.world_numbers[row_of_world(world, t.world_numbers.shape[0])]
         around = wp.vec3(numbers[gravity], numbers[height], numbers[restitution])
         pushed = wp.vec3()
         if wp.static(traits.penalties):
-            pushed = total_newtons(working.sphere_quanta, world, sphere) / sphere_mass(t.spheres, world, sphere)
-            set_quanta(working.sphere_quanta, world, sphere, wp.vec3())
+            pushed = total_newtons(spheres.sphere_quanta, world, sphere) / sphere_mass(t.spheres, world, sphere)
+            set_quanta(spheres.sphere_quanta, world, sphere, wp.vec3())
         else:
-            state.sphere_forces[world, sphere] = wp.vec3()
-        start = state.sphere_positions[world, sphere]
+            spheres.sphere_forces[world, sphere] = wp.vec3()
+        start = spheres.sphere_positions[world, sphere]
         if wp.static(traits.keeps_starts):
-            working.sphere_starts[world, sphere] = start
-        before = course_of(start, state.sphere_velocities[world, sphere], state.sphere_spins[world, sphere])
+            spheres.sphere_starts[world, sphere] = start
+        before = course_of(start, spheres.sphere_velocities[world, sphere], spheres.sphere_spins[world, sphere])
         course = course_after(t, world, sphere, end, before, pushed, around)
-        state.sphere_positions[world, sphere] = course.position
-        state.sphere_velocities[world, sphere] = course.velocity
+        spheres.sphere_positions[world, sphere] = course.position
+        spheres.sphere_velocities[world, sphere] = course.velocity
         if wp.static(traits.spheres_rub):
-            state.sphere_spins[world, sphere] = course.spin
+            spheres.sphere_spins[world, sphere] = course.spin
 
     return roll
 
 
-@phase("world", when=lambda traits: traits.spheres_meet)
+def may_collide(traits: Traits) -> Any:
+    """Make the function that tells whether any of a thread's pairs of spheres may meet."""
+    may_meet = colliding_function(traits, path_in_arrays, put_in_arrays)[1]
+
+    @wp.func
+    def may_any_meet(t: Tables, spheres: Any, world: wp.int32, thread: wp.int32):
+        paths = paths_of(spheres.sphere_starts, spheres.sphere_positions, spheres.sphere_velocities)
+        count = t.spheres.radius.shape[1]
+        near = bool(False)
+        for pair in range(thread, count * count, wp.block_dim()):
+            if pair // count < pair % count:
+                near = near or may_meet(t, paths, world, pair // count, pair % count)
+        return near
+
+    return may_any_meet
+
+
+@phase("world", when=lambda traits: traits.spheres_meet, due=may_collide)
 def collide(traits: Traits, look: Look) -> Any:
     """Let spheres that have moved meet each other."""
     collide_all = colliding_function(traits, path_in_arrays, put_in_arrays)[0]
 
     @wp.func
-    def collide(t: Tables, state: WorldState, working: Working, world: wp.int32, end: float):
-        paths = paths_of(working.sphere_starts, state.sphere_positions, state.sphere_velocities)
-        collide_all(t, paths, state.sphere_spins, world, end)
+    def collide(t: Tables, spheres: Any, world: wp.int32, end: float):
+        paths = paths_of(spheres.sphere_starts, spheres.sphere_positions, spheres.sphere_velocities)
+        collide_all(t, paths, spheres.sphere_spins, world, end)
 
     return collide
 

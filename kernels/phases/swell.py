@@ -5,6 +5,7 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.algebra import dot_product, reach_along, scaled, times
 from balloon_warp.kernels.laws.gas import (
     Swelling,
     free_along,
@@ -13,9 +14,10 @@ from balloon_warp.kernels.laws.gas import (
     swelling_of_particle,
 )
 from balloon_warp.kernels.laws.inflation import NORMAL_FORCE
-from balloon_warp.kernels.loops.obstacles import Around, around_function, course_function
+from balloon_warp.kernels.loops.near_solids import heads_for_solids
+from balloon_warp.kernels.loops.obstacles import around_function, detour_function
 from balloon_warp.kernels.phase import Look, phase
-from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
 
 
@@ -36,75 +38,84 @@ def memory_function(traits: Traits) -> Any:
     return remembered
 
 
-@cache
-def swell_function(traits: Traits, sphere_at: Any) -> Any:
-    """Make the function that gives a particle's part of its balloon's swelling."""
-    course_beside_obstacles = course_function(traits, sphere_at)
+def _beside(traits: Traits) -> bool:
+    return traits.gas and traits.obstacles
+
+
+@phase("particle", {"course": wp.vec3}, when=_beside, light=True)
+def head(traits: Traits, look: Look) -> Any:
+    """Find how fast a particle would go under the load of the substep before [m/s]."""
 
     @wp.func
-    def swell(
-        t: Tables,
-        spheres: Any,
-        around: Around,
-        share: float,
-        gain: float,
-        load: wp.vec2,
-        arm: wp.vec3,
-        point: wp.vec3,
-        velocity: wp.vec3,
-        remembered: wp.vec3,
-        area_vector: wp.vec3,
-    ):
-        """Beside obstacles under the old load; the velocity is that without inflation.
+    def head(t: Any, load: Any, gain: Any, point: Any, free_velocity: Any, area_vector: Any):
+        push = load[0] + times(load[1], reach_along(point, t.up))
+        return free_velocity + scaled(area_vector, times(gain, push))
 
-        Args:
-            gain: see `response`.
-            arm: from a point of the balloon's own [m].
-            remembered: what of the velocity before the step counts, see `memory_function`.
-        """
-        height = wp.dot(point, t.up)
-        free = area_vector
-        rate = float(0.0)
-        if wp.static(traits.obstacles):
-            push = load[0] + load[1] * height
-            course = velocity + (gain * push) * area_vector
-            if gain > 0.0:
-                let, normal = course_beside_obstacles(t, spheres, around, point, course)
-                course = let
-                free = free_along(area_vector, normal)
-            rate = rate_beside_obstacles(area_vector, free, course - remembered, gain, push)
-        else:
-            rate = wp.dot(area_vector, velocity - remembered)
-        return swelling_of_particle(arm, area_vector, free, rate, gain, share, height)
+    return head
 
-    return swell
+
+@phase("particle", {"detour": wp.vec3, "away": wp.vec3}, when=_beside, light=True, rare=heads_for_solids)
+def foresee(traits: Traits, look: Look) -> Any:
+    """Foresee how obstacles change that [m/s], and in which direction from the last one; zero if there is none."""
+    detour_beside, around_own = detour_function(traits, look.sphere_at), around_function(traits)
+
+    @wp.func
+    def foresee(t: Tables, spheres: Any, own: Any, end: float, gain: float, point: wp.vec3, course: wp.vec3):
+        detour = wp.vec3()
+        away = wp.vec3()
+        if gain > 0.0:
+            turned, normal = detour_beside(t, spheres, around_own(own, end), point, course)
+            detour = turned
+            away = normal
+        return detour, away
+
+    @wp.func
+    def foresee_solids(t: Tables, own: Any, end: float, gain: float, point: wp.vec3, course: wp.vec3):
+        return foresee(t, t, own, end, gain, point, course)
+
+    return foresee if traits.spheres else foresee_solids
 
 
 @phase("particle", {"swelling": Swelling}, when=lambda traits: traits.gas, sums=True)
 def swell(traits: Traits, look: Look) -> Any:
     """Sum how the balloon would swell without its gas."""
-    swelling_beside = swell_function(traits, look.sphere_at)
-    remembered, around_own = memory_function(traits), around_function(traits)
+    place = traits.columns.places["breathing_damping"]
+
+    @wp.func
+    def without_memory(course: Any, own: Any, velocity: Any):
+        """Take from a course what of the velocity before the step counts, see `memory_function`."""
+        if wp.static(traits.breathes_on):
+            return course - scaled(velocity, memory_of_rate(own.n[place]))
+        else:
+            return course
+
+    @wp.func
+    def of_kind(own: Any, swelling: Any):
+        """Nothing, where a normal force inflates."""
+        if wp.static(traits.aims):
+            return wp.where(own.kind == NORMAL_FORCE, 0.0 * swelling, swelling)
+        else:
+            return swelling
 
     @wp.func
     def swell(
-        t: Tables,
-        state: WorldState,
-        own: Any,
-        end: float,
-        gain: float,
-        origin: wp.vec3,
-        point: wp.vec3,
-        velocity: wp.vec3,
-        free_velocity: wp.vec3,
-        area_vector: wp.vec3,
+        t: Any, own: Any, gain: Any, origin: Any, point: Any, velocity: Any, free_velocity: Any, area_vector: Any
     ):
-        """Under the load of the substep before."""
-        if own.kind == NORMAL_FORCE:
-            return Swelling()
-        return swelling_beside(
-            t, state, around_own(own, end), own.share, gain, state.inflation_loads[own.world, own.balloon],
-            point - origin, point, free_velocity, remembered(velocity, own.n), area_vector,
-        )  # fmt: skip
+        rate = dot_product(area_vector, without_memory(free_velocity, own, velocity))
+        height = reach_along(point, t.up)
+        return of_kind(
+            own, swelling_of_particle(point - origin, area_vector, area_vector, rate, gain, own.share, height)
+        )
 
-    return swell
+    @wp.func
+    def swell_beside(
+        t: Any, own: Any, gain: Any, load: Any, origin: Any, point: Any, velocity: Any, area_vector: Any, course: Any,
+        detour: Any, away: Any,
+    ):  # fmt: skip
+        height = reach_along(point, t.up)
+        free = free_along(area_vector, away)
+        push = load[0] + times(load[1], height)
+        rate = rate_beside_obstacles(area_vector, free, without_memory(course + detour, own, velocity), gain, push)
+        return of_kind(own, swelling_of_particle(point - origin, area_vector, free, rate, gain, own.share, height))
+
+    return swell_beside if traits.obstacles else swell

@@ -103,6 +103,7 @@ def end_frame(
     particles: ParticleTable,
     health: HealthTable,
     threads: wp.int32,
+    seen: wp.int32,
     frames: wp.int32,
     # state in
     points: wp.array2d[wp.vec3],
@@ -111,10 +112,10 @@ def end_frame(
     frame: wp.array[wp.int32],
     first_bad: wp.array[wp.int32],
 ):
-    """A thread a (world, thread), which takes each so-manyth particle and sphere: the look at what a frame wrote. One
-    of all counts the frames that have passed."""
+    """A thread a (world, thread), which takes each so-manyth particle and sphere: the look at what a frame wrote, of
+    the particles that are to be seen. One of all counts the frames that have passed."""
     world, thread = wp.tid()
-    for particle in range(thread, points.shape[1], threads):
+    for particle in range(thread, seen, threads):
         balloon = particles.balloon[particle]
         share = particles.mass_share[particle]
         look_at_particle(health, first_bad, world, particle, particle, balloon, share, points[world])

@@ -35,6 +35,11 @@ class Piece(NamedTuple):
         return self.phases[0].item
 
     @property
+    def last(self) -> bool:
+        """Return whether it happens only as a frame ends."""
+        return self.phases[0].last
+
+    @property
     def sums(self) -> bool:
         """Return whether a block adds up what its items give, and goes on with the balloon that they belong to."""
         return self.phases[0].sums
@@ -76,6 +81,7 @@ def cut(
     *,
     doubles: bool = True,
     apart: Collection[str] = (),
+    sums_along: bool = False,
     shown: Collection[str] = (),
 ) -> Step:
     """Cut the phases that a scene has into pieces.
@@ -83,6 +89,8 @@ def cut(
     Args:
         doubles: whether state may have a second place, where otherwise a barrier would be needed.
         apart: names of phases that begin a piece anyway.
+        sums_along: whether those who add up may do so as they go, at the end of a piece; otherwise a sum begins one,
+            and who adds up goes on with the balloon.
         shown: values that somebody reads afterwards.
     """
     light = tuple(phase for phase in phases if phase.light)
@@ -90,7 +98,7 @@ def cut(
     for phase in phases:
         if phase.light:
             continue
-        if not groups or phase.name in apart or not _goes_on(groups[-1], phase, traits, look, doubles):
+        if not groups or phase.name in apart or not _goes_on(groups[-1], phase, traits, look, doubles, sums_along):
             groups.append([])
         groups[-1].append(phase)
     read = [_read(group, light, traits, look) for group in groups]
@@ -101,19 +109,21 @@ def cut(
     return Step(traits, look, tuple(pieces), light)
 
 
-def _goes_on(group: Sequence[Phase], phase: Phase, traits: Traits, look: Look, doubles: bool) -> bool:
+def _goes_on(group: Sequence[Phase], phase: Phase, traits: Traits, look: Look, doubles: bool, sums_along: bool) -> bool:
     """Return whether the thread that executes a group may go on with a phase."""
     first = group[0]
-    if phase.once(traits) != first.once(traits):
+    if phase.once(traits) != first.once(traits) or phase.last != first.last:
         return False
-    if first.sums:
-        return phase.item == "balloon"
-    if first.item == "particle":
+    if any(each.sums for each in group):
+        return not sums_along and phase.item == "balloon"
+    if phase.sums and not sums_along:
+        return False
+    if first.item in ("particle", "face"):
         written = {name for each in group for name in each.writes}
         looked_at = {name for each in group for name in each.views(traits, look)}
         moved = STATE.keys() & phase.writes.keys()
         waits = phase.views(traits, look) & written or (not doubles and moved & looked_at)
-        return phase.item == "particle" and not phase.sums and not waits
+        return phase.item == first.item and (phase.item == "particle" or phase.sums) and not waits
     small = ("world", "balloon")
     return first.item in small and phase.item in small
 

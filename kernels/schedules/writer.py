@@ -8,16 +8,17 @@ from typing import Any
 from balloon_warp.kernels.clock import end_of_step, ramp_at, time_of
 from balloon_warp.kernels.loops.areas import volume_origin
 from balloon_warp.kernels.memory import put_vector_in, two_in, vector_in
-from balloon_warp.kernels.own import own_functions
+from balloon_warp.kernels.own import numbers_reader, own_functions
 from balloon_warp.kernels.phase import Phase
 from balloon_warp.kernels.schedules.pieces import Step, values_of
+from balloon_warp.kernels.spheres import spheres_in_state
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.working import Working
 
 SCOPE: Mapping[str, Any] = {
     "Tables": Tables, "WorldState": WorldState, "Working": Working, "time_of": time_of, "end_of_step": end_of_step,
     "ramp_at": ramp_at, "vector_in": vector_in, "put_vector_in": put_vector_in, "two_in": two_in,
-    "volume_origin": volume_origin,
+    "volume_origin": volume_origin, "spheres_in_state": spheres_in_state,
 }  # fmt: skip
 """what a source may refer to, beside its phases"""
 
@@ -51,6 +52,8 @@ class Writer(ABC):
         """Write calls of phases, each with what it does as a remark."""
         for phase in phases:
             call = self.call(phase)
+            if phase.name in self.known:
+                raise TypeError(f"{self.name}: the phase {phase.name} is named like what another reads")
             self.line(f"# {phase.summary}")
             writes = ", ".join(self.bound(name) for name in phase.writes)
             self.line(f"{writes} = {call}" if writes else call)
@@ -58,10 +61,13 @@ class Writer(ABC):
 
     def call(self, phase: Phase) -> str:
         """Return the call of a phase, once what it reads is at hand."""
-        reads = [self.aliases.get(name, name) for name in phase.reads(self.step.traits, self.step.look)]
-        for name in reads:
+        for name in self.reads(phase):
             self.need(name)
-        return f"{phase.name}({', '.join(self.bound(name) for name in reads)})"
+        return f"{phase.name}({', '.join(self.bound(name) for name in self.reads(phase))})"
+
+    def reads(self, phase: Phase) -> list[str]:
+        """Return the names that a phase reads, as the writer knows them."""
+        return [self.aliases.get(name, name) for name in phase.reads(self.step.traits, self.step.look)]
 
     def need(self, name: str) -> None:
         """See to it that a name is bound."""
@@ -71,7 +77,8 @@ class Writer(ABC):
         self.known.add(variable)
         for phase in self.step.light:
             if name in phase.writes:
-                self.line(f"{variable} = {self.call(phase)}")
+                self.known |= {self.bound(each) for each in phase.writes}
+                self.line(f"{', '.join(self.bound(each) for each in phase.writes)} = {self.call(phase)}")
                 return
         where = self.found(name)
         if where is None:
@@ -92,7 +99,9 @@ class Writer(ABC):
         called = {phase.name: phase.function(step.traits, step.look) for phase in (*phases, *step.light)}
         types = {f"{value}_type": dtype for value, dtype in written_types(step).items()}
         _, read_own = own_functions(step.traits.columns, step.traits.balloons)
-        return {**SCOPE, "read_own": read_own, **types, **called}
+        return {
+            **SCOPE, "read_own": read_own, "read_numbers": numbers_reader(step.traits.columns), **types, **called
+        }  # fmt: skip
 
 
 def head(name: str, arguments: Mapping[str, str], remark: str) -> list[str]:

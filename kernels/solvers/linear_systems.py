@@ -8,7 +8,8 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.algebra import LANE_COUNT, Lanes3, of_lane, scaled
+from balloon_warp.kernels.algebra import scaled
+from balloon_warp.kernels.lanes import LANE_COUNT, Lanes3, of_lane
 from balloon_warp.kernels.memory import put_in_tile
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.warps import block_barrier

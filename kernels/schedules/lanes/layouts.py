@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from balloon_warp.kernels.algebra import LANE_COUNT, LaneNumbers, Lanes, Lanes3, Lanes4
-from balloon_warp.kernels.memory import float_at, int_at
+from balloon_warp.kernels.lanes import LANE_COUNT, LaneNumbers, Lanes, Lanes3, Lanes4, total_in
+from balloon_warp.kernels.memory import int_at
 
 
 class Layout(NamedTuple):
@@ -66,9 +66,9 @@ def put_item(vectors: wp.array[Lanes3], item: wp.int32, value: Lanes3):
 
 
 @wp.func
-def one_of_item(vectors: wp.array[Lanes3], item: wp.int32):
-    """One vector of each world."""
-    return vectors[item]
+def of_particle(vectors: wp.array[Lanes3], places: wp.array[wp.int32], particle: wp.int32):
+    """Of one particle of each world."""
+    return vectors[particle]
 
 
 # ---- what others read: of eight particles
@@ -120,42 +120,12 @@ def put_item(vectors: wp.array[wp.vec4], item: wp.int32, value: Lanes3):  # noqa
 
 
 @wp.func
-def one_of_item(vectors: wp.array[wp.vec4], item: wp.int32):  # noqa: F811 - an overload
-    """One vector of the world, in every lane."""
-    numbers = LaneNumbers()
-    for lane in range(LANE_COUNT):
-        numbers[lane] = LANE_COUNT * item
-    return near(vectors, numbers)
+def of_particle(vectors: wp.array[wp.vec4], places: wp.array[wp.int32], particle: wp.int32):  # noqa: F811 - an overload
+    """Of one particle of the world, in every lane."""
+    return near(vectors, LaneNumbers(places[particle]))
 
 
-# ---- what is listed for items
-
-
-@wp.func
-def entry_at(array: wp.array[wp.int32], entry: wp.int32):
-    """Of a contiguous array: what is the same in all lanes."""
-    return int_at(array, entry)
-
-
-@wp.func
-def entry_at(array: wp.array[float], entry: wp.int32):  # noqa: F811 - an overload
-    """The same of a number."""
-    return float_at(array, entry)
-
-
-@wp.func_native("return array.data[(unsigned int)entry];")
-def entry_at(array: wp.array[Lanes], entry: wp.int32) -> Lanes:  # noqa: F811 - an overload
-    """Of a contiguous array: a number for each lane."""
-    ...
-
-
-@wp.func_native("return array.data[(unsigned int)entry];")
-def entry_at(array: wp.array[LaneNumbers], entry: wp.int32) -> LaneNumbers:  # noqa: F811 - an overload
-    """The same of whole numbers."""
-    ...
-
-
-# ---- one lane at a time, as laws see it that go through faces or hinges
+# ---- one lane at a time, as phases see it that are of one world
 
 
 @wp.struct
@@ -168,10 +138,10 @@ class WorldInLane:
 
 @wp.struct
 class WorldAlone:
-    """The vectors of the one world."""
+    """The vectors of the one world, by the places of its particles."""
 
     vectors: wp.array[wp.vec4]
-    lane: wp.int32
+    places: wp.array[wp.int32]
 
 
 @wp.func_native(
@@ -186,20 +156,64 @@ def column_at(vectors: wp.array[Lanes3], index: wp.int32, lane: wp.int32) -> wp.
 
 
 @wp.func
-def seen_in_lane(world: WorldInLane, particle: wp.int32):
-    """A particle's vector."""
+def near(world: WorldInLane, particle: wp.int32):  # noqa: F811 - an overload
+    """Of a particle of one of eight worlds."""
     return column_at(world.vectors, particle, world.lane)
 
 
 @wp.func
-def seen_alone(world: WorldAlone, place: wp.int32):
-    """A particle's vector."""
-    vector = world.vectors[place]
+def near(world: WorldAlone, particle: wp.int32):  # noqa: F811 - an overload
+    """Of a particle of the one world."""
+    vector = world.vectors[int_at(world.places, particle)]
     return wp.vec3(vector[0], vector[1], vector[2])
 
 
+@wp.func_native(
+    """
+    auto& item = world.vectors.data[(unsigned int)particle].data;
+    for (int axis = 0; axis < 3; ++axis)
+        item[axis][world.lane] = vector[axis];
+    """
+)
+def put(world: WorldInLane, particle: wp.int32, vector: wp.vec3):
+    """Write a particle's vector."""
+    ...
+
+
 @wp.func
-def view_of(vectors: wp.array[Lanes3], lane: wp.int32):
+def put(world: WorldAlone, particle: wp.int32, vector: wp.vec3):  # noqa: F811 - an overload
+    """Write a particle's vector."""
+    world.vectors[int_at(world.places, particle)] = wp.vec4(vector[0], vector[1], vector[2], 0.0)
+
+
+@wp.func
+def add(vectors: wp.array[Lanes3], item: wp.int32, more: Lanes3):
+    """To that of an item."""
+    vectors[item] = vectors[item] + more
+
+
+@wp.func_native(
+    """
+    for (int lane = 0; lane < 8; ++lane) {
+        auto& vector = vectors.data[numbers[lane]];
+        for (int axis = 0; axis < 3; ++axis)
+            vector[axis] += more.data[axis][lane];
+    }
+    """
+)
+def add(vectors: wp.array[wp.vec4], numbers: LaneNumbers, more: Lanes3):  # noqa: F811 - an overload
+    """To those of eight particles, of which some may be the same."""
+    ...
+
+
+@wp.func
+def add(world: Any, particle: wp.int32, more: wp.vec3):  # noqa: F811 - an overload
+    """To that of one particle."""
+    put(world, particle, near(world, particle) + more)
+
+
+@wp.func
+def view_of(vectors: wp.array[Lanes3], lane: wp.int32, places: wp.array[wp.int32]):
     """The vectors of the world in a lane."""
     view = WorldInLane()
     view.vectors = vectors
@@ -208,11 +222,11 @@ def view_of(vectors: wp.array[Lanes3], lane: wp.int32):
 
 
 @wp.func
-def view_of(vectors: wp.array[wp.vec4], lane: wp.int32):  # noqa: F811 - an overload
+def view_of(vectors: wp.array[wp.vec4], lane: wp.int32, places: wp.array[wp.int32]):  # noqa: F811 - an overload
     """The vectors of the one world."""
     view = WorldAlone()
     view.vectors = vectors
-    view.lane = lane
+    view.places = places
     return view
 
 
@@ -221,14 +235,16 @@ class Places(NamedTuple):
 
     world: Any
     """(group, lane, world_count) to the world in a lane; lanes that are left over copy the last world"""
-    first_world: Any
-    """(group) to the first world of a group"""
     worlds: Any
-    """(group, world_count) to how many worlds it has"""
-    is_other: Any
-    """(group, lane, world_count) to whether a lane holds what no other lane does"""
-    seen: Any
-    """the function that reads a vector of one lane"""
+    """(group, world_count) to how many worlds a group has"""
+    first_world: Any
+    """(group) to the first of them"""
+    is_there: Any
+    """(t, group, item, lane) to whether a lane holds what no other lane does"""
+    particle: Any
+    """(t, item, lane) to the particle in a lane; what fills up an octet copies the first there"""
+    totals: Any
+    """of what has been added up lane by lane to what is each world's"""
 
 
 @cache
@@ -250,24 +266,32 @@ def places_of(layout: Layout) -> Places:
             return group
 
     @wp.func
-    def worlds_of_group(group: wp.int32, world_count: wp.int32):
+    def worlds_of(group: wp.int32, world_count: wp.int32):
         if wp.static(layout.worlds):
             return wp.min(world_count - group * LANE_COUNT, LANE_COUNT)
         else:
             return 1
 
     @wp.func
-    def is_other(group: wp.int32, lane: wp.int32, world_count: wp.int32):
+    def is_there(t: Any, group: wp.int32, item: wp.int32, lane: wp.int32):
         if wp.static(layout.worlds):
-            return group * LANE_COUNT + lane < world_count
+            return group * LANE_COUNT + lane < t.world_count
         else:
-            return True
+            return t.particles[LANE_COUNT * item + lane] >= 0
 
-    seen = seen_in_lane if layout.worlds else seen_alone
-    return Places(world_in_lane, first_world, worlds_of_group, is_other, seen)
+    @wp.func
+    def particle_in_lane(t: Any, item: wp.int32, lane: wp.int32):
+        if wp.static(layout.worlds):
+            return item
+        else:
+            number = t.particles[LANE_COUNT * item + lane]
+            return wp.where(number >= 0, number, t.particles[LANE_COUNT * item])
 
+    @wp.func
+    def totals_of(parts: Any):
+        if wp.static(layout.worlds):
+            return parts
+        else:
+            return total_in(parts)
 
-@wp.func
-def total_in_lanes(numbers: Lanes):
-    """The sum over the lanes, in each of them."""
-    return Lanes(wp.dot(numbers, Lanes(1.0)))
+    return Places(world_in_lane, worlds_of, first_world, is_there, particle_in_lane, totals_of)

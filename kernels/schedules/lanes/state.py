@@ -1,107 +1,244 @@
-"""From the state into the lanes, when a frame begins, and back when it ends."""
+"""From the state into the lanes, when a frame begins, and back when it ends; and what is read of it on the way."""
 
 from functools import cache
 from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.algebra import LANE_COUNT, Lanes3, of_lane, set_lane
-from balloon_warp.kernels.schedules.free_frames import FREE
+from balloon_warp.kernels.algebra import times
+from balloon_warp.kernels.clock import ramp_at
+from balloon_warp.kernels.contact.free_frames import FREE
+from balloon_warp.kernels.fixed_point import set_quanta, total_newtons
+from balloon_warp.kernels.lanes import Lanes, Lanes2, Lanes3, of_lane, set_lane
+from balloon_warp.kernels.loops.near_solids import Solids, solid_function
+from balloon_warp.kernels.memory import two_in
 from balloon_warp.kernels.schedules.lanes.layouts import Layout, of_item, places_of, put_item
 from balloon_warp.kernels.schedules.lanes.tables import lane_structs
-from balloon_warp.kernels.tables import WorldState, row_of_world, sphere_radius
+from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
 from balloon_warp.kernels.traits import Traits
+from balloon_warp.kernels.working import Working
 
 
 @cache
-def read_function(traits: Traits, layout: Layout) -> tuple[Any, Any]:
-    """The functions that read a frame's beginning, and that show velocities to neighbors."""
-    LaneTables, LaneState, _ = lane_structs(layout)  # noqa: N806 - types
-    places = places_of(layout)
-    split = traits.columns.balloon_width
+def peaks_functions(traits: Traits, layout: Layout) -> tuple[Any, Any]:
+    """The functions that say whether a world's frame counts, and that exchange how far its triangles were stretched."""
+    LaneTables, places = lane_structs(layout).tables, places_of(layout)  # noqa: N806 - a type
 
     @wp.func
-    def read_balloons(t: LaneTables, state: WorldState, lanes: LaneState, group: wp.int32):
-        """Parameters, and what is keyframed."""
+    def counts(working: Working, world: wp.int32):
+        """Whether what has been found of a world counts: not if its frame was not free, and only that counts."""
+        if wp.static(traits.frames == "free"):
+            return working.verdicts[world] == FREE
+        else:
+            return True
+
+    @wp.func
+    def exchange_peaks(t: LaneTables, state: WorldState, working: Working, group: wp.int32, writes: bool):
+        """How far triangles have been stretched: out of the state, or into it."""
+        for entry in range(t.quad_numbers.shape[0]):
+            for lane in range(t.lane_count):
+                number = of_lane(t.quad_numbers[entry], lane)
+                world = places.world(group, lane, t.world_count)
+                if number >= 0:
+                    if not writes:
+                        t.peaks[group, entry][lane] = state.peaks[world, number]
+                    elif counts(working, world):
+                        state.peaks[world, number] = t.peaks[group, entry][lane]
+
+    return counts, exchange_peaks
+
+
+@cache
+def frame_functions(traits: Traits, layout: Layout) -> tuple[Any, Any]:
+    """The functions that read what a frame begins with, and that write what it ends with."""
+    LaneTables, places = lane_structs(layout).tables, places_of(layout)  # noqa: N806 - a type
+    split = traits.columns.balloon_width
+    counts, exchange_peaks = peaks_functions(traits, layout)
+
+    @wp.func
+    def end_of(t: LaneTables, group: wp.int32):
+        """Of its worlds."""
+        return places.first_world(group) + places.worlds(group, t.world_count)
+
+    @wp.func
+    def read_numbers(t: LaneTables, group: wp.int32):
+        """The parameters of balloons and worlds."""
         for lane in range(t.lane_count):
             world = places.world(group, lane, t.world_count)
             of_balloons = row_of_world(world, t.all.balloon_numbers.shape[0])
             of_world = row_of_world(world, t.all.world_numbers.shape[0])
             for balloon in range(t.all.inflation_kind.shape[0]):
                 for column in range(t.all.balloon_numbers.shape[2]):
-                    lanes.numbers[group, balloon, column][lane] = t.all.balloon_numbers[of_balloons, balloon, column]
+                    t.numbers[group, balloon, column][lane] = t.all.balloon_numbers[of_balloons, balloon, column]
                 for column in range(t.all.world_numbers.shape[1]):
-                    lanes.numbers[group, balloon, split + column][lane] = t.all.world_numbers[of_world, column]
-                lanes.ramp_begins[group, balloon][lane] = state.inflation_ramp[world, balloon][0]
-                lanes.ramp_slopes[group, balloon][lane] = state.inflation_ramp[world, balloon][1]
-                lanes.loads[group, balloon][lane] = state.inflation_loads[world, balloon][0]
-                lanes.rises[group, balloon][lane] = state.inflation_loads[world, balloon][1]
+                    t.numbers[group, balloon, split + column][lane] = t.all.world_numbers[of_world, column]
 
     @wp.func
-    def particle_in_lane(t: LaneTables, item: wp.int32, lane: wp.int32):
-        """The particle that a lane holds; what fills up an octet holds the one at its beginning."""
-        if wp.static(layout.worlds):
-            return item
-        else:
-            return wp.where(
-                t.particles[LANE_COUNT * item + lane] >= 0,
-                t.particles[LANE_COUNT * item + lane],
-                t.particles[LANE_COUNT * item],
-            )
-
-    @wp.func
-    def read_lanes(t: LaneTables, state: WorldState, lanes: LaneState, group: wp.int32):
-        """What a frame begins with."""
-        read_balloons(t, state, lanes, group)
-        points = lanes.points[group]
-        for item in range(lanes.velocities.shape[1]):
+    def read_frame(t: LaneTables, state: WorldState, working: Working, group: wp.int32, points: Any, velocities: Any):
+        """Numbers, points and velocities, and the forces that the last frame left on spheres."""
+        read_numbers(t, group)
+        if wp.static(traits.softens):
+            exchange_peaks(t, state, working, group, False)
+        if wp.static(traits.penalties):
+            for world in range(places.first_world(group), end_of(t, group)):
+                for sphere in range(state.sphere_forces.shape[1]):
+                    set_quanta(working.sphere_quanta, world, sphere, state.sphere_forces[world, sphere])
+        for item in range(t.item_offsets[t.all.inflation_kind.shape[0]]):
             point = Lanes3()
             velocity = Lanes3()
             for lane in range(t.lane_count):
                 world = places.world(group, lane, t.world_count)
-                particle = particle_in_lane(t, item, lane)
+                particle = places.particle(t, item, lane)
                 point = set_lane(point, lane, state.points[world, particle])
                 velocity = set_lane(velocity, lane, state.velocities[world, particle])
             put_item(points, item, point)
-            lanes.velocities[group, item] = velocity
-        if wp.static(traits.spheres > 0):
-            for sphere in range(lanes.sphere_squared_radii.shape[1]):
-                for lane in range(t.lane_count):
-                    radius = sphere_radius(t.all.spheres, places.world(group, lane, t.world_count), sphere)
-                    lanes.sphere_squared_radii[group, sphere][lane] = radius * radius
+            put_item(velocities, item, velocity)
 
     @wp.func
-    def show_velocities(t: LaneTables, lanes: LaneState, group: wp.int32):
-        """As they are before a substep."""
-        shown = lanes.shown_velocities[group]
-        for item in range(lanes.velocities.shape[1]):
-            put_item(shown, item, lanes.velocities[group, item])
-
-    return read_lanes, show_velocities
-
-
-@cache
-def write_function(traits: Traits, layout: Layout) -> Any:
-    """The function that writes a frame's end."""
-    LaneTables, LaneState, _ = lane_structs(layout)  # noqa: N806 - types
-    places = places_of(layout)
-
-    @wp.func
-    def write_lanes(t: LaneTables, state: WorldState, lanes: LaneState, group: wp.int32, points: Any):
-        """What a frame ends with."""
-        for item in range(lanes.velocities.shape[1]):
+    def write_frame(
+        t: LaneTables,
+        state: WorldState,
+        working: Working,
+        group: wp.int32,
+        points: Any,
+        velocities: Any,
+    ):
+        """Forces on spheres; points and velocities, of worlds that had a free frame if only these count."""
+        if wp.static(traits.penalties):
+            for world in range(places.first_world(group), end_of(t, group)):
+                for sphere in range(state.sphere_forces.shape[1]):
+                    state.sphere_forces[world, sphere] = total_newtons(working.sphere_quanta, world, sphere)
+        if wp.static(traits.softens):
+            exchange_peaks(t, state, working, group, True)
+        for item in range(t.item_offsets[t.all.inflation_kind.shape[0]]):
             point = of_item(points, item)
-            velocity = lanes.velocities[group, item]
+            velocity = of_item(velocities, item)
             for lane in range(t.lane_count):
-                particle = item
-                if wp.static(not layout.worlds):
-                    particle = t.particles[LANE_COUNT * item + lane]
                 world = places.world(group, lane, t.world_count)
-                ends = particle >= 0 and places.is_other(group, lane, t.world_count)
-                if wp.static(traits.frames == "free"):
-                    ends = ends and lanes.free.verdicts[world] == FREE
-                if ends:
+                if places.is_there(t, group, item, lane) and counts(working, world):
+                    particle = places.particle(t, item, lane)
                     state.points[world, particle] = of_lane(point, lane)
                     state.velocities[world, particle] = of_lane(velocity, lane)
 
-    return write_lanes
+    return read_frame, write_frame
+
+
+@cache
+def balloon_functions(layout: Layout) -> dict[str, Any]:
+    """The functions that read what is of a balloon, in all lanes, by their names."""
+    LaneTables, places = lane_structs(layout).tables, places_of(layout)  # noqa: N806 - a type
+
+    @wp.func
+    def ramps_of(t: LaneTables, state: WorldState, group: wp.int32, balloon: wp.int32, time_in_frame: float):
+        """What is keyframed."""
+        ramps = Lanes()
+        for lane in range(t.lane_count):
+            ramps[lane] = ramp_at(state, places.world(group, lane, t.world_count), balloon, time_in_frame)
+        return ramps
+
+    @wp.func
+    def loads_of(t: LaneTables, state: WorldState, group: wp.int32, balloon: wp.int32):
+        """Pressures at height 0 [Pa], and their rises with height [Pa/m]."""
+        loads = Lanes2()
+        for lane in range(t.lane_count):
+            world = places.world(group, lane, t.world_count)
+            loads = set_lane(loads, lane, two_in(state.inflation_loads, world, balloon))
+        return loads
+
+    @wp.func
+    def gas_masses_of(t: LaneTables, working: Working, group: wp.int32, balloon: wp.int32):
+        """[kg]"""
+        masses = Lanes()
+        for lane in range(t.lane_count):
+            masses[lane] = working.gas_masses[places.world(group, lane, t.world_count), balloon]
+        return masses
+
+    @wp.func
+    def ways_of(t: LaneTables, working: Working, group: wp.int32):
+        """How far particles may go in a free frame [m]."""
+        ways = Lanes()
+        for lane in range(t.lane_count):
+            ways[lane] = working.ways[places.world(group, lane, t.world_count)]
+        return ways
+
+    @wp.func
+    def any_free(t: LaneTables, working: Working, group: wp.int32):
+        """Whether any world of a group has a free frame."""
+        found = bool(False)
+        for lane in range(t.lane_count):
+            found = found or working.verdicts[places.world(group, lane, t.world_count)] == FREE
+        return found
+
+    return {
+        "ways_of": ways_of,
+        "any_free": any_free,
+        "ramps_of": ramps_of,
+        "loads_of": loads_of,
+        "gas_masses_of": gas_masses_of,
+    }
+
+
+@cache
+def own_functions_of(mass: int, layout: Layout) -> tuple[Any, Any, Any]:
+    """The functions that read what an item knows of itself, or a quad does, and what one particle of it.
+
+    Args:
+        mass: its column.
+    """
+    LaneTables, LaneOwn, OneOwn = lane_structs(layout)  # noqa: N806 - types
+    places = places_of(layout)
+
+    @wp.func
+    def own_of_quad(t: LaneTables, group: wp.int32, balloon: wp.int32, number: wp.int32):
+        own = LaneOwn()
+        own.group = group
+        own.number = number
+        own.balloon = balloon
+        own.kind = t.all.inflation_kind[balloon]
+        own.n = t.numbers[group, balloon]
+        return own
+
+    @wp.func
+    def own_of(t: LaneTables, group: wp.int32, balloon: wp.int32, item: wp.int32):
+        own = own_of_quad(t, group, balloon, item)
+        own.share = t.shares[item]
+        own.mass = times(own.share, own.n[mass])
+        return own
+
+    @wp.func
+    def own_of_one(t: LaneTables, own: LaneOwn, lane: wp.int32):
+        one = OneOwn()
+        one.world = places.world(own.group, lane, t.world_count)
+        one.number = places.particle(t, own.number, lane)
+        one.balloon = own.balloon
+        one.kind = own.kind
+        one.share = of_lane(own.share, lane)
+        one.mass = own.mass[lane]
+        one.n = t.rows[own.group, lane, own.balloon]
+        return one
+
+    return own_of, own_of_quad, own_of_one
+
+
+@cache
+def showing_function(traits: Traits, layout: Layout) -> Any:
+    """The function that shows spheres and obstacles to the lanes."""
+    LaneTables, places = lane_structs(layout).tables, places_of(layout)  # noqa: N806 - a type
+    solid_at = solid_function(traits)
+
+    @wp.func
+    def show_solids(t: LaneTables, tables: Tables, state: WorldState, solids: Solids, group: wp.int32, end: float):
+        """As they are when a substep ends."""
+        for solid in range(solids.centers.shape[1]):
+            centers, motions, reaches = Lanes3(), Lanes3(), Lanes()
+            for lane in range(t.lane_count):
+                world = places.world(group, lane, t.world_count)
+                center, motion, reach = solid_at(tables, state, world, solid, end)
+                centers = set_lane(centers, lane, center)
+                motions = set_lane(motions, lane, motion)
+                reaches[lane] = reach
+            solids.centers[group, solid] = centers
+            solids.motions[group, solid] = motions
+            solids.reaches[group, solid] = reaches
+
+    return show_solids

@@ -1,20 +1,19 @@
 """The model and the working memory of worlds that are simulated eight lanes at a time."""
 
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import warp as wp
 
-from balloon_warp.kernels.algebra import Lanes, Lanes3
-from balloon_warp.kernels.schedules.free_frames import FreeFrames
+from balloon_warp.kernels.lanes import Lanes
 from balloon_warp.kernels.schedules.lanes.layouts import Layout
 from balloon_warp.kernels.tables import Tables
 
 
 @cache
-def face_structs(layout: Layout) -> tuple[Any, Any]:
-    """The types of the tables of faces and of their fans, whose fields are named as those of one world."""
-    Index = layout.index  # noqa: N806 - a type
+def part_structs(layout: Layout) -> tuple[Any, Any, Any]:
+    """The types of the tables of faces, fans and necks, whose fields are named as those of one world."""
+    Index, Number = layout.index, layout.number  # noqa: N806 - types
 
     @wp.struct
     class LaneFaces:
@@ -23,7 +22,8 @@ def face_structs(layout: Layout) -> tuple[Any, Any]:
         offsets: wp.array[wp.int32]
         """where the corners of each begin, and after the last, where they end"""
         particles: wp.array[Index]
-        balloon: wp.array[wp.int32]
+        balloon_offsets: wp.array[wp.int32]
+        """where those of each balloon begin, and after the last, where they end"""
         particle_offsets: wp.array[wp.int32]
         """where the faces around each item begin in `around_particles`, and after the last, where they end"""
         around_particles: wp.array[Index]
@@ -38,34 +38,85 @@ def face_structs(layout: Layout) -> tuple[Any, Any]:
         """where the others of each corner begin, and after the last, where they end"""
         particles: wp.array[Index]
 
-    return LaneFaces, LaneFans
+    @wp.struct
+    class LaneNecks:
+        """Each item's part of the thrust of an open neck; empty if there is none."""
+
+        weights: wp.array[Number]
+
+    return LaneFaces, LaneFans, LaneNecks
 
 
 @cache
-def lane_structs(layout: Layout) -> tuple[Any, Any, Any]:
-    """The types of the tables, of the working memory, and of what an item knows of itself."""
+def own_structs(layout: Layout) -> tuple[Any, Any]:
+    """The types of what an item knows of itself, and of what one particle of it does."""
+    Number = layout.number  # noqa: N806 - a type
+
+    @wp.struct
+    class LaneOwn:
+        """What an item knows of itself."""
+
+        group: wp.int32
+        number: wp.int32
+        balloon: wp.int32
+        kind: wp.int32
+        share: Number
+        mass: Lanes
+        n: wp.array[Lanes]
+
+    @wp.struct
+    class OneOwn:
+        """What one particle knows of itself."""
+
+        world: wp.int32
+        number: wp.int32
+        balloon: wp.int32
+        kind: wp.int32
+        share: float
+        mass: float
+        n: wp.array[float]
+
+    return LaneOwn, OneOwn
+
+
+class LaneStructs(NamedTuple):
+    """Types."""
+
+    tables: Any
+    own: Any
+    """what an item knows of itself"""
+    one: Any
+    """what one particle of it does"""
+
+
+@cache
+def lane_structs(layout: Layout) -> LaneStructs:
+    """The types of a layout."""
     Number, Index, Vector, Four = layout.number, layout.index, layout.vector, layout.four  # noqa: N806 - types
-    LaneFaces, LaneFans = face_structs(layout)  # noqa: N806
+    LaneFaces, LaneFans, LaneNecks = part_structs(layout)  # noqa: N806
 
     @wp.struct
     class LaneTables:
         """The model item by item. What is filled up in an octet refers to itself and does nothing."""
 
         all: Tables
-        seen: Tables
-        """the same with faces and hinges by places, as the lanes of an octet are numbered"""
         world_count: wp.int32
         up: wp.vec3
         step_seconds: float
+        substeps: wp.int32
         lane_count: wp.int32  # 8, as a number that no loop is unrolled for
         item_offsets: wp.array[wp.int32]
         """where each balloon's items begin, and after the last, where they end"""
         shares: wp.array[Number]
         """of the balloon's mass"""
-        neck_weights: wp.array[Number]
-        """of the thrust of its neck; empty unless one is open"""
         particles: wp.array[wp.int32]
         """the particle of each place of an octet; of eight worlds, of each item"""
+        places: wp.array[wp.int32]
+        """where each particle stands among them"""
+        present: wp.array[Lanes]
+        """of each octet, 1 where a particle is, 0 where it is filled up; of eight worlds nothing"""
+        held: wp.array[wp.int32]
+        """of each item, whether a string holds any of its particles"""
         spring_offsets: wp.array[wp.int32]
         """where the springs of each item begin, and after the last, where they end"""
         spring_kinds: wp.array[wp.int32]
@@ -82,65 +133,18 @@ def lane_structs(layout: Layout) -> tuple[Any, Any, Any]:
         quad_rests: wp.array[Four]
         """what the triangles at their corners are at rest, four each, see `kernels.tables.MembraneTable`"""
         quad_numbers: wp.array[Index]
-        """of the triangles at their corners, four each, below 0 where there is none; empty unless rubber softens"""
+        """of the triangles at their corners, four each, below 0 where there is none; empty unless rubber wears"""
         fans: LaneFans
         faces: LaneFaces
-        hinge_forces: wp.array2d[Vector]
-        """working memory, which the loops over particles read: of each hinge's four roles [N], a row for each group"""
-        membrane_forces: wp.array2d[Vector]
-        """the same of membranes on each particle [N]"""
-
-    @wp.struct
-    class LaneState:
-        """Working memory, a row for each group of eight worlds, or for each world."""
-
-        points: wp.array2d[Vector]
-        other_points: wp.array2d[Vector]
-        velocities: wp.array2d[Lanes3]
-        free_velocities: wp.array2d[Lanes3]
-        """without the inflation; empty where there is no gas"""
-        shown_velocities: wp.array2d[Vector]
-        """before the substep; empty unless neighbors look at them"""
-        aims: wp.array2d[Lanes3]
-        area_vectors: wp.array2d[Lanes3]
-        inflations: wp.array2d[Lanes3]
-        """empty unless corrections come between them and spheres"""
-        face_centers: wp.array2d[Vector]
-        face_area_vectors: wp.array2d[Vector]
-        balloon_areas: wp.array2d[Lanes]
+        necks: LaneNecks
         numbers: wp.array3d[Lanes]
-        """the parameters of balloons and worlds, see `laws.columns`"""
+        """working memory, a row for each group, as what follows: the parameters of balloons and worlds, see
+        `laws.columns`"""
+        rows: wp.array4d[float]
+        """the same, by group, lane and balloon"""
         peaks: wp.array2d[Lanes]
         """of the triangles at the corners of quads, see `State`, four each; empty unless rubber softens"""
-        ramp_begins: wp.array2d[Lanes]
-        ramp_slopes: wp.array2d[Lanes]
-        loads: wp.array2d[Lanes]
-        rises: wp.array2d[Lanes]
-        masses: wp.array2d[Lanes]
-        """of balloons with their gas [kg]"""
-        sphere_centers: wp.array2d[Lanes3]
-        sphere_motions: wp.array2d[Lanes3]
-        sphere_starts: wp.array2d[wp.vec3]
-        """of each world; empty unless spheres may meet"""
-        """their velocities; empty unless they exchange momentum with particles, as is what follows"""
-        near_items: wp.array2d[wp.int32]
-        """the items that may touch a sphere"""
-        sphere_squared_radii: wp.array2d[Lanes]
-        free: FreeFrames
-        """which worlds have a free frame; empty unless balloons touch"""
-        fastest: wp.array[Lanes]
-        """square of the highest speed so far in each lane, in a free frame [m^2/s^2]"""
+        forces: wp.array2d[Vector]
+        """what hinges and membranes have added up, on each particle [N]"""
 
-    @wp.struct
-    class LaneOwn:
-        """What an item knows of itself."""
-
-        group: wp.int32
-        item: wp.int32
-        balloon: wp.int32
-        kind: wp.int32
-        share: Number
-        mass: Lanes
-        n: wp.array[Lanes]
-
-    return LaneTables, LaneState, LaneOwn
+    return LaneStructs(LaneTables, *own_structs(layout))

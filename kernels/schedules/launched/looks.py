@@ -6,9 +6,9 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.loops.net_force import Loops, scalar_loops
-from balloon_warp.kernels.loops.obstacles import sphere_in_state
 from balloon_warp.kernels.memory import vector_at
 from balloon_warp.kernels.phase import Look
+from balloon_warp.kernels.spheres import sphere_at
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.working import Working
@@ -43,7 +43,7 @@ def summed_loops(traits: Traits) -> Loops:
     return scalar_loops(traits, vector_at, summed_force, summed_area_vector)._replace(others=None)
 
 
-GATHERED = Look(vector_at, sphere_in_state, gathering_loops)
+GATHERED = Look(vector_at, sphere_at, gathering_loops)
 """a particle goes through what acts on it"""
-SUMMED = Look(vector_at, sphere_in_state, summed_loops, lambda traits: not (traits.in_water or traits.bursts))
+SUMMED = Look(vector_at, sphere_at, summed_loops, lambda traits: not (traits.in_water or traits.bursts))
 """others have added that up"""

@@ -22,6 +22,8 @@ NAMES: Mapping[str, tuple[str, str]] = {
     "end": ("", "end_of_step(t, state.frame, time_in_frame)"),
     "points": ("", "all_points[world]"),
     "velocities": ("", "all_velocities[world]"),
+    "spheres": ("", "spheres_in_state(t, state, working)"),
+    "numbers": ("", "read_numbers(t, world, balloon)"),
 }
 """how a piece finds what phases name: what that takes itself, and the text"""
 OF_PARTICLE: Mapping[str, tuple[str, str]] = {
@@ -30,6 +32,7 @@ OF_PARTICLE: Mapping[str, tuple[str, str]] = {
     "point": ("", "vector_in(all_points, world, particle)"),
     "velocity": ("", "vector_in(all_velocities, world, particle)"),
     "origin": ("balloon", "all_points[world, volume_origin(t, balloon)]"),
+    "gas_mass": ("balloon", "working.gas_masses[world, balloon]"),
     "keyed": ("balloon", "ramp_at(state, world, balloon, time_in_frame)"),
     "load": ("balloon", "two_in(state.inflation_loads, world, balloon)"),
 }
@@ -110,6 +113,9 @@ class _Writer(Writer):
 
     def _begin(self, indices: str) -> None:
         self.line(f"{indices} = wp.tid()")
+        if self.step.traits.frames == "busy":
+            self.line("if working.verdicts[world] == 0:")
+            self.line("    return")
         self.known |= set(indices.split(", "))
 
     def found(self, name: str) -> tuple[str, str] | None:

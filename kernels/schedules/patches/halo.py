@@ -4,8 +4,12 @@ belong to. An entry is written and read as a whole, so that nobody has to wait f
 Should blocks not run at once after all, the kernel ends with an error after some ten seconds.
 """
 
+from typing import Any
+
 import warp as wp
 
+from balloon_warp.kernels.memory import put_in_tile
+from balloon_warp.kernels.schedules.patches.memory import PatchMemory, PatchSeat
 from balloon_warp.kernels.warp_sums import Five
 
 Six = wp.types.vector(length=6, dtype=wp.float32)
@@ -84,3 +88,23 @@ def hear_sums(entries: wp.array[wp.vec4], place: wp.int32, round: wp.int32, list
     """Those of another block. By all threads of a warp."""
     heard = hear_two(entries, 2 * place, round, listens)
     return Five(heard[0], heard[1], heard[2], heard[3], heard[4])
+
+
+@wp.func
+def exchange(
+    memory: PatchMemory,
+    seat: PatchSeat,
+    substep: wp.int32,
+    count: wp.int32,
+    particle: wp.int32,
+    point: wp.vec3,
+    points: Any,
+    threads: wp.int32,
+):
+    """After a substep: where particles are in rims, to the blocks around and from them."""
+    row = ((substep & 1) * seat.slots + seat.slot) * count
+    if seat.told:
+        tell(memory.points, row + particle, substep + 1, point)
+    at_rim = hear(memory.points, row + seat.rim, substep + 1, seat.rim >= 0)
+    if seat.rim >= 0:
+        put_in_tile(points, threads + seat.thread, at_rim)

@@ -20,10 +20,9 @@ class PatchTable:
     """of each patch"""
     firsts: wp.array[wp.int32]
     """patches of each balloon begin there, and after the last, end"""
-    faces: wp.array[wp.vec4i]
-    """where the corners of quads stand, patch by patch, where normals are fresh: each in that of its first corner"""
     face_offsets: wp.array[wp.int32]
-    """faces of each patch begin there, and after the last, end"""
+    """faces of each patch begin there, and after the last, end, where normals are fresh: each is of the patch that
+    its first corner is in"""
 
 
 @wp.struct
@@ -35,16 +34,12 @@ class PatchMemory:
     """of particles in rims, of the worlds at work"""
     sums: wp.array[wp.vec4]
     """of the part of a balloon in each patch, in two entries: how it would swell, or its area"""
-    aims: wp.array2d[wp.vec3]
-    frame: wp.array[wp.int32]
-    """as of `BlockMemory`"""
 
 
 @wp.struct
 class PatchSeat:
     """Where a thread sits, and whom it listens to."""
 
-    world: wp.int32
     slot: wp.int32  # of the world, among those at work
     slots: wp.int32  # how many there are
     patches: wp.int32  # of a world
@@ -54,3 +49,26 @@ class PatchSeat:
     told: bool  # its own particle is read by others
     begin: wp.int32  # first patch of the balloon
     count: wp.int32  # patches of the balloon
+
+
+@wp.func
+def take_patch(patches: PatchTable, count: wp.int32, slot: wp.int32, patch: wp.int32, thread: wp.int32):
+    """As a frame begins.
+
+    Args:
+        count: of worlds at work.
+        slot: of the world, among these.
+    """
+    seat = PatchSeat()
+    seat.slot = slot
+    seat.slots = count
+    seat.patches = patches.balloons.shape[0]
+    seat.patch = patch
+    seat.thread = thread
+    seat.rim = patches.rims[patch, thread]
+    number = patches.numbers[patch, thread]
+    if number < patches.in_rims.shape[0]:
+        seat.told = patches.in_rims[number] != 0
+    seat.begin = patches.firsts[patches.balloons[patch]]
+    seat.count = patches.firsts[patches.balloons[patch] + 1] - seat.begin
+    return seat

@@ -5,7 +5,7 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.schedules.block.gas import NUMBERS_OF_WARP
+from balloon_warp.kernels.schedules.block.sums import WORDS
 from balloon_warp.kernels.schedules.patches.halo import hear_sums, tell_sums
 from balloon_warp.kernels.schedules.patches.memory import PatchMemory, PatchSeat
 from balloon_warp.kernels.warp_sums import Five, put_warp_sums, sum_of_warp_sums
@@ -13,14 +13,14 @@ from balloon_warp.kernels.warps import WARP_THREADS, block_barrier, shared_words
 
 
 @cache
-def sums_of(warps: int) -> Any:
-    """The function that adds up five numbers over a balloon, once a substep."""
-    own, others = (shared_words(f"sums of {each}", NUMBERS_OF_WARP * warps) for each in ("a patch", "patches"))
+def sums_of(name: str, dtype: Any, warps: int) -> Any:
+    """The function that adds up a number, or five, over a balloon, once a substep."""
+    own, others = (shared_words(f"{name} of {each}", WORDS * warps) for each in ("a patch", "patches"))
 
     @wp.func
     def sum_in_balloon(memory: PatchMemory, seat: PatchSeat, substep: wp.int32, part: Five):
         """By all threads of all its blocks, which get the same to the last bit every time."""
-        warp = NUMBERS_OF_WARP * (seat.thread // WARP_THREADS)
+        warp = WORDS * (seat.thread // WARP_THREADS)
         row = ((substep & 1) * seat.slots + seat.slot) * seat.patches
         put_warp_sums(own(), warp, part, False)
         block_barrier()
@@ -33,4 +33,9 @@ def sums_of(warps: int) -> Any:
         block_barrier()
         return sum_of_warp_sums(others(), 0, warps)
 
-    return sum_in_balloon
+    @wp.func
+    def sum_of_number(memory: PatchMemory, seat: PatchSeat, substep: wp.int32, part: float):
+        """The same of a number."""
+        return sum_in_balloon(memory, seat, substep, Five(part, 0.0, 0.0, 0.0, 0.0))[0]
+
+    return sum_of_number if dtype is float else sum_in_balloon

@@ -1,0 +1,93 @@
+"""Frames of worlds in blocks: all worlds, or those that the traits are for, in one launch."""
+
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.schedules.block.layout import Layout
+from balloon_warp.kernels.schedules.block.source import arguments_of_frame, kernel_of_frame
+from balloon_warp.kernels.schedules.pieces import Step, values_of
+from balloon_warp.kernels.traits import Traits
+from balloon_warp.kernels.working import Working
+from balloon_warp.launching import begin_loading, launch_tiled
+from balloon_warp.model import Model, State
+from balloon_warp.model.memory import Room
+from balloon_warp.schedules.block_layout import layout_of, step_of
+from balloon_warp.schedules.films import film_entries, film_table
+from balloon_warp.schedules.launches import working_arrays
+from balloon_warp.schedules.rings import quad_rings
+from balloon_warp.schedules.slots import slot_table
+from balloon_warp.schedules.spring_ends import spring_ends
+from balloon_warp.schedules.tables import make_tables, world_state
+
+
+class BlockFrames:
+    """Advance worlds by frames.
+
+    Args:
+        working: what is kept beside the state, where others share it.
+    """
+
+    crowded = 0
+    """balloons do not touch in blocks"""
+
+    def __init__(self, model: Model, traits: Traits, room: Room, working: Any | None = None):
+        self.model, self.layout = model, layout_of(model, traits)
+        self.step = step_of(traits, self.layout)
+        self.tables = make_tables(model, traits, in_block=not self.layout.held or traits.in_water)
+        self.tables.membranes.films = film_table(model, self.layout.film)
+        self.working = working or _working(model, traits, room)
+        self._given = {"t": self.tables, "working": self.working, **_values(model, self.step, self.layout, room)}
+        if self.layout.held:
+            ring = quad_rings(model) if self.layout.rings else None
+            self._given["slots"] = slot_table(model, spring_ends(model), ring)
+
+    @staticmethod
+    def allot(model: Model, traits: Traits, room: Room) -> None:
+        """Ask for all memory that they keep."""
+        layout = layout_of(model, traits)
+        working_arrays(model, traits, room)
+        _values(model, step_of(traits, layout), layout, room)
+
+    @property
+    def _kernel(self) -> Any:
+        return kernel_of_frame(self.step, self.layout)
+
+    def begin_loading(self) -> None:
+        """Compile the kernel ahead."""
+        begin_loading(self._kernel, self.model.device)
+
+    def advance(self, state: State) -> None:
+        """Advance by a frame."""
+        given = {**self._given, "state": world_state(state)}
+        launch_tiled(
+            self._kernel,
+            dim=[self.model.world_count],
+            inputs=[given[name] for name in arguments_of_frame(self.step, self.layout)],
+            block_dim=self.layout.threads,
+            device=self.model.device,
+        )
+
+
+def _working(model: Model, traits: Traits, room: Room) -> Any:
+    working = Working()
+    for name, array in working_arrays(model, traits, room).items():
+        setattr(working, name, array)
+    return working
+
+
+def _values(model: Model, step: Step, layout: Layout, room: Room) -> dict[str, Any]:
+    """Allocate what lives from piece to piece, and has no place in the block."""
+    counts = {"particle": model.particle_count, "face": model.face_count, "balloon": model.balloon_count}
+    named, found = arguments_of_frame(step, layout), {}
+    for value, dtype in values_of(step).items():
+        if f"all_{value}" in named:
+            shape = (model.world_count, counts[step.owner(value)])
+            found[f"all_{value}"] = room.array(shape, wp.float32 if dtype is float else dtype)
+    vectors = {
+        "film_pulls": film_entries(model, layout.film) if layout.film else 0,
+        "second_velocities": model.particle_count,
+    }
+    return found | {
+        name: room.array((model.world_count, count), wp.vec3) for name, count in vectors.items() if name in named
+    }

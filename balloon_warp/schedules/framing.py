@@ -1,0 +1,51 @@
+"""What every schedule does before and after the substeps of a frame."""
+
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.schedules.launched.sphere_forces import read_sphere_forces, write_sphere_forces
+from balloon_warp.kernels.traits import Traits
+from balloon_warp.launching import launch
+from balloon_warp.model import Model, State
+from balloon_warp.schedules.fixtures import forget_looks
+from balloon_warp.schedules.health import HealthCheck
+from balloon_warp.schedules.ramp import note_pressures, refresh_ramp, weigh_air
+
+
+class Framing:
+    """Begin and end frames of a model.
+
+    Args:
+        tables: that the schedule has made of it.
+        working: what its kernels keep beside the state; None where that is nothing from frame to frame, and where they
+            look after the health of particles.
+    """
+
+    def __init__(self, model: Model, traits: Traits, tables: Any, working: Any | None = None):
+        self.model, self.traits, self.tables, self.working = model, traits, tables, working
+        self._health = HealthCheck(model, tables, particles=working is not None)
+
+    def begin(self, state: State) -> None:
+        """The ramp of what is keyframed, and the forces that the last frame left on spheres."""
+        refresh_ramp(self.model, state)
+        weigh_air(self.model, self.traits, self.tables, state)
+        forget_looks(self.tables)
+        if self.working and self.traits.tells_contacts:
+            self.working.contact_pushes.zero_()
+        if self.working and self.traits.penalties:
+            self._over_spheres(read_sphere_forces, state.sphere_forces, self.working.sphere_quanta)
+
+    def end(self, state: State) -> None:
+        """What the last substep leaves on spheres, and the pressures that it had; then the frame is counted, and all
+        are looked at."""
+        if self.working and self.traits.penalties:
+            self._over_spheres(write_sphere_forces, self.working.sphere_quanta, state.sphere_forces)
+        note_pressures(self.model, self.traits, state)
+        if self.working and self.traits.tells_contacts:
+            wp.copy(state.contact_pushes, self.working.contact_pushes)
+        self._health.end_frame(state)
+
+    def _over_spheres(self, kernel: Any, *arguments: Any) -> None:
+        shape = (self.model.world_count, self.model.sphere_count)
+        launch(kernel, shape, inputs=list(arguments), device=self.model.device)

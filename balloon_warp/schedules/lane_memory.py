@@ -1,0 +1,104 @@
+"""The memory of worlds that are simulated eight lanes at a time, a row for each group of eight, or for each world."""
+
+from typing import Any, NamedTuple
+
+import warp as wp
+
+from balloon_warp.kernels.contact.near import mark_count
+from balloon_warp.kernels.lanes import LANE_COUNT, Lanes, Lanes3
+from balloon_warp.kernels.schedules.lanes.layouts import Layout
+from balloon_warp.kernels.schedules.lanes.source import arguments_of, kinds_of
+from balloon_warp.kernels.schedules.pieces import Step
+from balloon_warp.kernels.traits import Traits
+from balloon_warp.model import Model
+from balloon_warp.model.memory import Room
+from balloon_warp.schedules.lane_tables import face_octets, items_of, quad_count
+
+LANES = int(LANE_COUNT)
+FAR_AWAY = 1e16
+"""a coordinate [m] at which a face is nearest to no particle, and whose square is a finite float"""
+
+
+class LaneMemory(NamedTuple):
+    """Arrays by name; what a scene does not need is empty."""
+
+    of_kernel: dict[str, Any]
+    """state and values, arguments of their own"""
+    of_tables: dict[str, Any]
+    solids: dict[str, Any]
+    working: dict[str, Any]
+
+
+def group_count(model: Model, layout: Layout) -> int:
+    """Groups of worlds, or worlds."""
+    return -(-model.world_count // LANES) if layout.worlds else model.world_count
+
+
+def allot_lanes(model: Model, step: Step, layout: Layout, room: Room) -> LaneMemory:
+    """Ask for it."""
+    groups, items, traits = group_count(model, layout), items_of(model, layout).count, step.traits
+    balloons, width = model.balloon_count, traits.columns.width
+    solids = model.sphere_count + (len(model.obstacles) if traits.stands_on_fixtures else 0)
+    adds_up = bool(traits.membranes) or traits.has("hinge")
+    return LaneMemory(
+        _of_kernel(model, step, layout, room),
+        {
+            "numbers": room.array((groups, balloons, width), Lanes),
+            "peaks": room.array((groups, 4 * quad_count(model, layout) if traits.softens else 0), Lanes),
+            "forces": room.array((groups, _places(layout, items) if adds_up else 0), layout.vector),
+        },
+        {
+            "centers": room.array((groups, solids), Lanes3),
+            "motions": room.array((groups, solids), Lanes3),
+            "reaches": room.array((groups, solids), Lanes),
+        },
+        _working(model, traits, groups * (LANES if layout.worlds else 1), room),
+    )
+
+
+def _places(layout: Layout, items: int) -> int:
+    """What stands by itself where others look at it: eight worlds', or each of an octet."""
+    return items if layout.worlds else LANES * items
+
+
+def _of_kernel(model: Model, step: Step, layout: Layout, room: Room) -> dict[str, Any]:
+    groups, items, takes = group_count(model, layout), items_of(model, layout).count, arguments_of(step, layout)
+    faces = model.face_count if layout.worlds else len(face_octets(model))
+    counts = {"particle": items, "face": faces, "balloon": model.balloon_count}
+    arrays = {}
+    for place in ("all_points", "other_points", "all_velocities", "other_velocities"):
+        if place in takes:
+            shown = "Seen" in takes[place]
+            shape = (groups, _places(layout, items) if shown else items)
+            arrays[place] = room.array(shape, layout.vector if shown else Lanes3)
+    for name, (item, kind) in kinds_of(step, layout).items():
+        shown = kind is layout.vector and not layout.worlds
+        arrays[f"all_{name}"] = room.array((groups, LANES * counts[item] + 1 if shown else counts[item]), kind)
+    return arrays
+
+
+def put_far_away(arrays: dict[str, Any], layout: Layout) -> None:
+    """The face that octets see where a particle has fewer than others: nearest to none."""
+    if not layout.worlds and "all_face_center" in arrays:
+        centers = arrays["all_face_center"].numpy()
+        centers[:, -1] = FAR_AWAY
+        arrays["all_face_center"].assign(centers)
+
+
+def _working(model: Model, traits: Traits, worlds: int, room: Room) -> dict[str, Any]:
+    spheres = model.sphere_count
+    return {
+        "gas_masses": room.array((worlds, model.balloon_count if traits.gas else 0), wp.float32),
+        "sphere_quanta": room.array((worlds, spheres if traits.penalties else 0, 3), wp.int64),
+        "sphere_starts": room.array((worlds, spheres if traits.keeps_starts else 0), wp.vec3),
+        "near": room.array((worlds, mark_count(model.particle_count) if traits.impulses else 0), wp.int32),
+    }
+
+
+def rows_of(numbers: Any) -> Any:
+    """The same numbers by group, lane and balloon: a row each."""
+    groups, balloons, width = numbers.shape
+    flat = wp.array(
+        ptr=numbers.ptr, shape=(groups, balloons, width, LANES), dtype=wp.float32, device=numbers.device, copy=False
+    )
+    return flat.transpose((0, 3, 1, 2))

@@ -1,0 +1,213 @@
+"""Frames in which the particles of a world are far from all that they might meet, beside the ground and spheres.
+
+Such a frame is simulated as if there were nothing else. How far each particle may go is known when it begins; if one
+went further, the world stays where it was, and is simulated once more with all that there is. So nothing is missed at
+any speed, and where nothing is near, it costs next to nothing.
+"""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.fixed_point import set_quanta, total_newtons
+from balloon_warp.kernels.laws.fixture import FAR_AWAY
+from balloon_warp.kernels.loops.fixtures import free_ball_function
+from balloon_warp.kernels.loops.meeting import skin_functions
+from balloon_warp.kernels.options import OPTIONS
+from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.traits import Traits
+
+wp.set_module_options(OPTIONS)
+
+FREE, BUSY, HURRIED = wp.constant(0), wp.constant(1), wp.constant(2)
+"""of a world's frame: nothing can be met, something may be, or a particle went further than was free"""
+LOWER, UPPER = wp.constant(0), wp.constant(1)
+"""what of a box stands where"""
+CLEARANCE, SPEED = wp.constant(0), wp.constant(1)
+"""what of a balloon stands where: how far it is from obstacles in this frame [m], and its highest speed [m/s]"""
+FASTER = wp.constant(2.0)
+"""over its speed as a frame begins: a particle is believed to stay slower in it"""
+GAINED = wp.constant(10.0)
+"""and what any may gain in it by accelerating [m/s^2]"""
+
+
+Extent = wp.types.vector(length=7, dtype=wp.float32)
+"""of a balloon: upper corner of its box, the lower one with the other sign [m], and its highest speed, squared
+[m^2/s^2]"""
+
+
+@wp.struct
+class FreeFrames:
+    """What is known of each world's frame."""
+
+    boxes: wp.array3d[wp.vec3]
+    """around each balloon as the frame begins: lower and upper corner [m]"""
+    alone: wp.array3d[float]
+    """of each balloon, see `CLEARANCE`"""
+    ways: wp.array[float]
+    """of each world, how far each of its particles may go in the frame [m]"""
+    verdicts: wp.array[wp.int32]
+    """of each world, see `FREE`"""
+    any_busy: wp.array[wp.int32]
+    """whether any world is not free"""
+
+
+@wp.func
+def copy_world(source: WorldState, target: WorldState, world: wp.int32, thread: wp.int32, threads: wp.int32):
+    """What of a world substeps change in the state, by so many threads."""
+    for particle in range(thread, target.points.shape[1], threads):
+        target.points[world, particle] = source.points[world, particle]
+        target.velocities[world, particle] = source.velocities[world, particle]
+    if source.gas_amounts.shape[1] > 0:
+        for balloon in range(thread, target.gas_amounts.shape[1], threads):
+            target.inflation_loads[world, balloon] = source.inflation_loads[world, balloon]
+            target.pressures[world, balloon] = source.pressures[world, balloon]
+            target.pressure_slopes[world, balloon] = source.pressure_slopes[world, balloon]
+            target.gas_amounts[world, balloon] = source.gas_amounts[world, balloon]
+            target.free_volumes[world, balloon] = source.free_volumes[world, balloon]
+    for tube in range(thread, source.tube_flows.shape[1], threads):
+        target.tube_flows[world, tube] = source.tube_flows[world, tube]
+    for sphere in range(thread, source.sphere_positions.shape[1], threads):
+        target.sphere_positions[world, sphere] = source.sphere_positions[world, sphere]
+        target.sphere_velocities[world, sphere] = source.sphere_velocities[world, sphere]
+        target.sphere_spins[world, sphere] = source.sphere_spins[world, sphere]
+        target.sphere_forces[world, sphere] = source.sphere_forces[world, sphere]
+
+
+@wp.func
+def larger_extent(a: Extent, b: Extent):
+    """Of two."""
+    return wp.max(a, b)
+
+
+@cache
+def surround_kernel(traits: Traits) -> Any:
+    """The kernel that sees how far each balloon is from obstacles."""
+    free_ball = free_ball_function(traits) if traits.fixtures else None
+
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def surround_balloons(
+        # model
+        t: Tables,
+        # state in
+        state: WorldState,
+        # out
+        free: FreeFrames,
+        before: WorldState,
+    ):
+        """A block a (world, balloon). The first of a world remembers what was before."""
+        world, balloon, thread = wp.tid()
+        if balloon == 0:
+            copy_world(state, before, world, thread, wp.block_dim())
+        extent = Extent(-FAR_AWAY)
+        for particle in range(t.particles.offsets[balloon] + thread, t.particles.offsets[balloon + 1], wp.block_dim()):
+            p = state.points[world, particle]
+            squared = wp.length_sq(state.velocities[world, particle])
+            extent = wp.max(extent, Extent(p[0], p[1], p[2], -p[0], -p[1], -p[2], squared))
+        whole = wp.tile_reduce(larger_extent, wp.tile(extent, preserve_type=True))[0]
+        if thread == 0:
+            lower = -wp.vec3(whole[3], whole[4], whole[5])
+            upper = wp.vec3(whole[0], whole[1], whole[2])
+            free.boxes[world, balloon, LOWER] = lower
+            free.boxes[world, balloon, UPPER] = upper
+            clearance = float(FAR_AWAY)
+            if wp.static(traits.fixtures):
+                begin = float(state.frame[0]) * t.frame_seconds
+                clearance = free_ball(t, world, begin, 0.5 * (lower + upper), 0.5 * wp.length(upper - lower))
+                clearance -= t.fixtures.fastest * t.frame_seconds
+            free.alone[world, balloon, CLEARANCE] = clearance
+            free.alone[world, balloon, SPEED] = wp.sqrt(whole[6])
+            if world == 0 and balloon == 0:
+                free.any_busy[0] = 0
+
+    return surround_balloons
+
+
+@cache
+def judge_kernel(traits: Traits) -> Any:
+    """The kernel that says which worlds have a free frame before them."""
+    thickness_between = skin_functions(traits)[0] if traits.touches else None
+
+    @wp.func
+    def halfway(t: Tables, free: FreeFrames, world: wp.int32, balloon: wp.int32, other: wp.int32):
+        """How far the particles of two balloons may go until they might touch [m]."""
+        lower = free.boxes[world, balloon, LOWER] - free.boxes[world, other, UPPER]
+        upper = free.boxes[world, other, LOWER] - free.boxes[world, balloon, UPPER]
+        between = wp.length(wp.max(wp.max(lower, upper), wp.vec3()))
+        return 0.5 * (between - thickness_between(t, world, balloon, other))
+
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def judge_worlds(
+        # model
+        t: Tables,
+        # in and out
+        free: FreeFrames,
+    ):
+        """A thread a world."""
+        world = wp.tid()
+        way = float(FAR_AWAY)
+        fastest = float(0.0)
+        for balloon in range(free.alone.shape[1]):
+            way = wp.min(way, free.alone[world, balloon, CLEARANCE])
+            fastest = wp.max(fastest, free.alone[world, balloon, SPEED])
+            if wp.static(traits.touches):
+                for other in range(balloon + 1, free.alone.shape[1]):
+                    way = wp.min(way, halfway(t, free, world, balloon, other))
+        if wp.static(traits.always_busy):
+            way = 0.0
+        wanted = FASTER * fastest * t.frame_seconds + GAINED * t.frame_seconds * t.frame_seconds
+        free.ways[world] = way
+        free.verdicts[world] = FREE
+        if not (way > wanted):  # or it is not finite
+            free.verdicts[world] = BUSY
+            free.any_busy[0] = 1
+
+    return judge_worlds
+
+
+@wp.kernel(enable_backward=False)
+def put_worlds_back(
+    # in
+    free: FreeFrames,
+    before: WorldState,
+    threads: wp.int32,
+    # state out
+    state: WorldState,
+    # out
+    sphere_quanta: wp.array3d[wp.int64],
+):
+    """A thread a (world, thread): a world whose frame was not free is as it was before."""
+    world, thread = wp.tid()
+    if free.verdicts[world] != FREE:
+        copy_world(before, state, world, thread, threads)
+        for sphere in range(thread, sphere_quanta.shape[1], threads):
+            set_quanta(sphere_quanta, world, sphere, before.sphere_forces[world, sphere])
+
+
+@wp.kernel(enable_backward=False)
+def keep_sphere_forces(
+    # in
+    free: FreeFrames,
+    sphere_quanta: wp.array3d[wp.int64],
+    # out
+    sphere_forces: wp.array2d[wp.vec3],
+):
+    """A thread a (world, sphere): of worlds whose frame was not free, from whole numbers to newtons."""
+    world, sphere = wp.tid()
+    if free.verdicts[world] != FREE:
+        sphere_forces[world, sphere] = total_newtons(sphere_quanta, world, sphere)
+
+
+@wp.kernel(enable_backward=False)
+def keep_busy(
+    # in
+    verdicts: wp.array[wp.int32],
+    source: wp.array2d[wp.vec3],
+    # out
+    target: wp.array2d[wp.vec3],
+):
+    """A thread a (world, particle): of worlds whose frame was not free."""
+    world, particle = wp.tid()
+    if verdicts[world] != FREE:
+        target[world, particle] = source[world, particle]

@@ -1,0 +1,146 @@
+"""Where what a face of a membrane does to its corners waits for those who have the particles."""
+
+from functools import cache
+from typing import Any, NamedTuple
+
+import warp as wp
+
+from balloon_warp.kernels.memory import in_tile, put_in_array, vector_at
+
+VECTOR_BYTES = 12
+"""of a point"""
+PLACE_BYTES = 8
+"""of what waits in entries of two words; of those of four it is twice as much"""
+
+
+class FilmPlaces(NamedTuple):
+    """Functions that go by a place: `step` times a corner times the number of faces plus the face."""
+
+    step: int
+    put: Any
+    """(pulls, area_vectors, place, pull, area_vector)"""
+    get: Any
+    """(pulls, area_vectors, place) to the pull [N] and the area vector [m^2]"""
+    point_at: Any
+    """(points, corner) to the point of a face's corner [m], as the corners stand in the table"""
+    velocity_at: Any
+    """(velocities, corner) to its velocity [m/s], which is in memory"""
+
+
+class FilmLayout(NamedTuple):
+    """Hold how a block goes through the faces of membranes."""
+
+    slots: int
+    """the most faces at a particle"""
+    triangles: int
+    """the most at a face"""
+    mixed: bool
+    """some have fewer"""
+    areas: bool
+    """area vectors come of them, too: they are all the faces that there are"""
+    quads: int = 0
+    """that each thread keeps in registers; 0 where all are read in every substep"""
+    tile: int = 0
+    """places that a tile has for what they do; 0 where it waits in memory"""
+    capacity: int = 0
+    """points that a tile has"""
+    room: int = 0
+    """faces that threads have room for, where they keep them"""
+
+
+def film_places(film: FilmLayout) -> FilmPlaces:
+    """For a layout that has films."""
+    return in_tiles(film.tile, film.capacity, film.areas) if film.tile else in_arrays()
+
+
+def put_words(count: int) -> str:
+    """The code that writes an entry of 2 or 4 words: on a GPU by one instruction, which Warp's own would not be."""
+    words = ", ".join(f"v[{n}]" for n in range(count))
+    entry = entry_of(count)
+    return gpu_or_cpu(f"*(float{count}*){entry} = make_float{count}({words});", f"*(wp::vec{count}*){entry} = v;")
+
+
+def get_words(count: int) -> str:
+    """The code that reads it."""
+    words = ", ".join(f"v.{axis}" for axis in "xyzw"[:count])
+    entry = entry_of(count)
+    read = f"const float{count} v = *(const float{count}*){entry}; return wp::vec{count}({words});"
+    return gpu_or_cpu(read, f"return *(const wp::vec{count}*){entry};")
+
+
+def entry_of(count: int) -> str:
+    """The address of an entry of so many words in a tile, at a place that counts two words."""
+    return f"((char*)tile.data.ptr + {count // 2}u * (unsigned int)place)"
+
+
+def gpu_or_cpu(gpu: str, cpu: str) -> str:
+    """Code of either."""
+    return f"\n#if defined(__CUDA_ARCH__)\n    {gpu}\n#else\n    {cpu}\n#endif\n"
+
+
+@cache
+def in_tiles(places: int, capacity: int, areas: bool) -> FilmPlaces:
+    """In shared memory, in entries of four and of two words, so that each takes one instruction: a pull and the first
+    component of the area vector, and the other two.
+
+    Args:
+        places: that there are.
+        capacity: points that a tile holds.
+        areas: whether area vectors wait, too.
+    """
+    Points = wp.tile(dtype=wp.vec3, shape=(capacity,), storage="shared")  # noqa: N806 - types
+    Fours = wp.tile(dtype=wp.vec4, shape=(places,), storage="shared")  # noqa: N806
+    Twos = wp.tile(dtype=wp.vec2, shape=(places if areas else 1,), storage="shared")  # noqa: N806
+
+    @wp.func_native(put_words(4))
+    def put_four(tile: Fours, place: wp.int32, v: wp.vec4): ...
+
+    @wp.func_native(put_words(2))
+    def put_two(tile: Twos, place: wp.int32, v: wp.vec2): ...
+
+    @wp.func_native(get_words(4))
+    def four_at(tile: Fours, place: wp.int32) -> wp.vec4: ...
+
+    @wp.func_native(get_words(2))
+    def two_at(tile: Twos, place: wp.int32) -> wp.vec2: ...
+
+    @wp.func_native("return *(const wp::vec3*)((const char*)tile.data.ptr + (unsigned int)byte);")
+    def point_at(tile: Points, byte: wp.int32) -> wp.vec3:
+        """Of a tile that holds so many, by where the point begins in it."""
+        ...
+
+    @wp.func_native("return *(const wp::vec3*)((const char*)velocities.data + (unsigned int)byte);")
+    def velocity_at(velocities: wp.array[wp.vec3], byte: wp.int32) -> wp.vec3:
+        """Of an array, in which a velocity begins where its particle's point does in the tile."""
+        ...
+
+    @wp.func
+    def put(pulls: Any, area_vectors: Any, place: wp.int32, pull: wp.vec3, area_vector: wp.vec3):
+        put_four(pulls, place, wp.vec4(pull[0], pull[1], pull[2], area_vector[0]))
+        if wp.static(areas):
+            put_two(area_vectors, place, wp.vec2(area_vector[1], area_vector[2]))
+
+    @wp.func
+    def get(pulls: Any, area_vectors: Any, place: wp.int32):
+        four = four_at(pulls, place)
+        two = wp.vec2()
+        if wp.static(areas):
+            two = two_at(area_vectors, place)
+        return wp.vec3(four[0], four[1], four[2]), wp.vec3(four[3], two[0], two[1])
+
+    return FilmPlaces(PLACE_BYTES, put, get, point_at, velocity_at)
+
+
+@cache
+def in_arrays() -> FilmPlaces:
+    """In memory, pulls alone."""
+
+    @wp.func
+    def put(pulls: Any, area_vectors: Any, place: wp.int32, pull: wp.vec3, area_vector: wp.vec3):
+        put_in_array(pulls, place, pull)
+
+    @wp.func
+    def get(pulls: Any, area_vectors: Any, place: wp.int32):
+        return vector_at(pulls, place), wp.vec3()
+
+    return FilmPlaces(1, put, get, in_tile, vector_at)

@@ -1,0 +1,249 @@
+"""Membranes face by face: each is measured once, and what that does to its corners waits there, in a place of its own
+for each corner, for those who have the particles."""
+
+from functools import cache
+from typing import Any, NamedTuple
+
+import warp as wp
+
+from balloon_warp.kernels.film_tables import FilmTable
+from balloon_warp.kernels.laws.tension_field import how_surely_taut
+from balloon_warp.kernels.loops.areas import CROSSES, crosses_at_quad_corners
+from balloon_warp.kernels.loops.film_places import FilmLayout, film_places
+from balloon_warp.kernels.loops.membranes import (
+    material_reader,
+    pulls_on_corners,
+    taut_tension_function,
+    tension_function,
+    wear_reader,
+)
+from balloon_warp.kernels.memory import found_anew, four_floats_at, four_ints_at
+from balloon_warp.kernels.own import numbers_reader
+from balloon_warp.kernels.tables import Tables
+from balloon_warp.kernels.traits import Traits
+
+OF_TRIANGLE = wp.constant(1.0 / 6.0)
+"""area vector of a corner over the cross of its edges, from the one before and to the one after"""
+
+
+@wp.func
+def rest_of(films: FilmTable, face: wp.int32, corner: wp.int32):
+    """Of the triangle at a corner of a face."""
+    return four_floats_at(films.rests, corner * films.corners.shape[0] + face)
+
+
+@wp.func
+def is_there(corner: wp.int32, rest: wp.vec4):
+    """Whether a face has a triangle at a corner: where some have four and some one, what is not there has no
+    area."""
+    return corner == 0 or rest[3] > 0.0
+
+
+@wp.func
+def metric_at(corner: wp.int32, d11: wp.vec4, d12: wp.vec4):
+    """Products of the two edges that begin at a corner, or how they change."""
+    return wp.vec3(d11[corner], d12[corner], d11[(corner + 3) % 4])
+
+
+class Films(NamedTuple):
+    """Hold the functions of faces, and of particles at their corners."""
+
+    clear: Any
+    """(t, pulls, area_vectors): what a frame begins with"""
+    stretch: Any
+    """(t, world, film, points, velocities, pulls, area_vectors): a face"""
+    read_places: Any
+    """(t, own, active): what a particle may keep for a frame: its first four places"""
+    take: Any
+    """(t, own, kept, pulls, area_vectors): the force on a particle [N], and its area vector [m^2], once all faces are
+    measured"""
+
+
+@cache
+def tensions_of(traits: Traits, film: FilmLayout) -> Any:
+    """Return the function that gives the tensions of a face's triangles."""
+    tension, taut_tension = tension_function(traits), taut_tension_function(traits)
+    material_of, left_of = material_reader(traits), wear_reader(traits)
+    triangles, mixed, viscous = film.triangles, film.mixed, traits.viscous
+
+    @wp.func
+    def are_surely_taut(films: FilmTable, face: wp.int32, d11: wp.vec4, d12: wp.vec4):
+        """Whether all triangles of a face are, so that they need no more than `pulls_if_taut`."""
+        least = float(1.0)
+        for corner in range(triangles):
+            rest = rest_of(films, face, corner)
+            surely = how_surely_taut(metric_at(corner, d11, d12), rest)
+            if wp.static(mixed):
+                surely = wp.where(is_there(corner, rest), surely, 1.0)
+            least = wp.min(least, surely)
+        return least > 0.0
+
+    @wp.func
+    def what_is_left(t: Tables, world: wp.int32, face: wp.int32, corner: wp.int32, rest: wp.vec4, pulls: wp.vec3):
+        """Of the tensions of a triangle that is worn, or that is none."""
+        if wp.static(traits.wears):
+            pulls *= left_of(t.membranes, world, t.membranes.films.numbers[face][corner])
+        if wp.static(mixed):
+            pulls = wp.where(is_there(corner, rest), pulls, wp.vec3())
+        return pulls
+
+    @wp.func
+    def stretch_face(
+        t: Tables, world: wp.int32, face: wp.int32, n: Any, d11: wp.vec4, d12: wp.vec4, r11: wp.vec4, r12: wp.vec4
+    ):
+        """The tensions of its triangles: along the edges that begin at each corner, mixed, and along those that end
+        there, as of the corner that they begin at [N/m]."""
+        films = t.membranes.films
+        material = material_of(t.membranes, films.balloons[face])
+        along = wp.vec4()
+        both = wp.vec4()
+        back = wp.vec4()
+        surely = bool(False)
+        if wp.static(not viscous):
+            surely = are_surely_taut(films, face, d11, d12)
+        if surely:
+            for corner in range(triangles):
+                rest = rest_of(films, face, corner)
+                pulls = taut_tension(metric_at(corner, d11, d12), rest, material, n, 0)
+                pulls = what_is_left(t, world, face, corner, rest, pulls)
+                along[corner] = pulls[0]
+                both[corner] = pulls[1]
+                back[(corner + 3) % 4] = pulls[2]
+        else:
+            for corner in range(triangles):
+                rest = rest_of(films, face, corner)
+                metric = metric_at(corner, d11, d12)
+                pulls = tension(metric, metric_at(corner, r11, r12), rest, material, n, 0)
+                pulls = what_is_left(t, world, face, corner, rest, pulls)
+                along[corner] = pulls[0]
+                both[corner] = pulls[1]
+                back[(corner + 3) % 4] = pulls[2]
+        return along, both, back
+
+    return stretch_face
+
+
+@cache
+def face_function(traits: Traits, film: FilmLayout) -> Any:
+    """Return the function that measures a face."""
+    step, put, _, point_at, velocity_at = film_places(film)
+    stretch_face, triangles, areas, viscous = tensions_of(traits, film), film.triangles, film.areas, traits.viscous
+
+    @wp.func
+    def measure_face(
+        t: Tables, world: wp.int32, face: wp.int32, n: Any, points: Any, velocities: Any, pulls: Any, area_vectors: Any
+    ):
+        """By one thread."""
+        count = t.membranes.films.corners.shape[0]
+        corners = four_ints_at(t.membranes.films.corners, face)
+        a = point_at(points, corners[0])
+        b = point_at(points, corners[1])
+        c = point_at(points, corners[2])
+        d = point_at(points, corners[3])
+        ab = b - a
+        bc = c - b
+        cd = d - c
+        da = a - d
+        d11 = wp.vec4(wp.dot(ab, ab), wp.dot(bc, bc), wp.dot(cd, cd), wp.dot(da, da))
+        d12 = -1.0 * wp.vec4(wp.dot(ab, da), wp.dot(bc, ab), wp.dot(cd, bc), wp.dot(da, cd))
+        r11 = wp.vec4()
+        r12 = wp.vec4()
+        if wp.static(viscous):
+            va = velocity_at(velocities, corners[0])
+            vb = velocity_at(velocities, corners[1])
+            vc = velocity_at(velocities, corners[2])
+            vd = velocity_at(velocities, corners[3])
+            vab = vb - va
+            vbc = vc - vb
+            vcd = vd - vc
+            vda = va - vd
+            r11 = 2.0 * wp.vec4(wp.dot(ab, vab), wp.dot(bc, vbc), wp.dot(cd, vcd), wp.dot(da, vda))
+            r12 = -wp.vec4(
+                wp.dot(ab, vda) + wp.dot(da, vab),
+                wp.dot(bc, vab) + wp.dot(ab, vbc),
+                wp.dot(cd, vbc) + wp.dot(bc, vcd),
+                wp.dot(da, vcd) + wp.dot(cd, vda),
+            )
+        along, both, back = stretch_face(t, world, face, n, d11, d12, r11, r12)
+        on_a, on_b, on_c, on_d = pulls_on_corners(ab, bc, cd, da, along, both, back)
+        at_a = wp.vec3()
+        at_b = wp.vec3()
+        at_c = wp.vec3()
+        at_d = wp.vec3()
+        if wp.static(areas and triangles == 4):
+            at_a, at_b, at_c, at_d = crosses_at_quad_corners(ab, bc, da, ab + bc, bc + cd)
+        elif wp.static(areas):
+            at_a = wp.cross(da, ab)
+            at_b = at_a
+            at_d = at_a
+        put(pulls, area_vectors, step * face, on_a, at_a)
+        put(pulls, area_vectors, step * (count + face), on_b, at_b)
+        if wp.static(triangles == 4):
+            put(pulls, area_vectors, step * (2 * count + face), on_c, at_c)
+        put(pulls, area_vectors, step * (3 * count + face), on_d, at_d)
+
+    return measure_face
+
+
+@cache
+def films_of(traits: Traits, film: FilmLayout) -> Films:
+    """For a layout that has films."""
+    step, put, get, _, _ = film_places(film)
+    measure_face, read_numbers = face_function(traits, film), numbers_reader(traits.columns)
+    triangles, slots, room, fours = film.triangles, film.slots, film.room, -(-film.slots // 4)
+    keeps_places = film.tile > 0 and fours == 1
+
+    @wp.func
+    def nothing(films: FilmTable):
+        """The place where that stands."""
+        if wp.static(room > 0):
+            return wp.static(step * 4 * room)
+        else:
+            return step * 4 * films.corners.shape[0]
+
+    @wp.func
+    def read_places(t: Tables, own: Any, active: bool):
+        places = wp.vec4i()
+        if wp.static(keeps_places):
+            places = four_ints_at(t.membranes.films.places, own.number)
+            if not active:
+                for slot in range(4):
+                    places[slot] = nothing(t.membranes.films)
+        return places
+
+    @wp.func
+    def clear(t: Tables, pulls: Any, area_vectors: Any):
+        """Where a particle has fewer faces than others, it reads what is always zero."""
+        put(pulls, area_vectors, nothing(t.membranes.films), wp.vec3(), wp.vec3())
+
+    @wp.func
+    def stretch(
+        t: Tables, world: wp.int32, film: wp.int32, points: Any, velocities: Any, pulls: Any, area_vectors: Any
+    ):
+        n = read_numbers(t, world, t.membranes.films.balloons[film])
+        measure_face(t, world, film, n, points, velocities, pulls, area_vectors)
+
+    @wp.func
+    def take(t: Tables, own: Any, kept: wp.vec4i, pulls: Any, area_vectors: Any):
+        """In the order of its faces."""
+        first = kept
+        if wp.static(keeps_places):
+            for slot in range(4):
+                first[slot] = found_anew(kept[slot])
+        else:
+            first = four_ints_at(t.membranes.films.places, own.number)
+        pull, area_vector = get(pulls, area_vectors, first[0])
+        for slot in range(1, wp.static(min(slots, 4))):
+            more, further = get(pulls, area_vectors, first[slot])
+            pull += more
+            area_vector += further
+        count = t.particles.balloon.shape[0]
+        for four in range(1, fours):
+            places = four_ints_at(t.membranes.films.places, four * count + own.number)
+            for slot in range(4):
+                more, further = get(pulls, area_vectors, places[slot])
+                pull += more
+                area_vector += further
+        return pull, wp.static(CROSSES if triangles == 4 else OF_TRIANGLE) * area_vector
+
+    return Films(clear, stretch, read_places, take)

@@ -1,0 +1,144 @@
+"""Quads of membranes, one or two to a thread, which keeps all that is known of them at rest in its registers for a
+frame."""
+
+from functools import cache
+from typing import Any, NamedTuple
+
+import warp as wp
+
+from balloon_warp.kernels.loops.areas import crosses_at_quad_corners
+from balloon_warp.kernels.loops.film_places import FilmLayout, film_places
+from balloon_warp.kernels.loops.membranes import material_reader, pulls_between_corners
+from balloon_warp.kernels.loops.quad_tensions import quad_tensions
+from balloon_warp.kernels.loops.quads import products_between
+from balloon_warp.kernels.memory import four_ints_at
+from balloon_warp.kernels.own import numbers_reader
+from balloon_warp.kernels.tables import Tables
+from balloon_warp.kernels.traits import Traits
+
+
+class Quads(NamedTuple):
+    """Hold the functions of a thread that keeps quads."""
+
+    hold: Any
+    """(t, world, n, thread): what it keeps, as a frame begins"""
+    stretch: Any
+    """(t, world, thread, n, held, points, pulls, area_vectors): all of its quads; with the numbers of a balloon, if
+    there is one alone"""
+
+
+@cache
+def quad_reader(traits: Traits) -> tuple[Any, Any]:
+    """Return the type of a quad at rest, and the function that reads one."""
+    tensions = quad_tensions(traits)
+    material_of, read_numbers = material_reader(traits), numbers_reader(traits.columns)
+
+    @wp.struct
+    class Quad:
+        """A quad at rest."""
+
+        corners: wp.vec4i  # where their points begin in a tile, in bytes
+        balloon: wp.int32
+        rest: tensions.rest
+
+    @wp.func
+    def read_quad(t: Tables, world: wp.int32, n: Any, number: wp.int32):
+        face = wp.min(number, t.membranes.films.corners.shape[0] - 1)
+        quad = Quad()
+        quad.corners = four_ints_at(t.membranes.films.corners, face)
+        if wp.static(traits.balloons > 1):
+            quad.balloon = t.membranes.films.balloons[face]
+            numbers = read_numbers(t, world, quad.balloon)
+            quad.rest = tensions.read(t, face, material_of(t.membranes, quad.balloon), numbers)
+        else:
+            quad.rest = tensions.read(t, face, material_of(t.membranes, 0), n)
+        return quad
+
+    return Quad, read_quad
+
+
+@cache
+def quad_measure(traits: Traits, film: FilmLayout) -> Any:
+    """Return the function that measures a quad that a thread keeps."""
+    Quad, _ = quad_reader(traits)  # noqa: N806 - a type
+    put, point_at, step = (getattr(film_places(film), name) for name in ("put", "point_at", "step"))
+    tensions, room = quad_tensions(traits), film.room
+    material_of = material_reader(traits)
+
+    @wp.func
+    def measure(t: Tables, n: Any, quad: Quad, face: wp.int32, points: Any, pulls: Any, area_vectors: Any):
+        """By one thread: what a quad does to its corners."""
+        a = point_at(points, quad.corners[0])
+        b = point_at(points, quad.corners[1])
+        c = point_at(points, quad.corners[2])
+        d = point_at(points, quad.corners[3])
+        ab = b - a
+        bc = c - b
+        cd = d - c
+        da = a - d
+        ac = c - a
+        bd = d - b
+        metrics = products_between(ab, bc, cd, da)
+        material = material_of(t.membranes, quad.balloon)
+        along, across = tensions.pulls(
+            t, wp.min(face, t.membranes.films.corners.shape[0] - 1), metrics, quad.rest, 0.0, material, n
+        )
+        on_a, on_b, on_c, on_d = pulls_between_corners(ab, bc, cd, da, ac, bd, along, across)
+        area_a, area_b, area_c, area_d = crosses_at_quad_corners(ab, bc, da, ac, bd)
+        put(pulls, area_vectors, step * face, on_a, area_a)
+        put(pulls, area_vectors, step * (room + face), on_b, area_b)
+        put(pulls, area_vectors, step * (2 * room + face), on_c, area_c)
+        put(pulls, area_vectors, step * (3 * room + face), on_d, area_d)
+
+    return measure
+
+
+@cache
+def quads_of(traits: Traits, film: FilmLayout) -> Quads:
+    """For a layout whose membranes are quads that threads keep, and that hand out area vectors, too."""
+    quads, threads = film.quads, film.room // film.quads
+    Quad, read_quad = quad_reader(traits)  # noqa: N806 - a type
+    measure, read_numbers = quad_measure(traits, film), numbers_reader(traits.columns)
+
+    @wp.struct
+    class Held:
+        """What a thread holds."""
+
+        first: Quad
+        second: Quad
+
+    @wp.func
+    def hold(t: Tables, world: wp.int32, n: Any, thread: wp.int32):
+        held = Held()
+        held.first = read_quad(t, world, n, thread)
+        if wp.static(quads > 1):
+            held.second = read_quad(t, world, n, thread + threads)
+        return held
+
+    @wp.func
+    def measure_numbered(
+        t: Tables, world: wp.int32, n: Any, quad: Quad, face: wp.int32, points: Any, pulls: Any, area_vectors: Any
+    ):
+        """The same with the numbers of the quad's balloon."""
+        if wp.static(traits.balloons == 1):
+            measure(t, n, quad, face, points, pulls, area_vectors)
+        else:
+            numbers = read_numbers(t, world, quad.balloon)
+            measure(t, numbers, quad, face, points, pulls, area_vectors)
+
+    @wp.func
+    def stretch(
+        t: Tables,
+        world: wp.int32,
+        thread: wp.int32,
+        n: Any,
+        held: Held,
+        points: Any,
+        pulls: Any,
+        area_vectors: Any,
+    ):
+        measure_numbered(t, world, n, held.first, thread, points, pulls, area_vectors)
+        if wp.static(quads > 1):
+            measure_numbered(t, world, n, held.second, thread + threads, points, pulls, area_vectors)
+
+    return Quads(hold, stretch)

@@ -1,0 +1,97 @@
+"""Whether any of eight particles may come to the ground, a sphere or an obstacle: most do not, which is soon said.
+
+What is near is then asked one by one, so that this may say yes where nothing is met, but never no where something is.
+"""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.algebra import reach_along, scaled, squared_length
+from balloon_warp.kernels.lanes import Lanes, Lanes3, any_negative
+from balloon_warp.kernels.laws.impulse import NEAR
+from balloon_warp.kernels.loops.fixture_poses import center_function
+from balloon_warp.kernels.spheres import sphere_in_state
+from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.traits import Traits
+
+WIDER = wp.constant(1.1)
+"""(a + b)^2 is at most 1.1 a^2 + 11 b^2: so that no root is needed to see who is near"""
+A_STEP = wp.constant(11.0)
+
+
+@wp.struct
+class Solids:
+    """Spheres, and after them obstacles, of eight worlds, or of one in all lanes; a row for each group."""
+
+    centers: wp.array2d[Lanes3]
+    motions: wp.array2d[Lanes3]
+    """how fast they move [m/s]"""
+    reaches: wp.array2d[Lanes]
+    """how far from their centers something may be met, squared [m^2]"""
+
+
+@cache
+def solid_function(traits: Traits) -> Any:
+    """The function that gives center, velocity and squared reach of a sphere or an obstacle."""
+    center_at = center_function(traits) if traits.stands_on_fixtures else None
+
+    @wp.func
+    def solid_at(t: Tables, state: WorldState, world: wp.int32, solid: wp.int32, end: float):
+        """As a step ends."""
+        spheres = state.sphere_positions.shape[1]
+        center = wp.vec3()
+        motion = wp.vec3()
+        reach = float(0.0)
+        if solid < spheres:
+            place, velocity, radius = sphere_in_state(t, state, world, solid)
+            center = place
+            motion = velocity
+            reach = radius * radius
+            if wp.static(traits.impulses):
+                reach = (WIDER * NEAR * NEAR) * reach
+        elif wp.static(center_at is not None):
+            center = center_at(t, world, solid - spheres, end)
+            reach = t.fixtures.solids[solid - spheres].reach + t.fixtures.fastest * t.step_seconds
+            reach = WIDER * reach * reach
+        return center, motion, reach
+
+    return solid_at
+
+
+@cache
+def near_function(traits: Traits) -> Any:
+    """The function that says whether any particle, which has moved at a velocity, may meet something."""
+    height = traits.columns.places["ground_height"]
+
+    @wp.func
+    def is_near(t: Any, solids: Solids, own: Any, point: Any, velocity: Any):
+        found = bool(False)
+        if wp.static(traits.ground):
+            found = any_negative(reach_along(point, t.up) - own.n[height])
+        a_step = A_STEP * t.step_seconds * t.step_seconds
+        for solid in range(solids.centers.shape[1]):
+            gaps = squared_length(point - solids.centers[own.group, solid]) - solids.reaches[own.group, solid]
+            if wp.static(traits.impulses or traits.stands_on_fixtures):
+                gaps = gaps - a_step * squared_length(velocity - solids.motions[own.group, solid])
+            found = found or any_negative(gaps)
+        return found
+
+    return is_near
+
+
+def near_solids(traits: Traits, look: Any) -> Any:
+    """The same, as phases ask it that a particle ends with: of where it has gone."""
+    return near_function(traits)
+
+
+def heads_for_solids(traits: Traits, look: Any) -> Any:
+    """The same, as phases ask it that look ahead: of where its course leads."""
+    is_near = near_function(traits)
+
+    @wp.func
+    def is_heading(t: Any, solids: Solids, own: Any, point: Any, course: Any):
+        return is_near(t, solids, own, point + scaled(course, t.step_seconds), course)
+
+    return is_heading

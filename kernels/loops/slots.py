@@ -1,0 +1,207 @@
+"""A particle's springs in the registers of its thread.
+
+Where quads go all around a particle, its structural and shear springs go around it in a ring, e0 s0 e1 s1 ... e0, so
+that the points at their other ends, once loaded, give the area vectors of the quads between them, too.
+"""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.algebra import squared_length
+from balloon_warp.kernels.laws.inflation import FAR
+from balloon_warp.kernels.loops.aims import facing_of_quads, see_quad
+from balloon_warp.kernels.loops.areas import CROSSES, plus_cross_at_quad_corner
+from balloon_warp.kernels.memory import in_tile, vector_at
+from balloon_warp.kernels.tables import Tables
+from balloon_warp.kernels.traits import Traits
+
+
+@wp.struct
+class SlotTable:
+    """The springs of each particle in a fixed number of slots for each kind, filled up with springs that do nothing."""
+
+    neighbors: wp.array2d[wp.int32]
+    """the particle at the other end, shape (slot_count, particle_count)"""
+    scales: wp.array2d[float]
+    """a spring's constant over that of its kind, 0 where there is none, shape (slot_count, particle_count)"""
+    rest_lengths: wp.array2d[float]
+    """[m], shape (slot_count, particle_count)"""
+    valences: wp.array[wp.int32]
+    """structural springs of each particle, shape (particle_count,)"""
+
+
+Slots = tuple[int, int, int]
+"""the most springs of each kind at a particle"""
+
+
+@cache
+def springs_reader(traits: Traits, kind_slots: Slots) -> tuple[Any, Any]:
+    """Return the type of what a particle keeps of its springs, and the function that reads it: where there is no
+    particle, all springs lead to its place."""
+    shear_begin, flexion_begin = kind_slots[0], kind_slots[0] + kind_slots[1]
+    slots, lengths_matter = sum(kind_slots), traits.needs("spring", "rest_length")
+    Indices = wp.types.vector(length=max(slots, 1), dtype=wp.int32)  # noqa: N806 - a type
+    Numbers = wp.types.vector(length=max(slots, 1), dtype=wp.float32)  # noqa: N806
+
+    @wp.struct
+    class Springs:
+        """The springs of a particle."""
+
+        valence: wp.int32
+        neighbors: Indices
+        stiffness: Numbers  # where springs of a kind differ [N/m]
+        tensions: Numbers  # rest length times spring constant [N]
+        lengths: Numbers  # where a law names them [m]
+
+    @wp.func
+    def read_springs(t: Tables, slot_table: SlotTable, own: Any, place: wp.int32, active: bool):
+        """Into registers."""
+        mine = Springs()
+        mine.valence = slot_table.valences[own.number]
+        for slot in range(slots):
+            neighbor = slot_table.neighbors[slot, own.number]
+            neighbor = wp.where(active, neighbor, place)
+            mine.neighbors[slot] = neighbor & 0xFFFF  # tells the compiler: not negative
+            constant = wp.where(slot < shear_begin, own.n[0], wp.where(slot < flexion_begin, own.n[1], own.n[2]))
+            stiffness = constant * slot_table.scales[slot, own.number]
+            length = slot_table.rest_lengths[slot, own.number]
+            mine.tensions[slot] = stiffness * length
+            if wp.static(traits.springs_vary):
+                mine.stiffness[slot] = stiffness
+            if wp.static(lengths_matter):
+                mine.lengths[slot] = length
+        return mine
+
+    return Springs, read_springs
+
+
+@cache
+def slot_pull(traits: Traits) -> Any:
+    """Return the function that gives the force of one spring."""
+    coefficient = traits.laws_on("spring")
+    moving = traits.needs("spring", "opening")
+    lengths_matter = traits.needs("spring", "rest_length")
+
+    @wp.func
+    def pull_of_slot(
+        t: Tables,
+        points: Any,
+        velocities: Any,
+        own: Any,
+        springs: Any,
+        slot: wp.int32,
+        constant: float,
+        point: wp.vec3,
+        velocity: wp.vec3,
+        time: float,
+    ):
+        """Force of one spring [N]; what fills up leads to the particle itself."""
+        neighbor = springs.neighbors[slot]
+        d = points[neighbor] - point
+        stiffness = constant
+        if wp.static(traits.springs_vary):
+            stiffness = springs.stiffness[slot]
+        length = float(0.0)
+        if wp.static(lengths_matter):
+            length = springs.lengths[slot]
+        opening = float(0.0)
+        if wp.static(moving):
+            opening = wp.dot(vector_at(velocities, neighbor) - velocity, d)
+        pull = d * coefficient(
+            squared_length(d), opening, length, stiffness, springs.tensions[slot],
+            t.step_seconds, time, own.n,
+        )  # fmt: skip
+        if wp.static(traits.guarded):
+            pull = wp.where(neighbor == own.number, wp.vec3(), pull)
+        return pull
+
+    return pull_of_slot
+
+
+@cache
+def slot_loop(traits: Traits, kind_slots: Slots) -> Any:
+    """Return the function that sums the springs of a particle."""
+    shear_begin, flexion_begin = kind_slots[0], kind_slots[0] + kind_slots[1]
+    slots, pull_of_slot = sum(kind_slots), slot_pull(traits)
+
+    @wp.func
+    def pull_of_springs(
+        t: Tables,
+        points: Any,
+        velocities: Any,
+        own: Any,
+        springs: Any,
+        point: wp.vec3,
+        velocity: wp.vec3,
+        time: float,
+    ):
+        """Net force of the springs [N]."""
+        force = wp.vec3()
+        for slot in range(shear_begin):
+            force += pull_of_slot(t, points, velocities, own, springs, slot, own.n[0], point, velocity, time)
+        for slot in range(shear_begin, flexion_begin):
+            force += pull_of_slot(t, points, velocities, own, springs, slot, own.n[1], point, velocity, time)
+        for slot in range(flexion_begin, slots):
+            force += pull_of_slot(t, points, velocities, own, springs, slot, own.n[2], point, velocity, time)
+        return force
+
+    return pull_of_springs
+
+
+@cache
+def ring_area(shear_begin: int, least_valence: int) -> Any:
+    """Return the function that gives a particle's area vector by the quads between its springs.
+
+    Args:
+        shear_begin: slots of structural springs.
+        least_valence: quads around each particle that there are at least.
+    """
+
+    @wp.func
+    def area_vector_in_ring(t: Tables, points: Any, own: Any, springs: Any, point: wp.vec3):
+        """Area vector of a particle, by the quads around it [m^2]. Slots past its valence hold the particle itself."""
+        crosses = wp.vec3()
+        first = in_tile(points, springs.neighbors[0]) - point
+        before = first
+        for slot in range(1, shear_begin):
+            opposite = in_tile(points, springs.neighbors[shear_begin + slot - 1]) - point
+            after = in_tile(points, springs.neighbors[slot]) - point
+            end = after
+            if slot >= least_valence:
+                end = wp.where(slot == springs.valence, first, after)
+            crosses = plus_cross_at_quad_corner(crosses, before, opposite, end)
+            before = after
+        opposite = in_tile(points, springs.neighbors[2 * shear_begin - 1]) - point
+        return CROSSES * plus_cross_at_quad_corner(crosses, before, opposite, first)
+
+    return area_vector_in_ring
+
+
+@cache
+def ring_facing(shear_begin: int) -> Any:
+    """Return the function that gives A_p n of a particle by the same quads."""
+
+    @wp.func
+    def facing_in_ring(t: Tables, points: Any, own: Any, springs: Any, point: wp.vec3):
+        """A_p n of a particle, by the quads around it [m^2]."""
+        normal = wp.vec3()
+        nearest = wp.vec2(FAR, 0.0)
+        first = in_tile(points, springs.neighbors[0]) - point
+        before = first
+        for slot in range(1, shear_begin):
+            opposite = in_tile(points, springs.neighbors[shear_begin + slot - 1]) - point
+            after = in_tile(points, springs.neighbors[slot]) - point
+            end = wp.where(slot == springs.valence, first, after)
+            turned, nearer = see_quad(normal, nearest, before, opposite, end)
+            normal = wp.where(slot <= springs.valence, turned, normal)
+            nearest = wp.where(slot <= springs.valence, nearer, nearest)
+            before = after
+        opposite = in_tile(points, springs.neighbors[2 * shear_begin - 1]) - point
+        turned, nearer = see_quad(normal, nearest, before, opposite, first)
+        normal = wp.where(springs.valence == shear_begin, turned, normal)
+        nearest = wp.where(springs.valence == shear_begin, nearer, nearest)
+        return facing_of_quads(normal, nearest)
+
+    return facing_in_ring

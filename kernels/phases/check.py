@@ -1,0 +1,22 @@
+"""Particles that have come to where none can be, looked for as a frame ends."""
+
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.measure.health import look_at_particle
+from balloon_warp.kernels.phase import Look, phase
+from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.traits import Traits
+
+
+@phase("particle", last=True)
+def check(traits: Traits, look: Look) -> Any:
+    """Note the first particle that is where none can be."""
+
+    @wp.func
+    def check(t: Tables, state: WorldState, points: Any, own: Any, particle: wp.int32):
+        balloon, share = own.balloon, own.share
+        look_at_particle(t.health, state.first_bad, own.world, particle, own.number, balloon, share, points)
+
+    return check

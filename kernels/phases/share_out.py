@@ -1,0 +1,50 @@
+"""What membranes and hinges do to their particles, where one thread has all of a world.
+
+Each is looked at once, and what it does waits at the particles.
+"""
+
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.lanes import entry_at
+from balloon_warp.kernels.loops.eight_quads import quad_pull
+from balloon_warp.kernels.phase import Look, phase
+from balloon_warp.kernels.phases.add import hinge_function
+from balloon_warp.kernels.tables import Tables
+from balloon_warp.kernels.traits import Traits
+
+
+@phase("hinge", when=lambda traits: traits.has("hinge"))
+def bend(traits: Traits, look: Look) -> Any:
+    """Add what a hinge does to its ends and to the corners of its wings [N]."""
+    add_hinge = hinge_function(traits, look.at, look.add)
+
+    @wp.func
+    def bend(t: Tables, points: Any, forces: Any, world: wp.int32, hinge: wp.int32):
+        add_hinge(t, world, hinge, points, forces)
+
+    return bend
+
+
+@phase("quad", when=lambda traits: bool(traits.membranes))
+def share_out(traits: Traits, look: Look) -> Any:
+    """Add what a quad or triangle of a membrane does to its corners, or eight of them [N].
+
+    Where rubber softens, what is left of its tension is found on the way."""
+    pull_of_quad, add = quad_pull(traits, look.at, look.world), look.add
+
+    @wp.func
+    def share_out_viscous(t: Any, points: Any, velocities: Any, forces: Any, own: Any):
+        on_a, on_b, on_c, on_d = pull_of_quad(t, points, velocities, own)
+        corners = 4 * own.number
+        add(forces, entry_at(t.quads, corners), on_a)
+        add(forces, entry_at(t.quads, corners + 1), on_b)
+        add(forces, entry_at(t.quads, corners + 2), on_c)
+        add(forces, entry_at(t.quads, corners + 3), on_d)
+
+    @wp.func
+    def share_out(t: Any, points: Any, forces: Any, own: Any):
+        share_out_viscous(t, points, points, forces, own)
+
+    return share_out_viscous if traits.viscous else share_out

@@ -1,0 +1,51 @@
+"""A particle in a frame in which it is believed to meet nothing: whether it goes further than that holds."""
+
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.algebra import squared_length, times
+from balloon_warp.kernels.contact.free_frames import HURRIED
+from balloon_warp.kernels.lanes import all_positive
+from balloon_warp.kernels.phase import Look, phase
+from balloon_warp.kernels.tables import Tables
+from balloon_warp.kernels.traits import Traits
+from balloon_warp.kernels.working import Working
+
+
+def _is_free(traits: Traits) -> bool:
+    return traits.frames == "free"
+
+
+@phase("particle", {"start": wp.vec3}, when=_is_free)
+def set_off(traits: Traits, look: Look) -> Any:
+    """Note where a particle begins its substep."""
+
+    @wp.func
+    def set_off(point: Any):
+        return point
+
+    return set_off
+
+
+def _hurries(traits: Traits, look: Look) -> Any:
+    @wp.func
+    def is_faster(t: Any, way: Any, start: Any, point: Any):
+        """Whether any is, perhaps: a little sooner than that counts."""
+        most = times(way, way) * (0.999 / (float(t.substeps) * float(t.substeps)))
+        return not all_positive(most - squared_length(point - start))
+
+    return is_faster
+
+
+@phase("particle", when=_is_free, rare=_hurries)
+def watch(traits: Traits, look: Look) -> Any:
+    """Note a world of which a particle is faster than was believed: its frame does not hold."""
+
+    @wp.func
+    def watch(t: Tables, working: Working, world: wp.int32, start: wp.vec3, point: wp.vec3):
+        if not (float(t.substeps) * wp.length(point - start) < working.ways[world]):  # or it is no number
+            working.verdicts[world] = HURRIED
+            working.any_busy[0] = 1
+
+    return watch

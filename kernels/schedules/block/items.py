@@ -1,0 +1,219 @@
+"""What a block does for particles, and other items: each thread for those that it keeps, or in a loop; and sums."""
+
+import inspect
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+
+from balloon_warp.kernels.phase import Phase
+from balloon_warp.kernels.schedules.block.layout import Layout
+from balloon_warp.kernels.schedules.block.names import NamesInBlock
+from balloon_warp.kernels.schedules.pieces import Piece, Step
+
+COUNTS = {
+    "particle": "count",
+    "face": "t.faces.balloon.shape[0]",
+    "triangle": "t.membranes.corners.shape[0]",
+    "sphere": "t.spheres.radius.shape[1]",
+    "film": "t.membranes.films.corners.shape[0]",
+}
+"""items of a world"""
+BALLOON_OF = {"particle": "t.particles.balloon", "face": "t.faces.balloon"}
+
+
+class ItemsInBlock(NamesInBlock):
+    """Write what threads do for items."""
+
+    def __init__(self, step: Step, layout: Layout, alone: bool | None = None):
+        super().__init__(step, layout, step.traits.balloons == 1 if alone is None else alone)
+        self.deferred: list[Piece] = []
+        """pieces about spheres, which nobody has asked for since these have moved"""
+        self.spheres_moved = False
+        self.shows_velocities = "velocity" in step.doubled or any(piece.item == "spring" for piece in step.pieces)
+        """whether others look at velocities, or change them"""
+
+    def _is_deferred(self, piece: Piece) -> bool:
+        """Return whether a piece is about spheres alone, once they have moved: it may wait until somebody asks."""
+        return all(phase.item == "world" and phase.due is not None for phase in piece.phases)
+
+    def _asks(self, phase: Phase) -> bool:
+        return phase.item != "sphere" and "spheres" in self.reads(phase)
+
+    def _settle_spheres(self) -> None:
+        """Write what is to be done before anyone asks where spheres are."""
+        if not self.spheres_moved:
+            return
+        self.spheres_moved = False
+        self.line("block_barrier()")
+        for piece in self.deferred:
+            for phase in piece.phases:
+                call = self.call(phase)
+                self.line(f"if any_in_block({phase.name}_is_due({self._asked(phase)})):")
+                self.line(f"    # {phase.summary}")
+                self.line("    if thread == 0:")
+                self.line(f"        {call}")
+                self.line("    block_barrier()")
+        self.deferred.clear()
+
+    def _asked(self, phase: Phase) -> str:
+        """Return the arguments of the function that says whether there is anything to do."""
+        assert phase.due is not None
+        return ", ".join(inspect.signature(phase.due(self.traits).func).parameters)
+
+    def _held_particles(self, piece: Piece) -> None:
+        summed = self._begin_sum(piece)
+        asking = next((number for number, phase in enumerate(piece.phases) if self._asks(phase)), None)
+        if asking is not None and self.spheres_moved:  # others get on with what comes before
+            for place in self.places:
+                with self.about(place):
+                    self.calls(piece.phases[:asking])
+            self._settle_spheres()
+        else:
+            asking = 0
+        for place in self.places:
+            with self.about(place):
+                self._calls_and_sum(piece.phases[asking:], summed, self.bound("is_there"))
+                self._show_held(piece)
+        self._switch(piece)
+        self._exchange(piece)
+        if not piece.last:
+            self._end_sum(summed)
+
+    def _exchange(self, piece: Piece) -> None:
+        """Write what blocks tell each other of what a piece has moved: nothing, where each has a world."""
+
+    def _show_held(self, piece: Piece) -> None:
+        """Write what a piece has moved to where others see it."""
+        b = self.bound
+        if "point" in piece.moves:
+            self.line(f"put_in_tile({self._target(piece, 'point')}, {b('place')}, {b('point')})")
+        if "velocity" in piece.moves and self.shows_velocities:
+            self.line(f"if {b('is_there')}:")
+            self.line(f"    put_vector({self._target(piece, 'velocity')}, {b('particle')}, {b('velocity')})")
+
+    def _items(self, piece: Piece) -> None:
+        """Write what threads do in a loop over items, whose values then wait in memory."""
+        item, summed = piece.item, self._begin_sum(piece)
+        rounds = summed is not None and not self.alone
+        with self._over(item, rounds):
+            if summed and item != "particle" and not self.alone:
+                self.line(f"balloon = {BALLOON_OF[item]}[{item}]")
+                self.known.add("balloon")
+            self._calls_and_sum(piece.phases, summed, "is_there" if rounds else "")
+            for value in piece.leaves:
+                if summed is None or value not in summed.writes:
+                    of_particle = item == "particle"
+                    self.line(
+                        self.write(value, self.home(value)) if of_particle else f"all_{value}[world, {item}] = {value}"
+                    )
+            if "velocity" in piece.moves:
+                self.line(self.write("velocity", self._target(piece, "velocity")))
+            if "point" in piece.moves:
+                self.line(f"put_in_tile({self._target(piece, 'point')}, particle, point)")
+        self._switch(piece)
+        if item == "sphere":
+            self.spheres_moved = True  # who asks waits for a barrier
+        elif not piece.last:
+            self._end_sum(summed)
+
+    def _target(self, piece: Piece, name: str) -> str:
+        """Return where a piece writes points, or velocities."""
+        places = self.points if name == "point" else self.velocities
+        return places[1 if name in piece.doubles else 0]
+
+    def _switch(self, piece: Piece) -> None:
+        """Take notice of where points and velocities are from here on."""
+        if "point" in piece.doubles:
+            self.points = self.points[::-1]
+        if "velocity" in piece.doubles:
+            self.velocities = self.velocities[::-1]
+
+    @contextmanager
+    def _over(self, item: str, rounds: bool = False) -> Iterator[None]:
+        """Loop over items of a world.
+
+        Args:
+            rounds: whether all threads go through as many, the last item again where there are no more.
+        """
+        threads, (begin, count) = self.layout.threads, self._items_of(item)
+        if rounds:
+            self.line(f"for begin in range(0, {count}, {threads}):")
+        else:
+            first = f"{begin} + thread" if begin else "thread"
+            self.line(f"for {item} in range({first}, {count}, {threads}):")
+        with self.indented():
+            if rounds:
+                self.line(f"is_there = begin + thread < {count}")
+                self.line(f"{item} = wp.min(begin + thread, {count} - 1)")
+            self.known.add(item)
+            yield
+
+    def _items_of(self, item: str) -> tuple[str, str]:
+        """Return where a block's items begin, if not at the first, and where they end."""
+        return "", COUNTS[item]
+
+    def _begin_sum(self, piece: Piece) -> Phase | None:
+        """Write how a sum begins, and return the phase whose values it adds up."""
+        last = piece.phases[-1]
+        if not last.sums:
+            return None
+        (value,) = last.writes
+        if self.alone:
+            self.line(f"part_of_{value} = {_nothing(last)}")
+        else:
+            self.line(f"clear_{value}(thread)")
+        return last
+
+    def _calls_and_sum(self, phases: Iterable[Phase], summed: Phase | None, condition: str) -> None:
+        """Write the calls of phases, the last one's value added up.
+
+        Args:
+            condition: on which there is such an item.
+        """
+        self.calls(phase for phase in phases if phase is not summed)
+        if summed is None:
+            return
+        (value,) = summed.writes
+        call = self.call(summed)
+        self.line(f"# {summed.summary}")
+        if self.alone:
+            part = f"wp.where({condition}, {call}, {_nothing(summed)})" if condition else call
+            self.line(f"part_of_{value} += {part}")
+            return
+        self.need("balloon")
+        part = self.bound(f"part_of_{value}")
+        self.line(f"{part} = {call}")
+        self.line(f"add_{value}(thread, {self.bound('balloon')}, wp.where({condition}, {part}, {_nothing(summed)}))")
+
+    def _end_sum(self, summed: Phase | None) -> None:
+        """Write a barrier, and the sum of each balloon."""
+        if summed is None:
+            self.line("block_barrier()")
+            return
+        (value,) = summed.writes
+        if self.alone:
+            self.line(f"put_{value}(thread, part_of_{value})")
+            self.line("block_barrier()")
+            self.line(f"{value} = total_{value}(0)")
+            self.known.add(value)
+            return
+        self.line("block_barrier()")
+        if self._read_by_particles(value):
+            self.line(f"for balloon in range({self._warps_of_balloons}):")
+            self.line(f"    {value} = total_{value}(balloon)")
+            self.line("    if thread % WARP_THREADS == 0:")
+            self.line(f"        all_{value}[world, balloon] = {value}")
+            self.line("block_barrier()")
+
+    def _read_by_particles(self, value: str) -> bool:
+        pieces = (piece for piece in self.step.pieces if piece.item == "particle")
+        return any(value in piece.takes for piece in pieces)
+
+    @property
+    def _warps_of_balloons(self) -> str:
+        return f"thread // WARP_THREADS, {self.traits.balloons}, {self.layout.warps}"
+
+
+def _nothing(summed: Phase) -> str:
+    """Return what a sum begins with."""
+    ((value, dtype),) = summed.writes.items()
+    return "float(0.0)" if dtype is float else f"{value}_type()"

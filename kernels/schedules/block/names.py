@@ -1,0 +1,139 @@
+"""Where a block finds what phases name: in registers, in shared memory, or in arrays."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from balloon_warp.kernels.phase import VIEWS, Phase
+from balloon_warp.kernels.schedules.block.layout import Layout
+from balloon_warp.kernels.schedules.pieces import Step
+from balloon_warp.kernels.schedules.writer import Writer
+
+HANDLES = ("t", "slots", "state", "working", "world", "thread", "spheres", "films", "pulls", "area_vectors")
+OF_SUBSTEP = ("time_in_frame", "time", "end")
+OF_BALLOON = ("balloon", "ramp", "keyed", "load", "gas_mass", "origin", "origin_place", "numbers")
+"""what particles of one balloon have in common"""
+
+
+class NamesInBlock(Writer):
+    """Find names for a block, which may be about one of the particles that a thread keeps."""
+
+    def __init__(self, step: Step, layout: Layout, alone: bool):
+        super().__init__(step, (*HANDLES, "points", "new_points", "velocities", "new_velocities"))
+        self.layout, self.traits = layout, step.traits
+        self.alone = alone
+        """whether the block has particles of but one balloon, so that its sums and values are everyone's"""
+        self.place: int | None = None
+        """which of its particles a thread is about"""
+        self.points = ("points", "new_points")
+        """where points are read, and written where others still read"""
+        self.velocities = ("velocities", "new_velocities")
+        self._common = {*OF_SUBSTEP, *HANDLES}
+        if self.alone:
+            written = (phase for phase in self.phases if phase.item != "particle" or phase.sums)
+            self._common |= {*OF_BALLOON, *(value for phase in written for value in phase.writes)}
+
+    @property
+    def phases(self) -> tuple[Phase, ...]:
+        """Return all phases."""
+        return (*(phase for piece in self.step.pieces for phase in piece.phases), *self.step.light)
+
+    @property
+    def places(self) -> range:
+        """Return the particles that a thread keeps."""
+        return range(self.layout.held)
+
+    @property
+    def keeps_load(self) -> bool:
+        """Return whether all threads find the pressure of the one balloon, so that none need read it."""
+        return self.traits.gas and self.alone and not self.traits.gas_flows
+
+    def bound(self, name: str) -> str:
+        """Return the variable that holds what a phase names; each particle that a thread keeps has its own."""
+        if name == "points":
+            return self.points[0]
+        if name == "velocities":
+            return self.velocities[0]
+        numbered = self.place is not None and self.layout.held > 1 and name not in self._common
+        return f"{name}_{self.place}" if numbered else name
+
+    def own_of_any(self) -> str:
+        """Return the variable of what some particle of a thread knows of itself."""
+        return ("own_0" if self.layout.held > 1 else "own") if self.layout.held else "first"
+
+    def forget(self, name: str) -> None:
+        """Find a name anew wherever it is read from here on."""
+        self.known -= {name, *(f"{name}_{place}" for place in self.places)}
+
+    def found(self, name: str) -> tuple[str, str] | None:
+        """Return what it takes to find a name, and how."""
+        anywhere = {
+            "time": ("", "frame_begin + time_in_frame"),
+            "end": ("time", "time + t.step_seconds"),
+            "springs": ("", "working"),  # they are read from tables
+        }
+        if name in anywhere:
+            return anywhere[name]
+        if VIEWS.get(name) in self.step.kept:
+            return "", f"all_{VIEWS[name]}[world]"
+        is_particle = self.place is not None or "particle" in self.known
+        return self._of_particle(name) if is_particle else self._of_balloon(name)
+
+    def _of_balloon(self, name: str) -> tuple[str, str] | None:
+        if name == "numbers":
+            return "", f"{self.own_of_any()}.n" if self.alone else "read_numbers(t, world, balloon)"
+        if name == "balloon" and self.alone:
+            return "", f"{self.own_of_any()}.balloon"
+        if name in self.step.kept and self.step.owner(name) == "balloon":
+            return "", f"all_{name}[world, balloon]"
+        return None
+
+    def _of_particle(self, name: str) -> tuple[str, str] | None:
+        own, balloon, ramp = self.bound("own"), self.bound("balloon"), self.bound("ramp")
+        texts = {
+            "own": ("", "read_own_beside(t, first, particle)" if self.alone else "read_own(t, world, particle)"),
+            "balloon": ("", f"{self.own_of_any()}.balloon") if self.alone else ("own", f"{own}.balloon"),
+            "numbers": ("own", f"{own}.n"),
+            "point": ("", f"in_tile({self.points[0]}, particle)"),
+            "velocity": ("", self.read("velocity")),
+            "ramp": ("balloon", f"state.inflation_ramp[world, {balloon}]"),
+            "keyed": ("ramp", f"{ramp}[0] + {ramp}[1] * time_in_frame"),
+            "origin_place": ("balloon", f"volume_origin(t, {balloon})"),
+            "origin": ("origin_place", f"in_tile({self.points[0]}, {self.bound('origin_place')})"),
+            "gas_mass": ("balloon", f"working.gas_masses[world, {balloon}]"),
+            "load": ("balloon", f"two_in(state.inflation_loads, world, {balloon})"),
+        }  # fmt: skip
+        if name == "load" and self.keeps_load:
+            return "", "wp.vec2(gas_load[1], gas_load[2])"
+        if name in texts:
+            return texts[name]
+        if name in self.step.kept:
+            of_particle = self.step.owner(name) == "particle"
+            return ("", self.read(name)) if of_particle else ("balloon", f"all_{name}[world, {balloon}]")
+        columns = self.traits.columns
+        return ("own", f"{own}.n[{columns.places[name]}]") if name in columns.places else None
+
+    def home(self, name: str) -> str:
+        """Return where a value of particles waits."""
+        return self.velocities[0] if name == "velocity" else f"each_{name}"
+
+    def read(self, name: str) -> str:
+        """Return how a value of a particle is read from where it waits."""
+        return f"{'in_tile' if name in self.layout.tiles else 'vector_at'}({self.home(name)}, particle)"
+
+    def write(self, name: str, target: str) -> str:
+        """Return how it is written there."""
+        return f"{'put_in_tile' if name in self.layout.tiles else 'put_vector'}({target}, particle, {name})"
+
+    @contextmanager
+    def about(self, place: int) -> Iterator[None]:
+        """Be about one of the particles that a thread keeps."""
+        self.place = place
+        yield
+        self.place = None
+
+    @contextmanager
+    def indented(self) -> Iterator[None]:
+        """Write what belongs to the line before; what is bound there is not bound after."""
+        known, self.indent = set(self.known), self.indent + "    "
+        yield
+        self.known, self.indent = known, self.indent[:-4]

@@ -1,0 +1,298 @@
+"""A list of phases as one kernel: a block of threads advances a world by a frame, with barriers between pieces.
+
+Points stand in shared memory. A thread keeps a few particles in registers, with all that is known of them, or loops
+over particles, whose values then wait in memory.
+"""
+
+import re
+from collections.abc import Iterable
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.codegen import kernel_from
+from balloon_warp.kernels.loops.slots import SlotTable
+from balloon_warp.kernels.memory import in_tile, put_in_tile, put_vector, vector_at
+from balloon_warp.kernels.options import OPTIONS
+from balloon_warp.kernels.own import own_beside_function, own_functions
+from balloon_warp.kernels.schedules.block.groups import GroupsInBlock
+from balloon_warp.kernels.schedules.block.layout import Layout
+from balloon_warp.kernels.schedules.block.looks import reader_of_springs
+from balloon_warp.kernels.schedules.block.sums import block_sum
+from balloon_warp.kernels.schedules.pieces import Piece, Step
+from balloon_warp.kernels.schedules.writer import head, named_in
+from balloon_warp.kernels.spheres import shared_spheres
+from balloon_warp.kernels.tables import WorldState
+from balloon_warp.kernels.traits import Traits
+from balloon_warp.kernels.warps import WARP_THREADS, any_in_block, block_barrier
+
+
+class BlockWriter(GroupsInBlock):
+    """Write the source of the kernel."""
+
+    @property
+    def name(self) -> str:
+        """Return the name of the kernel."""
+        return "advance_worlds"
+
+    def source(self) -> str:
+        """Return the text of the kernel."""
+        body = self._written()
+        return "\n".join([*head(self.name, named_in(body, self._arguments()), self.remark), *body, ""])
+
+    @property
+    def remark(self) -> str:
+        """Return what the kernel is."""
+        held = self.layout.held
+        keeps = f"keeps {held} particle{'s' * (held > 1)} in registers" if held else "loops over particles"
+        return f"A block for each world, for a frame; each of {self.layout.threads} threads {keeps}."
+
+    def arguments(self) -> tuple[str, ...]:
+        """Return the names of what the kernel takes."""
+        return tuple(named_in(self._written(), self._arguments()))
+
+    def _arguments(self) -> dict[str, str]:
+        return {
+            "t": "Tables", "slots": "SlotTable", "state": "WorldState", "working": "Working",
+            "second_velocities": "wp.array2d[wp.vec3]", "film_pulls": "wp.array2d[wp.vec3]",
+            **{f"all_{value}": f"wp.array2d[{value}_type]" for value in self.step.kept},
+        }  # fmt: skip
+
+    def names(self) -> dict[str, Any]:
+        """Return what the text refers to."""
+        names = {
+            **self.scope(phase for piece in self.step.pieces for phase in piece.phases),
+            "in_tile": in_tile, "put_in_tile": put_in_tile, "vector_at": vector_at, "put_vector": put_vector,
+            "block_barrier": block_barrier, "any_in_block": any_in_block, "WARP_THREADS": WARP_THREADS,
+            "SlotTable": SlotTable,
+            "read_own_beside": own_beside_function(self.traits.columns, self.traits.balloons),
+            "take_place": place_function(self.traits), "load_in": load_in,
+        }  # fmt: skip
+        if self.layout.held:
+            names["read_springs"] = reader_of_springs(self.traits, self.layout)
+        if self.layout.film and self.layout.film.quads:
+            names["hold_films"] = self.step.look.films(self.traits).keeps
+        if self.traits.spheres:
+            names["share_spheres"], names["put_spheres"], _ = shared_spheres(self.traits.spheres)
+        for phase in self.phases:
+            if phase.due:
+                names[f"{phase.name}_is_due"] = phase.due(self.traits)
+            if phase.sums:
+                (value,) = phase.writes
+                functions = block_sum(value, phase.writes[value], self.traits.balloons, self.layout.warps)
+                names |= {f"{verb}_{value}": function for verb, function in functions._asdict().items()}
+        return names
+
+    def _written(self) -> list[str]:
+        """Return the body's lines, without values that nobody reads."""
+        if not self.lines:
+            self._body()
+            self.lines = _read_ones(self.lines)
+        return self.lines
+
+    def _body(self) -> None:
+        self._find_world()
+        if self.traits.frames != "all":
+            self.line(f"if working.verdicts[world] {'!=' if self.traits.frames == 'free' else '=='} 0: return")
+        self._places_of_values()
+        self.line("# Particles come from the state.")
+        self._take_particles()
+        self.line("block_barrier()")
+        self._write_pieces(piece for piece in self.step.pieces if piece.once)
+        self._keep_once()
+        self._substeps()
+        self._write_pieces(piece for piece in self.step.pieces if piece.last)
+        self.line("# Particles go back to the state.")
+        self._put_particles()
+
+    def _find_world(self) -> None:
+        """Write whose block it is."""
+        self.line("world, thread = wp.tid()")
+
+    def _places_of_values(self) -> None:
+        """Write where all of a world's values are."""
+        layout, doubled = self.layout, self.step.doubled
+        tiles = [*self.points[: 2 if "point" in doubled else 1]]
+        tiles += [self.home(name) for name in layout.tiles]
+        for tile in tiles:
+            self.line(f'{tile} = wp.tile_empty(shape={layout.capacity}, dtype=wp.vec3, storage="shared")')
+        if layout.film and layout.film.tile:
+            areas = layout.film.tile if layout.film.areas else 1
+            self.line(f'pulls = wp.tile_empty(shape={layout.film.tile}, dtype=wp.vec4, storage="shared")')
+            self.line(f'area_vectors = wp.tile_empty(shape={areas}, dtype=wp.vec2, storage="shared")')
+        elif layout.film:
+            self.line("pulls = film_pulls[world]")
+            self.line("area_vectors = film_pulls[world]")
+        if "velocity" not in layout.tiles:
+            self.line("velocities = state.velocities[world]")
+            self.line("new_velocities = second_velocities[world]")
+        if not layout.held:
+            for value in self.step.kept:
+                if self.step.owner(value) == "particle" and value not in layout.tiles:
+                    self.line(f"each_{value} = all_{value}[world]")
+        self.line("count = state.points.shape[1]")
+        self.line("frame_begin = time_of(t, state.frame, 0.0)")
+        self.line("time_in_frame = float(0.0)")
+        self.known.add("time_in_frame")
+
+    def _take_particles(self) -> None:
+        if not self.layout.held:
+            self.line("first = read_own(t, world, wp.min(thread, count - 1))")
+            with self._over("particle"):
+                self.line("put_in_tile(points, particle, state.points[world, particle])")
+                if "velocity" in self.layout.tiles:
+                    self.line("put_in_tile(velocities, particle, state.velocities[world, particle])")
+        for place in self.places:
+            with self.about(place):
+                self._take_particle(place)
+        if self.layout.film and self.layout.film.quads:
+            self.line(f"films = hold_films(t, world, {self.own_of_any()}.n, thread)")
+        if self.traits.spheres:
+            self.line("spheres = share_spheres(t, state, world, thread)")
+        if self.alone:
+            with self.about(0):
+                for name in ("balloon", "ramp", "origin_place"):
+                    self.need(name)
+        if self.keeps_load:
+            self.line("gas_load = load_in(state, world, balloon)")
+            self.known.add("gas_load")
+
+    def _take_particle(self, number: int) -> None:
+        """Write how a thread takes one of the particles that it keeps; where there is none, one that does not move."""
+        b = self.bound
+        self._find_particle(number)
+        first_own = self.own_of_any()
+        whose = f"read_own(t, world, {b('particle')})"
+        if number and self.alone:
+            whose = f"read_own_beside(t, {first_own}, {b('particle')})"
+        self.line(f"{b('own')} = take_place({whose}, {b('is_there')})")
+        self.line(f"{b('springs')} = read_springs(t, slots, {b('own')}, {b('place')}, {b('is_there')})")
+        self.line(f"{b('point')} = state.points[world, {b('particle')}]")
+        self.line(f"{b('velocity')} = state.velocities[world, {b('particle')}]")
+        self.line(f"put_in_tile(points, {b('place')}, {b('point')})")
+        self.known |= {b(name) for name in ("place", "is_there", "particle", "own", "springs", "point", "velocity")}
+
+    def _find_particle(self, number: int) -> None:
+        """Write which particle a thread takes, and where in the tile."""
+        b = self.bound
+        self.line(f"{b('place')} = thread" + (f" + {number * self.layout.threads}" if number else ""))
+        self.line(f"{b('is_there')} = {b('place')} < count")
+        self.line(f"{b('particle')} = wp.min({b('place')}, count - 1)")
+
+    def _keep_once(self) -> None:
+        """Write what stays the same in a frame, where registers keep it."""
+        read = {name for piece in self.step.pieces if not piece.once for name in piece.takes}
+        for phase in self.step.light:
+            if phase.once(self.traits) and not read.isdisjoint(phase.writes):
+                (value,) = phase.writes
+                if phase.item == "balloon" and self.alone:
+                    self.need(value)
+                for place in self.places if phase.item == "particle" else ():
+                    with self.about(place):
+                        self.need(value)
+
+    def _substeps(self) -> None:
+        """Write the loop; where points or velocities have two places, a turn has two substeps."""
+        if not self.step.doubled:
+            self.line("for substep in range(t.substeps):")
+            self._substep("substep")
+            return
+        self.line("for pair in range(t.substeps // 2):")
+        self._substep("2 * pair")
+        self._substep("2 * pair + 1")
+        if self.layout.odd:
+            self.line("if t.substeps % 2 == 1:")
+            self._substep("t.substeps - 1")
+
+    def _substep(self, number: str) -> None:
+        with self.indented():
+            self.line(f"time_in_frame = float({number}) * t.step_seconds")
+            self._write_pieces(piece for piece in self.step.pieces if not piece.once and not piece.last)
+
+    def _put_particles(self) -> None:
+        for phase in self.notes:
+            self._by_one_thread(phase)
+        if self.traits.spheres:
+            self.line(f"put_spheres(state, world, thread, spheres, {self.traits.penalties})")
+        for place in self.places:
+            with self.about(place):
+                b = self.bound
+                self.line(f"if {b('is_there')}:")
+                self.line(f"    state.points[world, {b('particle')}] = {b('point')}")
+                self.line(f"    state.velocities[world, {b('particle')}] = {b('velocity')}")
+        if not self.layout.held:
+            with self._over("particle"):
+                self.line(f"state.points[world, particle] = in_tile({self.points[0]}, particle)")
+                if self._velocities_wait_elsewhere:
+                    self.line(f"state.velocities[world, particle] = {self.read('velocity')}")
+
+    def _write_pieces(self, pieces: Iterable[Piece]) -> None:
+        for piece in pieces:
+            if self._is_deferred(piece):
+                self.deferred.append(piece)
+                continue
+            if not (piece.item == "particle" and self.layout.held) and any(map(self._asks, piece.phases)):
+                self._settle_spheres()
+            if piece.item == "particle" and self.layout.held:
+                self._held_particles(piece)
+            elif piece.item in ("world", "balloon"):
+                self._worlds(piece)
+            elif piece.item == "spring":
+                self._springs(piece)
+            elif piece.item == "film" and self.layout.film and self.layout.film.quads:
+                self.calls(piece.phases)
+                self.line("block_barrier()")
+            elif piece.item == "team":
+                self._team(piece)
+            else:
+                self._items(piece)
+
+
+def _read_ones(lines: list[str]) -> list[str]:
+    """Return lines without values that no other line reads."""
+    words = re.findall(r"\w+", "\n".join(line.split("#")[0] for line in lines))
+    unread = {word for word in set(words) if words.count(word) == 1}
+    kept = [line for line in lines if not ((m := re.match(r"\s*(\w+) = ", line)) and m[1] in unread)]
+    return kept if len(kept) == len(lines) else _read_ones(kept)
+
+
+@wp.func
+def load_in(state: WorldState, world: wp.int32, balloon: wp.int32):
+    """Return what a balloon's gas presses with, as the state has it: see `laws.gas.gas_load`."""
+    load = state.inflation_loads[world, balloon]
+    return wp.vec4(state.pressures[world, balloon], load[0], load[1], 0.0)
+
+
+@cache
+def place_function(traits: Traits) -> Any:
+    """Return the function that makes a particle what a thread has: where there is none, one that does not move."""
+    Own, _ = own_functions(traits.columns, traits.balloons)  # noqa: N806 - a type
+
+    @wp.func
+    def take_place(own: Own, there: bool):
+        if not there:
+            own.share = 0.0
+            own.mass = 0.0
+        return own
+
+    return take_place
+
+
+@cache
+def kernel_of_frame(step: Step, layout: Layout) -> Any:
+    """Make the kernel of a list."""
+    w = BlockWriter(step, layout)
+    options = {**OPTIONS, "fast_math": True, "max_unroll": 128 if layout.held else 16}
+    return kernel_from(w.name, w.source(), w.names(), cuda_max_registers=layout.registers, module_options=options)
+
+
+@cache
+def arguments_of_frame(step: Step, layout: Layout) -> tuple[str, ...]:
+    """Return the names of what the kernel of a list takes."""
+    return BlockWriter(step, layout).arguments()
+
+
+def source_of_frame(step: Step, layout: Layout) -> str:
+    """Write the kernel of a list."""
+    return BlockWriter(step, layout).source()

@@ -1,0 +1,64 @@
+"""How items see each other where eight stand side by side, and one world in a lane of them."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.lanes import Lanes3
+from balloon_warp.kernels.loops.eight import loops_of_eight
+from balloon_warp.kernels.loops.net_force import Loops
+from balloon_warp.kernels.phase import Look
+from balloon_warp.kernels.schedules.lanes.layouts import (
+    OCTETS,
+    WORLDS,
+    Layout,
+    add,
+    near,
+    of_item,
+    places_of,
+    put,
+    put_item,
+    view_of,
+)
+from balloon_warp.kernels.schedules.lanes.state import own_functions_of
+from balloon_warp.kernels.spheres import sphere_at
+from balloon_warp.kernels.traits import Traits
+
+
+@wp.func
+def take_forces(t: Any, own: Any):
+    """What hinges and membranes have added up on an item [N]; nothing is left."""
+    forces = t.forces[own.group]
+    force = of_item(forces, own.number)
+    put_item(forces, own.number, Lanes3())
+    return force
+
+
+@wp.func
+def itself(part: Any):
+    """What one thread has, which is alone."""
+    return part
+
+
+def _look(layout: Layout) -> Look:
+    places = places_of(layout)
+
+    @cache
+    def loops(traits: Traits) -> Loops:
+        """Over all that acts on an item."""
+        _, _, own_of_one = own_functions_of(traits.columns.places["mass"], layout)
+        return loops_of_eight(traits, near, take_forces, view_of, own_of_one)
+
+    @wp.func
+    def world_of(t: Any, own: Any, lane: wp.int32):
+        return places.world(own.group, lane, t.world_count)
+
+    return Look(
+        near, sphere_at, loops, put=put, velocity_at=near, put_velocity=put,
+        in_team=(near, put, itself), add=add, world=world_of,
+    )  # fmt: skip
+
+
+LOOKS = {WORLDS: _look(WORLDS), OCTETS: _look(OCTETS)}
+"""of eight worlds, and of eight particles of one"""

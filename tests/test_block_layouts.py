@@ -1,0 +1,131 @@
+"""Blocks whose threads keep particles in registers, or loop over them, with values in shared memory or not: the same
+kernels that a GPU gets, on a CPU, where a block is one thread. They give what launches do."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from meshes import quad_sphere
+
+from balloon_warp.kernels.loops.film_places import FilmLayout
+from balloon_warp.kernels.schedules.block.layout import Layout
+from balloon_warp.kernels.traits import Traits
+from balloon_warp.model import Model, build_model, initial_state
+from balloon_warp.scene import Balloon, Ground, Inflation, Material, Scene, Sphere
+from balloon_warp.schedules import block_frames
+from balloon_warp.schedules.choose import make_schedule
+from balloon_warp.schedules.films import film_entries, film_layout
+from balloon_warp.schedules.rings import least_valence, quad_rings
+from balloon_warp.schedules.slots import kind_slots
+from balloon_warp.schedules.spring_ends import spring_ends
+
+PAPERS, GAS = Inflation(k_normal=0.2), Inflation(kind="gas", start_pressure=50.0)
+LATEX = Material(kind="neo_hookean", shear_modulus=4e5, thickness=3e-4)
+GROUND, ABOVE = Ground(height=-0.49), Sphere(position=(0.0, 0.95, 0.0), radius=0.5, mass=1.0)
+BESIDE = Sphere(position=(0.9, 0.95, 0.0), radius=0.5, mass=1.0)
+
+
+def scenes(cells: int) -> dict[str, Scene]:
+    """Of balloons with so many cells along an edge."""
+    ball = quad_sphere(cells, radius=0.5)
+    return {
+        "cached normals": Scene(substeps=16, balloon=[Balloon(mesh=ball, inflation=PAPERS)]),
+        "fresh normals, odd substeps": Scene(
+            substeps=15, normals="fresh", balloon=[Balloon(mesh=ball, inflation=PAPERS)], ground=GROUND
+        ),
+        "gas, spheres": Scene(
+            substeps=16, balloon=[Balloon(mesh=ball, inflation=GAS)], ground=GROUND, sphere=[ABOVE, BESIDE], faces=False
+        ),
+        "two balloons": Scene(
+            substeps=16, normals="fresh", faces=False, sphere=[ABOVE],
+            balloon=[
+                Balloon(mesh=ball, position=(0.0, 0.0, 2.0), inflation=GAS), Balloon(mesh=ball, inflation=PAPERS),
+            ],
+        ),
+        "impulses": Scene(
+            substeps=16, contact="impulse", balloon=[Balloon(mesh=ball, inflation=GAS)], ground=GROUND, sphere=[ABOVE],
+            faces=False,
+        ),
+        "latex": Scene(
+            substeps=64,
+            balloon=[
+                Balloon(mesh=ball, inflation=GAS, material=LATEX)
+            ],
+        ),
+        "viscous": Scene(
+            substeps=32, balloon=[Balloon(mesh=ball, inflation=PAPERS, stiffness={"viscosity": 1e-3})]  # pyright: ignore
+        ),
+        "corrected": Scene(
+            substeps=16, correction="provot", balloon=[Balloon(mesh=ball, inflation=PAPERS)], ground=GROUND
+        ),
+    }  # fmt: skip
+
+
+NAMES = tuple(scenes(1))
+ROUNDING = 2.0e-5
+"""of the largest value: the same sums in another order"""
+OF_VELOCITIES = 1.0e-4
+"""[m/s]: a gas's pressure is rounded by a ten millionth of the air's, which moves some grams by so much"""
+
+
+def film_of(model: Model, traits: Traits, held: bool) -> FilmLayout | None:
+    film = film_layout(model, traits)
+    if film is None or not held:
+        return film._replace(areas=False) if film else None
+    film = film._replace(capacity=model.particle_count)
+    return film._replace(tile=film_entries(model, film))
+
+
+def looped(*tiles: str) -> Callable[[Model, Traits], Layout]:
+    def layout(model: Model, traits: Traits) -> Layout:
+        kept = () if traits.looks_at_velocities or traits.impulses else ("velocity",)
+        odd, film = model.substeps % 2 == 1, film_of(model, traits, False)
+        return Layout(1, model.particle_count, tiles=(*kept, *tiles) if tiles else (), odd=odd, film=film)
+
+    return layout
+
+
+def held(model: Model, traits: Traits) -> Layout:
+    ring = quad_rings(model) if traits.measures_areas or traits.aims_on_the_way else None
+    return Layout(
+        1, model.particle_count, model.particle_count, kind_slots(spring_ends(model)),
+        least_valence(ring) if ring else 0, odd=model.substeps % 2 == 1, film=film_of(model, traits, True),
+    )  # fmt: skip
+
+
+LAYOUTS: dict[str, tuple[Callable[[Model, Traits], Layout], int]] = {
+    "looped": (looped(), 2),
+    "looped, in shared memory": (looped("area_vector", "free_velocity"), 2),
+    "held": (held, 1),
+}
+"""and cells of balloons: the one thread keeps all particles, whose source is long"""
+
+
+def after_frames(scene: Scene, schedule: str) -> dict[str, np.ndarray]:
+    model = build_model(scene, "cpu", world_count=2)
+    state, advancing = initial_state(model), make_schedule(model, schedule)
+    for _ in range(2):
+        advancing.advance_frame(state)
+    found: dict[str, Any] = {
+        "points": state.points,
+        "velocities": state.velocities,
+        "pressures": state.pressures,
+        "spheres": state.sphere_positions,
+    }
+    return {name: array.numpy() for name, array in found.items()}
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("name", NAMES)
+def test_blocks_do_what_launches_do(name: str, layout: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    layout_of, cells = LAYOUTS[layout]
+    scene = scenes(cells)[name]
+    expected = after_frames(scene, "gather")
+    monkeypatch.setattr(block_frames, "layout_of", layout_of)
+    found = after_frames(scene, "block")
+    most = {"velocities": OF_VELOCITIES, "pressures": ROUNDING * 1.0e5}
+    for what, values in expected.items():
+        assert np.isfinite(found[what]).all()
+        atol = most.get(what, ROUNDING * np.abs(values).max(initial=0.0))
+        np.testing.assert_allclose(found[what], values, atol=atol, err_msg=what)
