@@ -88,4 +88,4 @@ def vertex_areas(mesh: PolygonMesh, points: NDArray[np.floating]) -> NDArray[np.
     """Share each face's area out among its corners [m^2], shape (vertex_count,)."""
     placed = PolygonMesh(points.astype(np.float64), mesh.face_vertex_counts, mesh.face_vertex_indices)
     areas = np.linalg.norm(face_vector_areas(placed), axis=1) / np.maximum(mesh.face_vertex_counts, 1)
-    return np.bincount(mesh.face_vertex_indices, areas[corner_faces(mesh)], len(points))
+    return np.asarray(np.bincount(mesh.face_vertex_indices, areas[corner_faces(mesh)], len(points)), dtype=np.float64)

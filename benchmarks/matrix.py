@@ -108,7 +108,7 @@ METHODS = (
     Method("Provot's correction", ("correction=provot",)),
     Method("Tarantino's correction", ("correction=tarantino",)),
     Method("forward Euler", ("solver=forward_euler",)),
-    Method("spheres, penalty", ("sphere=[{position=[0, 2, 0]}]",)),
+    Method("spheres, penalty", ("sphere=[{position=[0, 2, 0]}]", "faces=false")),
     Method("spheres, impulse", ("sphere=[{position=[0, 2, 0]}]", "contact=impulse")),
     Method("spheres that meet spheres", ("sphere=[{position=[0, 2, 0]}, {position=[1, 2, 0]}]",)),
     Method("spheres with friction", ("sphere=[{position=[0, 2, 0], friction=0.5}]", "contact=impulse")),

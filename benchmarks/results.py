@@ -14,6 +14,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from datetime import date
 from pathlib import Path
+from typing import Any
 
 from balloon_warp.errors import InputError
 
@@ -40,7 +41,8 @@ class Measurement:
 def read(path: Path) -> Measurement:
     """Read a measurement from its file."""
     told = tomllib.loads(path.read_text(encoding="utf-8"))
-    return Measurement(**{name: value.strip() if isinstance(value, str) else value for name, value in told.items()})
+    fields: dict[str, Any] = {name: value.strip() if isinstance(value, str) else value for name, value in told.items()}
+    return Measurement(**fields)
 
 
 def as_toml(measurement: Measurement) -> str:

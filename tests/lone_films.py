@@ -55,6 +55,7 @@ def measured(
     tables = make_tables(model, traits, in_block=True)
     tables.membranes.films = film_table(model, film)
     films, quads = films_of(traits, film), quads_of(traits, film) if held else None
+    hold, stretch = (quads.hold, quads.stretch) if quads else (None, None)
     read_numbers = numbers_reader(traits.columns)
     _, read_own = own_functions(traits.columns, traits.balloons)
 
@@ -75,7 +76,7 @@ def measured(
         if wp.static(quads is not None):
             for thread in range(threads):
                 n = read_numbers(t, 0, 0)
-                quads.stretch(t, 0, thread, n, quads.hold(t, 0, n, thread), tile, pulls, areas)
+                stretch(t, 0, thread, n, hold(t, 0, n, thread), tile, pulls, areas)  # pyright: ignore
         else:
             for face in range(faces):
                 films.stretch(t, 0, face, tile, velocities, pulls, areas)

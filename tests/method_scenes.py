@@ -243,6 +243,7 @@ _SCENES = {
     "obstacles in air": among(MOVING, in_air()),
     "corrected impulse among obstacles": rubbing(among(MOVING, everything().model_copy(update=CORRECTED | IMPULSE))),
     "bodies": rubbing(with_bodies()),
+    "contacts told": everything().model_copy(update={"contacts": True}),
     "touch": in_touch(),
     "touch itself": in_touch(itself=True),
 }

@@ -32,6 +32,7 @@ def scene(**fields) -> Scene:
         "frames": FRAMES,
         "frames_per_second": 30,
         "substeps": 40,
+        "faces": False,
     } | fields
     return Scene(**fields)
 

@@ -29,6 +29,7 @@ FLOATS = Scene(
     ground=Ground(),
     frames=FRAMES,
     frames_per_second=30.0,
+    faces=False,
 )
 ASTRAY = 1.5e9
 """lift [N/kg]: 1/2 a t^2 passes 1e7 m, the farthest that a balloon of a meter may be, between frames 3 and 4"""

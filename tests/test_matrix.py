@@ -19,6 +19,7 @@ from balloon_warp.scene import Scene
 from balloon_warp.scene.load import bundled_scenes, load_scene
 from balloon_warp.schedules.block_room import fits_in_block
 from balloon_warp.schedules.choose import LAUNCHED, fastest_schedule, only_launched
+from balloon_warp.schedules.outlook import has_free_frames
 from balloon_warp.schedules.traits import model_traits
 
 PAGE = Path(__file__).parent.parent / "docs" / "MATRIX.md"
@@ -48,7 +49,7 @@ def test_corrections_show_in_the_scene_with_everything(correction, device):
 
 def test_the_scene_with_everything_has_contacts(device):
     """Or the test above would say nothing about them."""
-    state = arrays(after_frames(everything(), "scatter", device, frames=4))
+    state = arrays(after_frames(SCENES["everything"], "scatter", device, frames=4))
     assert (np.abs(state["sphere_forces"]).sum(axis=-1) > 0.0)[0, :2].all()
     assert state["points"][..., 1].min() == pytest.approx(0.0, abs=1e-6)
 
@@ -122,8 +123,9 @@ def has_lanes(model: Model) -> bool:
 
 
 def has_blocks(model: Model) -> bool:
-    """Whether `block` takes a model, and so do `lanes` and `octets`."""
-    return not only_launched(model)
+    """Whether `block` advances worlds of a model by a kernel of its own, at some time."""
+    traits = model_traits(model)
+    return not only_launched(model) and not (has_free_frames(traits) and traits.always_busy)
 
 
 @cache

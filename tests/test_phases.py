@@ -39,7 +39,11 @@ def look_aside(traits: Traits, look: Look) -> Any:
     at = look.at
 
     @wp.func
-    def look_aside(t: Tables, points: Any, particle: wp.int32):
+    def look_aside(
+        t: Tables,  # pyright: ignore[reportGeneralTypeIssues] - a struct
+        points: Any,
+        particle: wp.int32,
+    ):
         return at(points, (particle + 5) % t.particles.balloon.shape[0])
 
     return look_aside

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import warp as wp
@@ -24,6 +24,9 @@ FIRST_ROOM = 4096
 """pairs of triangles that there is room for at first"""
 BLUR = 1e-6
 """of the size of everything: float32 tells no less"""
+
+Arrays = tuple[Any, NDArray[np.int32]]
+"""all triangles that are there, with a tree of their boxes, as `Things`; and whose each is"""
 
 
 class Met(NamedTuple):
@@ -81,7 +84,7 @@ class Checker:
                 deepest[key] = each
         return list(deepest.values())
 
-    def _arrays(self, points: list[NDArray[np.float64]], there: list[bool]) -> tuple[Things, NDArray[np.int32]]:
+    def _arrays(self, points: list[NDArray[np.float64]], there: list[bool]) -> Arrays:
         """All triangles that are there, with a tree of their boxes; and whose each is."""
         triangles = [surface.triangles for surface in self.surfaces]
         kept = [tri[:0] if not seen else tri for tri, seen in zip(triangles, there, strict=True)]
@@ -97,7 +100,7 @@ class Checker:
         self.blur = BLUR * size
         things.pad = self.blur
         count = len(owners)
-        lowers, uppers = (wp.empty(count, dtype=wp.vec3, device=device) for _ in range(2))
+        lowers, uppers = (wp.zeros((count,), dtype=wp.vec3, device=device) for _ in range(2))
         launch(find_boxes, count, [things, lowers, uppers], device=device)
         self._tree = wp.Bvh(lowers, uppers)
         things.tree = self._tree.id
@@ -111,12 +114,12 @@ class Checker:
         rows = (np.concatenate(vertices), groups, [surface.soft for surface in self.surfaces])
         return tuple(wp.array(np.asarray(row, np.int32), device=self._device) for row in rows)  # type: ignore
 
-    def _crossing(self, arrays: tuple[Things, NDArray[np.int32]]) -> Iterator[Met]:
+    def _crossing(self, arrays: Arrays) -> Iterator[Met]:
         """Triangles that cross, the deepest of each pair of things."""
         things, owners = arrays
         count = wp.zeros(1, dtype=wp.int32, device=self._device)
         while True:
-            pairs = wp.empty(self._room, dtype=wp.vec2i, device=self._device)
+            pairs = wp.zeros(self._room, dtype=wp.vec2i, device=self._device)
             count.zero_()
             launch(find_crossings, len(owners), [things, count, pairs], device=self._device)
             number = int(count.numpy()[0])
@@ -125,10 +128,10 @@ class Checker:
             self._room = 2 * number
         if number == 0:
             return
-        depths = wp.empty(number, dtype=wp.float64, device=self._device)
-        places = wp.empty(number, dtype=wp.vec3d, device=self._device)
+        depths = wp.zeros((number,), dtype=wp.float64, device=self._device)
+        places = wp.zeros((number,), dtype=wp.vec3d, device=self._device)
         launch(measure_crossings, number, [things, pairs, wp.float64(self.blur), depths, places], device=self._device)
-        deep, where = depths.numpy(), places.numpy()
+        deep, where = np.asarray(depths.numpy()), np.asarray(places.numpy())
         both = np.sort(owners[pairs.numpy()[:number]], axis=1)
         for pair in np.unique(both, axis=0):
             those = np.flatnonzero((both == pair).all(axis=1))
@@ -138,7 +141,7 @@ class Checker:
 
     def _in_rounds(
         self,
-        arrays: tuple[Things, NDArray[np.int32]],
+        arrays: Arrays,
         points: list[NDArray[np.float64]],
         rounds: list[Round],
         time: Usd.TimeCode,
@@ -152,7 +155,7 @@ class Checker:
         lasts = wp.array(np.stack(ends)[:, 1], dtype=wp.vec3d, device=self._device)
         wide = wp.array(radii, dtype=wp.float64, device=self._device)
         groups = wp.array([each.group for each in rounds], dtype=wp.int32, device=self._device)
-        depths = wp.empty((len(owners), len(rounds)), dtype=wp.float64, device=self._device)
+        depths = wp.zeros((len(owners), len(rounds)), dtype=wp.float64, device=self._device)
         launch(measure_rounds, depths.shape, [things, begins, lasts, wide, groups, depths], device=self._device)
         deep, triangles = depths.numpy(), things.triangles.numpy()
         everywhere = np.concatenate(points)
@@ -210,7 +213,7 @@ class Checker:
     def _deepest_inside(
         self, each: Surface, solid: Surface, mesh: wp.Mesh, own: NDArray[np.float64], there: NDArray[np.float64]
     ) -> Iterator[Met]:
-        distances = wp.empty(len(own), dtype=wp.float32, device=self._device)
+        distances = wp.zeros(len(own), dtype=wp.float32, device=self._device)
         queried = wp.array(own, dtype=wp.vec3, device=self._device)
         launch(signed_distances, len(own), [mesh.id, queried, 1e10, distances], device=self._device)
         depths = -distances.numpy() * self._unit

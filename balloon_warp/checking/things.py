@@ -170,7 +170,7 @@ def things_of(stage: Usd.Stage, times: list[Usd.TimeCode]) -> list[Thing]:
 def _kind_of(prim: Usd.Prim) -> Kind:
     if prim.GetCustomDataByKey(SCENERY) == "Ground":
         return "ground"
-    body = UsdPhysics.RigidBodyAPI(prim) if prim.HasAPI(UsdPhysics.RigidBodyAPI) else None
+    body = UsdPhysics.RigidBodyAPI(prim) if prim.HasAPI("PhysicsRigidBodyAPI") else None
     if UsdGeom.Sphere(prim):
         return "sphere"
     if body and not body.GetKinematicEnabledAttr().Get():
@@ -182,7 +182,7 @@ def _kind_of(prim: Usd.Prim) -> Kind:
 def _box_of(prim: Usd.Prim) -> NDArray[np.float64] | None:
     """The corners of what is drawn with round edges, but is a box; None of others."""
     collider = UsdPhysics.MeshCollisionAPI(prim)
-    if not prim.HasAPI(UsdPhysics.MeshCollisionAPI):
+    if not prim.HasAPI("PhysicsMeshCollisionAPI"):
         return None
     if collider.GetApproximationAttr().Get() != UsdPhysics.Tokens.boundingCube:
         return None

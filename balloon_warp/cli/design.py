@@ -78,8 +78,9 @@ def design(
 
         try:
             found = designed(
-                target, of=of, stretch=stretch, hold=hold, size=size, thickness=thickness, folder=output, steps=steps,
-                resume=resume, device=device, on_stage=on_stage,  # pyright: ignore[reportArgumentType]
+                target, of=of, hold=hold,  # pyright: ignore[reportArgumentType]
+                stretch=stretch, size=size, thickness=thickness, folder=output, steps=steps, resume=resume,
+                device=device, on_stage=on_stage,
             )  # fmt: skip
         except KeyboardInterrupt:
             raise StoppedError(f"design was stopped {last[0]}; --resume goes on from its last step") from None

@@ -73,7 +73,7 @@ def _begun(forward: Forward, places: Values) -> Starts:
     found = forward(rows.reshape(-1, width)).reshape(count, width + 1, -1)
     base, moved = found[:, 0], found[:, 1:]
     jacobians = ((moved - base[:, None]) / steps[:, :, None]).transpose(0, 2, 1)
-    good = np.isfinite(found).all(axis=(1, 2))
+    good = np.asarray(np.isfinite(found).all(axis=(1, 2)))
     costs = np.where(good, (np.where(good[:, None], base, 0.0) ** 2).mean(axis=1), np.inf)
     return Starts(places.copy(), costs, np.full(count, FIRST_DAMPING), base, jacobians)
 

@@ -156,5 +156,5 @@ def ridge_tree(ridges: Ridges, device: wp.Device) -> wp.Bvh | None:
     """Make a tree of boxes around ridges; none of none."""
     if not len(ridges.ends):
         return None
-    corners = ridges.ends.min(axis=1) - ridges.radius, ridges.ends.max(axis=1) + ridges.radius
-    return wp.Bvh(*(wp.array(each, dtype=wp.vec3, device=device) for each in corners))
+    lower, upper = ridges.ends.min(axis=1) - ridges.radius, ridges.ends.max(axis=1) + ridges.radius
+    return wp.Bvh(wp.array(lower, dtype=wp.vec3, device=device), wp.array(upper, dtype=wp.vec3, device=device))

@@ -18,13 +18,13 @@ class Framing:
 
     Args:
         tables: that the schedule has made of it.
-        working: what its kernels keep beside the state; None where that is nothing from frame to frame, and where they
-            look after the health of particles.
+        working: what its kernels keep beside the state; None where that is nothing from frame to frame.
+        looks: whether particles are looked at as a frame ends; otherwise kernels have done so.
     """
 
-    def __init__(self, model: Model, traits: Traits, tables: Any, working: Any | None = None):
+    def __init__(self, model: Model, traits: Traits, tables: Any, working: Any | None = None, *, looks: bool = True):
         self.model, self.traits, self.tables, self.working = model, traits, tables, working
-        self._health = HealthCheck(model, tables, particles=working is not None)
+        self._health = HealthCheck(model, tables, particles=looks)
 
     def begin(self, state: State) -> None:
         """The ramp of what is keyframed, and the forces that the last frame left on spheres."""

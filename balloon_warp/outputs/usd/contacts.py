@@ -1,5 +1,6 @@
 """Contacts in the stage: of each balloon and each thing that may press it, attributes with a value at every frame."""
 
+import numpy as np
 from pxr import Gf, Sdf, Usd
 
 from balloon_warp.contacts import things_of
@@ -39,8 +40,8 @@ class ContactChannels:
         for thing, attributes in self._attributes.items():
             contact = found.get(thing)
             for kind, attribute in attributes.items():
-                value = getattr(contact, kind) if contact else None
                 if kind in ("force", "torque"):
-                    attribute.Set(Gf.Vec3d(*(value.tolist() if contact else (0.0, 0.0, 0.0))), frame.number)
+                    vector = np.asarray(getattr(contact, kind)).tolist() if contact else (0.0, 0.0, 0.0)
+                    attribute.Set(Gf.Vec3d(*vector), frame.number)
                 else:
-                    attribute.Set(value or 0.0, frame.number)
+                    attribute.Set(getattr(contact, kind) if contact else 0.0, frame.number)
