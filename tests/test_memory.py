@@ -25,6 +25,7 @@ def scene() -> Scene:
         sphere=[Sphere(position=(0.0, 3.0, 0.0)), Sphere(position=(1.0, 3.0, 0.0))],
         string=[String(anchor=(0.0, -2.0, 0.0))],
         ground=Ground(height=-3.0),
+        faces=False,
     )
 
 

@@ -37,10 +37,11 @@ class BlockSchedule:
     def world_bytes(cls, model: Model) -> int:
         """Device memory that it keeps for each world, beside the state."""
         room, traits = Counting(), model_traits(model)
-        if has_free_frames(traits):
+        shares = has_free_frames(traits)
+        if shares:
             BusyWorlds.allot(model, traits, room)
             traits = free_traits(traits)
-        BlockFrames.allot(model, traits, room)
+        BlockFrames.allot(model, traits, room, shares)
         left_array(model, room)
         look_arrays(model, room)
         return room.bytes // model.world_count

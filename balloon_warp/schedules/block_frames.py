@@ -43,10 +43,11 @@ class BlockFrames:
             self._given["slots"] = slot_table(model, spring_ends(model), ring)
 
     @staticmethod
-    def allot(model: Model, traits: Traits, room: Room) -> None:
-        """Ask for all memory that they keep."""
+    def allot(model: Model, traits: Traits, room: Room, shares_working: bool = False) -> None:
+        """Ask for all memory that they keep, or that they do not share."""
         layout = layout_of(model, traits)
-        working_arrays(model, traits, room)
+        if not shares_working:
+            working_arrays(model, traits, room)
         _values(model, step_of(traits, layout), layout, room)
 
     @property

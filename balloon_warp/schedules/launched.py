@@ -20,6 +20,7 @@ from balloon_warp.schedules.tables import make_tables
 from balloon_warp.schedules.tears import tear_arrays
 from balloon_warp.schedules.touching import TouchLaunches
 from balloon_warp.schedules.traits import choosing_parameters, model_traits
+from balloon_warp.warp_lock import lock_of
 
 
 class LaunchedSchedule(ABC):
@@ -63,7 +64,8 @@ class LaunchedSchedule(ABC):
     @property
     def crowded(self) -> int:
         """How often a triangle that a particle may touch had no place in its list since it was made, in all worlds."""
-        return int(self.launches.working.crowded.numpy().sum())
+        with lock_of(self.model.device):
+            return int(self.launches.working.crowded.numpy().sum())
 
     @staticmethod
     def allot(model: Model, traits: Traits, room: Room) -> tuple[Any, ...]:
