@@ -14,7 +14,9 @@ from balloon_warp.scene import Balloon, Change, Inflation, Scene, Sphere, Stiffn
 
 BURSTS = Inflation(k_normal=[(0.0, 1.0), (0.1, 1.0), (0.15, 9e11)])
 """stronger than any step is short, from frame 7 on"""
-HOPELESS = Scene(balloon=[Balloon(mesh=cube(), inflation=BURSTS)], sphere=[Sphere(position=(0, 4, 0))], frames=12)
+HOPELESS = Scene(
+    balloon=[Balloon(mesh=cube(), inflation=BURSTS)], sphere=[Sphere(position=(0, 4, 0))], frames=12, faces=False
+)
 GAINS_ENERGY = Scene(
     balloon=[Balloon(mesh=cube(), mass=1.0, damping=50.0, stiffness=Stiffness(structural=3000.0))],
     string=[String(anchor=(0.0, -1.0, 0.0))],

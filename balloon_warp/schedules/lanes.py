@@ -26,7 +26,7 @@ from balloon_warp.schedules.lane_tables import make_lane_tables
 from balloon_warp.schedules.outlook import free_traits
 from balloon_warp.schedules.ramp import note_pressures, refresh_ramp, weigh_air
 from balloon_warp.schedules.tables import make_tables, world_state
-from balloon_warp.schedules.traits import CHOOSE_TRAITS, model_traits
+from balloon_warp.schedules.traits import choosing_parameters, model_traits
 
 
 class LanesSchedule:
@@ -41,7 +41,6 @@ class LanesSchedule:
 
     name: ClassVar[str] = "lanes"
     layout: ClassVar[Layout] = WORLDS
-    depends_on: ClassVar[frozenset[str]] = CHOOSE_TRAITS
 
     def __init__(self, model: Model, thread_count: int | None = None):
         if not model.device.is_cpu:
@@ -101,6 +100,11 @@ class LanesSchedule:
         allot_lanes(model, cls.step_of(traits_of(model)), cls.layout, room)
         look_arrays(model, room)
         return room.bytes // model.world_count
+
+    @property
+    def depends_on(self) -> frozenset[str]:
+        """Parameters that the kernel is chosen by."""
+        return choosing_parameters(self._traits)
 
     @property
     def crowded(self) -> int:
