@@ -26,7 +26,13 @@ def still_cube(**fields) -> Balloon:
 def test_a_particle_inside_a_sphere_moves_out_along_the_ray_from_its_center(device):
     corner = cube().points[6]
     center = corner + [0.06, 0.03, -0.02]
-    scene = Scene(balloon=[still_cube()], sphere=[Sphere(position=tuple(center), radius=0.2)], gravity=0.0, substeps=1)
+    scene = Scene(
+        balloon=[still_cube()],
+        sphere=[Sphere(position=tuple(center), radius=0.2)],
+        gravity=0.0,
+        substeps=1,
+        faces=False,
+    )
     points = run_frames(Simulator(scene, device), 1).read_frame().points[0]
     outward = (corner - center) / np.linalg.norm(corner - center)
     np.testing.assert_allclose(points[6], center + 0.2 * outward, atol=1e-6)
@@ -37,7 +43,9 @@ def test_a_touching_particle_keeps_no_speed_into_the_sphere(device):
     """A corner flies into a fixed-fast sphere: it keeps its tangential velocity and takes the sphere's normal one."""
     corner = cube().points[6]
     sphere = Sphere(position=tuple(corner + [0.1, 0.0, 0.0]), radius=0.12, velocity=(-1.0, 0.0, 0.0), mass=5.0)
-    simulator = Simulator(Scene(balloon=[still_cube()], sphere=[sphere], gravity=0.0, substeps=100), device)
+    simulator = Simulator(
+        Scene(balloon=[still_cube()], sphere=[sphere], gravity=0.0, substeps=100, faces=False), device
+    )
     velocities = np.zeros((1, 8, 3))
     velocities[0, 6] = [3.0, 0.0, 2.0]
     wp.copy(simulator.state.velocities, wp.array(velocities, dtype=wp.vec3, device=device))
@@ -55,7 +63,7 @@ def test_penalty_force_is_the_touching_particles_inflation(device):
     center = corner + [0.0, 0.15, 0.0]
     sphere = Sphere(position=tuple(center), radius=0.2, mass=3.0, penalty=2.0)
     balloon = still_cube(inflation=Inflation(k_normal=0.6))
-    scene = Scene(balloon=[balloon], sphere=[sphere], gravity=0.0, substeps=2, frames_per_second=1000)
+    scene = Scene(balloon=[balloon], sphere=[sphere], gravity=0.0, substeps=2, frames_per_second=1000, faces=False)
     velocity = run_frames(Simulator(scene, device), 1).read_frame().sphere_velocities[0]
     expected = (0.001 / 2) * 2.0 * (100.0 * 0.6 / 6.0) / 3.0  # the first substep's contact moves it in the second
     np.testing.assert_allclose(velocity[1], expected, rtol=0.01)  # the corner has moved by some micrometers
@@ -121,7 +129,7 @@ def test_a_slack_string_does_nothing_and_a_taut_one_holds(device):
 @pytest.mark.parametrize(("speed", "left"), [(0.1, 0.0), (0.4, 0.0), (0.8, 0.3)])
 def test_friction_stops_a_slow_slider_and_does_not_turn_it_back(device, speed: float, left: float):
     """Landing at 1 m/s, friction 0.5 takes at most 0.5 m/s of the sliding speed, and no more than there is."""
-    scene = Scene(balloon=[still_cube()], ground=Ground(friction=0.5), gravity=0.0, substeps=1)
+    scene = Scene(balloon=[still_cube()], ground=Ground(friction=0.5), gravity=0.0, substeps=1, faces=False)
     simulator = Simulator(scene, device)
     landing = np.tile([speed, -1.0, 0.0], (1, 8, 1))
     wp.copy(simulator.state.velocities, wp.array(landing, dtype=wp.vec3, device=device))
