@@ -131,11 +131,11 @@ class Checker:
         depths = wp.zeros((number,), dtype=wp.float64, device=self._device)
         places = wp.zeros((number,), dtype=wp.vec3d, device=self._device)
         launch(measure_crossings, number, [things, pairs, wp.float64(self.blur), depths, places], device=self._device)
-        deep, where = np.asarray(depths.numpy()), np.asarray(places.numpy())
-        both = np.sort(owners[pairs.numpy()[:number]], axis=1)
+        deep, where = np.asarray(depths.numpy(), np.float64), np.asarray(places.numpy(), np.float64)
+        both = np.sort(owners[np.asarray(pairs.numpy()[:number], np.int64)], axis=1)
         for pair in np.unique(both, axis=0):
             those = np.flatnonzero((both == pair).all(axis=1))
-            worst = those[np.argmax(deep[those])]
+            worst = int(those[np.argmax(deep[those])])
             first, second = (self.surfaces[number] for number in pair)
             yield Met(first, second, float(deep[worst]), where[worst])
 
