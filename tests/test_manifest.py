@@ -17,6 +17,7 @@ from balloon_warp.sweep.batch import run_batch
 from balloon_warp.sweep.repeat import repeat_batch
 
 SCENE = """
+faces = false
 frames = 3
 [[balloon]]
 mesh = "ball.obj"
