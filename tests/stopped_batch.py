@@ -22,6 +22,7 @@ def scene(**fields) -> Scene:
         "ground": Ground(),
         "frames": FRAMES,
         "substeps": 40,
+        "faces": False,
     } | fields
     return Scene(**fields)
 
