@@ -190,17 +190,12 @@ def test_what_is_mended_is_on_no_list() -> None:
     assert not mended, f"take out of STILL_TO_GO: {mended}"
 
 
-OF_THE_HOST = ("kernels/schedules/frame.py", "kernels/schedules/air_along.py")
-"""what happens once a frame, beside the list"""
-
-
 def test_who_executes_a_list_of_phases_knows_none() -> None:
     known = [
         f"{path} imports {module}"
         for path, tree in TREES.items()
         for module in imports(tree)
         if path.startswith("kernels/schedules/")
-        and not path.startswith(OF_THE_HOST)
         and module.startswith(("balloon_warp.kernels.laws", "balloon_warp.kernels.phases"))
     ]
     assert not known, "\n".join(known)

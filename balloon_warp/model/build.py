@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from balloon_warp.device import pick_device
 from balloon_warp.driver import begin_driver
+from balloon_warp.kernels.frames.around import place_balloons
 from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.laws.columns import columns_of
-from balloon_warp.kernels.schedules.frame import place_balloons
 from balloon_warp.launching import begin_loading
 from balloon_warp.model.model import Model
 from balloon_warp.model.obstacle_motion import obstacle_motion

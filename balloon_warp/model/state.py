@@ -7,8 +7,8 @@ from typing import Self
 import numpy as np
 import warp as wp
 
+from balloon_warp.kernels.frames.around import place_balloons
 from balloon_warp.kernels.measure.health import HEALTHY
-from balloon_warp.kernels.schedules.frame import place_balloons
 from balloon_warp.launching import launch
 from balloon_warp.mesh.placement import rotation_matrix
 from balloon_warp.model.bodies import initial_centers, initial_turns, most_touches

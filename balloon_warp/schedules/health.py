@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from balloon_warp.kernels.frames.around import end_frame
 from balloon_warp.kernels.measure.health import HealthTable
 from balloon_warp.kernels.measure.locking import note_overstretched
-from balloon_warp.kernels.schedules.frame import end_frame
 from balloon_warp.launching import launch
 from balloon_warp.model import Model, State
 

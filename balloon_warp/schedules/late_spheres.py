@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from balloon_warp.kernels.schedules.timeline import hold_spheres
+from balloon_warp.kernels.frames.timeline import hold_spheres
 from balloon_warp.launching import launch
 from balloon_warp.model import Model, State
 from balloon_warp.scene.timeline import frame_at

@@ -102,6 +102,7 @@ def outlook_arrays(model: Model, traits: Traits, room: Room) -> tuple[dict[str, 
     before = {
         "points": room.array(particles, wp.vec3),
         "velocities": room.array(particles, wp.vec3),
+        "peaks": room.array((worlds, model.triangle_count if traits.softens else 0), wp.float32),
         "inflation_loads": room.array(gas, wp.vec2),
         "pressures": room.array(gas, wp.float32),
         "pressure_slopes": room.array(gas, wp.float32),

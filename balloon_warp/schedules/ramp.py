@@ -4,8 +4,8 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.schedules.air_along import air_kernel
-from balloon_warp.kernels.schedules.frame import note_given_loads, ramp_inflation
+from balloon_warp.kernels.frames.air_along import air_kernel
+from balloon_warp.kernels.frames.around import note_given_loads, ramp_inflation
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.launching import launch
 from balloon_warp.model import Model, State

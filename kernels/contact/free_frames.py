@@ -66,6 +66,8 @@ def copy_world(source: WorldState, target: WorldState, world: wp.int32, thread: 
             target.pressure_slopes[world, balloon] = source.pressure_slopes[world, balloon]
             target.gas_amounts[world, balloon] = source.gas_amounts[world, balloon]
             target.free_volumes[world, balloon] = source.free_volumes[world, balloon]
+    for triangle in range(thread, target.peaks.shape[1], threads):
+        target.peaks[world, triangle] = source.peaks[world, triangle]
     for tube in range(thread, source.tube_flows.shape[1], threads):
         target.tube_flows[world, tube] = source.tube_flows[world, tube]
     for sphere in range(thread, source.sphere_positions.shape[1], threads):

@@ -6,10 +6,10 @@ thread a world adds up their parts, and the balloons.
 
 import warp as wp
 
+from balloon_warp.kernels.frames.around import keyframed_value
 from balloon_warp.kernels.laws.inflation import NORMAL_FORCE, normal_push
 from balloon_warp.kernels.laws.tension_field import invariants_of, mixed_stretch
 from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.schedules.frame import keyframed_value
 
 wp.set_module_options(OPTIONS)
 

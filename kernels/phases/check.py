@@ -1,4 +1,4 @@
-"""Particles that have come to where none can be, looked for as a frame ends."""
+"""Particles that have come to where none can be, looked for as a frame ends that surely counts."""
 
 from typing import Any
 
@@ -10,7 +10,7 @@ from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 
 
-@phase("particle", last=True)
+@phase("particle", last=True, when=lambda traits: traits.frames == "all")
 def check(traits: Traits, look: Look) -> Any:
     """Note the first particle that is where none can be."""
 

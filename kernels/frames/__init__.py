@@ -1,0 +1,1 @@
+"""What happens once a frame, beside the list of phases."""
