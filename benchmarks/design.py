@@ -10,11 +10,13 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.designing.design import design
+from balloon_warp.designing.design import Of, design
+from balloon_warp.designing.springs import Hold
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.load import load_mesh
@@ -73,7 +75,8 @@ def run(case: str, steps: int = 30) -> Row:
     of, hold, stretch, name = case.split("/")
     began = time.perf_counter()
     try:
-        found = design(target(name), of=of, hold=hold, stretch=float(stretch), steps=steps, device="cpu")  # type: ignore
+        kind, springs = cast(Of, of), cast(Hold, hold)
+        found = design(target(name), of=kind, hold=springs, stretch=float(stretch), steps=steps, device="cpu")
     except InputError as mistake:
         return Row(case, str(mistake), time.perf_counter() - began)
     said = f"{found.error} | {found.held_error} | {found.plain_error} | {found.stretch:.2f} | {len(found.cannot)}"

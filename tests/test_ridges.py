@@ -1,20 +1,22 @@
 """Faces of balloons that meet edges, corners and thin things between their particles."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from conserved import energy, momentum
-from meshes import quad_sphere
+from meshes import grid, quad_sphere
 from rigid import SPACE, whole
 
 from balloon_warp import InputError, check_stage, load_scene
 from balloon_warp.job import animate
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model.obstacles import shape_obstacle
+from balloon_warp.model.plan import plan_model
 from balloon_warp.model.ridges import ridges_of
-from balloon_warp.scene import Balloon, Body, Inflation, Obstacle, Scene, Sphere
+from balloon_warp.scene import Balloon, Body, Ground, Inflation, Obstacle, Scene, Sphere
 from balloon_warp.simulator import Simulator
 
 UP = np.array([0.0, 1.0, 0.0])
@@ -162,9 +164,74 @@ def test_what_is_round_beside_an_edge_has_no_ridges() -> None:
     assert len(ridges(dome, edge=1.0).ends) > 500
 
 
-def test_a_schedule_that_cannot_says_so() -> None:
+def tiles(gap: float = 0.0) -> list[Obstacle]:
+    """Boxes of 0.3 m side by side, their tops at a height of 0."""
+    size = (0.3 - gap, 0.1, 0.3 - gap)
+    return [
+        Obstacle(size=size, position=(0.3 * i, -0.05, 0.3 * j), friction=0.0) for i in range(-1, 7) for j in (-1, 0, 1)
+    ]
+
+
+def carpet(degrees: float) -> Balloon:
+    """A cloth of 0.2 m that lies at a height of 0, about the origin, and slides at 3 m/s."""
+    flat = grid(5, 5)
+    points = flat.points - flat.points.mean(axis=0)
+    points = np.roll(points, 1 - int(np.argmin(np.ptp(points, axis=0))), axis=1) * 0.2 / np.ptp(points)
+    turn = np.radians(degrees)
+    return Balloon(
+        mesh=replace(flat, points=points), mass=0.01, damping=0.0, inflation=Inflation(k_normal=0.0),
+        velocity=(3.0 * np.cos(turn), 0.0, 3.0 * np.sin(turn)), rotation=(0.0, degrees, 0.0),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("degrees", [0.0, 5.0, -8.0])
+def test_nothing_catches_at_a_seam(degrees: float, device: str) -> None:
+    """Cloth slides over a floor of boxes as over one without faces: to the bit, and as fast as it began."""
+    scene = Scene(balloon=[carpet(degrees)], obstacle=tiles(), gravity=0.0, frames=30)
+    smooth, seamed = (Simulator(scene.model_copy(update={"faces": faces}), device) for faces in (False, True))
+    assert sum(len(ridges.ends) for ridges in seamed.model.ridges) > 0  # around the floor
+    for simulator in (smooth, seamed):
+        for _ in range(30):
+            simulator.step()
+    frames = [simulator.read_frame() for simulator in (smooth, seamed)]
+    np.testing.assert_array_equal(frames[1].points[0], frames[0].points[0])
+    np.testing.assert_allclose(np.linalg.norm(frames[1].velocities[0], axis=1), 3.0, rtol=1e-3)
+
+
+def exposed(obstacles: list[Obstacle], **given: Any) -> list[float]:
+    """How much of the ridges of each obstacle sticks out, over the length of all of them."""
+    scene = Scene(balloon=[ball(5, height=3.0)], obstacle=obstacles, faces=True, **given)
+    alone = scene.model_copy(update={"obstacle": obstacles[:1], "ground": None})
+    lengths = [
+        [
+            float(np.linalg.norm(ridges.ends[:, 1] - ridges.ends[:, 0], axis=1).sum())
+            for ridges in plan_model(each).ridges
+        ]
+        for each in (scene, alone)
+    ]
+    return [length / lengths[1][0] for length in lengths[0]]
+
+
+def test_ridges_end_where_another_solid_begins() -> None:
+    """Of boxes of 0.3 x 0.1 x 0.3, 2.8 m of edges: one alone keeps all; one that stands on the ground loses the four of
+    its foot; two side by side lose the edges of the side that they share, on both; a moving one shares nothing; and
+    a small one on a large one loses its foot alone, the large one nothing."""
+    box = Obstacle(size=(0.3, 0.1, 0.3))
+    beside = box.model_copy(update={"position": (0.3, 0.0, 0.0)})
+    apart = box.model_copy(update={"position": (0.4, 0.0, 0.0)})
+    moving = beside.model_copy(update={"motion": [(0.0, (0.0, 0.0, 0.0)), (1.0, (1.0, 0.0, 0.0))]})
+    half = beside.model_copy(update={"position": (0.3, 0.0, 0.15)})
+    small = Obstacle(size=(0.1, 0.1, 0.1), position=(0.0, 0.1, 0.0))
+    assert exposed([box, apart]) == pytest.approx([1.0, 1.0])
+    assert exposed([box], ground=Ground(height=-0.05)) == pytest.approx([1.6 / 2.8])
+    assert exposed([box, beside]) == pytest.approx([(2.8 - 0.8) / 2.8] * 2)
+    assert exposed([box, moving]) == pytest.approx([1.0, 1.0])
+    shared = 2 * 0.15 + 0.1  # of the long edges a half, and the upright one in the middle of the other's side
+    assert exposed([box, half]) == pytest.approx([(2.8 - shared) / 2.8] * 2, abs=2e-3)
+    assert exposed([box, small]) == pytest.approx([1.0, 0.8 / 2.8])
+
+
+def test_whether_faces_meet_is_yes_no_or_auto() -> None:
     scene = Scene(balloon=[ball(3)], faces=True, **THINGS["rod"])
-    with pytest.raises(InputError, match="cannot let faces meet obstacles and bodies"):
-        Simulator(scene, device="cpu", schedule="lanes")
     with pytest.raises(InputError, match="faces"):
         load_scene(scene, {"faces": "perhaps"})

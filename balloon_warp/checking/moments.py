@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import warp as wp
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pxr import Usd
 
 from balloon_warp.checking.things import HalfSpace, Round, Surface, Thing, placed
@@ -111,8 +111,11 @@ class Checker:
         """What stays: points that count as one, groups of things, and which change their shape."""
         vertices = [surface.vertices + first for surface, first in zip(self.surfaces, self._offsets[:-1], strict=True)]
         groups = [surface.group for surface in self.surfaces]
-        rows = (np.concatenate(vertices), groups, [surface.soft for surface in self.surfaces])
-        return tuple(wp.array(np.asarray(row, np.int32), device=self._device) for row in rows)  # type: ignore
+        soft = [surface.soft for surface in self.surfaces]
+        return self._integers(np.concatenate(vertices)), self._integers(groups), self._integers(soft)
+
+    def _integers(self, row: ArrayLike) -> wp.array:
+        return wp.array(np.asarray(row, np.int32), device=self._device)
 
     def _crossing(self, arrays: Arrays) -> Iterator[Met]:
         """Triangles that cross, the deepest of each pair of things."""

@@ -96,5 +96,5 @@ def _read(path: Path) -> dict[str, Any]:
             return {name: file[name] for name in file.files}
     except FileNotFoundError:
         raise InputError(f"{path}: no such file; expected a .npz file of what was measured") from None
-    except Exception:
+    except Exception:  # of a damaged file zipfile, zlib and NumPy let through errors of a dozen kinds
         raise InputError(f"{path}: cannot be read; expected a .npz file with {EXPECTED}") from None

@@ -18,7 +18,7 @@ from balloon_warp.model.obstacle_motion import obstacle_motion
 from balloon_warp.model.obstacles import warp_mesh
 from balloon_warp.model.packing import pack_balloons, pack_worlds, views_of
 from balloon_warp.model.plan import ModelPlan, plan_model
-from balloon_warp.model.ridges import all_ridges, ridge_tree
+from balloon_warp.model.ridges import ridge_tree
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.model.vary import Vary
 from balloon_warp.scene import Scene
@@ -130,18 +130,14 @@ def lay_out(plan: ModelPlan, device: str | wp.Device | None = None) -> Model:
         obstacle_meshes=[warp_mesh(shape, device) for shape in plan.obstacles],
         bodies=plan.bodies,
         body_meshes=[warp_mesh(shape.solid, device) for shape in plan.bodies],
-        ridge_trees=_ridge_trees(scene, plan, device),
+        ridges=plan.ridges,
+        ridge_trees=[ridge_tree(ridges, device) for ridges in plan.ridges],
         obstacle_motion=_items(obstacle_motion(scene), wp.transform, device),
         columns=columns,
         balloon_numbers=balloon_numbers,
         world_numbers=world_numbers,
         parameters={**views_of(columns, balloon_numbers, world_numbers), **others},
     )
-
-
-def _ridge_trees(scene: Scene, plan: ModelPlan, device: wp.Device) -> list[wp.Bvh | None]:
-    """Of all solids where faces meet ridges; else none."""
-    return [ridge_tree(ridges, device) for ridges in all_ridges(scene, plan.shapes, plan.obstacles, plan.bodies)]
 
 
 def _neck_weights(shapes: Sequence[BalloonShape]) -> list[NDArray[np.float64]]:

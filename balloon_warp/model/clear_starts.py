@@ -2,21 +2,19 @@
 float64."""
 
 from collections.abc import Sequence
-from functools import cached_property
 
 import numpy as np
-import warp as wp
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from balloon_warp.errors import InputError
-from balloon_warp.mesh.mesh_distance import MeshDistance
 from balloon_warp.mesh.size import box_corners
 from balloon_warp.model.bodies import BodyShape, initial_centers, initial_turns
 from balloon_warp.model.obstacle_motion import obstacle_motion
 from balloon_warp.model.obstacles import ObstacleShape
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.shape import BalloonShape
+from balloon_warp.model.solids import Solid
 from balloon_warp.model.starts import start_of
 from balloon_warp.scene import Scene
 
@@ -40,7 +38,7 @@ def require_clear_starts(
     for number, obstacle in enumerate(obstacles):
         if not obstacle.closed:
             continue
-        solid = _Solid(obstacle, np.array(scene.up), Rotation.from_quat(motion[number, 3:]))
+        solid = Solid(obstacle, np.array(scene.up), Rotation.from_quat(motion[number, 3:]))
         centers = parameters["obstacle_position"][:, number] + motion[number, :3]
         for balloon, shape in enumerate(shapes):
             named = f"obstacle {number}, {scene.obstacle[number].name or f'a {solid.shape.kind}'}"
@@ -65,12 +63,12 @@ def require_clear_bodies(
     """
     up, motion = np.array(scene.up), obstacle_motion(scene)[0]
     solids = [
-        _Solid(shape.solid, up, Rotation.from_quat(turn)) if shape.solid.closed else None
+        Solid(shape.solid, up, Rotation.from_quat(turn)) if shape.solid.closed else None
         for shape, turn in zip(bodies, initial_turns(scene), strict=True)
     ]
     centers = initial_centers(scene, bodies, parameters["initial_body_positions"])
     ways = [
-        (f"obstacle {n}", _Solid(shape, up, Rotation.from_quat(motion[n, 3:])), places)
+        (f"obstacle {n}", Solid(shape, up, Rotation.from_quat(motion[n, 3:])), places)
         for n, shape in enumerate(obstacles)
         for places in [parameters["obstacle_position"][:, n] + motion[n, :3]]
         if shape.closed
@@ -106,7 +104,7 @@ def require_clear_bodies(
                     _require_shallow(f"sphere.{sphere}.position: it", f"body {number}", deep, DEEP * radius)
 
 
-def _depth_in(solid: "_Solid", points: NDArray[np.float64], center: NDArray[np.float64]) -> float:
+def _depth_in(solid: Solid, points: NDArray[np.float64], center: NDArray[np.float64]) -> float:
     """Of the deepest of some points [m], negative outside; minus infinity far away."""
     seen = solid.seen(points[None], center[None])[0]
     near = np.linalg.norm(seen, axis=1) < 2.0 * solid.shape.reach
@@ -118,63 +116,12 @@ def _require_shallow(what: str, where: str, depth: float, allowed: float) -> Non
         raise InputError(f"{what} starts {depth:.3g} m deep inside {where}; expected it outside")
 
 
-class _Solid:
-    """An obstacle or a body with an inside, turned."""
-
-    def __init__(self, shape: ObstacleShape, up: NDArray[np.float64], turn: Rotation):
-        self.shape, self._up, self._turn = shape, up, turn
-
-    def seen(self, points: NDArray[np.float64], centers: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Points of the world, shape (W, n, 3), as seen from the obstacle's center in each, shape (W or 1, 3)."""
-        return (points - centers[:, None]) @ self._turn.as_matrix()
-
-    @cached_property
-    def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Lowest and highest corner of the box around it, as seen from its center, shape (3,)."""
-        if self.shape.mesh is not None:
-            used = self.shape.mesh.points[self.shape.mesh.face_vertex_indices]
-            lowest, highest = used.min(axis=0), used.max(axis=0)
-        elif self.shape.kind == "plane":
-            highest = np.where(self._up > 0.0, 0.0, np.inf)
-            lowest = np.full(3, -np.inf)
-        else:
-            highest = self.shape.size
-            if self.shape.kind == "capsule":
-                highest = self.shape.size[0] + self.shape.size[1] * self._up
-            lowest = -highest
-        return lowest - self.shape.thickness, highest + self.shape.thickness
-
-    def distances(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Of points, as seen from its center, to its surface less its thickness, negative inside, shape (n,)."""
-        size = self.shape.size
-        if self.shape.kind == "box":
-            beyond = np.abs(points) - size
-            found = np.linalg.norm(np.maximum(beyond, 0.0), axis=1) + np.minimum(beyond.max(axis=1), 0.0)
-        elif self.shape.kind == "capsule":
-            along = np.clip(points @ self._up, -size[1], size[1])
-            found = np.linalg.norm(points - np.outer(along, self._up), axis=1) - size[0]
-        elif self.shape.kind == "plane":
-            found = points @ self._up
-        else:
-            found = self._to_mesh(points)
-        return found - self.shape.thickness
-
-    def _to_mesh(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        with wp.ScopedDevice("cpu"):
-            return self._mesh_distance(points)
-
-    @cached_property
-    def _mesh_distance(self) -> MeshDistance:
-        assert self.shape.mesh is not None
-        return MeshDistance(self.shape.mesh.points, self.shape.triangles, thickness=0.0)
-
-
 def _require_outside(
     scene: Scene,
     balloon: int,
     shape: BalloonShape,
     named: str,
-    solid: _Solid,
+    solid: Solid,
     centers: NDArray[np.float64],
     parameters: Parameters,
 ) -> None:

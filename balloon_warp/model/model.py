@@ -16,6 +16,7 @@ from balloon_warp.kernels.laws.columns import Columns
 from balloon_warp.model.bodies import BodyShape
 from balloon_warp.model.obstacles import ObstacleShape
 from balloon_warp.model.packing import views_of
+from balloon_warp.model.ridges import Ridges
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.model.timeline import DueChange
 from balloon_warp.scene import Scene
@@ -122,9 +123,10 @@ class Model:
     """those of the bodies that have one"""
 
     # ridges
+    ridges: list[Ridges]
+    """of obstacles, and then of bodies; empty where faces of balloons do not meet them"""
     ridge_trees: list[wp.Bvh | None]
-    """of boxes around the ridges of obstacles, and then of bodies, where they have any; empty where faces of balloons
-    do not meet them"""
+    """of boxes around the ridges of each, where it has any"""
 
     # parameters
     columns: Columns
@@ -210,7 +212,7 @@ class Model:
     @property
     def faces_meet(self) -> bool:
         """whether faces of balloons meet ridges of obstacles and bodies"""
-        return bool(self.ridge_trees)
+        return bool(self.ridges)
 
     @property
     def has_water(self) -> bool:

@@ -25,6 +25,7 @@ from balloon_warp.model.obstacle_motion import with_parts_apart
 from balloon_warp.model.obstacles import ObstacleShape, shape_obstacle
 from balloon_warp.model.parameters import Parameters, parameters_at
 from balloon_warp.model.pressure import settle_pressure
+from balloon_warp.model.ridges import Ridges, all_ridges, kept_distance
 from balloon_warp.model.rows import rows_of
 from balloon_warp.model.shape import BalloonShape, shape_balloon
 from balloon_warp.model.stability import Network, choose_substeps, names_of_the_step
@@ -49,6 +50,8 @@ class ModelPlan:
     shapes: list[BalloonShape]
     obstacles: list[ObstacleShape]
     bodies: list[BodyShape]
+    ridges: list[Ridges]
+    """of obstacles, and then of bodies, that faces of balloons meet; empty where they meet none"""
     held: list[int]
     """the particle that each string holds, numbered within its balloon"""
     own_laws: tuple[Law, ...]
@@ -146,6 +149,11 @@ def plan_model(
 
         require_clear_bodies(scene, shapes, obstacles, bodies, parameters)
     changes = list(due_changes(scene, rows))
+    ridges = all_ridges(scene, shapes, obstacles, bodies)
+    if ridges and obstacles:
+        from balloon_warp.model.flush import exposed_ridges  # takes long to load
+
+        ridges = exposed_ridges(scene, obstacles, ridges, parameters, changes, kept_distance(shapes))
     network = Network(shapes, held, (*LAWS, *laws))
     substeps = substeps_over_time(scene, network, parameters, changes, start_velocities(shapes, parameters))
     if scene.substeps == "auto":
@@ -156,6 +164,7 @@ def plan_model(
         shapes=shapes,
         obstacles=obstacles,
         bodies=bodies,
+        ridges=ridges,
         held=held,
         own_laws=tuple(laws),
         parameters=parameters,

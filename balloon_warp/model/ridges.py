@@ -14,13 +14,15 @@ from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.model.bodies import BodyShape
 from balloon_warp.model.obstacles import ObstacleShape
 from balloon_warp.model.shape import BalloonShape
-from balloon_warp.model.touch import edge_length
+from balloon_warp.model.touch import THICKNESS, edge_length
 from balloon_warp.scene import Scene
 
 FLAT = 0.2
 """turn [rad] of a surface within an edge of a balloon, up to which faces go along it, within the thickness of a skin"""
 THIN = 5.0
 """mean edges of a balloon: a solid with a side less wide than that meets its faces, too"""
+KEPT = 0.5
+"""of the thickness of a skin, that faces keep from ridges"""
 BOX_SIGNS = np.array([(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 """of the corners of a box"""
 
@@ -91,7 +93,7 @@ def _ridges_of_box(half: NDArray[np.float64]) -> Ridges:
             along = np.eye(3)[axis]
             ends.append([corner * half, (corner + 2.0 * along) * half])
             inward.append([-corner[other] * np.eye(3)[other] for other in range(3) if other != axis])
-    return _with_tips(np.array(ends), np.array(inward), 0.0)
+    return with_tips(np.array(ends), np.array(inward), 0.0)
 
 
 def _ridges_of_mesh(mesh: PolygonMesh, triangles: NDArray[np.int32], closed: bool, edge: float) -> Ridges:
@@ -124,7 +126,7 @@ def _ridges_of_mesh(mesh: PolygonMesh, triangles: NDArray[np.int32], closed: boo
         known = within if len(sides) <= 2 else [np.zeros(3)]
         ends.append([a, b])
         inward.append([*known, np.zeros(3)][:2])
-    return _with_tips(np.array(ends).reshape(-1, 2, 3), np.array(inward).reshape(-1, 2, 3), 0.0)
+    return with_tips(np.array(ends).reshape(-1, 2, 3), np.array(inward).reshape(-1, 2, 3), 0.0)
 
 
 def _across(a: NDArray[np.float64], b: NDArray[np.float64], apex: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -133,7 +135,7 @@ def _across(a: NDArray[np.float64], b: NDArray[np.float64], apex: NDArray[np.flo
     return apex - a - ((apex - a) @ along) * along
 
 
-def _with_tips(ends: NDArray[np.float64], inward: NDArray[np.float64], radius: float) -> Ridges:
+def with_tips(ends: NDArray[np.float64], inward: NDArray[np.float64], radius: float) -> Ridges:
     """Let each corner be of the first ridge that comes to it."""
     _, firsts = np.unique(ends.reshape(-1, 3), axis=0, return_index=True)
     own = np.zeros(2 * len(ends), np.int32)
@@ -150,6 +152,11 @@ def all_ridges(
         return []
     edge = max(edge_length(shape.mesh) for shape in shapes)
     return [ridges_of(solid, np.array(scene.up), edge) for solid in solids_of(obstacles, bodies)]
+
+
+def kept_distance(shapes: Sequence[BalloonShape]) -> float:
+    """Return how far faces of balloons are kept from ridges [m]."""
+    return KEPT * THICKNESS * min(edge_length(shape.mesh) for shape in shapes)
 
 
 def ridge_tree(ridges: Ridges, device: wp.Device) -> wp.Bvh | None:

@@ -14,11 +14,9 @@ from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.triangles import triangles_of
 from balloon_warp.model import Model
 from balloon_warp.model.memory import Room
-from balloon_warp.model.ridges import Ridges, all_ridges
-from balloon_warp.model.touch import THICKNESS, edge_length
+from balloon_warp.model.ridges import Ridges, kept_distance
+from balloon_warp.model.touch import edge_length
 
-KEPT = 0.5
-"""of the thickness of a skin, that faces keep from ridges"""
 MARGIN = 0.15
 """of an edge, within which ridges are noted until the next search"""
 LEAST_PAIRS, PAIRS = 1024, 2
@@ -30,14 +28,14 @@ def ridge_table(model: Model) -> Any:
     table, device = RidgeTable(), model.device
     if not model.faces_meet:
         return table
-    ridges = all_ridges(model.scene, model.shapes, model.obstacles, model.bodies)
+    ridges = model.ridges
     firsts = np.cumsum([0, *(len(each.ends) for each in ridges)])
     table.ridges = wp.array([row for each in ridges for row in _rows(each)], dtype=Ridge, device=device)
     table.ends = wp.array(np.stack([firsts[:-1], firsts[1:]], axis=1), dtype=wp.vec2i, device=device)
     table.trees = wp.array([tree.id if tree else 0 for tree in model.ridge_trees], dtype=wp.uint64, device=device)
     table.features = wp.array(_features_of(model), dtype=wp.vec4i, device=device)
     edge = min(edge_length(shape.mesh) for shape in model.shapes)
-    table.kept, table.margin = KEPT * THICKNESS * edge, MARGIN * edge
+    table.kept, table.margin = kept_distance(model.shapes), MARGIN * edge
     return table
 
 
