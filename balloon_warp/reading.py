@@ -129,10 +129,10 @@ class Reading:
 
     def _contacts(self) -> list[Contact]:
         """Return what pressed what; none where nobody asks."""
-        if "contact_pushes" not in self._buffer.arrays:
+        if "contact_forces" not in self._buffer.arrays:
             return []
-        pushes = np.asarray(self._buffer.arrays["contact_pushes"].numpy()[0], dtype=np.float32)
-        return contacts_of(self.model, self._rows("points"), pushes)
+        names = ("contact_forces", "contact_torques", "contact_areas", "contact_pressures")
+        return contacts_of(self.model, *(self._row(name, np.float64) for name in names))
 
     def _torn(self) -> list[NDArray[np.bool_]]:
         """Of each balloon which faces are; none if none may be."""
