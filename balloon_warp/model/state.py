@@ -100,6 +100,8 @@ class State:
     contact_pressures: wp.array
     """the largest of any particle, its force over its own area, of two balloons both added up [Pa], of that shape,
     float32"""
+    contact_places: wp.array
+    """the mean of the places that are pressed, by how hard [m], of that shape, vec3"""
     body_positions: wp.array
     """centers of mass [m], shape (world_count, body_count), vec3"""
     body_turns: wp.array
@@ -175,6 +177,7 @@ def new_state(model: Model, room: Room) -> State:
         contact_torques=room.array(pairs, wp.vec3),
         contact_areas=room.array(pairs, wp.float32),
         contact_pressures=room.array(pairs, wp.float32),
+        contact_places=room.array(pairs, wp.vec3),
         body_positions=room.array(bodies, wp.vec3),
         body_turns=room.array(bodies, wp.quat),
         body_velocities=room.array(bodies, wp.vec3),
