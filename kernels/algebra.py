@@ -11,7 +11,7 @@ import warp as wp
 from balloon_warp.kernels.lanes import LANE_COUNT, Lanes, Lanes3, Lanes5, of_lane
 
 NOT_QUITE_ZERO = wp.constant(1.0e-20)
-"""[m^2], added to a squared length, so that its root can be divided by"""
+"""Small addend to a squared length, so that its root can be a divisor [m^2]"""
 
 
 @wp.func_native(
@@ -34,25 +34,25 @@ def inverse_root(x: float) -> float:
 
 @wp.func
 def times(a: float, b: float):
-    """a b"""
+    """Return a b."""
     return a * b
 
 
 @wp.func
 def times(a: Lanes, b: Lanes):  # noqa: F811 - an overload
-    """a b in each lane."""
+    """Return a b in each lane."""
     return wp.cw_mul(a, b)
 
 
 @wp.func
 def times(a: float, b: Lanes):  # noqa: F811 - an overload
-    """a b in each lane."""
+    """Return a b in each lane."""
     return a * b
 
 
 @wp.func
 def cross_product(a: wp.vec3, b: wp.vec3):
-    """a x b"""
+    """Return a x b."""
     return wp.cross(a, b)
 
 
@@ -70,13 +70,13 @@ def cross_product(a: wp.vec3, b: wp.vec3):
     """
 )
 def cross_product(a: Lanes3, b: Lanes3) -> Lanes3:  # noqa: F811 - an overload
-    """a x b in each lane."""
+    """Return a x b in each lane."""
     ...
 
 
 @wp.func
 def dot_product(a: wp.vec3, b: wp.vec3):
-    """a . b"""
+    """Return a . b."""
     return wp.dot(a, b)
 
 
@@ -91,13 +91,13 @@ def dot_product(a: wp.vec3, b: wp.vec3):
     """
 )
 def dot_product(a: Lanes3, b: Lanes3) -> Lanes:  # noqa: F811 - an overload
-    """a . b in each lane."""
+    """Return a . b in each lane."""
     ...
 
 
 @wp.func
 def reach_along(vector: wp.vec3, direction: wp.vec3):
-    """How far a vector reaches along a direction."""
+    """Return the component of a vector along a direction."""
     return wp.dot(vector, direction)
 
 
@@ -111,7 +111,7 @@ def reach_along(vector: wp.vec3, direction: wp.vec3):
     """
 )
 def reach_along(vector: Lanes3, direction: wp.vec3) -> Lanes:  # noqa: F811 - an overload
-    """How far each lane's vector reaches along a direction."""
+    """Return the component of each lane's vector along a direction."""
     ...
 
 
@@ -181,7 +181,7 @@ def scaled(vector: Lanes3, factor: float):  # noqa: F811 - an overload
 
 @wp.func
 def length_of(vector: wp.vec3):
-    """|v|"""
+    """Return |v|."""
     return wp.length(vector)
 
 
@@ -224,6 +224,8 @@ def squared_length(d: wp.vec3):
     """
 )
 def squared_length(d: Lanes3) -> Lanes:  # noqa: F811 - an overload
-    """The squared length in each lane, and a little more, so that its root can be divided by. Rounded as that of one
-    vector: springs that are hardly longer than at rest then pull alike in every schedule."""
+    """Return the squared length in each lane, plus a small addend, so that its root can be a divisor.
+
+    It rounds as for one vector, so that springs near their rest length pull alike in every schedule.
+    """
     ...

@@ -1,4 +1,4 @@
-"""What stands in eight lanes of a CPU's vector registers: types, and one of eight, by the same names as of one alone.
+"""Vectors of eight lanes in a CPU's registers: types and functions, with the same names as for one item.
 
 A lane is a world or a particle, see `kernels.schedules.lanes`.
 """
@@ -11,40 +11,40 @@ from balloon_warp.kernels.memory import float_at, int_at
 
 LANE_COUNT = wp.constant(8)
 Lanes = wp.types.vector(length=8, dtype=wp.float32)
-"""a number in each of eight lanes"""
+"""Number in each of eight lanes"""
 Lanes2 = wp.types.matrix(shape=(2, 8), dtype=wp.float32)
-"""two numbers in each of eight lanes, those of one a column"""
+"""Two numbers in each of eight lanes, a column each"""
 Lanes3 = wp.types.matrix(shape=(3, 8), dtype=wp.float32)
-"""a vector in each of eight lanes, one a column"""
+"""Vector in each of eight lanes, a column each"""
 Lanes4 = wp.types.matrix(shape=(4, 8), dtype=wp.float32)
-"""four numbers in each of eight lanes, those of one a column"""
+"""Four numbers in each of eight lanes, a column each"""
 Lanes5 = wp.types.matrix(shape=(5, 8), dtype=wp.float32)
-"""five numbers in each of eight lanes, those of one a column"""
+"""Five numbers in each of eight lanes, a column each"""
 Five = wp.types.vector(length=5, dtype=wp.float32)
-"""five numbers"""
+"""Five numbers"""
 IN_LANES = {
     float: Lanes, wp.float32: Lanes, wp.vec2: Lanes2, wp.vec3: Lanes3, wp.vec4: Lanes4, Five: Lanes5,
 }  # fmt: skip
-"""what stands in eight lanes, by what stands in one"""
+"""Types of eight lanes, by the type of one"""
 LaneNumbers = wp.types.vector(length=8, dtype=wp.int32)
-"""the number of a particle, or of something else, in each of eight lanes"""
+"""Index of a particle, or of another item, in each of eight lanes"""
 
 
 @wp.func
 def of_lane(number: float, lane: wp.int32):
-    """What is the same in all lanes."""
+    """Return a number that is the same in all lanes."""
     return number
 
 
 @wp.func
 def of_lane(number: wp.int32, lane: wp.int32):  # noqa: F811 - an overload
-    """What is the same in all lanes."""
+    """Return a number that is the same in all lanes."""
     return number
 
 
 @wp.func
 def of_lane(vector: wp.vec3, lane: wp.int32):  # noqa: F811 - an overload
-    """What is the same in all lanes."""
+    """Return a vector that is the same in all lanes."""
     return vector
 
 
@@ -62,7 +62,7 @@ def of_lane(vectors: Lanes3, lane: wp.int32):  # noqa: F811 - an overload
 
 @wp.func
 def of_lane(vectors: wp.vec4, lane: wp.int32):  # noqa: F811 - an overload
-    """What is the same in all lanes."""
+    """Return a vector that is the same in all lanes."""
     return vectors
 
 
@@ -120,7 +120,7 @@ def set_lane(numbers: Lanes, lane: wp.int32, number: float):  # noqa: F811 - an 
 
 @wp.func
 def set_lane(many: Any, lane: wp.int32, those: Any):  # noqa: F811 - an overload
-    """The same of two, four or five numbers in each lane."""
+    """Set two, four or five numbers in one lane."""
     for row in range(len(those)):
         many[row, lane] = those[row]
     return many
@@ -167,7 +167,7 @@ def total_in(numbers: Lanes):
 
 @wp.func
 def total_in(many: Any):  # noqa: F811 - an overload
-    """The same of several numbers in each lane."""
+    """Return the sums of several numbers over all lanes."""
     for row in range(len(many)):
         many[row] = Lanes(wp.dot(many[row], Lanes(1.0)))
     return many
@@ -180,19 +180,19 @@ def total_in(many: Any):  # noqa: F811 - an overload
     """
 )
 def any_negative(lanes: Lanes) -> bool:
-    """Whether a number is below zero in any of the lanes."""
+    """Return whether a number is below zero in any of the lanes."""
     ...
 
 
 @wp.func
 def any_positive(number: float):
-    """Whether a number is above zero."""
+    """Return whether a number is above zero."""
     return number > 0.0
 
 
 @wp.func
 def any_positive(lanes: Lanes):  # noqa: F811 - an overload
-    """Whether a number is above zero in any of the lanes."""
+    """Return whether a number is above zero in any of the lanes."""
     return any_negative(-lanes)
 
 
@@ -203,29 +203,29 @@ def any_positive(lanes: Lanes):  # noqa: F811 - an overload
     """
 )
 def all_positive(lanes: Lanes) -> bool:
-    """Whether the numbers are above zero in all lanes; where one is no number, it is not."""
+    """Return whether the numbers are above zero in all lanes; false where one is NaN."""
     ...
 
 
 @wp.func
 def entry_at(array: wp.array[wp.int32], entry: wp.int32):
-    """Of a contiguous array: what is the same in all lanes."""
+    """Return an entry of a contiguous array, which is the same in all lanes."""
     return int_at(array, entry)
 
 
 @wp.func
 def entry_at(array: wp.array[float], entry: wp.int32):  # noqa: F811 - an overload
-    """The same of a number."""
+    """Return a number of a contiguous array."""
     return float_at(array, entry)
 
 
 @wp.func_native("return array.data[(unsigned int)entry];")
 def entry_at(array: wp.array[Lanes], entry: wp.int32) -> Lanes:  # noqa: F811 - an overload
-    """Of a contiguous array: a number for each lane."""
+    """Return an entry of a contiguous array for each lane."""
     ...
 
 
 @wp.func_native("return array.data[(unsigned int)entry];")
 def entry_at(array: wp.array[LaneNumbers], entry: wp.int32) -> LaneNumbers:  # noqa: F811 - an overload
-    """The same of whole numbers."""
+    """Return an integer entry of a contiguous array for each lane."""
     ...

@@ -66,7 +66,7 @@ def pair_at(array: wp.array[wp.vec2], index: wp.int32) -> wp.vec2:
 #endif
 """)
 def int_pair_at(array: wp.array[wp.vec2i], index: wp.int32) -> wp.vec2i:
-    """The same of two integers."""
+    """Return two integers of a contiguous array, in one load."""
     ...
 
 
@@ -79,7 +79,7 @@ def int_pair_at(array: wp.array[wp.vec2i], index: wp.int32) -> wp.vec2i:
     return wp::vec_t<2, wp::int32>(both & 0xFFFF, both >> 16);
 """)
 def packed_pair_at(array: wp.array[wp.int32], index: wp.int32) -> wp.vec2i:
-    """The same of two integers of 16 bits."""
+    """Return two 16-bit integers of a contiguous array, in one load."""
     ...
 
 
@@ -92,7 +92,7 @@ def packed_pair_at(array: wp.array[wp.int32], index: wp.int32) -> wp.vec2i:
 #endif
 """)
 def four_ints_at(array: wp.array[wp.vec4i], index: wp.int32) -> wp.vec4i:
-    """The same of four integers."""
+    """Return four integers of a contiguous array, in one load."""
     ...
 
 
@@ -105,7 +105,7 @@ def four_ints_at(array: wp.array[wp.vec4i], index: wp.int32) -> wp.vec4i:
 #endif
 """)
 def four_floats_at(array: wp.array[wp.vec4], index: wp.int32) -> wp.vec4:
-    """The same of four numbers."""
+    """Return four numbers of a contiguous array, in one load."""
     ...
 
 
@@ -133,8 +133,10 @@ def quad_at(array: wp.array[wp.int32], index: wp.int32) -> wp.vec4i:
 #endif
 """)
 def found_anew(number: float) -> float:
-    """A number of which a GPU's compiler does not know that it stays the same in a loop, so that what follows from it
-    is found where it is needed, and takes no registers until then."""
+    """Return a number that the GPU's compiler cannot hoist out of a loop.
+
+    What follows from it is computed where it is needed, and takes no registers until then.
+    """
     ...
 
 
@@ -148,7 +150,7 @@ def found_anew(number: float) -> float:
 #endif
 """)
 def found_anew(number: wp.int32) -> wp.int32:  # noqa: F811 - an overload
-    """The same of a whole number."""
+    """Return an integer that the GPU's compiler cannot hoist out of a loop."""
     ...
 
 
@@ -163,7 +165,7 @@ def vector_in(array: wp.array2d[wp.vec3], row: wp.int32, column: wp.int32) -> wp
 
 @wp.func_native(f"return {IN_ROW};")
 def float_in(array: wp.array2d[float], row: wp.int32, column: wp.int32) -> float:
-    """The same of a number."""
+    """Return a number of a contiguous array."""
     ...
 
 
@@ -183,8 +185,10 @@ ON_PAGE = (
 #endif
 """)
 def four_on_page(array: wp.array3d[wp.int32], page: wp.int32, row: wp.int32, column: wp.int32) -> wp.vec4i:
-    """`array[page, row, column]` of a contiguous array and the three after it, in one load: rows and columns are whole
-    fours."""
+    """Return `array[page, row, column]` of a contiguous array and the three after it, in one load.
+
+    Rows and columns are whole fours.
+    """
     ...
 
 
@@ -208,7 +212,7 @@ def byte_in(array: wp.array2d[wp.int8], row: wp.int32, column: wp.int32) -> wp.i
 
 @wp.func_native(f"return {IN_ROW};")
 def two_in(array: wp.array2d[wp.vec2], row: wp.int32, column: wp.int32) -> wp.vec2:
-    """The same of two numbers."""
+    """Return two numbers of a contiguous array."""
     ...
 
 
@@ -221,7 +225,7 @@ def two_in(array: wp.array2d[wp.vec2], row: wp.int32, column: wp.int32) -> wp.ve
 #endif
 """)
 def four_in(array: wp.array2d[wp.vec4], row: wp.int32, column: wp.int32) -> wp.vec4:
-    """The same of four, in one load."""
+    """Return four numbers of a contiguous array, in one load."""
     ...
 
 

@@ -1,6 +1,6 @@
-"""How Warp compiles kernels: options of every module that has some, for a CPU.
+"""Options by which Warp compiles the kernels of every module with options, for a CPU.
 
-All have the same, since Warp compiles its own headers first, once for each set of flags in a process.
+All modules share one set, since Warp compiles its own headers first, once for each set of flags in a process.
 """
 
 import warp as wp

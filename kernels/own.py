@@ -1,4 +1,4 @@
-"""What a particle knows of itself, read once."""
+"""Parameters and indices of a particle, read once."""
 
 from functools import cache
 from typing import Any

@@ -1,5 +1,7 @@
-"""Free rigid bodies and the particles that they meet, where each piece of a substep is a launch: a block a world, which
-goes through its particles in the same order every time."""
+"""Contact of free rigid bodies and particles, a block a world.
+
+Each piece of a substep is a launch, which loops over the particles in the same order every time.
+"""
 
 from functools import cache
 from typing import Any
@@ -53,8 +55,10 @@ def bodies_function(traits: Traits) -> Any:
         points: wp.array[wp.vec3],
         velocities: wp.array[wp.vec3],
     ):
-        """How the particles that are a thread's push a body that changes as in the last pass; or they take what they
-        gain by a change. One function does both, as what tells whether they meet is long."""
+        """Return how a thread's particles push a body that changes as in the last pass, or apply a change to them.
+
+        One function does both, since the test whether they touch is long.
+        """
         part = Push()
         solid = t.bodies.solids[rigid.number]
         for particle in range(thread, points.shape[0], wp.block_dim()):
@@ -123,7 +127,7 @@ def bodies_function(traits: Traits) -> Any:
         points: wp.array[wp.vec3],
         velocities: wp.array[wp.vec3],
     ):
-        """Of a world, by all threads of a block."""
+        """Resolve contacts of bodies with particles of a world, by all threads of a block."""
         for body in range(state.body_positions.shape[1]):
             rigid = body_at(t, state, working.body_starts, working.body_start_turns, world, body)
             tensor = rigid.mass * inertia_in_world(rigid.start_turn, t.bodies.inertias[body])

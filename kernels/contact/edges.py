@@ -1,5 +1,8 @@
-"""Sharp edges that meet, where each piece of a substep is a launch: a block a world. Now and then it is found which
-edges are near each other; those push each other apart, one pair after the other, in the same order every time."""
+"""Contact of sharp edges, a block a world.
+
+Each piece of a substep is a launch. A search now and then finds edges that are near each other; these push each other
+apart, one pair after the other, in the same order every time.
+"""
 
 from functools import cache
 from typing import Any
@@ -28,18 +31,18 @@ from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.working import Working
 
 MOST_EDGES = wp.constant(16)
-"""that an edge keeps: of too many the nearest"""
+"""Largest number of edges that an edge keeps: the nearest"""
 PAIRS = wp.constant(2)
-"""of edges that may meet: where their number stands, beside the lengths of lists of particles"""
+"""Index of the number of edge pairs, after the lengths of lists of particles"""
 MOST_SWEEPS = wp.constant(16)
-"""over all pairs in a substep; where none comes too near any more it ends sooner"""
+"""Largest number of sweeps over all pairs in a substep; it ends sooner where none comes too near"""
 SETTLED = wp.constant(0.01)
-"""of what edges keep between them, by which they may come nearer in a substep: the next one sees to that"""
+"""Fraction of the distance between edges by which they may come nearer in a substep, left to the next one"""
 
 
 @wp.func
 def edge_box(t: Tables, edge: wp.int32, points: wp.array[wp.vec3], velocities: wp.array[wp.vec3]):
-    """Around what an edge sweeps until the next search [m]."""
+    """Return the box that an edge sweeps until the next search [m]."""
     ends = t.touch.edges[edge]
     a = points[ends[0]]
     b = points[ends[1]]
@@ -56,7 +59,7 @@ def finding_edges_function(traits: Traits) -> Any:
 
     @wp.func
     def may_meet(t: Tables, own: wp.int32, edge: wp.int32, other: wp.int32):
-        """Of one balloon only what was apart at the start."""
+        """Return whether two edges may touch: on one balloon, only those that were apart at the start."""
         apart = t.touch.apart[own]
         for end in range(2):
             for far in range(2):
@@ -124,7 +127,7 @@ def find_edges_kernel(traits: Traits) -> Any:
         # out
         working: Working,
     ):
-        """Some threads a world."""
+        """Find the edges near each edge, by some threads a world."""
         world, thread = wp.tid()
         if is_searched(working, world):
             for edge in range(thread, t.touch.edges.shape[0], threads):
@@ -194,7 +197,7 @@ def edges_function(traits: Traits) -> Any:
         points: wp.array[wp.vec3],
         velocities: wp.array[wp.vec3],
     ):
-        """Of a world, by the first thread of a block."""
+        """Resolve contacts of the edges of a world, by the first thread of a block."""
         if thread == 0 and working.list_lengths[world, PAIRS] > 0:
             pushed = bool(True)
             sweep = wp.int32(0)

@@ -1,5 +1,4 @@
-"""Which particles may touch a sphere, noted by threads of any order: a mark for every few particles, and one for the
-world."""
+"""Particles that may touch a sphere, marked by threads in any order: a mark for every few, and one for the world."""
 
 from functools import cache
 from typing import Any
@@ -44,7 +43,10 @@ def noting_function(traits: Traits, sphere_at: Any) -> Any:
         point: wp.vec3,
         velocity: wp.vec3,
     ):
-        """Whether it may touch, which is then noted. All who write a mark write the same."""
+        """Return whether a particle may touch a sphere, and mark it.
+
+        All threads that write a mark write the same.
+        """
         noted = bool(False)
         for sphere in range(spheres_there):
             center, motion, radius = sphere_at(t, spheres, world, sphere)

@@ -26,14 +26,17 @@ def upper_of_part(working: Working, world: wp.int32, part: wp.int32):
 
 @wp.func
 def put_box_of_part(working: Working, world: wp.int32, part: wp.int32, lower: wp.vec4, upper: wp.vec4):
-    """Both."""
+    """Store both corners of a part's box."""
     put_four_in(working.part_boxes, world, 2 * part, lower)
     put_four_in(working.part_boxes, world, 2 * part + 1, upper)
 
 
 @wp.func
 def is_boxed(working: Working, world: wp.int32, node: wp.vec4i):
-    """Whether a part's balloon may meet any. What has no faces, but edges, has no triangles."""
+    """Return whether a part's balloon may touch any.
+
+    Balloons without faces, but with edges, have no triangles.
+    """
     return node[2] > node[1] and working.near_balloons[world, node[3]] != ALONE
 
 
@@ -82,8 +85,10 @@ def box_parts(
     points: wp.array[wp.vec3],
     velocities: wp.array[wp.vec3],
 ):
-    """Boxes around the parts of balloons that may meet others, by all threads of a block: level by level from the parts
-    that have no others in them."""
+    """Build boxes around the parts of balloons that may touch others, by all threads of a block.
+
+    It goes level by level from the leaves.
+    """
     for level in range(t.touch.levels.shape[0] - 1):
         for place in range(t.touch.levels[level] + thread, t.touch.levels[level + 1], threads):
             part = t.touch.parts_by_level[place]

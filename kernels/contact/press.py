@@ -45,7 +45,7 @@ from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.working import Working
 
 PRESS_REGISTERS = 96
-"""of a thread: a multiprocessor has 20 warps then, which wait for memory in turns, and 12 without a limit"""
+"""Registers of a thread: a multiprocessor then has 20 warps, whose memory latencies overlap, and 12 without a limit"""
 
 
 @wp.func
@@ -57,7 +57,7 @@ def ease_of_moving(t: Tables, mass_of_balloon: float, particle: wp.int32):
 
 @wp.func
 def contacts_at(working: Working, world: wp.int32, particle: wp.int32, ease: float):
-    """Of a particle; none if it is fixed."""
+    """Return the contacts of a particle; none if it is fixed."""
     return wp.where(ease > 0.0, float_in(working.contacts, world, particle), 0.0)
 
 
@@ -92,7 +92,7 @@ def press_function(traits: Traits, point_at: Any) -> Any:
         first: bool,
         hold: wp.vec4,
     ):
-        """What the particle's hold is then; zero if it does not touch."""
+        """Press a particle against a triangle, and return its hold; zero if they do not touch."""
         corners = triple_at(t.touch.triangles, triangle_of(candidate))
         own = int_at(t.particles.balloon, particle)
         other = int_at(t.particles.balloon, corners[0])
@@ -162,10 +162,10 @@ def pressing_function(traits: Traits, point_at: Any) -> Any:
         velocities: wp.array[wp.vec3],
         only_counts: bool,
     ):
-        """Of each balloon that it is near to, it touches the nearest triangle.
+        """Press a particle against the nearest triangle of each balloon that is near.
 
         Args:
-            only_counts: whether nothing is pushed, but only counted what touches.
+            only_counts: Whether contacts are only counted, without forces.
         """
         count = working.candidate_counts[world, particle]
         point = point_at(points, particle)
@@ -224,10 +224,10 @@ def press_kernel(traits: Traits, fast_math: bool = False) -> Any:
         # out
         working: Working,
     ):
-        """Some threads a world.
+        """Press the particles of a world, by some threads a world.
 
         Args:
-            only_counts: whether nothing is pushed, but only counted what touches.
+            only_counts: Whether contacts are only counted, without forces.
         """
         world, thread = wp.tid()
         for place in range(thread, working.list_lengths[world, TOUCHING], threads):

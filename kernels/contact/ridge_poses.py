@@ -33,7 +33,7 @@ def placing_function(traits: Traits) -> Any:
 
     @wp.func
     def place_of(t: Tables, state: WorldState, working: Working, world: wp.int32, number: wp.int32, end: float):
-        """In a substep that ends at a time."""
+        """Return the pose of a solid in a substep that ends at a time."""
         placed = Placed()
         fixtures = t.fixtures.solids.shape[0]
         if wp.static(traits.fixtures):

@@ -1,5 +1,7 @@
-"""The air at balloons, and what of it moves along with them: found as a frame begins, since neither a balloon's height
-nor its volume changes much in one."""
+"""Air at balloons, and the added mass of it, updated as a frame begins.
+
+Neither a balloon's height nor its volume changes much in a frame.
+"""
 
 from functools import cache
 from typing import Any

@@ -1,4 +1,4 @@
-"""What waits for its time."""
+"""Times at which things start and end."""
 
 import warp as wp
 

@@ -9,24 +9,24 @@ from balloon_warp.kernels.laws.gusts import gusts as gusts_at
 from balloon_warp.kernels.laws.law import TINY, Law, Parameter
 
 GAS_CONSTANT = 8.314462618
-"""[J/(mol K)]"""
+"""Molar gas constant R [J/(mol K)]"""
 DRY_AIR_MOLAR_MASS = 0.0289652
-"""[kg/mol]"""
+"""Molar mass of dry air [kg/mol]"""
 OF_DRY_AIR = -1.0
-"""stands for the density of dry air as an ideal gas"""
+"""Marker: density of dry air as an ideal gas"""
 ALIKE = -1.0
-"""stands for air that is the same at all heights"""
+"""Marker: uniform air, without a lapse rate"""
 HIGHEST = 0.9
-"""what of its temperature the air loses at most with height"""
+"""Largest fraction of its temperature that the air loses with height"""
 MOST_GROWTH = 10.0
-"""up to how many times `wind_height` the wind grows"""
+"""Largest height for the wind's growth, over `wind_height`"""
 SMOOTHEST = 0.99
-"""of `wind_height` is the most that counts of a roughness length, which is less than that"""
+"""Upper limit of the roughness length, as a fraction of `wind_height`"""
 
 
 @wp.func
 def molar_volume(air_pressure: float, air_temperature: float):
-    """Of any gas that is as cold and as dense as the air [m^3/mol]: R T / p."""
+    """Return the molar volume of an ideal gas at the air's temperature and pressure, R T / p [m^3/mol]."""
     return GAS_CONSTANT * air_temperature / air_pressure
 
 
@@ -77,7 +77,7 @@ def density_at(
     air_lapse: float,
     gravity: float,
 ):
-    """Of the air at a place [kg/m^3]."""
+    """Return the density of the air at a place [kg/m^3]."""
     return air_of_height(wp.dot(place, up), air_pressure, air_temperature, air_density, air_lapse, gravity)[2]
 
 
@@ -127,9 +127,9 @@ def wind_at(
 
 
 AIR_ALIKE = (wind_alike, density_of_air)
-"""functions that give velocity and density of the air, where it is the same at all places and times"""
+"""Functions for velocity and density of uniform, steady air"""
 AIR_THAT_VARIES = (wind_at, density_at)
-"""and where it is not"""
+"""Functions for velocity and density of air that varies with place and time"""
 
 
 @wp.func
@@ -180,7 +180,7 @@ AIR = (
     ),
 )
 STATE_OF_AIR = AIR[:3]
-"""pressure, temperature and density"""
+"""Parameters for pressure, temperature and density of the air"""
 WIND = (
     Parameter("wind", "m/s", of="world", path="atmosphere.wind", size=3, meaning="Wind velocity"),
     Parameter(
@@ -243,9 +243,9 @@ WIND = (
     ),
 )
 VARYING = {"air_lapse": ALIKE, "wind_shear": 0.0, "wind_roughness": 0.0, "gusts": 0.0}
-"""what makes the air differ from place to place, and what it is where none does"""
+"""Parameters that make the air vary from place to place, with their neutral values"""
 LARGEST_GUST = 4.0
-"""over the root mean square of one component, that the step allows for"""
+"""Largest gust that the step allows for, over the root mean square of one component"""
 
 
 def drag_bound(

@@ -99,7 +99,7 @@ def leave_ground(point: wp.vec3, velocity: wp.vec3, up: wp.vec3, height: float, 
 
 @wp.func
 def out_of_sphere(point: wp.vec3, normal: wp.vec3, center: wp.vec3, radius: float, up: wp.vec3):
-    """Where a sphere lets a point go, and the obstacle's normal there; both as they are if it is outside."""
+    """Project a point out of a sphere, and return it with the contact normal; unchanged if it is outside."""
     if wp.length_sq(point - center) < radius * radius:
         normal = way_out(point, center, up)
         point = center + radius * normal
@@ -115,7 +115,7 @@ def penalty_force(penalty: float, inflation: wp.vec3, outward: wp.vec3):
 
 @wp.func
 def stop_of(velocity: wp.vec3, surface_velocity: wp.vec3, normal: wp.vec3, restitution: float):
-    """By how much meeting a surface changes a sphere's velocity along the normal [m/s]."""
+    """Return the change of a sphere's velocity along the normal when it meets a surface [m/s]."""
     return -(1.0 + restitution) * wp.min(wp.dot(velocity - surface_velocity, normal), 0.0)
 
 
@@ -153,7 +153,7 @@ def move_sphere(
 
 
 AS_OTHERS = -1.0
-"""friction of a balloon that does not say its own"""
+"""Marker: a balloon without a friction coefficient of its own"""
 FRICTION = Parameter(
     "balloon_friction",
     "1",
@@ -164,7 +164,7 @@ FRICTION = Parameter(
     "other thing's coefficient counts alone, and between balloons `touch.friction`",
 )
 NO_GROUND = -1.0e30
-"""height [m] of a ground that is not there"""
+"""Marker: ground height of a scene without ground [m]"""
 GROUND = (
     Parameter("ground_height", "m", of="world", path="ground.height", absent=NO_GROUND, meaning="Height of the ground"),
     Parameter(

@@ -5,11 +5,11 @@ import warp as wp
 from balloon_warp.kernels.laws.air import molar_volume
 
 COLLAPSING = wp.constant(0.5)
-"""part of its volume that a balloon has left at the end of a step, below which the step is no first order's"""
+"""Fraction of a balloon's volume that remains after a step, below which the step is not first-order accurate"""
 EMPTY = wp.constant(0.02)
-"""part of what a mesh encloses that is left to a balloon when it is flat, which no pump or opening takes out"""
+"""Fraction of the mesh's volume that stays in a flat balloon, which no pump or opening takes out"""
 EMPTIEST = wp.constant(1.0e-6)
-"""part of a volume that stands for none"""
+"""Least volume fraction"""
 
 
 @wp.func

@@ -11,32 +11,32 @@ Distances of box and capsule: Quilez, *3D signed distance functions* (iquilezles
 import warp as wp
 
 BOX, CAPSULE, PLANE, MESH = wp.constant(0), wp.constant(1), wp.constant(2), wp.constant(3)
-"""kinds of shapes"""
+"""Kinds of shapes"""
 SHAPES = ("box", "capsule", "plane", "mesh")
-"""the same, by their numbers"""
+"""Names of the kinds of shapes, by their numbers"""
 FAR_AWAY = wp.constant(1.0e30)
-"""distance of a mesh that was not found within what was asked for [m]"""
+"""Distance of a mesh that a query did not find within its range [m]"""
 MOST_LOOKS = wp.constant(32)
-"""at a way that may come into something"""
+"""Largest number of distance queries along a path that may enter a solid"""
 BALL_LOOKS = wp.constant(256)
-"""the same, of a ball beside a mesh"""
+"""Largest number of distance queries along a sphere's path beside a mesh"""
 MOST_TURNS = wp.constant(4)
-"""of all that is in a way, in a step, of which one moves the end of that into another"""
+"""Largest number of passes over all solids in a path in a step, as one may push the path's end into another"""
 SETTLED = wp.constant(1.0e-3)
-"""of a way: what moves its end by less is next to nothing"""
+"""Displacement of a path's end below which it counts as settled, over the path's length"""
 MOST_SLIDES = wp.constant(3)
-"""of a particle along a mesh in a step, each from where the one before comes to the mesh again"""
+"""Largest number of slides of a particle along a mesh in a step"""
 UNSEEN = wp.constant(0.02)
-"""part of a mesh's skin that a way may come in between looks"""
+"""Depth of entry that may be missed between queries, over a mesh's skin"""
 BLURRED = wp.constant(3.0e-5)
-"""of a mesh's reach: nearer to its surface, float32 does not tell in which direction that is"""
+"""Distance to a mesh's surface, over the mesh's extent, below which float32 does not resolve the direction"""
 LEAST_STEP = wp.constant(2.0e-6)
-"""on a way, over its length: what float32 tells apart"""
+"""Shortest step along a path, over its length, that float32 resolves"""
 
 
 @wp.func
 def is_settled(start: wp.vec3, end: wp.vec3, point: wp.vec3):
-    """Whether what is in a way has hardly moved its end, to a point."""
+    """Return whether solids in a path have hardly moved the path's end."""
     return wp.length(point - end) <= SETTLED * wp.length(end - start) + LEAST_STEP * wp.length(point)
 
 

@@ -22,11 +22,11 @@ from balloon_warp.kernels.laws.empty import COLLAPSING, EMPTIEST, end_of_collaps
 from balloon_warp.kernels.laws.law import Parameter
 
 HELIUM_MOLAR_MASS = 0.0040026
-"""[kg/mol]"""
+"""Molar mass of helium [kg/mol]"""
 STANDARD_PRESSURE = 101325.0
-"""p_0, one atmosphere [Pa]"""
+"""Standard pressure p_0, one atmosphere [Pa]"""
 THINNEST = 1.0e-3
-"""to how little of itself a pressure may fall at once, which bounds what follows from it"""
+"""Largest drop of a pressure in one step, as the remaining fraction, which bounds the response"""
 PARAMETERS = (
     Parameter(
         "gamma",
@@ -54,7 +54,7 @@ PARAMETERS = (
 )
 
 Swelling = Five
-"""How a balloon swells, summed over its particles: see the numbers below."""
+"""Moments of a balloon's swelling, summed over its particles: see the numbers below."""
 VOLUME = wp.constant(0)  # [m^3]
 RESPONSE = wp.constant(1)  # to a pressure in a step: sum h |a|^2 / m [m^3/s/Pa], a the area vectors, along obstacles
 RATE = wp.constant(2)  # sum a . v [m^3/s], v the velocities at the end of the step, without pressure
@@ -104,7 +104,7 @@ def swelling_of_particle(arm: Any, area_vector: Any, free: Any, rate: Any, gain:
 
 @wp.func
 def weight_of_end(breathing_damping: float):
-    """w of the pressures over a step, see `gas_load`: 1 backward Euler, 1/4 the trapezoidal rule."""
+    """Return the weight w of pressures over a step, see `gas_load`: 1 backward Euler, 1/4 the trapezoidal rule."""
     return 0.25 + 0.75 * breathing_damping
 
 
@@ -143,7 +143,10 @@ def volume_at(free_volume: float, pressure: float, gamma: float):
 
 @wp.func
 def free_volume_of(volume: float, pressure: float, gamma: float, warmth: float):
-    """Of a gas that has a volume at a pressure in full [m^3], where the air is warmer than at height 0 by a factor."""
+    """Return the free volume of a gas from its volume and absolute pressure [m^3].
+
+    `warmth` is the air's temperature over that at height 0.
+    """
     free_volume = volume * wp.pow(pressure / STANDARD_PRESSURE, 1.0 / gamma)
     return wp.where(gamma == 1.0, free_volume / warmth, free_volume)
 
@@ -164,7 +167,10 @@ def gas_energy(air_pressure: float, free_volume: float, volume: float, gamma: fl
 
 @wp.func
 def free_volume_there(free_volume: float, gamma: float, warmth: float):
-    """Of a gas that is as warm as the air around it, where that is warmer than at height 0 by a factor [m^3]."""
+    """Return the free volume of a gas at the temperature of the air around it [m^3].
+
+    `warmth` is the air's temperature over that at height 0.
+    """
     return wp.where(gamma == 1.0, free_volume * warmth, free_volume)
 
 

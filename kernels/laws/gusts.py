@@ -23,17 +23,17 @@ import warp as wp
 
 SHELLS = 16
 OCTAVES = 12.75
-"""of wavelengths, from 28 times the length of gusts to a 240th of it, and to a 300th within the last shell"""
+"""Octaves of wavelengths, from 28 times the gust length to a 240th of it, and to a 300th within the last shell"""
 LONGEST = 0.3
-"""k l of the first shell"""
+"""Dimensionless wave number k l of the first shell"""
 OVER_LENGTH = 1.339
-"""l over L, of von Karman's spectrum"""
+"""Ratio l / L of von Karman's spectrum"""
 SQUARED_WAVE = 0.50033
-"""mean of the square of `wave`"""
+"""Mean square of `wave`"""
 
 
 AT_ONCE = 8
-"""waves that a CPU adds up at once"""
+"""Number of waves that a CPU sums at once"""
 
 
 def _turned(draw: random.Random) -> list[tuple[float, float, float]]:
@@ -48,7 +48,7 @@ def _turned(draw: random.Random) -> list[tuple[float, float, float]]:
 
 
 def _waves() -> list[tuple[list[float], list[float]]]:
-    """k in turns for each L, and a: each component of their sum has a mean square of 1."""
+    """Return wave vectors k L and amplitudes a of all waves, with a mean square of 1 for each component of the sum."""
     draw = random.Random(1)
     step = OCTAVES / (SHELLS - 1)
     lengths = [LONGEST * 2.0 ** (step * shell) for shell in range(SHELLS)]

@@ -41,6 +41,6 @@ KINDS = (
         meaning="Spring constant k past one particle, against bending",
     ),
 )
-"""spring constants of the three kinds of springs (paper, figure 3), which the loops over springs look up"""
+"""Spring constants of the three kinds of springs (paper, figure 3), which the loops over springs look up"""
 
 HOOKE = Law("spring", hooke, energy=hooke_energy, stiffness=lambda stiffness: stiffness)

@@ -1,4 +1,4 @@
-"""What blows a balloon up pushes each of its particles along a vector: its *aim*, or its area vector.
+"""Inflation: a force on each particle along its *aim*, or along its area vector.
 
 - Normal forces, the paper's: F = 100 k_normal (A_p / A_total) n (paper, "Particle Simulation"). A_p is the area of the
   incident face whose center is nearest to the particle, n the particle's Gouraud normal: the mean of the unit normals
@@ -14,7 +14,7 @@ NORMAL_FORCE = wp.constant(0)
 PRESSURE = wp.constant(1)
 GAS = wp.constant(2)
 FAR = wp.constant(1.0e30)
-"""a squared distance [m^2] beyond all others"""
+"""Squared distance beyond all others [m^2]"""
 
 
 @wp.func

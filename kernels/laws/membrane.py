@@ -80,15 +80,16 @@ OGDEN_EXPONENTS = Parameter(
     meaning='Exponents alpha of the three terms of "ogden"',
 )
 OF_EVERY_MEMBRANE = (THICKNESS, WRINKLING, MOST_STRETCH, FILM_VISCOSITY)
-"""parameters that all laws have, and who goes around triangles asks for"""
+"""Parameters of all membrane laws, needed wherever triangles are looped over"""
 
 LEAST_ROOM = wp.constant(1.0e-3)
-"""of the limit is left at a Gent material's most stretch, or more: float32 resolves what is left to a ten-thousandth"""
+"""Least margin to the limit at a Gent material's largest stretch, over the limit; float32 resolves it to a
+ten-thousandth"""
 NEARLY_ALIKE = wp.constant(0.12)
-"""below it, times 6 and the square of an exponent's half, a series is taken for the quotient of an Ogden material: what
-is left out is 4e-7 of it, and the quotient loses some 8e-7 from there on"""
+"""Threshold of an Ogden material's series, over 6 and the square of half an exponent. Below it a series replaces the
+quotient: its truncation error is 4e-7, and the quotient loses some 8e-7 from there on"""
 NEVER_ZERO = wp.constant(1.0e-12)
-"""below all differences of squared stretches that count, so that it can be divided by"""
+"""Least divisor, below all differences of squared stretches that count"""
 OVER_6, OVER_20 = wp.constant(1.0 / 6.0), wp.constant(1.0 / 20.0)
 
 
@@ -224,7 +225,7 @@ MEMBRANES: Mapping[str, Law] = {
         Law("membrane", gent, (SHEAR_MODULUS, GENT_LIMIT, MOST_STRETCH), energy=gent_energy),
     )
 }
-"""by the names that scenes have for them; each balloon has one of them, or springs"""
+"""Membrane laws by their names in scenes; each balloon has one of them, or springs"""
 PARAMETERS: tuple[Parameter, ...] = tuple(
     dict.fromkeys((*OF_EVERY_MEMBRANE, *(row for law in MEMBRANES.values() for row in law.parameters)))
 )

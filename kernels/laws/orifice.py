@@ -21,9 +21,9 @@ from balloon_warp.kernels.laws.gas import STANDARD_PRESSURE, THINNEST, throttled
 from balloon_warp.kernels.laws.law import FAR, Parameter
 
 LEAST_FLOW = 1.0e-30
-"""what is divided by where nothing flows"""
+"""Least divisor where nothing flows"""
 NEVER = 1.0e9
-"""[s]"""
+"""Time that is never reached [s]"""
 SHARP_EDGE = wp.constant(math.pi / (math.pi + 2.0))
 """C_d of a hole with one"""
 PARAMETERS = (

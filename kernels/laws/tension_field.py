@@ -1,15 +1,15 @@
-"""What a membrane's law becomes where it wrinkles, see `laws.membrane`, and the damping of its material.
+"""Tension field of wrinkling membranes, see `laws.membrane`, and the viscosity of their material.
 
-What is measured of a triangle are the products of its edges, the metric M; at rest its inverse is G. Stresses are those
-of Piola and Kirchhoff (the second), along the edges: none needs a frame of the triangle's own.
+The metric M of a triangle holds the dot products of its edges; at rest its inverse is G. Stresses are second
+Piola-Kirchhoff stresses along the edges: none needs a local frame of the triangle.
 """
 
 import warp as wp
 
 NEVER_ZERO = wp.constant(1.0e-12)
-"""below all squared stretches that count, so that it can be divided by"""
+"""Least divisor, below all squared stretches that count"""
 LEAST_DET = wp.constant(0.01)
-"""of what does not wrinkle: squeezed further, a triangle resists as there"""
+"""Least determinant where nothing wrinkles: a triangle squeezed further resists as there"""
 
 
 @wp.func
@@ -42,13 +42,13 @@ def invariants_of(mixed: wp.vec4):
 
 @wp.func
 def squared_size(rest: wp.vec4):
-    """det G [1/m^4]."""
+    """Return det G [1/m^4]."""
     return rest[0] * rest[2] - rest[1] * rest[1]
 
 
 @wp.func
 def trace_and_det(metric: wp.vec3, rest: wp.vec4):
-    """Of G M, where its eigenvalues are not asked for: sooner."""
+    """Return trace and determinant of G M, without its eigenvalues, which take longer."""
     trace = rest[0] * metric[0] + 2.0 * rest[1] * metric[1] + rest[2] * metric[2]
     return trace, squared_size(rest) * (metric[0] * metric[2] - metric[1] * metric[1])
 
@@ -77,11 +77,11 @@ def products_at_angles(metric: wp.vec3):
 
 @wp.func
 def trace_and_det_of_shape(metric: wp.vec3, products: wp.vec3, shape: wp.vec4):
-    """Of G M.
+    """Return trace and determinant of G M from products of edges.
 
     Args:
-        products: see `products_at_angles`.
-        shape: see `rest_of_shape`.
+        products: Products, see `products_at_angles`.
+        shape: Shape, see `rest_of_shape`.
     """
     third = products[0] + products[1]  # the square of the third edge
     trace = shape[3] * (shape[0] * metric[0] + shape[1] * metric[2] + shape[2] * third)
@@ -90,7 +90,7 @@ def trace_and_det_of_shape(metric: wp.vec3, products: wp.vec3, shape: wp.vec4):
 
 @wp.func
 def is_taut(det: float, stretch: float, wrinkling: float):
-    """Whether there are tensions both ways, or what does not wrinkle: b >= 1 / sqrt(a) is a b >= sqrt(a).
+    """Return whether there is tension both ways, b >= 1 / sqrt(a), that is a b >= sqrt(a), or no wrinkling.
 
     Args:
         stretch: sqrt(a), at least 1.
@@ -100,7 +100,7 @@ def is_taut(det: float, stretch: float, wrinkling: float):
 
 @wp.func
 def tautness(trace: float, det: float):
-    """If it is positive, there are tensions both ways, told without a root: (a b)^2 is more than a + b."""
+    """Return a number that is positive where there is tension both ways: (a b)^2 > a + b, which needs no root."""
     return det * det - trace
 
 
@@ -132,7 +132,7 @@ def relaxed(by_trace: float, by_det: float, major: float, spread: float, across:
 
 @wp.func
 def compliance_of(rest: wp.vec4, metric: wp.vec3):
-    """det G times the adjugate of M: det C times the inverse of M, components 11, 12 and 22."""
+    """Return det G times the adjugate of M, which is det C times the inverse of M: components 11, 12 and 22."""
     return squared_size(rest) * wp.vec3(metric[2], -metric[1], metric[0])
 
 

@@ -26,7 +26,7 @@ import warp as wp
 from balloon_warp.kernels.laws.law import Parameter
 
 FROM_THE_MESH = -1.0
-"""a thickness or stiffness that the scene does not say"""
+"""Marker: thickness or stiffness that follows from the mesh"""
 TOUCH = (
     Parameter(
         "touch_friction",
@@ -57,19 +57,19 @@ TOUCH = (
     ),
 )
 DAMPING_RATIO = wp.constant(0.2)
-"""z, of what is critical: a particle that meets a wall leaves it with about half of its speed"""
+"""Damping ratio z, relative to critical damping: a particle that meets a wall leaves it with about half of its speed"""
 LEAST = wp.constant(1.0e-30)
-"""of what is divided by"""
+"""Least divisor"""
 NEAR = wp.constant(1.0e-3)
-"""to a triangle's edge, over its size"""
+"""Distance to a triangle's edge that counts as on the edge, over the triangle's size"""
 STEEPEST = wp.constant(0.3)
-"""cosine between n and a triangle's normal below which, beside an edge, there is no friction: its arm would need forces
-out of all proportion"""
+"""Cosine between n and a triangle's normal below which there is no friction beside an edge, since its arm would need
+excessively large forces"""
 
 
 @wp.func
 def quotient(part: float, whole: float):
-    """part / whole; 0 where the whole is no more than nothing, as on an edge without length."""
+    """Return part / whole, or 0 where the whole is zero or less, as on an edge without length."""
     return wp.where(whole > LEAST, part / wp.max(whole, LEAST), 0.0)
 
 
@@ -129,17 +129,17 @@ def facing(arm: wp.vec3, weights: wp.vec3, area_vector: wp.vec3):
 
 @wp.func
 def share_of_contact(crowd: float):
-    """How much of its stiffness and of its damping a contact keeps where more meet than the step allows for.
+    """Return the factor on a contact's stiffness and damping where more meet than the step allows for.
 
     Args:
-        crowd: the contacts of the busiest of its particles, over those that are allowed for.
+        crowd: Number of contacts of its busiest particle, over the number that the step allows for.
     """
     return 1.0 / wp.max(crowd, 1.0)
 
 
 @wp.func
 def touch_damping(stiffness: float, mass: float):
-    """c [N s/m] of a contact, of the reduced mass [kg]."""
+    """Return the damping c [N s/m] of a contact with a reduced mass [kg]."""
     return 2.0 * DAMPING_RATIO * wp.sqrt(stiffness * mass)
 
 

@@ -73,14 +73,14 @@ def wet_shares(depths: wp.vec3):
 
 @wp.struct
 class TriangleLoad:
-    """What the corners of a triangle take of its wetted part."""
+    """Loads of a triangle's wetted part on its corners."""
 
     area_vector: wp.vec3
-    """of the whole triangle [m^2]"""
+    """Area vector of the whole triangle [m^2]"""
     moments: wp.vec3
-    """by corner, times the area vector: the integral of depth [m]"""
+    """Integral of depth by corner; times the area vector [m]"""
     areas: wp.vec3
-    """by corner: the wetted area [m^2]"""
+    """Wetted area by corner [m^2]"""
 
 
 @wp.func
@@ -129,7 +129,7 @@ def water(
 
 
 NO_WATER = -1.0e30
-"""level [m] of a liquid that is not there"""
+"""Marker: level of a scene without liquid [m]"""
 WATER_LEVEL = Parameter(
     "water_level", "m", of="world", path="water.level", meaning="Height of the surface", absent=NO_WATER
 )

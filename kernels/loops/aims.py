@@ -23,7 +23,7 @@ def aim_loop(at: Any) -> Any:
     def aim_of_particle(
         faces: FaceTable, centers: Any, area_vectors: Any, particle: wp.int32, point: wp.vec3, total_area: float
     ):
-        """(A_p / A_total) n"""
+        """Return the aim (A_p / A_total) n of a particle."""
         normal = wp.vec3()
         nearest = wp.vec2(FAR, 0.0)
         for incidence in range(faces.particle_offsets[particle], faces.particle_offsets[particle + 1]):
@@ -75,8 +75,11 @@ def aim_loop_of_eight(at: Any) -> Any:
 
 @wp.func
 def see_quad(normal: wp.vec3, nearest: wp.vec2, before: wp.vec3, across: wp.vec3, along: wp.vec3):
-    """The sum of the unit normals around a particle, and its nearest face, with one more quad, from the vectors to its
-    other corners. Distances are four times as long, and areas twice as large as they are."""
+    """Add a quad to the sum of unit normals around a particle, and update its nearest face.
+
+    The arguments are the vectors to the quad's other corners. Distances are four times as long, and areas twice as
+    large as they are.
+    """
     area_vector = cross_product(across, before - along)
     return normal + wp.normalize(area_vector), nearer_area(nearest, wp.vec3(), before + across + along, area_vector)
 

@@ -34,8 +34,10 @@ def air_function(traits: Traits) -> Any:
 
 @cache
 def warmth_function(traits: Traits) -> Any:
-    """The function that makes free volumes of a balloon's gas what they are in the air there, see
-    `laws.gas.free_volume_there`."""
+    """Return the function that corrects free volumes of gas by the air's temperature at the balloon.
+
+    See `laws.gas.free_volume_there`.
+    """
     temperature_column = traits.columns.places["air_temperature"] - traits.columns.balloon_width
     gamma_column = traits.columns.places["gamma"]
 

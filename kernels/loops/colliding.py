@@ -20,9 +20,9 @@ from balloon_warp.kernels.tables import (
 from balloon_warp.kernels.traits import Traits
 
 MOST_SWEEPS = wp.constant(24)
-"""over all pairs, in a step: a stack of two takes one or two, as a rule"""
+"""Largest number of sweeps over all pairs in a step; a stack of two usually needs one or two"""
 SETTLED = wp.constant(1.0e-6)
-"""of a radius: what moves by less is at rest"""
+"""Displacement below which a sphere counts as at rest, over its radius"""
 
 
 @wp.struct
@@ -45,7 +45,7 @@ def paths_of(starts: wp.array2d[wp.vec3], positions: wp.array2d[wp.vec3], veloci
 
 @wp.func
 def path_in_arrays(t: Tables, paths: Paths, world: wp.int32, sphere: wp.int32):
-    """Where a sphere was before the step, where it is after it, and its velocity."""
+    """Return a sphere's position before the step, its position after it, and its velocity."""
     return paths.starts[world, sphere], paths.positions[world, sphere], paths.velocities[world, sphere]
 
 
@@ -170,7 +170,7 @@ def may_meet_function(path_at: Any) -> Any:
 
     @wp.func
     def may_meet(t: Tables, spheres: Any, world: wp.int32, first: wp.int32, second: wp.int32):
-        """Whether two are so near that they may meet in the step."""
+        """Return whether two spheres are so near that they may collide in the step."""
         start, end, _velocity = path_at(t, spheres, world, first)
         other_start, other_end, _other_velocity = path_at(t, spheres, world, second)
         reach = sphere_radius(t.spheres, world, first) + sphere_radius(t.spheres, world, second)
@@ -247,7 +247,7 @@ def colliding_function(traits: Traits, path_at: Any, put_sphere: Any) -> Any:
 
     @wp.func
     def collide(t: Tables, spheres: Any, spins: wp.array2d[wp.vec3], world: wp.int32, time: float):
-        """At the end of a step [s]. A sphere without size is not there."""
+        """Resolve collisions of spheres at the end of a step [s]; a sphere of zero radius is absent."""
         count = t.spheres.radius.shape[1]
         moving = bool(True)
         sweep = wp.int32(0)

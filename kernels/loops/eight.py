@@ -23,13 +23,13 @@ from balloon_warp.kernels.traits import Traits
 
 @wp.func
 def is_self(end: wp.int32, own: wp.int32, lane: wp.int32):
-    """Whether a spring leads from a particle to itself."""
+    """Return whether a spring leads from a particle to itself."""
     return end == own
 
 
 @wp.func
 def is_self(end: Any, own: wp.int32, lane: wp.int32):  # noqa: F811 - an overload
-    """Whether a spring leads from a particle of an octet to itself."""
+    """Return whether a spring leads from a particle of an octet to itself."""
     return end[lane] == LANE_COUNT * own + lane
 
 
@@ -86,7 +86,7 @@ def area_loop_of_eight(traits: Traits, at: Any) -> Any:
 
     @wp.func
     def area_vector(t: Any, points: Any, own: Any, springs: Any, point: Lanes3):
-        """[m^2]"""
+        """Return the area vectors of eight particles [m^2]."""
         if wp.static(not traits.quads):
             return area_vector_in_faces(t.fans, points, own.number, point)
         else:
@@ -153,7 +153,7 @@ def loops_of_eight(traits: Traits, at: Any, take: Any, view_of: Any, own_of_one:
 
     @wp.func
     def pulls_on_one(t: Any, points: Any, velocities: Any, one: Any, point: wp.vec3, velocity: wp.vec3, time: float):
-        """Of strings and faces [N]."""
+        """Return the forces of strings and faces on one of eight particles [N]."""
         pull = wp.vec3()
         if wp.static(sum_strings is not None):
             pull += sum_strings(t.all.strings, one.world, one.number, point, velocity, one.n, t.step_seconds, time)
@@ -163,7 +163,7 @@ def loops_of_eight(traits: Traits, at: Any, take: Any, view_of: Any, own_of_one:
 
     @wp.func
     def pulls_one_by_one(t: Any, points: Any, velocities: Any, own: Any, point: Lanes3, velocity: Lanes3, time: float):
-        """Of strings and faces [N]."""
+        """Return the forces of strings and faces on eight particles, one by one [N]."""
         pulls = Lanes3()
         for lane in range(t.lane_count):
             pull = pulls_on_one(

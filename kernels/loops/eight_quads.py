@@ -20,8 +20,11 @@ from balloon_warp.kernels.traits import Traits
 
 @wp.func
 def products_of(ab: Any, bc: Any, cd: Any, da: Any):
-    """Of the edges at each corner, the first's with itself and with the one before: a row a corner. A local array would
-    have its address and strides written for every quad."""
+    """Return the dot products of edges at each corner, a row a corner.
+
+    Of the first edge with itself and with the one before. A local array would have its address and strides written for
+    every quad.
+    """
     squares = Lanes4()
     mixed = Lanes4()
     squares[0] = dot_product(ab, ab)
@@ -37,7 +40,7 @@ def products_of(ab: Any, bc: Any, cd: Any, da: Any):
 
 @wp.func
 def rates_of(ab: Any, bc: Any, cd: Any, da: Any, a: Any, b: Any, c: Any, d: Any):
-    """How these change; a to d is how the corners move."""
+    """Return the rates of change of `products_of`, where a to d are the velocities of the corners."""
     squares = Lanes4()
     mixed = Lanes4()
     squares[0] = 2.0 * dot_product(ab, b - a)
@@ -63,7 +66,7 @@ def tensions_function(traits: Traits, surely_taut: bool) -> Any:
 
     @wp.func
     def tensions(t: Any, own: Any, d11: Lanes4, d12: Lanes4, r11: Lanes4, r12: Lanes4):
-        """From the products of the quad's edges, and how they change."""
+        """Return the tensions of a quad from the dot products of its edges and their rates."""
         material = material_of(t.all.membranes, own.balloon)
         along, mixed, back = Lanes4(), Lanes4(), Lanes4()
         for corner in range(t.quad_triangles[own.number]):
@@ -95,7 +98,7 @@ def tensions_function(traits: Traits, surely_taut: bool) -> Any:
 
 @wp.func
 def are_surely_taut(t: Any, own: Any, d11: Lanes4, d12: Lanes4):
-    """Whether all triangles of a quad are, in all lanes."""
+    """Return whether all triangles of a quad are surely taut, in all lanes."""
     surely = bool(True)
     for corner in range(t.quad_triangles[own.number]):
         e11 = d11[corner]
@@ -121,7 +124,7 @@ def wearing_function(traits: Traits, world_of: Any) -> Any:
 
     @wp.func
     def worn(t: Any, own: Any, d11: Lanes4, d12: Lanes4, along: Lanes4, mixed: Lanes4, back: Lanes4):
-        """By the products of the quad's edges."""
+        """Return the worn tensions of a quad from the dot products of its edges."""
         material = material_of(t.all.membranes, own.balloon)
         for corner in range(t.quad_triangles[own.number]):
             e11 = d11[corner]

@@ -1,4 +1,4 @@
-"""Which balloons have gas of their own, and how much of it may leave."""
+"""Gas of balloons: which have their own, and how much of it may leave."""
 
 from functools import cache
 from typing import Any

@@ -19,7 +19,7 @@ def face_push(traits: Traits, at: Any, velocity_at: Any) -> Any:
 
     @wp.func
     def push_at_corner(t: Tables, points: Any, velocities: Any, world: wp.int32, face: wp.int32, n: Any, time: float):
-        """Of the force on a face, the share of one of its corners [N]; none where it is torn."""
+        """Return one corner's share of the force on a face [N]; zero where it is torn."""
         if wp.static(traits.bursts):
             if t.membranes.wear.tears.gone[world, face] == wp.int8(1):
                 return wp.vec3()

@@ -1,4 +1,4 @@
-"""Where obstacles are that go where they are told, and how they move."""
+"""Poses and velocities of obstacles that move as the scene says."""
 
 from functools import cache
 from typing import Any
@@ -11,7 +11,7 @@ from balloon_warp.kernels.traits import Traits
 
 @wp.struct
 class Pose:
-    """Where an obstacle is, and how it moves."""
+    """Pose and velocities of an obstacle."""
 
     center: wp.vec3
     turn: wp.quat
@@ -33,7 +33,7 @@ def center_function(traits: Traits) -> Any:
 
     @wp.func
     def center_at(t: Tables, world: wp.int32, fixture: wp.int32, time: float):
-        """[m]; between two frames it goes along a line."""
+        """Return the position of an obstacle [m], linear between two frames."""
         shift = wp.transform_get_translation(t.fixtures.motion[0, fixture])
         if wp.static(traits.fixtures_move):
             frame, part = frame_at(t, time)
@@ -52,7 +52,7 @@ def pose_function(traits: Traits) -> Any:
 
     @wp.func
     def pose_at(t: Tables, world: wp.int32, fixture: wp.int32, time: float):
-        """Between two frames it goes along a line, and turns about an axis."""
+        """Return the pose of an obstacle: between two frames it moves along a line, and turns about an axis."""
         pose = Pose()
         pose.center = center_at(t, world, fixture, time)
         if wp.static(traits.fixtures_move):

@@ -29,7 +29,7 @@ class Around:
 
 @wp.struct
 class Meeting:
-    """What comes of a particle's way beside an obstacle."""
+    """Contact of a particle's path with an obstacle."""
 
     let: wp.vec3  # where it lets the particle go
     normal: wp.vec3  # there, zero if it is not in the way
@@ -47,7 +47,7 @@ def meeting_function(traits: Traits) -> Any:
 
     @wp.func
     def meet(t: Tables, world: wp.int32, fixture: wp.int32, time: float, start: wp.vec3, end: wp.vec3, radius: float):
-        """In a step that ends at a time."""
+        """Return the contact with an obstacle in a step that ends at a time."""
         met = Meeting()
         met.let = end
         arm = end - center_at(t, world, fixture, time)
@@ -88,8 +88,10 @@ def free_ball_function(traits: Traits) -> Any:
 
     @wp.func
     def free_ball(t: Tables, world: wp.int32, time: float, center: wp.vec3, radius: float):
-        """No less than that [m], negative where one is in the way already; it is looked for as far as the ball is
-        wide."""
+        """Return a lower bound of the clearance of a ball from obstacles [m].
+
+        Negative where an obstacle is in the way already; the search extends as far as the ball is wide.
+        """
         free = float(FAR_AWAY)
         for fixture in range(t.fixtures.solids.shape[0]):
             pose = pose_at(t, world, fixture, time)
@@ -120,11 +122,12 @@ def fixture_functions(traits: Traits) -> tuple[Any, Any]:
 
     @wp.func
     def leave_fixtures(t: Tables, around: Around, start: wp.vec3, point: wp.vec3, velocity: wp.vec3):
-        """A particle's point and velocity outside of all of them, at the end of a step; then whether one has moved it,
-        and whether more than that one may be in its way.
+        """Return a particle's point and velocity outside of all obstacles, at the end of a step.
+
+        Also whether one has moved it, and whether more than that one may be in its way.
 
         Args:
-            start: where it was before the step.
+            start: Position before the step.
         """
         moved = bool(False)
         crowded = bool(False)
@@ -151,7 +154,10 @@ def fixture_functions(traits: Traits) -> tuple[Any, Any]:
     def out_of_fixtures(
         t: Tables, around: Around, start: wp.vec3, end: wp.vec3, velocity: wp.vec3, last_normal: wp.vec3
     ):
-        """Where they let a particle go, and the normal of the last one in the way; `last_normal` if none is."""
+        """Return a position outside of all obstacles, and the normal of the last in the way.
+
+        The normal is `last_normal` if none is in the way.
+        """
         outside = end
         outward = last_normal
         look = begin_look(t, around.world, around.particle, around.time, start, end)

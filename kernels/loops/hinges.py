@@ -17,7 +17,7 @@ def wing_size(hinges: HingeTable, hinge: wp.int32, wing: wp.int32):
 
 
 Places = wp.types.matrix(shape=(4, 3), dtype=wp.float32)
-"""a vector for each of a hinge's four places, in the order of their roles, one a row"""
+"""Vector for each of a hinge's four roles, a row each"""
 
 
 @cache
@@ -26,7 +26,7 @@ def place_function(at: Any) -> Any:
 
     @wp.func
     def wing_of_hinge(hinges: HingeTable, points: Any, hinge: wp.int32, wing: wp.int32):
-        """Where a wing is: the mean of its corners."""
+        """Return the position of a wing: the mean of its corners."""
         total = wp.vec3()
         for corner in range(hinges.wing_offsets[2 * hinge + wing], hinges.wing_offsets[2 * hinge + wing + 1]):
             total += at(points, hinges.wing_particles[corner])
@@ -34,7 +34,7 @@ def place_function(at: Any) -> Any:
 
     @wp.func
     def places_of_hinge(hinges: HingeTable, points: Any, hinge: wp.int32):
-        """Its ends and its wings [m]."""
+        """Return the positions of a hinge's ends and wings [m]."""
         ends = hinges.ends[hinge]
         return (
             at(points, ends[0]),
@@ -73,7 +73,7 @@ def hinge_forces(traits: Traits, at: Any) -> Any:
 
     @wp.func
     def forces_of_hinge(hinges: HingeTable, points: Any, hinge: wp.int32, n: Any):
-        """On a particle of each role [N], one a row."""
+        """Return the force on a particle of each role, a row each [N]."""
         a, b, first, second = places_of_hinge(hinges, points, hinge)
         bend = angle_beyond(a, b, first, second, hinges.rest_angles[hinge])
         forces = Places()

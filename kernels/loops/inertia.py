@@ -1,4 +1,4 @@
-"""What a particle moves, gas and all."""
+"""Inertia of a particle, with that of gas and added mass."""
 
 from functools import cache
 from typing import Any

@@ -1,4 +1,4 @@
-"""What pushes a balloon whose neck is open, or that is torn: the thrust of its jets, on the particles there."""
+"""Thrust of the jets of a balloon that is open or torn, on the particles at the opening."""
 
 from functools import cache
 from typing import Any

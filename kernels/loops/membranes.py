@@ -110,8 +110,10 @@ def tension_function(traits: Traits) -> Any:
 
 @cache
 def taut_tension_function(traits: Traits) -> Any:
-    """The function that gives them of a triangle that is surely taut, sooner; see `how_surely_taut`. It has no damping
-    of its own."""
+    """Return a faster function for the tensions of a triangle that is surely taut, without damping.
+
+    See `how_surely_taut`.
+    """
     slopes_of_law = choice_of_laws(traits.membranes, traits.columns)
     thickness = traits.columns.places["thickness"]
 

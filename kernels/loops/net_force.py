@@ -20,7 +20,7 @@ from balloon_warp.kernels.traits import Traits
 
 
 class Loops(NamedTuple):
-    """What a particle goes through. The functions take the particle's `own`, one or eight at a time."""
+    """Loops over the forces on a particle; they take the particle's `own`, one or eight at a time."""
 
     around: Any
     """(t, points, velocities, own, springs, point, velocity, time) to the net force of its springs, and where they are
@@ -31,7 +31,8 @@ class Loops(NamedTuple):
     water_load: Any
     """(t, points, own)"""
     particle_laws: Any
-    """the force so far, what laws on a particle are told, and the row of its numbers, to the force with theirs"""
+    """Function from the force so far, the inputs of laws on a particle, and the row of its numbers, to the sum with
+    these laws"""
 
 
 @cache
@@ -130,7 +131,7 @@ def scalar_loops(
 
     @wp.func
     def area_vector_of_own(t: Tables, points: Any, own: Any, springs: Any, point: wp.vec3):
-        """[m^2]"""
+        """Return the area vector of a particle [m^2]."""
         return area_vector_of_particle(t.fans, points, own.number, point)
 
     @wp.func

@@ -1,4 +1,4 @@
-"""What a particle bumps into: spheres, wherever they are kept, the ground, and what goes where it is told."""
+"""Solids that a particle may touch: spheres, wherever they are kept, the ground, and obstacles."""
 
 from functools import cache
 from typing import Any
@@ -46,7 +46,7 @@ def around_function(traits: Traits) -> Any:
 
     @wp.func
     def around_own(own: Any, time: float):
-        """At the end of a step [s]."""
+        """Return the surroundings of a particle at the end of a step [s]."""
         around = Around()
         around.world = own.world
         around.particle = own.number
@@ -71,8 +71,11 @@ def standing_function(traits: Traits) -> Any:
         point: wp.vec3,
         velocity: wp.vec3,
     ):
-        """Its point and velocity outside; most are above the ground and go on at once. Where one may have moved it
-        into another, all have another turn. If they do not agree, it stays where it was, outside of what rests."""
+        """Return a particle's point and velocity outside of all obstacles.
+
+        Most particles are above the ground and return at once. Where one obstacle may have pushed it into another, all
+        take another turn. If they do not agree, the particle stays at its previous place, outside of what rests.
+        """
         start = point - t.step_seconds * velocity
         turns = wp.int32(0)
         while turns < MOST_TURNS:
@@ -127,7 +130,10 @@ def obstacle_loop(traits: Traits, sphere_at: Any, add_force: Any) -> Any:
         velocity: wp.vec3,
         inflation: wp.vec3,
     ):
-        """Its point and velocity outside at the end of a step; each sphere gets its force."""
+        """Return a particle's point and velocity outside of all solids at the end of a step.
+
+        Each sphere gets its force.
+        """
         if wp.static(traits.penalties):
             for sphere in range(spheres_there):
                 center, motion, radius = sphere_at(t, spheres, around.world, sphere)
@@ -159,8 +165,10 @@ def detour_function(traits: Traits, sphere_at: Any) -> Any:
 
     @wp.func
     def detour_beside_obstacles(t: Tables, spheres: Any, around: Around, point: wp.vec3, velocity: wp.vec3):
-        """By how much they change the velocity of a particle in a step, and the normal of the last one that it meets;
-        zero if none."""
+        """Return the velocity change of a particle by obstacles in a step, and the normal of the last that it meets.
+
+        Zero if it meets none.
+        """
         end = point + t.step_seconds * velocity
         outside = end
         normal = wp.vec3()

@@ -27,7 +27,7 @@ def ring_loop(traits: Traits, at: Any, aims: bool = False) -> Any:
 
     @wp.func
     def scales_of(t: Tables, entry: wp.int32):
-        """Of two springs."""
+        """Return the factors on the constants of two springs."""
         if wp.static(traits.springs_vary):
             return pair_at(t.rings.scales, entry)
         else:

@@ -1,4 +1,4 @@
-"""How a sphere moves in a step, wherever it is kept, before it meets particles."""
+"""Motion of a sphere in a step, wherever its state is kept, before it meets particles."""
 
 from functools import cache
 from typing import Any
@@ -16,7 +16,7 @@ from balloon_warp.kernels.traits import Traits
 
 @wp.struct
 class Course:
-    """Where a sphere is, and how it moves."""
+    """Position and velocities of a sphere."""
 
     position: wp.vec3
     velocity: wp.vec3
@@ -48,13 +48,13 @@ def rubbing_function(traits: Traits) -> Any:
         friction: float,
         seconds: float,
     ):
-        """Its course, once that has stopped it.
+        """Return a sphere's course after friction at a contact that has stopped it.
 
         Args:
-            moving: how fast the other moves there [m/s].
-            stopped: by how much it has changed the sphere's velocity along the normal [m/s].
-            friction: of the other.
-            seconds: of the step, from when they touch.
+            moving: Velocity of the other surface there [m/s].
+            stopped: Change of the sphere's velocity along the normal [m/s].
+            friction: Friction coefficient of the other thing.
+            seconds: Remaining time of the step from the contact [s].
         """
         if wp.static(traits.spheres_rub):
             if stopped > 0.0:
@@ -78,7 +78,7 @@ def ground_rubbing_function(traits: Traits) -> Any:
 
     @wp.func
     def rub_on_ground(t: Tables, world: wp.int32, sphere: wp.int32, course: Course, stopped: float):
-        """As `rub`."""
+        """Return a sphere's course after friction on the ground, as in `rub`."""
         row = row_of_world(world, t.world_numbers.shape[0])
         return rub(t, world, sphere, course, wp.vec3(), t.up, stopped, t.world_numbers[row, friction], t.step_seconds)
 
@@ -137,12 +137,12 @@ def rolling_function(traits: Traits) -> Any:
     def roll(
         t: Tables, world: wp.int32, sphere: wp.int32, time: float, course: Course, pushed: wp.vec3, around: wp.vec3
     ):
-        """Its course after a step.
+        """Return a sphere's course after a step.
 
         Args:
-            time: at the end of the step [s].
-            pushed: its acceleration by particles, where that is the paper's [m/s^2].
-            around: gravity, the ground's height and its restitution.
+            time: Time at the end of the step [s].
+            pushed: Acceleration by particles, by the paper's rule [m/s^2].
+            around: Gravity, the ground's height and its restitution.
         """
         radius = sphere_radius(t.spheres, world, sphere)
         start = course.position

@@ -23,23 +23,25 @@ class SlotTable:
     """The springs of each particle in a fixed number of slots for each kind, filled up with springs that do nothing."""
 
     neighbors: wp.array2d[wp.int32]
-    """the particle at the other end, shape (slot_count, particle_count)"""
+    """Particle at the other end, shape (slot_count, particle_count)"""
     scales: wp.array2d[float]
-    """a spring's constant over that of its kind, 0 where there is none, shape (slot_count, particle_count)"""
+    """Spring constants over those of their kinds, 0 where there is no spring, shape (slot_count, particle_count)"""
     rest_lengths: wp.array2d[float]
-    """[m], shape (slot_count, particle_count)"""
+    """Rest lengths [m], shape (slot_count, particle_count)"""
     valences: wp.array[wp.int32]
-    """structural springs of each particle, shape (particle_count,)"""
+    """Number of structural springs of each particle, shape (particle_count,)"""
 
 
 Slots = tuple[int, int, int]
-"""the most springs of each kind at a particle"""
+"""Largest number of springs of each kind at a particle"""
 
 
 @cache
 def springs_reader(traits: Traits, kind_slots: Slots) -> tuple[Any, Any]:
-    """Return the type of what a particle keeps of its springs, and the function that reads it: where there is no
-    particle, all springs lead to its place."""
+    """Return the type that holds a particle's springs, and the function that reads it.
+
+    Where a thread has no particle, all springs lead to its place.
+    """
     shear_begin, flexion_begin = kind_slots[0], kind_slots[0] + kind_slots[1]
     slots, lengths_matter = sum(kind_slots), traits.needs("spring", "rest_length")
     Indices = wp.types.vector(length=max(slots, 1), dtype=wp.int32)  # noqa: N806 - a type

@@ -26,7 +26,10 @@ def pair_pull(traits: Traits) -> Any:
 
     @wp.func
     def pull_of_pair(t: Tables, world: wp.int32, spring: wp.int32, points: Any, velocities: Any, time: float):
-        """From its first end to its second [m], and what that is to be multiplied with for the first's force [N/m]."""
+        """Return the vector from a spring's first end to its second [m], and its tension over length [N/m].
+
+        Their product is the force on the first end.
+        """
         p = t.pairs.particles[spring][0]
         q = t.pairs.particles[spring][1]
         n = read_numbers(t, world, t.particles.balloon[p])
@@ -59,7 +62,10 @@ def spring_pull(traits: Traits) -> Any:
         velocity: wp.vec3,
         time: float,
     ):
-        """[N]; `d` leads to the other end [m]. What fills up leads to the particle itself, and does nothing."""
+        """Return the force of a spring [N]; `d` leads to the other end [m].
+
+        Padding leads to the particle itself, and has no force.
+        """
         opening = float(0.0)
         if wp.static(moving):
             opening = wp.dot(vector_at(velocities, end) - velocity, d)

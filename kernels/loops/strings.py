@@ -47,7 +47,7 @@ def held_string_pull(traits: Traits) -> Any:
 
     @wp.func
     def pull_of_held_string(t: Tables, world: wp.int32, held: wp.int32, points: Any, velocities: Any, time: float):
-        """[N]"""
+        """Return the force of a string on the particle that it holds [N]."""
         p = t.strings.particles[held]
         n = read_numbers(t, world, t.particles.balloon[p])
         string = t.strings.order[held]

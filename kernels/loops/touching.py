@@ -1,5 +1,4 @@
-"""Spheres and particles that exchange momentum, wherever both are kept: what one particle has to do with a sphere, and
-what the sphere makes of all of them. See `laws.impulse`.
+"""Exchange of momentum between spheres and particles, wherever both are kept, see `laws.impulse`.
 
 A schedule sums `press_on_ball` over the particles until the sphere's change of velocity is settled, then has each
 particle answer.
@@ -80,7 +79,7 @@ def ball_function(traits: Traits, sphere_at: Any) -> Any:
 def is_near_sphere(
     t: Tables, center: wp.vec3, sphere_velocity: wp.vec3, radius: float, point: wp.vec3, velocity: wp.vec3
 ):
-    """Whether a particle may have met a sphere in this step."""
+    """Return whether a particle may have touched a sphere in this step."""
     way = t.step_seconds * (velocity - sphere_velocity)
     return comes_near(point - center - way, way, radius)
 
@@ -95,7 +94,10 @@ def press_on_ball(t: Tables, ball: Ball, change: wp.vec3, mass: float, point: wp
 
 @wp.func
 def change_of_ball(t: Tables, ball: Ball, press: Press, last: wp.vec3):
-    """How the sphere's velocity changes [m/s], of what pressed when it changed as the last time."""
+    """Return the change of a sphere's velocity [m/s].
+
+    The pressing particles are those of the last estimate of the change.
+    """
     return change_of_body(press, ball.mass, t.up, ball.sinking, last)
 
 
@@ -163,12 +165,13 @@ def rubbed_point(t: Tables, rub: wp.spatial_vector, mass: float, point: wp.vec3,
 def rubbed_ball(
     t: Tables, ball: Ball, press: Press, change: wp.vec3, center: wp.vec3, velocity: wp.vec3, rub: wp.spatial_vector
 ):
-    """The center, velocity and spin of a sphere after its answer, once particles have rubbed on it, and the ground, to
-    which they press it.
+    """Return the center, velocity and spin of a sphere after its response, with friction on particles and the ground.
+
+    Particles press it to the ground.
 
     Args:
-        press: as in `rub_on_ball`, as is the next.
-        rub: on all particles.
+        press: As in `rub_on_ball`, as is the next.
+        rub: Friction on all particles.
     """
     gain = -wp.spatial_top(rub) / ball.mass
     spin = ball.spin - spin_by(ball.mass, ball.radius, wp.spatial_bottom(rub))
@@ -182,7 +185,7 @@ def rubbed_ball(
 
 @wp.func
 def shift_of_ball(t: Tables, ball: Ball, press: Press):
-    """How far the sphere is moved out of overlaps [m]."""
+    """Return the displacement of a sphere out of overlaps [m]."""
     return shift_of_body(press, ball.mass, t.up)
 
 

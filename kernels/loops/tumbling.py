@@ -1,5 +1,8 @@
-"""How free rigid bodies move in a step before they meet particles: under gravity, beside the ground, obstacles, each
-other, and then spheres. One thread takes all of a world, in the same order every time."""
+"""Motion of free rigid bodies in a step before they meet particles.
+
+Under gravity, beside the ground, obstacles, each other, and then spheres. One thread takes all of a world, in the same
+order every time.
+"""
 
 from functools import cache
 from typing import Any
@@ -36,7 +39,7 @@ from balloon_warp.kernels.traits import Traits
 
 @wp.func
 def begin(t: Tables, state: WorldState, working: Any, world: wp.int32, body: wp.int32):
-    """What a body is in the step before it moves, and that it is not to be moved out of anything yet."""
+    """Store a body's state before the step, and clear its displacement out of overlaps."""
     mass = body_mass(t, world, body)
     ease = inertia_in_world(state.body_turns[world, body], t.bodies.eases[body])
     working.body_masses[world, body] = mass
@@ -88,8 +91,10 @@ def aim(
     count: wp.int32,
     pull: float,
 ):
-    """Say how fast each point is to leave what it meets, from what it ended with in the step before; and the fastest
-    approach, or a step of gravity [m/s]."""
+    """Set the target speed of each contact from its warm start, and return the fastest approach [m/s].
+
+    Or a step of gravity, if that is faster.
+    """
     slow = slowest_rebound(pull, t.step_seconds)
     fastest = t.step_seconds * wp.abs(pull)
     for number in range(count):
@@ -107,7 +112,7 @@ def aim(
 
 @wp.func
 def move_body(t: Tables, state: WorldState, working: Any, world: wp.int32, body: wp.int32):
-    """By a step."""
+    """Move a body by a step."""
     velocity = wp.vec3(working.body_going[world, body])
     momentum = wp.vec3(working.body_turning[world, body])
     state.body_velocities[world, body] = velocity

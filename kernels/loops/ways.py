@@ -12,7 +12,7 @@ from balloon_warp.kernels.loops.first_touch import Touch, touch_function
 from balloon_warp.kernels.loops.solids import surface_function
 
 SAME_SIDE = wp.constant(0.1)
-"""product of the normals at both ends of a way: more on one side of a mesh, as a rule"""
+"""Dot product of the normals at both ends of a path above which both are usually on one side of a mesh"""
 
 
 @wp.func
@@ -23,7 +23,7 @@ def raised(end: wp.vec3, touch: Touch, lift: float):
 
 @wp.func
 def along_both(course: wp.vec3, normal: wp.vec3, before: wp.vec3):
-    """What is left of a course beside a surface; along the crease, where that goes into the one before, too."""
+    """Return the part of a course along a surface; along the crease, where that goes into the previous one, too."""
     aside = without_approach(course, wp.vec3(), normal)
     if wp.dot(aside, before) < 0.0:
         crease = wp.normalize(wp.cross(before, normal))
@@ -33,8 +33,10 @@ def along_both(course: wp.vec3, normal: wp.vec3, before: wp.vec3):
 
 @wp.func
 def beside_both(start: wp.vec3, end: wp.vec3, touch: Touch, before: Touch, lift: float):
-    """The end of a way that slides on from where it touches, off a second surface: along the crease of both, where
-    the first is in the way once more."""
+    """Return the end of a path that slides on from its contact, off a second surface.
+
+    It slides along the crease of both surfaces, where the first is in the way once more.
+    """
     aside = raised(end, touch, lift)
     if wp.dot(before.place - aside, before.normal) > 0.0:
         crease = wp.normalize(wp.cross(before.normal, touch.normal))
@@ -50,11 +52,12 @@ def slide_function(meshes: bool) -> Any:
 
     @wp.func
     def slide(solid: Solid, up: wp.vec3, start: wp.vec3, end: wp.vec3, radius: float, farthest: float):
-        """The end of its way, which slides on from where it comes in, as its speed does; then along which unit vector
-        it is held back, zero if it is not; and what part of the way is left to slide.
+        """Return the end of a path that slides on from its contact, as its velocity does.
 
-        Beside a mesh the second way is looked at as the first was. Where it comes in again each time, in a wedge, it
-        ends at the last place that is outside.
+        Also the unit vector along which it is held back, zero if it is not, and the fraction of the path left to slide.
+
+        Beside a mesh the second path is queried as the first was. Where it enters again each time, in a wedge, it ends
+        at the last place that is outside.
         """
         let = end
         outward = wp.vec3()
@@ -112,7 +115,7 @@ def way_function(meshes: bool) -> Any:
         last: float,
         normal: wp.vec3,
     ):
-        """Whether a way passes nothing on the way to the surface at its end.
+        """Return whether a path passes nothing on the way to the surface at its end.
 
         Of a convex solid nothing is above the plane of a side: so where a way begins above that of its end, it passes
         nothing, whichever side it comes in by. What slides from one box to the next, flush one, does so.
@@ -136,8 +139,11 @@ def way_function(meshes: bool) -> Any:
 
     @wp.func
     def let_through(solid: Solid, up: wp.vec3, start: wp.vec3, end: wp.vec3, radius: float):
-        """The end of a particle's way, on the surface if that is in it; then along which unit vector it is held back,
-        or else zero; how far from the end there is nothing for sure; and what part of its way it may slide."""
+        """Return the end of a particle's path, on the surface if that is in the way.
+
+        Also the unit vector along which it is held back, or zero; the clearance at the end; and the fraction of the
+        path that it may slide.
+        """
         way = wp.length(end - start)
         farthest = way + solid.thickness + radius + 0.1 * solid.reach
         let = end

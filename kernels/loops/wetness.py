@@ -1,4 +1,7 @@
-"""What a liquid puts on the faces around a particle, each the fan of triangles about its center, cut at the level."""
+"""Loads of a liquid on the faces around a particle.
+
+Each face is the fan of triangles about its center, cut at the level.
+"""
 
 from functools import cache
 from typing import Any
@@ -19,12 +22,15 @@ def ring_wetness_loop(at: Any) -> Any:
 
     @wp.func
     def load_through_center(load: TriangleLoad):
-        """What a corner of a quad takes of the center's part."""
+        """Return a quad corner's share of the load on the center."""
         return corner_load(load, 0.25 * load.moments[2], 0.25 * load.areas[2])
 
     @wp.func
     def load_of_quad(before: wp.vec3, across: wp.vec3, along: wp.vec3, level: float, up: wp.vec3):
-        """At one of its corners, from the vectors to the others [m], and the height of the water over it [m]."""
+        """Return the load of a quad on one of its corners.
+
+        The arguments are the vectors to the other corners [m], and the height of the water over the corner [m].
+        """
         here = wp.vec3()
         center = 0.25 * (before + across + along)
         coming = triangle_load(before, here, center, level, up)
@@ -63,7 +69,7 @@ def wetness_loop(at: Any) -> Any:
 
     @wp.func
     def is_dry(faces: FaceTable, points: Any, begin: wp.int32, end: wp.int32, level: float, up: wp.vec3):
-        """Whether all corners of a face are above the water: then the face is."""
+        """Return whether all corners of a face, and so the face, are above the water."""
         lowest = wp.dot(at(points, faces.particles[begin]), up)
         for corner in range(begin + 1, end):
             lowest = wp.min(lowest, wp.dot(at(points, faces.particles[corner]), up))

@@ -8,7 +8,7 @@ from balloon_warp.kernels.measure.worlds import is_torn_triangle
 from balloon_warp.kernels.tables import row_of_world
 
 ROUNDED = wp.constant(1.0001)
-"""of I1: what is more is beyond"""
+"""Factor on I1 above which a state counts as beyond the limit"""
 
 
 @wp.kernel(enable_backward=False)

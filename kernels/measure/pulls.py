@@ -1,4 +1,4 @@
-"""How hard each spring, each string and each law pulls, one by one: what a schedule only knows the sum of."""
+"""Force of each spring, each string and each law, of which a schedule only knows the sum."""
 
 from functools import cache
 from typing import Any

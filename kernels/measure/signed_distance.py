@@ -1,5 +1,7 @@
-"""Signed distance to triangles that need not close: the side is told by the winding number (Barill et al. 2018, "Fast
-winding numbers for soups and clouds")."""
+"""Signed distance to triangles that need not be closed.
+
+The side follows from the winding number (Barill et al. 2018, "Fast winding numbers for soups and clouds").
+"""
 
 import warp as wp
 

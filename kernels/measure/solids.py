@@ -16,11 +16,11 @@ class SolidSums:
     """Integrals over a balloon's inside, or a thread's part of it. Places are from one of the balloon's own points."""
 
     volume: wp.float64
-    """of 1 [m^3]"""
+    """Integral of 1 [m^3]"""
     first: wp.vec3d
-    """of x [m^4]"""
+    """Integral of x [m^4]"""
     second: wp.mat33d
-    """of x x^T [m^5]"""
+    """Integral of x x^T [m^5]"""
 
 
 @wp.func

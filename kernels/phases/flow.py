@@ -16,7 +16,7 @@ from balloon_warp.kernels.working import Working
 
 
 def _stays(traits: Traits) -> bool:
-    """Whether the gas is the same in all of a frame."""
+    """Return whether the amount of gas is constant over a frame."""
     return not traits.gas_changes
 
 
@@ -55,5 +55,5 @@ def burden(traits: Traits, look: Look) -> Any:
 
 @phase("world", when=lambda traits: traits.gas_flows)
 def flow(traits: Traits, look: Look) -> Any:
-    """Let gas flow through tubes, necks and leaks, by the pressures then."""
+    """Exchange gas through tubes, necks and leaks, driven by the current pressures."""
     return flows_function(traits)

@@ -14,7 +14,7 @@ from balloon_warp.kernels.traits import Traits
 
 @wp.func
 def pressure_at(load: Any, rise: Any, point: Any, up: wp.vec3):
-    """At a place [Pa], see `inflation_of`."""
+    """Return the gauge pressure at a place [Pa], see `inflation_of`."""
     return load + times(rise, reach_along(point, up))
 
 
@@ -51,7 +51,7 @@ def given_load(traits: Traits, look: Look) -> Any:
 
     @wp.func
     def given_load(keyed: Any):
-        """At height 0 [Pa], and its rise [Pa/m]."""
+        """Return the gauge pressure at height 0 [Pa], and its gradient with height [Pa/m]."""
         return pair(keyed, 0.0)
 
     return given_load

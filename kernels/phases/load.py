@@ -55,7 +55,7 @@ def note_function(traits: Traits) -> Any:
 
     @wp.func
     def note_load(state: WorldState, world: wp.int32, balloon: wp.int32, load: wp.vec4):
-        """By one thread."""
+        """Store the load of a balloon, in one thread."""
         state.pressures[world, balloon] = load[0]
         state.inflation_loads[world, balloon] = wp.vec2(load[1], load[2])
         if wp.static(traits.gas_flows):

@@ -25,19 +25,19 @@ def response(mass: float, step_seconds: float):
     """
 )
 def response(mass: Lanes, step_seconds: float) -> Lanes:  # noqa: F811 - an overload
-    """Of eight particles."""
+    """Return the gains h / m of eight particles."""
     ...
 
 
 @wp.func
 def kick(velocity: Any, force: Any, gain: Any):
-    """v + h F / m; the gain is h / m, see `response`."""
+    """Return the new velocity v + h F / m; the gain is h / m, see `response`."""
     return velocity + scaled(force, gain)
 
 
 @wp.func
 def drift_symplectic(point: Any, old_velocity: Any, velocity: Any, step_seconds: float):
-    """x + h v, v the new velocity: symplectic Euler, in the order of the paper's listing."""
+    """Return x + h v with the new velocity v: symplectic Euler, in the order of the paper's listing."""
     return point + scaled(velocity, step_seconds)
 
 

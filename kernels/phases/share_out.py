@@ -1,6 +1,6 @@
-"""What membranes and hinges do to their particles, where one thread has all of a world.
+"""Forces of membranes and hinges on their particles, where one thread has a whole world.
 
-Each is looked at once, and what it does waits at the particles.
+Each triangle and hinge is evaluated once, and its forces wait at the particles.
 """
 
 from typing import Any

@@ -16,7 +16,7 @@ def _has_membranes(traits: Traits) -> bool:
 
 @phase("world", when=_has_membranes, once=lambda traits: True)
 def clear(traits: Traits, look: Look) -> Any:
-    """Put nothing where particles look that have fewer faces than others."""
+    """Clear the unused entries of particles that have fewer faces than others."""
     return look.films(traits).clear
 
 

@@ -1,4 +1,4 @@
-"""How a balloon would swell in a substep without its gas: by that the gas finds its pressure, see `laws.gas`."""
+"""Swelling of a balloon in a substep without its gas, from which the gas's pressure follows, see `laws.gas`."""
 
 from functools import cache
 from typing import Any
@@ -91,7 +91,7 @@ def swell(traits: Traits, look: Look) -> Any:
 
     @wp.func
     def of_kind(own: Any, swelling: Any):
-        """Nothing, where a normal force inflates."""
+        """Leave the swelling zero, where a normal force inflates."""
         if wp.static(traits.aims):
             return wp.where(own.kind == NORMAL_FORCE, 0.0 * swelling, swelling)
         else:

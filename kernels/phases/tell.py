@@ -1,6 +1,6 @@
-"""What contacts do to particles, added up over a frame for who asks.
+"""Impulses of contacts on particles, summed over a frame.
 
-It is by how much they change a velocity that all other forces would have left as it was.
+An impulse follows from the change of a velocity that all other forces would have left as it was.
 """
 
 from typing import Any

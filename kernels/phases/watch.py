@@ -31,7 +31,7 @@ def set_off(traits: Traits, look: Look) -> Any:
 def _hurries(traits: Traits, look: Look) -> Any:
     @wp.func
     def is_faster(t: Any, way: Any, start: Any, point: Any):
-        """Whether any is, perhaps: a little sooner than that counts."""
+        """Return whether any particle of eight may be faster than allowed, with a margin."""
         most = times(way, way) * (0.999 / (float(t.substeps) * float(t.substeps)))
         return not all_positive(most - squared_length(point - start))
 

@@ -1,4 +1,4 @@
-"""What becomes of membranes as they are stretched: they soften, and tear."""
+"""Wear of stretched membranes: softening and tearing."""
 
 from functools import cache
 from typing import Any
@@ -71,5 +71,5 @@ def tear(traits: Traits, look: Look) -> Any:
 
 @phase("balloon", when=lambda traits: traits.bursts)
 def burst(traits: Traits, look: Look) -> Any:
-    """Let a balloon burst, and find how large its hole is then."""
+    """Burst a balloon, and find the area of its hole."""
     return opening_function(traits.columns)

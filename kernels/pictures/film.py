@@ -1,4 +1,4 @@
-"""From light to a picture's bytes."""
+"""Conversion of light to a picture's bytes."""
 
 import warp as wp
 

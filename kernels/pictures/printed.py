@@ -8,13 +8,13 @@ class Prints:
     """All images, one after the other."""
 
     texels: wp.array[wp.vec3]
-    """linear RGB, row by row from the top"""
+    """Linear RGB, row by row from the top"""
     images: wp.array[wp.vec3i]
-    """the first texel, the width and the height of each"""
+    """First texel, width and height of each image"""
     of_triangle: wp.array[wp.int32]
-    """which image is on each triangle; -1 for none. Empty where there is no image at all"""
+    """Image on each triangle; -1 for none. Empty where there is no image at all"""
     places: wp.array[wp.vec2]
-    """where in it, from 0 to 1 to the right and up and over again beyond; one a corner"""
+    """Texture coordinates of each corner, from 0 to 1 to the right and up, repeating beyond"""
 
 
 @wp.func

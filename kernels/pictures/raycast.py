@@ -29,11 +29,11 @@ class Camera:
     right: wp.vec3
     up: wp.vec3
     aperture: float
-    """the lens's radius; 0 of a pinhole"""
+    """Radius of the lens; 0 for a pinhole"""
     focus: float
-    """how far away everything is sharp"""
+    """Distance of the plane in focus"""
     transparent: wp.bool
-    """whether there is no backdrop, and of the ground its shadows alone"""
+    """Whether to omit the backdrop, and of the ground all but its shadows"""
 
 
 @wp.func

@@ -1,4 +1,4 @@
-"""What rays can hit: triangles, capsules (a sphere is a capsule of no length), ground and water. Y is up."""
+"""Shapes that rays can hit: triangles, capsules (a sphere is a capsule of no length), ground and water. Y is up."""
 
 import warp as wp
 
@@ -10,28 +10,28 @@ class Shapes:
     """All that is drawn, in a frame where the action is about one unit large."""
 
     mesh: wp.uint64
-    """the triangles of all meshes; 0 where there are none"""
+    """Triangles of all meshes; 0 where there are none"""
     corners: wp.array[wp.int32]
-    """vertex numbers, three a triangle"""
+    """Vertex numbers, three a triangle"""
     normals: wp.array[wp.vec3]
-    """unit normals, one a vertex"""
+    """Unit normals, one a vertex"""
     colors: wp.array[wp.vec3]
-    """linear RGB, one a corner: faces that share a vertex may differ there"""
+    """Linear RGB, one a corner: faces that share a vertex may differ there"""
     shrunk: wp.array[float]
-    """area about a vertex before over that now, one a vertex"""
+    """Area about a vertex before over that now, one a vertex"""
     finishes: wp.array[wp.vec4]
-    """roughness, opacity, clearcoat and metallic, one a triangle"""
+    """Roughness, opacity, clearcoat and metallic, one a triangle"""
     prints: Prints
-    """images on triangles, in place of colors"""
+    """Images on triangles, in place of colors"""
     capsules: wp.uint64
-    """the boxes of the capsules; 0 where there are none"""
+    """Boxes of the capsules; 0 where there are none"""
     begins: wp.array[wp.vec3]
     ends: wp.array[wp.vec3]
     radii: wp.array[float]
     capsule_colors: wp.array[wp.vec3]
     capsule_finishes: wp.array[wp.vec4]
     reach: float
-    """how far from the origin triangles and capsules are"""
+    """Distance from the origin within which all triangles and capsules are"""
     has_ground: wp.int32
     ground_height: float
     ground_color: wp.vec3
@@ -42,7 +42,7 @@ class Shapes:
 
 @wp.struct
 class Hit:
-    """Where a ray ends first. `color`, `finish` and `shrunk` are those of the material there."""
+    """First intersection of a ray, with `color`, `finish` and `shrunk` of the material there."""
 
     kind: wp.int32
     distance: float
@@ -54,7 +54,7 @@ class Hit:
 
 
 LEAST_SEEN = wp.constant(0.6)
-"""the least cosine of a smooth normal to the viewer, as a part of its face's own"""
+"""Least cosine of a smooth normal to the viewer, over that of its face's own"""
 NOTHING = wp.constant(0)
 SURFACE = wp.constant(1)
 LINE = wp.constant(2)

@@ -1,4 +1,4 @@
-"""How surfaces answer the light that reaches them, and how much of it does."""
+"""Response of surfaces to light, and visibility of the lights."""
 
 import warp as wp
 
@@ -15,13 +15,13 @@ from balloon_warp.kernels.pictures.studio import (
 
 FAR = wp.constant(1.0e4)
 EPSILON = wp.constant(1.0e-3)
-"""how far from a surface rays start, in sizes of the action"""
+"""Offset of rays from a surface, in sizes of the action"""
 MURK = wp.constant(0.3)
-"""the part of the light that water sends back"""
+"""Fraction of the light that water reflects diffusely"""
 REACH = wp.constant(0.7)
-"""how far away a thing can be that still dims the sky's light"""
+"""Range of ambient occlusion"""
 WALLS = wp.constant(4)
-"""how many walls of rubber the key light's rays go through"""
+"""Largest number of rubber walls that shadow rays pass"""
 
 
 @wp.struct
@@ -29,20 +29,20 @@ class Answer:
     """Light that a surface sends to the viewer."""
 
     key: wp.vec3
-    """from the key light, where nothing shadows it"""
+    """Light from the key, unshadowed"""
     sky: wp.vec3
-    """from all around, where nothing is near"""
+    """Light from the sky, unoccluded"""
     lights: wp.vec3
-    """mirror images of the lights"""
+    """Mirror images of the lights"""
     through: wp.vec3
-    """the share, by color, of what is behind it, or of what it mirrors"""
+    """Share, by color, of the light behind the surface, or of what it mirrors"""
     mirrors: wp.bool
-    """whether the ray goes on where a mirror sends it"""
+    """Whether the ray goes on by mirror reflection"""
 
 
 @wp.func
 def ground_fade(point: wp.vec3):
-    """How far the ground has turned into the backdrop: a studio's paper sweep has no horizon."""
+    """Return the fraction of the backdrop in the ground's color: a studio's paper sweep has no horizon."""
     return wp.smoothstep(1.0, 6.0, wp.sqrt(point[0] * point[0] + point[2] * point[2]))
 
 
@@ -77,7 +77,7 @@ def water_answer(hit: Hit, studio: Studio, direction: wp.vec3, ground_color: wp.
 
 @wp.func
 def line_answer(hit: Hit, studio: Studio, direction: wp.vec3, ground_color: wp.vec3):
-    """Too thin to show where its light comes from: an even color reads best."""
+    """Return the response of a line: an even color, since it is too thin for shading."""
     facing = wp.abs(wp.dot(hit.normal, direction))
     light = 0.5 * studio.key_radiance + sky_irradiance(hit.normal, ground_color)
     answer = Answer()
@@ -87,7 +87,7 @@ def line_answer(hit: Hit, studio: Studio, direction: wp.vec3, ground_color: wp.v
 
 @wp.func
 def is_film(hit: Hit):
-    """Whether it is a wall that lets light through."""
+    """Return whether a hit is a translucent wall."""
     return hit.kind == SURFACE and hit.finish[1] < 1.0 and hit.finish[3] == 0.0
 
 

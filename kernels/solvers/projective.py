@@ -39,8 +39,10 @@ wp.set_module_options(OPTIONS)
 
 @cache
 def inertia_function(traits: Traits) -> Any:
-    """The function that gives m + h c [kg]: what holds a particle back in a step of h, damping included; 0 for a fixed
-    particle."""
+    """Return the function for the effective mass of a particle in a step h, m + h c [kg], damping included.
+
+    It is 0 for a fixed particle.
+    """
     column = traits.columns.places["damping"]
 
     @wp.func

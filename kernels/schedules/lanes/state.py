@@ -1,4 +1,4 @@
-"""From the state into the lanes, when a frame begins, and back when it ends; and what is read of it on the way."""
+"""Transfer of the state into the lanes when a frame begins, and back when it ends; and reads meanwhile."""
 
 from functools import cache
 from typing import Any
@@ -26,7 +26,7 @@ def peaks_functions(traits: Traits, layout: Layout) -> tuple[Any, Any]:
 
     @wp.func
     def counts(working: Working, world: wp.int32):
-        """Whether what has been found of a world counts: not if its frame was not free, and only that counts."""
+        """Return whether the results of a world count: not if its frame was not free, where only free frames count."""
         if wp.static(traits.frames == "free"):
             return working.verdicts[world] == FREE
         else:
@@ -34,7 +34,7 @@ def peaks_functions(traits: Traits, layout: Layout) -> tuple[Any, Any]:
 
     @wp.func
     def exchange_peaks(t: LaneTables, state: WorldState, working: Working, group: wp.int32, writes: bool):
-        """How far triangles have been stretched: out of the state, or into it."""
+        """Load the peak stretches of triangles from the state, or store them there."""
         for entry in range(t.quad_numbers.shape[0]):
             for lane in range(t.lane_count):
                 number = of_lane(t.quad_numbers[entry], lane)
@@ -57,7 +57,7 @@ def frame_functions(traits: Traits, layout: Layout) -> tuple[Any, Any]:
 
     @wp.func
     def end_of(t: LaneTables, group: wp.int32):
-        """Of its worlds."""
+        """Return the end of a group's worlds."""
         return places.first_world(group) + places.worlds(group, t.world_count)
 
     @wp.func
@@ -130,7 +130,7 @@ def balloon_functions(layout: Layout) -> dict[str, Any]:
 
     @wp.func
     def ramps_of(t: LaneTables, state: WorldState, group: wp.int32, balloon: wp.int32, time_in_frame: float):
-        """What is keyframed."""
+        """Return the keyframed values of a balloon."""
         ramps = Lanes()
         for lane in range(t.lane_count):
             ramps[lane] = ramp_at(state, places.world(group, lane, t.world_count), balloon, time_in_frame)
@@ -147,7 +147,7 @@ def balloon_functions(layout: Layout) -> dict[str, Any]:
 
     @wp.func
     def gas_masses_of(t: LaneTables, working: Working, group: wp.int32, balloon: wp.int32):
-        """[kg]"""
+        """Return the mass of the gas [kg]."""
         masses = Lanes()
         for lane in range(t.lane_count):
             masses[lane] = working.gas_masses[places.world(group, lane, t.world_count), balloon]
@@ -155,7 +155,7 @@ def balloon_functions(layout: Layout) -> dict[str, Any]:
 
     @wp.func
     def ways_of(t: LaneTables, working: Working, group: wp.int32):
-        """How far particles may go in a free frame [m]."""
+        """Return the distance that particles may travel in a free frame [m]."""
         ways = Lanes()
         for lane in range(t.lane_count):
             ways[lane] = working.ways[places.world(group, lane, t.world_count)]
@@ -163,7 +163,7 @@ def balloon_functions(layout: Layout) -> dict[str, Any]:
 
     @wp.func
     def any_free(t: LaneTables, working: Working, group: wp.int32):
-        """Whether any world of a group has a free frame."""
+        """Return whether any world of a group has a free frame."""
         found = bool(False)
         for lane in range(t.lane_count):
             found = found or working.verdicts[places.world(group, lane, t.world_count)] == FREE
@@ -228,7 +228,7 @@ def showing_function(traits: Traits, layout: Layout) -> Any:
 
     @wp.func
     def show_solids(t: LaneTables, tables: Tables, state: WorldState, solids: Solids, group: wp.int32, end: float):
-        """As they are when a substep ends."""
+        """Store the solids in the lanes as they are at the end of a substep."""
         for solid in range(solids.centers.shape[1]):
             centers, motions, reaches = Lanes3(), Lanes3(), Lanes()
             for lane in range(t.lane_count):
