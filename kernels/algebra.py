@@ -25,7 +25,7 @@ NOT_QUITE_ZERO = wp.constant(1.0e-20)
     adj_snippet="adj_x -= 0.5f * adj_ret / (x * sqrtf(x));",
 )
 def inverse_root(x: float) -> float:
-    """1 / sqrt(x); one instruction of a GPU, where the division of a root takes two even with fast math."""
+    """Return 1 / sqrt(x); one instruction of a GPU, where the division of a root takes two even with fast math."""
     ...
 
 
@@ -117,7 +117,7 @@ def reach_along(vector: Lanes3, direction: wp.vec3) -> Lanes:  # noqa: F811 - an
 
 @wp.func
 def scaled(vector: wp.vec3, factor: float):
-    """A vector times a factor."""
+    """Return a vector times a factor."""
     return factor * vector
 
 
@@ -135,7 +135,7 @@ def scaled(vector: wp.vec3, factor: float):
     """
 )
 def scaled(vector: Lanes3, factor: Lanes) -> Lanes3:  # noqa: F811 - an overload
-    """Each lane's vector times its own factor."""
+    """Return each lane's vector times its own factor."""
     ...
 
 
@@ -155,19 +155,19 @@ def scaled(vector: Lanes3, factor: Lanes) -> Lanes3:  # noqa: F811 - an overload
     """
 )
 def plus_scaled(total: Lanes3, vector: Lanes3, factor: Lanes) -> Lanes3:
-    """A vector and, of another, so much as each lane's own factor says; product and sum at once where a CPU can."""
+    """Return a vector plus another times each lane's own factor, as a fused multiply-add where a CPU has one."""
     ...
 
 
 @wp.func
 def scaled(number: Lanes, factor: Lanes):  # noqa: F811 - an overload
-    """Each lane's number times its own factor."""
+    """Return each lane's number times its own factor."""
     return wp.cw_mul(number, factor)
 
 
 @wp.func
 def scaled(fives: Lanes5, factor: Lanes):  # noqa: F811 - an overload
-    """Each lane's five numbers times its own factor."""
+    """Return each lane's five numbers times its own factor."""
     for row in range(5):
         fives[row] = wp.cw_mul(fives[row], factor)
     return fives
@@ -175,7 +175,7 @@ def scaled(fives: Lanes5, factor: Lanes):  # noqa: F811 - an overload
 
 @wp.func
 def scaled(vector: Lanes3, factor: float):  # noqa: F811 - an overload
-    """Each lane's vector times one factor."""
+    """Return each lane's vector times one factor."""
     return factor * vector
 
 
@@ -187,7 +187,7 @@ def length_of(vector: wp.vec3):
 
 @wp.func
 def length_of(vectors: Lanes3):  # noqa: F811 - an overload
-    """|v| in each lane."""
+    """Return |v| in each lane."""
     lengths = Lanes()
     for lane in range(LANE_COUNT):
         lengths[lane] = wp.length(of_lane(vectors, lane))
@@ -204,13 +204,13 @@ def length_of(vectors: Lanes3):  # noqa: F811 - an overload
     """
 )
 def larger(a: Lanes, b: Lanes) -> Lanes:
-    """The larger number in each lane."""
+    """Return the larger number in each lane."""
     ...
 
 
 @wp.func
 def squared_length(d: wp.vec3):
-    """|d|^2, and a little more, so that its root can be divided by."""
+    """Return |d|^2, and a little more, so that its root can be divided by."""
     return d[0] * d[0] + (d[1] * d[1] + (d[2] * d[2] + NOT_QUITE_ZERO))
 
 

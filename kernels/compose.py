@@ -126,7 +126,7 @@ def call_of(
     told: Callable[[str], str] = str,
     number: Callable[[int, int], str] = _number,
 ) -> str:
-    """The text of a call with just what the function names."""
+    """Return the text of a call with just what the function names."""
     sizes = {parameter.name: parameter.size for parameter in (*columns.balloon, *columns.world)}
     arguments = [
         told(each) if each in given else number(columns.places[each], sizes[each])

@@ -11,13 +11,13 @@ NEWTONS_PER_QUANTUM = wp.constant(2.0**-32)
 
 @wp.func
 def quanta(force: float):
-    """A force [N] as a whole number."""
+    """Return a force [N] as a whole number."""
     return wp.int64(wp.float64(force) * QUANTA_PER_NEWTON)
 
 
 @wp.func
 def newtons(count: wp.int64):
-    """The force [N] of a whole number."""
+    """Return the force [N] of a whole number."""
     return float(count) * NEWTONS_PER_QUANTUM
 
 
@@ -30,7 +30,7 @@ def add_quanta(totals: wp.array3d[wp.int64], world: wp.int32, item: wp.int32, fo
 
 @wp.func
 def total_newtons(totals: wp.array3d[wp.int64], world: wp.int32, item: wp.int32):
-    """The sum of the forces added [N]."""
+    """Return the sum of the forces added [N]."""
     return wp.vec3(newtons(totals[world, item, 0]), newtons(totals[world, item, 1]), newtons(totals[world, item, 2]))
 
 

@@ -50,13 +50,13 @@ def of_lane(vector: wp.vec3, lane: wp.int32):  # noqa: F811 - an overload
 
 @wp.func
 def of_lane(numbers: Lanes, lane: wp.int32):  # noqa: F811 - an overload
-    """The number of one lane."""
+    """Return the number of one lane."""
     return numbers[lane]
 
 
 @wp.func
 def of_lane(vectors: Lanes3, lane: wp.int32):  # noqa: F811 - an overload
-    """The vector of one lane."""
+    """Return the vector of one lane."""
     return wp.vec3(vectors[0, lane], vectors[1, lane], vectors[2, lane])
 
 
@@ -68,43 +68,43 @@ def of_lane(vectors: wp.vec4, lane: wp.int32):  # noqa: F811 - an overload
 
 @wp.func
 def of_lane(vectors: Lanes4, lane: wp.int32):  # noqa: F811 - an overload
-    """The four numbers of one lane."""
+    """Return the four numbers of one lane."""
     return wp.vec4(vectors[0, lane], vectors[1, lane], vectors[2, lane], vectors[3, lane])
 
 
 @wp.func
 def of_lane(numbers: LaneNumbers, lane: wp.int32):  # noqa: F811 - an overload
-    """The number of one lane."""
+    """Return the number of one lane."""
     return numbers[lane]
 
 
 @wp.func
 def of_lane(pairs: Lanes2, lane: wp.int32):  # noqa: F811 - an overload
-    """The two numbers of one lane."""
+    """Return the two numbers of one lane."""
     return wp.vec2(pairs[0, lane], pairs[1, lane])
 
 
 @wp.func
 def of_lane(fives: Lanes5, lane: wp.int32):  # noqa: F811 - an overload
-    """The five numbers of one lane."""
+    """Return the five numbers of one lane."""
     return Five(fives[0, lane], fives[1, lane], fives[2, lane], fives[3, lane], fives[4, lane])
 
 
 @wp.func
 def number_in(row: Any, column: wp.int32, lane: wp.int32):
-    """A number of a row of one particle's."""
+    """Return a number of a row of one particle's."""
     return row[column]
 
 
 @wp.func
 def number_in(row: wp.array[Lanes], column: wp.int32, lane: wp.int32):  # noqa: F811 - an overload
-    """The number of one lane, of a row of lanes."""
+    """Return the number of one lane, of a row of lanes."""
     return row[column][lane]
 
 
 @wp.func
 def set_lane(vectors: Lanes3, lane: wp.int32, vector: wp.vec3):
-    """The vectors with that of one lane replaced."""
+    """Return the vectors with that of one lane replaced."""
     vectors[0, lane] = vector[0]
     vectors[1, lane] = vector[1]
     vectors[2, lane] = vector[2]
@@ -113,7 +113,7 @@ def set_lane(vectors: Lanes3, lane: wp.int32, vector: wp.vec3):
 
 @wp.func
 def set_lane(numbers: Lanes, lane: wp.int32, number: float):  # noqa: F811 - an overload
-    """The numbers with that of one lane replaced."""
+    """Return the numbers with that of one lane replaced."""
     numbers[lane] = number
     return numbers
 
@@ -128,13 +128,13 @@ def set_lane(many: Any, lane: wp.int32, those: Any):  # noqa: F811 - an overload
 
 @wp.func
 def pair(first: float, second: float):
-    """Two numbers."""
+    """Return two numbers."""
     return wp.vec2(first, second)
 
 
 @wp.func
 def pair(first: Lanes, second: float):  # noqa: F811 - an overload
-    """Two numbers in each lane, of which the second is the same in all."""
+    """Return two numbers in each lane, of which the second is the same in all."""
     both = Lanes2()
     both[0] = first
     both[1] = Lanes(second)
@@ -143,13 +143,13 @@ def pair(first: Lanes, second: float):  # noqa: F811 - an overload
 
 @wp.func
 def five(a: float, b: float, c: float, d: float, e: float):
-    """Five numbers."""
+    """Return five numbers."""
     return Five(a, b, c, d, e)
 
 
 @wp.func
 def five(a: Lanes, b: Lanes, c: Lanes, d: Lanes, e: Lanes):  # noqa: F811 - an overload
-    """Five numbers in each lane."""
+    """Return five numbers in each lane."""
     all_five = Lanes5()
     all_five[0] = a
     all_five[1] = b
@@ -161,7 +161,7 @@ def five(a: Lanes, b: Lanes, c: Lanes, d: Lanes, e: Lanes):  # noqa: F811 - an o
 
 @wp.func
 def total_in(numbers: Lanes):
-    """The sum over the lanes, in each of them."""
+    """Return the sum over the lanes, in each of them."""
     return Lanes(wp.dot(numbers, Lanes(1.0)))
 
 

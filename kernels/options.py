@@ -7,7 +7,7 @@ import warp as wp
 
 
 def _flags() -> str:
-    """Warp's own, or those that somebody has set, with results that are the same to the bit.
+    """Return Warp's compiler flags, or those that the user has set, plus flags that keep results bitwise the same.
 
     - Functions are inlined up to a quarter of what Warp allows: kernels are as fast, and those of free bodies compile
       in two thirds of the time.

@@ -76,13 +76,13 @@ def shared_spheres(count: int) -> tuple[Any, Any, Any]:
 
     @wp.func
     def vectors(world: wp.int32, row: wp.int32):
-        """A row of shared vectors, behind all quanta, as if it were that of a world."""
+        """Return a row of shared vectors, behind all quanta, as if it were that of a world."""
         first = words() + wp.uint64(count * (QUANTA_BYTES + row * VECTOR_BYTES))
         return wp.array(ptr=first - wp.uint64(world * count * VECTOR_BYTES), shape=(world + 1, count), dtype=wp.vec3)
 
     @wp.func
     def share_spheres(t: Tables, state: WorldState, world: wp.int32, thread: wp.int32):
-        """A barrier must follow."""
+        """Return a barrier must follow."""
         spheres = Spheres()
         spheres.sphere_positions = vectors(world, 0)
         spheres.sphere_velocities = vectors(world, 1)

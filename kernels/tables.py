@@ -262,7 +262,7 @@ class WorldState:
 
 @wp.func
 def row_of_world(world: wp.int32, rows: wp.int32):
-    """`world % rows` for a parameter with one row, or one for each world, without a division."""
+    """Return `world % rows` for a parameter with one row, or one for each world, without a division."""
     return wp.where(rows == 1, 0, world)
 
 
@@ -292,11 +292,11 @@ def sphere_penalty(spheres: SphereTable, world: wp.int32, sphere: wp.int32):
 
 @wp.func
 def sphere_restitution(spheres: SphereTable, world: wp.int32, sphere: wp.int32):
-    """Rebound speed over impact speed, for two alike that meet."""
+    """Return a sphere's coefficient of restitution, against an equal one."""
     return spheres.restitution[row_of_world(world, spheres.restitution.shape[0]), sphere]
 
 
 @wp.func
 def sphere_friction(spheres: SphereTable, world: wp.int32, sphere: wp.int32):
-    """Coulomb's coefficient, of two alike."""
+    """Return Coulomb's coefficient, of two alike."""
     return spheres.friction[row_of_world(world, spheres.friction.shape[0]), sphere]

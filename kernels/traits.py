@@ -93,7 +93,7 @@ class Traits(NamedTuple):
     see `contact.free_frames`"""
 
     def of_kind(self, kind: Kind) -> tuple[Law, ...]:
-        """The laws of a kind."""
+        """Return the laws of a kind."""
         return tuple(law for law in self.laws if law.kind == kind)
 
     def has(self, kind: Kind) -> bool:
@@ -105,11 +105,11 @@ class Traits(NamedTuple):
         return any_names(self.of_kind(kind), given)
 
     def laws_on(self, kind: Kind) -> Any:
-        """The function that adds up the laws of a kind."""
+        """Return the function that adds up the laws of a kind."""
         return sum_of_laws(kind, RESULT[kind], self.of_kind(kind), self.columns, self.air)
 
     def laws_added(self, kind: Kind) -> Any:
-        """The function that adds them to what there is already."""
+        """Return the function that adds the laws of a kind to a sum."""
         return laws_added(kind, RESULT[kind], self.of_kind(kind), self.columns, self.air)
 
     def laws_in_lane_on(self, kind: Kind) -> Any:

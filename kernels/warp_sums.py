@@ -72,11 +72,11 @@ def put_warp_sums(words: wp.uint64, first: wp.int32, v: Five, added: bool):
     """
 )
 def sum_of_warp_sums(words: wp.uint64, first: wp.int32, count: wp.int32) -> Five:
-    """The sums of what so many warps put, by all threads of a warp, which get the same to the last bit every time."""
+    """Return the sums of all warps' words, bitwise reproducible; called by all threads of a warp."""
     ...
 
 
 @wp.func
 def sum_over_block(part: Any):
-    """The sum over all threads of a block."""
+    """Return the sum over all threads of a block."""
     return wp.tile_sum(wp.tile(part, preserve_type=True))[0]

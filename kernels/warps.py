@@ -24,7 +24,7 @@ SHARED_WORDS = """
 
 @cache
 def shared_words(name: str, count: int) -> Any:
-    """A function that returns the address of so many words of shared memory, the same ones wherever it is called.
+    """Return a function that returns the address of a number of words of shared memory, the same at each call.
 
     Args:
         name: what they are for; words of another name are others.
@@ -66,7 +66,7 @@ def any_in_block(here: bool) -> bool:
     """
 )
 def warp_sum(x: float) -> float:
-    """The sum over the threads of the warp, in the same order every time; called by all of them."""
+    """Return the sum over the threads of the warp, in the same order every time; called by all of them."""
     ...
 
 
@@ -111,13 +111,13 @@ def next_place(counts: wp.array2d[wp.int32], world: wp.int32, which: wp.int32) -
 
 @wp.func_native("return ((const float*)words)[index];")
 def word_at(words: wp.uint64, index: wp.int32) -> float:
-    """A word of shared memory."""
+    """Return a word of shared memory."""
     ...
 
 
 @wp.func_native("((float*)words)[index] = value;")
 def put_word(words: wp.uint64, index: wp.int32, value: float):
-    """Into a word of shared memory, without a barrier."""
+    """Store a word in shared memory, without a barrier."""
     ...
 
 

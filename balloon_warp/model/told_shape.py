@@ -1,4 +1,4 @@
-"""What files say of a balloon beside its mesh: its springs one by one, and the shape at which nothing pulls."""
+"""Files beside a balloon's mesh: individual springs, and the stress-free shape."""
 
 import zipfile
 from dataclasses import replace
@@ -16,11 +16,11 @@ from balloon_warp.springs.springs import SpringKind
 
 Values = NDArray[np.float64]
 COLUMNS = ("pairs", "rest_lengths", "constants")
-"""of a file of springs"""
+"""Arrays in a file of springs"""
 
 
 def springs_told(path: Path, own: Springs, mesh: PolygonMesh, constants: Values, unit: float) -> tuple[Springs, Values]:
-    """The springs of a file, and the scale of each one's constant over that of its kind.
+    """Return the springs of a file, and the scale of each one's constant over that of its kind.
 
     A spring between particles that the mesh would join has the kind of that; others are structural.
 
@@ -46,7 +46,7 @@ def springs_told(path: Path, own: Springs, mesh: PolygonMesh, constants: Values,
 
 
 def rest_shape(balloon: Balloon, placed: PolygonMesh, unit: float) -> PolygonMesh:
-    """The balloon as it is where nothing pulls: its own mesh, or the vertices of another.
+    """Return the stress-free mesh of a balloon: its own mesh, or the vertices of another.
 
     Raises:
         InputError: the other mesh cannot be read, or has other vertices.
@@ -89,7 +89,7 @@ def _require_springs(path: Path, pairs: NDArray, lengths: Values, constants: Val
 
 
 def _kinds(pairs: NDArray[np.int32], own: Springs) -> NDArray[np.int32]:
-    """Of each pair, as the mesh's own springs have it; structural where they have none."""
+    """Return the kind of each pair among the mesh's own springs; structural where there is none."""
     keys = (own.pairs[:, 0].astype(np.int64) << 32) + own.pairs[:, 1]
     order = np.argsort(keys)
     wanted = (pairs[:, 0].astype(np.int64) << 32) + pairs[:, 1]

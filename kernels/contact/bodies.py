@@ -35,7 +35,7 @@ from balloon_warp.kernels.working import Working
 
 @cache
 def bodies_function(traits: Traits) -> Any:
-    """The function by which bodies and particles exchange momentum, body by body, once all have moved."""
+    """Return the function by which bodies and particles exchange momentum, body by body, once all have moved."""
     _, read_own = own_functions(traits.columns, traits.balloons)
     inertia = inertia_function(traits)
     stop_at = stop_function(traits)
@@ -98,7 +98,7 @@ def bodies_function(traits: Traits) -> Any:
         points: wp.array[wp.vec3],
         velocities: wp.array[wp.vec3],
     ):
-        """Friction on those that are pressed; the impulse on the body [N s], and its torque's [N m s]."""
+        """Return the impulse of a thread's pressed particles on a body by friction [N s], and the torque's [N m s]."""
         total = wp.spatial_vector()
         its = t.bodies.friction[row_of_world(world, t.bodies.friction.shape[0]), rigid.number]
         center = rigid.end - t.step_seconds * rigid.velocity

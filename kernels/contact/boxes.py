@@ -97,7 +97,7 @@ def box_balloons(
     # in and out
     working: Working,
 ):
-    """A block a (world, balloon): what its particles sweep until the next search."""
+    """Compute the bounds that the particles of a balloon sweep until the next search; a block a (world, balloon)."""
     world, balloon, thread = wp.tid()
     own = sweep_of(t, balloon, thread, wp.block_dim(), points[world], velocities[world], working.sought[world])
     sweep = Sweep()
@@ -130,7 +130,10 @@ def squared_distance_to_box(point: wp.vec3, lower: wp.vec3, upper: wp.vec3):
 
 @cache
 def pad_function(traits: Traits) -> Any:
-    """The function that says how near two balloons' particles and triangles have to be, beside what they sweep [m]."""
+    """Return the function for the distance at which particles and triangles of two balloons are near [m].
+
+    The distance excludes what they sweep.
+    """
     thickness_between, _ = skin_functions(traits)
 
     @wp.func
@@ -142,7 +145,7 @@ def pad_function(traits: Traits) -> Any:
 
 @cache
 def nearing_function(traits: Traits) -> Any:
-    """The function that says whether a particle may meet a balloon until the next search."""
+    """Return the function that returns whether a particle may touch a balloon until the next search."""
     pad_between = pad_function(traits)
 
     @wp.func
@@ -176,7 +179,7 @@ def has_strayed(working: Working, world: wp.int32, balloon: wp.int32):
 
 @cache
 def meet_function(traits: Traits) -> Any:
-    """The function that notes which balloons one may meet, and says what its particles do."""
+    """Return the function that records the balloons that one may touch, and returns the work of its particles."""
     pad_between = pad_function(traits)
 
     @wp.func
@@ -222,7 +225,7 @@ def decide(working: Working, world: wp.int32, near: bool, strayed: bool):
 
 @cache
 def meeting_function(traits: Traits) -> Any:
-    """The function by which the threads of a block note which balloons of a world may meet, and what there is to do."""
+    """Return the function by which a block notes which balloons of a world may touch, and what there is to do."""
     meet = meet_function(traits)
 
     @wp.func
@@ -246,7 +249,7 @@ def meeting_function(traits: Traits) -> Any:
 
 @cache
 def meet_kernel(traits: Traits) -> Any:
-    """The kernel that says which balloons may meet."""
+    """Return the kernel that finds the balloons that may touch."""
     meet_all = meeting_function(traits)
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
@@ -256,7 +259,7 @@ def meet_kernel(traits: Traits) -> Any:
         # in and out
         working: Working,
     ):
-        """A block a world."""
+        """Find the balloons that may touch; a block a world."""
         world, thread = wp.tid()
         meet_all(t, working, world, thread)
 

@@ -54,7 +54,7 @@ def edge_box(t: Tables, edge: wp.int32, points: wp.array[wp.vec3], velocities: w
 
 @cache
 def finding_edges_function(traits: Traits) -> Any:
-    """The function that finds the edges that an edge may meet, of its balloon's number and above."""
+    """Return the function that finds the edges that an edge may touch, of its balloon's number and above."""
     pad_between = pad_function(traits)
 
     @wp.func
@@ -113,7 +113,7 @@ def finding_edges_function(traits: Traits) -> Any:
 
 @cache
 def find_edges_kernel(traits: Traits) -> Any:
-    """The kernel that finds which edges may meet."""
+    """Return the kernel that finds the edges that may touch."""
     find_edges = finding_edges_function(traits)
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
@@ -138,7 +138,7 @@ def find_edges_kernel(traits: Traits) -> Any:
 
 @cache
 def edges_function(traits: Traits) -> Any:
-    """The function by which edges push each other apart, once all particles have moved."""
+    """Return the function by which edges push each other apart, once all particles have moved."""
     ease_of_moving = ease_function(traits)
     thickness_between, _ = skin_functions(traits)
     pair_friction = pair_friction_function(traits)
@@ -153,7 +153,7 @@ def edges_function(traits: Traits) -> Any:
         points: wp.array[wp.vec3],
         velocities: wp.array[wp.vec3],
     ):
-        """Two edges push each other. Whether the others have to be looked at again."""
+        """Push two edges apart, and return whether the other pairs have to be tested again."""
         ends = wp.vec4i(
             t.touch.edges[first][0], t.touch.edges[first][1], t.touch.edges[second][0], t.touch.edges[second][1]
         )

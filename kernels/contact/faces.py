@@ -53,7 +53,7 @@ def part_until_face(
     starts: wp.array[wp.vec3],
     points: wp.array[wp.vec3],
 ):
-    """The part of the step after which a sphere meets a triangle; `NEVER` if it does not.
+    """Return the fraction of the step after which a sphere meets a triangle; `NEVER` if it does not.
 
     Args:
         nearest: part of the radius to which the center may come.
@@ -97,7 +97,7 @@ def find_soonest(
 
 @cache
 def faces_function(traits: Traits) -> Any:
-    """The function by which spheres that are small beside faces meet these, once all have moved."""
+    """Return the function that resolves contacts of small spheres with faces, once all have moved."""
     _, read_own = own_functions(traits.columns, traits.balloons)
     inertia, ease_of_moving = inertia_function(traits), ease_function(traits)
     friction_column = traits.columns.places["balloon_friction"]
@@ -181,7 +181,7 @@ def faces_function(traits: Traits) -> Any:
         points: wp.array[wp.vec3],
         velocities: wp.array[wp.vec3],
     ):
-        """Sphere and lump by their mean way, with their mean velocity; nowhere, where one of them is fixed."""
+        """Move a sphere and its lump by their mean displacement and velocity; not at all if one of them is fixed."""
         mass = sphere_mass(t.spheres, world, sphere)
         way = mass * (state.sphere_positions[world, sphere] - working.sphere_starts[world, sphere])
         momentum = mass * state.sphere_velocities[world, sphere]

@@ -33,7 +33,7 @@ def add_pushes(
     b: wp.vec3,
     c: wp.vec3,
 ):
-    """Forces [N] on a triangle's corners, and on a particle what makes their sum nothing, to the last bit."""
+    """Add forces [N] to a triangle's corners, and to a particle the exact opposite of their sum."""
     for axis in range(3):
         first = quanta(a[axis])
         second = quanta(b[axis])
@@ -90,7 +90,7 @@ def take_counts(
 
 @wp.func
 def pushed(working: Working, own: Any, gain: float, velocity: wp.vec3):
-    """A particle's velocity once contacts have pushed it, too.
+    """Return a particle's velocity once contacts have pushed it, too.
 
     Args:
         gain: see `response`.

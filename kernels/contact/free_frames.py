@@ -84,7 +84,7 @@ def larger_extent(a: Extent, b: Extent):
 
 @cache
 def surround_kernel(traits: Traits) -> Any:
-    """The kernel that sees how far each balloon is from obstacles."""
+    """Return the kernel that finds the distance of each balloon to obstacles."""
     free_ball = free_ball_function(traits) if traits.fixtures else None
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
@@ -97,7 +97,10 @@ def surround_kernel(traits: Traits) -> Any:
         free: FreeFrames,
         before: WorldState,
     ):
-        """A block a (world, balloon). The first of a world remembers what was before."""
+        """Compute the extent of each balloon; a block a (world, balloon).
+
+        The first block of a world copies the world's state.
+        """
         world, balloon, thread = wp.tid()
         if balloon == 0:
             copy_world(state, before, world, thread, wp.block_dim())
@@ -127,7 +130,7 @@ def surround_kernel(traits: Traits) -> Any:
 
 @cache
 def judge_kernel(traits: Traits) -> Any:
-    """The kernel that says which worlds have a free frame before them."""
+    """Return the kernel that decides which worlds have a free frame ahead."""
     thickness_between = skin_functions(traits)[0] if traits.touches else None
 
     @wp.func
@@ -145,7 +148,7 @@ def judge_kernel(traits: Traits) -> Any:
         # in and out
         free: FreeFrames,
     ):
-        """A thread a world."""
+        """Judge which worlds have a free frame; a thread a world."""
         world = wp.tid()
         way = float(FAR_AWAY)
         fastest = float(0.0)
@@ -178,7 +181,7 @@ def put_worlds_back(
     # out
     sphere_quanta: wp.array3d[wp.int64],
 ):
-    """A thread a (world, thread): a world whose frame was not free is as it was before."""
+    """Restore worlds whose frame was not free to their earlier state; a thread a (world, thread)."""
     world, thread = wp.tid()
     if free.verdicts[world] != FREE:
         copy_world(before, state, world, thread, threads)
@@ -194,7 +197,7 @@ def keep_sphere_forces(
     # out
     sphere_forces: wp.array2d[wp.vec3],
 ):
-    """A thread a (world, sphere): of worlds whose frame was not free, from whole numbers to newtons."""
+    """Convert sphere forces of worlds whose frame was not free to newtons; a thread a (world, sphere)."""
     world, sphere = wp.tid()
     if free.verdicts[world] != FREE:
         sphere_forces[world, sphere] = total_newtons(sphere_quanta, world, sphere)
@@ -208,7 +211,7 @@ def keep_busy(
     # out
     target: wp.array2d[wp.vec3],
 ):
-    """A thread a (world, particle): of worlds whose frame was not free."""
+    """Keep the results of worlds whose frame was not free; a thread a (world, particle)."""
     world, particle = wp.tid()
     if verdicts[world] != FREE:
         target[world, particle] = source[world, particle]

@@ -67,7 +67,7 @@ class Nearby:
 
 @cache
 def nearby_function(traits: Traits, lists: bool) -> Any:
-    """The function that goes through the triangles of a balloon that a particle may touch.
+    """Return the function that loops over the triangles of a balloon that a particle may touch.
 
     Args:
         lists: whether it puts them into the particle's list, of too many the nearest; else it finds the nearest.
@@ -75,7 +75,7 @@ def nearby_function(traits: Traits, lists: bool) -> Any:
 
     @wp.func
     def may_touch(t: Tables, particle: wp.int32, own: wp.int32, other: wp.int32, triangle: wp.int32):
-        """A particle touches its own balloon only where that was apart at the start."""
+        """Return whether a particle may touch a triangle of its own balloon: only if they were apart at the start."""
         if wp.static(traits.touches_itself):
             if own == other:
                 here = t.touch.rest_points[particle]
@@ -183,7 +183,7 @@ def nearby_function(traits: Traits, lists: bool) -> Any:
 
 @cache
 def finding_functions(traits: Traits) -> Any:
-    """The function that puts the triangles of a balloon that a particle may touch into its list."""
+    """Return the function that puts the triangles of a balloon that a particle may touch into its list."""
     pad_between = pad_function(traits)
     thickness_between, _ = skin_functions(traits)
     nearest_of = nearby_function(traits, lists=False)

@@ -14,7 +14,7 @@ PARTICLES_A_MARK = wp.constant(8)
 
 
 def mark_count(particle_count: int) -> int:
-    """Marks of a world; the last is that of the world."""
+    """Return the number of marks of a world; the last is that of the world itself."""
     return -(-particle_count // PARTICLES_A_MARK) + 1
 
 
@@ -26,7 +26,7 @@ def are_noted(working: Working, world: wp.int32):
 
 @cache
 def noting_function(traits: Traits, sphere_at: Any) -> Any:
-    """The function that notes a particle.
+    """Return the function that marks a particle.
 
     Args:
         sphere_at: the function that gives a sphere's center, velocity and radius.

@@ -50,7 +50,7 @@ PRESS_REGISTERS = 96
 
 @wp.func
 def ease_of_moving(t: Tables, mass_of_balloon: float, particle: wp.int32):
-    """1 over its mass [1/kg], 0 if it is fixed."""
+    """Return the inverse mass of a particle [1/kg], 0 if it is fixed."""
     mass = float_at(t.particles.mass_share, particle) * mass_of_balloon
     return wp.where(mass > 0.0, 1.0 / mass, 0.0)
 
@@ -75,7 +75,7 @@ def press_function(traits: Traits, point_at: Any) -> Any:
 
     @wp.func
     def mass_of(t: Tables, world: wp.int32, balloon: wp.int32):
-        """A balloon's [kg]."""
+        """Return a balloon's mass [kg]."""
         return t.balloon_numbers[row_of_world(world, t.balloon_numbers.shape[0]), balloon, mass_column]
 
     @wp.func
@@ -144,7 +144,7 @@ def press_function(traits: Traits, point_at: Any) -> Any:
 
 @cache
 def pressing_function(traits: Traits, point_at: Any) -> Any:
-    """The function by which a particle touches the triangles that were found near it.
+    """Return the function that presses a particle against the triangles found near it.
 
     Args:
         point_at: as in `press_function`.
@@ -202,7 +202,7 @@ def pressing_function(traits: Traits, point_at: Any) -> Any:
 
 @cache
 def press_kernel(traits: Traits, fast_math: bool = False) -> Any:
-    """The kernel by which particles touch the triangles that were found near them."""
+    """Return the kernel that presses particles against the triangles found near them."""
     press_particle = pressing_function(traits, vector_at)
 
     @wp.kernel(

@@ -19,7 +19,7 @@ from balloon_warp.kernels.working import Working
 
 @cache
 def catching_function(traits: Traits) -> Any:
-    """The function that measures a pair as a substep begins."""
+    """Return the function that measures a pair as a substep begins."""
     place_of = placing_function(traits)
     friction_with = pair_friction_function(traits)
 
@@ -110,7 +110,7 @@ def pushing_functions(traits: Traits) -> tuple[Any, Any, Any]:
 
 @cache
 def sharing_functions(traits: Traits) -> tuple[Any, Any]:
-    """The functions that count the contacts of particles and bodies, and that move these by all impulses."""
+    """Return the functions that count the contacts of particles and bodies, and that apply all impulses to them."""
     ease_of_moving = ease_function(traits)
 
     @wp.func

@@ -28,7 +28,7 @@ class Placed:
 
 @cache
 def placing_function(traits: Traits) -> Any:
-    """The function that says where a solid with ridges is: an obstacle, or a body, which come after these."""
+    """Return the function that returns the pose of a solid with ridges: an obstacle, or a body, numbered after them."""
     pose_at = pose_function(traits) if traits.fixtures else None
 
     @wp.func
@@ -62,7 +62,7 @@ def placing_function(traits: Traits) -> Any:
 
 @cache
 def pair_friction_function(traits: Traits) -> Any:
-    """The function that gives Coulomb's coefficient between a solid and a particle's balloon."""
+    """Return the function for Coulomb's coefficient between a solid and a particle's balloon."""
     own_column = traits.columns.places["balloon_friction"]
 
     @wp.func

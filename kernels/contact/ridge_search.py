@@ -20,7 +20,7 @@ FAST = wp.constant(2.0)
 
 @wp.func
 def corners_of(feature: wp.vec4i, corner: wp.int32):
-    """A feature's particle; of an edge the first once more in place of its third."""
+    """Return a feature's particles; an edge has its first again in place of a third."""
     return wp.where(feature[corner] < 0, feature[0], feature[corner])
 
 
@@ -79,7 +79,7 @@ def look_around(
 
 @cache
 def fastest_function(traits: Traits) -> Any:
-    """The function that says how fast anything moves."""
+    """Return the function that returns the highest speed of anything."""
     place_of = placing_function(traits)
 
     @wp.func
@@ -103,7 +103,7 @@ def fastest_function(traits: Traits) -> Any:
 
 @cache
 def ridge_search_function(traits: Traits) -> Any:
-    """The function that keeps the list of features and ridges that are near each other."""
+    """Return the function that keeps the list of features and ridges that are near each other."""
     place_of = placing_function(traits)
     fastest_of_thread = fastest_function(traits)
 

@@ -9,7 +9,7 @@ ONE = wp.constant(wp.float64(2.0**-40))
 
 @wp.func
 def whole(amount: float):
-    """An amount as a whole number."""
+    """Return an amount as a whole number."""
     return wp.int64(wp.float64(amount) * QUANTA)
 
 
@@ -44,7 +44,7 @@ def take_impulse(sums: wp.array3d[wp.int64], world: wp.int32, item: wp.int32):
 
 @wp.func
 def take_of_body(sums: wp.array3d[wp.int64], world: wp.int32, body: wp.int32):
-    """The impulse that a body has got [N s], and the angular momentum [N m s]."""
+    """Take the impulse on a body [N s], and the angular momentum [N m s]."""
     impulse = take_impulse(sums, world, body)
     twist = wp.vec3(taken(sums, world, body, 3), taken(sums, world, body, 4), taken(sums, world, body, 5))
     return impulse, twist

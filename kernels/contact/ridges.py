@@ -28,7 +28,7 @@ SETTLED = wp.constant(0.02)
 
 @cache
 def sweeping_functions(traits: Traits) -> tuple[Any, Any]:
-    """The functions that find pairs that come together too fast, and that let these push and rub."""
+    """Return the functions that find pairs that approach too fast, and that apply their impulses and friction."""
     beside, gain_along, push_pair = pushing_functions(traits)
     count_in, _ = sharing_functions(traits)
 
@@ -75,7 +75,7 @@ def sweeping_functions(traits: Traits) -> tuple[Any, Any]:
 
 @cache
 def parting_functions(traits: Traits) -> tuple[Any, Any, Any]:
-    """The functions that find pairs that are too near, that let these part, and that move all by what pairs do."""
+    """Return functions that find pairs that are too near, that part them, and that apply the displacements."""
     _, gain_along, push_pair = pushing_functions(traits)
     count_in, move_by_impulses = sharing_functions(traits)
 
@@ -116,7 +116,7 @@ def parting_functions(traits: Traits) -> tuple[Any, Any, Any]:
 
 @cache
 def ridges_function(traits: Traits) -> Any:
-    """The function by which faces leave ridges, once all have moved."""
+    """Return the function that resolves contacts of faces with ridges, once all have moved."""
     search_ridges = ridge_search_function(traits)
     catch_of = catching_function(traits)
     find_pushed, push_apart = sweeping_functions(traits)

@@ -39,7 +39,7 @@ def put_on_list(working: Working, world: wp.int32, which: wp.int32, particle: wp
 
 @cache
 def looking_function(traits: Traits) -> Any:
-    """The function that puts a particle on the list of those that look around."""
+    """Return the function that appends a particle to the list of those that search."""
     is_nearing = nearing_function(traits)
 
     @wp.func
@@ -88,7 +88,7 @@ def looking_function(traits: Traits) -> Any:
 
 @cache
 def listing_function(traits: Traits) -> Any:
-    """The function that makes the list of triangles of a particle that looks around."""
+    """Return the function that builds the list of triangles of a particle that searches."""
     find_of_balloon, is_nearing = finding_functions(traits), nearing_function(traits)
 
     @wp.func
@@ -135,7 +135,7 @@ def listing_function(traits: Traits) -> Any:
 
 @cache
 def looking_kernel(traits: Traits) -> Any:
-    """The kernel that finds the particles that look around."""
+    """Return the kernel that finds the particles that search."""
     note_looking = looking_function(traits)
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
@@ -161,7 +161,7 @@ def looking_kernel(traits: Traits) -> Any:
 
 @cache
 def find_kernel(traits: Traits, fast_math: bool = False) -> Any:
-    """The kernel that finds the triangles that each of them may touch."""
+    """Return the kernel that finds the triangles that each searching particle may touch."""
     list_triangles = listing_function(traits)
 
     @wp.kernel(

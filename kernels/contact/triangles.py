@@ -36,13 +36,13 @@ def is_first_of_balloon(candidate: wp.int32):
 
 @wp.func
 def side_of(candidate: wp.int32):
-    """1 where the particle is in front of it, -1 behind."""
+    """Return 1 where the particle is in front of the triangle, -1 behind."""
     return 1.0 - 2.0 * float(candidate & 1)
 
 
 @cache
 def rows_function(at: Any) -> Any:
-    """The function that gives the vectors of a triangle's corners, row by row.
+    """Return the function for the vectors of a triangle's corners, row by row.
 
     Args:
         at: the function that reads one.

@@ -21,7 +21,7 @@ from balloon_warp.kernels.traits import Traits
 
 @cache
 def air_kernel(traits: Traits) -> Any:
-    """The kernel that finds it."""
+    """Return the kernel that updates added mass and air at balloons."""
     read_numbers = numbers_reader(traits.columns)
     call = call_of(air_along, "air_along", ["height", "pressure", "free_volume"], traits.columns)
     source = f"def air_of(height: float, pressure: float, free_volume: float, n: Any):\n    return {call}\n"
@@ -38,7 +38,7 @@ def air_kernel(traits: Traits) -> Any:
         # state in and out
         state: WorldState,
     ):
-        """A thread a (world, balloon).
+        """Compute the added mass and the air at each balloon; a thread a (world, balloon).
 
         Args:
             of_places: numbers of particles in the state, if tables have them in another order; empty otherwise.

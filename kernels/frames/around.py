@@ -19,7 +19,7 @@ wp.set_module_options({**OPTIONS, "enable_backward": False})
 def keyframed_value(
     times: wp.array2d[float], values: wp.array3d[float], world: wp.int32, balloon: wp.int32, time: float
 ):
-    """Piecewise linear through the keyframes, constant before the first and after the last."""
+    """Interpolate keyframes linearly, constant before the first and after the last."""
     row = row_of_world(world, values.shape[0])
     value = values[row, balloon, 0]
     for key in range(times.shape[1] - 1):
@@ -61,7 +61,7 @@ def note_given_loads(
     # state in and out
     state: WorldState,
 ):
-    """A thread a (world, balloon): the pressures of the last substep of a frame, where they are given."""
+    """Store given pressures of the last substep of a frame; a thread a (world, balloon)."""
     world, balloon = wp.tid()
     if inflation_kind[balloon] != NORMAL_FORCE:
         given = ramp_at(state, world, balloon, time_in_frame)

@@ -32,7 +32,7 @@ def molar_volume(air_pressure: float, air_temperature: float):
 
 @wp.func
 def density_of_air(air_pressure: float, air_temperature: float, air_density: float):
-    """Given, or of dry air as an ideal gas where that is negative [kg/m^3]."""
+    """Return the given density of the air, or that of dry air as an ideal gas where it is negative [kg/m^3]."""
     if air_density < 0.0:
         return DRY_AIR_MOLAR_MASS / molar_volume(air_pressure, air_temperature)
     return air_density
@@ -47,7 +47,7 @@ def air_of_height(
     air_lapse: float,
     gravity: float,
 ):
-    """Pressure [Pa], temperature [K] and density [kg/m^3] at a height, of those at 0.
+    """Return pressure [Pa], temperature [K] and density [kg/m^3] of the air at a height, from those at 0.
 
     The air is at rest, dp/dz = -density g, and as much colder with height as its lapse L says [K/m]:
 
@@ -83,7 +83,7 @@ def density_at(
 
 @wp.func
 def wind_alike(wind: wp.vec3):
-    """Velocity of the air where it is the same at all places and times [m/s]."""
+    """Return the velocity of uniform, steady air [m/s]."""
     return wind
 
 
@@ -118,7 +118,7 @@ def wind_at(
     gust_length: float,
     gust_seed: float,
 ):
-    """Velocity of the air at a place and time [m/s]: of the wind, as it grows with height, and of gusts in it."""
+    """Return the velocity of the air at a place and time, with the wind's profile and gusts [m/s]."""
     velocity = growth_of_wind(wp.dot(place, up), wind_shear, wind_height, wind_roughness) * wind
     if gusts > 0.0:
         carried = (place - time * wind) / gust_length
@@ -261,7 +261,7 @@ def drag_bound(
     wind_roughness: Any,
     gusts: Any,
 ) -> Any:
-    """Density C_d A u [N s/m], the derivative of the drag at the speed u through the air."""
+    """Return density C_d A u [N s/m], the derivative of the drag at the speed u through the air."""
     density = density_of_given_air(air_pressure, air_temperature, air_density)
     share = wind_roughness / wind_height
     share = 0.5 * (share + SMOOTHEST - abs(share - SMOOTHEST))  # the lesser of both, of arrays, too

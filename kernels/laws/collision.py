@@ -23,7 +23,7 @@ SLOW = wp.constant(2.0)
 
 @wp.func
 def part_until(start: wp.vec3, way: wp.vec3, reach: float):
-    """Part of a way that leads to a distance of `reach` from the origin.
+    """Return the fraction of a path at which its distance from the origin is `reach`.
 
     It is 0 where the way begins nearer, and `NEVER` where it does not lead there.
     """

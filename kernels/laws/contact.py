@@ -16,7 +16,7 @@ from balloon_warp.kernels.laws.law import Parameter
 
 @wp.func
 def way_out(point: wp.vec3, center: wp.vec3, up: wp.vec3):
-    """Direction from a sphere's center to a particle, a unit vector; up where they coincide."""
+    """Return the direction from a sphere's center to a particle, a unit vector; up where they coincide."""
     arm = point - center
     if wp.length_sq(arm) > 0.0:
         return inverse_root(squared_length(arm)) * arm
@@ -25,7 +25,7 @@ def way_out(point: wp.vec3, center: wp.vec3, up: wp.vec3):
 
 @wp.func
 def without_approach(velocity: wp.vec3, obstacle_velocity: wp.vec3, normal: wp.vec3):
-    """Velocity without its part into the obstacle."""
+    """Return the velocity without its component into the obstacle."""
     return velocity - wp.min(wp.dot(velocity - obstacle_velocity, normal), 0.0) * normal
 
 
@@ -53,7 +53,7 @@ def own_friction(own: float, otherwise: float):
 
 @wp.func
 def friction_between(first: float, second: float):
-    """Coulomb's coefficient of two surfaces: the geometric mean of theirs, so that two alike have their own."""
+    """Return Coulomb's coefficient of two surfaces: the geometric mean of theirs, so that two alike have their own."""
     return wp.where(first == second, first, wp.sqrt(first * second))
 
 
@@ -121,7 +121,7 @@ def stop_of(velocity: wp.vec3, surface_velocity: wp.vec3, normal: wp.vec3, resti
 
 @wp.func
 def bounced(velocity: wp.vec3, surface_velocity: wp.vec3, normal: wp.vec3, restitution: float):
-    """Velocity of a sphere that has met a surface: it leaves with the speed of its approach times the restitution."""
+    """Return the velocity of a sphere after contact: it leaves with its approach speed times the restitution."""
     return velocity + stop_of(velocity, surface_velocity, normal, restitution) * normal
 
 
@@ -137,7 +137,7 @@ def move_sphere(
     ground_restitution: float,
     step_seconds: float,
 ):
-    """Position and velocity of a sphere after a step, and what the ground has changed that velocity by [m/s].
+    """Return a sphere's position and velocity after a step, and the velocity change by the ground [m/s].
 
     Gravity, the ground and the acceleration by contacts move it.
     """

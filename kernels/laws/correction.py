@@ -28,7 +28,7 @@ def excess(d: wp.vec3, rest_length: float, limit: float):
 
 @wp.func
 def share_of_correction(mass_share: float, mass_share_of_other: float):
-    """Part of a correction that one end makes: half, or all beside a fixed end, or nothing if fixed itself."""
+    """Return one end's share of a correction: half, all beside a fixed end, or zero if it is fixed."""
     if mass_share == 0.0:
         return 0.0
     return wp.where(mass_share_of_other > 0.0, 0.5, 1.0)

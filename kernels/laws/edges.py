@@ -89,7 +89,7 @@ def ease_along(weights: wp.vec4, eases: wp.vec4):
 
 @wp.func
 def push_apart(parting: float, gap: float, kept: float, ease: float, step_seconds: float):
-    """Impulse along n that keeps two edges apart [N s].
+    """Return the impulse along n that keeps two edges apart [N s].
 
     Args:
         parting: n . (u_q - u_p) [m/s].
@@ -112,7 +112,7 @@ def crosses(crossing: Crossing):
 
 @wp.func
 def couples(crossing: Crossing, along: wp.vec3):
-    """Couples a and b of 1 N s of friction along a unit vector across n."""
+    """Return the couples a and b of 1 N s of friction along a unit vector across n."""
     scale = crossing.gap / wp.dot(wp.cross(crossing.first, crossing.second), crossing.normal)
     return wp.vec2(
         scale * wp.dot(wp.cross(along, crossing.second), crossing.normal),
@@ -149,7 +149,7 @@ def rub_shares(crossing: Crossing, weights: wp.vec4, along: wp.vec3):
 
 @wp.func
 def friction_of_edges(speed: float, shares: FOUR, eases: wp.vec4, most: float):
-    """Impulse against what slides at a speed [N s], no more than `most`."""
+    """Return the friction impulse at a sliding speed [N s], no more than `most`."""
     ease = float(0.0)
     for end in range(4):
         ease += eases[end] * wp.length_sq(shares[end])

@@ -14,7 +14,7 @@ EMPTIEST = wp.constant(1.0e-6)
 
 @wp.func
 def end_of_collapse(volume: float, held: float, air_pressure: float):
-    """Volume at the end of a step [m^3] of a gas that would lose most of it in the step.
+    """Return the volume at the end of a step [m^3] of a gas that would lose most of it in the step.
 
     There the pressure is p_a (V_a / x - 1) at the volume x of the end, V_a that at the air's pressure, and K the rise
     of the volume in the step with a pressure [m^3/Pa]: x = B + K p_a (V_a / x - 1). The larger root is never below 0,
@@ -34,5 +34,5 @@ def end_of_collapse(volume: float, held: float, air_pressure: float):
 
 @wp.func
 def amount_when_flat(mesh_volume: float, air: wp.vec3):
-    """Amount of gas left in a balloon whose walls lie on each other [mol], in air of a pressure and temperature."""
+    """Return the amount of gas in a flat balloon [mol], in air of a pressure and temperature."""
     return EMPTY * wp.max(mesh_volume, 0.0) / molar_volume(air[0], air[1])

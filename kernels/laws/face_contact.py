@@ -100,7 +100,7 @@ def way_beside(facing: Facing, weights: wp.vec3):
 
 @wp.func
 def part_until_contact(facing: Facing, radius: float):
-    """Part of the step after which they come nearer than a radius; `NEVER` if they do not."""
+    """Return the fraction of the step after which they come nearer than a radius; `NEVER` if they do not."""
     longest = wp.max(
         wp.max(wp.length(facing.way - facing.ways[0]), wp.length(facing.way - facing.ways[1])),
         wp.length(facing.way - facing.ways[2]),

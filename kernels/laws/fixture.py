@@ -42,7 +42,7 @@ def is_settled(start: wp.vec3, end: wp.vec3, point: wp.vec3):
 
 @wp.func
 def toward(arm: wp.vec3, otherwise: wp.vec3):
-    """Direction of an arm, a unit vector; `otherwise` where there is none."""
+    """Return the direction of an arm, a unit vector; `otherwise` where there is none."""
     if wp.length_sq(arm) > 0.0:
         return wp.normalize(arm)
     return otherwise
@@ -50,7 +50,7 @@ def toward(arm: wp.vec3, otherwise: wp.vec3):
 
 @wp.func
 def box_surface(point: wp.vec3, half: wp.vec3):
-    """Distance to a box [m], and its normal; half its edges are given."""
+    """Return the distance to a box [m], and its normal; half its edges are given."""
     beyond = wp.vec3(wp.abs(point[0]) - half[0], wp.abs(point[1]) - half[1], wp.abs(point[2]) - half[2])
     signs = wp.vec3(
         wp.where(point[0] < 0.0, -1.0, 1.0), wp.where(point[1] < 0.0, -1.0, 1.0), wp.where(point[2] < 0.0, -1.0, 1.0)
@@ -69,7 +69,7 @@ def box_surface(point: wp.vec3, half: wp.vec3):
 
 @wp.func
 def capsule_surface(point: wp.vec3, radius: float, half_length: float, up: wp.vec3):
-    """Distance to a capsule along the up axis [m], and its normal."""
+    """Return the distance to a capsule along the up axis [m], and its normal."""
     arm = point - wp.clamp(wp.dot(point, up), -half_length, half_length) * up
     across = wp.vec3(up[1], up[2], up[0])
     return wp.length(arm) - radius, toward(arm, across)
@@ -77,7 +77,7 @@ def capsule_surface(point: wp.vec3, radius: float, half_length: float, up: wp.ve
 
 @wp.func
 def mesh_normal(arm: wp.vec3, face_normal: wp.vec3, side: float, reach: float):
-    """Direction of the arm from the nearest place of a mesh to a point, a unit vector, turned to a side.
+    """Return the direction of the arm from the nearest place of a mesh to a point, a unit vector, turned to a side.
 
     It is that face's normal where float32 would tell no direction.
     """
@@ -88,7 +88,7 @@ def mesh_normal(arm: wp.vec3, face_normal: wp.vec3, side: float, reach: float):
 
 @wp.func
 def mesh_surface(mesh: wp.uint64, closed: wp.int32, point: wp.vec3, farthest: float, reach: float, blur: float):
-    """Distance to a mesh [m], and its normal; `FAR_AWAY` where there is nothing within `farthest`.
+    """Return the distance to a mesh [m], and its normal; `FAR_AWAY` where there is nothing within `farthest`.
 
     A sheet has two sides: its normal is on that of the point.
     """

@@ -64,7 +64,7 @@ RESPONSE_HEIGHT = wp.constant(4)  # sum h |a|^2 height / m [m^4/s/Pa]
 
 @wp.func
 def free_along(area_vector: Any, normal: Any):
-    """Part of an area vector that a particle can follow beside an obstacle of this normal; zero if none.
+    """Return the part of an area vector that a particle can follow beside an obstacle of this normal; zero if none.
 
     The particle is pressed against the obstacle.
     """
@@ -73,7 +73,7 @@ def free_along(area_vector: Any, normal: Any):
 
 @wp.func
 def rate_beside_obstacles(area_vector: Any, free: Any, velocity: Any, gain: Any, push: Any):
-    """Rate of swelling at a particle without pressure [m^3/s], beside obstacles.
+    """Return the rate of swelling at a particle without pressure [m^3/s], beside obstacles.
 
     They let it move at a velocity that the old pressure has a part in.
 
@@ -87,7 +87,7 @@ def rate_beside_obstacles(area_vector: Any, free: Any, velocity: Any, gain: Any,
 
 @wp.func
 def swelling_of_particle(arm: Any, area_vector: Any, free: Any, rate: Any, gain: Any, share: Any, height: Any):
-    """Part of a particle in its balloon's swelling.
+    """Return a particle's contribution to its balloon's swelling.
 
     Args:
         arm: from a point of the balloon's own, about which its volume is taken, which keeps float32's digits.
@@ -110,7 +110,7 @@ def weight_of_end(breathing_damping: float):
 
 @wp.func
 def memory_of_rate(breathing_damping: float):
-    """Part k that the old rate of swelling has beside the new one, see `gas_load`.
+    """Return the weight k of the old rate of swelling relative to the new one, see `gas_load`.
 
     It is 0 in backward Euler, 1 in the trapezoidal rule.
     """
@@ -128,7 +128,10 @@ def memory_of_rate(breathing_damping: Lanes):  # noqa: F811 - an overload
 
 @wp.func
 def gas_pressure(air_pressure: float, free_volume: float, volume: float, gamma: float):
-    """Pressure of a gas above the air's [Pa]: p_0 (V_0 / V)^gamma - p_a. For gamma = 1 this is n R T / V - p_a."""
+    """Return the gauge pressure of a gas, p_0 (V_0 / V)^gamma - p_a [Pa].
+
+    For gamma = 1 this is n R T / V - p_a.
+    """
     squeezed = free_volume / volume
     if gamma != 1.0:  # or else a power is rounded, and later
         squeezed = wp.pow(squeezed, gamma)
@@ -137,7 +140,10 @@ def gas_pressure(air_pressure: float, free_volume: float, volume: float, gamma: 
 
 @wp.func
 def volume_at(free_volume: float, pressure: float, gamma: float):
-    """Volume of a gas at a pressure in full [Pa], or a mole's by its free volume: V_0 (p_0 / p)^(1 / gamma)."""
+    """Return the volume of a gas at an absolute pressure, V_0 (p_0 / p)^(1 / gamma).
+
+    With the free volume of a mole, it is that of a mole.
+    """
     return free_volume * wp.pow(STANDARD_PRESSURE / pressure, 1.0 / gamma)
 
 
@@ -153,7 +159,7 @@ def free_volume_of(volume: float, pressure: float, gamma: float, warmth: float):
 
 @wp.func
 def gas_energy(air_pressure: float, free_volume: float, volume: float, gamma: float):
-    """Energy of a gas and the air around it [J], 0 where both are in balance.
+    """Return the energy of a gas and the air around it [J], 0 in equilibrium.
 
     Its negative slope by the volume is the pressure above the air's.
     """
@@ -189,7 +195,7 @@ def gas_load(
     air_lapse: float,
     gravity: float,
 ):
-    """Pressure of a gas above the air's [Pa], its rise with height [Pa/m], and how both rise with more gas.
+    """Return the gauge pressure of a gas [Pa], its gradient with height [Pa/m], and how both rise with more gas.
 
     The pressure is that at the center of mass, at height 0; how it and its rise would grow is for each m^3 of free
     volume.
@@ -258,7 +264,7 @@ def pumped_gas(
     air_temperature: float,
     temperature_here: float,
 ):
-    """Amount [mol] and free volume [m^3] of a gas when so much is pumped in, or if negative let out.
+    """Return the amount [mol] and free volume [m^3] of a gas after an amount is pumped in, or if negative let out.
 
     What comes in is as warm as the air here, and goes through a valve to the `pressure` in there, in full [Pa]; what
     leaves takes its part of the free volume along, as long as there is more than `least` [mol]. Where heat passes, that
@@ -278,7 +284,7 @@ def pumped_gas(
 
 @wp.func
 def tube_flow(conductance: float, flow: float, difference: float, softness: float, step_seconds: float):
-    """Correction of a tube's flow [mol/s] that makes it conductance times the difference of pressures.
+    """Return the correction of a tube's flow [mol/s] that makes it conductance times the difference of pressures.
 
     These are the pressures at its ends [Pa] at the end of a step, where they fall by `softness` [Pa/mol] with all that
     flows.
@@ -294,7 +300,7 @@ def molar_free_volume(gas: wp.vec2d):
 
 @wp.func
 def gas_through_tube(source: wp.vec2d, sink: wp.vec2d, moles: float, pressures: wp.vec2, gamma: float):
-    """Amounts [mol] and free volumes [m^3] of two gases when so much goes from one to the other.
+    """Return the amounts [mol] and free volumes [m^3] of two gases after an amount flows from one to the other.
 
     `pressures` are theirs, in full [Pa]. What leaves takes its part of the free volume along, and is throttled.
     """

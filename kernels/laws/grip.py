@@ -80,7 +80,7 @@ def rebound_speed(gap: float, approach: float, restitution: float, pull: float, 
 
 @wp.func
 def least_speed(gap: float, approach: float, restitution: float, pull: float, slow: float, step_seconds: float):
-    """Least n . u [m/s] of what is `gap` away and comes at `approach` before gravity acts.
+    """Return the least n . u [m/s] at a given `gap`, for an `approach` before gravity acts.
 
     Args:
         pull: the acceleration by which it comes faster [m/s^2].
@@ -95,13 +95,13 @@ def least_speed(gap: float, approach: float, restitution: float, pull: float, sl
 
 @wp.func
 def slowest_rebound(gravity: float, step_seconds: float):
-    """Speed [m/s] up to which nothing rebounds."""
+    """Return the speed [m/s] up to which nothing rebounds."""
     return SLOW * step_seconds * wp.abs(gravity)
 
 
 @wp.func
 def clear_gap(gap: float, reach: float, place: wp.vec3):
-    """Gap [m], or none where it is too small to count.
+    """Return the gap [m], or none where it is too small to count.
 
     So what rests is not moved by how places are rounded. What is larger closes all the way, and does not stay at the
     edge of that.
@@ -120,7 +120,7 @@ def way_out_of(gap: float, step_seconds: float):
 
 @wp.func
 def grip_impulse(grip: Grip, beside: wp.vec3, friction_ease: float, friction: float):
-    """Impulse that is added at a grip [N s].
+    """Return the increment of the impulse at a grip [N s].
 
     Args:
         beside: u, with the impulse so far [m/s].

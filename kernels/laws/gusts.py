@@ -37,7 +37,7 @@ AT_ONCE = 8
 
 
 def _turned(draw: random.Random) -> list[tuple[float, float, float]]:
-    """Three unit vectors at right angles, turned at random: the columns of a unit quaternion's matrix."""
+    """Return three unit vectors at right angles, turned at random: the columns of a unit quaternion's matrix."""
     parts = [draw.gauss(0.0, 1.0) for _ in range(4)]
     w, x, y, z = (part / math.hypot(*parts) for part in parts)
     return [
@@ -80,7 +80,7 @@ def _table_by_number() -> str:
 
 
 def _hash(state: int) -> int:
-    """Warp's `rand_pcg`."""
+    """Return the hash of a number, Warp's `rand_pcg`."""
     mixed = (state * 747796405 + 2891336453) % 2**32
     mixed = ((mixed >> ((mixed >> 28) + 4)) ^ mixed) * 277803737 % 2**32
     return (mixed >> 22) ^ mixed
@@ -146,5 +146,5 @@ def _written() -> str:
 
 @wp.func_native(_written())
 def gusts(place: wp.vec3, seed: wp.int32) -> wp.vec3:
-    """Velocity over the root mean square of each of its components, at a place over L."""
+    """Return the velocity over the root mean square of each of its components, at a place over L."""
     ...

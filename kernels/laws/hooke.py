@@ -17,7 +17,7 @@ def hooke(squared_length: float, stiffness: float, stiffness_times_length: float
 
 @wp.func
 def hooke_energy(squared_length: float, rest_length: float, stiffness: float):
-    """Energy of a spring, 1/2 k (|d| - L)^2 [J]."""
+    """Return the energy of a spring, 1/2 k (|d| - L)^2 [J]."""
     strain = wp.sqrt(squared_length) - rest_length
     return 0.5 * stiffness * strain * strain
 

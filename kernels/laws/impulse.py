@@ -75,7 +75,7 @@ def comes_near(start: wp.vec3, way: wp.vec3, radius: float):
 
 @wp.func
 def meet_sphere(start: wp.vec3, way: wp.vec3, radius: float, up: wp.vec3, step_seconds: float):
-    """Direction from a sphere to a particle, how much too fast that comes, and how far it is to be moved out.
+    """Return the direction from a sphere to a particle, the excess approach speed, and the displacement out.
 
     Args:
         start: from the sphere's center, before the step.
@@ -140,7 +140,10 @@ def is_met(press: Press):
 
 @wp.func
 def common_gain(press: Press, first: wp.int32, mass: float, ground: wp.float64, up: wp.vec3, sinking: float):
-    """D of (M I + sum m n n^T) D = -sum m a n, of nine numbers, and of the ground as one more particle of that mass."""
+    """Return the solution D of (M I + sum m n n^T) D = -sum m a n.
+
+    The sums are nine numbers; the ground counts as one more particle of its own mass.
+    """
     m = wp.float64(mass)
     xy = wp.float64(press[first + 1])
     xz = wp.float64(press[first + 2])
@@ -171,7 +174,7 @@ def change_of_body(press: Press, mass: float, up: wp.vec3, sinking: float, chang
 
 @wp.func
 def push_of_ground(press: Press, mass: float, up: wp.vec3, change: wp.vec3):
-    """Impulse by which the ground keeps up a body that particles press to it [N s]: what both gain by it."""
+    """Return the impulse of the ground on a body that particles press to it [N s]."""
     lost = wp.vec3(press[PRESSED + 6], press[PRESSED + 7], press[PRESSED + 8])
     of_particles = wp.vec3(
         press[PRESSED] * change[0] + press[PRESSED + 1] * change[1] + press[PRESSED + 2] * change[2],
@@ -195,7 +198,7 @@ def is_settled(change: wp.vec3, last: wp.vec3):
 
 @wp.func
 def gain_of_particle(outward: wp.vec3, excess: float, change: wp.vec3):
-    """Velocity [m/s] that a pressed particle gains when the body's changes so.
+    """Return the velocity change of a pressed particle for that of its body [m/s].
 
     Or how far one is moved out of an overlap [m], beside a body that is moved itself.
     """
@@ -213,7 +216,9 @@ def fall(
     ground_restitution: float,
     step_seconds: float,
 ):
-    """Position and velocity of a sphere after a step of gravity beside the ground, and what the ground changed [m/s].
+    """Return a sphere's position and velocity after a step of gravity beside the ground.
+
+    Also the velocity change by the ground [m/s].
 
     It has not met particles yet.
 

@@ -68,7 +68,7 @@ def turned(turn: wp.quat, ease: wp.mat33, mass: float, momentum: wp.vec3, step_s
 
 @wp.func
 def inertia_in_world(turn: wp.quat, inertia: wp.mat33):
-    """Inertia in the world, R J R^T."""
+    """Return the inertia in the world, R J R^T."""
     matrix = wp.quat_to_matrix(turn)
     return matrix * inertia * wp.transpose(matrix)
 
@@ -90,7 +90,7 @@ class Change:
 
 @wp.func
 def gain_at(change: Change, arm: wp.vec3, normal: wp.vec3):
-    """Gain along n of the body's point at an arm: c . D [m/s]."""
+    """Return the gain along n of the body's point at an arm: c . D [m/s]."""
     return wp.dot(normal, change.velocity + wp.cross(change.spin, arm))
 
 
@@ -159,7 +159,7 @@ def symmetric(push: Push, first: wp.int32):
 
 @wp.func
 def change_of_rigid(push: Push, mass: float, inertia: wp.mat33):
-    """D, of the body's mass [kg] and its inertia tensor in the world's axes [kg m^2]."""
+    """Return D, of the body's mass [kg] and its inertia tensor in the world's axes [kg m^2]."""
     forward = symmetric(push, FORWARD) + wp.float64(mass) * wp.identity(n=3, dtype=wp.float64)
     turning = symmetric(push, TURNING) + wp.mat33d(inertia)
     mixed = wp.mat33d()
@@ -189,7 +189,7 @@ def friction_share(mass: float, ease: wp.mat33, reach: float, pressed: float):
 
 @wp.func
 def rub_on(beside: wp.vec3, pushed: wp.vec3, mass: float, share: float, friction: float):
-    """Impulse of friction on a particle [N s].
+    """Return the impulse of friction on a particle [N s].
 
     Args:
         beside: its velocity beside the body's point there.

@@ -27,7 +27,7 @@ def rubber(
     viscosity: float,
     yield_stretch: float,
 ):
-    """Addition to Hooke's coefficient [N/m]: t k (d . d') / |d|^2, t the viscosity.
+    """Return the addition to Hooke's coefficient [N/m]: t k (d . d') / |d|^2, t the viscosity.
 
     From the yield stretch on, it takes the whole pull away.
     """
@@ -47,7 +47,7 @@ def rubber_at_limit(
     yield_stretch: float,
     correction_limit: float,
 ):
-    """Addition to Hooke's coefficient [N/m] where springs do not pull at the length that correction gives them, either.
+    """Return the addition to Hooke's coefficient [N/m] that removes the force at the corrected length.
 
     Just below it their pull comes to its end gradually: many are there, and rounding is not to decide which of them
     pull.
@@ -90,7 +90,7 @@ CORRECTION_LIMIT = Parameter(
 
 
 def dashpot(stiffness: Any, viscosity: Any) -> Any:
-    """Damping constant of a spring along it [N s/m]."""
+    """Return the damping constant of a spring along it [N s/m]."""
     return viscosity * stiffness
 
 

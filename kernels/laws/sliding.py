@@ -27,7 +27,7 @@ TURNING = wp.constant(2.5)
 
 @wp.func
 def friction_impulse(beside: wp.vec3, normal: wp.vec3, ease: float, most: float):
-    """J [N s].
+    """Return J [N s].
 
     Args:
         beside: u [m/s].
@@ -58,7 +58,7 @@ def spin_by(mass: float, radius: float, torque: wp.vec3):
 def rubbed(
     velocity: wp.vec3, spin: wp.vec3, moving: wp.vec3, normal: wp.vec3, stopped: float, radius: float, friction: float
 ):
-    """Gain of a sphere's velocity [m/s] and spin [rad/s] by friction on something that gives way to nothing.
+    """Return the gain of a sphere's velocity [m/s] and spin [rad/s] by friction on something immovable.
 
     Args:
         moving: how fast the other moves there [m/s].

@@ -34,7 +34,7 @@ def softened(energy: float, peak: float, softening: float, softening_energy: flo
 
 
 def steepening(energy: Any, softening: Any, softening_energy: Any, softening_share: Any) -> Any:
-    """Fall of eta for each pascal by which the energy density falls below its peak, at most [1/Pa].
+    """Return the largest derivative of eta by the energy density below its peak [1/Pa].
 
     That is right at the peak. It makes rubber stiffer as it begins to give way. For the host.
     """

@@ -42,13 +42,13 @@ PARAMETERS = (
 
 @wp.func
 def true_stress(by_trace: float, by_det: float, major: float, minor: float):
-    """Larger principal true stress [Pa], l dW/dl, of the slopes of the relaxed energy and the squared stretches."""
+    """Return the larger principal true stress l dW/dl [Pa], from slopes of the energy and squared stretches."""
     return 2.0 * major * (by_trace + by_det * minor)
 
 
 @wp.func
 def across_tension(first_rest: wp.vec3, second_rest: wp.vec3, first: wp.vec3, second: wp.vec3):
-    """Direction of the larger stretch on the unstretched skin; that of the first edge where both are alike.
+    """Return the direction of the larger stretch on the unstretched skin; that of the first edge where both are alike.
 
     Args:
         first_rest: two edges of a triangle, unstretched [m].

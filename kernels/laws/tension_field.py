@@ -14,7 +14,7 @@ LEAST_DET = wp.constant(0.01)
 
 @wp.func
 def mixed_stretch(metric: wp.vec3, rest: wp.vec4):
-    """G M, row by row: its trace, determinant and eigenvalues are those of C.
+    """Return G M, row by row: its trace, determinant and eigenvalues are those of C.
 
     Args:
         metric: of M, the products d1 . d1, d1 . d2 and d2 . d2 of a triangle's edges.
@@ -55,7 +55,7 @@ def trace_and_det(metric: wp.vec3, rest: wp.vec4):
 
 @wp.func
 def rest_of_shape(shape: wp.vec4, part: float):
-    """G of a triangle, and its area times the part of the thickness that it has.
+    """Return G of a triangle, and its area times the part of the thickness that it has.
 
     Args:
         shape: the triangle at rest by its angles: the cotangents of those opposite its first, its second and its third
@@ -68,7 +68,7 @@ def rest_of_shape(shape: wp.vec4, part: float):
 
 @wp.func
 def products_at_angles(metric: wp.vec3):
-    """Dot products of the two edges at the angles opposite the first, the second and the third edge [m^2].
+    """Return the dot products of the two edges at the angles opposite the first, the second and the third edge [m^2].
 
     Each is the cotangent of its angle times twice the triangle's area.
     """
@@ -113,7 +113,7 @@ def how_surely_taut(metric: wp.vec3, rest: wp.vec4):
 
 @wp.func
 def relaxed(by_trace: float, by_det: float, major: float, spread: float, across: float, taut: bool, wrinkling: float):
-    """Slopes of the relaxed energy by trace and determinant [Pa], of those of the law.
+    """Return the slopes of the relaxed energy by trace and determinant [Pa], from those of the law.
 
     In wrinkles the energy is a function of the larger squared stretch a alone, whose slopes are a / (a - b) by the
     trace and -1 / (a - b) by the determinant.
@@ -148,7 +148,7 @@ def viscous_tension(
     wrinkling: float,
     viscosity: float,
 ):
-    """Viscous stress along the edges, which is added to the elastic one (Kelvin and Voigt) [Pa/m^2].
+    """Return the viscous stress along the edges, which is added to the elastic one (Kelvin and Voigt) [Pa/m^2].
 
     It is that of an incompressible Newtonian fluid in the same place. Cauchy's is 2 eta (d + tr d 1), and 3 eta along
     the tension in wrinkles.
@@ -183,7 +183,7 @@ def viscous_tension(
 
 @wp.func
 def elastic_tension(metric: wp.vec3, rest: wp.vec4, by_trace: float, by_det: float, double_volume: float):
-    """Elastic tensions along the edges, times the volume at rest, components 11, 12, 22 [N/m].
+    """Return the elastic tensions along the edges, times the volume at rest, components 11, 12, 22 [N/m].
 
     The tensions are 2 (dW/dtr G + dW/ddet det C M^-1).
 
@@ -201,7 +201,7 @@ def elastic_tension(metric: wp.vec3, rest: wp.vec4, by_trace: float, by_det: flo
 
 @wp.func
 def elastic_stiffness(shape: wp.vec4, by_trace: float, by_det: float, skin: float):
-    """Elastic tension of a triangle as two numbers [N/m, N/m^3].
+    """Return the elastic tension of a triangle as two numbers [N/m, N/m^3].
 
     An edge pulls its ends together, over its vector, with the first times the cotangent at rest of the angle opposite,
     plus the second times the product there.

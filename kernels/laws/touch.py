@@ -75,7 +75,7 @@ def quotient(part: float, whole: float):
 
 @wp.func
 def nearest_weights(point: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3):
-    """Barycentric weights of a triangle's point that is nearest to another (Ericson 2004, section 5.1.5)."""
+    """Return the barycentric weights of a triangle's point that is nearest to another (Ericson 2004, section 5.1.5)."""
     ab = b - a
     ac = c - a
     d1 = wp.dot(ab, point - a)
@@ -110,13 +110,13 @@ def nearest_weights(point: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3):
 
 @wp.func
 def weighted(weights: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3):
-    """Mean of the corners' vectors by their weights."""
+    """Return the mean of the corners' vectors by their weights."""
     return weights[0] * a + weights[1] * b + weights[2] * c
 
 
 @wp.func
 def facing(arm: wp.vec3, weights: wp.vec3, area_vector: wp.vec3):
-    """Direction n of the arm from the nearest point to the particle, outward, a unit vector; zero if there is none.
+    """Return the unit vector n of the arm from the nearest point to the particle, outward; zero if there is none.
 
     Inside the triangle it is the normal, and so it is so near to an edge or a corner that the arm's direction is
     rounding.
@@ -157,19 +157,19 @@ def touch_push(overlap: float, approach: float, stiffness: float, mass: float):
 
 @wp.func
 def touch_energy(overlap: float, stiffness: float):
-    """Energy of a contact, k o^2 / 2 [J]."""
+    """Return the energy of a contact, k o^2 / 2 [J]."""
     return 0.5 * stiffness * wp.max(overlap, 0.0) * wp.max(overlap, 0.0)
 
 
 @wp.func
 def across(vector: wp.vec3, normal: wp.vec3):
-    """Part of a vector that is not along the normal."""
+    """Return the tangential part of a vector."""
     return vector - wp.dot(vector, normal) * normal
 
 
 @wp.func
 def touch_friction(slip: wp.vec3, slide: wp.vec3, most: float, stiffness: float, mass: float):
-    """Friction on the particle [N], no more than `most`, and what of the slip is left [m].
+    """Return the friction on the particle [N], no more than `most`, and the remaining slip [m].
 
     Args:
         slip: across n, from where the particle took hold [m].
@@ -183,7 +183,7 @@ def touch_friction(slip: wp.vec3, slide: wp.vec3, most: float, stiffness: float,
 
 @wp.func
 def reach_gradient(normal: wp.vec3, edge: wp.vec3, area_vector: wp.vec3):
-    """G of a corner [1/m], from the edge opposite, counter-clockwise; nothing where the triangle is too steep.
+    """Return G of a corner [1/m], from the edge opposite, counter-clockwise; nothing where the triangle is too steep.
 
     Args:
         area_vector: twice the triangle's area along its normal.

@@ -13,7 +13,7 @@ from balloon_warp.kernels.tables import FaceTable
 
 @cache
 def aim_loop(at: Any) -> Any:
-    """The function that aims a particle.
+    """Return the function that aims a particle.
 
     Args:
         at: the function that reads a face's center or area vector.
@@ -38,7 +38,7 @@ def aim_loop(at: Any) -> Any:
 
 @cache
 def aim_loop_of_eight(at: Any) -> Any:
-    """The function that aims eight particles.
+    """Return the function that aims eight particles.
 
     Args:
         at: the function that reads centers or area vectors of eight faces.
@@ -46,7 +46,7 @@ def aim_loop_of_eight(at: Any) -> Any:
 
     @wp.func
     def aims_of_eight(faces: Any, centers: Any, area_vectors: Any, eight: wp.int32, points: Lanes3, total_areas: Lanes):
-        """(A_p / A_total) n of each."""
+        """Return (A_p / A_total) n of each."""
         normals = Lanes3()
         squared_distances = Lanes(FAR)
         areas = Lanes()
@@ -86,5 +86,5 @@ def see_quad(normal: wp.vec3, nearest: wp.vec2, before: wp.vec3, across: wp.vec3
 
 @wp.func
 def facing_of_quads(normal: wp.vec3, nearest: wp.vec2):
-    """A_p n, when all quads around a particle have been seen [m^2]."""
+    """Return A_p n, when all quads around a particle have been seen [m^2]."""
     return 0.5 * facing_of(normal, nearest)

@@ -13,7 +13,7 @@ from balloon_warp.kernels.traits import Traits
 
 @cache
 def air_function(traits: Traits) -> Any:
-    """The function that gives the air at a balloon: pressure [Pa], temperature [K] and density [kg/m^3]."""
+    """Return the function for the air at a balloon: pressure [Pa], temperature [K] and density [kg/m^3]."""
     of_world = [traits.columns.places[row.name] - traits.columns.balloon_width for row in STATE_OF_AIR]
     pressure_column, temperature_column, density_column = of_world
 

@@ -38,7 +38,7 @@ def plus_cross(v: wp.vec3, a: wp.vec3, b: wp.vec3):
 
 @wp.func
 def plus_cross_at_quad_corner(crosses: wp.vec3, before: wp.vec3, opposite: wp.vec3, after: wp.vec3):
-    """The crosses of quads so far and that of one more, see `cross_at_quad_corner`."""
+    """Return the sum of quads' cross products with one more, see `cross_at_quad_corner`."""
     return plus_cross(crosses, after - before, before + opposite)
 
 
@@ -60,7 +60,7 @@ CROSSES = wp.constant(1.0 / 12.0)
 
 @wp.func
 def area_vector_of_quad(before: Any, opposite: Any, after: Any):
-    """Area times unit normal of a quad, flat or not [m^2], from the vectors from one corner to the others [m]."""
+    """Return the area vector of a quad, flat or not [m^2], from the vectors from one corner to the others [m]."""
     return scaled(cross_product(opposite, before - after), 0.5)
 
 
@@ -87,7 +87,7 @@ def area_vector_of_corner(double_area: Any, chord: Any, arms: Any, corners: floa
 
 @cache
 def area_loop(quads: bool, at: Any) -> Any:
-    """The function that sums a particle's area vector over its faces, or those of eight particles.
+    """Return the function that sums a particle's area vector over its faces, or those of eight particles.
 
     Args:
         at: the function that reads a point.
@@ -129,11 +129,11 @@ def area_loop(quads: bool, at: Any) -> Any:
 
 @cache
 def face_measures(at: Any) -> tuple[Any, Any]:
-    """The functions that give a face's center and its area vector, or those of eight faces."""
+    """Return the functions that give a face's center and its area vector, or those of eight faces."""
 
     @wp.func
     def center_of_face(faces: Any, points: Any, face: wp.int32):
-        """Mean of a face's corners [m]."""
+        """Return the mean of a face's corners [m]."""
         begin = faces.offsets[face]
         end = faces.offsets[face + 1]
         total = at(points, faces.particles[begin])
@@ -143,7 +143,7 @@ def face_measures(at: Any) -> tuple[Any, Any]:
 
     @wp.func
     def area_vector_of_face(faces: Any, points: Any, face: wp.int32, center: Any):
-        """Area times unit normal of a polygon, flat or not: half the sum of (a - c) x (b - c) over its edges a b."""
+        """Return the area vector of a polygon, flat or not: half the sum of (a - c) x (b - c) over its edges a b."""
         begin = faces.offsets[face]
         end = faces.offsets[face + 1]
         arm = at(points, faces.particles[begin]) - center
@@ -159,7 +159,7 @@ def face_measures(at: Any) -> tuple[Any, Any]:
 
 @cache
 def hole_loop(at: Any) -> Any:
-    """The function that sums a particle's area vector over its torn faces alone."""
+    """Return the function that sums a particle's area vector over its torn faces alone."""
 
     @wp.func
     def area_vector_of_holes(t: Any, points: Any, world: wp.int32, particle: wp.int32, point: wp.vec3):
@@ -192,5 +192,5 @@ def hole_loop(at: Any) -> Any:
 
 @wp.func
 def volume_origin(t: Tables, balloon: wp.int32):
-    """The particle of a balloon about which its volume is taken."""
+    """Return the particle of a balloon about which its volume is taken."""
     return fixed_int_at(t.faces.volume_origins, balloon)

@@ -47,7 +47,7 @@ def body_at(
     world: wp.int32,
     body: wp.int32,
 ):
-    """A body that has moved, from where it was."""
+    """Return a body that has moved, from where it was."""
     rigid = Rigid()
     rigid.number = body
     rigid.start = starts[world, body]
@@ -64,7 +64,7 @@ def body_at(
 
 @wp.func
 def pushed_on(t: Tables, rigid: Rigid, gain: wp.vec3, twist: wp.vec3, shift: wp.vec3):
-    """A body that gains velocity [m/s] and angular momentum [kg m^2/s] at the start of the step, and is moved."""
+    """Return a body after a change of velocity [m/s] and angular momentum [kg m^2/s] at the start of the step."""
     ease = t.bodies.eases[rigid.number]
     rigid.velocity += gain
     rigid.momentum += twist
@@ -95,7 +95,7 @@ class Stop:
 
 @cache
 def stop_function(traits: Traits) -> Any:
-    """The function by which a body stops a particle, or a ball."""
+    """Return the function by which a body stops a particle, or a ball."""
     let_through = way_function(traits.body_meshes)
 
     @wp.func

@@ -51,7 +51,7 @@ def path_in_arrays(t: Tables, paths: Paths, world: wp.int32, sphere: wp.int32):
 
 @wp.func
 def put_in_arrays(t: Tables, paths: Paths, world: wp.int32, sphere: wp.int32, position: wp.vec3, velocity: wp.vec3):
-    """A sphere's place and velocity after the step."""
+    """Store a sphere's position and velocity after the step."""
     paths.positions[world, sphere] = position
     paths.velocities[world, sphere] = velocity
 
@@ -93,7 +93,7 @@ def beside_function(traits: Traits, path_at: Any, put_sphere: Any) -> Any:
         sphere: wp.int32,
         course: Course,
     ):
-        """A sphere that another has moved, out of the ground and obstacles."""
+        """Move a sphere that another has pushed out of the ground and obstacles."""
         radius = sphere_radius(t.spheres, world, sphere)
         if wp.static(traits.ground):
             row = row_of_world(world, t.world_numbers.shape[0])
@@ -130,7 +130,7 @@ def pair_rubbing_function(traits: Traits) -> Any:
         pushed: float,
         seconds: float,
     ):
-        """The courses of two that rub on each other, for the rest of the step.
+        """Return the courses of two spheres after friction on each other, for the rest of the step.
 
         Args:
             normal: from the first to the second.
@@ -201,7 +201,7 @@ def pair_meeting_function(traits: Traits, path_at: Any, put_sphere: Any) -> Any:
         first: wp.int32,
         second: wp.int32,
     ):
-        """Two spheres; whether that has moved them."""
+        """Resolve the collision of two spheres, and return whether it has moved them."""
         reach = sphere_radius(t.spheres, world, first) + sphere_radius(t.spheres, world, second)
         start, end, velocity = path_at(t, spheres, world, first)
         other_start, other_end, other_velocity = path_at(t, spheres, world, second)

@@ -14,7 +14,7 @@ from balloon_warp.kernels.traits import Traits
 
 @cache
 def nearest_thing_function(traits: Traits) -> Any:
-    """The function that says which of these is nearest to a particle."""
+    """Return the function that returns the thing nearest to a particle."""
     pose_at = pose_function(traits) if traits.fixtures else None
     surface_at = surface_function(traits.body_meshes or traits.fixture_meshes)
     height = traits.columns.places["ground_height"] - traits.columns.balloon_width

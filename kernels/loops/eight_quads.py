@@ -56,7 +56,7 @@ def rates_of(ab: Any, bc: Any, cd: Any, da: Any, a: Any, b: Any, c: Any, d: Any)
 
 @cache
 def tensions_function(traits: Traits, surely_taut: bool) -> Any:
-    """The function that gives the tensions of the triangles of a quad, as `pulls_on_corners` takes them.
+    """Return the function for the tensions of the triangles of a quad, as `pulls_on_corners` takes them.
 
     Args:
         surely_taut: whether all are known to be taut, see `how_surely_taut`, so that it takes less.
@@ -115,7 +115,7 @@ def are_surely_taut(t: Any, own: Any, d11: Lanes4, d12: Lanes4):
 
 @cache
 def wearing_function(traits: Traits, world_of: Any) -> Any:
-    """The function that makes tensions what is left of them, and notes how far triangles have been stretched.
+    """Return the function that reduces tensions by wear, and stores the peak stretch of triangles.
 
     Args:
         world_of: the function that gives the world in a lane.
@@ -152,7 +152,7 @@ def wearing_function(traits: Traits, world_of: Any) -> Any:
 
 @cache
 def quad_pull(traits: Traits, at: Any, world_of: Any) -> Any:
-    """The function that gives what quads do to their corners.
+    """Return the function for the forces of quads on their corners.
 
     Args:
         at: the function that reads eight points.
@@ -163,7 +163,7 @@ def quad_pull(traits: Traits, at: Any, world_of: Any) -> Any:
 
     @wp.func
     def pull_of_quad(t: Any, points: Any, velocities: Any, own: Any):
-        """Forces on the four corners of each [N]."""
+        """Return the forces on the four corners of each [N]."""
         corners = 4 * own.number
         first = entry_at(t.quads, corners)
         second = entry_at(t.quads, corners + 1)

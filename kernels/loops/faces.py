@@ -12,7 +12,7 @@ from balloon_warp.kernels.traits import Traits
 
 @cache
 def face_push(traits: Traits, at: Any, velocity_at: Any) -> Any:
-    """The function that gives what a corner of a face gets."""
+    """Return the function for the force on a corner of a face."""
     laws = traits.laws_on("face")
     center_of_face, area_vector_of_face = face_measures(at)
     moving = traits.needs("face", "velocity")
@@ -39,14 +39,14 @@ def face_push(traits: Traits, at: Any, velocity_at: Any) -> Any:
 
 @cache
 def face_loop(traits: Traits, at: Any, velocity_at: Any) -> Any:
-    """The function that sums what a particle gets of its faces."""
+    """Return the function that sums the forces of its faces on a particle."""
     push_at_corner = face_push(traits, at, velocity_at)
 
     @wp.func
     def push_of_faces(
         t: Tables, points: Any, velocities: Any, world: wp.int32, particle: wp.int32, n: Any, time: float
     ):
-        """Net force of the faces around a particle [N]."""
+        """Return the net force of the faces around a particle [N]."""
         force = wp.vec3()
         for incidence in range(t.faces.particle_offsets[particle], t.faces.particle_offsets[particle + 1]):
             face = t.faces.around_particles[incidence]

@@ -90,7 +90,7 @@ def skin_functions(traits: Traits, film: FilmLayout, slots: Slots | None) -> tup
     def pull_of_skin(
         t: Tables, points: Any, velocities: Any, own: Any, skin: Any, point: wp.vec3, velocity: wp.vec3, time: float
     ):
-        """Net force of springs and faces [N]."""
+        """Return the net force of springs and faces [N]."""
         if wp.static(has_springs):
             return pull_of_springs(t, points, velocities, own, skin.springs, point, velocity, time) + skin.pull
         else:

@@ -54,14 +54,14 @@ def film_places(film: FilmLayout) -> FilmPlaces:
 
 
 def put_words(count: int) -> str:
-    """The code that writes an entry of 2 or 4 words: on a GPU by one instruction, which Warp's own would not be."""
+    """Return code that writes an entry of 2 or 4 words: on a GPU in one instruction, unlike Warp's own."""
     words = ", ".join(f"v[{n}]" for n in range(count))
     entry = entry_of(count)
     return gpu_or_cpu(f"*(float{count}*){entry} = make_float{count}({words});", f"*(wp::vec{count}*){entry} = v;")
 
 
 def get_words(count: int) -> str:
-    """The code that reads it."""
+    """Return code that reads an entry of 2 or 4 words."""
     words = ", ".join(f"v.{axis}" for axis in "xyzw"[:count])
     entry = entry_of(count)
     read = f"const float{count} v = *(const float{count}*){entry}; return wp::vec{count}({words});"
@@ -69,12 +69,12 @@ def get_words(count: int) -> str:
 
 
 def entry_of(count: int) -> str:
-    """The address of an entry of so many words in a tile, at a place that counts two words."""
+    """Return the address of an entry of a number of words in a tile, from a place in units of two words."""
     return f"((char*)tile.data.ptr + {count // 2}u * (unsigned int)place)"
 
 
 def gpu_or_cpu(gpu: str, cpu: str) -> str:
-    """Code of either."""
+    """Return code for a GPU and for a CPU."""
     return f"\n#if defined(__CUDA_ARCH__)\n    {gpu}\n#else\n    {cpu}\n#endif\n"
 
 

@@ -42,7 +42,7 @@ def is_there(corner: wp.int32, rest: wp.vec4):
 
 @wp.func
 def metric_at(corner: wp.int32, d11: wp.vec4, d12: wp.vec4):
-    """Products of the two edges that begin at a corner, or how they change."""
+    """Return the dot products of the two edges that begin at a corner, or their rates."""
     return wp.vec3(d11[corner], d12[corner], d11[(corner + 3) % 4])
 
 
@@ -62,7 +62,7 @@ class Films(NamedTuple):
 
 @cache
 def tensions_of(traits: Traits, film: FilmLayout) -> Any:
-    """Return the function that gives the tensions of a face's triangles."""
+    """Return the function for the tensions of a face's triangles."""
     tension, taut_tension = tension_function(traits), taut_tension_function(traits)
     material_of, left_of = material_reader(traits), wear_reader(traits)
     triangles, mixed, viscous = film.triangles, film.mixed, traits.viscous
@@ -199,7 +199,7 @@ def films_of(traits: Traits, film: FilmLayout) -> Films:
 
     @wp.func
     def nothing(films: FilmTable):
-        """The place where that stands."""
+        """Return the place of an entry that is always zero."""
         if wp.static(room > 0):
             return wp.static(step * 4 * room)
         else:

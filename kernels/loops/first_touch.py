@@ -135,7 +135,7 @@ def mesh_function() -> Any:
 
 @cache
 def touch_function(meshes: bool) -> Any:
-    """The function that says where a straight way comes into a solid first, as seen from the solid.
+    """Return the function that returns the first contact of a straight path with a solid, in the solid's frame.
 
     Args:
         meshes: whether any is a mesh.

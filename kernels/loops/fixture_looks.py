@@ -51,7 +51,7 @@ def forget_look(t: Tables, world: wp.int32, particle: wp.int32):
 
 @cache
 def look_functions(several: bool) -> tuple[Any, Any, Any]:
-    """The functions that say which obstacles are looked at, that look at one, and that note what was seen.
+    """Return the functions that begin a query of obstacles, update it with one, and cache its result.
 
     Args:
         several: whether there is more than one.

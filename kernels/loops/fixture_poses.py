@@ -21,7 +21,7 @@ class Pose:
 
 @wp.func
 def frame_at(t: Tables, time: float):
-    """The frame of a step that ends at a time, and what part of it has passed then; the last frame is one of rest."""
+    """Return the frame of a step that ends at a time, and the fraction of it then; the last frame is one of rest."""
     last = t.fixtures.motion.shape[0] - 2
     frame = wp.clamp(int((time - 0.5 * t.step_seconds) / t.frame_seconds), 0, last)
     return frame, wp.clamp(time / t.frame_seconds - float(frame), 0.0, 1.0)
@@ -29,7 +29,7 @@ def frame_at(t: Tables, time: float):
 
 @cache
 def center_function(traits: Traits) -> Any:
-    """The function that says where an obstacle's origin is at a time."""
+    """Return the function that returns an obstacle's origin at a time."""
 
     @wp.func
     def center_at(t: Tables, world: wp.int32, fixture: wp.int32, time: float):
@@ -47,7 +47,7 @@ def center_function(traits: Traits) -> Any:
 
 @cache
 def pose_function(traits: Traits) -> Any:
-    """The function that says where an obstacle is at a time."""
+    """Return the function that returns an obstacle's pose at a time."""
     center_at = center_function(traits)
 
     @wp.func

@@ -40,7 +40,7 @@ class Meeting:
 
 @cache
 def meeting_function(traits: Traits) -> Any:
-    """The function by which a particle, or a ball, meets an obstacle."""
+    """Return the function for the contact of a particle, or a ball, with an obstacle."""
     pose_at = pose_function(traits)
     center_at = center_function(traits)
     let_through = way_function(traits.fixture_meshes)
@@ -82,7 +82,7 @@ def meeting_function(traits: Traits) -> Any:
 
 @cache
 def free_ball_function(traits: Traits) -> Any:
-    """The function that says how far a ball may go in any direction before it meets an obstacle."""
+    """Return the function that returns the clearance of a ball from obstacles."""
     pose_at = pose_function(traits)
     surface_at = surface_function(traits.fixture_meshes)
 
@@ -109,14 +109,14 @@ def free_ball_function(traits: Traits) -> Any:
 
 @wp.func
 def friction_of(t: Tables, around: Around, fixture: wp.int32):
-    """Coulomb's coefficient, between an obstacle and a particle."""
+    """Return Coulomb's coefficient, between an obstacle and a particle."""
     its = t.fixtures.frictions[row_of_world(around.world, t.fixtures.frictions.shape[0]), fixture]
     return friction_on(around.friction, its)
 
 
 @cache
 def fixture_functions(traits: Traits) -> tuple[Any, Any]:
-    """The functions that let a particle leave obstacles, and that foresee where they let it go."""
+    """Return the functions that move a particle out of obstacles, and that foresee its place."""
     meet = meeting_function(traits)
     begin_look, look_at, note_look = look_functions(traits.several_fixtures)
 

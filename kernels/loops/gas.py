@@ -33,20 +33,20 @@ SWEEPS = 8
 
 @wp.func
 def gas_in(state: WorldState, world: wp.int32, balloon: wp.int32):
-    """Amount [mol] and free volume [m^3] of the gas in a balloon."""
+    """Return the amount [mol] and free volume [m^3] of the gas in a balloon."""
     return wp.vec2d(state.gas_amounts[world, balloon], state.free_volumes[world, balloon])
 
 
 @wp.func
 def put_gas(state: WorldState, world: wp.int32, balloon: wp.int32, gas: wp.vec2d):
-    """Into a balloon."""
+    """Set amount and free volume of the gas in a balloon."""
     state.gas_amounts[world, balloon] = gas[0]
     state.free_volumes[world, balloon] = gas[1]
 
 
 @cache
 def fill_function(traits: Traits) -> Any:
-    """The function that gives what is blown into a balloon in a substep, beside what is pumped."""
+    """Return the function for the gas blown into a balloon in a substep, besides the pumped gas."""
     columns = traits.columns
     gamma_column = columns.places["gamma"]
     air_at, as_warm_there = air_function(traits), warmth_function(traits)
@@ -104,7 +104,7 @@ def fill_function(traits: Traits) -> Any:
 
 @cache
 def pump_function(traits: Traits) -> Any:
-    """The function that pumps gas, or lets it out."""
+    """Return the function that pumps gas, or lets it out."""
     columns = traits.columns
     gamma_column = columns.places["gamma"]
     temperature_column = columns.places["air_temperature"] - columns.balloon_width
@@ -198,7 +198,7 @@ def vent_function(traits: Traits) -> tuple[Any, Any]:
 
 @cache
 def flows_function(traits: Traits) -> Any:
-    """The function that lets gas flow through tubes and out of balloons, once the loads are known that were without."""
+    """Return the function that exchanges gas through tubes and openings, from the loads without flow."""
     columns = traits.columns
     gamma_column = columns.places["gamma"]
     air_at, as_warm_there = air_function(traits), warmth_function(traits)
@@ -227,7 +227,7 @@ def flows_function(traits: Traits) -> Any:
 
     @wp.func
     def find_flows(t: Tables, state: WorldState, world: wp.int32, time: float):
-        """All pressures change with all flows: one by one, several times over."""
+        """Find all flows and pressures, which depend on each other, in several sweeps."""
         count = t.tubes.balloons.shape[0]
         for tube in range(count):
             state.tube_flows[world, tube] = 0.0
@@ -245,7 +245,7 @@ def flows_function(traits: Traits) -> Any:
 
     @wp.func
     def let_gases_flow(t: Tables, state: WorldState, world: wp.int32, time: float):
-        """Pressures, loads and gases of a substep with what flows in it."""
+        """Apply a substep's flows to pressures, loads and gases."""
         find_flows(t, state, world, time)
         of_balloons = row_of_world(world, t.balloon_numbers.shape[0])
         for tube in range(t.tubes.balloons.shape[0]):
@@ -270,7 +270,7 @@ def flows_function(traits: Traits) -> Any:
 
 @cache
 def gas_mass_function(traits: Traits) -> Any:
-    """The function that weighs a balloon's gas, and the air around it that moves along."""
+    """Return the function for the mass of a balloon's gas, with the added mass of the air around it."""
     column = traits.columns.places["molar_mass"]
 
     @wp.func

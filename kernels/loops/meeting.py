@@ -99,7 +99,7 @@ def is_nearer(place: Place, other: Place):
 
 @cache
 def skin_functions(traits: Traits) -> tuple[Any, Any]:
-    """The functions that give thickness [m] and stiffness [N/m] between two balloons."""
+    """Return the functions for the contact's thickness [m] and stiffness [N/m] between two balloons."""
     split = traits.columns.balloon_width
     thickness_column = traits.columns.places["touch_thickness"] - split
     stiffness_column = traits.columns.places["touch_stiffness"] - split
@@ -124,7 +124,7 @@ def skin_functions(traits: Traits) -> tuple[Any, Any]:
 
 @cache
 def pair_friction_function(traits: Traits) -> Any:
-    """The function that gives Coulomb's coefficient between two balloons."""
+    """Return the function for Coulomb's coefficient between two balloons."""
     touch_column = traits.columns.places["touch_friction"] - traits.columns.balloon_width
     own_column = traits.columns.places["balloon_friction"]
 

@@ -34,7 +34,7 @@ class Solids:
 
 @cache
 def solid_function(traits: Traits) -> Any:
-    """The function that gives center, velocity and squared reach of a sphere or an obstacle."""
+    """Return the function for center, velocity and squared reach of a sphere or an obstacle."""
     center_at = center_function(traits) if traits.stands_on_fixtures else None
 
     @wp.func
@@ -62,7 +62,7 @@ def solid_function(traits: Traits) -> Any:
 
 @cache
 def near_function(traits: Traits) -> Any:
-    """The function that says whether any particle, which has moved at a velocity, may meet something."""
+    """Return the function that returns whether any of the particles, which have velocities, may touch a solid."""
     height = traits.columns.places["ground_height"]
 
     @wp.func

@@ -48,7 +48,7 @@ def thing_functions(traits: Traits) -> tuple[Any, Any, Any, Any]:
 
     @wp.func
     def body_in(t: Tables, state: WorldState, world: wp.int32, body: wp.int32):
-        """A body as such a thing."""
+        """Return a body as a thing that bodies may touch."""
         thing = Thing()
         thing.fixture = -1
         thing.other = body

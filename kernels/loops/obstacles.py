@@ -31,7 +31,7 @@ def leave_one_sphere(
     velocity: wp.vec3,
     inflation: wp.vec3,
 ):
-    """The point and velocity of a particle out of a sphere, by the paper's rule, and the force on the sphere [N]."""
+    """Return a particle's point and velocity out of a sphere, by the paper's rule, and the force on the sphere [N]."""
     out, stopped, outward = leave_sphere(point, velocity, center, motion, radius, t.up)
     push = penalty_force(sphere_penalty(t.spheres, world, sphere), inflation, outward)
     return out, stopped, push
@@ -39,7 +39,7 @@ def leave_one_sphere(
 
 @cache
 def around_function(traits: Traits) -> Any:
-    """The function that says what a particle has around it, of what it knows of itself."""
+    """Return the function that returns a particle's surroundings, from its own parameters."""
     height_column = traits.columns.places["ground_height"]
     ground_column = traits.columns.places["ground_friction"]
     own_column = traits.columns.places["balloon_friction"]
@@ -61,7 +61,7 @@ def around_function(traits: Traits) -> Any:
 
 @cache
 def standing_function(traits: Traits) -> Any:
-    """The function that lets a particle stand on the ground, and on obstacles that go where they are told."""
+    """Return the function that holds a particle out of the ground and obstacles."""
     leave_fixtures = fixture_functions(traits)[0] if traits.stands_on_fixtures else None
 
     @wp.func
@@ -113,7 +113,7 @@ def standing_function(traits: Traits) -> Any:
 
 @cache
 def obstacle_loop(traits: Traits, sphere_at: Any, add_force: Any) -> Any:
-    """The function that lets a particle leave the ground, obstacles, and by the paper's rule spheres.
+    """Return the function that moves a particle out of the ground, obstacles, and by the paper's rule spheres.
 
     Args:
         sphere_at: the function that gives a sphere's center, velocity and radius.
@@ -155,7 +155,7 @@ def obstacle_loop(traits: Traits, sphere_at: Any, add_force: Any) -> Any:
 
 @cache
 def detour_function(traits: Traits, sphere_at: Any) -> Any:
-    """The function that foresees how obstacles turn a particle aside.
+    """Return the function that foresees how obstacles deflect a particle.
 
     Args:
         sphere_at: the function that gives a sphere's center, velocity and radius.

@@ -83,7 +83,7 @@ def quad_tensions(traits: Traits) -> QuadTensions:
 
 @cache
 def tensions_whatever(traits: Traits) -> Any:
-    """The function of metrics, shapes, what was before, material and numbers, whatever a quad's state."""
+    """Return the function of metrics, shapes, the sum so far, material and numbers, for any state of a quad."""
     tension = tension_function(traits)
 
     @wp.func

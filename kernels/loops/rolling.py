@@ -34,7 +34,7 @@ def course_of(position: wp.vec3, velocity: wp.vec3, spin: wp.vec3):
 
 @cache
 def rubbing_function(traits: Traits) -> Any:
-    """The function by which a sphere rubs on what gives way to nothing."""
+    """Return the function for the friction of a sphere on something immovable."""
 
     @wp.func
     def rub(
@@ -72,7 +72,7 @@ def rubbing_function(traits: Traits) -> Any:
 
 @cache
 def ground_rubbing_function(traits: Traits) -> Any:
-    """The function by which a sphere rubs on the ground."""
+    """Return the function for the friction of a sphere on the ground."""
     rub = rubbing_function(traits)
     friction = traits.columns.places["ground_friction"] - traits.columns.balloon_width
 
@@ -87,13 +87,13 @@ def ground_rubbing_function(traits: Traits) -> Any:
 
 @cache
 def leaving_function(traits: Traits) -> Any:
-    """The function by which a sphere leaves obstacles."""
+    """Return the function that moves a sphere out of obstacles."""
     meet = meeting_function(traits)
     rub = rubbing_function(traits)
 
     @wp.func
     def leave_fixtures(t: Tables, world: wp.int32, sphere: wp.int32, time: float, start: wp.vec3, course: Course):
-        """A sphere out of obstacles, which it leaves at the speed it came with times their restitution.
+        """Return a sphere out of obstacles, which it leaves at the speed it came with times their restitution.
 
         Args:
             time: at the end of the step [s].
@@ -129,7 +129,7 @@ def leaving_function(traits: Traits) -> Any:
 
 @cache
 def rolling_function(traits: Traits) -> Any:
-    """The function that moves a sphere under gravity, beside the ground and obstacles."""
+    """Return the function that moves a sphere under gravity, beside the ground and obstacles."""
     leave_fixtures = leaving_function(traits) if traits.fixtures else None
     rub_on_ground = ground_rubbing_function(traits)
 

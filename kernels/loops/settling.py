@@ -44,7 +44,7 @@ def push(
     arm: wp.vec3,
     impulse: wp.vec3,
 ):
-    """A body's point [N s]."""
+    """Apply an impulse at a body's point [N s]."""
     whole = wp.vec3d(impulse)
     going[body] = going[body] + whole / wp.float64(masses[body])
     turning[body] = turning[body] + wp.cross(wp.vec3d(arm), whole)

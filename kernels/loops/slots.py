@@ -59,7 +59,7 @@ def springs_reader(traits: Traits, kind_slots: Slots) -> tuple[Any, Any]:
 
     @wp.func
     def read_springs(t: Tables, slot_table: SlotTable, own: Any, place: wp.int32, active: bool):
-        """Into registers."""
+        """Read a particle's springs into registers."""
         mine = Springs()
         mine.valence = slot_table.valences[own.number]
         for slot in range(slots):
@@ -81,7 +81,7 @@ def springs_reader(traits: Traits, kind_slots: Slots) -> tuple[Any, Any]:
 
 @cache
 def slot_pull(traits: Traits) -> Any:
-    """Return the function that gives the force of one spring."""
+    """Return the function for the force of one spring."""
     coefficient = traits.laws_on("spring")
     moving = traits.needs("spring", "opening")
     lengths_matter = traits.needs("spring", "rest_length")
@@ -139,7 +139,7 @@ def slot_loop(traits: Traits, kind_slots: Slots) -> Any:
         velocity: wp.vec3,
         time: float,
     ):
-        """Net force of the springs [N]."""
+        """Return the net force of the springs [N]."""
         force = wp.vec3()
         for slot in range(shear_begin):
             force += pull_of_slot(t, points, velocities, own, springs, slot, own.n[0], point, velocity, time)
@@ -154,7 +154,7 @@ def slot_loop(traits: Traits, kind_slots: Slots) -> Any:
 
 @cache
 def ring_area(shear_begin: int, least_valence: int) -> Any:
-    """Return the function that gives a particle's area vector by the quads between its springs.
+    """Return the function for a particle's area vector by the quads between its springs.
 
     Args:
         shear_begin: slots of structural springs.
@@ -163,7 +163,10 @@ def ring_area(shear_begin: int, least_valence: int) -> Any:
 
     @wp.func
     def area_vector_in_ring(t: Tables, points: Any, own: Any, springs: Any, point: wp.vec3):
-        """Area vector of a particle, by the quads around it [m^2]. Slots past its valence hold the particle itself."""
+        """Return the area vector of a particle from the quads around it [m^2].
+
+        Slots past its valence hold the particle itself.
+        """
         crosses = wp.vec3()
         first = in_tile(points, springs.neighbors[0]) - point
         before = first
@@ -183,11 +186,11 @@ def ring_area(shear_begin: int, least_valence: int) -> Any:
 
 @cache
 def ring_facing(shear_begin: int) -> Any:
-    """Return the function that gives A_p n of a particle by the same quads."""
+    """Return the function for A_p n of a particle by the same quads."""
 
     @wp.func
     def facing_in_ring(t: Tables, points: Any, own: Any, springs: Any, point: wp.vec3):
-        """A_p n of a particle, by the quads around it [m^2]."""
+        """Return A_p n of a particle, by the quads around it [m^2]."""
         normal = wp.vec3()
         nearest = wp.vec2(FAR, 0.0)
         first = in_tile(points, springs.neighbors[0]) - point

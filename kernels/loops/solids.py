@@ -18,7 +18,7 @@ from balloon_warp.kernels.laws.fixture import (
 
 @cache
 def surface_function(meshes: bool) -> Any:
-    """The function that measures the distance to a solid's surface.
+    """Return the function that measures the distance to a solid's surface.
 
     Args:
         meshes: whether any is a mesh.

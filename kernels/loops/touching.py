@@ -46,7 +46,7 @@ class Ball:
 
 @cache
 def ball_function(traits: Traits, sphere_at: Any) -> Any:
-    """The function that reads a sphere.
+    """Return the function that reads a sphere.
 
     Args:
         sphere_at: the function that gives a sphere's center, velocity and radius.
@@ -86,7 +86,7 @@ def is_near_sphere(
 
 @wp.func
 def press_on_ball(t: Tables, ball: Ball, change: wp.vec3, mass: float, point: wp.vec3, velocity: wp.vec3):
-    """A particle's part of what a sphere has to bear whose velocity changes so."""
+    """Return a particle's share of the load on a sphere with a given velocity change."""
     way = t.step_seconds * (velocity - ball.velocity)
     outward, excess, out = meet_sphere(point - ball.center - way, way, ball.radius, t.up, t.step_seconds)
     return press_of_particle(mass, outward, excess, out, change)
@@ -105,7 +105,7 @@ def change_of_ball(t: Tables, ball: Ball, press: Press, last: wp.vec3):
 def answer_to_ball(
     t: Tables, ball: Ball, last: wp.vec3, change: wp.vec3, shift: wp.vec3, point: wp.vec3, velocity: wp.vec3
 ):
-    """A particle's point and velocity after the contact.
+    """Return a particle's point and velocity after the contact.
 
     Args:
         last: the change of the sphere's velocity before it was settled, which says who is pressed.
@@ -134,7 +134,7 @@ def rub_on_ball(
     point: wp.vec3,
     velocity: wp.vec3,
 ):
-    """The impulse of friction on a particle that is pressed [N s], and its torque about the sphere's center [N m s].
+    """Return friction's impulse on a pressed particle [N s], and its torque about the sphere's center [N m s].
 
     Args:
         press: what the sphere bears.
@@ -156,7 +156,7 @@ def rub_on_ball(
 
 @wp.func
 def rubbed_point(t: Tables, rub: wp.spatial_vector, mass: float, point: wp.vec3, velocity: wp.vec3):
-    """A particle's point and velocity after its answer, once that has acted."""
+    """Return a particle's point and velocity after its response, once friction has acted."""
     gain = wp.spatial_top(rub) / mass
     return point + t.step_seconds * gain, velocity + gain
 
@@ -191,6 +191,6 @@ def shift_of_ball(t: Tables, ball: Ball, press: Press):
 
 @wp.func
 def answer_of_ball(t: Tables, ball: Ball, change: wp.vec3, shift: wp.vec3):
-    """The sphere's center, velocity, and the force that has changed it [N]."""
+    """Return the sphere's center, velocity, and the force that has changed it [N]."""
     center = ball.center + t.step_seconds * change + shift
     return center, ball.velocity + change, (ball.mass / t.step_seconds) * change

@@ -146,7 +146,7 @@ def rub_sphere(
     velocity: wp.vec3,
     push: wp.vec3,
 ):
-    """The impulse of friction on a sphere that a body pushes [N s], which has turned it then."""
+    """Apply friction to a sphere that a body pushes, and return its impulse [N s]."""
     mass = sphere_mass(t.spheres, world, sphere)
     radius = sphere_radius(t.spheres, world, sphere)
     spin = state.sphere_spins[world, sphere]
@@ -180,7 +180,7 @@ def sphere_meeting_function(traits: Traits) -> Any:
         sphere: wp.int32,
         pull: float,
     ):
-        """A body that has moved and a sphere that has."""
+        """Resolve the collision of a body with a sphere, once both have moved."""
         radius = sphere_radius(t.spheres, world, sphere)
         rigid = body_at(t, state, working.body_starts, working.body_start_turns, world, body)
         velocity = state.sphere_velocities[world, sphere]
@@ -215,7 +215,7 @@ def sphere_meeting_function(traits: Traits) -> Any:
 
 @cache
 def tumbling_function(traits: Traits) -> Any:
-    """The function that moves the bodies of a world by a step."""
+    """Return the function that moves the bodies of a world by a step."""
     take_hold = holding_function(traits)
     meet_sphere = sphere_meeting_function(traits)
     split = traits.columns.balloon_width
@@ -223,7 +223,7 @@ def tumbling_function(traits: Traits) -> Any:
 
     @wp.func
     def tumble(t: Tables, state: WorldState, working: Any, world: wp.int32, time: float):
-        """All bodies, in a step that begins at a time [s]; spheres have moved."""
+        """Move all bodies in a step that begins at a time [s]; spheres have moved."""
         bodies = state.body_positions.shape[1]
         pull = t.world_numbers[row_of_world(world, t.world_numbers.shape[0]), gravity]
         for body in range(bodies):

@@ -17,7 +17,7 @@ SAME_SIDE = wp.constant(0.1)
 
 @wp.func
 def raised(end: wp.vec3, touch: Touch, lift: float):
-    """The end of a way that slides on from where it touches, a little above the surface there [m]."""
+    """Return the end of a path that slides on from its contact, a little above the surface [m]."""
     return end + wp.max(wp.dot(touch.place - end, touch.normal) + lift, 0.0) * touch.normal
 
 
@@ -46,7 +46,7 @@ def beside_both(start: wp.vec3, end: wp.vec3, touch: Touch, before: Touch, lift:
 
 @cache
 def slide_function(meshes: bool) -> Any:
-    """The function that says where a way ends that a solid may be in, as seen from the solid."""
+    """Return the function that returns the end of a path that a solid may block, in the solid's frame."""
     surface_at = surface_function(meshes)
     touch_at = touch_function(meshes)
 
@@ -100,7 +100,7 @@ def slide_function(meshes: bool) -> Any:
 
 @cache
 def way_function(meshes: bool) -> Any:
-    """The function that says where a solid lets a particle go, as seen from the solid."""
+    """Return the function that returns a particle's place outside of a solid, in the solid's frame."""
     surface_at = surface_function(meshes)
     slide = slide_function(meshes)
 

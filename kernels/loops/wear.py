@@ -92,5 +92,5 @@ def wear_function(traits: Traits, at: Any) -> Any:
 
 @wp.func
 def of_balloon(values: wp.array2d[float], world: wp.int32, balloon: wp.int32):
-    """A balloon's parameter in a world."""
+    """Return a balloon's parameter in a world."""
     return values[row_of_world(world, values.shape[0]), balloon]

@@ -17,7 +17,7 @@ from balloon_warp.kernels.tables import SLICE, FaceTable, RingTable
 
 @cache
 def ring_wetness_loop(at: Any) -> Any:
-    """The function that sums a particle's load over the quads that go all around it."""
+    """Return the function that sums a particle's load over the quads that go all around it."""
     ends_at = ring_ends(at)
 
     @wp.func
@@ -43,7 +43,7 @@ def ring_wetness_loop(at: Any) -> Any:
 
     @wp.func
     def water_load(rings: RingTable, points: Any, particle: wp.int32, water_level: float, up: wp.vec3):
-        """Depth times area vector over the wetted faces around a particle [m^3], and their wetted area [m^2]."""
+        """Return the wetted faces' load on a particle, depth times area vector [m^3], and their area [m^2]."""
         total = wp.vec4()
         place = four_ints_at(rings.places, particle)
         point = at(points, particle)
@@ -64,7 +64,7 @@ def ring_wetness_loop(at: Any) -> Any:
 
 @cache
 def wetness_loop(at: Any) -> Any:
-    """The function that sums a particle's load over its faces."""
+    """Return the function that sums a particle's load over its faces."""
     center_of_face, _ = face_measures(at)
 
     @wp.func
@@ -77,7 +77,7 @@ def wetness_loop(at: Any) -> Any:
 
     @wp.func
     def water_load(faces: FaceTable, points: Any, particle: wp.int32, level: float, up: wp.vec3):
-        """Depth times area vector over the wetted faces around a particle [m^3], and their wetted area [m^2]."""
+        """Return the wetted faces' load on a particle, depth times area vector [m^3], and their area [m^2]."""
         total = wp.vec4()
         for incidence in range(faces.particle_offsets[particle], faces.particle_offsets[particle + 1]):
             face = faces.around_particles[incidence]

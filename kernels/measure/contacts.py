@@ -141,7 +141,7 @@ def note_contacts(
     means: wp.array3d[wp.vec4],
     peaks: wp.array3d[wp.vec4],
 ):
-    """A thread a (world, balloon, thing): `MEASURES` of all frames, as long as the world is good."""
+    """Store `MEASURES` of each frame, as long as the world is good; a thread a (world, balloon, thing)."""
     world, balloon, thing = wp.tid()
     if healthy[world] == 1 and frame[0] > 0:
         now = wp.vec4(

@@ -58,7 +58,7 @@ def may_cross(things: Things, first: wp.int32, second: wp.int32):
 
 @wp.kernel
 def find_boxes(things: Things, lowers: wp.array[wp.vec3], uppers: wp.array[wp.vec3]):
-    """A thread a triangle: the box around it."""
+    """Compute the box around each triangle, a thread each."""
     i = wp.tid()
     lower, upper = spread(corners_of(things, i), things.pad)
     lowers[i] = lower
@@ -67,7 +67,7 @@ def find_boxes(things: Things, lowers: wp.array[wp.vec3], uppers: wp.array[wp.ve
 
 @wp.kernel
 def find_crossings(things: Things, count: wp.array[wp.int32], pairs: wp.array[wp.vec2i]):
-    """A thread a triangle: those of higher numbers that it crosses."""
+    """Find the triangles of higher numbers that each triangle crosses, a thread each."""
     i = wp.tid()
     mine = corners_of(things, i)
     lower, upper = spread(mine, things.pad)
@@ -125,7 +125,7 @@ def measure_crossings(
     depths: wp.array[wp.float64],
     places: wp.array[wp.vec3d],
 ):
-    """A thread a crossing: how far one of its faces, along its normal, is from being free of the other thing."""
+    """Measure the displacement along its normal that frees one of two crossing faces; a thread a crossing."""
     i = wp.tid()
     face = pairs[i][0]
     far = pairs[i][1]
@@ -147,7 +147,7 @@ def measure_rounds(
     groups: wp.array[wp.int32],
     depths: wp.array2d[wp.float64],
 ):
-    """A thread a triangle and a capsule: how deep one is in the other; negative where they are apart."""
+    """Measure how deep a triangle and a capsule are in each other; negative where apart; a thread a pair."""
     i, k = wp.tid()
     depth = wp.float64(-1.0)
     if groups[k] != things.groups[things.owners[i]]:

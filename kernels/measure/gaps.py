@@ -15,13 +15,13 @@ LEAST = wp.constant(wp.float64(1.0e-60))
 
 @wp.func
 def clamped(part: wp.float64):
-    """A number from 0 to 1."""
+    """Return a number clamped to [0, 1]."""
     return wp.clamp(part, wp.float64(0.0), wp.float64(1.0))
 
 
 @wp.func
 def segment_gap(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, d: wp.vec3d):
-    """Distance between the segments ab and cd (Ericson 2004, section 5.1.9)."""
+    """Return the distance between the segments ab and cd (Ericson 2004, section 5.1.9)."""
     first = b - a
     second = d - c
     start = a - c
@@ -52,7 +52,7 @@ def is_over(point: wp.vec3d, tri: Corners, normal: wp.vec3d):
 
 @wp.func
 def normal_of(tri: Corners):
-    """A triangle's, as long as twice its area."""
+    """Return a triangle's normal, as long as twice its area."""
     return wp.cross(tri[1] - tri[0], tri[2] - tri[0])
 
 

@@ -29,7 +29,7 @@ def note_overstretched(
     # state out
     overstretched: wp.array[wp.int32],
 ):
-    """A thread a (world, triangle of such rubber): the frame, if it is the first."""
+    """Record the first frame of overstretch; a thread a (world, triangle of such rubber)."""
     world, number = wp.tid()
     triangle = triangles[number]
     if overstretched[world] > 0 or is_torn_triangle(torn, triangle_faces, world, triangle):

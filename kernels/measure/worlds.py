@@ -122,13 +122,13 @@ def sum_balloons(
 
 @wp.func
 def in_box(place: wp.vec3, lower: wp.vec3, upper: wp.vec3):
-    """1 if it is in it, or else 0."""
+    """Return 1 if a balloon's center is in the box, else 0."""
     return wp.where(wp.min(wp.min(place - lower, upper - place)) >= 0.0, 1.0, 0.0)
 
 
 @wp.func
 def whole_balloon(sums: wp.array3d[BalloonSums], world: wp.int32, balloon: wp.int32):
-    """All threads' parts of one."""
+    """Return the sum of all threads' parts of a balloon."""
     total = BalloonSums()
     for thread in range(sums.shape[2]):
         part = sums[world, balloon, thread]
@@ -162,7 +162,7 @@ def note_further(
     burst_column: wp.int32,
     bursts: wp.array2d[wp.vec4],
 ):
-    """The columns that not every table has."""
+    """Store the columns that not every table has."""
     for sphere in range(sphere_positions.shape[1]):
         measures[world, 6 + sphere] = wp.dot(sphere_positions[world, sphere], up)
     for body in range(body_positions.shape[1]):
@@ -272,7 +272,10 @@ def measure_gas(
     # in and out
     measures: wp.array2d[float],
 ):
-    """A thread a world, once it is measured: moles of gas, mean stretch over the area at the start, and thrust."""
+    """Measure moles of gas, mean stretch and thrust of a measured world; a thread a world.
+
+    The mean stretch is weighted by the area at the start.
+    """
     world = wp.tid()
     if healthy[world] == 1:
         moles = float(0.0)

@@ -32,7 +32,7 @@ def line_functions(traits: Traits) -> tuple[Any, Any]:
     def add_spring(
         t: Tables, world: wp.int32, spring: wp.int32, points: Any, velocities: Any, time: float, forces: Any
     ):
-        """Equal and opposite forces on its two particles."""
+        """Add a spring's equal and opposite forces to its two particles."""
         d, coefficient = pull_of_pair(t, world, spring, points, velocities, time)
         wp.atomic_add(forces, t.pairs.particles[spring][0], d * coefficient)
         wp.atomic_sub(forces, t.pairs.particles[spring][1], d * coefficient)

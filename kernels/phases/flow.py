@@ -40,7 +40,7 @@ def weigh(traits: Traits, look: Look) -> Any:
 
 @phase("particle", {"inertia": float}, light=True, once=lambda traits: not traits.gas_changes)
 def burden(traits: Traits, look: Look) -> Any:
-    """Find what a particle has to move, with its share of the gas, which moves along [kg]."""
+    """Find the effective mass of a particle, with its share of the gas, which moves along [kg]."""
 
     @wp.func
     def burden(own: Any):

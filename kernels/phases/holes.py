@@ -44,7 +44,7 @@ def enclosed(t: Tables, points: wp.array[wp.vec3], balloon: wp.int32):
 def seal_air_in(
     t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32, columns: GasColumns, volume: float, height: float
 ):
-    """Seal as much air into a balloon whose pressure was given until now as has its volume [m^3]."""
+    """Seal air of a balloon's volume [m^3] into a balloon with a given pressure."""
     of_world = t.world_numbers[row_of_world(world, t.world_numbers.shape[0])]
     gamma = t.balloon_numbers[row_of_world(world, t.balloon_numbers.shape[0]), balloon, columns[5]]
     air = air_of_height(

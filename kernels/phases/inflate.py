@@ -81,7 +81,7 @@ def inflate(traits: Traits, look: Look) -> Any:
 
 @phase("particle", {"net_force": wp.vec3})
 def add_up(traits: Traits, look: Look) -> Any:
-    """Add up all forces [N], for who looks at them."""
+    """Sum all forces [N], for output."""
 
     @wp.func
     def add_up(force: Any, inflation: Any):

@@ -41,7 +41,7 @@ def load_function(traits: Traits) -> Any:
         step_seconds: float,
         n: Any,
     ):
-        """`given` is the pressure of what is no gas [Pa]."""
+        """Return the load of a balloon; `given` is the gauge pressure of a balloon without gas [Pa]."""
         if kind == GAS:
             return load_of_gas(swelling, amount, free_volume, step_seconds, n)
         return wp.vec4(given, given, 0.0, 0.0)

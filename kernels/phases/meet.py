@@ -21,7 +21,7 @@ from balloon_warp.kernels.working import Working
 
 @phase("particle", when=lambda traits: traits.small_spheres)
 def keep_start(traits: Traits, look: Look) -> Any:
-    """Keep where a particle was, for the spheres that meet faces."""
+    """Store the position of a particle before it moves, for spheres that touch faces."""
 
     @wp.func
     def keep_start(working: Working, world: wp.int32, particle: wp.int32, point: wp.vec3):

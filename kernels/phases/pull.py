@@ -84,7 +84,7 @@ def pull_and_face(traits: Traits, look: Look) -> Any:
 
 @phase("particle", {"force": wp.vec3}, when=lambda traits: traits.touches)
 def take(traits: Traits, look: Look) -> Any:
-    """Add what contacts push it with."""
+    """Add contact forces to a particle."""
 
     @wp.func
     def take(working: Working, own: Any, force: wp.vec3):

@@ -17,7 +17,7 @@ from balloon_warp.kernels.traits import Traits
 
 @phase("hinge", when=lambda traits: traits.has("hinge"))
 def bend(traits: Traits, look: Look) -> Any:
-    """Add what a hinge does to its ends and to the corners of its wings [N]."""
+    """Add a hinge's forces to its ends and to the corners of its wings [N]."""
     add_hinge = hinge_function(traits, look.at, look.add)
 
     @wp.func

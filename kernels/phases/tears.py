@@ -27,7 +27,7 @@ center_of_face, area_vector_of_face = face_measures(vector_at)
 
 @wp.func
 def packed(stress: float, face: wp.int32):
-    """Stress and face as one number: the greatest is that of the greatest stress, or of the first face that has it."""
+    """Return stress and face as one number, whose maximum is the greatest stress, or the first face that has it."""
     bits = wp.int64(wp.cast(wp.max(stress, 0.0), wp.uint32))
     return (bits << wp.int64(32)) + LAST_FACE - wp.int64(face)
 

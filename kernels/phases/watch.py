@@ -19,7 +19,7 @@ def _is_free(traits: Traits) -> bool:
 
 @phase("particle", {"start": wp.vec3}, when=_is_free)
 def set_off(traits: Traits, look: Look) -> Any:
-    """Note where a particle begins its substep."""
+    """Store a particle's position at the begin of its substep."""
 
     @wp.func
     def set_off(point: Any):
@@ -40,7 +40,7 @@ def _hurries(traits: Traits, look: Look) -> Any:
 
 @phase("particle", when=_is_free, rare=_hurries)
 def watch(traits: Traits, look: Look) -> Any:
-    """Note a world of which a particle is faster than was believed: its frame does not hold."""
+    """Mark a world with a particle faster than assumed: its frame does not hold."""
 
     @wp.func
     def watch(t: Tables, working: Working, world: wp.int32, start: wp.vec3, point: wp.vec3):

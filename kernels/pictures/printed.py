@@ -19,7 +19,7 @@ class Prints:
 
 @wp.func
 def texel(prints: Prints, image: wp.vec3i, column: wp.int32, row: wp.int32):
-    """One of an image that goes on beyond its edges."""
+    """Return a texel of an image that repeats beyond its edges."""
     x = column % image[1]
     y = row % image[2]
     if x < 0:
@@ -31,7 +31,7 @@ def texel(prints: Prints, image: wp.vec3i, column: wp.int32, row: wp.int32):
 
 @wp.func
 def printed_color(prints: Prints, number: wp.int32, place: wp.vec2):
-    """An image's color at a place, between its four nearest texels."""
+    """Return an image's color at a place, between its four nearest texels."""
     image = prints.images[number]
     x = place[0] * float(image[1]) - 0.5
     y = (1.0 - place[1]) * float(image[2]) - 0.5

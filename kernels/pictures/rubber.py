@@ -42,7 +42,10 @@ def thickness_of(opacity: float, shrunk: float):
 
 @wp.func
 def dyed(color: wp.vec3, power: float):
-    """A color to a power, as Beer and Lambert have it; what has none of a color still lets a little of it through."""
+    """Return a color to a power, as in Beer and Lambert's law.
+
+    A color without one component still lets a little of it through.
+    """
     return wp.vec3(
         wp.pow(wp.clamp(color[0], 0.02, 1.0), power),
         wp.pow(wp.clamp(color[1], 0.02, 1.0), power),
@@ -52,7 +55,7 @@ def dyed(color: wp.vec3, power: float):
 
 @wp.func
 def wall_of(color: wp.vec3, thickness: float, facing: float):
-    """A wall that light meets under an angle.
+    """Return a wall that light meets under an angle.
 
     Args:
         facing: the angle's cosine; the way through is the longer, the smaller it is.
@@ -71,12 +74,12 @@ def wall_of(color: wp.vec3, thickness: float, facing: float):
 
 @wp.func
 def passes(wall: Wall):
-    """The share of light that gets through, scattered or not."""
+    """Return the share of light that gets through, scattered or not."""
     return wall.clear + wall.forth
 
 
 @wp.func
 def glow(wall: Wall, key_radiance: wp.vec3):
-    """Light inside a balloon, alike all over, on its wall: what came in and has been thrown about."""
+    """Return the uniform light inside a balloon on its wall, from multiple scattering."""
     entered = wp.cw_mul(passes(wall), 0.5 * key_radiance + wp.vec3(0.6))
     return entered + wp.cw_mul(entered, wall.back)

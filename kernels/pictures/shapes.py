@@ -64,7 +64,7 @@ WATER = wp.constant(4)
 
 @wp.func
 def capsule_distance(origin: wp.vec3, direction: wp.vec3, begin: wp.vec3, end: wp.vec3, radius: float):
-    """Distance along a ray of unit direction to a capsule's outside; -1 where it misses or starts inside.
+    """Return the distance along a ray of unit direction to a capsule's outside; -1 where it misses or starts inside.
 
     The cylinder around the axis first, then whichever round cap the ray enters.
     """
@@ -102,7 +102,7 @@ def capsule_distance(origin: wp.vec3, direction: wp.vec3, begin: wp.vec3, end: w
 
 @wp.func
 def nearest_capsule(shapes: Shapes, origin: wp.vec3, direction: wp.vec3, reach: float):
-    """The first capsule along a ray and its distance; number -1 where there is none within `reach`."""
+    """Return the first capsule along a ray and its distance; number -1 where there is none within `reach`."""
     nearest = wp.int32(-1)
     distance = float(reach)
     if shapes.capsules != wp.uint64(0):
@@ -118,7 +118,7 @@ def nearest_capsule(shapes: Shapes, origin: wp.vec3, direction: wp.vec3, reach: 
 
 @wp.func
 def capsule_normal(shapes: Shapes, capsule: wp.int32, point: wp.vec3):
-    """Outward unit normal of a capsule at a point on it."""
+    """Return the outward unit normal of a capsule at a point on it."""
     begin = shapes.begins[capsule]
     axis = shapes.ends[capsule] - begin
     along = wp.dot(point - begin, axis) / wp.max(wp.dot(axis, axis), 1.0e-20)
@@ -127,7 +127,7 @@ def capsule_normal(shapes: Shapes, capsule: wp.int32, point: wp.vec3):
 
 @wp.func
 def turned_to_viewer(smooth: wp.vec3, facing: wp.vec3, direction: wp.vec3):
-    """A smooth normal, bent toward the viewer where its face is seen by much less of a slant than it says.
+    """Return a smooth normal, bent toward the viewer where its face is seen by much less of a slant than it says.
 
     Near the outline of a coarse mesh a smooth normal looks away over a whole polygon, which would be a gray shard: all
     of it mirrors as if it were seen edge-on.
@@ -147,7 +147,10 @@ def turned_to_viewer(smooth: wp.vec3, facing: wp.vec3, direction: wp.vec3):
 
 @wp.func
 def first_hit(shapes: Shapes, origin: wp.vec3, direction: wp.vec3, reach: float):
-    """The first thing along a ray of unit direction, within `reach`. Its normal is smooth and faces the origin."""
+    """Return the first hit along a ray of unit direction, within `reach`.
+
+    Its normal is smooth and faces the origin.
+    """
     hit = Hit()
     hit.kind = NOTHING
     hit.distance = reach
@@ -205,7 +208,7 @@ def first_hit(shapes: Shapes, origin: wp.vec3, direction: wp.vec3, reach: float)
 
 @wp.func
 def water_before(shapes: Shapes, origin: wp.vec3, direction: wp.vec3, hit: Hit):
-    """The surface of the water where a ray meets it before what it hit, else what it hit.
+    """Return the water's surface where a ray meets it first, else the given hit.
 
     Not a part of `first_hit`, since what is under water is lit as if there were none.
     """

@@ -47,7 +47,7 @@ class Sight:
 
 @wp.func
 def with_one(share: wp.vec3):
-    """A share and its weight, to be summed."""
+    """Return a share and its weight, to be summed."""
     return wp.vec4(share[0], share[1], share[2], 1.0)
 
 
@@ -68,7 +68,10 @@ def answer_of(hit: Hit, studio: Studio, direction: wp.vec3, ground_color: wp.vec
 
 @wp.func
 def light_farther(hit: Hit, inside: wp.bool, weight: wp.vec3, key: wp.vec3, sky: wp.vec3):
-    """The light on what is seen through something. Nobody will miss a shadow there: it gets a share of the light."""
+    """Return the light on what is seen through something.
+
+    It gets a share of the light in place of shadows, which nobody misses there.
+    """
     light = 0.9 * sky + 0.7 * key
     if is_film(hit):
         light = sky + 0.9 * key

@@ -29,7 +29,7 @@ def mix(a: wp.vec3, b: wp.vec3, t: float):
 
 @wp.func
 def luminance(color: wp.vec3):
-    """Rec. 709 weights."""
+    """Return the luminance of a color, by Rec. 709 weights."""
     return wp.dot(color, wp.vec3(0.2126, 0.7152, 0.0722))
 
 
@@ -46,7 +46,7 @@ def backdrop(height: float, across: float):
 
 @wp.func
 def sky_irradiance(normal: wp.vec3, ground_color: wp.vec3):
-    """Diffuse light from all around, softboxes apart, on a surface that nothing shadows."""
+    """Return the diffuse light from all around, softboxes apart, on a surface that nothing shadows."""
     from_sky = mix(wp.vec3(0.26, 0.27, 0.30), wp.vec3(0.36, 0.36, 0.36), 0.5 + 0.5 * normal[1])
     return mix(0.34 * ground_color, from_sky, wp.smoothstep(-1.0, 0.7, normal[1]))
 
@@ -70,7 +70,7 @@ def panel(direction: wp.vec3, toward: wp.vec3, right: wp.vec3, up: wp.vec3, half
 
 @wp.func
 def softbox(direction: wp.vec3, toward: wp.vec3, right: wp.vec3, up: wp.vec3, half: wp.vec2, blur: float):
-    """A panel whose cloth is brightest where the lamp behind it is, and whose frame has a bar across the middle."""
+    """Return the light of a softbox, brightest where its lamp is, with a bar across the middle of its frame."""
     light = panel(direction, toward, right, up, half, blur)
     if light > 0.0:
         ahead = wp.max(wp.dot(direction, toward), 0.05)

@@ -40,7 +40,7 @@ def any_of(going: wp.array[wp.int32], first: wp.int32, count: wp.int32):
 
 @cache
 def factored_solver(factor_type: Any) -> Any:
-    """The kernel that solves by L D L^T.
+    """Return the kernel that solves by L D L^T.
 
     Args:
         factor_type: `float` where all worlds have the same matrix, `Lanes` where each has its own.
@@ -115,7 +115,7 @@ PARTS = wp.constant(16)
 
 @wp.func
 def part_begin(count: wp.int32, part: wp.int32):
-    """The first term of a part."""
+    """Return the first term of a part."""
     return count * part // PARTS
 
 
@@ -130,7 +130,10 @@ def multiply_own_inverse(
     # state out
     solutions: wp.array2d[wp.vec3],
 ):
-    """A block a (world, tile of 32 rows), a thread a (part, row): for worlds that are few or differ."""
+    """Multiply by inverses of worlds that are few or differ.
+
+    A block a (world, tile of 32 rows), a thread a (part, row).
+    """
     world, tile, thread = wp.tid()
     if going[world] == 0:
         return
@@ -159,7 +162,7 @@ def multiply_own_inverse(
 
 @cache
 def shared_inverse_product(rows: int, worlds: int) -> Any:
-    """The kernel for many worlds that have the same matrix.
+    """Return the kernel for many worlds that have the same matrix.
 
     Args:
         rows: of a thread; each right side that is loaded serves all.
@@ -179,7 +182,10 @@ def shared_inverse_product(rows: int, worlds: int) -> Any:
         # state out
         solutions: wp.array2d[wp.vec3],
     ):
-        """A thread a (group of worlds, tile, thread), which has every 32nd row of the tile."""
+        """Multiply by an inverse that worlds share.
+
+        A thread a (group of worlds, tile, thread), which has every 32nd row of the tile.
+        """
         group, tile, thread = wp.tid()
         if not any_of(going, group * worlds, worlds):
             return

@@ -60,7 +60,7 @@ class Settling:
 
 @cache
 def settling_kernel(traits: Traits, inertia: Any) -> Any:
-    """The kernel that takes what the global step found, and looks whether that was the last.
+    """Return the kernel that applies the global step, and tests for convergence.
 
     Args:
         traits: of the model.
@@ -87,7 +87,7 @@ def settling_kernel(traits: Traits, inertia: Any) -> Any:
         trial_points: wp.array2d[wp.vec3],
         unsettled: wp.array[wp.vec2],
     ):
-        """A block a world, summed in the same order every time, whatever other worlds there are."""
+        """Apply the increments of an iteration; a block a world, summed in an order that depends on no other world."""
         world, thread = wp.tid()
         if settling.going[world] == 0:
             return

@@ -126,7 +126,7 @@ class NamesInBlock(Writer):
 
     @contextmanager
     def about(self, place: int) -> Iterator[None]:
-        """Be about one of the particles that a thread keeps."""
+        """Switch to one of the particles that a thread keeps."""
         self.place = place
         yield
         self.place = None

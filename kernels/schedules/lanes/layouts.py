@@ -61,7 +61,7 @@ def of_item(vectors: wp.array[Lanes3], item: wp.int32) -> Lanes3:
 
 @wp.func_native("vectors.data[(unsigned int)item] = value;")
 def put_item(vectors: wp.array[Lanes3], item: wp.int32, value: Lanes3):
-    """Into an item."""
+    """Store the vectors of an item."""
     ...
 
 
@@ -115,7 +115,7 @@ def of_item(vectors: wp.array[wp.vec4], item: wp.int32):  # noqa: F811 - an over
     """
 )
 def put_item(vectors: wp.array[wp.vec4], item: wp.int32, value: Lanes3):  # noqa: F811 - an overload
-    """Into an octet."""
+    """Store the vectors of an octet."""
     ...
 
 
@@ -151,7 +151,7 @@ class WorldAlone:
     """
 )
 def column_at(vectors: wp.array[Lanes3], index: wp.int32, lane: wp.int32) -> wp.vec3:
-    """The vector of one lane of an item."""
+    """Return the vector of one lane of an item."""
     ...
 
 
@@ -214,7 +214,7 @@ def add(world: Any, particle: wp.int32, more: wp.vec3):  # noqa: F811 - an overl
 
 @wp.func
 def view_of(vectors: wp.array[Lanes3], lane: wp.int32, places: wp.array[wp.int32]):
-    """The vectors of the world in a lane."""
+    """Return the vectors of the world in a lane."""
     view = WorldInLane()
     view.vectors = vectors
     view.lane = lane
@@ -223,7 +223,7 @@ def view_of(vectors: wp.array[Lanes3], lane: wp.int32, places: wp.array[wp.int32
 
 @wp.func
 def view_of(vectors: wp.array[wp.vec4], lane: wp.int32, places: wp.array[wp.int32]):  # noqa: F811 - an overload
-    """The vectors of the one world."""
+    """Return the vectors of the one world."""
     view = WorldAlone()
     view.vectors = vectors
     view.places = places

@@ -21,7 +21,7 @@ from balloon_warp.kernels.working import Working
 
 @cache
 def peaks_functions(traits: Traits, layout: Layout) -> tuple[Any, Any]:
-    """The functions that say whether a world's frame counts, and that exchange how far its triangles were stretched."""
+    """Return functions that decide whether a world's frame counts, and that exchange its peak stretches."""
     LaneTables, places = lane_structs(layout).tables, places_of(layout)  # noqa: N806 - a type
 
     @wp.func
@@ -50,7 +50,7 @@ def peaks_functions(traits: Traits, layout: Layout) -> tuple[Any, Any]:
 
 @cache
 def frame_functions(traits: Traits, layout: Layout) -> tuple[Any, Any]:
-    """The functions that read what a frame begins with, and that write what it ends with."""
+    """Return the functions that read the state as a frame begins, and that write it as it ends."""
     LaneTables, places = lane_structs(layout).tables, places_of(layout)  # noqa: N806 - a type
     split = traits.columns.balloon_width
     counts, exchange_peaks = peaks_functions(traits, layout)
@@ -62,7 +62,7 @@ def frame_functions(traits: Traits, layout: Layout) -> tuple[Any, Any]:
 
     @wp.func
     def read_numbers(t: LaneTables, group: wp.int32):
-        """The parameters of balloons and worlds."""
+        """Read the parameters of balloons and worlds."""
         for lane in range(t.lane_count):
             world = places.world(group, lane, t.world_count)
             of_balloons = row_of_world(world, t.all.balloon_numbers.shape[0])
@@ -75,7 +75,7 @@ def frame_functions(traits: Traits, layout: Layout) -> tuple[Any, Any]:
 
     @wp.func
     def read_frame(t: LaneTables, state: WorldState, working: Working, group: wp.int32, points: Any, velocities: Any):
-        """Numbers, points and velocities, and the forces that the last frame left on spheres."""
+        """Read numbers, points and velocities, and the forces that the last frame left on spheres."""
         read_numbers(t, group)
         if wp.static(traits.softens):
             exchange_peaks(t, state, working, group, False)
@@ -103,7 +103,10 @@ def frame_functions(traits: Traits, layout: Layout) -> tuple[Any, Any]:
         points: Any,
         velocities: Any,
     ):
-        """Forces on spheres; points and velocities, of worlds that had a free frame if only these count."""
+        """Write forces on spheres, points and velocities.
+
+        If only free frames count, of worlds with a free frame.
+        """
         if wp.static(traits.penalties):
             for world in range(places.first_world(group), end_of(t, group)):
                 for sphere in range(state.sphere_forces.shape[1]):
@@ -125,7 +128,7 @@ def frame_functions(traits: Traits, layout: Layout) -> tuple[Any, Any]:
 
 @cache
 def balloon_functions(layout: Layout) -> dict[str, Any]:
-    """The functions that read what is of a balloon, in all lanes, by their names."""
+    """Return the functions that read a balloon's values in all lanes, by their names."""
     LaneTables, places = lane_structs(layout).tables, places_of(layout)  # noqa: N806 - a type
 
     @wp.func
@@ -138,7 +141,7 @@ def balloon_functions(layout: Layout) -> dict[str, Any]:
 
     @wp.func
     def loads_of(t: LaneTables, state: WorldState, group: wp.int32, balloon: wp.int32):
-        """Pressures at height 0 [Pa], and their rises with height [Pa/m]."""
+        """Return the pressures at height 0 [Pa], and their rises with height [Pa/m]."""
         loads = Lanes2()
         for lane in range(t.lane_count):
             world = places.world(group, lane, t.world_count)
@@ -180,7 +183,7 @@ def balloon_functions(layout: Layout) -> dict[str, Any]:
 
 @cache
 def own_functions_of(mass: int, layout: Layout) -> tuple[Any, Any, Any]:
-    """The functions that read what an item knows of itself, or a quad does, and what one particle of it.
+    """Return the functions that read the parameters of an item, of a quad, and of one particle.
 
     Args:
         mass: its column.
@@ -222,7 +225,7 @@ def own_functions_of(mass: int, layout: Layout) -> tuple[Any, Any, Any]:
 
 @cache
 def showing_function(traits: Traits, layout: Layout) -> Any:
-    """The function that shows spheres and obstacles to the lanes."""
+    """Return the function that loads spheres and obstacles into the lanes."""
     LaneTables, places = lane_structs(layout).tables, places_of(layout)  # noqa: N806 - a type
     solid_at = solid_function(traits)
 

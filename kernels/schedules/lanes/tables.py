@@ -12,7 +12,7 @@ from balloon_warp.kernels.tables import Tables
 
 @cache
 def part_structs(layout: Layout) -> tuple[Any, Any, Any]:
-    """The types of the tables of faces, fans and necks, whose fields are named as those of one world."""
+    """Return the types of the tables of faces, fans and necks, whose fields are named as those of one world."""
     Index, Number = layout.index, layout.number  # noqa: N806 - types
 
     @wp.struct
@@ -49,7 +49,7 @@ def part_structs(layout: Layout) -> tuple[Any, Any, Any]:
 
 @cache
 def own_structs(layout: Layout) -> tuple[Any, Any]:
-    """The types of what an item knows of itself, and of what one particle of it does."""
+    """Return the types of an item's parameters and indices, and of one particle's."""
     Number = layout.number  # noqa: N806 - a type
 
     @wp.struct
@@ -91,7 +91,7 @@ class LaneStructs(NamedTuple):
 
 @cache
 def lane_structs(layout: Layout) -> LaneStructs:
-    """The types of a layout."""
+    """Return the types of a layout."""
     Number, Index, Vector, Four = layout.number, layout.index, layout.vector, layout.four  # noqa: N806 - types
     LaneFaces, LaneFans, LaneNecks = part_structs(layout)  # noqa: N806
 

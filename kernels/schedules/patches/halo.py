@@ -25,7 +25,7 @@ Six = wp.types.vector(length=6, dtype=wp.float32)
 #endif
 """)
 def tell(entries: wp.array[wp.vec4], place: wp.int32, round: wp.int32, v: wp.vec3):
-    """A vector."""
+    """Publish a vector."""
     ...
 
 
@@ -81,7 +81,7 @@ def hear_two(entries: wp.array[wp.vec4], place: wp.int32, round: wp.int32, liste
 
 @wp.func
 def tell_sums(entries: wp.array[wp.vec4], place: wp.int32, round: wp.int32, sums: Five):
-    """Five numbers, in two entries."""
+    """Publish five numbers, in two entries."""
     tell(entries, 2 * place, round, wp.vec3(sums[0], sums[1], sums[2]))
     tell(entries, 2 * place + 1, round, wp.vec3(sums[3], sums[4], 0.0))
 

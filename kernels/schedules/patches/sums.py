@@ -14,7 +14,7 @@ from balloon_warp.kernels.warps import WARP_THREADS, block_barrier, shared_words
 
 @cache
 def sums_of(name: str, dtype: Any, warps: int) -> Any:
-    """The function that adds up a number, or five, over a balloon, once a substep."""
+    """Return the function that adds up a number, or five, over a balloon, once a substep."""
     own, others = (shared_words(f"{name} of {each}", WORDS * warps) for each in ("a patch", "patches"))
 
     @wp.func
