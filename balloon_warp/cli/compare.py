@@ -133,7 +133,7 @@ def compare(
 
 
 def figure_console() -> Console:
-    """One that leaves it to the terminal to break lines."""
+    """Return a console that leaves line breaks to the terminal."""
     return Console(highlight=False, soft_wrap=True, width=TABLE_WIDTH)
 
 
