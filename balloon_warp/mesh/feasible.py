@@ -28,7 +28,7 @@ OFF = 0.1
 
 
 def quads_expected(mesh: PolygonMesh, cells: int) -> float:
-    """Return the about how many quads a surface gives, which has two sides where it is open."""
+    """Return the approximate number of quads of a surface, which has two sides where it is open."""
     used = mesh.points[mesh.face_vertex_indices]
     cell = float(np.ptp(used, axis=0).max()) / cells
     return DENSITY * total_area(mesh) / cell**2

@@ -72,5 +72,5 @@ class PaintedSurface:
         return labels[self.corners[:, 0]]
 
     def _scaled(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the about the middle, and of the size 1: Warp measures in float32."""
+        """Return points centered and scaled to size 1, since Warp measures in float32."""
         return (points - self._middle) / self._size

@@ -12,7 +12,7 @@ from balloon_warp.mesh.relaxation import Distance, relax
 
 
 def surface_nets(distance: Distance, lower: ArrayLike, upper: ArrayLike, cell: float) -> PolygonMesh:
-    """Return the zero level of a signed distance as a closed mesh of even quads, wound outward.
+    """Mesh the zero level of a signed distance as a closed mesh of even quads, wound outward.
 
     The distance may be off in scale, as that of a smooth union is, but must be continuous near its zero level. The
     level is cut off at the box; parts thinner than a cell may be lost.

@@ -213,7 +213,10 @@ def _value(attribute: Usd.Attribute, source: str) -> Any:
 
 
 def world_matrix(prim: Usd.Prim) -> NDArray[np.float64]:
-    """Return the local to world, shape (4, 4), row vectors; at the earliest sample where a transform has no default."""
+    """Return the local-to-world matrix, shape (4, 4), for row vectors.
+
+    A transform without default is taken at its earliest sample.
+    """
     time = Usd.TimeCode.Default()
     ancestor = prim
     while ancestor:

@@ -31,7 +31,7 @@ class Skin(Protocol):
         ...
 
     def stiffness(self, points: Values) -> sparse.csc_matrix:
-        """Return the minus the derivatives of the forces [N/m], shape (3 n, 3 n)."""
+        """Return minus the derivatives of the forces [N/m], shape (3 n, 3 n)."""
         ...
 
 
@@ -52,7 +52,7 @@ class Balance:
         return self.gas.pressure(self.volume.of(points))
 
     def stiffness(self, points: Values) -> tuple[sparse.csc_matrix, Values, float]:
-        """Return the minus the derivatives of the forces [N/m]: a sparse matrix plus s g g', where the gas is squeezed.
+        """Return minus the derivatives of the forces [N/m]: a sparse matrix plus s g g', where the gas is squeezed.
 
         Returns:
             The sparse part, shape (3 n, 3 n); g, shape (3 n,); and s.

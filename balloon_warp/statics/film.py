@@ -61,7 +61,7 @@ class FilmSkin:
         return gathered(self.corners.ravel(), at_corners.reshape(-1, 3), len(points))
 
     def stiffness(self, points: Values) -> sparse.csc_matrix:
-        """Return the minus the derivatives of the forces by the points [N/m], shape (3 n, 3 n)."""
+        """Return minus the derivatives of the forces by the points [N/m], shape (3 n, 3 n)."""
         edges, rest = self._edges(points), metric_of(self.rest_edges)
         now = metric_of(edges)
         slopes = _slopes(lambda metric: self.tensions(metric, rest), now)

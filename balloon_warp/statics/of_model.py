@@ -54,7 +54,7 @@ class WholeSkin:
         self._skins = skins
 
     def stiffness(self, points: Values) -> Any:
-        """Return the minus the derivatives of the forces [N/m], shape (3 n, 3 n)."""
+        """Return minus the derivatives of the forces [N/m], shape (3 n, 3 n)."""
         return sum(skin.stiffness(points) for skin in self._skins)
 
 

@@ -42,7 +42,7 @@ class SpringSkin:
         return gathered(self._ends, np.concatenate([pulls, -pulls]), len(points))
 
     def stiffness(self, points: Values) -> sparse.csc_matrix:
-        """Return the minus the derivatives of the forces by the points [N/m], shape (3 n, 3 n)."""
+        """Return minus the derivatives of the forces by the points [N/m], shape (3 n, 3 n)."""
         directions, lengths = self._directions(points)
         along = self.constants * self.rest_lengths / lengths
         blocks = along[:, None, None] * directions[:, :, None] * directions[:, None, :]

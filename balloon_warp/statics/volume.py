@@ -78,7 +78,7 @@ class SealedGas:
     """Pressure of the air [Pa]"""
 
     def pressure(self, volume: float) -> float:
-        """Return the above the air's [Pa]."""
+        """Return the gauge pressure [Pa]."""
         return self.amount * GAS_CONSTANT * self.temperature / volume - self.air_pressure
 
     def stiffness(self, volume: float) -> float:

@@ -7,12 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 HELD_SECONDS = 0.4
-"""for which a camera that somebody turns is left alone, or it would be pulled back"""
+"""Time for which a camera that a user turns is left alone [s], so that it is not pulled back"""
 TURNED = 1e-3
-"""part of the distance by which a camera is elsewhere than it was, where somebody turned it"""
+"""Displacement of a camera over its distance from which on a user has turned it"""
 
 NARROW = 0.75
-"""width over height of a window in which what fills its height is as wide as it"""
+"""Width over height of a window in which what fills its height is as wide as it"""
 
 
 class Follower:
@@ -20,10 +20,10 @@ class Follower:
 
     def __init__(self) -> None:
         self._following: dict[int, tuple[NDArray[np.float64], float]] = {}
-        """by window: where its camera stood, from what it looks at [m], and until when it is left alone"""
+        """Vector to each window's camera from its target [m], and the time until which it is left alone"""
 
     def follows(self, window: Any) -> bool:
-        """Whether a window's camera does."""
+        """Return whether a window's camera follows."""
         return window.client_id in self._following
 
     def begin(self, window: Any) -> None:
@@ -31,7 +31,7 @@ class Follower:
         self._following[window.client_id] = _away(window), 0.0
 
     def end(self, window: Any) -> None:
-        """Stay."""
+        """End following; the camera stays where it is."""
         self._following.pop(window.client_id, None)
 
     def follow(self, windows: dict[int, Any], center: NDArray[np.floating]) -> None:
@@ -58,12 +58,12 @@ def look_at(window: Any, center: NDArray[np.floating], away: NDArray[np.floating
 
 
 def go_home(camera: Any, position: NDArray[np.floating], middle: NDArray[np.floating]) -> None:
-    """Put a camera where it sees everything, farther away where its window is narrow; shape (3,) each [m]."""
+    """Move a camera to where it sees everything, farther away in a narrow window; shape (3,) each [m]."""
     width, height = getattr(camera, "image_width", 1), getattr(camera, "image_height", 1)
     away = (position - middle) * max(NARROW * height / max(width, 1), 1.0)
     camera.position, camera.look_at = tuple((middle + away).tolist()), tuple(middle.tolist())
 
 
 def _away(window: Any) -> NDArray[np.float64]:
-    """From what a camera looks at to where it stands [m], shape (3,)."""
+    """Return the vector from a camera's target to the camera [m], shape (3,)."""
     return np.array(window.camera.position, float) - np.array(window.camera.look_at, float)

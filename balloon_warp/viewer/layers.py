@@ -1,4 +1,4 @@
-"""What is drawn in the page: a layer for each thing, which can be shown and hidden."""
+"""Layers of the page: one for each kind of thing, which can be shown and hidden."""
 
 from collections.abc import Callable
 from typing import Any
@@ -31,7 +31,7 @@ LAYERS = {
     "forces": "net forces",
     "shadow": "shadow",
 }
-"""and how they are called"""
+"""Layers and their labels"""
 AT_START = ("balloon", "shadow")
 LINES = {
     "wire": colors.WIRE,
@@ -40,11 +40,11 @@ LINES = {
     "forces": colors.FORCES,
 }
 AWAY = 1.1
-"""how far a camera stands from what it sees, in sizes of that: it fills most of the view"""
+"""Distance of a camera from its target, over the target's size: it fills most of the view"""
 LIGHT = 2.8
-"""of the studio's key light; where it stands and what its shadow covers the page finds itself (page_files/look.js)"""
+"""Intensity of the studio's key light; the page finds its place and its shadow itself (page_files/look.js)"""
 SLOWER = 3
-"""pictures from one drawing of what is large to the next"""
+"""Number of pictures between two drawings of what is large"""
 
 
 class Layers:
@@ -60,7 +60,7 @@ class Layers:
         self.shown = {name: name in AT_START for name in LAYERS}
         self._load, self._count = 0, 0
         self._coming: tuple[viser.IcosphereHandle, int] | None = None
-        """a sphere that was asked for, and by which wish"""
+        """Sphere that was asked for, and the number of its wish"""
         server.scene.configure_default_lights(enabled=False)
         self._key_light = server.scene.add_light_directional("/light", intensity=LIGHT, cast_shadow=True)
 
@@ -98,11 +98,11 @@ class Layers:
 
     @property
     def drawing(self) -> Drawing:
-        """Of the model that is shown."""
+        """Drawing of the model that is shown."""
         return self._drawing
 
     def _build(self, picture: Picture) -> None:
-        """Everything anew, for another model."""
+        """Rebuild everything for another model."""
         scene, self._load, self._coming = self.server.scene, picture.load, None
         for name in ("/balloons", "/strain", "/lines", "/spheres", "/strings", LEVELS, KNOTS, OBSTACLES):
             scene.remove_by_name(name)
@@ -152,7 +152,7 @@ class Layers:
         self._spheres: dict[int, viser.IcosphereHandle] = {}
 
     def _add_balloon(self, picture: Picture, number: int, points: NDArray[np.float32]) -> Any:
-        """Its surface, with its print if it has one."""
+        """Add a balloon's surface, with its print if it has one."""
         mesh = picture.model.shapes[number].mesh
         name, surface, color = (
             f"/balloons/{number}",
@@ -196,7 +196,7 @@ class Layers:
                     _see(band, False)
 
     def _hide_torn(self, picture: Picture, number: int, balloon: Any) -> None:
-        """The triangles of faces that are torn are not shown; they are sent when others are than before."""
+        """Hide the triangles of torn faces; they are sent only when they change."""
         if picture.frame.torn:
             surface = self._surfaces[number]
             whole = ~picture.frame.torn[number][surface.triangle_faces]
@@ -256,13 +256,13 @@ class Layers:
 def _home(
     points: NDArray[np.floating], up: NDArray[np.floating], side: NDArray[np.floating]
 ) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-    """Where a camera stands that sees points, from a side and a little above, and what it looks at; shape (3,) each."""
+    """Return a camera's place to see points from a side and a little above, and its target; shape (3,) each."""
     low, high = points.min(axis=0), points.max(axis=0)
     center, size = (low + high) / 2, float((high - low).max())
     return center + AWAY * size * (side / np.linalg.norm(side)) + 0.4 * size * up, center
 
 
 def _see(handle: Any, visible: bool) -> None:
-    """Say only what changes."""
+    """Send visibility only if it changes."""
     if handle.visible != visible:
         handle.visible = visible

@@ -29,9 +29,9 @@ from balloon_warp.viewer.session import SHOWN_SECONDS, Session
 
 DEFAULT_PORT = 8080
 BUSY_SECONDS = 0.4
-"""that what was asked for may take before the panel says so"""
+"""Time that a request may take before the panel says so [s]"""
 PANEL_SECONDS = 0.2
-"""between two updates of the panel and the plots"""
+"""Time between two updates of the panel and the plots [s]"""
 
 
 class Page:
@@ -81,7 +81,7 @@ class Page:
 
     @property
     def address(self) -> str:
-        """where to look"""
+        """Address of the page."""
         host = self.server.get_host()
         host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)
         return f"http://{f'[{host}]' if ':' in host else host}:{self.server.get_port()}"
@@ -104,11 +104,11 @@ class Page:
             self.server.stop()
 
     def _control(self, uuid: str) -> Any:
-        """The control of the panel that has an id."""
+        """Return the control of the panel that has an id."""
         return self.server.gui._gui_input_handle_from_uuid.get(uuid)
 
     def _show(self) -> None:
-        """The thread that draws: the newest picture, whenever there is one and somebody looks."""
+        """Draw the newest picture, whenever there is one and somebody looks; runs in the drawing thread."""
         drawn, panel_at, prepared = None, 0.0, 0
         np.seterr(over="ignore", invalid="ignore")  # on this thread: the page says what blew up, not the terminal
         while not self._stop.wait(SHOWN_SECONDS / 2):
@@ -154,11 +154,11 @@ class Page:
 
     @staticmethod
     def _center(picture: Picture) -> np.ndarray:
-        """Of all balloons [m], shape (3,)."""
+        """Return the center of all balloons [m], shape (3,)."""
         return np.concatenate(picture.frame.points).mean(axis=0, dtype=np.float64)
 
     async def _farewell(self, client: viser.ClientHandle) -> None:
-        """Whoever leaves lets go."""
+        """Release what a window holds when it leaves."""
         self.session.ask(lambda playground: playground.release(client.client_id))
 
 
@@ -167,7 +167,7 @@ def _refuse_to_share(*_: object, **__: object) -> None:
 
 
 def _free_port(host: str, port: int | None) -> int:
-    """A port that can be listened on.
+    """Return a port that can be listened on.
 
     Raises:
         InputError: there is no such address, or the port is taken.

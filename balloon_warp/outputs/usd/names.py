@@ -1,4 +1,4 @@
-"""How prims are called: as what they show, in any script, as far as USD takes it."""
+"""Names of prims: as what they show, in any script, as far as USD takes it."""
 
 import itertools
 import unicodedata
@@ -12,12 +12,11 @@ RESERVED = (
     *("Ground", "Floor", "Water", "Pool", "Looks", "Spheres", "Strings", "Obstacles", "NetForces", "Prototypes"),
     *("Studio", "Physics"),
 )
-"""what no balloon is called"""
+"""Names that no balloon gets"""
 
 
 def composed(name: str) -> str:
-    """Return a name whose letters and accents are one character each where Unicode has one: two names that look the
-    same are the same."""
+    """Return a name in Unicode's composed form, so that two names that look the same are the same."""
     return unicodedata.normalize("NFC", legible(name))
 
 
