@@ -1,5 +1,6 @@
 """Contact forces: the net force of each pair of things, averaged over a frame."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,6 +8,9 @@ from numpy.typing import NDArray
 
 from balloon_warp.model import Model, ModelPlan
 from balloon_warp.shown import Shown, described
+
+PAIR_ARRAYS = ("forces", "torques", "areas", "pressures", "places")
+"""what `State` has of each pair, after `contact_`"""
 
 
 @described
@@ -27,6 +31,8 @@ class Contact(Shown):
     pressure: float
     """Largest pressure at a particle, its force over its share of the area; between two balloons, summed over both
     [Pa]"""
+    place: NDArray[np.float64]
+    """Center of pressure, the mean of the pressed places weighted by force [m], shape (3,)"""
     number: int
     """Index of the balloon in the scene"""
     thing: int
@@ -46,25 +52,24 @@ def things_of(model: Model | ModelPlan) -> list[str]:
     return ["ground", *named["obstacle"], *spheres, *named["body"], *(shape.name for shape in model.shapes)]
 
 
-def contacts_of(
-    model: Model,
-    forces: NDArray[np.float64],
-    torques: NDArray[np.float64],
-    areas: NDArray[np.float64],
-    pressures: NDArray[np.float64],
-) -> list[Contact]:
-    """List the pairs that touched in a frame, from a world's `contact_forces` and the like, as `State` has them."""
+def contacts_of(model: Model, told: Mapping[str, NDArray[np.float64]]) -> list[Contact]:
+    """List the pairs that touched in a frame.
+
+    Args:
+        told: a world's `PAIR_ARRAYS`, by name.
+    """
     things = things_of(model)
     return [
         Contact(
             balloon=model.shapes[number].name,
             other=things[thing],
-            force=forces[number, thing],
-            torque=torques[number, thing],
-            area=float(areas[number, thing]),
-            pressure=float(pressures[number, thing]),
+            force=told["forces"][number, thing],
+            torque=told["torques"][number, thing],
+            area=float(told["areas"][number, thing]),
+            pressure=float(told["pressures"][number, thing]),
+            place=told["places"][number, thing],
             number=number,
             thing=thing,
         )
-        for number, thing in np.argwhere(areas > 0.0).tolist()
+        for number, thing in np.argwhere(told["areas"] > 0.0).tolist()
     ]

@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.contacts import Contact, contacts_of
+from balloon_warp.contacts import PAIR_ARRAYS, Contact, contacts_of
 from balloon_warp.frame import Frame
 from balloon_warp.kernels.laws.law import FAR
 from balloon_warp.model import Model
@@ -131,8 +131,8 @@ class Reading:
         """Return what pressed what; none where nobody asks."""
         if "contact_forces" not in self._buffer.arrays:
             return []
-        names = ("contact_forces", "contact_torques", "contact_areas", "contact_pressures")
-        return contacts_of(self.model, *(self._row(name, np.float64) for name in names))
+        told = {name: self._row(f"contact_{name}", np.float64) for name in PAIR_ARRAYS}
+        return contacts_of(self.model, told)
 
     def _torn(self) -> list[NDArray[np.bool_]]:
         """Return masks of the torn faces of each balloon, or none if none may tear."""

@@ -51,9 +51,7 @@ class RingTable:
     """Springs of each particle where quads go all around every one of them.
 
     First the quads in turn, each with the spring across it and the structural spring that ends it, then the flexion
-    springs, two at a time.
-
-    In slices of 32 particles, as springs are: a particle's next entry is `SLICE` further.
+    springs, two at a time. In slices of 32 particles: a particle's next entry is `SLICE` further.
     """
 
     places: wp.array[wp.vec4i]
@@ -62,8 +60,7 @@ class RingTable:
     ends: wp.array[wp.vec2i]
     """Particles at the other ends of two springs; padding leads to the particle itself"""
     packed_ends: wp.array[wp.int32]
-    """`ends` in 16 bits each, for worlds that fit in a block, whose rate is bound by the tables' bytes; one of the two
-    arrays is empty"""
+    """`ends` in 16 bits each, for worlds that fit in a block, where bytes bound the rate; one of both is empty"""
     lengths: wp.array[wp.vec2]
     """Rest lengths of the two springs [m]"""
     scales: wp.array[wp.vec2]

@@ -100,6 +100,8 @@ class State:
     contact_pressures: wp.array
     """Largest contact pressure at a particle, its force over its own area, between two balloons summed over both [Pa],
     of that shape, float32"""
+    contact_places: wp.array
+    """Center of pressure, the mean of the pressed places weighted by force [m], of that shape, vec3"""
     body_positions: wp.array
     """Centers of mass of bodies [m], shape (world_count, body_count), vec3"""
     body_turns: wp.array
@@ -175,6 +177,7 @@ def new_state(model: Model, room: Room) -> State:
         contact_torques=room.array(pairs, wp.vec3),
         contact_areas=room.array(pairs, wp.float32),
         contact_pressures=room.array(pairs, wp.float32),
+        contact_places=room.array(pairs, wp.vec3),
         body_positions=room.array(bodies, wp.vec3),
         body_turns=room.array(bodies, wp.quat),
         body_velocities=room.array(bodies, wp.vec3),

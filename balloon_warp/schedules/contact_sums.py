@@ -23,6 +23,9 @@ class ContactSums:
             sum_contacts,
             state.contact_forces.shape,
             inputs=[self._offsets, self._faces, self._model.frame_seconds, state.points, state.contact_pushes],
-            outputs=[state.contact_forces, state.contact_torques, state.contact_areas, state.contact_pressures],
+            outputs=[
+                *(state.contact_forces, state.contact_torques, state.contact_areas, state.contact_pressures),
+                state.contact_places,
+            ],
             device=self._model.device,
         )

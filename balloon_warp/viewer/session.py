@@ -80,10 +80,7 @@ class Session:
         self._thread = threading.Thread(target=self._run, name="simulation", daemon=True)
 
     def begin_at(self, state: Mapping[str, NDArray]) -> None:
-        """Start from a state, as `Simulator.restore` takes it; call it before the start.
-
-        A reset goes to the scene's start.
-        """
+        """Start from a state, as `Simulator.restore` takes it; a reset goes to the scene's start."""
         self.playground.simulator.restore(state)
         self._show()
 
@@ -116,10 +113,7 @@ class Session:
 
     @property
     def busy_seconds(self) -> float:
-        """Time that the current request takes so far, or the first frame after it [s].
-
-        Its kernels may have to be compiled; 0 while frames come as usual.
-        """
+        """Time that the current request, or the first frame after it, takes so far; else 0 [s]."""
         since = self._busy_since
         return time.perf_counter() - since if since else 0.0
 

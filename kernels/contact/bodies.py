@@ -55,10 +55,7 @@ def bodies_function(traits: Traits) -> Any:
         points: wp.array[wp.vec3],
         velocities: wp.array[wp.vec3],
     ):
-        """Return how a thread's particles push a body that changes as in the last pass, or apply a change to them.
-
-        One function does both, since the test whether they touch is long.
-        """
+        """Return the push of a thread's particles on a body with the last change, or apply a change to them."""
         part = Push()
         solid = t.bodies.solids[rigid.number]
         for particle in range(thread, points.shape[0], wp.block_dim()):

@@ -111,10 +111,7 @@ def marked_functions(traits: Traits, at: Any, put: Any) -> tuple[Any, Any, Any]:
 
 @cache
 def spheres_function(traits: Traits, at: Any, put: Any, total_of: Any) -> Any:
-    """Return the function that exchanges momentum between spheres and particles, sphere by sphere.
-
-    `at` reads a point or velocity, `put` writes it, `total_of` sums over threads.
-    """
+    """Return the function that exchanges momentum between spheres and particles; `total_of` sums over threads."""
     ball_at = ball_function(traits, sphere_at)
     press_at_mark, answer_at_mark, stand_at_mark = marked_functions(traits, at, put)
 
@@ -147,10 +144,7 @@ def spheres_function(traits: Traits, at: Any, put: Any, total_of: Any) -> Any:
         points: Any,
         velocities: Any,
     ):
-        """Exchange momentum in a world, by all threads of a block.
-
-        A world without marked particles needs nothing; then all marks are cleared.
-        """
+        """Exchange momentum with the marked particles of a world, by all threads of a block, and clear marks."""
         marks = working.near.shape[1] - 1
         if working.near[world, marks] > 0:
             for sphere in range(t.spheres.radius.shape[1]):

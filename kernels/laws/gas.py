@@ -128,10 +128,7 @@ def memory_of_rate(breathing_damping: Lanes):  # noqa: F811 - an overload
 
 @wp.func
 def gas_pressure(air_pressure: float, free_volume: float, volume: float, gamma: float):
-    """Return the gauge pressure of a gas, p_0 (V_0 / V)^gamma - p_a [Pa].
-
-    For gamma = 1 this is n R T / V - p_a.
-    """
+    """Return the gauge pressure of a gas, p_0 (V_0 / V)^gamma - p_a [Pa]; with gamma = 1, n R T / V - p_a."""
     squeezed = free_volume / volume
     if gamma != 1.0:  # or else a power is rounded, and later
         squeezed = wp.pow(squeezed, gamma)
@@ -140,19 +137,13 @@ def gas_pressure(air_pressure: float, free_volume: float, volume: float, gamma: 
 
 @wp.func
 def volume_at(free_volume: float, pressure: float, gamma: float):
-    """Return the volume of a gas at an absolute pressure, V_0 (p_0 / p)^(1 / gamma).
-
-    With the free volume of a mole, it is that of a mole.
-    """
+    """Return the volume of a gas, or of a mole of it, at an absolute pressure, V_0 (p_0 / p)^(1 / gamma)."""
     return free_volume * wp.pow(STANDARD_PRESSURE / pressure, 1.0 / gamma)
 
 
 @wp.func
 def free_volume_of(volume: float, pressure: float, gamma: float, warmth: float):
-    """Return the free volume of a gas from its volume and absolute pressure [m^3].
-
-    `warmth` is the air's temperature over that at height 0.
-    """
+    """Return the free volume of a gas [m^3]; `warmth` is the air's temperature over that at height 0."""
     free_volume = volume * wp.pow(pressure / STANDARD_PRESSURE, 1.0 / gamma)
     return wp.where(gamma == 1.0, free_volume / warmth, free_volume)
 
@@ -173,10 +164,7 @@ def gas_energy(air_pressure: float, free_volume: float, volume: float, gamma: fl
 
 @wp.func
 def free_volume_there(free_volume: float, gamma: float, warmth: float):
-    """Return the free volume of a gas at the temperature of the air around it [m^3].
-
-    `warmth` is the air's temperature over that at height 0.
-    """
+    """Return the free volume of a gas at the air's temperature [m^3], where it depends on that."""
     return wp.where(gamma == 1.0, free_volume * warmth, free_volume)
 
 

@@ -95,10 +95,7 @@ def thing_functions(traits: Traits) -> tuple[Any, Any, Any, Any]:
 
     @wp.func
     def gap_to(t: Tables, thing: Thing, point: wp.vec3, radius: float, within: float):
-        """Return the gap from a thing's surface to a point's [m], and the normal there.
-
-        It is not measured where it is more than `within`.
-        """
+        """Return the gap from a thing's surface to a point's [m], up to `within`, and the normal there."""
         arm = point - thing.center
         gap = wp.dot(arm, t.up) - radius
         normal = t.up

@@ -28,6 +28,10 @@ class PairSums:
     """Impulse [N s]"""
     moment: wp.vec3
     """Moment of the impulses [N m s]"""
+    strength: float
+    """Sum of the magnitudes of all impulses [N s]"""
+    place: wp.vec3
+    """Sum of the arms to particles, weighted by the magnitudes of their impulses [N s m]"""
     area: float
     """Integral of the area over time [m^2 s]"""
     pressure: float
@@ -70,8 +74,11 @@ def sum_of_pair(
         if told[3] > 0.0:
             impulse = wp.vec3(told[0], told[1], told[2])
             area = vertex_area(faces, points, world, particle)
+            arm = points[world, particle] - center
             sums.impulse += impulse
-            sums.moment += wp.cross(points[world, particle] - center, impulse)
+            sums.moment += wp.cross(arm, impulse)
+            sums.strength += wp.length(impulse)
+            sums.place += wp.length(impulse) * arm
             sums.area += area * told[3]
             if area > 0.0:
                 sums.pressure = wp.max(sums.pressure, wp.length(impulse) / area)
@@ -102,6 +109,7 @@ def sum_contacts(
     torques: wp.array3d[wp.vec3],
     areas: wp.array3d[float],
     pressures: wp.array3d[float],
+    places: wp.array3d[wp.vec3],
 ):
     """Sum the contacts of a pair; a thread a (world, balloon, thing).
 
@@ -118,6 +126,8 @@ def sum_contacts(
         back = sum_of_pair(faces, points, pushes, world, first + balloon, its, origin)
         sums.impulse -= back.impulse
         sums.moment -= back.moment
+        sums.strength += back.strength
+        sums.place += back.place
         sums.area = wp.max(sums.area, back.area)
         sums.pressure += back.pressure  # each bears a part of what presses them together
     if sums.area > 0.0:
@@ -126,6 +136,7 @@ def sum_contacts(
     torques[world, balloon, thing] = sums.moment / frame_seconds
     areas[world, balloon, thing] = sums.area / frame_seconds
     pressures[world, balloon, thing] = sums.pressure / frame_seconds
+    places[world, balloon, thing] = origin + sums.place / wp.max(sums.strength, 1.0e-30)
 
 
 @wp.kernel(enable_backward=False)

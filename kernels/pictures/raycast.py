@@ -72,10 +72,7 @@ def cast_pixels(
     ground_sky: wp.array2d[wp.vec3],
     ground_shares: wp.array2d[float],
 ):
-    """Cast the rays of a pixel; a thread a (row of the band, column).
-
-    The ground's light is stored apart where the picture is transparent.
-    """
+    """Cast the rays of a pixel, a thread each; the ground's light is stored apart in a transparent picture."""
     band_row, column = wp.tid()
     row = band + band_row * band_count
     height = places.shape[0]

@@ -73,5 +73,5 @@ def _authored_colors(gprim: UsdGeom.Gprim, surface: UsdShade.Shader | None) -> t
 
 
 def _one_color(colors: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the mean, or the plain color where there are none."""
+    """Return the mean of colors, or the plain color where there are none."""
     return (colors.mean(axis=0) if len(colors) else np.array(PLAIN_COLOR)).astype(np.float32)

@@ -192,7 +192,7 @@ class RayCaster:
         self._pool = ThreadPoolExecutor(self._bands)
 
     def _place_meshes(self, points: list[NDArray[np.float64]], gone: NDArray[np.bool_] | None) -> float:
-        """Return the tells how far from the origin they are."""
+        """Place the meshes, and return their largest distance from the origin."""
         placed = [mesh.surface.place(each) for mesh, each in zip(self._stage.meshes, points, strict=True)]
         local = self._local(np.concatenate([vertices for vertices, _ in placed]))
         vertices = self._array(local)
@@ -212,7 +212,7 @@ class RayCaster:
         return float(np.linalg.norm(local, axis=1).max())
 
     def _place_capsules(self, capsules: Capsules, least_radius: float) -> float:
-        """Return the tells how far from the origin they are."""
+        """Place the capsules, and return their largest distance from the origin."""
         begins, ends = self._local(capsules.begins), self._local(capsules.ends)
         radii = np.maximum(capsules.radii, least_radius) / self._size
         lowers = self._array(np.minimum(begins, ends) - radii[:, None])

@@ -10,7 +10,7 @@ MOMENTS = 8
 
 
 def moments(frame: int, shutter: float, last_frame: int) -> list[float]:
-    """Return the evenly in the time that the shutter is open, which begins at the frame, or ends at the last one.
+    """Return evenly spaced times within the shutter time, which begins at the frame, or ends at the last one.
 
     Args:
         shutter: how long that is, in frames.

@@ -123,7 +123,7 @@ class BalloonPrim:
         return measures
 
     def _pressure(self, frame: Frame, area: float) -> float:
-        """Return the above the air's [Pa]; of normal forces, their sum over the area."""
+        """Return the gauge pressure [Pa]; for normal forces, their sum over the area."""
         if self._has_pressure:
             return float(frame.pressures[self.number])
         forces = frame.inflation_forces[self.number]

@@ -74,7 +74,10 @@ class Prototypes:
     def define_piece(
         self, stage: Usd.Stage, plane: Plane, middle: NDArray[np.float64], half: float, up_axis: str
     ) -> None:
-        """The piece of a plane of each world, at height 0, where the heights differ; arguments as `define_square`."""
+        """Define the piece of a plane of each world, at height 0, where heights differ.
+
+        Arguments are those of `define_square`.
+        """
         self.pieces[plane] = HOME.AppendChild(plane.piece)
         define_square(stage, self.pieces[plane], plane, middle, half, 0.0, up_axis)
 
