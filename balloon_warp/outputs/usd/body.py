@@ -79,7 +79,7 @@ class BodyPrim:
         move_freely(self.prim.GetPrim(), velocity, spin)
 
     def write(self, frame: Frame) -> None:
-        """Author where it is."""
+        """Write where it is."""
         self._put(frame.body_poses[self.number], Usd.TimeCode(frame.number))
 
     def _put(self, pose: NDArray[np.floating], time: Usd.TimeCode) -> None:

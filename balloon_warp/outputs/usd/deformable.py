@@ -80,7 +80,7 @@ def _say(prim: Usd.Prim, name: str, kind: Sdf.ValueTypeName, value: Any) -> None
 
 
 def _say_each(prim: Usd.Prim, name: str, values: NDArray[np.float64]) -> None:
-    """Author values of a geometry's points, or a single one for all of it, with the interpolation."""
+    """Write values of a geometry's points, or a single one for all of it, with the interpolation."""
     array = Vt.FloatArray.FromNumpy(values.astype(np.float32))
     prim.CreateAttribute(f"physics:{name}", Types.FloatArray, custom=False).Set(array)
     _say(prim, f"{name}:elementType", Types.Token, "constant" if len(values) == 1 else "point")

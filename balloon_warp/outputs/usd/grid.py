@@ -108,7 +108,7 @@ class GridWriter:
         torn: NDArray[np.int8],
         places: Sequence[int] | None = None,
     ) -> None:
-        """Author a frame of one group.
+        """Write a frame of one group.
 
         The arrays have shape (chosen, particle_count, 3), (chosen, sphere_count, 3), (chosen, body_count, 7) and
         (chosen, face_count), or (chosen, 0). It follows the one before it, whose velocities are known then.
@@ -144,7 +144,7 @@ class GridWriter:
         return self._worlds[group][place].obstacles.poses(self._last)
 
     def copy_part(self, path: Path, numbers: range, groups: Sequence[int]) -> None:
-        """Author frames of some groups as they are in a part that a writer of the same groups wrote.
+        """Write frames of some groups as they are in a part that a writer of the same groups wrote.
 
         Raises:
             InputError: it cannot be read.

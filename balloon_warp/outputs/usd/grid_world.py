@@ -127,7 +127,7 @@ class GridWorld:
         body_poses: NDArray[np.float32],
         torn: NDArray[np.int8],
     ) -> None:
-        """Author a frame's samples, without velocities, see `write_velocities`.
+        """Write a frame's samples, without velocities, see `write_velocities`.
 
         The arrays have shape (particle_count, 3), (sphere_count, 3), (body_count, 7) and (face_count,), or (0,).
         """
@@ -191,7 +191,7 @@ class GridWorld:
             author_velocities(self.layer, velocity_path, source, point_path, time)
 
     def copy(self, source: Sdf.Layer, time: int) -> None:
-        """Author a frame's samples as they are in another stage of the same worlds, in the order of `write`."""
+        """Write a frame's samples as they are in another stage of the same worlds, in the order of `write`."""
         balloons = ((points, extent) for points, _, extent in self._balloons)
         knots = (paths for _, paths in self._knots.values())
         each = (balloons, self._strings, self._bodies, knots)

@@ -38,7 +38,7 @@ def prim_names(names: Iterable[str], taken: Collection[str] = ()) -> list[str]:
 
 
 def show_names(layer: Sdf.Layer, paths: Iterable[Sdf.Path], names: Iterable[str]) -> None:
-    """Author the names that programs are to show of prims, where their own are others."""
+    """Write the names that programs are to show of prims, where their own are others."""
     for path, name in zip(paths, map(composed, names), strict=True):
         if name and name != path.name:
             layer.GetPrimAtPath(path).SetInfo("displayName", name)

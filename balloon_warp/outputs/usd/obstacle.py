@@ -110,7 +110,7 @@ class ObstaclePrim:
             be_moved(self.prim.GetPrim())
 
     def write(self, frame: Frame) -> None:
-        """Author where it is, if it moves: what stays has no time samples."""
+        """Write where it is, if it moves: what stays has no time samples."""
         if self._moves:
             self._put(frame.obstacle_poses[self.number], Usd.TimeCode(frame.number))
 

@@ -81,7 +81,7 @@ class PlanePrim:
             be_hit(self.prim.GetPrim(), *(float(model.parameters[f"ground_{each}"].numpy()[0]) for each in SURFACE))
 
     def write(self, frame: Frame) -> None:
-        """Author where it is, if the scene moves it: what stays has no time samples."""
+        """Write where it is, if the scene moves it: what stays has no time samples."""
         if self._moves:
             self._place(getattr(frame, self.plane.height), frame.number)
 

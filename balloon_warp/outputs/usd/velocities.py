@@ -9,7 +9,7 @@ from pxr import Sdf, Vt
 
 
 def author_velocities(target: Sdf.Layer, velocities: Sdf.Path, source: Sdf.Layer, points: Sdf.Path, frame: int) -> None:
-    """Author the velocities of a frame, if its points are there, as central differences in time [m/s].
+    """Write the velocities of a frame, if its points are there, as central differences in time [m/s].
 
     Where a neighbor is missing, as at the first and the last frame, the difference from or to the other; where both
     are, 0.
