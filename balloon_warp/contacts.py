@@ -10,7 +10,7 @@ from balloon_warp.model import Model, ModelPlan
 from balloon_warp.shown import Shown, described
 
 PAIR_ARRAYS = ("forces", "torques", "areas", "pressures", "places")
-"""what `State` has of each pair, after `contact_`"""
+"""Arrays of `State` for each pair, named after `contact_`"""
 
 
 @described

@@ -70,7 +70,7 @@ def test_what_is_pushed_goes_all_around_something(name: str) -> None:
     """So that a pressure has no net force and is the gradient of a volume."""
     shape = shape_of(ODD[name]())
     if shape.flies_off:
-        assert any("it is not inflated" in remark for remark in shape.remarks)
+        assert any("not inflated" in remark.lower() for remark in shape.remarks)
         return
     edges = mesh_edges(shape.skin)
     assert is_closed(edges)

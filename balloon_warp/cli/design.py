@@ -11,7 +11,7 @@ from balloon_warp.cli.warn import warn
 from balloon_warp.errors import StoppedError
 from balloon_warp.warp_logging import quiet_warp
 
-DESIGN = "The design"
+DESIGN = "Design"
 """Heading of a section of the help"""
 
 Stretch = Annotated[

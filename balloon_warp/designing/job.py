@@ -26,12 +26,12 @@ from balloon_warp.scene.write import write_scene
 
 Values = NDArray[np.float64]
 MOVED = 0.005
-"""of the size: what was simulated is further from what was designed, so that it is said"""
+"""Distance between simulated and designed shape, over the size, from which on it is reported"""
 
 
 @dataclass(frozen=True)
 class Job:
-    """What is asked for, and where it goes."""
+    """Request for a design, and its output folder."""
 
     target: PolygonMesh
     of: str
@@ -46,18 +46,18 @@ class Job:
 
     @cached_property
     def ruler(self) -> Ruler:
-        """Of the wanted shape."""
+        """Ruler of the target shape."""
         return Ruler(self.target)
 
     @property
     def _asked(self) -> dict[str, Any]:
-        """By which a design is known again."""
+        """Return the request by which a design is recognized."""
         numbers = {"of": self.of, "stretch": self.stretch, "hold": self.hold, "thickness": self.thickness}
         points = self.target.points
         return numbers | {"vertices": len(points), "sum": float(np.abs(points).sum())}
 
     def saved(self) -> Reached | None:
-        """How far the same design was, where it is to be resumed.
+        """Return the progress of the same design, if it is to be resumed.
 
         Raises:
             InputError: nothing was saved, or of another design.
@@ -116,7 +116,7 @@ class Job:
     def _judged(
         self, scene: Scene, simulated: Simulated, held: Values, plain: Values | None, stretch: float, help_: str
     ) -> Design:
-        """The design with its errors, and what it cannot."""
+        """Return the design with its errors, and what it cannot."""
         ruler = self.ruler
         cannot = places_off(ruler, simulated.points, help_)
         elsewhere = np.linalg.norm(ruler.aligned(simulated.points) - ruler.aligned(held), axis=1).max() / ruler.size

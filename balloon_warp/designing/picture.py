@@ -18,9 +18,9 @@ from balloon_warp.simulator import Simulator
 Values = NDArray[np.float64]
 SIZE = (480, 420)
 FULL = 0.02
-"""of the size, from which the color is the last"""
+"""Error over the size from which on the color is the last"""
 BANDS = np.array([[0.10, 0.42, 0.62], [0.55, 0.75, 0.72], [0.95, 0.85, 0.45], [0.85, 0.35, 0.12], [0.45, 0.02, 0.08]])
-"""linear RGB from no error to `FULL`"""
+"""Linear RGB from zero error to `FULL`"""
 SAMPLES = 4
 
 
@@ -40,7 +40,7 @@ def error_picture(ruler: Ruler, shapes: Sequence[tuple[str, Values]]) -> Image.I
 
 
 def colored(mesh: PolygonMesh, off: Values) -> PolygonMesh:
-    """The mesh with the color of each vertex's error, a part of the size, shape (n,)."""
+    """Return the mesh with the color of each vertex's error, a part of the size, shape (n,)."""
     place = np.clip(off / FULL, 0.0, 1.0) * (len(BANDS) - 1)
     colors = np.stack([np.interp(place, np.arange(len(BANDS)), band) for band in BANDS.T], axis=1)
     none = np.full(len(mesh.face_vertex_indices), -1, dtype=np.int32)

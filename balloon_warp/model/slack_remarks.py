@@ -10,14 +10,14 @@ from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.topology import border_edges, mesh_edges, vertex_components
 
 NOTHING_HELD = (
-    "It is open and its border is free, so that it is not inflated: it would shoot away. {} "
+    "Not inflated: the mesh is open and its border is not pinned, so it would fly away. {} "
     "--set balloon.inflation.pressure=100."
 )
-CLOSES = "`balloon-warp remesh` closes it; or hold the border by `fixed`, or say how hard, as by"
-HOLDS = "Hold the border by `fixed`, or say how hard, as by"
+CLOSES = "Close it by `balloon-warp remesh`, pin the border by `fixed`, or give a pressure:"
+HOLDS = "Pin the border by `fixed`, or give a pressure:"
 NO_INSIDE = (
-    "None of its faces is between an inside and an outside, as of a Moebius strip, so that it is not inflated. "
-    "Say how hard, as by --set balloon.inflation.pressure=100, and each face is pushed as it winds."
+    "Not inflated: none of its faces is between an inside and an outside, as of a Moebius strip. "
+    "Give a pressure, such as --set balloon.inflation.pressure=100, and each face is pushed as it winds."
 )
 
 

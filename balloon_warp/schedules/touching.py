@@ -99,9 +99,8 @@ def crowding_remarks(crowded: int) -> list[str]:
     if not crowded:
         return []
     return [
-        f"touch: {crowded:,} times a particle had more triangles of a balloon near than the {int(MOST_OF_BALLOON)} "
-        f"nearest, which it keeps until the next search, or a sharp edge more than {int(MOST_EDGES)} others; more "
-        "substeps help"
+        f"touch: contacts were too crowded {crowded:,} times and some were ignored: a particle keeps the "
+        f"{int(MOST_OF_BALLOON)} nearest triangles of a balloon, a sharp edge {int(MOST_EDGES)}; more substeps help"
     ]
 
 

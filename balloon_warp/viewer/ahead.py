@@ -109,7 +109,7 @@ def _tidy(process: int) -> None:
 
 
 def rehearse(playground: Playground) -> None:
-    """Do what people do first, a frame each, so that later actions find their kernels."""
+    """Rehearse common actions, a frame each, so that later actions find their kernels."""
 
     def throw() -> None:
         above = playground.points.mean(axis=0) + 2.0 * playground.size * np.array(playground.live.up)

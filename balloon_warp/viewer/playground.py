@@ -182,7 +182,7 @@ class Playground:
             self.journal.change(self.frame, f"string.{self.numbers[1][self.hands[who]]}.anchor", anchor)
 
     def release(self, who: object) -> None:
-        """Let go of what a window holds."""
+        """Release what a window holds."""
         if who in self.hands:
             self.cut(self.hands[who])
 

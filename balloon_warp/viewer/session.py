@@ -99,7 +99,7 @@ class Session:
             self.writer.join()
 
     def ask(self, wish: Wish, key: object = None) -> None:
-        """Do something to the playground before the next frame; returns at once, from any thread.
+        """Queue a wish for the playground before the next frame; returns at once, from any thread.
 
         Args:
             key: Of several waiting wishes with the same key, only the last is done.
