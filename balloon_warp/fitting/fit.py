@@ -18,7 +18,7 @@ from balloon_warp.scene.load import scene_of
 from balloon_warp.trajectories import Trajectories, simulate
 
 Values = NDArray[np.float64]
-ROUNDS = 12
+ROUNDS = 16
 SPREAD = 0.8
 """Fraction of the range between the bounds that starts are spread over"""
 
@@ -45,7 +45,7 @@ def fit(
         data: A .npz file or a mapping: `times` [s], and then `points` with their `particles`, `volumes` or
             `pressures`, of the first balloon; `noise`, `volume_noise` and `pressure_noise` are standard deviations.
             Hidden points are NaN.
-        free: Unknown values: dotted paths, and the lowest and highest value. The first is scanned half-way.
+        free: Unknown values: dotted paths, and the lowest and highest value. The first is scanned from half-way on.
         starts: Number of starting points.
         rounds: Largest number of steps.
         seed: Seed of the starting points.
