@@ -5,8 +5,8 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.laws.contact import friction_between
 from balloon_warp.kernels.laws.grip import Grip, clear_gap
+from balloon_warp.kernels.loops.friction import friction_between
 from balloon_warp.kernels.loops.nearest import Thing, thing_functions
 from balloon_warp.kernels.loops.settling import ease_at
 from balloon_warp.kernels.tables import Tables, WorldState
@@ -62,6 +62,7 @@ def hold_point(
     point: wp.vec3,
     normal: wp.vec3,
     gap: float,
+    friction: float,
     places: wp.vec2i,
 ):
     """Put a point at which a body touches a thing into the list.
@@ -80,7 +81,7 @@ def hold_point(
     grip.moving = thing.velocity + wp.cross(thing.spin, grip.other_arm)
     grip.gap = clear_gap(gap, own.reach, own.center)
     grip.ease = ease_at(masses, eases, grip, normal)
-    grip.friction = friction_between(own.friction, thing.friction)
+    grip.friction = friction
     grip.restitution = wp.sqrt(own.restitution * thing.restitution)
     impulse, place = last_impulse(touches, impulses, key, places[1])
     grip.impulse = impulse
@@ -105,6 +106,7 @@ def thing_holding_function(traits: Traits) -> Any:
         thing: Thing,
         first_key: wp.int32,
         within: float,
+        friction: float,
         places: wp.vec2i,
     ):
         """Put the points at which a body is near a thing into the list: its own, and then those of an obstacle.
@@ -138,7 +140,7 @@ def thing_holding_function(traits: Traits) -> Any:
                 point -= told[3] * normal
                 places = hold_point(
                     touches, impulses, masses, eases, grips, own, thing, first_key + number, point, side * normal, gap,
-                    places,
+                    friction, places,
                 )  # fmt: skip
         return places
 
@@ -177,8 +179,9 @@ def holding_function(traits: Traits) -> Any:
                         away = wp.dot(own.center - thing.center, t.up)
                     if away - own.reach - thing.reach < within:
                         key = (body * things + number) * most
+                        friction = friction_between(t, world, own.number, thing.number)
                         places = hold_thing(
-                            t, touches, impulses, masses, eases, grips, own, thing, key, within, places
+                            t, touches, impulses, masses, eases, grips, own, thing, key, within, friction, places
                         )  # fmt: skip
         return places[0]
 
