@@ -52,7 +52,7 @@ def coefficients(simulator: Simulator) -> np.ndarray:
 def test_each_pair_has_the_coefficient_of_the_documented_table():
     (frictions,) = plan_model(scene()).parameters[FRICTION]
     for (first, second), expected in TABLE.items():
-        assert frictions[first, second] == pytest.approx(expected, rel=1e-15), (first, second)
+        assert frictions[first, second] == pytest.approx(expected, rel=1e-7), (first, second)
     np.testing.assert_array_equal(frictions, frictions.T)
 
 
@@ -73,8 +73,8 @@ def test_pairs_follow_what_changes(path: str, pair: tuple[int, int], value: floa
     assert varied[:, *pair][1] == pytest.approx(expected, rel=1e-6)
     planned = Simulator(scene(change=[Change(time=1 / 60, set={path: value})]), "cpu")
     before = coefficients(planned).copy()
-    for _ in range(2):
-        planned.step_unread()
+    planned.frame_number = 1
+    planned.make_due_changes()
     assert coefficients(planned)[0, *pair] == pytest.approx(expected, rel=1e-6)
     kept = np.ones_like(before, dtype=bool)
     kept[:, list(pair)], kept[:, :, list(pair)] = False, False

@@ -7,6 +7,7 @@ spheres, free bodies, balloons.
 import numpy as np
 from numpy.typing import NDArray
 
+from balloon_warp.kernels.laws.contact import AS_OTHERS
 from balloon_warp.model.parameters import Parameters
 
 FRICTION = "pair_frictions"
@@ -23,16 +24,14 @@ def settle_friction(parameters: Parameters) -> Parameters:
 
     A balloon that says nothing takes what the other says; between balloons it takes `touch.friction`.
     """
-    said = {name: _rows(parameters[name]) for name in SAID}
-    worlds = max(map(len, said.values()))
-    things = np.concatenate([_each_world(said[name], worlds) for name in OF_THINGS], axis=1)
-    balloons, touch = _each_world(said[OF_BALLOONS], worlds), _each_world(said[BETWEEN_BALLOONS], worlds)
-    silent = balloons < 0.0
-    own = np.where(silent, touch, balloons)
-    beside = _means(np.where(silent[:, :, None], things[:, None, :], balloons[:, :, None]), things[:, None, :])
-    rows = np.concatenate([_means(things[:, :, None], things[:, None, :]), beside.transpose(0, 2, 1)], axis=2)
-    of_balloons = np.concatenate([beside, _means(own[:, :, None], own[:, None, :])], axis=2)
-    return {FRICTION: np.concatenate([rows, of_balloons], axis=1)}
+    rows = {name: _rows(parameters[name]) for name in SAID}
+    worlds = max(map(len, rows.values()))
+    each = {name: np.broadcast_to(values, (worlds, values.shape[1])) for name, values in rows.items()}
+    said = np.concatenate([each[name] for name in (*OF_THINGS, OF_BALLOONS)], axis=1)
+    is_balloon = np.arange(said.shape[1]) >= said.shape[1] - each[OF_BALLOONS].shape[1]
+    otherwise = np.where(is_balloon, each[BETWEEN_BALLOONS], said)
+    beside = np.where((said == AS_OTHERS)[:, :, None], otherwise[:, None, :], said[:, :, None])
+    return {FRICTION: _means(beside, beside.transpose(0, 2, 1))}
 
 
 def _means(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -41,10 +40,7 @@ def _means(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[n
 
 
 def _rows(values: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Rows of worlds, shape (W, count); a single one where all are alike."""
-    rows = np.asarray(values, dtype=np.float64).reshape(len(values), -1)
+    """Rows of worlds, shape (W, count), a single one where all are alike; as devices keep them, so that resolving them
+    again gives the same."""
+    rows = np.asarray(values, dtype=np.float32).astype(np.float64).reshape(len(values), -1)
     return rows[:1] if (rows == rows[:1]).all() else rows
-
-
-def _each_world(rows: NDArray[np.float64], worlds: int) -> NDArray[np.float64]:
-    return np.broadcast_to(rows, (worlds, rows.shape[1]))

@@ -62,7 +62,6 @@ def hold_point(
     point: wp.vec3,
     normal: wp.vec3,
     gap: float,
-    friction: float,
     places: wp.vec2i,
 ):
     """Put a point at which a body touches a thing into the list.
@@ -81,7 +80,7 @@ def hold_point(
     grip.moving = thing.velocity + wp.cross(thing.spin, grip.other_arm)
     grip.gap = clear_gap(gap, own.reach, own.center)
     grip.ease = ease_at(masses, eases, grip, normal)
-    grip.friction = friction
+    grip.friction = thing.friction
     grip.restitution = wp.sqrt(own.restitution * thing.restitution)
     impulse, place = last_impulse(touches, impulses, key, places[1])
     grip.impulse = impulse
@@ -106,7 +105,6 @@ def thing_holding_function(traits: Traits) -> Any:
         thing: Thing,
         first_key: wp.int32,
         within: float,
-        friction: float,
         places: wp.vec2i,
     ):
         """Put the points at which a body is near a thing into the list: its own, and then those of an obstacle.
@@ -140,7 +138,7 @@ def thing_holding_function(traits: Traits) -> Any:
                 point -= told[3] * normal
                 places = hold_point(
                     touches, impulses, masses, eases, grips, own, thing, first_key + number, point, side * normal, gap,
-                    friction, places,
+                    places,
                 )  # fmt: skip
         return places
 
@@ -179,9 +177,9 @@ def holding_function(traits: Traits) -> Any:
                         away = wp.dot(own.center - thing.center, t.up)
                     if away - own.reach - thing.reach < within:
                         key = (body * things + number) * most
-                        friction = friction_between(t, world, own.number, thing.number)
+                        thing.friction = friction_between(t, world, own.number, thing.number)
                         places = hold_thing(
-                            t, touches, impulses, masses, eases, grips, own, thing, key, within, friction, places
+                            t, touches, impulses, masses, eases, grips, own, thing, key, within, places
                         )  # fmt: skip
         return places[0]
 

@@ -27,6 +27,7 @@ class Thing:
     velocity: wp.vec3  # if it goes where it is told [m/s]
     spin: wp.vec3  # likewise [rad/s]
     number: wp.int32  # among all, as friction has it
+    friction: float  # with the body that is near it
     restitution: float
 
 
