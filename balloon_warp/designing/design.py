@@ -14,6 +14,7 @@ from balloon_warp.designing.of_latex import design_of_latex
 from balloon_warp.designing.of_springs import design_of_springs
 from balloon_warp.designing.result import Design
 from balloon_warp.designing.springs import Hold
+from balloon_warp.designing.step import DesignStep
 from balloon_warp.designing.target import require_size, target_of
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.from_python import MeshLike
@@ -35,6 +36,7 @@ def design(
     resume: bool = False,
     device: str | None = None,
     on_stage: Callable[[str], None] = lambda stage: None,
+    on_step: Callable[[DesignStep], None] = lambda step: None,
 ) -> Design:
     """Find the balloon that becomes a shape when it is inflated, and simulate it from rest.
 
@@ -52,6 +54,7 @@ def design(
         resume: go on where the same design in that folder was stopped; of foil it begins anew.
         device: a Warp device for the simulation; if missing, the GPU or else the CPU.
         on_stage: told what is done, a few words each time.
+        on_step: of springs and latex: told the balloon as it is after each step, and as it is simulated in the end.
 
     Raises:
         InputError: the shape cannot be designed, a number cannot be, or what was designed finds no rest.
@@ -70,7 +73,7 @@ def design(
     mesh = target_of(target, size)
     place = Path(folder) if folder is not None else _temporary()
     require_folder(place)
-    job = Job(mesh, of, float(stretch), hold, float(thickness), place, steps, device, resume, on_stage)
+    job = Job(mesh, of, float(stretch), hold, float(thickness), place, steps, device, resume, on_stage, on_step)
     return {"springs": design_of_springs, "latex": design_of_latex}[of](job)
 
 

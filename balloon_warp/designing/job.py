@@ -18,6 +18,7 @@ from balloon_warp.designing.picture import error_picture
 from balloon_warp.designing.proof import MORE_FRAMES, Simulated, simulate_from_rest
 from balloon_warp.designing.result import Design
 from balloon_warp.designing.springs import Hold
+from balloon_warp.designing.step import DesignStep
 from balloon_warp.designing.where import places_off
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
@@ -43,6 +44,8 @@ class Job:
     device: str | None
     resume: bool
     say: Callable[[str], None]
+    watch: Callable[[DesignStep], None] = lambda step: None
+    """told each step, and what is simulated in the end"""
 
     @cached_property
     def ruler(self) -> Ruler:
@@ -76,11 +79,13 @@ class Job:
         self.say(f"going on after step {reached.steps}")
         return reached
 
-    def on_step(self, reached: Reached) -> None:
+    def on_step(self, reached: Reached, stretch: float | None = None) -> None:
         """Save how far it is, and say so."""
         write_report(self.folder / JOB, self._asked)
         reached.save(self.folder / SAVED)
-        self.say(f"step {reached.steps}: {self.ruler.error(reached.points)} of the size")
+        step = DesignStep(self.ruler, reached.steps, reached.points, stretch)
+        self.say(f"{step.label}: {step.error} of the size")
+        self.watch(step)
 
     def proven(
         self, scene: Scene, held: Values, plain: Values | None, stretch: float, help_: str = "", **more: Any
@@ -101,6 +106,7 @@ class Job:
         simulated = simulate_from_rest(scene, self.ruler.size, self.device)
         if isinstance(simulated, str):
             raise InputError(f"the design does not come to rest: {simulated}; expected a smaller stretch")
+        self.watch(DesignStep(self.ruler, self.steps, simulated.points, stretch, proven=True))
         scene = scene.model_copy(update={"frames": 30 * -(-(simulated.frames + MORE_FRAMES) // 30)})
         write_scene(scene, self.folder / "balloon.toml")
         design = self._judged(scene, simulated, held, plain, stretch, help_)
