@@ -14,7 +14,6 @@ class SphereTable:
     penalty: wp.array2d[float]
     restitution: wp.array2d[float]
     """of spheres that meet spheres"""
-    friction: wp.array2d[float]
     small: wp.array[wp.int32]
     """whether each is so small beside faces that it meets these, too; empty where none is"""
     triangles: wp.array[wp.vec3i]
@@ -46,7 +45,6 @@ class FixtureTable:
     motion: wp.array2d[wp.transform]
     """shift from its position, and how it is turned, at the start of each frame until it rests, shape (frames, N)"""
     positions: wp.array2d[wp.vec3]
-    frictions: wp.array2d[float]
     restitutions: wp.array2d[float]
     """of spheres"""
     samples: wp.array[wp.vec4]
@@ -68,7 +66,6 @@ class BodyTable:
 
     solids: wp.array[Solid]
     mass: wp.array2d[float]
-    friction: wp.array2d[float]
     restitution: wp.array2d[float]
     inertias: wp.array[wp.mat33]
     """of 1 kg, about the center of mass [m^2]"""
