@@ -36,7 +36,7 @@ def design_of_springs(job: Job) -> Design:
     plain = begin(problem, problem.plain)
     if plain is None:
         raise InputError(f"stretch: plain springs find no rest at {job.stretch:g}; expected less")
-    reached = descend(problem, job.saved() or plain, job.steps, GOAL, job.on_step)
+    reached = descend(problem, job.saved(Reached.load) or plain, job.steps, GOAL, job.on_step)
     scene = write_design(problem, reached, job.folder)
     same = replace(problem, stretch=max(problem.mean_stretch(reached.design), LEAST_STRETCH))
     plain = begin(same, same.plain) or plain

@@ -47,6 +47,15 @@ def colored(mesh: PolygonMesh, off: Values) -> PolygonMesh:
     return replace(mesh, looks=Looks((), none, colors[mesh.face_vertex_indices].astype(np.float32)))
 
 
+def stacked(above: Image.Image, below: Image.Image) -> Image.Image:
+    """Put a picture below another, as wide."""
+    height = round(below.height * above.width / below.width)
+    image = Image.new("RGB", (above.width, above.height + height), (255, 255, 255))
+    image.paste(above, (0, 0))
+    image.paste(below.resize((above.width, height), Image.Resampling.LANCZOS), (0, above.height))
+    return image
+
+
 def _drawn(ruler: Ruler, points: Values, off: Values | None) -> NDArray[np.uint8]:
     mesh = replace(ruler.mesh, points=ruler.aligned(points))
     if off is not None:

@@ -55,7 +55,8 @@ class Material(Table):
     """at rest; a third of Young's; 3.3e5 when missing [Pa]"""
     rest_mesh: Path | None = None
     """a mesh file, sought beside the scene file, of the same vertices and faces: the shape at which nothing pulls, such
-    as the mould of a latex balloon; when missing, that of the start"""
+    as the mould of a latex balloon; or, of a film, of the same faces cut along seams: the panels that it is sewn of;
+    when missing, that of the start"""
     thickness: float | None = optional_field_of("thickness")
     """at rest; 2e-4 when missing [m]"""
     density: Positive | None = None
