@@ -35,7 +35,7 @@ def design(
         typer.Option(
             metavar="springs|latex|foil",
             help="What it is made of: springs, each of its own rest length; latex, whose mould is found; or foil, "
-            "whose outline is: TARGET is then letters, or a drawing, .svg.",
+            "whose outline is: TARGET is then letters, or a drawing, .svg; or a mesh, with --panels.",
             rich_help_panel=DESIGN,
         ),
     ] = "springs",
@@ -55,6 +55,15 @@ def design(
     thickness: Annotated[
         float, typer.Option(metavar="METERS", help="Of the latex or foil.", rich_help_panel=DESIGN)
     ] = 2e-4,
+    panels: Annotated[
+        str | None,
+        typer.Option(
+            metavar="COUNT|SEAMS",
+            help="Of foil: sew TARGET, a mesh, of so many gores around its vertical axis, or cut it along seams: a file "
+            "of lines of vertices, or `materials` or `groups`, between which it is cut.",
+            rich_help_panel=DESIGN,
+        ),
+    ] = None,
     steps: Annotated[
         int, typer.Option(metavar="COUNT", help="How many steps of the design to try.", rich_help_panel=LONG)
     ] = 30,
@@ -79,7 +88,7 @@ def design(
         try:
             found = designed(
                 target, of=of, hold=hold,  # pyright: ignore[reportArgumentType]
-                stretch=stretch, size=size, thickness=thickness, folder=output, steps=steps, resume=resume,
+                stretch=stretch, size=size, thickness=thickness, panels=panels, folder=output, steps=steps, resume=resume,
                 device=device, on_stage=on_stage,
             )  # fmt: skip
         except KeyboardInterrupt:
