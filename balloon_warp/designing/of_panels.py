@@ -145,7 +145,11 @@ def _corrected(job: Job, panels: Panels, before: Tried | None) -> Tried:
     if before is None:
         return Tried(shape, flat, points, points, error, steps=1, idle=0)
     after = replace(before, shape=shape, steps=before.steps + 1, idle=before.idle + 1)
-    return after if error >= (1.0 - GAINED) * before.error else replace(after, flat=flat, points=points, error=error, idle=0)
+    return (
+        after
+        if error >= (1.0 - GAINED) * before.error
+        else replace(after, flat=flat, points=points, error=error, idle=0)
+    )
 
 
 def _evened(panels: Panels, moves: Values) -> Values:

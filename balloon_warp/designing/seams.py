@@ -65,7 +65,9 @@ def _pairs_in(path: Path) -> Numbers:
             raise InputError(f"{path}: line {number} has one vertex; expected two or more along a seam")
         pairs += zip(along[:-1], along[1:], strict=True)
     if not pairs:
-        raise InputError(f"{path}: has no seam; expected lines of vertices" + " that begin with l" * (path.suffix == ".obj"))
+        raise InputError(
+            f"{path}: has no seam; expected lines of vertices" + " that begin with l" * (path.suffix == ".obj")
+        )
     return np.array(pairs, dtype=np.int64)
 
 
