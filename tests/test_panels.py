@@ -58,9 +58,9 @@ def test_gores_of_a_ball_are_those_of_the_textbook(count: int):
     """As long as a meridian, as wide as their part of the equator; and seams alike to a thousandth of a millimeter.
 
     What is flat is off by a sixth of the squared half width in radians, the strain of a strip that is curved both ways,
-    and by a percent, since the ball is coarse.
+    and by some percent, since the ball is of 6 quads a side.
     """
-    off = (np.pi / count) ** 2 / 6.0 + 0.012
+    off = (np.pi / count) ** 2 / 6.0 + 0.025
     panels = panels_of(BALL, count, 0.3)
     flat = flattened(panels, panels.mesh.points)
     assert panels.count == count
@@ -172,7 +172,8 @@ def tube() -> PolygonMesh:
 @pytest.mark.parametrize(
     ("mesh", "seams", "sentence"),
     [
-        (BALL, "1 2 3 4", r"no edge of .* joins vertices \d+ and \d+|closed: the seams do not cut it"),
+        (BALL, "1 2", r"is closed: the seams do not cut it; expected pieces with one border"),
+        (BALL, "1 200", r"no edge of .* joins vertices \d+ and \d+, counted from 1, of a seam"),
         (BALL, "1 900", r"names vertex 900; expected numbers from 1 to the \d+ of"),
         (BALL, "1 two", r"line 1 is '1 two'; expected numbers of vertices"),
         (BALL, "7", r"line 1 has one vertex; expected two or more"),

@@ -35,7 +35,7 @@ def design(
         typer.Option(
             metavar="springs|latex|foil",
             help="What it is made of: springs, each of its own rest length; latex, whose mould is found; or foil, "
-            "whose outline is: TARGET is then letters, or a drawing, .svg; or a mesh, with --panels.",
+            "whose outline is: TARGET is then letters, or a drawing, .svg; or, with --panels, a mesh.",
             rich_help_panel=DESIGN,
         ),
     ] = "springs",
@@ -59,8 +59,8 @@ def design(
         str | None,
         typer.Option(
             metavar="COUNT|SEAMS",
-            help="Of foil: sew TARGET, a mesh, of so many gores around its vertical axis, or cut it along seams: a file "
-            "of lines of vertices, or `materials` or `groups`, between which it is cut.",
+            help="Of foil: sew TARGET, a mesh, of so many gores around its vertical axis, or cut it along seams: a "
+            "file of lines of vertices; or between its `materials` or `groups`.",
             rich_help_panel=DESIGN,
         ),
     ] = None,
@@ -88,8 +88,8 @@ def design(
         try:
             found = designed(
                 target, of=of, hold=hold,  # pyright: ignore[reportArgumentType]
-                stretch=stretch, size=size, thickness=thickness, panels=panels, folder=output, steps=steps, resume=resume,
-                device=device, on_stage=on_stage,
+                stretch=stretch, size=size, thickness=thickness, panels=panels, folder=output, steps=steps,
+                resume=resume, device=device, on_stage=on_stage,
             )  # fmt: skip
         except KeyboardInterrupt:
             raise StoppedError(f"design was stopped {last[0]}; --resume goes on from its last step") from None

@@ -71,7 +71,7 @@ def _conformal(panels: Panels, frames: Values) -> Values:
     triples = np.repeat(rows, 3), panels.corners.ravel()
     dx, dy = (sparse.csr_matrix((slopes[:, k].ravel(), triples), shape=(len(rows), count)) for k in range(2))
     both = sparse.bmat([[dx, -dy], [dy, dx]], format="csc")
-    pinned = np.concatenate([_far_apart(panels, frames, panel) for panel in range(panels.count)])
+    pinned = np.concatenate([_far_apart(panels, panel) for panel in range(panels.count)])
     values = np.concatenate([np.tile([0.0, 1.0], panels.count), np.zeros(len(pinned))])
     held = np.concatenate([pinned, pinned + count])
     free = np.setdiff1d(np.arange(2 * count), held)
@@ -86,7 +86,7 @@ def _conformal(panels: Panels, frames: Values) -> Values:
     return flat * np.sqrt(ratio)[panels.of_vertices][:, None]
 
 
-def _far_apart(panels: Panels, frames: Values, panel: int) -> NDArray[np.int64]:
+def _far_apart(panels: Panels, panel: int) -> NDArray[np.int64]:
     """Two vertices of a panel's border, as far from each other as can be."""
     border = panels.borders[panel]
     places = panels.mesh.points[panels.sewn_to[border]]
@@ -140,7 +140,7 @@ def _strains(panels: Panels, frames: Values, flat: Values) -> tuple[Values, Any]
     count = len(corners)
     rows = np.broadcast_to((3 * np.arange(count)[:, None] + np.arange(3))[:, :, None, None], slopes.shape)
     columns = np.broadcast_to((2 * corners[:, :, None] + np.arange(2))[:, None], slopes.shape)
-    of_seams, seam_values, seam_rows, seam_columns = _seam_strains(panels, frames, flat)
+    of_seams, seam_values, seam_rows, seam_columns = _seam_strains(panels, flat)
     matrix = sparse.csr_matrix(
         (
             np.concatenate([slopes.ravel(), seam_values]),
@@ -151,14 +151,12 @@ def _strains(panels: Panels, frames: Values, flat: Values) -> tuple[Values, Any]
     return np.concatenate([films.ravel(), of_seams]), matrix
 
 
-def _seam_strains(panels: Panels, frames: Values, flat: Values) -> tuple[Values, Values, Any, Any]:
+def _seam_strains(panels: Panels, flat: Values) -> tuple[Values, Values, Any, Any]:
     """What both sides of each seam's edge differ by, and its slopes: values, rows and columns."""
     ends = flat[panels.seams]
     ways = ends[:, :, 1] - ends[:, :, 0]
-    length = np.linalg.norm(
-        panels.mesh.points[panels.sewn_to[panels.seams[:, 0, 1]]] - panels.mesh.points[panels.sewn_to[panels.seams[:, 0, 0]]],
-        axis=1,
-    )  # fmt: skip
+    sewn = panels.mesh.points[panels.sewn_to[panels.seams[:, 0]]]
+    length = np.linalg.norm(sewn[:, 1] - sewn[:, 0], axis=1)
     weight = SEAM / (2.0 * length)
     squares = (ways**2).sum(axis=2)
     signs = np.array([1.0, -1.0])[:, None] * np.array([-1.0, 1.0])  # of sides and ends

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,7 +63,7 @@ class _Grid:
         seams = set()
         for gore in range(self._count):
             lines = [self._row(gore, row) for row in range(self._rows + 1)]
-            for low, high in zip(lines[:-1], lines[1:], strict=True):
+            for low, high in pairwise(lines):
                 triangles += _zipped(low, high)
                 seams |= {(low[0], high[0])}
         return np.array(self._points), np.array(triangles), np.array(sorted(seams))

@@ -47,6 +47,8 @@ GAINED = 0.01
 """of the error is what a correction must bring"""
 EVENED = 10
 """times that a correction is evened over neighbors: about a fifth of the size"""
+FURTHEST = 0.03
+"""of the size is how far a correction moves a vertex"""
 
 
 @dataclass(frozen=True)
@@ -141,7 +143,7 @@ def _corrected(job: Job, panels: Panels, before: Tried | None) -> Tried:
             raise
         return replace(before, steps=before.steps + 1, idle=IDLE)
     points, error = simulated.points, job.ruler.error(simulated.points).mean
-    shape = shape + _evened(panels, panels.mesh.points - job.ruler.aligned(points))
+    shape = shape + _evened(panels, panels.mesh.points - job.ruler.aligned(points), FURTHEST * job.ruler.size)
     if before is None:
         return Tried(shape, flat, points, points, error, steps=1, idle=0)
     after = replace(before, shape=shape, steps=before.steps + 1, idle=before.idle + 1)
@@ -152,15 +154,19 @@ def _corrected(job: Job, panels: Panels, before: Tried | None) -> Tried:
     )
 
 
-def _evened(panels: Panels, moves: Values) -> Values:
-    """Moves of the sewn vertices as the mean of those around: wrinkles and bulges are no fault of the outlines."""
+def _evened(panels: Panels, moves: Values, most: float) -> Values:
+    """Moves of the sewn vertices as the mean of those around: wrinkles and bulges are no fault of the outlines.
+
+    Args:
+        most: that one moves [m].
+    """
     ends, count = mesh_edges(panels.mesh).ends, panels.mesh.vertex_count
     both = np.concatenate([ends, ends[:, ::-1], np.stack([np.arange(count)] * 2, axis=1)])
     beside = sparse.coo_matrix((np.ones(len(both)), both.T), shape=(count, count)).tocsr()
     degrees = np.asarray(beside.sum(axis=1))
     for _ in range(EVENED):
         moves = beside @ moves / degrees
-    return moves
+    return moves * np.minimum(1.0, most / np.maximum(np.linalg.norm(moves, axis=1, keepdims=True), 1e-30))
 
 
 def _written(job: Job, panels: Panels, flat: Values) -> Scene:

@@ -122,8 +122,8 @@ def require_simple(number: int, border: Values):
     outline = from_extra("shapely").Polygon(border)
     if not outline.is_valid:
         raise InputError(
-            f"panels: panel {number} would lie on itself when it is flat, so that it cannot be cut; expected more seams "
-            "through it"
+            f"panels: panel {number} would lie on itself when it is flat, so that it cannot be cut; expected more "
+            "seams through it"
         )
     return outline
 
@@ -138,5 +138,6 @@ def _path(line: Line, places: Values) -> str:
 def _text(label: Label, place: Values) -> str:
     return (
         f'<text class="{label.kind}" x="{place[0]:.2f}" y="{place[1]:.2f}" font-family="sans-serif" '
-        f'font-size="{1000.0 * label.height:g}" text-anchor="middle" dominant-baseline="central">{escape(label.text)}</text>'
+        f'font-size="{1000.0 * label.height:g}" text-anchor="middle" dominant-baseline="central">'
+        f"{escape(label.text)}</text>"
     )

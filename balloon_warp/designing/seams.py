@@ -1,5 +1,6 @@
 """Seams that the user marks: lines of vertices in a file, or borders between materials or groups of the mesh."""
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -63,7 +64,7 @@ def _pairs_in(path: Path) -> Numbers:
             raise InputError(f"{path}: line {number} is {line.strip()!r}; expected numbers of vertices") from None
         if len(along) < 2:
             raise InputError(f"{path}: line {number} has one vertex; expected two or more along a seam")
-        pairs += zip(along[:-1], along[1:], strict=True)
+        pairs += pairwise(along)
     if not pairs:
         raise InputError(
             f"{path}: has no seam; expected lines of vertices" + " that begin with l" * (path.suffix == ".obj")

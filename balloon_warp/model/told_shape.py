@@ -85,8 +85,8 @@ def sewn_vertices(panels: PolygonMesh, sewn: PolygonMesh, source: object, film: 
     if (wrong := sewn_to[panels.face_vertex_indices] != sewn.face_vertex_indices).any():
         vertex = panels.face_vertex_indices[wrong][0] + 1
         raise InputError(
-            f"material.rest_mesh: vertex {vertex} of {source}, counted from 1, would be sewn to several of {sewn.name}; "
-            "expected one"
+            f"material.rest_mesh: vertex {vertex} of {source}, counted from 1, would be sewn to several of "
+            f"{sewn.name}; expected one"
         )
     return sewn_to
 
