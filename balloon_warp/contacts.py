@@ -1,15 +1,16 @@
-"""What presses on what, on the host: the net force of each pair of things, on average over a frame."""
+"""What presses on what: the net force of each pair of things, on average over a frame."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.mesh import PolygonMesh
-from balloon_warp.mesh.corners import corner_faces
-from balloon_warp.mesh.geometry import face_vector_areas
-from balloon_warp.model import Model
+from balloon_warp.model import Model, ModelPlan
 from balloon_warp.shown import Shown, described
+
+PAIR_ARRAYS = ("forces", "torques", "areas", "pressures", "places")
+"""what `State` has of each pair, after `contact_`"""
 
 
 @described
@@ -28,7 +29,9 @@ class Contact(Shown):
     area: float
     """of the balloon, that touches [m^2]"""
     pressure: float
-    """the largest of any particle: its force over its part of the area [Pa]"""
+    """the largest of any particle: its force over its part of the area; of two balloons both added up [Pa]"""
+    place: NDArray[np.float64]
+    """the mean of the places that are pressed, by how hard [m], shape (3,)"""
     number: int
     """the balloon's, in the scene"""
     thing: int
@@ -39,53 +42,33 @@ class Contact(Shown):
         return f"Contact({self.other} on {self.balloon}: ({force}) N on {self.area:.3g} m^2)"
 
 
-def things_of(model: Model) -> list[str]:
+def things_of(model: Model | ModelPlan) -> list[str]:
     """Name all that balloons may touch, in the order in which kernels number it: see `kernels.loops.contact_things`."""
     scene = model.scene
     kinds = (("obstacle", scene.obstacle), ("body", scene.body))
     named = {kind: [each.name or f"{kind} {number}" for number, each in enumerate(things)] for kind, things in kinds}
-    spheres = [f"sphere {number}" for number in range(model.sphere_count)]
+    spheres = [f"sphere {number}" for number in range(len(scene.sphere))]
     return ["ground", *named["obstacle"], *spheres, *named["body"], *(shape.name for shape in model.shapes)]
 
 
-def contacts_of(model: Model, points: NDArray[np.float32], pushes: NDArray[np.float32]) -> list[Contact]:
-    """Add up what things did to balloons in a frame, of pairs that touched.
+def contacts_of(model: Model, told: Mapping[str, NDArray[np.float64]]) -> list[Contact]:
+    """List the pairs that touched in a frame.
 
     Args:
-        points: of all particles [m], shape (particle_count, 3).
-        pushes: of each thing and particle the impulse [N s] and for how long they touched [s], shape (thing_count,
-            particle_count, 4).
+        told: a world's `PAIR_ARRAYS`, by name.
     """
-    things, seconds = things_of(model), model.frame_seconds
-    offsets, first = model.particle_offsets, len(things) - len(model.shapes)
-    found = []
-    for number, shape in enumerate(model.shapes):
-        own = slice(offsets[number], offsets[number + 1])
-        areas = vertex_areas(shape.mesh, points[own])
-        center = points[own].mean(axis=0, dtype=np.float64)
-        for thing, name in enumerate(things):
-            told = pushes[thing, own].astype(np.float64)
-            forces, arms = told[:, :3] / seconds, points[own] - center
-            force, torque = forces.sum(axis=0), np.cross(arms, forces).sum(axis=0)
-            area = float(areas @ told[:, 3]) / seconds
-            if thing >= first:  # a balloon, whose particles press this one's triangles
-                its = slice(offsets[thing - first], offsets[thing - first + 1])
-                back = pushes[first + number, its].astype(np.float64)
-                force -= back[:, :3].sum(axis=0) / seconds
-                torque -= np.cross(points[its] - center, back[:, :3]).sum(axis=0) / seconds
-                told = told if told[:, 3].any() else back
-                area = max(
-                    area, float(vertex_areas(model.shapes[thing - first].mesh, points[its]) @ back[:, 3]) / seconds
-                )
-            if told[:, 3].any():
-                strengths = np.linalg.norm(forces, axis=1)
-                pressure = float((strengths / np.maximum(areas, 1e-30))[areas > 0.0].max(initial=0.0))
-                found.append(Contact(shape.name, name, force, torque, area, pressure, number, thing))
-    return found
-
-
-def vertex_areas(mesh: PolygonMesh, points: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Share each face's area out among its corners [m^2], shape (vertex_count,)."""
-    placed = PolygonMesh(points.astype(np.float64), mesh.face_vertex_counts, mesh.face_vertex_indices)
-    areas = np.linalg.norm(face_vector_areas(placed), axis=1) / np.maximum(mesh.face_vertex_counts, 1)
-    return np.asarray(np.bincount(mesh.face_vertex_indices, areas[corner_faces(mesh)], len(points)), dtype=np.float64)
+    things = things_of(model)
+    return [
+        Contact(
+            balloon=model.shapes[number].name,
+            other=things[thing],
+            force=told["forces"][number, thing],
+            torque=told["torques"][number, thing],
+            area=float(told["areas"][number, thing]),
+            pressure=float(told["pressures"][number, thing]),
+            place=told["places"][number, thing],
+            number=number,
+            thing=thing,
+        )
+        for number, thing in np.argwhere(told["areas"] > 0.0).tolist()
+    ]

@@ -14,7 +14,8 @@ MOST_RECORDED = 16
 """worlds whose reading is recorded on a GPU; more are read launch by launch"""
 STATE = (
     *("points", "velocities", "pressures", "gas_amounts", "thrusts"),
-    *("sphere_positions", "sphere_velocities", "torn", "contact_pushes"),
+    *("sphere_positions", "sphere_velocities", "torn"),
+    *("contact_forces", "contact_torques", "contact_areas", "contact_pressures", "contact_places"),
 )
 BODIES = ("body_positions", "body_turns")
 PARAMETERS = ("string_anchor", "string_length", "obstacle_position", "ground_height", "water_level")

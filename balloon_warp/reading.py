@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.contacts import Contact, contacts_of
+from balloon_warp.contacts import PAIR_ARRAYS, Contact, contacts_of
 from balloon_warp.frame import Frame
 from balloon_warp.kernels.laws.law import FAR
 from balloon_warp.model import Model
@@ -129,10 +129,10 @@ class Reading:
 
     def _contacts(self) -> list[Contact]:
         """Return what pressed what; none where nobody asks."""
-        if "contact_pushes" not in self._buffer.arrays:
+        if "contact_forces" not in self._buffer.arrays:
             return []
-        pushes = np.asarray(self._buffer.arrays["contact_pushes"].numpy()[0], dtype=np.float32)
-        return contacts_of(self.model, self._rows("points"), pushes)
+        told = {name: self._row(f"contact_{name}", np.float64) for name in PAIR_ARRAYS}
+        return contacts_of(self.model, told)
 
     def _torn(self) -> list[NDArray[np.bool_]]:
         """Of each balloon which faces are; none if none may be."""

@@ -54,6 +54,7 @@ def test_what_lies_on_something_presses_it_by_its_weight(floor: str) -> None:
     np.testing.assert_allclose(contact.force, (0.0, 0.3 * GRAVITY, 0.0), atol=0.03)
     np.testing.assert_allclose(contact.torque, 0.0, atol=0.02)
     assert 0.0 < contact.area < 0.3
+    np.testing.assert_allclose(contact.place, 0.0, atol=0.01)  # below its middle, on the surface at height 0
     assert contact.pressure >= contact.force[1] / contact.area * 0.99
 
 

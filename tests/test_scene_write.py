@@ -80,13 +80,13 @@ def test_each_value_has_its_unit_and_default_beside_it():
     )
     text = scene_toml(scene, Path())
     lines = [re.sub(" +# ", "  # ", line) for line in text.splitlines()]
-    assert "mass = 0.2  # of the whole balloon, shared alike by its particles [kg]; default 0.1" in lines
-    assert "position = [0.0, 1.0, 0.0]  # of its center at the start [m]" in lines
-    assert "mass = 3.0                  # [kg]; default 1.0\n" in text  # beneath the other comment
+    assert "mass = 0.2  # Mass of the whole balloon, shared equally by its particles [kg]; default 0.1" in lines
+    assert "position = [0.0, 1.0, 0.0]  # Position of the center at the start [m]" in lines
+    assert "mass = 3.0                  # Mass [kg]; default 1.0\n" in text  # beneath the other comment
     assert "[[sphere]]  # A rigid sphere that collides with balloons, spheres, obstacles and the ground." in lines
     above = lines[: lines.index('solver = "forward_euler"')]
     assert above[-1].endswith('"symplectic_euler"')  # too long to stand beside it
-    assert above[-3].startswith("# how a step goes on: ")
+    assert above[-3].startswith("# Time integrator: ")
     assert "law = { magnet = { strength = 5.0 } }" in text
 
 

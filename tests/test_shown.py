@@ -64,8 +64,10 @@ def test_help_of_a_result_says_every_field(cls: type):
 
 def test_help_of_a_frame_has_units_and_shapes():
     assert "velocities (list[NDArray[np.float32]]) of each balloon [m/s], shape (particle_count, 3)" in helped(bw.Frame)
-    assert "mass = 0.1 (number > 0) of the whole balloon, shared alike by its particles [kg]" in helped(bw.Balloon)
-    assert "position = (0.0, 0.0, 0.0) (3 numbers) where the mesh's origin goes [m]" in helped(bw.Balloon)
+    assert "mass = 0.1 (number > 0) Mass of the whole balloon, shared equally by its particles [kg]" in helped(
+        bw.Balloon
+    )
+    assert "position = (0.0, 0.0, 0.0) (3 numbers) Position of the mesh's origin [m]" in helped(bw.Balloon)
 
 
 @pytest.mark.parametrize("name", [name for name in bw.__all__ if callable(getattr(bw, name))])

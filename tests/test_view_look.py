@@ -6,16 +6,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from browsing import LIMIT, box, highlights, picture_of, redness, see, tethered, wait_until
+from browsing import LIMIT, again, box, highlights, picture_of, redness, see, tethered, unfold, wait_until
 from PIL import Image
 
 from balloon_warp import scenes
-from balloon_warp.scene import Balloon, Scene, Water
+from balloon_warp.scene import Balloon, Ground, Scene, Water
 
 pytest.importorskip("viser")
 pytest.importorskip("playwright.sync_api")
 
 from balloon_warp.viewer.notebook import Shown
+from balloon_warp.viewer.presses import CLEAR
 from balloon_warp.viewer.status import KEYS
 
 MODELS = Path(scenes.__file__).parent
@@ -56,6 +57,26 @@ def test_a_print_is_seen(fresh, served, tmp_path):
         green, blue = columns()
         assert np.median(green) < np.median(blue)
     finally:
+        served.session.load("ball", tethered)
+        wait_until(lambda: served.session.picture.name == "ball", "the ball is back")
+
+
+def test_contact_forces_are_arrows_where_a_scene_tells_them(fresh, served):
+    """Which are seen through the balloons; elsewhere there is no box for them."""
+    told = fresh.get_by_label("contact forces", exact=True)
+    unfold(fresh, "Show", "smooth balloon")
+    assert not told.is_visible()
+    served.session.load("told", lambda: Scene(**{**dict(tethered()), "contacts": True, "ground": Ground(height=-0.45)}))
+    try:
+        wait_until(lambda: served.session.picture.name == "told", "the scene is there")
+        wait_until(lambda: served.layers._presses._arrows.visible, "the ground presses it")
+        assert served.layers._balloons[0].opacity == CLEAR
+        unfold(fresh, "Show", "smooth balloon")
+        again(told.click, lambda: not served.layers.shown["contacts"], "they are switched off")
+        wait_until(lambda: not served.layers._presses._arrows.visible, "no arrow is left")
+        assert served.layers._balloons[0].opacity is None
+    finally:
+        served.layers.shown["contacts"] = True
         served.session.load("ball", tethered)
         wait_until(lambda: served.session.picture.name == "ball", "the ball is back")
 

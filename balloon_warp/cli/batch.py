@@ -39,32 +39,30 @@ if TYPE_CHECKING:
     from balloon_warp.sweep.batch import BatchSummary
 
 WORLDS = "The worlds"
-"""a part of the help"""
+"""Heading of a section of the help"""
 
 Vary = Annotated[
     list[str] | None,
     typer.Option(
         metavar="PATH=LOW:HIGH|PATH=VALUE,...",
-        help="What differs: a range, such as balloon.mass=1:3, of which each world gets a random value; "
+        help="Value to vary between worlds: a range, such as balloon.mass=1:3, sampled at random for each world; "
         "or a list, such as sphere.0.mass=1,10 or balloon.mesh=a.obj,b.obj, which the worlds take "
-        "in turns. May be given again.",
+        "in turn. May be repeated.",
         rich_help_panel=WORLDS,
     ),
 ]
-Worlds = Annotated[int, typer.Option(metavar="COUNT", help="How many worlds.", rich_help_panel=WORLDS)]
+Worlds = Annotated[int, typer.Option(metavar="COUNT", help="Number of worlds.", rich_help_panel=WORLDS)]
 Grid = Annotated[
     bool,
     typer.Option(
-        "--grid", metavar="", help="Divide ranges evenly instead of taking random values.", rich_help_panel=WORLDS
+        "--grid", metavar="", help="Sample ranges on an even grid instead of at random.", rich_help_panel=WORLDS
     ),
 ]
-Seed = Annotated[
-    int, typer.Option(min=0, metavar="NUMBER", help="Another number gives other random values.", rich_help_panel=WORLDS)
-]
+Seed = Annotated[int, typer.Option(min=0, metavar="NUMBER", help="Seed of the random values.", rich_help_panel=WORLDS)]
 Export = Annotated[
     str,
     typer.Option(
-        metavar="all|none|0,5,9", help="The worlds that are also written as animated USD.", rich_help_panel=OUTPUT
+        metavar="all|none|0,5,9", help="Worlds that are also written as animated USD.", rich_help_panel=OUTPUT
     ),
 ]
 Output = Annotated[
@@ -73,7 +71,7 @@ Output = Annotated[
         "--output",
         "-o",
         metavar="FOLDER",
-        help="The folder that everything is written to. SCENE_batch if not given.",
+        help="Output folder. SCENE_batch if not given.",
         rich_help_panel=OUTPUT,
     ),
 ]
@@ -82,18 +80,20 @@ OnBlowup = Annotated[
     typer.Option(
         "--on-blowup",
         metavar="freeze|restart|stop",
-        help="What happens to a world that blows up. freeze: it stays at its last good frame. restart: "
-        "it begins again with half the step. stop: the batch ends.",
+        help="Action when a world blows up. freeze: keep its last good frame. restart: "
+        "restart it with half the step. stop: end the batch.",
         rich_help_panel=LONG,
     ),
 ]
 Gpus = Annotated[
     int | None,
-    typer.Option(metavar="COUNT", help="Spread the worlds over so many GPUs of this machine.", rich_help_panel=MACHINE),
+    typer.Option(
+        metavar="COUNT", help="Number of GPUs of this machine to spread the worlds over.", rich_help_panel=MACHINE
+    ),
 ]
 Workers = Annotated[
     int | None,
-    typer.Option(metavar="COUNT", help="Spread the worlds over so many processes.", rich_help_panel=MACHINE),
+    typer.Option(metavar="COUNT", help="Number of processes to spread the worlds over.", rich_help_panel=MACHINE),
 ]
 Scheduler = Annotated[
     str | None,
@@ -108,7 +108,7 @@ Checkpoint = Annotated[
     typer.Option(
         min=0.0,
         metavar="SECONDS",
-        help="How often a long batch is saved, in FOLDER/partial. 0 saves only when Ctrl-C stops it.",
+        help="Interval between checkpoints of a long batch, in FOLDER/partial. 0 saves only when Ctrl-C stops it.",
         rich_help_panel=LONG,
     ),
 ]

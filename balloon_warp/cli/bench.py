@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from balloon_warp.benchmarks.result import Result
 
 FILE_WIDTH = 200
-"""columns where no terminal says how many it has"""
+"""Width of the table where standard output is no terminal [columns]"""
 
 
 def bench(
@@ -32,11 +32,11 @@ def bench(
     ] = False,
     gpus: Annotated[
         str | None,
-        typer.Option(metavar="1,2,4", help="Measure with so many GPUs instead, each with 8,192 balloons."),
+        typer.Option(metavar="1,2,4", help="Measure scaling with these numbers of GPUs instead, 8,192 balloons each."),
     ] = None,
     workers: Annotated[
         str | None,
-        typer.Option(metavar="1,2", help="Measure with so many processes instead, each with 64 balloons."),
+        typer.Option(metavar="1,2", help="Measure scaling with these numbers of processes instead, 64 balloons each."),
     ] = None,
     output: Annotated[
         Path | None,

@@ -8,7 +8,7 @@ import typer
 from balloon_warp.cli.size import parse_place
 
 CAMERA = "Where one looks"
-"""a part of the help"""
+"""Heading of a section of the help"""
 
 
 class Asked(TypedDict):
@@ -33,7 +33,7 @@ class CameraOptions:
         float | None,
         typer.Option(
             metavar="DEGREES",
-            help="The side that one looks from: 0 is the front, 90 the right, 180 the back. 32 if not given.",
+            help="Azimuth of the camera: 0 is the front, 90 the right, 180 the back. 32 if not given.",
             rich_help_panel=CAMERA,
         ),
     ] = None
@@ -41,22 +41,20 @@ class CameraOptions:
         float | None,
         typer.Option(
             metavar="DEGREES",
-            help="The height that one looks from: 0 is level, 90 is straight from above. 13 if not given.",
+            help="Elevation of the camera: 0 is level, 90 is straight from above. 13 if not given.",
             rich_help_panel=CAMERA,
         ),
     ] = None
     zoom: Annotated[
         float | None,
-        typer.Option(
-            metavar="FACTOR", help="How many times as large everything is: 2 is twice as near.", rich_help_panel=CAMERA
-        ),
+        typer.Option(metavar="FACTOR", help="Zoom factor: 2 is twice as near.", rich_help_panel=CAMERA),
     ] = None
     look_at: Annotated[
         str | None,
         typer.Option(
             "--look-at",
             metavar="NAME|X,Y,Z",
-            help="What is in the middle: something in the stage, such as String_0, or a point. If not given, "
+            help="Center of the picture: a prim of the stage, such as String_0, or a point. If not given, "
             "all that moves.",
             rich_help_panel=CAMERA,
         ),
@@ -74,7 +72,7 @@ class CameraOptions:
         float,
         typer.Option(
             metavar="WIDTH",
-            help="How wide the lens is, in the stage's unit. A wider lens blurs more of what is nearer or "
+            help="Diameter of the lens, in the stage's unit. A wider lens blurs more of what is nearer or "
             "farther than --focus.",
             rich_help_panel=CAMERA,
         ),
@@ -82,14 +80,16 @@ class CameraOptions:
     focus: Annotated[
         str | None,
         typer.Option(
-            metavar="NAME|X,Y,Z", help="What is sharp. If not given, what is in the middle.", rich_help_panel=CAMERA
+            metavar="NAME|X,Y,Z",
+            help="Prim or point in focus. If not given, the center of the picture.",
+            rich_help_panel=CAMERA,
         ),
     ] = None
     shutter: Annotated[
         float,
         typer.Option(
             metavar="FRAMES",
-            help="How long the shutter is open, 0 to 1 frame. A longer time blurs more of what moves.",
+            help="Shutter time, 0 to 1 frame, for motion blur.",
             rich_help_panel=CAMERA,
         ),
     ] = 0.0

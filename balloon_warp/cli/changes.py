@@ -1,4 +1,4 @@
-"""What the options of a command change in its scene."""
+"""Changes of a scene by command-line options."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager

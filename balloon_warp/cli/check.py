@@ -1,4 +1,4 @@
-"""`balloon-warp check`"""
+"""`balloon-warp check`."""
 
 import json
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from balloon_warp.checking import CheckReport, Crossing
 
 MOST_PAIRS = 20
-"""that are listed"""
+"""Number of pairs listed at most"""
 
 
 def check(
@@ -28,20 +28,23 @@ def check(
     ],
     *,
     frames: Annotated[
-        str | None, typer.Option(metavar="FIRST:LAST", help="The frames to look at, such as 10:90. All if not given.")
+        str | None,
+        typer.Option(metavar="FIRST:LAST", help="Range of frames to check, such as 10:90. All if not given."),
     ] = None,
     within: Annotated[
         float | None,
         typer.Option(
             metavar="METERS",
-            help="How deep a balloon may be in what is firm. A twentieth of its mean edge if not given.",
+            help="Tolerated depth of a balloon in a solid. A twentieth of the mean edge if not given.",
         ),
     ] = None,
     device: Device = None,
     as_json: Json = False,
 ) -> None:
-    """Check a stage for things that are in each other: balloons, parts of a balloon, obstacles, bodies, spheres and the
-    ground. Says where, and ends with exit status 1 if there are any.
+    """Check a stage for interpenetration.
+
+    Reports balloons, parts of a balloon, obstacles, bodies, spheres and the ground that are in each other, and where.
+    Exit status 1 if there are any.
 
     Try `balloon-warp check press.usdc`.
     """

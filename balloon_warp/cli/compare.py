@@ -30,11 +30,11 @@ if TYPE_CHECKING:
     from balloon_warp.comparison.compare import Comparison
 
 RUNS = "The runs"
-"""a part of the help"""
+"""Heading of a section of the help"""
 COUNTS = ("frame", "particles", "substeps")
-"""of which a table says but once what is alike in all runs"""
+"""Columns that a table reports once where they are equal in all runs"""
 TABLE_WIDTH = 10_000
-"""characters, more than any table has: rich would cut off names and figures"""
+"""Width of the table [columns], above that of any table: rich would cut off names and figures"""
 HEADERS = {
     "volume": "volume [m³]",
     "area": "area [m²]",
@@ -50,8 +50,8 @@ Vary = Annotated[
     list[str] | None,
     typer.Option(
         metavar="PATH=VALUE,...",
-        help="What differs: normals=cached,fresh or balloon.inflation.k_normal=1,2,4. May be given "
-        "again: then every combination is run.",
+        help="Values to compare: normals=cached,fresh or balloon.inflation.k_normal=1,2,4. If repeated, "
+        "every combination is run.",
         rich_help_panel=RUNS,
     ),
 ]
@@ -61,7 +61,7 @@ Picture = Annotated[
         "--output",
         "-o",
         metavar="FILE",
-        help="The picture, a .png file. SCENE_compare.png if not given.",
+        help="Picture to write, a .png file. SCENE_compare.png if not given.",
         rich_help_panel=OUTPUT,
     ),
 ]
@@ -72,8 +72,7 @@ Frame = Annotated[
     int | None,
     typer.Option(
         metavar="NUMBER",
-        help="The frame that is shown and measured. If not given, the one that the scene chose for its "
-        "picture, or the last.",
+        help="Frame that is shown and measured. If not given, the scene's picture frame, or the last.",
         rich_help_panel=RUNS,
     ),
 ]

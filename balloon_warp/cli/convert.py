@@ -20,7 +20,7 @@ def convert(
             "--output",
             "-o",
             metavar="FILE",
-            help="What to write. USD: .usdc, .usda, .usd, .usdz. Other kinds: .glb; .abc, which needs "
+            help="File to write. USD: .usdc, .usda, .usd, .usdz. Other kinds: .glb; .abc, which needs "
             "Blender's module; .h5 for arrays; .pvd for ParaView; out.####.ply or out.####.obj for a "
             "file a frame.",
         ),

@@ -12,30 +12,35 @@ from balloon_warp.errors import StoppedError
 from balloon_warp.warp_logging import quiet_warp
 
 DESIGN = "The design"
-"""a part of the help"""
+"""Heading of a section of the help"""
 
 Stretch = Annotated[
     float | None,
     typer.Option(
         metavar="RATIO",
-        help="How much the skin is stretched in the wanted shape: 1.2 of springs and 2 of latex if not given.",
+        help="Stretch of the skin in the target shape. If not given, 1.2 for springs and 2 for latex.",
         rich_help_panel=DESIGN,
     ),
 ]
 
 
 def design(
-    target: Annotated[str, typer.Argument(metavar="TARGET", help="The wanted shape: a mesh that is closed.")],
+    target: Annotated[str, typer.Argument(metavar="TARGET", help="Target shape: a closed mesh.")],
     output: Annotated[
         Path,
-        typer.Option("--output", "-o", metavar="DIR", help="The folder to write to.", rich_help_panel=OUTPUT),
+        typer.Option("--output", "-o", metavar="DIR", help="Output folder.", rich_help_panel=OUTPUT),
     ],
     of: Annotated[
         str,
         typer.Option(
             metavar="springs|latex|foil",
+<<<<<<< HEAD
             help="What it is made of: springs, each of its own rest length; latex, whose mould is found; or foil, "
             "whose outline is: TARGET is then letters, or a drawing, .svg; or, with --panels, a mesh.",
+=======
+            help="Kind of design: springs, with a rest length for each; latex, with the shape of its mould; or foil, "
+            "with its outline: TARGET is then letters, or a drawing, .svg.",
+>>>>>>> main
             rich_help_panel=DESIGN,
         ),
     ] = "springs",
@@ -44,16 +49,16 @@ def design(
         str,
         typer.Option(
             metavar="tension|any",
-            help="Whether springs only pull, or may also push.",
+            help="Forces that springs may bear: tension alone, or also compression.",
             rich_help_panel=DESIGN,
         ),
     ] = "tension",
     size: Annotated[
         float,
-        typer.Option(metavar="METERS", help="How large the wanted shape is, at its largest.", rich_help_panel=DESIGN),
+        typer.Option(metavar="METERS", help="Largest dimension of the target shape.", rich_help_panel=DESIGN),
     ] = 0.3,
     thickness: Annotated[
-        float, typer.Option(metavar="METERS", help="Of the latex or foil.", rich_help_panel=DESIGN)
+        float, typer.Option(metavar="METERS", help="Thickness of the latex or foil.", rich_help_panel=DESIGN)
     ] = 2e-4,
     panels: Annotated[
         str | None,
@@ -65,7 +70,7 @@ def design(
         ),
     ] = None,
     steps: Annotated[
-        int, typer.Option(metavar="COUNT", help="How many steps of the design to try.", rich_help_panel=LONG)
+        int, typer.Option(metavar="COUNT", help="Number of steps of the optimization.", rich_help_panel=LONG)
     ] = 30,
     resume: Resume = False,
     device: Device = None,

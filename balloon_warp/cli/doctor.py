@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def doctor(device: Device = None, as_json: Json = False) -> None:
-    """Say what is installed, which device is taken and which extras are missing, and simulate a second as a test.
+    """Report the installation, the default device and missing extras, and simulate a second as a test.
 
     The exit status is 1 if the test fails.
     """

@@ -1,21 +1,23 @@
-"""How long a run will take, told once its first frames are simulated."""
+"""Estimate of a run's remaining time, reported once its first frames are simulated."""
 
 from dataclasses import dataclass
 
 LEAST_FRAMES = 3
 LEAST_SECONDS = 2.0
-"""of the frames that an estimate is made from"""
+"""Least duration of the frames that an estimate is made from [s]"""
 WORTH_TELLING = 60.0
-"""seconds that are left, at least, where an estimate is told"""
+"""Least remaining time that is reported [s]"""
 
 
 def time_left(frames: int, seconds: float, left: int) -> str | None:
-    """Such as "about 12 min (600 frames at 0.8 frames/s)"; None where it is too early to tell, or soon done.
+    """Return the remaining time, such as "about 12 min (600 frames at 0.8 frames/s)".
+
+    None where it is too early to tell, or the run is soon done.
 
     Args:
-        frames: that are simulated.
-        seconds: that they took.
-        left: frames to come.
+        frames: Number of simulated frames.
+        seconds: Time that they took [s].
+        left: Number of frames to come.
     """
     if frames < LEAST_FRAMES or seconds < LEAST_SECONDS:
         return None
@@ -27,7 +29,7 @@ def time_left(frames: int, seconds: float, left: int) -> str | None:
 
 
 def _rounded(seconds: float) -> str:
-    """To whole minutes, hours and minutes, or days and hours."""
+    """Return a time rounded to whole minutes, hours and minutes, or days and hours."""
     minutes = round(seconds / 60.0)
     if minutes < 60:
         return f"{minutes} min"
@@ -43,9 +45,9 @@ class FirstEstimate:
 
     _told: bool = False
     _last: int | None = None
-    """the frame that was simulated last"""
+    """Frame that was simulated last"""
     _from: tuple[int, float] | None = None
-    """the frame from which on time counts, and when that was"""
+    """Frame at which timing starts, and its time"""
 
     def after(self, frame: int, total: int, now: float) -> str | None:
         """Return what `time_left` says, where it is the first time that it says something.

@@ -16,46 +16,54 @@ if TYPE_CHECKING:
     from balloon_warp.fitting.result import Fit
 
 RUBBER = "A curve"
-"""a part of the help"""
+"""Heading of a section of the help"""
 
 Free = Annotated[
     list[str] | None,
     typer.Option(
         metavar="PATH=LOW:HIGH",
-        help="What is not known of the scene, and its bounds: balloon.inflation.moles=0.01:0.1. May be given again. "
-        "The first is scanned: give what starts get stuck in.",
+        help="Unknown value of the scene, with bounds: balloon.inflation.moles=0.01:0.1. May be repeated. "
+        "The first is scanned, so name first the value with local minima.",
         rich_help_panel=SCENE,
     ),
 ]
 Plot = Annotated[
     Path | None,
-    typer.Option("--output", "-o", metavar="FILE", help="Also draw the curve, .png.", rich_help_panel=OUTPUT),
+    typer.Option(
+        "--output", "-o", metavar="FILE", help="Also plot the curve, to this .png file.", rich_help_panel=OUTPUT
+    ),
 ]
 
 
 def fit(
     data: Annotated[
-        Path, typer.Argument(metavar="CURVE.csv|DATA.npz", help="What was measured: see the page Fit your rubber.")
+        Path, typer.Argument(metavar="CURVE.csv|DATA.npz", help="Measured data: see the page Fit your rubber.")
     ],
-    scene: Annotated[str | None, typer.Argument(metavar="[SCENE]", help="Of DATA.npz: what was measured.")] = None,
+    scene: Annotated[str | None, typer.Argument(metavar="[SCENE]", help="Scene that DATA.npz was measured on.")] = None,
     free: Free = None,
-    starts: Annotated[int, typer.Option(metavar="COUNT", help="How many starts.", rich_help_panel=SCENE)] = 8,
+    starts: Annotated[
+        int, typer.Option(metavar="COUNT", help="Number of starting points of the search.", rich_help_panel=SCENE)
+    ] = 8,
     of: Annotated[
         str,
         typer.Option(
-            metavar="sphere|MESH", help="What was inflated: a sphere, or a mesh in meters.", rich_help_panel=RUBBER
+            metavar="sphere|MESH",
+            help="Shape that was inflated: a sphere, or a mesh in meters.",
+            rich_help_panel=RUBBER,
         ),
     ] = "sphere",
     kind: Annotated[
         str,
-        typer.Option(metavar="mooney_rivlin|gent|ogden", help="The material's law.", rich_help_panel=RUBBER),
+        typer.Option(metavar="mooney_rivlin|gent|ogden", help="Material law to fit.", rich_help_panel=RUBBER),
     ] = "mooney_rivlin",
     thickness: Annotated[
-        float, typer.Option(metavar="METERS", help="Of the rubber at rest.", rich_help_panel=RUBBER)
+        float, typer.Option(metavar="METERS", help="Thickness of the rubber at rest.", rich_help_panel=RUBBER)
     ] = 2e-4,
     radius: Annotated[
         float | None,
-        typer.Option(metavar="METERS", help="Of the sphere at rest; found, too, if not given.", rich_help_panel=RUBBER),
+        typer.Option(
+            metavar="METERS", help="Radius of the sphere at rest. Fitted if not given.", rich_help_panel=RUBBER
+        ),
     ] = None,
     output: Plot = None,
     json: Json = False,

@@ -16,7 +16,7 @@ SCENE = ".toml"
 Edge = Annotated[
     float | None,
     typer.Option(
-        metavar="METERS", help="About how long the edges of the quads are. If not given, a 32nd of the height or less."
+        metavar="METERS", help="Approximate edge length of the quads. If not given, a 32nd of the height or less."
     ),
 ]
 Font = Annotated[
@@ -33,11 +33,11 @@ def foil(
             "--output",
             "-o",
             metavar="FILE",
-            help="The mesh to write, .obj; or a scene, .toml, in which each letter or part is a balloon that fills, "
-            "with their meshes beside it.",
+            help="Mesh to write, .obj; or scene, .toml, in which each letter or part is a balloon that inflates, "
+            "with its meshes beside it.",
         ),
     ],
-    height: Annotated[float, typer.Option(metavar="METERS", help="How high all of it is.")] = HEIGHT,
+    height: Annotated[float, typer.Option(metavar="METERS", help="Height of the whole text or drawing.")] = HEIGHT,
     edge: Edge = None,
     font: Font = None,
     apart: Annotated[

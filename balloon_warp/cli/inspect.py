@@ -43,7 +43,7 @@ def inspect(
     mesh: MeshOptions,
     as_json: Json = False,
 ) -> None:
-    """Say what a mesh or a scene is like: faces, springs, size, what is odd about it, and the step that it allows."""
+    """Report faces, springs, size, defects and the largest stable step of a mesh or a scene."""
     changes = Changes(overrides, mesh)
     if source in bundled_scenes() or Path(source).suffix.lower() == ".toml" or not Path(source).exists():
         _inspect_scene(source, changes.load(source), as_json)
@@ -185,7 +185,7 @@ def _mesh_rows(mesh: Figures, unit: str | None) -> dict[str, str]:
 
 
 def _with_own_step(scene: Scene) -> Scene:
-    """With as many substeps as it needs, if it asks for fewer."""
+    """Return the scene with as many substeps as it needs, if it asks for fewer."""
     return override_scene(scene, [("substeps", "auto")])
 
 

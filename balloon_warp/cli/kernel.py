@@ -16,7 +16,7 @@ def kernel(
     mesh: MeshOptions,
     schedule: Annotated[
         str,
-        typer.Option(metavar="NAME", help="gather, scatter, block, lanes or octets."),
+        typer.Option(metavar="NAME", help="Schedule: gather, scatter, block, lanes or octets."),
     ] = "gather",
 ) -> None:
     """Print the source of the kernels that a scene gets: the substep, as one reads it.

@@ -9,7 +9,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.mesh.prepare import LARGEST_GAP, LEAST_GAP
 
 EXACT = "exact"
-"""what it says where it stands alone; that may be typed, too"""
+"""Value of `--weld` without a number, which may also be typed"""
 
 
 class Command(TyperCommand):

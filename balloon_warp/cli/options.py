@@ -1,4 +1,4 @@
-"""What several commands take, said once."""
+"""Options that several commands share."""
 
 from dataclasses import dataclass
 from typing import Annotated, get_args
@@ -9,7 +9,7 @@ from balloon_warp.mesh.parts import Taken
 from balloon_warp.mesh.units import METERS
 
 SCENE, OUTPUT, MACHINE, LONG = "The scene", "What is written", "How it runs", "If it takes long or goes wrong"
-"""the parts of a command's help"""
+"""Headings of the sections of a command's help"""
 
 SceneName = Annotated[
     str,
@@ -24,7 +24,7 @@ Set = Annotated[
     typer.Option(
         "--set",
         metavar="PATH=VALUE",
-        help="Change a value of the scene: balloon.mass=0.2, sphere.0.radius=0.3, gravity=0. May be given again.",
+        help="Change a value of the scene: balloon.mass=0.2, sphere.0.radius=0.3, gravity=0. May be repeated.",
         rich_help_panel=SCENE,
     ),
 ]
@@ -33,7 +33,7 @@ PartsOption = Annotated[
     typer.Option(
         "--parts",
         metavar="|".join(get_args(Taken)),
-        help="Which parts of the mesh the balloon is made of: all, those that are closed, without loose ribbons such "
+        help="Parts of the mesh that make up the balloon: all, the closed ones, without loose ribbons such "
         "as hair, or the largest.",
         rich_help_panel=SCENE,
     ),
@@ -43,7 +43,7 @@ PrimOption = Annotated[
     typer.Option(
         "--prim",
         metavar="PATH",
-        help="Of a USD stage, the mesh to take, such as /Room/Wall0, or what has meshes below it.",
+        help="Path of the mesh in a USD stage, such as /Room/Wall0, or of a parent prim.",
         rich_help_panel=SCENE,
     ),
 ]
@@ -51,7 +51,7 @@ Device = Annotated[
     str | None,
     typer.Option(
         metavar="NAME",
-        help="What to simulate on: cpu, cuda:0 and so on. If not given, the GPU if there is one.",
+        help="Device to simulate on: cpu, cuda:0 and so on. If not given, the GPU if there is one.",
         rich_help_panel=MACHINE,
     ),
 ]
@@ -59,7 +59,7 @@ Schedule = Annotated[
     str,
     typer.Option(
         metavar="NAME",
-        help="How the work is divided, which only changes the speed: auto, scatter, gather, block, lanes or octets.",
+        help="Parallel schedule, which affects speed only: auto, scatter, gather, block, lanes or octets.",
         rich_help_panel=MACHINE,
     ),
 ]
@@ -74,12 +74,12 @@ Resume = Annotated[
     typer.Option(
         "--resume",
         metavar="",
-        help="Go on where the same command was last saved before it was stopped or killed.",
+        help="Resume from the last checkpoint of the same command.",
         rich_help_panel=LONG,
     ),
 ]
 Size = Annotated[
-    str, typer.Option(metavar="WIDTHxHEIGHT", help="How large each picture is, in pixels.", rich_help_panel=OUTPUT)
+    str, typer.Option(metavar="WIDTHxHEIGHT", help="Size of each picture in pixels.", rich_help_panel=OUTPUT)
 ]
 
 
@@ -92,8 +92,8 @@ class MeshOptions:
         typer.Option(
             "--weld",
             metavar="[GAP]",
-            help="Join faces along open seams that are so far apart, as a part of the mesh's size, such as 1e-4. "
-            "Without a number, wherever vertices are at exactly the same place.",
+            help="Weld open seams whose gap is at most this fraction of the mesh's size, such as 1e-4. "
+            "Without a number, weld wherever vertices coincide exactly.",
             rich_help_panel=SCENE,
         ),
     ] = None
@@ -103,7 +103,7 @@ class MeshOptions:
         typer.Option(
             "--unit",
             metavar="|".join(METERS),
-            help="The unit of the mesh's numbers. The mesh then has its true size and, if it is run without "
+            help="Unit of the mesh's coordinates. The mesh then has its true size and, without "
             "a scene file, true gravity.",
             rich_help_panel=SCENE,
         ),
@@ -114,7 +114,7 @@ class MeshOptions:
         typer.Option(
             "--up",
             metavar="Y|Z",
-            help="The axis of the mesh's file that points up. CAD, scans and many STL files have Z.",
+            help="Up axis of the mesh file. CAD, scans and many STL files have Z.",
             rich_help_panel=SCENE,
         ),
     ] = None
@@ -123,8 +123,8 @@ class MeshOptions:
         typer.Option(
             "--inflate",
             metavar="STRETCH",
-            help="How much the skin of a balloon is stretched, of which nothing else says how it is inflated: 0.1 "
-            "makes a ball's radius a tenth larger, and is what a mesh by itself gets.",
+            help="Stretch of the skin of each balloon without other inflation: 0.1, the default of a mesh by itself, "
+            "makes a sphere's radius a tenth larger.",
             rich_help_panel=SCENE,
         ),
     ] = None
@@ -136,18 +136,20 @@ class LengthOptions:
 
     fps: Annotated[
         float | None,
-        typer.Option("--fps", metavar="RATE", help="How many frames a second has, such as 24.", rich_help_panel=SCENE),
+        typer.Option(
+            "--fps", metavar="RATE", help="Frame rate in frames per second, such as 24.", rich_help_panel=SCENE
+        ),
     ] = None
     frames: Annotated[
         int | None,
-        typer.Option("--frames", metavar="COUNT", help="How many frames to simulate.", rich_help_panel=SCENE),
+        typer.Option("--frames", metavar="COUNT", help="Number of frames to simulate.", rich_help_panel=SCENE),
     ] = None
     seconds: Annotated[
         float | None,
         typer.Option(
             "--seconds",
             metavar="TIME",
-            help="How many seconds to simulate, instead of --frames.",
+            help="Duration in seconds, instead of --frames.",
             rich_help_panel=SCENE,
         ),
     ] = None

@@ -1,4 +1,4 @@
-"""How far a run is: a bar on a terminal, a line now and then in a log."""
+"""Progress of a run: a bar on a terminal, a line now and then in a log."""
 
 import time
 from collections.abc import Iterator
@@ -24,9 +24,9 @@ from balloon_warp.cli.words import begun, briefly
 from balloon_warp.errors import StoppedError
 
 LOG_SECONDS = 30.0
-"""between lines of a log"""
+"""Interval between lines of a log [s]"""
 WIDE = 110
-"""characters of a terminal that has room for more than the bar"""
+"""Width of a terminal with room for more than the bar [columns]"""
 
 
 class _FrameRate(ProgressColumn):
@@ -37,7 +37,7 @@ class _FrameRate(ProgressColumn):
 
 
 class _About(ProgressColumn):
-    """What a frame costs, once that is known."""
+    """Column with the cost of a frame, once it is known."""
 
     def render(self, task: Task) -> Text:
         return Text(task.fields.get("about", ""), style="dim")
@@ -83,7 +83,7 @@ class FrameProgress(Progress):
         self.console.print(line, markup=False, highlight=False, soft_wrap=True)
 
     def _line(self, task: Task) -> str:
-        """Such as "squirrel: frame 120 of 600, 4.1 frames/s, 117 s left"."""
+        """Return a line such as "squirrel: frame 120 of 600, 4.1 frames/s, 117 s left"."""
         total = f" of {task.total:,.0f}" if task.total else ""
         rate = task.completed / task.elapsed if task.elapsed else 0.0
         speed = f", {rate:.3g} frames/s" if rate else ""

@@ -20,10 +20,10 @@ from balloon_warp.warp_logging import quiet_warp
 
 
 def remesh(
-    mesh: Annotated[Path, typer.Argument(metavar="MESH", help="The mesh: OBJ, USD, STL, PLY, OFF, glTF or GLB.")],
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="The mesh to write, an .obj file.")],
+    mesh: Annotated[Path, typer.Argument(metavar="MESH", help="Mesh to read: OBJ, USD, STL, PLY, OFF, glTF or GLB.")],
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="Mesh to write, an .obj file.")],
     cells: Annotated[
-        int, typer.Option(metavar="COUNT", help="About how many quads go along the longest side, 4 to 256.")
+        int, typer.Option(metavar="COUNT", help="Approximate number of quads along the longest side, 4 to 256.")
     ] = 48,
     parts: PartsOption = None,
     prim: PrimOption = None,

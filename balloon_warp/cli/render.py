@@ -21,28 +21,29 @@ def render(
     output: Annotated[
         Path | None,
         typer.Option(
-            "--output", "-o", metavar="FILE", help="The picture: .png, .webp, .gif or .mp4. STAGE.png if not given."
+            "--output",
+            "-o",
+            metavar="FILE",
+            help="Picture to write: .png, .webp, .gif or .mp4. STAGE.png if not given.",
         ),
     ] = None,
     frame: Annotated[
         int | None,
         typer.Option(
             metavar="NUMBER",
-            help="The frame that a .png shows. If not given, the one that the stage names, or the last.",
+            help="Frame that a .png shows. If not given, the stage's picture frame, or the last.",
         ),
     ] = None,
-    size: Annotated[str, typer.Option(metavar="WIDTHxHEIGHT", help="How large the picture is, in pixels.")] = "960x540",
+    size: Annotated[str, typer.Option(metavar="WIDTHxHEIGHT", help="Size of the picture in pixels.")] = "960x540",
     camera: CameraOptions,
     frames: Annotated[
-        str | None, typer.Option(metavar="FIRST:LAST", help="The part of an animation to show, such as 10:90.")
+        str | None, typer.Option(metavar="FIRST:LAST", help="Range of frames of an animation, such as 10:90.")
     ] = None,
     fps: Annotated[
         float | None,
-        typer.Option(metavar="RATE", help="How many pictures an animation has for each second. Its speed stays true."),
+        typer.Option(metavar="RATE", help="Frame rate of the animation, which keeps its true speed."),
     ] = None,
-    samples: Annotated[
-        int, typer.Option(metavar="COUNT", help="How many rays each pixel gets. More is smoother and slower.")
-    ] = 4,
+    samples: Annotated[int, typer.Option(metavar="COUNT", help="Rays per pixel. More is smoother and slower.")] = 4,
     device: Device = None,
 ) -> None:
     """Make a picture or an animation of a stage. This needs no display.

@@ -41,7 +41,7 @@ Output = Annotated[
         "--output",
         "-o",
         metavar="FILE",
-        help="The animation. USD: .usdc, .usda, .usd, .usdz. Other kinds: .glb; .abc, which needs "
+        help="Animation to write. USD: .usdc, .usda, .usd, .usdz. Other kinds: .glb; .abc, which needs "
         "Blender's module; .h5 for arrays; .pvd for ParaView; out.####.ply or out.####.obj for a "
         "file a frame. SCENE.usdc if not given.",
         rich_help_panel=OUTPUT,
@@ -56,20 +56,20 @@ SavePoints = Annotated[
     typer.Option(
         "--save-points",
         metavar="FILE",
-        help="Also write points, edges, velocities and measures as arrays: an .h5 file, which h5py and xarray read.",
+        help="Also write points, edges, velocities and measures as arrays, to this .h5 file for h5py and xarray.",
         rich_help_panel=OUTPUT,
     ),
 ]
 NoLights = Annotated[
     bool,
-    typer.Option("--no-lights", metavar="", help="Leave lights, backdrop and camera out.", rich_help_panel=OUTPUT),
+    typer.Option("--no-lights", metavar="", help="Omit lights, backdrop and camera.", rich_help_panel=OUTPUT),
 ]
 NoGround = Annotated[
     bool,
     typer.Option(
         "--no-ground",
         metavar="",
-        help="Leave ground and backdrop out. They are so wide that a program that shows all shows little else.",
+        help="Omit ground and backdrop, which are so wide that programs that frame everything show little else.",
         rich_help_panel=OUTPUT,
     ),
 ]
@@ -78,8 +78,8 @@ OnBlowup = Annotated[
     typer.Option(
         "--on-blowup",
         metavar="stop|freeze|restart",
-        help="What happens if the simulation blows up. stop: nothing is written. freeze: the frames "
-        "until then are. restart: it begins again with half the step.",
+        help="Action when the simulation blows up. stop: write nothing. freeze: write the frames "
+        "until then. restart: restart with half the step.",
         rich_help_panel=LONG,
     ),
 ]
@@ -88,13 +88,13 @@ Checkpoint = Annotated[
     typer.Option(
         min=0.0,
         metavar="SECONDS",
-        help="How often a long run is saved, in FILE.partial. 0 saves only when Ctrl-C stops it.",
+        help="Interval between checkpoints of a long run, in FILE.partial. 0 saves only when Ctrl-C stops it.",
         rich_help_panel=LONG,
     ),
 ]
 
 WHERE_TO = ("output", "picture", "save_points", "checkpoint", "resume", "as_json", *Asked.__annotations__)
-"""parameters that do not change what is in the stage"""
+"""Parameters that do not change the content of the stage"""
 
 
 def run(
@@ -162,7 +162,7 @@ def run(
 
 
 def _lasting(summary: "Summary", rate: float) -> str:
-    """How long it plays, and what Blender has to be told of a stage's rate."""
+    """Return the duration of the stage, and the frame rate to set in Blender."""
     kind = Path(summary.output).suffix.lower()
     if kind in (".obj", ".ply"):
         return f"{counted(summary.frames + 1, 'file')}, {rate:g} for a second"
@@ -170,7 +170,7 @@ def _lasting(summary: "Summary", rate: float) -> str:
 
 
 def picture_beside(output: Path) -> Path:
-    """Where the picture of an output goes, whose name may have #### for frames."""
+    """Return the path of an output's picture; the output's name may have #### for frames."""
     return output.with_name(f"{re.sub('[.]?#+', '', output.stem, count=1) or 'picture'}.png")
 
 

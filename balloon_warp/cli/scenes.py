@@ -18,7 +18,7 @@ def scenes(
     scene: Annotated[
         str | None,
         typer.Argument(
-            help="A bundled scene, a scene file or a mesh, to begin a scene of your own with. If not given, "
+            help="Bundled scene, scene file or mesh to start your own scene from. If not given, "
             "all bundled scenes are listed.",
             metavar="SCENE",
         ),
@@ -27,9 +27,7 @@ def scenes(
     mesh: MeshOptions,
     output: Annotated[
         Path | None,
-        typer.Option(
-            "--output", "-o", metavar="FILE", help="The scene file to write, .toml. If not given, it is printed."
-        ),
+        typer.Option("--output", "-o", metavar="FILE", help="Scene file to write, .toml. If not given, it is printed."),
     ] = None,
 ) -> None:
     """List the bundled scenes, or write one as a file to change.

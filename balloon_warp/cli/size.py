@@ -1,4 +1,4 @@
-"""What pictures are to show, from the command line's words."""
+"""Parsers of picture sizes and ranges of frames on the command line."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""At which stage a command is that has no frames to count, where it takes long."""
+"""Stages of a long command without frames to count."""
 
 import threading
 from collections.abc import Iterator
@@ -8,9 +8,9 @@ from rich.console import Console
 from rich.markup import escape
 
 SPINNER_SECONDS = 0.5
-"""after which a terminal shows that something goes on"""
+"""Time after which a terminal shows a spinner [s]"""
 LINE_SECONDS = 5.0
-"""that a stage lasts before a log gets a line of it"""
+"""Duration from which on a stage gets a line in a log [s]"""
 
 
 class Stages:

@@ -12,16 +12,16 @@ from balloon_warp.scene.load import bundled_scenes
 from balloon_warp.suggestions import ask, did_you_mean
 
 UsageError = cast("type[Exception]", typer.BadParameter.__base__)
-"""what Typer raises of each such mistake; where it stands differs from version to version"""
+"""Base of Typer's usage errors, whose place differs from version to version"""
 
 
 def usage_sentence(error: Any, program: Any, words: Sequence[str]) -> str:
-    """Say what is wrong, what was expected, and where to read more.
+    """Return what is wrong, what was expected, and where to read more.
 
     Args:
-        error: a `UsageError`.
-        program: Typer's of all commands.
-        words: that followed the program's name.
+        error: A `UsageError`.
+        program: Typer's group of all commands.
+        words: Words after the program's name.
     """
     name = words[0] if words[0] in program.commands else ""
     command = program.commands.get(name, program)

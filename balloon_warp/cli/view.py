@@ -29,7 +29,7 @@ def view(
             min=0,
             max=65535,
             metavar="NUMBER",
-            help="The port of the page. If not given, 8080 or the next one that is free.",
+            help="Port of the page. If not given, 8080 or the next free one.",
         ),
     ] = None,
     folder: Annotated[
@@ -38,7 +38,7 @@ def view(
             "--output",
             "-o",
             metavar="FOLDER",
-            help="The folder that recordings are written to.",
+            help="Folder of recordings.",
             rich_help_panel=OUTPUT,
         ),
     ] = Path("."),
@@ -49,7 +49,7 @@ def view(
         str,
         typer.Option(
             metavar="ADDRESS",
-            help="The address to listen on. With 127.0.0.1 only this machine can open the page, with 0.0.0.0 "
+            help="Address to listen on. With 127.0.0.1 only this machine can open the page, with 0.0.0.0 "
             "everybody in your network can.",
         ),
     ] = "127.0.0.1",
@@ -58,8 +58,7 @@ def view(
         typer.Option(
             "--origin",
             metavar="https://HOST",
-            help="Where the page may be shown from beside this machine, such as a proxy that hands it on. May be given "
-            "again.",
+            help="Origin that may show the page besides this machine, such as a reverse proxy. May be repeated.",
         ),
     ] = None,
 ) -> None:
@@ -106,6 +105,6 @@ def _say_who_may_come(port: int, folder: Path) -> None:
 
 
 def _is_loopback(host: str) -> bool:
-    """Whether only this machine reaches an address, or the addresses of a name."""
+    """Return whether only this machine reaches an address, or the addresses of a name."""
     places = socket.getaddrinfo(host, None)
     return all(ipaddress.ip_address(place[4][0]).is_loopback for place in places)

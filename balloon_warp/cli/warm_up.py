@@ -16,7 +16,7 @@ def warm_up(
         list[str] | None,
         typer.Argument(metavar="SCENE", help="Bundled scenes, scene files or meshes. All bundled scenes if not given."),
     ] = None,
-    worlds: Annotated[int, typer.Option(metavar="COUNT", help="How many worlds a later batch will have, about.")] = 1,
+    worlds: Annotated[int, typer.Option(metavar="COUNT", help="Approximate number of worlds of a later batch.")] = 1,
     device: Device = None,
     schedule: Schedule = "auto",
 ) -> None:

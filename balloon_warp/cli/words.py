@@ -1,18 +1,18 @@
-"""How things are counted in what a user reads."""
+"""Wording of counts and durations."""
 
 from balloon_warp.beginning import Beginning
 
 BLENDERS_RATE = 24.0
-"""frames a second at which Blender plays a stage, whatever the stage says, unless its scene is told otherwise"""
+"""Frame rate at which Blender plays a stage by default, whatever the stage says [1/s]"""
 
 
 def counted(count: int, noun: str) -> str:
-    """Such as `1 frame` and `2,000 frames`."""
+    """Return a count with its noun, such as `1 frame` and `2,000 frames`."""
     return f"{count:,} {noun if count == 1 else f'{noun}s'}"
 
 
 def played(frames: int, rate: float, hint: bool = True) -> str:
-    """How long a stage lasts, at which rate, and with `hint` what to do where Blender plays it at another."""
+    """Return the duration of a stage and its rate, and with `hint` what to do where Blender plays it at another."""
     said = f"{frames / rate:.3g} s at {rate:g} frames/s"
     return (
         said
@@ -30,6 +30,6 @@ def begun(beginning: Beginning) -> str:
 
 
 def briefly(beginning: Beginning) -> str:
-    """Say what a frame costs: particles and substeps."""
+    """Return the cost of a frame: particles and substeps."""
     substeps = counted(beginning.substeps, "substep")
     return f"{counted(beginning.particles, 'particle')}, {substeps} a frame"

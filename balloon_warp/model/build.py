@@ -69,6 +69,10 @@ def lay_out(plan: ModelPlan, device: str | wp.Device | None = None) -> Model:
     def joined(parts: Sequence[ArrayLike], dtype: Any) -> Any:
         return array(np.concatenate([np.asarray(part) for part in parts]), dtype)
 
+    def of_particles(parts: Sequence[NDArray[Any]], dtype: Any) -> Any:
+        """Join what names particles of each balloon, from 0."""
+        return joined([part + offset for part, offset in zip(parts, offsets, strict=False)], dtype)
+
     skins = [shape.skin for shape in shapes]
     face_sizes = np.concatenate([skin.face_vertex_counts for skin in skins])
     face_particles = np.concatenate(
@@ -104,24 +108,18 @@ def lay_out(plan: ModelPlan, device: str | wp.Device | None = None) -> Model:
         face_offsets=array(np.cumsum(np.append(0, face_sizes)), wp.int32),
         face_particles=array(face_particles, wp.int32),
         face_balloon=array(np.repeat(np.arange(len(shapes)), [shape.mesh.face_count for shape in shapes]), wp.int32),
-        spring_particles=joined(
-            [shape.springs.pairs + offset for shape, offset in zip(shapes, offsets, strict=False)], wp.vec2i
-        ),
+        spring_particles=of_particles([shape.springs.pairs for shape in shapes], wp.vec2i),
         spring_kind=joined([shape.springs.kind for shape in shapes], wp.int32),
         spring_rest_length=joined([shape.springs.rest_lengths for shape in shapes], float),
         spring_stiffness_scale=joined([shape.stiffness_scale for shape in shapes], float),
-        membrane_corners=joined(
-            [shape.membrane.corners + offset for shape, offset in zip(shapes, offsets, strict=False)], wp.vec3i
-        ),
+        membrane_corners=of_particles([shape.membrane.corners for shape in shapes], wp.vec3i),
         membrane_rests=joined([shape.membrane.rests for shape in shapes], wp.vec4),
         keyframe_times=array(_keyframe_times(scene), float),
         inflation_kind=array([KINDS.index(balloon.inflation.kind) for balloon in scene.balloon], wp.int32),
         tube_balloons=array(np.array([tube.balloons for tube in scene.tube]).reshape(-1, 2), wp.vec2i),
         neck_weights=joined(_neck_weights(shapes), float),
         neck_offsets=array(np.cumsum([0, *(len(shape.neck.edges) for shape in shapes)]), wp.int32),
-        neck_edges=joined(
-            [shape.neck.edges + offset for shape, offset in zip(shapes, offsets, strict=False)], wp.vec2i
-        ),
+        neck_edges=of_particles([shape.neck.edges for shape in shapes], wp.vec2i),
         string_particle=array(
             [particle + offsets[string.balloon] for string, particle in zip(scene.string, plan.held, strict=True)],
             wp.int32,

@@ -90,6 +90,18 @@ class State:
     """of each thing that balloons may touch, and each particle, in the last frame: the impulse [N s], and for how long
     they touched [s], shape (world_count, thing_count, particle_count), vec4, or (world_count, 0, particle_count) unless
     the scene asks for `contacts`"""
+    contact_forces: wp.array
+    """of each thing on each balloon, the net force on average over the last frame [N], shape (world_count,
+    balloon_count, thing_count), vec3; things are numbered as `balloon_warp.contacts.things_of` names them"""
+    contact_torques: wp.array
+    """the same about the mean of the balloon's points [N m], of that shape, vec3"""
+    contact_areas: wp.array
+    """of the balloon that touches the thing [m^2], of that shape, float32"""
+    contact_pressures: wp.array
+    """the largest of any particle, its force over its own area, of two balloons both added up [Pa], of that shape,
+    float32"""
+    contact_places: wp.array
+    """the mean of the places that are pressed, by how hard [m], of that shape, vec3"""
     body_positions: wp.array
     """centers of mass [m], shape (world_count, body_count), vec3"""
     body_turns: wp.array
@@ -132,6 +144,7 @@ def new_state(model: Model, room: Room) -> State:
     touching = (worlds, model.particle_count if model.scene.touches else 0)
     balloons, bodies = (worlds, model.balloon_count), (worlds, model.body_count)
     touches = (worlds, most_touches(model.bodies))
+    pairs = (worlds, model.balloon_count, contact_shape(model)[1])
     softening = (worlds, model.triangle_count if model.softens else 0)
     bursting = (worlds, model.balloon_count if model.bursts else 0)
     return State(
@@ -160,6 +173,11 @@ def new_state(model: Model, room: Room) -> State:
         bursts=room.array(bursting, wp.vec4),
         tear_planes=room.array((worlds, model.face_count if model.bursts else 0), wp.vec4),
         contact_pushes=room.array(contact_shape(model), wp.vec4),
+        contact_forces=room.array(pairs, wp.vec3),
+        contact_torques=room.array(pairs, wp.vec3),
+        contact_areas=room.array(pairs, wp.float32),
+        contact_pressures=room.array(pairs, wp.float32),
+        contact_places=room.array(pairs, wp.vec3),
         body_positions=room.array(bodies, wp.vec3),
         body_turns=room.array(bodies, wp.quat),
         body_velocities=room.array(bodies, wp.vec3),
@@ -240,7 +258,7 @@ def carried_over(model: Model, before: State, spheres: Sequence[int | None]) -> 
     """
     state = initial_state(model)
     for name, array in vars(before).items():
-        if name == "contact_pushes":
+        if name.startswith("contact_"):
             continue  # of the frame before, in which there were other things
         if not name.startswith("sphere_"):
             wp.copy(getattr(state, name), array)

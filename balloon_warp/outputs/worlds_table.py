@@ -2,6 +2,7 @@
 
 import csv
 from collections.abc import Iterator, Mapping
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -19,15 +20,18 @@ EXTREMES = {"end": "at the end", "min": "the least until then", "max": "the most
 """what of each measure is told, by how the names of its columns end"""
 
 
-def write_worlds(npz: Path, text: Path, table: TableWriter, endings: Mapping[int, str]) -> None:
+def write_worlds(
+    npz: Path, text: Path, table: TableWriter, endings: Mapping[int, str], further: Mapping[str, NDArray]
+) -> None:
     """Write the two files.
 
     Args:
         table: with all its frames.
         endings: what is known of how worlds ended that did not blow up.
+        further: the last columns, shape (world_count,) each.
     """
-    write_npz(npz, _columns(table, endings))
-    columns = dict(_columns(table, endings))
+    write_npz(npz, chain(_columns(table, endings), further.items()))
+    columns = {**dict(_columns(table, endings)), **further}
     with text.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)

@@ -8,6 +8,7 @@ from balloon_warp.kernels.schedules.launched.sphere_forces import read_sphere_fo
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.launching import launch
 from balloon_warp.model import Model, State
+from balloon_warp.schedules.contact_sums import ContactSums
 from balloon_warp.schedules.fixtures import forget_looks
 from balloon_warp.schedules.health import HealthCheck
 from balloon_warp.schedules.ramp import note_pressures, refresh_ramp, weigh_air
@@ -24,6 +25,7 @@ class Framing:
 
     def __init__(self, model: Model, traits: Traits, tables: Any, working: Any | None = None, *, looks: bool = True):
         self.model, self.traits, self.tables, self.working = model, traits, tables, working
+        self._contact_sums = ContactSums(model) if traits.tells_contacts else None
         self._health = HealthCheck(model, tables, particles=looks)
 
     def begin(self, state: State) -> None:
@@ -42,8 +44,9 @@ class Framing:
         if self.working and self.traits.penalties:
             self._over_spheres(write_sphere_forces, self.working.sphere_quanta, state.sphere_forces)
         note_pressures(self.model, self.traits, state)
-        if self.working and self.traits.tells_contacts:
+        if self.working and self._contact_sums:
             wp.copy(state.contact_pushes, self.working.contact_pushes)
+            self._contact_sums(state)
         self._health.end_frame(state)
 
     def _over_spheres(self, kernel: Any, *arguments: Any) -> None:

@@ -11,6 +11,7 @@ from balloon_warp.outputs.worlds_table import EXTREMES
 from balloon_warp.scene import Scene
 from balloon_warp.scene.nesting import table_in
 from balloon_warp.scene.schema.field_help import meaning_of
+from balloon_warp.sweep.contacts import Pair, describe_pairs
 from balloon_warp.sweep.recorder import columns_of
 
 OF_ROWS = {
@@ -47,7 +48,9 @@ MEASURED = {
 KEYFRAMED_UNITS = {"k_normal": "100 N", "pressure": "Pa", "pump": "mol/s"}
 
 
-def describe_columns(scene: Scene, varied: Iterable[str], laws: Sequence[Law] = ()) -> dict[str, dict[str, str]]:
+def describe_columns(
+    scene: Scene, varied: Iterable[str], laws: Sequence[Law] = (), pairs: Sequence[Pair] = ()
+) -> dict[str, dict[str, str]]:
     """Describe unit and meaning of each column of `table` and of `worlds`, by name.
 
     The unit of numbers without one is "1", and that of words is empty.
@@ -55,12 +58,14 @@ def describe_columns(scene: Scene, varied: Iterable[str], laws: Sequence[Law] = 
     Args:
         varied: the paths of what differs.
         laws: your own.
+        pairs: that pressed each other.
     """
     told = dict(OF_ROWS) | {path: (unit, _meaning(path)) for path, unit in _units(scene, varied, laws).items()}
     for name in columns_of(scene):
         unit, meaning = MEASURED.get(name, ("m", "of its center, along the up axis"))
         told[name] = unit, meaning
         told |= {f"{name}_{end}": (unit, f"{meaning}; {when}") for end, when in EXTREMES.items()}
+    told |= describe_pairs(pairs)
     return {name: {"unit": unit, "meaning": meaning} for name, (unit, meaning) in told.items()}
 
 

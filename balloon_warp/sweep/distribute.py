@@ -109,6 +109,7 @@ def distribute_batch(
             healthy_worlds=output.healthy_count,
             failures=journal.failures,
             bad_endings=endings,
+            pairs=output.pairs,
             remarks=journal.remarks,
             crowded=journal.crowded,
             seconds=time.perf_counter() - began,

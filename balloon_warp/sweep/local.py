@@ -75,6 +75,7 @@ def simulate_locally(
         healthy_worlds=output.healthy_count,
         failures=failures,
         bad_endings=endings,
+        pairs=output.pairs,
         remarks=remarks,
         crowded=crowded,
         seconds=time.perf_counter() - began,

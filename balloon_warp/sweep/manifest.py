@@ -71,7 +71,7 @@ def write_manifest(
         "restarted_worlds": {str(world): substeps for world, substeps in outcome.failures.restarted.items()},
         "blow_ups": [report.as_json() for report in outcome.failures.reports],
         **description,
-        "columns": describe_columns(task.scene, task.vary, task.laws),
+        "columns": describe_columns(task.scene, task.vary, task.laws, outcome.pairs),
         "outputs": {name: hash_of_file(task.folder / name) for name in names},
     }
     path = task.folder / MANIFEST_NAME

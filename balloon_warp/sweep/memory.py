@@ -14,7 +14,7 @@ from balloon_warp.model.vary import SHAPING
 from balloon_warp.scene import Scene
 from balloon_warp.solvers.choose import settled_solver, solver_named
 from balloon_warp.sweep.groups import Group
-from balloon_warp.sweep.recorder import columns_of, picked_bytes, record_bytes
+from balloon_warp.sweep.recorder import columns_of, contact_bytes, picked_bytes, record_bytes
 
 MANY = 50_000
 """worlds whose values take longer to make than it takes to see how large one world is"""
@@ -80,7 +80,7 @@ def require_batch_memory(
         picked = picked_bytes(group.plan) * len(group.rows_of(chosen)) // len(group.worlds)
         simulated = world_bytes(model) + solver_named(schedule, model).world_bytes(model)
         on_device.append(simulated + record_bytes(group.plan) + picked)
-        on_host.append(table_bytes(scene) + frames_held * picked)
+        on_host.append(table_bytes(scene) + contact_bytes(group.plan) + frames_held * picked)
     device = models[0].device
     if device.is_cpu:
         on_host = [sum(both) for both in zip(on_device, on_host, strict=True)]

@@ -17,6 +17,7 @@ from balloon_warp.outcomes import BadEnding, LastFrame, bad_endings
 from balloon_warp.outputs.table import TABLE_NAMES, TableWriter
 from balloon_warp.outputs.worlds_table import WORLDS_NAMES, write_worlds
 from balloon_warp.scene import Scene
+from balloon_warp.sweep.contacts import COLUMNS, Pair, contacts_shape, pair_columns, pressing_pairs
 from balloon_warp.sweep.groups import BatchVary, Group, vary_columns
 from balloon_warp.sweep.manifest import MANIFEST_NAME
 from balloon_warp.sweep.recorder import Record, columns_of
@@ -52,6 +53,9 @@ class BatchOutput:
         worlds = sum(len(group.worlds) for group in groups)
         varied = vary_columns(vary)
         self.table = TableWriter(folder, scene.frames + 1, scene.frames_per_second, varied, columns_of(scene), worlds)
+        self._plan = groups[0].plan
+        self.contacts = np.zeros((worlds, *contacts_shape(self._plan), len(COLUMNS)), dtype=np.float32)
+        """how hard each pair pressed, as a `Recorder` has it, of all worlds"""
         self._endings: dict[int, str] = {}
         self.stage_path = folder / STAGE_NAME
         self.removed_stage = False
@@ -85,9 +89,7 @@ class BatchOutput:
 
     def add(self, group: int, record: Record) -> None:
         """Add a frame of one group."""
-        worlds = self.groups[group].worlds
-        self.table.values[record.number, worlds] = record.measures
-        self.table.health[record.number, worlds] = record.healthy
+        self._put(self.groups[group].worlds, record)
         if self.stage:
             self.stage.write(record.number, group, *record.shapes)
 
@@ -100,11 +102,20 @@ class BatchOutput:
             rows: the worlds, by their numbers in the group.
             places: of those of them that are chosen, among the group's chosen worlds.
         """
-        worlds = self.groups[group].worlds[rows]
-        self.table.values[record.number, worlds] = record.measures
-        self.table.health[record.number, worlds] = record.healthy
+        self._put(self.groups[group].worlds[rows], record)
         if self.stage:
             self.stage.write(record.number, group, *record.shapes, places=places.tolist())
+
+    def _put(self, worlds: NDArray[np.integer], record: Record) -> None:
+        self.table.values[record.number, worlds] = record.measures
+        self.table.health[record.number, worlds] = record.healthy
+        if record.contacts is not None:
+            self.contacts[worlds] = record.contacts
+
+    @property
+    def pairs(self) -> list[Pair]:
+        """Pairs of things that pressed each other in any world."""
+        return pressing_pairs(self._plan, self.contacts)
 
     def rewrite_table(self) -> None:
         """Write what was replaced."""
@@ -134,7 +145,7 @@ class BatchOutput:
 
     def _write_worlds(self, npz: Path, text: Path, kind: type[BaseException] | None, *_: object) -> None:
         if kind is None:
-            write_worlds(npz, text, self.table, self._endings)
+            write_worlds(npz, text, self.table, self._endings, dict(pair_columns(self.pairs, self.contacts)))
 
     def health_of(self, group: int) -> NDArray[np.int32]:
         """Of the worlds of a group in all frames, shape (frame_count, world_count)."""

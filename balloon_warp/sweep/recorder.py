@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from balloon_warp.kernels.measure.contacts import note_contacts
 from balloon_warp.kernels.measure.health import HEALTHY
 from balloon_warp.kernels.measure.picking import pick_healthy_worlds, pick_torn_faces
 from balloon_warp.kernels.measure.worlds import BalloonSums, measure_gas, measure_worlds, sum_balloons
@@ -16,6 +17,7 @@ from balloon_warp.launching import launch
 from balloon_warp.model import ModelPlan
 from balloon_warp.scene import Box, Scene
 from balloon_warp.simulator import Simulator
+from balloon_warp.sweep.contacts import COLUMNS, contacts_shape
 from balloon_warp.warp_lock import PROCESS_LOCK, lock_of
 
 LANES = 32
@@ -57,6 +59,9 @@ class Record:
     """of the chosen worlds, as `Frame.body_poses`, shape (chosen, body_count, 7)"""
     torn: NDArray[np.int8]
     """of the chosen worlds: 1 of faces that are torn, shape (chosen, face_count), or (chosen, 0) where none may be"""
+    contacts: NDArray[np.float32] | None = None
+    """of the last frame alone: how hard each pair pressed in all of them, shape (world_count, *contacts_shape(plan),
+    len(COLUMNS))"""
 
     @property
     def shapes(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.int8]]:
@@ -110,6 +115,8 @@ class Recorder:
         self._body_positions = zeros((len(chosen), model.body_count), wp.vec3)
         self._body_turns = zeros((len(chosen), model.body_count), wp.quat)
         self._torn = zeros((len(chosen), state.torn.shape[1]), wp.int8)
+        self._contact_means = zeros(state.contact_forces.shape, wp.vec4)
+        self._contact_peaks = zeros(state.contact_forces.shape, wp.vec4)
 
     def read(self) -> Record:
         """Read the frame that the simulator is at."""
@@ -126,12 +133,17 @@ class Recorder:
             sphere_positions=_copy(self._sphere_positions),
             body_poses=np.concatenate([_copy(self._body_positions), _copy(self._body_turns)], axis=2),
             torn=_copy(self._torn),
+            contacts=self._contacts() if self.simulator.frame_number == self.simulator.model.scene.frames else None,
         )
+
+    def _contacts(self) -> NDArray[np.float32]:
+        return np.concatenate([_copy(self._contact_means), _copy(self._contact_peaks)], axis=3)
 
     @property
     def changing(self) -> dict[str, wp.array]:
         """What it keeps from frame to frame, by names that are none of the simulator's: the last good frame."""
         kept = ("measures", "healthy", "points", "sphere_positions", "body_positions", "body_turns", "torn")
+        kept += ("contact_means", "contact_peaks")
         return {f"recorded_{name}": getattr(self, f"_{name}") for name in kept}
 
     def restore(self, saved: Mapping[str, NDArray]) -> None:
@@ -179,6 +191,15 @@ class Recorder:
         if self._gas_column >= 0:
             given = [self._first_area, self._gas_column, state.gas_amounts, state.thrusts, self._healthy]
             launch(measure_gas, model.world_count, inputs=given, outputs=[self._measures], device=model.device)
+        if self._contact_means.size:
+            told = [state.contact_forces, state.contact_torques, state.contact_areas, state.contact_pressures]
+            launch(
+                note_contacts,
+                self._contact_means.shape,
+                inputs=[state.frame, self._healthy, *told],
+                outputs=[self._contact_means, self._contact_peaks],
+                device=model.device,
+            )
 
     def _pick(self) -> None:
         model, state = self.simulator.model, self.simulator.state
@@ -196,7 +217,13 @@ class Recorder:
 
 def record_bytes(plan: ModelPlan) -> int:
     """Device memory that a world takes for its measures."""
-    return 40 * LANES * len(plan.shapes) + 4 * len(columns_of(plan.scene))
+    return 40 * LANES * len(plan.shapes) + 4 * len(columns_of(plan.scene)) + contact_bytes(plan)
+
+
+def contact_bytes(plan: ModelPlan) -> int:
+    """Memory that a world takes for how hard its pairs press, on the device and on the host."""
+    balloons, things = contacts_shape(plan)
+    return 4 * len(COLUMNS) * balloons * things
 
 
 def picked_bytes(plan: ModelPlan) -> int:
@@ -210,7 +237,7 @@ def picked_bytes(plan: ModelPlan) -> int:
 def _copy(array: wp.array) -> Any:
     """On the host; on the CPU `numpy()` alone is a view of what goes on changing."""
     if not array.size:
-        width = {wp.vec3: (3,), wp.quat: (4,)}.get(array.dtype, ())
+        width = {wp.vec3: (3,), wp.vec4: (4,), wp.quat: (4,)}.get(array.dtype, ())
         return np.zeros((*array.shape, *width), dtype=np.float32)
     on_cpu = wp.get_device(array.device).is_cpu
     return array.numpy().copy() if on_cpu else array.numpy()

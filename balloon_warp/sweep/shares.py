@@ -128,5 +128,7 @@ def _replace(records: list[Record], rows: Rows, places: Rows, part: Record) -> N
     record = records[part.number]
     for array, values in ((record.measures, part.measures), (record.healthy, part.healthy)):
         array[rows] = values
+    if record.contacts is not None and part.contacts is not None:
+        record.contacts[rows] = part.contacts
     for name in SHAPES:
         getattr(record, name)[places] = getattr(part, name)

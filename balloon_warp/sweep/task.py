@@ -12,6 +12,7 @@ from balloon_warp.model import Remark
 from balloon_warp.outcomes import BadEnding
 from balloon_warp.scene import Scene
 from balloon_warp.sweep.blow_ups import Failures
+from balloon_warp.sweep.contacts import Pair
 from balloon_warp.sweep.groups import BatchVary, Group
 
 
@@ -71,6 +72,8 @@ class Outcome:
     failures: Failures
     bad_endings: list[BadEnding]
     """in worlds of the stage"""
+    pairs: list[Pair]
+    """of things that pressed each other, which have columns"""
     remarks: list[Remark]
     crowded: int
     """as schedules count it, since this batch began or went on"""

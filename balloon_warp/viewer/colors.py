@@ -15,6 +15,7 @@ SPRINGS: dict[str, Color] = {"structural": (20, 20, 20), "shear": (30, 80, 220),
 WIRE: Color = (60, 30, 30)
 NORMALS: Color = (230, 140, 20)
 FORCES: Color = (0, 130, 70)
+CONTACTS: Color = (30, 30, 45)
 STRING: Color = (95, 75, 60)
 HAND: Color = (250, 200, 40)
 GROUND: Color = (228, 222, 212)

@@ -124,6 +124,7 @@ class Controls:
             visible = any(dial.visible for dial in dials)
             if folder.visible != visible:
                 folder.visible = visible
+        self.shown["contacts"].visible = scene.contacts
 
     def _add_layers(self) -> None:
         self.shown = {}

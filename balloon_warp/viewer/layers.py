@@ -17,6 +17,7 @@ from balloon_warp.viewer.levels import LevelLayer
 from balloon_warp.viewer.obstacles import ROOT as OBSTACLES
 from balloon_warp.viewer.obstacles import ObstacleLayer
 from balloon_warp.viewer.picture import Picture
+from balloon_warp.viewer.presses import CLEAR, PressLayer
 from balloon_warp.viewer.prints import Printed, hang, image_of, only_picture
 from balloon_warp.viewer.smooth import surfaces_of
 
@@ -29,10 +30,11 @@ LAYERS = {
     "flexion": "flexion springs (green)",
     "normals": "vertex normals",
     "forces": "net forces",
+    "contacts": "contact forces",
     "shadow": "shadow",
 }
 """and how they are called"""
-AT_START = ("balloon", "shadow")
+AT_START = ("balloon", "contacts", "shadow")
 LINES = {
     "wire": colors.WIRE,
     **colors.SPRINGS,
@@ -77,6 +79,7 @@ class Layers:
                 self._build(picture)
             self._draw_balloons(picture)
             self._draw_lines(picture)
+            self._presses.draw(picture, self._presses_shown(picture))
             self._draw_spheres(picture)
             self.obstacles.draw(picture)
             self._levels.draw(picture)
@@ -116,6 +119,7 @@ class Layers:
         center = (low + high) / 2
         self.obstacles = ObstacleLayer(self.server, picture, center, self.size)
         self._levels = LevelLayer(self.server, picture, center, self.size)
+        self._presses = PressLayer(self.server, self.size)
         around = [start, string_reach(picture.model, up), self.obstacles.seen]
         self.home = _home(np.concatenate(around), up, side)
         for camera in [self.server.initial_camera, *(client.camera for client in self.server.get_clients().values())]:
@@ -175,6 +179,8 @@ class Layers:
         for number, (balloon, bands) in enumerate(zip(self._balloons, self._bands, strict=True)):
             points = picture.frame.points[number]
             _see(balloon, self.shown["balloon"] and not strained)
+            if balloon.opacity != (opacity := CLEAR if self._presses_shown(picture) else None):
+                balloon.opacity = opacity
             color = picture.scene.balloon[number].color
             if color != self._colors[number]:
                 self._colors[number] = color
@@ -194,6 +200,9 @@ class Layers:
             elif not strained:
                 for band in bands:
                     _see(band, False)
+
+    def _presses_shown(self, picture: Picture) -> bool:
+        return self.shown["contacts"] and picture.model.scene.contacts
 
     def _hide_torn(self, picture: Picture, number: int, balloon: Any) -> None:
         """The triangles of faces that are torn are not shown; they are sent when others are than before."""

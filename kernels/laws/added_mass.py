@@ -21,7 +21,7 @@ ADDED_MASS = Parameter(
     least=0.0,
     most=100.0,
     path="inflation.added_mass",
-    meaning="of a gas's balloon: how much air moves along with it, as a part of the air that it displaces; 0.5 for a "
+    meaning="Added mass coefficient of a gas balloon, as a fraction of the displaced air's mass: 0.5 for a "
     "sphere, 0 for none",
 )
 

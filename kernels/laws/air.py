@@ -146,7 +146,9 @@ def air_drag(velocity: wp.vec3, area_vector: wp.vec3, air: wp.vec4, drag_coeffic
 
 
 AIR = (
-    Parameter("air_pressure", "Pa", 101325.0, least=TINY, of="world", path="atmosphere.pressure"),
+    Parameter(
+        "air_pressure", "Pa", 101325.0, least=TINY, of="world", path="atmosphere.pressure", meaning="Air pressure"
+    ),
     Parameter(
         "air_temperature",
         "K",
@@ -154,7 +156,7 @@ AIR = (
         least=TINY,
         of="world",
         path="atmosphere.temperature",
-        meaning="of the air, and of gas at its pressure",
+        meaning="Temperature of the air, and of gas at its pressure",
     ),
     Parameter(
         "air_density",
@@ -163,7 +165,7 @@ AIR = (
         least=0.0,
         of="world",
         path="atmosphere.density",
-        meaning="that of dry air as an ideal gas when missing",
+        meaning="Density of the air; when missing, that of dry air as an ideal gas",
     ),
     Parameter(
         "air_lapse",
@@ -173,15 +175,14 @@ AIR = (
         most=0.1,
         of="world",
         path="atmosphere.lapse",
-        meaning="how much colder the air gets with height; pressure and density, given at height 0, fall with it: "
-        "0.0065 in the standard atmosphere, 0 where the temperature stays; if missing, the air is the same at all "
-        "heights",
+        meaning="Lapse rate, the decrease of temperature with height: 0.0065 in the standard atmosphere, 0 "
+        "isothermal. Pressure and density, given at height 0, fall with height. Uniform air when missing",
     ),
 )
 STATE_OF_AIR = AIR[:3]
 """pressure, temperature and density"""
 WIND = (
-    Parameter("wind", "m/s", of="world", path="atmosphere.wind", size=3, meaning="velocity of the air"),
+    Parameter("wind", "m/s", of="world", path="atmosphere.wind", size=3, meaning="Wind velocity"),
     Parameter(
         "wind_shear",
         "1",
@@ -189,8 +190,8 @@ WIND = (
         most=2.0,
         of="world",
         path="atmosphere.shear",
-        meaning="the exponent with which the wind grows with height, from none at height 0, up to ten times "
-        "`wind_height`: 0.14 over open land, 0.3 in towns; with 0 it is the same at all heights",
+        meaning="Exponent of the wind's power law, from no wind at height 0 up to ten times `wind_height`: 0.14 "
+        "over open land, 0.3 in towns, 0 uniform",
     ),
     Parameter(
         "wind_height",
@@ -199,7 +200,7 @@ WIND = (
         least=TINY,
         of="world",
         path="atmosphere.wind_height",
-        meaning="the height at which `wind` holds, if the wind grows with height",
+        meaning="Height at which `wind` is given, where it grows with height",
     ),
     Parameter(
         "wind_roughness",
@@ -207,9 +208,8 @@ WIND = (
         least=0.0,
         of="world",
         path="atmosphere.roughness",
-        meaning="the roughness length of the ground, from which the wind grows with the logarithm of the height, up to "
-        "ten times `wind_height`: 0.0002 over the open sea, 0.03 over grass, 0.25 over high crops, 1 in suburbs; 0 is "
-        "none; `shear` is another way to say how it grows",
+        meaning="Roughness length of the ground in the wind's logarithmic law, up to ten times `wind_height`: "
+        "0.0002 over the open sea, 0.03 over grass, 0.25 over high crops, 1 in suburbs; 0 is none; or else `shear`",
     ),
     Parameter(
         "gusts",
@@ -218,8 +218,8 @@ WIND = (
         most=2.0,
         of="world",
         path="atmosphere.gusts",
-        meaning="how strong gusts are: the root mean square of each component of their velocity, over the wind's; 0.1 "
-        "on a calm day, 0.3 in streets",
+        meaning="Turbulence intensity: root mean square of each component of the gusts' velocity over the wind "
+        "speed; 0.1 on a calm day, 0.3 in streets",
     ),
     Parameter(
         "gust_length",
@@ -228,7 +228,7 @@ WIND = (
         least=TINY,
         of="world",
         path="atmosphere.gust_length",
-        meaning="how large gusts are, the integral scale of turbulence",
+        meaning="Integral length scale of the turbulence",
         domain=(1.0, 1e4),
     ),
     Parameter(
@@ -239,7 +239,7 @@ WIND = (
         most=1e6,
         of="world",
         path="atmosphere.gust_seed",
-        meaning="another seed draws other gusts",
+        meaning="Seed of the random gusts",
     ),
 )
 VARYING = {"air_lapse": ALIKE, "wind_shear": 0.0, "wind_roughness": 0.0, "gusts": 0.0}
@@ -289,7 +289,7 @@ AIR_DRAG = Law(
             "1",
             least=0.0,
             path="drag_coefficient",
-            meaning="C_d of 1/2 density C_d A u^2, as for a sphere, u the speed relative to the air",
+            meaning="Drag coefficient C_d of 1/2 density C_d A u^2, as for a sphere, at airspeed u",
         ),
         *WIND,
     ),

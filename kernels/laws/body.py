@@ -24,19 +24,19 @@ def damping(velocity: wp.vec3, mass_share: float, damping: float):
 
 
 MASS = Parameter(
-    "mass", "kg", 0.1, least=TINY, path="mass", meaning="of the whole balloon, shared alike by its particles"
+    "mass", "kg", 0.1, least=TINY, path="mass", meaning="Mass of the whole balloon, shared equally by its particles"
 )
 GRAVITY = Parameter(
-    "gravity", "m/s^2", 9.81, of="world", path="gravity", meaning="the acceleration against the up axis"
+    "gravity", "m/s^2", 9.81, of="world", path="gravity", meaning="Gravitational acceleration against the up axis"
 )
-HELIUM = Parameter("helium", "N/kg", path="helium", meaning="lift for each kilogram of balloon, against gravity's 9.81")
+HELIUM = Parameter("helium", "N/kg", path="helium", meaning="Lift per kilogram of balloon, against gravity's 9.81")
 DAMPING_CONSTANT = Parameter(
     "damping",
     "N s/m",
     0.1,
     least=0.0,
     path="damping",
-    meaning="drag of the whole balloon for each m/s, shared like the mass",
+    meaning="Linear drag coefficient of the whole balloon, distributed like the mass",
 )
 
 WEIGHT = Law("particle", weight, (GRAVITY, HELIUM), energy=weight_energy)

@@ -160,13 +160,13 @@ FRICTION = Parameter(
     AS_OTHERS,
     least=0.0,
     path="friction",
-    meaning="Coulomb's coefficient; where two things meet, the geometric mean of both counts; if missing, that of the "
-    "other thing alone, or between balloons `touch.friction`",
+    meaning="Coulomb friction coefficient; a contact takes the geometric mean of both. When missing, the "
+    "other thing's coefficient counts alone, and between balloons `touch.friction`",
 )
 NO_GROUND = -1.0e30
 """height [m] of a ground that is not there"""
 GROUND = (
-    Parameter("ground_height", "m", of="world", path="ground.height", absent=NO_GROUND),
+    Parameter("ground_height", "m", of="world", path="ground.height", absent=NO_GROUND, meaning="Height of the ground"),
     Parameter(
         "ground_friction",
         "1",
@@ -174,7 +174,7 @@ GROUND = (
         least=0.0,
         of="world",
         path="ground.friction",
-        meaning="Coulomb's coefficient",
+        meaning="Coulomb friction coefficient",
     ),
     Parameter(
         "ground_restitution",
@@ -184,6 +184,6 @@ GROUND = (
         most=1.0,
         of="world",
         path="ground.restitution",
-        meaning="rebound speed over impact speed, for spheres",
+        meaning="Coefficient of restitution for spheres",
     ),
 )

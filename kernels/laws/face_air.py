@@ -56,15 +56,15 @@ FACE_AIR = Law(
             "1",
             least=0.0,
             path="face_drag",
-            meaning="C_n of each face in the air: 1/2 density C_n A |u| u_n against the part of u along its normal, "
-            "which is lift and drag",
+            meaning="Normal coefficient C_n of each face in the air: 1/2 density C_n A |u| u_n against the part of u "
+            "along the face's normal; it gives lift and drag",
         ),
         Parameter(
             "face_friction",
             "1",
             least=0.0,
             path="face_friction",
-            meaning="C_t of the same along the face",
+            meaning="Tangential coefficient C_t of the air's force along each face, with C_t in place of C_n",
         ),
     ),
     neutral={"face_drag": 0.0, "face_friction": 0.0},

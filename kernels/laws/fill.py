@@ -24,19 +24,19 @@ PARAMETERS = (
     _filled(
         "breaths",
         "1",
-        "of a gas: deep breaths that are blown in, each of 3.5 l at the pressure of the air, an adult's inspiratory "
-        "capacity",
+        'Number of deep breaths blown into the balloon, of kind "gas", each of 3.5 l at ambient pressure, '
+        "an adult's inspiratory capacity",
     ),
-    _filled("litres", "l", "of a gas: litres, at the pressure of the air, that are blown in"),
-    _filled("moles", "mol", "of a gas: moles that are blown in"),
+    _filled("litres", "l", 'Volume of gas at ambient pressure blown into the balloon, of kind "gas"'),
+    _filled("moles", "mol", 'Amount of gas blown into the balloon, of kind "gas"'),
     Parameter(
         "fill_time",
         "s",
         1.0,
         least=SHORTEST,
         path="inflation.fill_time",
-        meaning="of a gas: the time in which breaths, litres or moles are blown in, evenly from the start; with "
-        "`fill_to_pressure` or `fill_to_diameter`, the time of each breath",
+        meaning="Time in which breaths, litres or moles are blown in, at a constant rate from the start, of kind "
+        '"gas"; with `fill_to_pressure` or `fill_to_diameter`, the time of each breath',
     ),
     Parameter(
         "fill_to_pressure",
@@ -44,7 +44,7 @@ PARAMETERS = (
         0.0,
         least=0.0,
         path="inflation.fill_to_pressure",
-        meaning="of a gas: blow until it presses so much more than the air, and no further; 0 is no such end",
+        meaning='Gauge pressure at which blowing stops, of kind "gas"; 0 sets no such limit',
     ),
     Parameter(
         "fill_to_diameter",
@@ -52,7 +52,7 @@ PARAMETERS = (
         0.0,
         least=0.0,
         path="inflation.fill_to_diameter",
-        meaning="of a gas: blow until a ball of its volume would be so wide, and no further; 0 is no such end",
+        meaning='Diameter of the sphere of equal volume at which blowing stops, of kind "gas"; 0 sets no such limit',
     ),
 )
 

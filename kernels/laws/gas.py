@@ -35,8 +35,8 @@ PARAMETERS = (
         least=1.0,
         most=10.0,
         path="inflation.gamma",
-        meaning="p V^gamma of a sealed gas stays as it is: 1.4 keeps air's heat in, 1.667 helium's; 1 keeps it as warm "
-        "as the air",
+        meaning="Polytropic exponent of a sealed gas, p V^gamma constant: 1 isothermal, 1.4 adiabatic air, 1.667 "
+        "adiabatic helium",
     ),
     Parameter(
         "breathing_damping",
@@ -45,10 +45,10 @@ PARAMETERS = (
         least=0.0,
         most=1.0,
         path="inflation.breathing_damping",
-        meaning="of a gas: how much the step damps a balloon's breathing, its quick swelling and shrinking: 1 as "
-        "backward Euler does; 0 not at all, by the trapezoidal rule, so that balloons breathe on",
+        meaning="Numerical damping of the breathing mode, the quick oscillation of a gas balloon's volume: 1 "
+        "backward Euler, 0 none by the trapezoidal rule, so that balloons breathe on",
     ),
-    Parameter("molar_mass", "kg/mol", HELIUM_MOLAR_MASS, least=0.0, path="inflation.molar_mass", meaning="of a gas"),
+    Parameter("molar_mass", "kg/mol", HELIUM_MOLAR_MASS, least=0.0, path="inflation.molar_mass", meaning="Molar mass"),
     *AIR,
     GRAVITY,
 )

@@ -23,9 +23,23 @@ def hooke_energy(squared_length: float, rest_length: float, stiffness: float):
 
 
 KINDS = (
-    Parameter("structural", "N/m", 20.0, least=0.0, path="stiffness.structural", meaning="along the edges of faces"),
-    Parameter("shear", "N/m", 10.0, least=0.0, path="stiffness.shear", meaning="across faces"),
-    Parameter("flexion", "N/m", 2.0, least=0.0, path="stiffness.flexion", meaning="past one particle, against bending"),
+    Parameter(
+        "structural",
+        "N/m",
+        20.0,
+        least=0.0,
+        path="stiffness.structural",
+        meaning="Spring constant k along the edges of faces",
+    ),
+    Parameter("shear", "N/m", 10.0, least=0.0, path="stiffness.shear", meaning="Spring constant k across faces"),
+    Parameter(
+        "flexion",
+        "N/m",
+        2.0,
+        least=0.0,
+        path="stiffness.flexion",
+        meaning="Spring constant k past one particle, against bending",
+    ),
 )
 """spring constants of the three kinds of springs (paper, figure 3), which the loops over springs look up"""
 

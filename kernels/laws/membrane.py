@@ -27,13 +27,13 @@ SHEAR_MODULUS = Parameter(
     3.3e5,
     least=TINY,
     path="material.shear_modulus",
-    meaning="at rest; a third of Young's; 3.3e5 when missing",
+    meaning="Shear modulus at rest, a third of Young's modulus; 3.3e5 when missing",
 )
 THICKNESS = Parameter(
-    "thickness", "m", 2.0e-4, least=1.0e-9, path="material.thickness", meaning="at rest; 2e-4 when missing"
+    "thickness", "m", 2.0e-4, least=1.0e-9, path="material.thickness", meaning="Thickness at rest; 2e-4 when missing"
 )
 WRINKLING = Parameter(
-    "wrinkling", "1", 1.0, path="material.wrinkling", meaning="whether it wrinkles, or else resists compression"
+    "wrinkling", "1", 1.0, path="material.wrinkling", meaning="Wrinkling, 1, or else resistance to compression, 0"
 )
 MOST_STRETCH = Parameter(
     "most_stretch",
@@ -41,11 +41,15 @@ MOST_STRETCH = Parameter(
     6.0,
     least=1.0,
     path="material.most_stretch",
-    meaning='up to which, both ways, the step of "auto" is stable and "gent" holds; 6 when missing, or 0.96 of what '
-    '"gent" allows',
+    meaning='Largest equibiaxial stretch for which the step of "auto" is stable and "gent" holds; 6 when '
+    'missing, or 0.96 of the locking stretch of "gent"',
 )
 FILM_VISCOSITY = Parameter(
-    "film_viscosity", "Pa s", least=0.0, path="material.viscosity", meaning="of the material's own damping"
+    "film_viscosity",
+    "Pa s",
+    least=0.0,
+    path="material.viscosity",
+    meaning="Viscosity of the material, which damps any change of its shape",
 )
 MOONEY_RATIO = Parameter(
     "mooney_ratio",
@@ -53,7 +57,7 @@ MOONEY_RATIO = Parameter(
     0.1,
     least=0.0,
     path="material.mooney_ratio",
-    meaning='of "mooney_rivlin": C2 over C1; 0.1 when missing',
+    meaning='Ratio C2 / C1 of "mooney_rivlin"; 0.1 when missing',
 )
 GENT_LIMIT = Parameter(
     "gent_limit",
@@ -61,10 +65,10 @@ GENT_LIMIT = Parameter(
     97.2,
     least=TINY,
     path="material.gent_limit",
-    meaning='of "gent": what I1 - 3 cannot exceed, I1 the sum of the three squared stretches; 97.2 when missing',
+    meaning='Limit of I1 - 3 in "gent", where I1 is the sum of the three squared stretches; 97.2 when missing',
 )
 OGDEN_MODULI = Parameter(
-    "ogden_moduli", "Pa", path="material.ogden_moduli", size=3, meaning='of "ogden": mu of each of three terms'
+    "ogden_moduli", "Pa", path="material.ogden_moduli", size=3, meaning='Moduli mu of the three terms of "ogden"'
 )
 OGDEN_EXPONENTS = Parameter(
     "ogden_exponents",
@@ -73,7 +77,7 @@ OGDEN_EXPONENTS = Parameter(
     most=20.0,
     path="material.ogden_exponents",
     size=3,
-    meaning='of "ogden": alpha of each',
+    meaning='Exponents alpha of the three terms of "ogden"',
 )
 OF_EVERY_MEMBRANE = (THICKNESS, WRINKLING, MOST_STRETCH, FILM_VISCOSITY)
 """parameters that all laws have, and who goes around triangles asks for"""

@@ -34,7 +34,7 @@ PARAMETERS = (
         least=0.0,
         path="neck.diameter",
         absent=0.0,
-        meaning="of the opening, however far the rubber around it is stretched; 0 is closed",
+        meaning="Diameter of the opening, however far the rubber around it is stretched; 0 is closed",
     ),
     Parameter(
         "neck_discharge",
@@ -43,12 +43,17 @@ PARAMETERS = (
         least=0.0,
         most=1.0,
         path="neck.discharge",
-        meaning="part of the opening that the stream fills: 0.95 to 1 of a neck that narrows smoothly, 0.61 of a hole "
-        "with a sharp edge",
+        meaning="Discharge coefficient, the fraction of the opening that the stream fills: 0.95 to 1 for a "
+        "smoothly narrowing neck, 0.61 for a sharp-edged hole",
     ),
-    Parameter("neck_opens", "s", 0.0, least=0.0, path="neck.opens", meaning="when it is let go"),
+    Parameter("neck_opens", "s", 0.0, least=0.0, path="neck.opens", meaning="Time at which the neck opens"),
     Parameter(
-        "neck_closes", "s", NEVER, least=0.0, path="neck.closes", meaning="when it is shut again; never when missing"
+        "neck_closes",
+        "s",
+        NEVER,
+        least=0.0,
+        path="neck.closes",
+        meaning="Time at which the neck closes; never when missing",
     ),
     Parameter(
         "leak",
@@ -57,7 +62,7 @@ PARAMETERS = (
         least=0.0,
         most=FAR,
         path="inflation.leak",
-        meaning="of a gas: area of a stream that gets out through pores and pinholes, without thrust",
+        meaning='Area of the leak through pores and pinholes, which gives no thrust, of kind "gas"',
     ),
 )
 

@@ -64,7 +64,7 @@ VISCOSITY = Parameter(
     "s",
     least=0.0,
     path="stiffness.viscosity",
-    meaning="damping constant of each spring along it, over its spring constant (Tarantino 1996)",
+    meaning="Damping constant along a spring over its spring constant (Tarantino 1996)",
     domain=(0.005, 0.015),
 )
 YIELD_STRETCH = Parameter(
@@ -73,7 +73,7 @@ YIELD_STRETCH = Parameter(
     NEVER_YIELDS,
     least=1.0,
     path="stiffness.yield_stretch",
-    meaning="length over rest length from which on a spring pulls no more (Tarantino 1996)",
+    meaning="Length over rest length above which the spring force stays constant (Tarantino 1996)",
     domain=(2.0, 4.0),
 )
 CORRECTION_LIMIT = Parameter(
@@ -83,7 +83,7 @@ CORRECTION_LIMIT = Parameter(
     least=0.001,
     of="world",
     path="correction_limit",
-    meaning="strain beyond which a spring is shortened",
+    meaning="Strain beyond which a spring is shortened",
     domain=(0.3, 0.7),
 )
 

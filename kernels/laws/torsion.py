@@ -70,7 +70,7 @@ TORSION = Law(
             "N m/rad",
             least=0.0,
             path="stiffness.torsion",
-            meaning="of each edge between two faces, against a change of the angle between them",
+            meaning="Torsional stiffness of each edge between two faces, against a change of the dihedral angle",
             domain=(0.05, 0.15),
         ),
     ),

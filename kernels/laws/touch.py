@@ -35,7 +35,7 @@ TOUCH = (
         least=0.0,
         of="world",
         path="touch.friction",
-        meaning="Coulomb's coefficient of balloons that do not say their own, between balloons",
+        meaning="Coulomb friction coefficient between balloons that have none of their own",
     ),
     Parameter(
         "touch_thickness",
@@ -44,7 +44,7 @@ TOUCH = (
         least=0.0,
         of="world",
         path="touch.thickness",
-        meaning="distance at which surfaces begin to push; a twentieth of an edge of their meshes when missing",
+        meaning="Distance at which surfaces begin to push; a twentieth of their meshes' edges when missing",
     ),
     Parameter(
         "touch_stiffness",
@@ -53,7 +53,7 @@ TOUCH = (
         least=0.0,
         of="world",
         path="touch.stiffness",
-        meaning="of each particle's contact; a quarter of all of a particle's springs when missing",
+        meaning="Contact stiffness of each particle; a quarter of the sum of a particle's springs when missing",
     ),
 )
 DAMPING_RATIO = wp.constant(0.2)

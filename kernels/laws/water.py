@@ -131,7 +131,7 @@ def water(
 NO_WATER = -1.0e30
 """level [m] of a liquid that is not there"""
 WATER_LEVEL = Parameter(
-    "water_level", "m", of="world", path="water.level", meaning="height of its surface", absent=NO_WATER
+    "water_level", "m", of="world", path="water.level", meaning="Height of the surface", absent=NO_WATER
 )
 
 WATER = Law(
@@ -139,7 +139,7 @@ WATER = Law(
     water,
     (
         WATER_LEVEL,
-        Parameter("water_density", "kg/m^3", 1000.0, least=TINY, of="world", path="water.density"),
+        Parameter("water_density", "kg/m^3", 1000.0, least=TINY, of="world", path="water.density", meaning="Density"),
         Parameter(
             "water_drag",
             "1",
@@ -147,7 +147,7 @@ WATER = Law(
             least=0.0,
             of="world",
             path="water.drag",
-            meaning="c of the drag 1/2 density c A |v| v, A the wetted area that moves at v",
+            meaning="Drag coefficient c of 1/2 density c A |v| v, where A is the wetted area moving at v",
         ),
         GRAVITY,
     ),

@@ -1,4 +1,4 @@
-"""What help() and the pages say of a table's fields: what each is, and what it takes."""
+"""Descriptions of a table's fields for help() and the pages: meaning and accepted values."""
 
 import inspect
 from collections.abc import Iterator
@@ -18,14 +18,14 @@ Tables = type[BaseModel]
 
 
 def meaning_of(table: Tables, field: str) -> str:
-    """Say on one line what a field of a table is, with its unit; of a table within it, the first line of that one's."""
+    """Return a field's meaning on one line, with its unit; for a nested table, the first line of its docstring."""
     said = table.model_fields[field].description or docstrings(table).get(field)
     inner = table_in(table.model_fields[field].annotation)
     return " ".join((said or (first_line(inner) if inner else "")).split())
 
 
 def first_line(table: Tables) -> str:
-    """Say on one line what a table is."""
+    """Return the first line of a table's docstring."""
     return inspect.cleandoc(plain_docstring(table)).partition("\n")[0]
 
 
@@ -41,14 +41,14 @@ def fields_of(table: Tables) -> Iterator[FieldHelp]:
 
 
 class PlainSchema(GenerateJsonSchema):
-    """Make a JSON schema with nothing of what fields take from Python alone."""
+    """Make a JSON schema without the types that fields accept from Python alone."""
 
     def is_instance_schema(self, schema: core_schema.IsInstanceSchema) -> JsonSchemaValue:
         return {"type": "null"}
 
 
 def taken(schema: dict[str, Any], several: bool = False) -> str:
-    """Say in words what a field takes, from its JSON schema.
+    """Describe in words the values that a field accepts, from its JSON schema.
 
     Args:
         several: whether it is one of several alike.

@@ -1,4 +1,4 @@
-"""What the fields of a scene are made of: tables, numbers within bounds, values that change with time."""
+"""Field types of scene tables: bounded numbers, vectors and keyframed values."""
 
 import inspect
 import math
@@ -27,40 +27,40 @@ Positive = Annotated[float, Field(ge=TINY, lt=FAR)]
 NonNegative = Annotated[float, Field(ge=0, lt=FAR)]
 Vector = tuple[Real, Real, Real]
 Keyframe = tuple[NonNegative, Real]
-"""a time [s] and the value at that time"""
+"""Time [s] and the value at that time"""
 Keyframed = Real | Annotated[list[Keyframe], Field(min_length=1)]
-"""a number, or keyframes [[time, value], ...]: linear between them, constant before the first and after the last;
-at least a frame apart, or nearly linear from frame to frame"""
+"""Number, or keyframes [[time, value], ...]: linear between them, constant before the first and after the last; at
+least a frame apart, or nearly linear from frame to frame"""
 MOST_MISSED = 0.05
-"""of what is keyframed, between frames"""
+"""Largest fraction of a keyframed value that sampling at frames may miss"""
 UnitInterval = Annotated[float, Field(ge=0, le=1)]
 Index = Annotated[int, Field(ge=0)]
-"""from 0, as in lists of the scene and vertices of a file"""
+"""Index from 0, as in lists of the scene and vertices of a file"""
 PrimPath = Annotated[str, Field(pattern="^/.")]
 Prim = PrimPath | Annotated[list[PrimPath], Field(min_length=1)]
-"""paths of prims of a USD stage"""
+"""Paths of prims of a USD stage"""
 Color = tuple[UnitInterval, UnitInterval, UnitInterval]
-"""linear RGB"""
+"""Linear RGB"""
 Rule = SkipJsonSchema[Callable[[Any], Any]]
-"""what Python alone may give: a function of the points of a mesh"""
+"""Function of a mesh's points, which only Python can give"""
 LawTables = dict[str, dict[str, Real | Vector]]
-"""parameters of laws of one's own, by the law's name and the parameter's"""
+"""Parameters of user-defined laws, by the law's name and the parameter's"""
 
 
 def field_of(name: str) -> Any:
-    """Make the field of a law's parameter: default, bounds, unit and meaning are those of its row."""
+    """Make the field of a law's parameter, with default, bounds, unit and meaning from its row."""
     row = PARAMETERS[name]
     return Field((row.default,) * 3 if row.size == 3 else row.default, **_bounds(row), description=_description(row))
 
 
 def optional_field_of(name: str) -> Any:
-    """Make the field of a law's parameter that may be left out: None stands for the default of its row."""
+    """Make the optional field of a law's parameter: None stands for the default of its row."""
     row = PARAMETERS[name]
     return Field(None, **_bounds(row), description=_description(row))
 
 
 def _bounds(row: Parameter) -> dict[str, Any]:
-    """As Pydantic has them; a vector's are those of its parts."""
+    """Return the bounds of a parameter's row as Pydantic keywords; bounds of a vector apply to its components."""
     if row.size == 3:
         return {}
     return {"gt" if row.least == -FAR else "ge": row.least, "lt" if row.most == FAR else "le": row.most}
@@ -71,9 +71,10 @@ def _description(row: Parameter) -> str:
 
 
 def missed_between_frames(keyframes: Sequence[Keyframe], frame_seconds: float) -> float:
-    """Find how much of what is keyframed is missed where it is taken as linear from frame to frame.
+    """Return the fraction of a keyframed value that linear interpolation from frame to frame misses.
 
-    It is a part of all of it until the frame after the last keyframe: of a pump, of what it gives.
+    The fraction is relative to the whole until the frame after the last keyframe: for a pump, the amount of gas that it
+    delivers.
     """
     times, values = np.array(keyframes).T
     frames = frame_seconds * np.arange(math.floor(times[0] / frame_seconds), math.ceil(times[-1] / frame_seconds) + 1)
@@ -101,7 +102,7 @@ class Table(Shown, BaseModel, metaclass=TableType):
 
     @classmethod
     def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:
-        """Say in help() what its fields are; its signature names them, with their defaults."""
+        """Describe the table's fields in help(), and name them with their defaults in its signature."""
         empty, of_name = inspect.Parameter.empty, inspect.Parameter.KEYWORD_ONLY
         describe(
             cls,
@@ -134,7 +135,7 @@ class Table(Shown, BaseModel, metaclass=TableType):
     @model_validator(mode="before")
     @classmethod
     def _without_numpy(cls, given: Any) -> Any:
-        """Arrays and numbers of NumPy's, as lists and plain numbers."""
+        """Convert NumPy arrays and numbers to lists and plain numbers."""
         if not isinstance(given, dict):
             return given
         return {
@@ -143,7 +144,7 @@ class Table(Shown, BaseModel, metaclass=TableType):
         }
 
     def __repr_args__(self) -> Iterator[tuple[str | None, Any]]:
-        """Show what is not as it is by default."""
+        """Show only fields that differ from their defaults."""
         for name, field in type(self).model_fields.items():
             if (value := getattr(self, name)) != field.get_default():
                 yield name, str(value) if isinstance(value, Path) else value

@@ -1,4 +1,4 @@
-"""What fills balloons, and how it leaves them."""
+"""Inflation of balloons, and the neck through which gas escapes."""
 
 import itertools
 import math
@@ -20,91 +20,93 @@ from balloon_warp.scene.schema.fields import (
 
 
 class Inflation(Table):
-    """What fills a balloon.
+    """Inflation of a balloon: a pressure, a sealed gas, or the paper's normal forces.
 
-    - "pressure": a given pressure acts on every face. On a closed mesh its forces add up to nothing.
-    - "gas": a sealed amount of gas does, whose pressure falls as it expands, and which has weight and buoyancy.
+    - "pressure": a given pressure acts on every face. On a closed mesh its forces sum to zero.
+    - "gas": a sealed amount of gas, whose pressure falls as it expands, and which has weight and buoyancy.
     - "normal_force", the paper's: each particle is pushed by 100 k_normal (A_p / A_total) along its normal [N]. These
-      forces do not add up to nothing, and the effect of k_normal depends on how the mesh is divided into faces.
+      forces do not sum to zero, and the effect of k_normal depends on how the mesh is divided into faces.
     """
 
     kind: Literal["pressure", "gas", "normal_force"] = "pressure"
-    """if left out, it follows from the fields that are given; without any, a pressure"""
+    """Kind of inflation; if left out, it follows from the fields that are given, and without any it is a pressure"""
     pressure: Literal["auto"] | Keyframed = "auto"
-    """of "pressure": above the air's [Pa]; a number or keyframes; or "auto", which rises within a second to what
-    stretches the balloon as `stretch` says, or so, whatever its size, its faces and its springs"""
+    """Gauge pressure of kind "pressure" [Pa]: a number or keyframes; or "auto", which rises within a second to the
+    pressure that gives about the `stretch`, whatever the balloon's size, mesh and springs"""
     stretch: UnitInterval = 0.25
-    """of the pressure "auto", and else without effect: how much a ball's skin is stretched; 0.1 makes its volume a
-    third larger"""
+    """Stretch of the skin that the pressure "auto" aims at, as of a sphere; 0.1 makes the volume a third larger.
+    Without effect on other pressures"""
     k_normal: Keyframed = 0.2
-    """of "normal_force"; a number or keyframes"""
+    """Coefficient of kind "normal_force"; a number or keyframes"""
     amount: NonNegative | None = None
-    """of "gas", at the start [mol]; what `start_pressure` asks for when missing"""
+    """Amount of gas at the start, of kind "gas" [mol]; when missing, the amount that gives `start_pressure`"""
     start_pressure: Real = 0.0
-    """of "gas": above the air's, at the start [Pa]; 0 is in balance with springs at their rest lengths"""
+    """Gauge pressure at the start, of kind "gas" [Pa]; 0 is in equilibrium with springs at their rest lengths"""
     pump: Keyframed = 0.0
-    """of "gas": what is pumped in, and if negative let out [mol/s]; a number or keyframes"""
+    """Flow into the balloon, negative outward, of kind "gas" [mol/s]; a number or keyframes"""
     pump_curve: list[tuple[NonNegative, NonNegative]] = []
-    """of "gas": what a pump gives against a pressure, [[pressure, flow], ...], above the air's [Pa] and [mol/s]: linear
-    between them, and nothing beyond the last"""
+    """Characteristic curve of a pump, of kind "gas": flow against gauge pressure, [[pressure, flow], ...] [Pa] and
+    [mol/s], linear between points, and zero beyond the last"""
     breaths: float = field_of("fill_breaths")
-    """of a gas: deep breaths that are blown in, each of 3.5 l at the pressure of the air, an adult's inspiratory
-    capacity [1]; 0.0 when missing"""
+    """Number of deep breaths blown into the balloon, of kind "gas", each of 3.5 l at ambient pressure, an adult's
+    inspiratory capacity [1]; 0.0 when missing"""
     litres: float = field_of("fill_litres")
-    """of a gas: litres, at the pressure of the air, that are blown in [l]; 0.0 when missing"""
+    """Volume of gas at ambient pressure blown into the balloon, of kind "gas" [l]; 0.0 when missing"""
     moles: float = field_of("fill_moles")
-    """of a gas: moles that are blown in [mol]; 0.0 when missing"""
+    """Amount of gas blown into the balloon, of kind "gas" [mol]; 0.0 when missing"""
     fill_time: float = field_of("fill_time")
-    """of a gas: the time in which breaths, litres or moles are blown in, evenly from the start; with `fill_to_pressure`
-    or `fill_to_diameter`, the time of each breath [s]; 1.0 when missing"""
+    """Time in which breaths, litres or moles are blown in, at a constant rate from the start, of kind "gas"; with
+    `fill_to_pressure` or `fill_to_diameter`, the time of each breath [s]; 1.0 when missing"""
     fill_to_pressure: float = field_of("fill_to_pressure")
-    """of a gas: blow until it presses so much more than the air, and no further; 0 is no such end [Pa]; 0.0 when
-    missing"""
+    """Gauge pressure at which blowing stops, of kind "gas"; 0 sets no such limit [Pa]; 0.0 when missing"""
     fill_to_diameter: float = field_of("fill_to_diameter")
-    """of a gas: blow until a ball of its volume would be so wide, and no further; 0 is no such end [m]; 0.0 when
+    """Diameter of the sphere of equal volume at which blowing stops, of kind "gas"; 0 sets no such limit [m]; 0.0 when
     missing"""
     gamma: float = field_of("gamma")
-    """p V^gamma of a sealed gas stays as it is: 1.4 keeps air's heat in, 1.667 helium's; 1 keeps it as warm as the air
+    """Polytropic exponent of a sealed gas, p V^gamma constant: 1 isothermal, 1.4 adiabatic air, 1.667 adiabatic helium
     [1]; 1.0 when missing"""
     breathing_damping: float = field_of("breathing_damping")
-    """of a gas: how much the step damps a balloon's breathing, its quick swelling and shrinking: 1 as backward Euler
-    does; 0 not at all, by the trapezoidal rule, so that balloons breathe on [1]; 1.0 when missing"""
+    """Numerical damping of the breathing mode, the quick oscillation of a gas balloon's volume: 1 backward Euler, 0
+    none by the trapezoidal rule, so that balloons breathe on [1]; 1.0 when missing"""
     molar_mass: float = field_of("molar_mass")
-    """of a gas [kg/mol]; 0.0040026 when missing"""
+    """Molar mass [kg/mol]; 0.0040026 when missing"""
     added_mass: float = field_of("added_mass")
-    """of a gas's balloon: how much air moves along with it, as a part of the air that it displaces; 0.5 for a sphere, 0
-    for none [1]; 0.5 when missing"""
+    """Added mass coefficient of a gas balloon, as a fraction of the displaced air's mass: 0.5 for a sphere, 0 for none
+    [1]; 0.5 when missing"""
     leak: float = field_of("leak")
-    """of a gas: area of a stream that gets out through pores and pinholes, without thrust [m^2]; 0.0 when missing"""
+    """Area of the leak through pores and pinholes, which gives no thrust, of kind "gas" [m^2]; 0.0 when missing"""
 
     @property
     def keyframed(self) -> Literal["k_normal", "pressure", "pump"]:
-        """Field that its kind may change with time."""
+        """Name of the field that may have keyframes, by the kind of inflation."""
         return KEYFRAMED_FIELDS[self.kind]
 
     @property
     def own_fields(self) -> tuple[str, ...]:
-        """Fields that its kind has."""
+        """Names of the fields that the kind of inflation has."""
         return FIELDS_OF_KINDS[self.kind]
 
     @property
     def has_keyframes(self) -> bool:
-        """Whether the field that may change is given as keyframes."""
+        """Whether the keyframed field is given as keyframes."""
         return isinstance(getattr(self, self.keyframed), list)
 
     @property
     def is_automatic(self) -> bool:
-        """Whether its pressure is left to us."""
+        """Whether the pressure is "auto"."""
         return self.kind == "pressure" and self.pressure == "auto"
 
     @property
     def says_how_much(self) -> bool:
-        """Whether it says how much gas there is, or comes."""
+        """Whether an amount of gas, or a flow, is given."""
         return any(getattr(self, field) not in (None, 0.0, []) for field in (*MUCH, *FAST, "start_pressure"))
 
     @property
     def keyframes(self) -> list[Keyframe]:
-        """That field as keyframes; a plain number is one keyframe, and NaN a pressure that is left to us."""
+        """Values of the keyframed field as keyframes.
+
+        A plain number is one keyframe, and a pressure "auto" is NaN.
+        """
         if self.is_automatic:
             return [(0.0, 0.0), (AUTO_SECONDS, math.nan)]
         value = getattr(self, self.keyframed)
@@ -112,7 +114,7 @@ class Inflation(Table):
 
     @property
     def names_its_kind(self) -> bool:
-        """Whether its kind was given; else other fields than it has ask for another one."""
+        """Whether the kind was given; otherwise fields of another kind imply that kind."""
         return "kind" in self.model_fields_set
 
     @model_validator(mode="wrap")
@@ -135,7 +137,7 @@ class Inflation(Table):
 
     @model_validator(mode="after")
     def _one_amount(self) -> Self:
-        """One way of saying how much, and one of saying how fast."""
+        """Accept one field that sets the amount of gas, and one that sets its flow."""
         for several in (MUCH, FAST):
             given = [field for field in several if getattr(self, field) not in (None, 0.0, [])]
             if len(given) > 1:
@@ -158,13 +160,13 @@ class Inflation(Table):
 
 
 AUTO_SECONDS = 1.0
-"""in which a pressure that is left to us rises"""
+"""Time in which an automatic pressure rises [s]"""
 MUCH = ("amount", "breaths", "litres", "moles", "fill_to_pressure", "fill_to_diameter")
-"""ways of saying how much gas there will be"""
+"""Fields that set the amount of gas"""
 BLOWN = ("breaths", "litres", "moles")
-"""ways of saying how much is blown in evenly"""
+"""Fields that set an amount blown in at a constant rate"""
 FAST = ("pump", "pump_curve", *BLOWN)
-"""ways of saying how fast it comes"""
+"""Fields that set the flow of gas"""
 FIELDS_OF_KINDS: dict[str, tuple[str, ...]] = {
     "normal_force": ("k_normal",),
     "pressure": ("pressure", "stretch"),
@@ -182,20 +184,20 @@ KEYFRAMED_FIELDS: dict[str, Literal["k_normal", "pressure", "pump"]] = {
 
 
 class Neck(Table):
-    """The neck of a balloon with gas that is let go: open, gas leaves through it in a jet, which drives the balloon."""
+    """Neck of a gas balloon that is let go: gas leaves through the open neck in a jet, which drives the balloon."""
 
     at: Index | Annotated[str, Field(min_length=1)] = "lowest"
-    """where it is: the "lowest" or "highest" place along the up axis at the start, a vertex by the order of the file's,
-    or the faces of a group of the mesh, by its name; the jet goes straight out from there"""
+    """Place of the neck: the "lowest" or "highest" place along the up axis at the start, a vertex by the order of the
+    file's, or the faces of a group of the mesh, by its name. The jet leaves along the outward normal there"""
     diameter: float = field_of("neck_diameter")
-    """of the opening, however far the rubber around it is stretched; 0 is closed [m]; 0.01 when missing"""
+    """Diameter of the opening, however far the rubber around it is stretched; 0 is closed [m]; 0.01 when missing"""
     discharge: float = field_of("neck_discharge")
-    """part of the opening that the stream fills: 0.95 to 1 of a neck that narrows smoothly, 0.61 of a hole with a sharp
-    edge [1]; 1.0 when missing"""
+    """Discharge coefficient, the fraction of the opening that the stream fills: 0.95 to 1 for a smoothly narrowing
+    neck, 0.61 for a sharp-edged hole [1]; 1.0 when missing"""
     opens: float = field_of("neck_opens")
-    """when it is let go [s]; 0.0 when missing"""
+    """Time at which the neck opens [s]; 0.0 when missing"""
     closes: float | None = optional_field_of("neck_closes")
-    """when it is shut again; never when missing [s]"""
+    """Time at which the neck closes; never when missing [s]"""
 
     @model_validator(mode="after")
     def _closes_later(self) -> Self:

@@ -1,4 +1,4 @@
-"""What a balloon is made of."""
+"""Material of a balloon."""
 
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -36,94 +36,96 @@ FIELDS_OF_KINDS: dict[str, tuple[str, ...]] = {
     "gent": (*OF_ALL, "shear_modulus", "gent_limit"),
 }
 NEARLY_LOCKED = 0.96
-"""of the stretch at which a Gent material locks is the most that the law holds to, and the step is made for, where
-nobody says it: 1 / (1 - 0.96^2) = 13 times as stiff as at rest against what changes the shape"""
+"""Default of `most_stretch` for a Gent material, as a fraction of its locking stretch. The law is clamped and the step
+computed there: it is 1 / (1 - 0.96^2) = 13 times as stiff against a change of shape as at rest"""
 
 
 class Material(Table):
-    """What the balloon is made of: springs, as in the paper, or rubber or film that has a thickness.
+    """Material of the balloon: springs, as in the paper, or rubber or film with a thickness.
 
     Rubber and film are incompressible: stretched, they become thinner. Mass follows from area, thickness and density,
-    so that nothing depends on the mesh. They have no springs but those that are asked for.
+    so that nothing depends on the mesh. Springs are added only where `springs` lists them.
     """
 
     preset: Literal["latex", "latex_thick", "natural_rubber_treloar", "foil", "nylon"] | None = None
-    """a material that is known: the fields that are left out are its own, see RUBBER.md"""
+    """Known material, which supplies the fields that are left out; see RUBBER.md"""
     kind: Kind | None = None
-    """the law of its stretching; when missing, the preset's, or "springs\""""
+    """Constitutive law; when missing, the preset's, or "springs" """
     shear_modulus: float | None = optional_field_of("shear_modulus")
-    """at rest; a third of Young's; 3.3e5 when missing [Pa]"""
+    """Shear modulus at rest, a third of Young's modulus; 3.3e5 when missing [Pa]"""
     rest_mesh: Path | None = None
-    """a mesh file, sought beside the scene file, of the same vertices and faces: the shape at which nothing pulls, such
-    as the mould of a latex balloon; or, of a film, of the same faces cut along seams: the panels that it is sewn of;
-    when missing, that of the start"""
+    """Mesh file of the stress-free shape, with the same vertices and faces, sought beside the scene file, such as the
+    mould of a latex balloon; of a membrane also the same faces cut along seams, the panels that it is sewn of; when
+    missing, the shape at the start"""
     thickness: float | None = optional_field_of("thickness")
-    """at rest; 2e-4 when missing [m]"""
+    """Thickness at rest; 2e-4 when missing [m]"""
     density: Positive | None = None
-    """of the material [kg/m^3]; 940 when missing"""
+    """Density of the material [kg/m^3]; 940 when missing"""
     mooney_ratio: float | None = optional_field_of("mooney_ratio")
-    """of "mooney_rivlin": C2 over C1; 0.1 when missing [1]"""
+    """Ratio C2 / C1 of "mooney_rivlin"; 0.1 when missing [1]"""
     ogden_moduli: Vector | None = None
-    """of "ogden": mu of each of its three terms [Pa]; the shear modulus is half the sum of mu alpha"""
+    """Moduli mu of the three terms of "ogden" [Pa]; the shear modulus is half the sum of mu alpha"""
     ogden_exponents: tuple[Exponent, Exponent, Exponent] | None = None
-    """of "ogden": alpha of each"""
+    """Exponents alpha of the three terms of "ogden" """
     gent_limit: float | None = optional_field_of("gent_limit")
-    """of "gent": what I1 - 3 cannot exceed, I1 the sum of the three squared stretches; 97.2 when missing [1]"""
+    """Limit of I1 - 3 in "gent", where I1 is the sum of the three squared stretches; 97.2 when missing [1]"""
     wrinkling: bool = True
-    """it gives way to compression, as what is thin does; else it resists that as it resists tension"""
+    """Model wrinkling: no resistance to compression, as in a tension field. Otherwise compression is resisted like
+    tension"""
     most_stretch: float | None = optional_field_of("most_stretch")
-    """up to which, both ways, the step of "auto" is stable and "gent" holds; 6 when missing, or 0.96 of what "gent"
-    allows [1]"""
+    """Largest equibiaxial stretch for which the step of "auto" is stable and "gent" holds; 6 when missing, or 0.96 of
+    the locking stretch of "gent" [1]"""
     viscosity: NonNegative = 0.0
-    """damping of the material's own, against any change of its shape [Pa s]"""
+    """Viscosity of the material, which damps any change of its shape [Pa s]"""
     softening: Annotated[float, Field(ge=0.0, le=0.95)] | None = None
-    """rubber's hysteresis (Mullins): the largest part of its pull that it loses once it has been stretched further, so
-    that a balloon has less pressure as it deflates than as it was inflated; Ogden and Roxburgh's 1 / r"""
+    """Hysteresis of rubber (Mullins effect): the largest fraction of the stress that is lost after a greater stretch,
+    so that a deflating balloon has less pressure than an inflating one; 1 / r of Ogden and Roxburgh"""
     softening_energy: Positive = 1.0e5
-    """of `softening`: when the energy density is so far below the greatest that there was, most of that part is lost
-    [Pa]; their m"""
+    """Energy density below the greatest one so far at which most of the `softening` has happened [Pa]; m of Ogden and
+    Roxburgh"""
     softening_share: Annotated[float, Field(ge=0.0, le=10.0)] = 0.3
-    """of `softening`: this part of the greatest energy density is added to `softening_energy`; the greater, the slower
-    it gives way, and the longer the stable step"""
+    """Fraction of the greatest energy density so far that is added to `softening_energy`; the greater, the more gradual
+    the `softening`, and the longer the stable step"""
     strength: Positive | None = None
-    """the true stress at which it tears and the balloon bursts, force over what is left of the section [Pa]; when
-    missing, it never does"""
+    """True stress at which the skin tears and the balloon bursts, force over the current cross section [Pa]; never when
+    missing"""
     tear_strength: Positive | None = None
-    """of `strength`: the stress ahead of the tip of a tear that it needs to run on [Pa]; 0.3 of it when missing"""
+    """Stress ahead of a tear's tip that the tear needs to advance, with `strength` [Pa]; 0.3 of `strength` when
+    missing"""
     branching_stress: Positive | None = None
-    """of `strength`: a balloon that bursts at a higher stress does not open along one tear, but in pieces [Pa]; half of
-    it when missing"""
+    """Stress above which a bursting balloon breaks into pieces instead of opening along one tear, with `strength` [Pa];
+    half of `strength` when missing"""
     tear_speed: Positive | None = None
-    """of `strength`: how fast a tear runs, measured on the unstretched skin [m/s]; if missing, as fast as waves on its
-    surface"""
+    """Speed of a tear, measured on the unstretched skin, with `strength` [m/s]; when missing, the speed of waves on the
+    skin"""
     needle_time: NonNegative = NEVER
-    """of `strength`: when a needle pierces it, where it is stretched most [s]; 1e9, never, when missing"""
+    """Time at which a needle pierces the skin where its stretch is greatest, with `strength` [s]; 1e9, never, when
+    missing"""
     springs: list[SpringsBeside] = []
-    """kinds of springs that it has beside, such as "flexion" against bending; beside a `strength` they must only push,
-    `stiffness.yield_stretch = 1`"""
+    """Kinds of springs in addition to the membrane, such as "flexion" against bending; with a `strength` they must only
+    push, `stiffness.yield_stretch = 1`"""
     weights: list[Positive] | dict[str, Positive] | Rule | None = None
-    """a number for each vertex of the file, or for groups of the mesh by their names, and 1 elsewhere: the thickness is
-    multiplied by it, as for a neck. From Python also a function that takes the mesh's own points, shape (n, 3), and
-    gives the number of each, shape (n,)"""
+    """Factor on the thickness for each vertex of the file, or for groups of the mesh by their names, 1 elsewhere, as
+    for a neck. In Python also a function from the mesh's own points, shape (n, 3), to one factor each, shape (n,)"""
 
     @property
     def law(self) -> Kind:
-        """Kind of the material, or that of its preset."""
+        """Constitutive law of the material, or that of its preset."""
         return self.kind or (PRESETS[self.preset]["kind"] if self.preset else "springs")
 
     @property
     def is_membrane(self) -> bool:
-        """Whether it is not of springs."""
+        """Whether the material is a membrane, not springs."""
         return self.law != "springs"
 
     @property
     def own_fields(self) -> tuple[str, ...]:
-        """Fields that its kind has, without what it does not do."""
+        """Names of the fields that the kind of material has, without those of effects that are off."""
         absent = (*(SOFTENING if self.softening is None else ()), *(TEARING if self.strength is None else ()))
         return tuple(field for field in FIELDS_OF_KINDS[self.law] if field not in absent)
 
     def value(self, field: str) -> Any:
-        """Return what a field is: as said, or as its preset has it; None where neither says it."""
+        """Return a field's value: the given one, or the preset's; None where neither has it."""
         said = getattr(self, field)
         if said is None and self.preset:
             said = PRESETS[self.preset].get(field)
@@ -133,7 +135,7 @@ class Material(Table):
 
     @property
     def locking_stretch(self) -> float:
-        """Stretch both ways at which a Gent material's chains are straight."""
+        """Equibiaxial stretch at which a Gent material locks."""
         limit = self.value("gent_limit") or GENT_LIMIT.default
         return FAR if self.law != "gent" else (0.5 * (limit + 3.0)) ** 0.5
 

@@ -1,4 +1,4 @@
-"""What is in the way of balloons and goes where it is told, whatever pushes it."""
+"""Obstacles: solids that stay or move as the scene says, whatever pushes them."""
 
 import itertools
 from typing import Annotated, Self
@@ -9,27 +9,27 @@ from balloon_warp.scene.schema.fields import Color, NonNegative, UnitInterval, V
 from balloon_warp.scene.schema.solid import Solid
 
 Moved = tuple[NonNegative, Vector] | tuple[NonNegative, Vector, Vector]
-"""a time [s], a shift from `position` [m], and a turn on top of `rotation` [degrees]"""
+"""Time [s], shift from `position` [m], and rotation on top of `rotation` [degrees]"""
 
 
 class Obstacle(Solid):
-    """A rigid thing that balloons and spheres cannot enter: it stays, or moves as it is told, whatever pushes it."""
+    """Rigid obstacle that balloons and spheres cannot enter: fixed, or moved as the scene says, whatever pushes it."""
 
     motion: Annotated[list[Moved], Field(min_length=1)] | None = None
-    """keyframes [[time, shift], ...] or [[time, shift, turn], ...]: shifts from `position` [m], turns on top of
-    `rotation` about x, then y, then z [degrees]; linear between them, and still before the first and after the last.
-    When missing, a mesh of a USD stage moves as the time samples there say"""
+    """Keyframes [[time, shift], ...] or [[time, shift, turn], ...]: shifts from `position` [m], turns on top of
+    `rotation` about x, then y, then z [degrees]; linear between them, and constant before the first and after the last.
+    When missing, a mesh of a USD stage moves by its time samples"""
     friction: NonNegative = 0.5
-    """Coulomb's coefficient [1]"""
+    """Coulomb friction coefficient [1]"""
     restitution: UnitInterval = 0.3
-    """rebound speed over impact speed, for spheres [1]"""
+    """Coefficient of restitution for spheres [1]"""
     thickness: NonNegative | None = None
-    """how far from its surface balloons are held [m], half the thickness of a sheet; if missing 0, and for a sheet a
-    thousandth of its size"""
+    """Distance from the surface at which balloons are held, half the thickness of a sheet [m]; 0 when missing, and a
+    thousandth of its size for a sheet"""
     name: str = ""
-    """what its prim is called in the stage; its shape when empty"""
+    """Name of the prim in the stage; the shape's name when empty"""
     color: Color | None = None
-    """linear RGB; when missing, what the mesh's file says, else gray"""
+    """Linear RGB; when missing, the color in the mesh file, else gray"""
 
     @model_validator(mode="after")
     def _times_increase(self) -> Self:

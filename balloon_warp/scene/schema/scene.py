@@ -1,4 +1,4 @@
-"""A scene as a whole, and that its parts fit together."""
+"""Scene as a whole, and checks that its parts fit together."""
 
 import itertools
 import math
@@ -25,101 +25,103 @@ from balloon_warp.scene.schema.surroundings import Atmosphere, Box, Ground, Pict
 from balloon_warp.scene.schema.touch import Touch
 
 MESHED = ("balloon", "obstacle", "body")
-"""lists of the scene whose tables may have a mesh"""
+"""Lists of the scene whose tables may have a mesh"""
 WITHOUT_MESHES = {name: {"__all__": {"mesh"}} for name in MESHED}
-"""what to leave out of a scene that is to be plain values: a mesh that came from Python is none"""
+"""Fields to leave out of a scene that is dumped as plain values: meshes made in Python have no plain value"""
 
 
 class Tube(Table):
-    """A tube between two balloons with gas: through it flows the gas that the difference of pressures drives."""
+    """Tube between two gas balloons: gas flows through it, driven by the pressure difference."""
 
     balloons: tuple[Index, Index]
-    """which two, by their places in the scene"""
+    """Indices of the two balloons in the scene"""
     conductance: NonNegative
-    """flow for each pascal between them [mol/(s Pa)]"""
+    """Conductance: flow per pascal of pressure difference [mol/(s Pa)]"""
 
 
 class Change(Table):
-    """Values of the scene that change, all at once, while it is simulated."""
+    """Change of some of the scene's values at one time during the simulation."""
 
     time: NonNegative
-    """when [s]; it happens at the first frame that is not before"""
+    """Time of the change [s]; it takes effect at the first frame at or after it"""
     set: Annotated[dict[str, Any], Field(min_length=1)]
-    """the new values by their paths, as in overrides: { "balloon.helium" = 12.0 }. What may change is what may differ
-    between worlds, but for places and velocities at the start; and `substeps`, `solver`, `normals`, `correction` and
-    `contact`."""
+    """New values by their paths, as in overrides: { "balloon.helium" = 12.0 }. All values that may vary between worlds
+    may change, except positions and velocities at the start; and so may `substeps`, `solver`, `normals`, `correction`
+    and `contact`."""
 
 
 class Scene(Table):
-    """One world: balloons, and what is around them."""
+    """World of balloons and their surroundings."""
 
     description: str = ""
-    """one line, shown by `balloon-warp scenes`"""
+    """Summary in one line, shown by `balloon-warp scenes`"""
     up_axis: Literal["Y", "Z"] = "Y"
-    """which axis points up"""
+    """Axis that points up"""
     gravity: float = field_of("gravity")
-    """the acceleration against the up axis [m/s^2]; 9.81 when missing"""
+    """Gravitational acceleration against the up axis [m/s^2]; 9.81 when missing"""
     frames: Annotated[int, Field(ge=1)] = 120
-    """how many frames follow the start"""
+    """Number of frames after the start"""
     frames_per_second: Positive = 60.0
-    """[1/s]"""
+    """Frame rate [1/s]"""
     substeps: Annotated[int, Field(ge=1, le=100_000)] | Literal["auto"] = "auto"
-    """integration steps in a frame; "auto" takes as many as stability asks, and bodies and spheres"""
+    """Integration steps per frame; "auto" takes as many as stability requires, for balloons, bodies and spheres"""
     solver: Literal["symplectic_euler", "forward_euler", "projective"] = "symplectic_euler"
-    """how a step goes on: v += h a, then x += h v (the paper's listing); or x += h v, then v += h a; or, stable at any
-    step, backward Euler by local and global steps (Liu et al. 2013)"""
+    """Time integrator: "symplectic_euler" v += h a, then x += h v (the paper's listing); "forward_euler" x += h v, then
+    v += h a; "projective" backward Euler by local and global steps (Liu et al. 2013), stable at any step"""
     solver_iterations: Annotated[int, Field(ge=1, le=10_000)] | Literal["auto"] = "auto"
-    """how many iterations "projective" makes in each substep; "auto" makes 10 to 200, until they change little"""
+    """Iterations of "projective" in each substep; "auto" makes 10 to 200, until they change little"""
     correction: Literal["none", "provot", "tarantino"] = "none"
-    """after a step, "provot" shortens springs that are longer than (1 + correction_limit) times their rest length to
-    that (Provot 1995); with "tarantino" they do not pull there either, as in the paper"""
+    """Position correction after a step: "provot" shortens springs that are longer than (1 + correction_limit) times
+    their rest length to that length (Provot 1995); with "tarantino" such springs also pull nothing beyond it, as in the
+    paper"""
     correction_limit: float = field_of("correction_limit")
-    """strain beyond which a spring is shortened [1]; 0.1 when missing"""
+    """Strain beyond which a spring is shortened [1]; 0.1 when missing"""
     correction_sweeps: Annotated[int, Field(ge=1, le=1000)] = 4
-    """how often a correction goes through all springs"""
+    """Number of passes of the correction over all springs"""
     normals: Literal["cached", "fresh"] = "fresh"
-    """normals and areas of the paper's inflation, "normal_force": refreshed once a frame, as there, or every substep"""
+    """Update of the normals and areas in the paper's inflation, "normal_force": "cached" once a frame, as in the paper,
+    or "fresh" every substep"""
     contact: Literal["penalty", "impulse"] = "penalty"
-    """what a sphere gets from a touching particle: a force in proportion to the balloon's inflation (the paper); or the
-    momentum that the particle loses, so that balloons and spheres together keep theirs and gain no energy"""
+    """Response of a sphere to a touching particle: "penalty", a force proportional to the balloon's inflation (the
+    paper); or "impulse", the momentum that the particle loses, which conserves momentum and adds no energy"""
     faces: bool | Literal["auto"] = "auto"
-    """whether faces of balloons, and not only their particles, meet the edges and corners of obstacles and bodies,
-    capsules, and small spheres; "auto" where one is thin beside faces"""
+    """Contact of balloon faces, not only of particles, with edges and corners of obstacles and bodies, with capsules,
+    and with small spheres; "auto" where one of these is thin compared with faces"""
     contacts: bool = False
-    """tell how hard things press each other: forces, torques, areas and pressures of each pair, in frames and in the
-    stage"""
+    """Record contact forces, torques, areas and pressures of each pair, in frames and in the stage"""
     net_forces: bool = False
-    """write the net force on each particle into the stage, as curves"""
+    """Write the net force on each particle into the stage, as curves"""
     picture_frame: Index | None = None
-    """the frame that a picture of this scene shows; the last when missing or past the end"""
+    """Frame that a picture of this scene shows; the last when missing or past the end"""
     picture: Picture | None = None
-    """From where a picture of the scene is taken, unless an option says otherwise."""
+    """Camera of the scene's picture, unless an option says otherwise."""
     balloon: Annotated[list[Balloon], Field(min_length=1)]
-    """A mesh that becomes a balloon."""
+    """Balloon, made from a mesh."""
     sphere: list[Sphere] = []
-    """A rigid sphere that collides with balloons, spheres, obstacles and the ground."""
+    """Rigid sphere that collides with balloons, spheres, obstacles and the ground."""
     string: list[String] = []
-    """A string from a fixed anchor to one particle: it pulls when taut and does not push."""
+    """String from a fixed anchor to one particle: it pulls when taut and does not push."""
     obstacle: list[Obstacle] = []
-    """A rigid thing that balloons and spheres cannot enter: it stays, or moves as it is told, whatever pushes it."""
+    """Rigid obstacle that balloons and spheres cannot enter: it stays, or moves as the scene says, whatever pushes
+    it."""
     body: list[Body] = []
-    """A free rigid body, with mass and inertia: balloons press on it and carry it."""
+    """Free rigid body, with mass and inertia: balloons press on it and carry it."""
     ground: Ground | None = None
-    """A plane across the up axis."""
+    """Ground plane across the up axis."""
     water: Water | None = None
-    """A liquid below a level surface: it presses on the outside of balloons, and brakes what moves in it."""
+    """Liquid below a level surface: it presses on the outside of balloons, and brakes what moves in it."""
     tube: list[Tube] = []
-    """A tube between two balloons with gas: through it flows the gas that the difference of pressures drives."""
+    """Tube between two gas balloons: gas flows through it, driven by the pressure difference."""
     touch: Touch | None = None
-    """What happens where surfaces of balloons meet. Without this table they pass through each other."""
+    """Contact between surfaces of balloons; without this table they pass through each other."""
     box: Box | None = None
-    """A box in which the table of a batch counts balloons, as `in_box`: those whose centers are inside."""
+    """Box in which the table of a batch counts balloons, as `in_box`: those whose centers are inside."""
     atmosphere: Atmosphere = Atmosphere()
-    """The air around the balloons, alike everywhere unless it has a `lapse`, `shear`, `roughness` or `gusts`."""
+    """Air around the balloons, uniform unless it has a `lapse`, `shear`, `roughness` or `gusts`."""
     law: LawTables = {}
-    """parameters of laws of one's own that are the world's, by law and name"""
+    """World parameters of user-defined laws, by law and name"""
     change: list[Change] = []
-    """what changes while it is simulated, in order of time"""
+    """Changes during the simulation, in order of time"""
 
     @property
     def up(self) -> Vector:
@@ -133,14 +135,14 @@ class Scene(Table):
 
     @property
     def touches_spheres(self) -> bool:
-        """Whether spheres that are small beside faces touch these."""
+        """Whether small spheres touch faces, not only particles."""
         if self.touch is not None and self.faces is not True:
             return self.touch.spheres and bool(self.sphere)
         return self.faces_may_meet and bool(self.sphere)
 
     @property
     def faces_may_meet(self) -> bool:
-        """Whether faces of balloons, and not only their particles, meet what is thin beside them."""
+        """Whether faces of balloons, and not only their particles, meet thin things."""
         if self.faces != "auto":
             return self.faces
         bursts = any(balloon.material.strength is not None for balloon in self.balloon)

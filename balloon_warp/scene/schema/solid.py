@@ -1,4 +1,4 @@
-"""What has a shape and a place: a box, a capsule, or a mesh."""
+"""Solids with a shape and a place: a plane, a box, a capsule, or a mesh."""
 
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -17,44 +17,46 @@ FIELDS_OF_SHAPES: dict[ShapeKind, tuple[str, ...]] = {
     "plane": (),
     "mesh": ("mesh", "prim", "unit", "up", "scale"),
 }
-"""the fields that only some shapes have"""
+"""Fields that only some shapes have"""
 
 
 def _mesh_of(given: Any) -> Any:
-    """Make a mesh of what Python has for a mesh; a file's name, and what can be none, stay as they are."""
+    """Convert a mesh-like Python value to a mesh.
+
+    File names and values of other types pass unchanged.
+    """
     return mesh_from(given) if is_mesh(given) else given
 
 
 class Solid(Table):
-    """Its shape, and where it is."""
+    """Shape and placement of a solid."""
 
     shape: ShapeKind = "box"
-    """when left out, the one that has the fields that are given. A "plane" fills all that is below it; a "capsule"
-    stands along the up axis, as a plane's normal does; a "mesh" that is not closed is a thin sheet, and so
-    is that of an obstacle whose faces look inward: a room"""
+    """Shape; when left out, it follows from the fields that are given. A "plane" fills the half space below it; a
+    "capsule" stands along the up axis, as a plane's normal does; a "mesh" that is not closed is a thin sheet, and so is
+    an obstacle's mesh whose faces look inward: a room"""
     size: tuple[Positive, Positive, Positive] = (1.0, 1.0, 1.0)
-    """edges of a box [m]"""
+    """Edge lengths of a box [m]"""
     radius: Positive = 0.1
-    """of a capsule [m]"""
+    """Radius of a capsule [m]"""
     length: NonNegative = 1.0
-    """of a capsule, between the centers of its two ends [m]; 0 makes it a ball"""
+    """Distance between the centers of a capsule's two ends [m]; 0 makes it a ball"""
     mesh: Annotated[Path | InstanceOf[PolygonMesh] | None, BeforeValidator(_mesh_of)] = None
-    """a mesh file, sought beside the scene file; from Python also a PolygonMesh, a trimesh.Trimesh, or points and
-    faces"""
+    """Mesh file, sought beside the scene file. In Python also a PolygonMesh, a trimesh.Trimesh, or points and faces"""
     prim: Prim | None = None
-    """of a USD stage, the path of the mesh to take, such as "/Room/Wall0", or of what has meshes below it; or a list of
-    such paths. When missing, all meshes that are visible and of purpose "default" or "render" """
+    """Path of the mesh in a USD stage, such as "/Room/Wall0", or of a parent prim, or a list of such paths. When
+    missing, all visible meshes of purpose "default" or "render" """
     unit: Unit | None = None
-    """unit of the mesh's numbers; if missing, the one that its file names, else the meter"""
+    """Unit of the mesh's coordinates; when missing, the unit in the mesh file, else the meter"""
     up: UpAxis | None = None
-    """the axis of the mesh's file that points up; if missing, the one that the file names, else "Y". The mesh is turned
-    so that it points up in the scene"""
+    """Up axis of the mesh file; when missing, the one in the file, else "Y". The mesh is turned so that this axis
+    points up in the scene"""
     scale: Positive = 1.0
-    """factor on the mesh's size"""
+    """Factor on the mesh's size"""
     position: Vector = (0.0, 0.0, 0.0)
-    """of its center, a plane's surface or the mesh's origin [m]"""
+    """Position of the center, of a plane's surface, or of the mesh's origin [m]"""
     rotation: Vector = (0.0, 0.0, 0.0)
-    """about x, then y, then z [degrees], before `position`"""
+    """Rotation about x, then y, then z, applied before `position` [degrees]"""
 
     @model_validator(mode="before")
     @classmethod

@@ -8,21 +8,20 @@ from balloon_warp.scene.schema.fields import Table, field_of, optional_field_of
 
 
 class Touch(Table):
-    """What happens where surfaces of balloons meet. Without this table they pass through each other."""
+    """Contact between surfaces of balloons; without this table they pass through each other."""
 
     balloons: bool = True
-    """whether balloons touch each other"""
+    """Balloons touch each other"""
     itself: bool = False
-    """whether parts of a balloon touch each other"""
+    """Parts of a balloon touch each other"""
     spheres: bool = True
-    """whether spheres that are small beside faces touch these, and not only particles: then none comes through, however
-    small it is and however fast"""
+    """Small spheres touch faces, not only particles, so that none passes through, however small and fast"""
     thickness: float | None = optional_field_of("touch_thickness")
-    """distance at which surfaces begin to push; a twentieth of an edge of their meshes when missing [m]"""
+    """Distance at which surfaces begin to push; a twentieth of their meshes' edges when missing [m]"""
     stiffness: float | None = optional_field_of("touch_stiffness")
-    """of each particle's contact; a quarter of all of a particle's springs when missing [N/m]"""
+    """Contact stiffness of each particle; a quarter of the sum of a particle's springs when missing [N/m]"""
     friction: float = field_of("touch_friction")
-    """Coulomb's coefficient of balloons that do not say their own, between balloons [1]; 0.3 when missing"""
+    """Coulomb friction coefficient between balloons that have none of their own [1]; 0.3 when missing"""
 
     @model_validator(mode="after")
     def _something_touches(self) -> Self:

@@ -30,7 +30,7 @@ def write_rows(output: BatchOutput, part: Part, rows: Path) -> None:
     """Copy a part of a table.
 
     It is `frames`, `groups`, the `worlds` of these groups, the names of what is measured, `columns`, and of each
-    frame and world its `values` and `health`; `notes` is JSON.
+    frame and world its `values` and `health`; of each world its `contacts`; `notes` is JSON.
 
     Raises:
         InputError: it cannot be written.
@@ -47,6 +47,7 @@ def write_rows(output: BatchOutput, part: Part, rows: Path) -> None:
             "columns": np.array(table.measures),
             "values": table.values[block],
             "health": table.health[block],
+            "contacts": output.contacts[worlds],
         }
         write_npz(path, arrays.items())
 
@@ -63,6 +64,7 @@ def read_part(output: BatchOutput, rows: Path, stage: Path) -> Part:
             part = Part(frames, saved["groups"].tolist(), json.loads(str(saved["notes"])))
             block = slice(frames.start, frames.stop), saved["worlds"]
             output.table.values[block], output.table.health[block] = saved["values"], saved["health"]
+            output.contacts[saved["worlds"]] = saved["contacts"]
     except (OSError, ValueError, KeyError, IndexError, zipfile.BadZipFile) as error:
         raise InputError(f"{rows}: cannot be read: {error}; expected a part of a batch's table") from None
     if output.stage:
