@@ -34,13 +34,8 @@ def design(
         str,
         typer.Option(
             metavar="springs|latex|foil",
-<<<<<<< HEAD
-            help="What it is made of: springs, each of its own rest length; latex, whose mould is found; or foil, "
-            "whose outline is: TARGET is then letters, or a drawing, .svg; or, with --panels, a mesh.",
-=======
             help="Kind of design: springs, with a rest length for each; latex, with the shape of its mould; or foil, "
-            "with its outline: TARGET is then letters, or a drawing, .svg.",
->>>>>>> main
+            "with its outline: TARGET is then letters, or a drawing, .svg; or, with --panels, a mesh.",
             rich_help_panel=DESIGN,
         ),
     ] = "springs",
@@ -64,8 +59,8 @@ def design(
         str | None,
         typer.Option(
             metavar="COUNT|SEAMS",
-            help="Of foil: sew TARGET, a mesh, of so many gores around its vertical axis, or cut it along seams: a "
-            "file of lines of vertices; or between its `materials` or `groups`.",
+            help="Panels of foil for TARGET, a mesh: the number of gores around its vertical axis; a file of seams, lines "
+            "of vertices; or `materials` or `groups`, between which it is cut.",
             rich_help_panel=DESIGN,
         ),
     ] = None,
