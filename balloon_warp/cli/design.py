@@ -59,8 +59,8 @@ def design(
         str | None,
         typer.Option(
             metavar="COUNT|SEAMS",
-            help="Panels of foil for TARGET, a mesh: the number of gores around its vertical axis; a file of seams, lines "
-            "of vertices; or `materials` or `groups`, between which it is cut.",
+            help="Panels of foil for TARGET, a mesh: the number of gores around its vertical axis; a file of seams, "
+            "lines of vertices; or `materials` or `groups`, between which it is cut.",
             rich_help_panel=DESIGN,
         ),
     ] = None,
