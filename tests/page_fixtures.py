@@ -27,11 +27,12 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator:
     pytest.importorskip("viser")
     from browsing import tethered
 
-    from balloon_warp.viewer.page import Page, _free_port
+    from balloon_warp.viewer.page import Page
+    from balloon_warp.viewer.server import free_port
     from balloon_warp.viewer.session import Session
 
     folder = tmp_path_factory.mktemp("recordings")
-    page = Page(Session("ball", tethered(), "cpu", folder), port=_free_port("127.0.0.1", 0))
+    page = Page(Session("ball", tethered(), "cpu", folder), port=free_port("127.0.0.1", 0))
     page.start()
     page.layers.show("shadow", False)  # which takes most of the time where no GPU draws
     yield page

@@ -20,7 +20,8 @@ from websockets.exceptions import ConnectionClosed  # noqa: E402
 from websockets.sync.client import connect  # noqa: E402
 from websockets.sync.connection import Connection  # noqa: E402
 
-from balloon_warp.viewer.page import Page, _free_port  # noqa: E402
+from balloon_warp.viewer.page import Page  # noqa: E402
+from balloon_warp.viewer.server import free_port  # noqa: E402
 from balloon_warp.viewer.session import Session  # noqa: E402
 
 PROTOCOL = f"viser-v{viser.__version__}"
@@ -120,7 +121,7 @@ def heard(page: Page, window: Connection) -> None:
 @contextlib.contextmanager
 def served(folder: Path) -> Iterator[Page]:
     """A page of a ball on a string; its recordings go into the folder."""
-    page = Page(Session("ball", ball(), "cpu", folder), port=_free_port("127.0.0.1", 0))
+    page = Page(Session("ball", ball(), "cpu", folder), port=free_port("127.0.0.1", 0))
     page.start()
     yield page
     page.stop()

@@ -1,5 +1,6 @@
 """Fits: curves of rubber, and scenes that moved as was measured."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +13,8 @@ import balloon_warp as bw
 from balloon_warp.cli.app import app
 from balloon_warp.errors import InputError
 from balloon_warp.fitting.curve import Curve, fit_curve, sphere_pressures
+from balloon_warp.fitting.fit import ROUNDS
+from balloon_warp.fitting.marquardt import search
 from balloon_warp.mesh.obj import write_obj
 
 TRUE = {
@@ -175,3 +178,21 @@ def test_curves_that_cannot_be_get_a_sentence(words: list[str], rows: str, sente
     said = CliRunner().invoke(app, ["fit", str(tmp_path / "curve.csv"), *words])
     assert isinstance(said.exception, InputError)
     assert sentence in str(said.exception)
+
+
+def rippled(true: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """A valley with many small minima along the first value, as a bounce makes them."""
+
+    def forward(places: np.ndarray) -> np.ndarray:
+        first, second = (places - true).T
+        return np.stack([40.0 * first, np.sin(np.pi * first / 0.012), 30.0 * second + 8.0 * first], axis=1)
+
+    return forward
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_starts_get_out_of_small_minima(seed: int):
+    rng = np.random.default_rng(seed)
+    true = rng.uniform(0.2, 0.8, 2)
+    found = search(rippled(true), 0.1 + 0.8 * rng.uniform(size=(8, 2)), ROUNDS, lambda number, misfit: None)
+    np.testing.assert_allclose(found.places[found.best], true, atol=1e-3)

@@ -20,7 +20,8 @@ from websockets.exceptions import InvalidStatus  # noqa: E402
 
 from balloon_warp.viewer.guard import guarded, is_ours, names_of  # noqa: E402
 from balloon_warp.viewer.origins import Origins  # noqa: E402
-from balloon_warp.viewer.page import Page, _free_port  # noqa: E402
+from balloon_warp.viewer.page import Page  # noqa: E402
+from balloon_warp.viewer.server import free_port  # noqa: E402
 
 
 @pytest.fixture(scope="module")
@@ -136,7 +137,7 @@ def test_a_page_for_others_warns_and_no_stranger_fills_the_terminal(host: str | 
     """It listens on this machine alone unless asked, and says in one sentence what it means that it does not."""
     psutil = pytest.importorskip("psutil")
     write_obj(tmp_path / "ball.obj", quad_sphere(3))
-    port = _free_port("127.0.0.1", 0)
+    port = free_port("127.0.0.1", 0)
     command = [sys.executable, "-m", "balloon_warp", "view", "ball.obj", "--device", "cpu", "--port", str(port)]
     process = subprocess.Popen(
         [*command, *(["--host", host] if host else [])],

@@ -47,14 +47,15 @@ def test_what_is_drawn_has_their_shapes(up_axis: str):
 
 def test_the_page_moves_what_moves(tmp_path: Path):
     pytest.importorskip("viser")
-    from balloon_warp.viewer.page import Page, _free_port
+    from balloon_warp.viewer.page import Page
+    from balloon_warp.viewer.server import free_port
 
     obstacles = [
         Obstacle(position=(0.0, -3.0, 0.0), color=(1.0, 0.0, 0.0)),
         Obstacle(shape="capsule", position=(3.0, 0.0, 0.0), motion=[(0.0, (0, 0, 0)), (1.0, (0, 1, 0), (90, 0, 0))]),
     ]
     scene = Scene(balloon=[Balloon(mesh=quad_sphere(3))], obstacle=obstacles)
-    page = Page(Session("ball", scene, "cpu", tmp_path), port=_free_port("127.0.0.1", 0))
+    page = Page(Session("ball", scene, "cpu", tmp_path), port=free_port("127.0.0.1", 0))
     picture = page.session.picture
     page.layers.draw(picture)
     box, capsule = page.layers.obstacles._meshes

@@ -27,10 +27,11 @@ from balloon_warp.viewer.status import COMPILING, status_line
 
 def served(tmp_path: Path):
     pytest.importorskip("viser")
-    from balloon_warp.viewer.page import Page, _free_port
+    from balloon_warp.viewer.page import Page
+    from balloon_warp.viewer.server import free_port
 
     return Page(
-        Session("ball", Scene(balloon=[Balloon(mesh=quad_sphere(3))]), "cpu", tmp_path), port=_free_port("127.0.0.1", 0)
+        Session("ball", Scene(balloon=[Balloon(mesh=quad_sphere(3))]), "cpu", tmp_path), port=free_port("127.0.0.1", 0)
     )
 
 

@@ -28,7 +28,8 @@ from pxr import Usd, UsdGeom
 viser = pytest.importorskip("viser")
 pytest.importorskip("playwright.sync_api")
 
-from balloon_warp.viewer.page import Page, _free_port  # noqa: E402
+from balloon_warp.viewer.page import Page  # noqa: E402
+from balloon_warp.viewer.server import free_port  # noqa: E402
 from balloon_warp.viewer.session import Session  # noqa: E402
 
 SAVES = "Saves an animated stage (USD), and a scene that replays it from its start."
@@ -196,7 +197,7 @@ def test_a_second_window_joins_and_leaves(browser, fresh, served):
 
 
 def test_time_stands_still_while_nobody_watches(browser, tmp_path):
-    page = Page(Session("ball", tethered(), "cpu", tmp_path), port=_free_port("127.0.0.1", 0))
+    page = Page(Session("ball", tethered(), "cpu", tmp_path), port=free_port("127.0.0.1", 0))
     before = threading.active_count()
     page.start()
     window = open_window(browser, page)

@@ -9,14 +9,15 @@ from browsing import LIMIT, click_the_balloon, picture_of, see, tethered, wait_u
 pytest.importorskip("viser")
 pytest.importorskip("playwright.sync_api")
 
-from balloon_warp.viewer.page import Page, _free_port
+from balloon_warp.viewer.page import Page
+from balloon_warp.viewer.server import free_port
 from balloon_warp.viewer.session import Session
 
 
 @pytest.mark.parametrize("size", [(1100, 600), (390, 844)])
 def test_a_splash_is_seen_until_something_moves(browser, tmp_path, size):
     """At a desk and on a phone, whose panel is folded."""
-    page = Page(Session("ball", tethered(), "cpu", tmp_path), port=_free_port("127.0.0.1", 0))
+    page = Page(Session("ball", tethered(), "cpu", tmp_path), port=free_port("127.0.0.1", 0))
     page.layers.draw(page.session.picture)
     page.controls.follow(page.session.picture)
     window = browser.new_page(viewport={"width": size[0], "height": size[1]})

@@ -12,7 +12,8 @@ from balloon_warp.scene import load_scene
 pytest.importorskip("viser")
 pytest.importorskip("playwright.sync_api")
 
-from balloon_warp.viewer.page import Page, _free_port
+from balloon_warp.viewer.page import Page
+from balloon_warp.viewer.server import free_port
 from balloon_warp.viewer.session import Session
 
 FIELD_OF_VIEW = np.radians(75.0)
@@ -113,7 +114,7 @@ def test_a_recording_can_be_downloaded(fresh, served):
 @pytest.mark.parametrize("name", ["balloon_bunch", "squirrel_tether"])
 def test_a_scene_fills_the_view(name: str, tmp_path: Path):
     """Strings and balloons, as they start, from more than half of its height to all of it; after a switch, too."""
-    page = Page(Session("ball", tethered(), "cpu", tmp_path), port=_free_port("127.0.0.1", 0))
+    page = Page(Session("ball", tethered(), "cpu", tmp_path), port=free_port("127.0.0.1", 0))
     page.layers.draw(page.session.picture)
     other = Session(name, load_scene(name), "cpu", tmp_path)
     other._load += 1

@@ -1,15 +1,19 @@
 """The command `balloon-warp design`."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from balloon_warp.cli.options import LONG, OUTPUT, Device, Resume
 from balloon_warp.cli.stages import stages
 from balloon_warp.cli.warn import warn
-from balloon_warp.errors import StoppedError
+from balloon_warp.cli.watched import watched
+from balloon_warp.errors import InputError, StoppedError
 from balloon_warp.warp_logging import quiet_warp
+
+if TYPE_CHECKING:
+    from balloon_warp.designing.result import Design
 
 DESIGN = "The design"
 """Heading of a section of the help"""
@@ -20,6 +24,16 @@ Stretch = Annotated[
         metavar="RATIO",
         help="Stretch of the skin in the target shape. If not given, 1.2 for springs and 2 for latex.",
         rich_help_panel=DESIGN,
+    ),
+]
+View = Annotated[
+    bool,
+    typer.Option("--view", metavar="", help="Show it in the browser while it converges, error as color."),
+]
+Port = Annotated[
+    int | None,
+    typer.Option(
+        min=0, max=65535, metavar="NUMBER", help="The port of --view: 8080 or the next free one if not given."
     ),
 ]
 
@@ -69,6 +83,8 @@ def design(
     ] = 30,
     resume: Resume = False,
     device: Device = None,
+    view: View = False,
+    port: Port = None,
 ) -> None:
     """Find the balloon that becomes a shape, and simulate it from rest.
 
@@ -78,8 +94,10 @@ def design(
     from balloon_warp.designing.design import design as designed  # loads SciPy and Warp
 
     quiet_warp()
+    if view and of == "foil":
+        raise InputError("--view: shows designs of springs and latex (got --of foil)")
     last = ["before its first step"]
-    with stages(Path(target).name) as stage:
+    with watched(view, port, Path(target).name) as watch, stages(Path(target).name) as stage:
 
         def on_stage(words: str) -> None:
             last[0] = f"at {words}"
@@ -89,10 +107,15 @@ def design(
             found = designed(
                 target, of=of, hold=hold,  # pyright: ignore[reportArgumentType]
                 stretch=stretch, size=size, thickness=thickness, panels=panels, folder=output, steps=steps,
-                resume=resume, device=device, on_stage=on_stage,
+                resume=resume, device=device, on_stage=on_stage, on_step=watch,
             )  # fmt: skip
         except KeyboardInterrupt:
             raise StoppedError(f"design was stopped {last[0]}; --resume goes on from its last step") from None
+        stage.end()
+        _say(found, output)
+
+
+def _say(found: "Design", output: Path) -> None:
     for sentence in found.cannot:
         warn(sentence)
     print(f"simulated from rest: {found.error} of the size off; as designed {found.held_error}", end="")

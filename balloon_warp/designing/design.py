@@ -15,6 +15,7 @@ from balloon_warp.designing.of_panels import design_of_panels, panels_of
 from balloon_warp.designing.of_springs import design_of_springs
 from balloon_warp.designing.result import Design
 from balloon_warp.designing.springs import Hold
+from balloon_warp.designing.step import DesignStep
 from balloon_warp.designing.target import require_size, target_of
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
@@ -39,6 +40,7 @@ def design(
     resume: bool = False,
     device: str | None = None,
     on_stage: Callable[[str], None] = lambda stage: None,
+    on_step: Callable[[DesignStep], None] = lambda step: None,
 ) -> Design:
     """Find the balloon that becomes a shape when it is inflated, and simulate it from rest.
 
@@ -58,6 +60,7 @@ def design(
         resume: go on where the same design in that folder was stopped; of letters and drawings it begins anew.
         device: a Warp device for the simulation; if missing, the GPU or else the CPU.
         on_stage: told what is done, a few words each time.
+        on_step: of springs and latex: told the balloon as it is after each step, and as it is simulated in the end.
 
     Raises:
         InputError: the shape cannot be designed, a number cannot be, or what was designed finds no rest.
@@ -80,7 +83,9 @@ def design(
     def job(mesh: PolygonMesh, options: Mapping[str, Any]) -> Job:
         where = place or _temporary()
         require_folder(where)
-        return Job(mesh, of, float(stretch), hold, float(thickness), where, steps, device, resume, on_stage, options)
+        return Job(
+            mesh, of, float(stretch), hold, float(thickness), where, steps, device, resume, on_stage, on_step, options
+        )
 
     if panels is not None:
         cut = panels_of(target, panels, size)

@@ -19,6 +19,7 @@ from balloon_warp.designing.picture import error_picture, stacked
 from balloon_warp.designing.proof import MORE_FRAMES, SLOW, SLOW_FOIL, Simulated, simulate_from_rest
 from balloon_warp.designing.result import Design
 from balloon_warp.designing.springs import Hold
+from balloon_warp.designing.step import DesignStep
 from balloon_warp.designing.where import places_off
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
@@ -60,6 +61,8 @@ class Job:
     device: str | None
     resume: bool
     say: Callable[[str], None]
+    watch: Callable[[DesignStep], None] = lambda step: None
+    """told each step, and what is simulated in the end"""
     options: Mapping[str, Any] = field(default_factory=dict)
     """what else was asked for, of this kind alone"""
 
@@ -103,10 +106,12 @@ class Job:
         write_report(self.folder / JOB, self._asked)
         reached.save(self.folder / SAVED)
 
-    def on_step(self, reached: Reached) -> None:
+    def on_step(self, reached: Reached, stretch: float | None = None) -> None:
         """Save how far it is, and say so."""
         self.remember(reached)
-        self.say(f"step {reached.steps}: {self.ruler.error(reached.points)} of the size")
+        step = DesignStep(self.ruler, reached.steps, reached.points, stretch)
+        self.say(f"{step.label}: {step.error} of the size")
+        self.watch(step)
 
     def proven(
         self,
@@ -137,6 +142,7 @@ class Job:
         simulated = simulate_from_rest(scene, self.ruler.size, self.device, SLOW_FOIL if self.of == "foil" else SLOW)
         if isinstance(simulated, str):
             raise InputError(f"the design does not come to rest: {simulated}; expected a smaller stretch")
+        self.watch(DesignStep(self.ruler, self.steps, simulated.points, stretch, proven=True))
         scene = scene.model_copy(update={"frames": 30 * -(-(simulated.frames + MORE_FRAMES) // 30)})
         write_scene(scene, self.folder / "balloon.toml")
         design = self._judged(scene, simulated, held, plain, stretch, help_)

@@ -9,6 +9,7 @@ from balloon_warp.designing.job import Job
 from balloon_warp.designing.proof import DAMPING_RATE, MORE_FRAMES, common_fields, filled, scene_of
 from balloon_warp.designing.result import Design
 from balloon_warp.designing.springs import OF_KINDS, SpringProblem
+from balloon_warp.designing.step import DesignStep
 from balloon_warp.errors import InputError
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.scene import Balloon, Scene, Stiffness
@@ -36,7 +37,12 @@ def design_of_springs(job: Job) -> Design:
     plain = begin(problem, problem.plain)
     if plain is None:
         raise InputError(f"stretch: plain springs find no rest at {job.stretch:g}; expected less")
-    reached = descend(problem, job.saved(Reached.load) or plain, job.steps, GOAL, job.on_step)
+
+    def on_step(reached: Reached) -> None:
+        job.on_step(reached, problem.mean_stretch(reached.design))
+
+    job.watch(DesignStep(job.ruler, 0, plain.points, job.stretch))
+    reached = descend(problem, job.saved(Reached.load) or plain, job.steps, GOAL, on_step)
     scene = write_design(problem, reached, job.folder)
     same = replace(problem, stretch=max(problem.mean_stretch(reached.design), LEAST_STRETCH))
     plain = begin(same, same.plain) or plain

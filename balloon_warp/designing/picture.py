@@ -41,10 +41,21 @@ def error_picture(ruler: Ruler, shapes: Sequence[tuple[str, Values]]) -> Image.I
 
 def colored(mesh: PolygonMesh, off: Values) -> PolygonMesh:
     """The mesh with the color of each vertex's error, a part of the size, shape (n,)."""
-    place = np.clip(off / FULL, 0.0, 1.0) * (len(BANDS) - 1)
-    colors = np.stack([np.interp(place, np.arange(len(BANDS)), band) for band in BANDS.T], axis=1)
+    colors = linear_colors(off)
     none = np.full(len(mesh.face_vertex_indices), -1, dtype=np.int32)
     return replace(mesh, looks=Looks((), none, colors[mesh.face_vertex_indices].astype(np.float32)))
+
+
+def linear_colors(off: Values) -> Values:
+    """The color of each error, linear RGB, shape (n, 3)."""
+    place = np.clip(off / FULL, 0.0, 1.0) * (len(BANDS) - 1)
+    return np.stack([np.interp(place, np.arange(len(BANDS)), band) for band in BANDS.T], axis=1)
+
+
+def error_colors(off: Values) -> Values:
+    """The same as screens have it, sRGB."""
+    linear = linear_colors(off)
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-9) ** (1.0 / 2.4) - 0.055)
 
 
 def stacked(above: Image.Image, below: Image.Image) -> Image.Image:

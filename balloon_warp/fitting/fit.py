@@ -18,7 +18,7 @@ from balloon_warp.scene.load import scene_of
 from balloon_warp.trajectories import Trajectories, simulate
 
 Values = NDArray[np.float64]
-ROUNDS = 12
+ROUNDS = 16
 SPREAD = 0.8
 """of the way between the bounds, that starts are spread over"""
 
@@ -44,7 +44,7 @@ def fit(
         data: a .npz file or a mapping: `times` [s], and then `points` with the `particles` they are of, `volumes` or
             `pressures`, of the first balloon; `noise`, `volume_noise` and `pressure_noise` are deviations. Points that
             were hidden are not a number.
-        free: what is not known: dotted paths, and the lowest and highest value. The first is scanned half-way.
+        free: what is not known: dotted paths, and the lowest and highest value. The first is scanned from half-way on.
         starts: how many.
         rounds: of steps, at most.
         seed: of where starts are.

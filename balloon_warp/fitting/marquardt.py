@@ -1,7 +1,8 @@
 """Least squares from many starts at once: Levenberg and Marquardt's method, in lockstep.
 
-All starts, and all their differences, are asked for together, so that they can be worlds of one batch. Half-way all but
-the best begin anew around it, with the first value scanned: the stiffest is what starts get stuck in.
+All starts, and all their differences, are asked for together, so that they can be worlds of one batch. From half-way on
+all but the best begin anew around it, several times and ever nearer, with the first value scanned: the stiffest is what
+starts get stuck in, where a bounce makes many small minima.
 """
 
 from collections.abc import Callable
@@ -19,8 +20,10 @@ FIRST_DAMPING = 1.0e-2
 EASED, STIFFENED = 5.0, 10.0
 LONGEST = 0.15
 """step, of the way between the bounds"""
-SCAN = 0.06
-"""of the way between the bounds, around the best"""
+SCANS = (0.06, 0.02, 0.01)
+"""of the way between the bounds, around the best, one after the other"""
+SCAN_ROUNDS = 3
+"""that starts have after a scan until the next"""
 SETTLED = 1.0e-5
 """step below which the best start is done"""
 
@@ -52,12 +55,16 @@ def search(forward: Forward, first: Values, rounds: int, on_round: Callable[[int
         first: places, shape (s, p).
         on_round: told the round, and the least misfit until then.
     """
-    starts, trial = _begun(forward, first), np.empty(0)
+    starts, scans = _begun(forward, first), list(SCANS[: None if len(first) > 1 else 0])
+    due = (rounds + 1) // 2
     for number in range(1, rounds + 1):
         on_round(number, float(np.sqrt(starts.costs.min())))
-        anew = number == (rounds + 1) // 2 and len(first) > 1
-        trial = _around_best(starts) if anew else _steps(starts)
-        if not anew and np.abs(trial - starts.places)[starts.best].max() < SETTLED:
+        trial = _steps(starts)
+        settled = np.abs(trial - starts.places)[starts.best].max() < SETTLED
+        anew = bool(scans) and (number >= due or (settled and len(scans) < len(SCANS)))
+        if anew:
+            trial, due = _around_best(starts, scans.pop(0)), number + SCAN_ROUNDS
+        elif settled and not scans:
             break
         _take(starts, _begun(forward, trial), anew)
     return starts
@@ -92,10 +99,10 @@ def _steps(starts: Starts) -> Values:
     return trial
 
 
-def _around_best(starts: Starts) -> Values:
+def _around_best(starts: Starts, width: float) -> Values:
     """All around the best, with the first value scanned."""
     trial = np.tile(starts.places[starts.best], (len(starts.places), 1))
-    trial[:, 0] = np.clip(trial[:, 0] + np.linspace(-SCAN, SCAN, len(trial)), 0.0, 1.0)
+    trial[:, 0] = np.clip(trial[:, 0] + np.linspace(-width, width, len(trial)), 0.0, 1.0)
     return trial
 
 

@@ -10,7 +10,8 @@ HELD_SECONDS = 0.4
 """for which a camera that somebody turns is left alone, or it would be pulled back"""
 TURNED = 1e-3
 """part of the distance by which a camera is elsewhere than it was, where somebody turned it"""
-
+AWAY = 1.1
+"""how far a camera stands from what it sees, in sizes of that: it fills most of the view"""
 NARROW = 0.75
 """width over height of a window in which what fills its height is as wide as it"""
 
@@ -62,6 +63,15 @@ def go_home(camera: Any, position: NDArray[np.floating], middle: NDArray[np.floa
     width, height = getattr(camera, "image_width", 1), getattr(camera, "image_height", 1)
     away = (position - middle) * max(NARROW * height / max(width, 1), 1.0)
     camera.position, camera.look_at = tuple((middle + away).tolist()), tuple(middle.tolist())
+
+
+def home_of(
+    points: NDArray[np.floating], up: NDArray[np.floating], side: NDArray[np.floating]
+) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+    """Where a camera stands that sees points, from a side and a little above, and what it looks at; shape (3,) each."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    center, size = (low + high) / 2, float((high - low).max())
+    return center + AWAY * size * (side / np.linalg.norm(side)) + 0.4 * size * up, center
 
 
 def _away(window: Any) -> NDArray[np.float64]:

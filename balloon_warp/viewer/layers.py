@@ -8,7 +8,7 @@ import viser
 from numpy.typing import NDArray
 
 from balloon_warp.viewer import colors
-from balloon_warp.viewer.following import go_home
+from balloon_warp.viewer.following import go_home, home_of
 from balloon_warp.viewer.geometry import Drawing, Lines, string_reach
 from balloon_warp.viewer.knots import ROOT as KNOTS
 from balloon_warp.viewer.knots import KnotLayer
@@ -41,8 +41,6 @@ LINES = {
     "normals": colors.NORMALS,
     "forces": colors.FORCES,
 }
-AWAY = 1.1
-"""how far a camera stands from what it sees, in sizes of that: it fills most of the view"""
 LIGHT = 2.8
 """of the studio's key light; where it stands and what its shadow covers the page finds itself (page_files/look.js)"""
 SLOWER = 3
@@ -121,7 +119,7 @@ class Layers:
         self._levels = LevelLayer(self.server, picture, center, self.size)
         self._presses = PressLayer(self.server, self.size)
         around = [start, string_reach(picture.model, up), self.obstacles.seen]
-        self.home = _home(np.concatenate(around), up, side)
+        self.home = home_of(np.concatenate(around), up, side)
         for camera in [self.server.initial_camera, *(client.camera for client in self.server.get_clients().values())]:
             go_home(camera, *self.home)
         self._balloons, self._bands = [], []
@@ -260,15 +258,6 @@ class Layers:
                 self._strings = self.server.scene.add_line_segments(
                     "/strings", segments, colored, thickness=0.008 * self.size
                 )
-
-
-def _home(
-    points: NDArray[np.floating], up: NDArray[np.floating], side: NDArray[np.floating]
-) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-    """Where a camera stands that sees points, from a side and a little above, and what it looks at; shape (3,) each."""
-    low, high = points.min(axis=0), points.max(axis=0)
-    center, size = (low + high) / 2, float((high - low).max())
-    return center + AWAY * size * (side / np.linalg.norm(side)) + 0.4 * size * up, center
 
 
 def _see(handle: Any, visible: bool) -> None:

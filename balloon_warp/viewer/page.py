@@ -1,33 +1,25 @@
 """The page: a server, what it draws and what is clicked in it. Several windows see, and do, the same."""
 
-import contextlib
 import functools
-import io
-import socket
 import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 import viser
 
-from balloon_warp.errors import InputError
-from balloon_warp.viewer import colors
 from balloon_warp.viewer.ahead import Ahead
 from balloon_warp.viewer.controls import Controls
 from balloon_warp.viewer.following import Follower, go_home, look_at
-from balloon_warp.viewer.guard import guarded
 from balloon_warp.viewer.layers import Layers
-from balloon_warp.viewer.origins import Origins
 from balloon_warp.viewer.picture import Picture
 from balloon_warp.viewer.plots import Plots
 from balloon_warp.viewer.pointing import Pointing, drag
 from balloon_warp.viewer.saving import Done
+from balloon_warp.viewer.server import address_of, close, guarded_server
 from balloon_warp.viewer.session import SHOWN_SECONDS, Session
 
-DEFAULT_PORT = 8080
 BUSY_SECONDS = 0.4
 """that what was asked for may take before the panel says so"""
 PANEL_SECONDS = 0.2
@@ -40,7 +32,7 @@ class Page:
     Args:
         session: it is started and stopped with the page.
         host: address to listen on.
-        port: to listen on; the first free one from `DEFAULT_PORT` on, when missing.
+        port: to listen on; 8080 or the next free one, when missing.
         origins: that it may be shown from beside its own address, such as a proxy's: "https://hub.example".
         on_refused: told once of each other origin that a browser says, in a sentence.
 
@@ -57,17 +49,7 @@ class Page:
         on_refused: Callable[[str], None] = lambda sentence: print(sentence, file=sys.stderr),
     ):
         self.session = session
-        trusted = Origins(origins, on_refused)
-        port = _free_port(host, port)
-        with (
-            guarded(host, self._control, trusted),
-            contextlib.redirect_stdout(io.StringIO()),
-        ):  # viser says where it is, too
-            self.server = viser.ViserServer(host=host, port=port, label="Balloon Warp", verbose=False)
-        self.server.request_share_url = _refuse_to_share  # a page's message would open this machine to the internet
-        self.server.gui.configure_theme(brand_color=colors.BRAND, show_logo=False, show_share_button=False)
-        self.server.gui.set_panel_label("Balloon Warp")
-        self.server.gui.main_panel.dock_right()
+        self.server = guarded_server(host, port, origins, on_refused)
         self.follower, self.ahead = Follower(), Ahead()
         self.layers = Layers(self.server, functools.partial(drag, session))
         self.controls = Controls(self.server, session, self.layers, self._look)
@@ -82,9 +64,7 @@ class Page:
     @property
     def address(self) -> str:
         """where to look"""
-        host = self.server.get_host()
-        host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)
-        return f"http://{f'[{host}]' if ':' in host else host}:{self.server.get_port()}"
+        return address_of(self.server)
 
     def start(self) -> None:
         """Draw the start, and begin."""
@@ -100,12 +80,7 @@ class Page:
             self._thread.join()
         self.ahead.end()
         self.session.stop()
-        with contextlib.redirect_stdout(io.StringIO()):
-            self.server.stop()
-
-    def _control(self, uuid: str) -> Any:
-        """The control of the panel that has an id."""
-        return self.server.gui._gui_input_handle_from_uuid.get(uuid)
+        close(self.server)
 
     def _show(self) -> None:
         """The thread that draws: the newest picture, whenever there is one and somebody looks."""
@@ -160,27 +135,3 @@ class Page:
     async def _farewell(self, client: viser.ClientHandle) -> None:
         """Whoever leaves lets go."""
         self.session.ask(lambda playground: playground.release(client.client_id))
-
-
-def _refuse_to_share(*_: object, **__: object) -> None:
-    return None
-
-
-def _free_port(host: str, port: int | None) -> int:
-    """A port that can be listened on.
-
-    Raises:
-        InputError: there is no such address, or the port is taken.
-    """
-    reason = ""
-    for candidate in [port] if port is not None else range(DEFAULT_PORT, DEFAULT_PORT + 100):
-        try:
-            family = socket.getaddrinfo(host, candidate)[0][0]
-            with socket.socket(family) as probe:
-                probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-                probe.bind((host, candidate))
-                return probe.getsockname()[1]
-        except OSError as error:
-            reason = error.strerror or str(error)
-    named = f"--port {port}" if port is not None else f"--host {host}"
-    raise InputError(f"{named}: cannot listen on {host}: {reason}")
