@@ -14,7 +14,6 @@ class SphereTable:
     penalty: wp.array2d[float]
     restitution: wp.array2d[float]
     """Coefficients of restitution between spheres"""
-    friction: wp.array2d[float]
     small: wp.array[wp.int32]
     """Whether each sphere is so small that it also touches faces; empty where none is"""
     triangles: wp.array[wp.vec3i]
@@ -46,7 +45,6 @@ class FixtureTable:
     motion: wp.array2d[wp.transform]
     """Shift from its position, and rotation, at the start of each frame until the obstacle rests, shape (frames, N)"""
     positions: wp.array2d[wp.vec3]
-    frictions: wp.array2d[float]
     restitutions: wp.array2d[float]
     """Coefficients of restitution with spheres"""
     samples: wp.array[wp.vec4]
@@ -69,7 +67,6 @@ class BodyTable:
 
     solids: wp.array[Solid]
     mass: wp.array2d[float]
-    friction: wp.array2d[float]
     restitution: wp.array2d[float]
     inertias: wp.array[wp.mat33]
     """Inertia tensors of 1 kg, about the center of mass [m^2]"""

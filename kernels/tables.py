@@ -213,6 +213,8 @@ class Tables:
     """Parameters of balloons, shape (W, balloon_count, width), see `laws.columns`"""
     world_numbers: wp.array2d[float]
     """Parameters of worlds, shape (W, width)"""
+    friction: wp.array3d[float]
+    """Coulomb friction coefficients, shape (W, thing_count, thing_count), see `loops.friction`"""
     inflation_kind: wp.array[wp.int32]
     up: wp.vec3
     substeps: wp.int32
@@ -291,9 +293,3 @@ def sphere_penalty(spheres: SphereTable, world: wp.int32, sphere: wp.int32):
 def sphere_restitution(spheres: SphereTable, world: wp.int32, sphere: wp.int32):
     """Return a sphere's coefficient of restitution, against an equal one."""
     return spheres.restitution[row_of_world(world, spheres.restitution.shape[0]), sphere]
-
-
-@wp.func
-def sphere_friction(spheres: SphereTable, world: wp.int32, sphere: wp.int32):
-    """Return Coulomb's coefficient, of two alike."""
-    return spheres.friction[row_of_world(world, spheres.friction.shape[0]), sphere]

@@ -64,7 +64,7 @@ class MouldProblem:
         return balance.skin.forces_by_mould(points)
 
     def easily(self, design: Values, stuck: NDArray[np.bool_]) -> sparse.spmatrix:
-        """Return the vertices move by parts of an edge, together with those around them."""
+        """Return the easy changes: vertices move by fractions of an edge, together with their neighbors."""
         return self._edge * self._together
 
     def allowed(self, design: Values) -> bool:

@@ -15,6 +15,8 @@ from balloon_warp.statics.volume import SealedGas
 
 SLOW = 0.005
 """Speed that counts as rest [sizes a second]"""
+SLOW_FOIL = 0.05
+"""Speed of foil that counts as rest [sizes a second]: foil is so stiff that it trembles in float32"""
 MOST_SECONDS = 30.0
 FILL_SECONDS = 1.0
 DAMPING_RATE = 12.0
@@ -51,16 +53,17 @@ def common_fields(mesh: Path | Any, inflation: Inflation) -> dict[str, Any]:
     return {"mesh": mesh, "parts": "free", "holes": "keep", "weld": False, "inflation": inflation}
 
 
-def simulate_from_rest(scene: Scene, size: float, device: str | None) -> Simulated | str:
+def simulate_from_rest(scene: Scene, size: float, device: str | None, slow: float = SLOW) -> Simulated | str:
     """Simulate the scene's balloon; or return why that fails, in a sentence.
 
     Args:
         size: Size of the target [m].
         device: As for `simulate`.
+        slow: Speed that counts as rest [sizes a second].
     """
     try:
         simulator = Simulator(scene, device)
-        frame = simulator.relax(SLOW * size, MOST_SECONDS)
+        frame = simulator.relax(slow * size, MOST_SECONDS)
     except (BlowUpError, InputError) as failure:
         return str(failure)
     return Simulated(frame.points[0].astype(np.float64), float(frame.pressures[0]), frame.number)

@@ -83,7 +83,7 @@ class SpringProblem:
         return sparse.diags(np.where(stuck, 0.0, design))
 
     def allowed(self, design: Values) -> bool:
-        """Return the springs of any length can be made."""
+        """Return True: springs of any length can be made."""
         return True
 
     def changed(self, design: Values, change: Values) -> Values:

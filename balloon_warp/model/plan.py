@@ -17,6 +17,7 @@ from balloon_warp.kernels.laws import LAWS, Law
 from balloon_warp.laws import require_laws
 from balloon_warp.model.bodies import BodyShape, settle_bodies, shape_body
 from balloon_warp.model.body_steps import substeps_of_solids
+from balloon_warp.model.friction import settle_friction
 from balloon_warp.model.gas import require_openings, require_sealed, settle_gas
 from balloon_warp.model.law_tables import with_law_tables
 from balloon_warp.model.limit_points import pressures_too_high
@@ -199,7 +200,7 @@ def _settled(
     require_openings(scene, shapes, parameters)
     require_profile(parameters)
     parameters["keyframe_values"] = settle_pressure(scene, shapes, parameters)
-    parameters |= settle_touch(scene, shapes, parameters)
+    parameters |= settle_touch(scene, shapes, parameters) | settle_friction(parameters)
     parameters |= settle_tears(scene, parameters)
     return parameters | settle_gas(scene, shapes, parameters)
 

@@ -4,8 +4,10 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
+import numpy as np
 from numpy.typing import NDArray
 
+from balloon_warp.model.friction import SAID, settle_friction
 from balloon_warp.model.model import Model
 from balloon_warp.model.timeline import DueChange
 
@@ -38,6 +40,9 @@ def changed_parameters(change: DueChange, model: Model) -> dict[str, NDArray]:
     changed = {name: model.parameters[name].numpy().copy() for name in change.values}
     for name, rows in changed.items():
         change.apply(name, rows)
+    if not changed.keys().isdisjoint(SAID):
+        now = {name: np.asarray(model.parameters[name].numpy()) for name in SAID}
+        changed |= settle_friction(now | {name: changed[name] for name in SAID if name in changed})
     return changed
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Parameter
 from balloon_warp.model.body_steps import substeps_of_solids
+from balloon_warp.model.friction import settle_friction
 from balloon_warp.model.law_tables import with_law_tables
 from balloon_warp.model.materials import settle_masses
 from balloon_warp.model.model import Model
@@ -173,6 +174,7 @@ def _follow(model: Model, scene: Scene, now: Parameters, then: Parameters) -> No
     for settle in (
         lambda values: {"mass": settle_masses(scene, model.shapes, values)},
         lambda values: settle_touch(scene, model.shapes, values),
+        settle_friction,
     ):
         before, after = settle(now), settle(then)
         then.update({name: values for name, values in after.items() if not np.array_equal(values, before[name])})

@@ -40,7 +40,6 @@ def fixture_table(model: Model) -> Any:
     table.solids = solid_array(model.obstacles, model.obstacle_meshes, model.device)
     table.motion = model.obstacle_motion
     table.positions = model.parameters["obstacle_position"]
-    table.frictions = model.parameters["obstacle_friction"]
     table.restitutions = model.parameters["obstacle_restitution"]
     if model.bodies and model.obstacles:
         _put_samples(table, model)
@@ -78,8 +77,7 @@ def body_table(model: Model) -> Any:
     shapes, parameters = model.bodies, model.parameters
     inertias = np.array([shape.inertia for shape in shapes])
     table.solids = solid_array([shape.solid for shape in shapes], model.body_meshes, model.device)
-    table.mass, table.friction = parameters["body_mass"], parameters["body_friction"]
-    table.restitution = parameters["body_restitution"]
+    table.mass, table.restitution = parameters["body_mass"], parameters["body_restitution"]
     table.inertias = wp.array(inertias, dtype=wp.mat33, device=model.device)
     table.eases = wp.array(np.linalg.inv(inertias), dtype=wp.mat33, device=model.device)
     samples = [shape.samples for shape in shapes]

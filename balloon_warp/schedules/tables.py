@@ -25,6 +25,7 @@ from balloon_warp.kernels.traits import Traits
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.triangles import triangles_of
 from balloon_warp.model import Model, State
+from balloon_warp.model.friction import FRICTION
 from balloon_warp.model.small_spheres import small_spheres
 from balloon_warp.schedules.fixtures import body_table, fixture_table
 from balloon_warp.schedules.health import health_table
@@ -67,6 +68,7 @@ def make_tables(model: Model, traits: Traits, in_block: bool = False) -> Any:
     t.correction = _correction(model, traits)
     t.health = health_table(model)
     t.balloon_numbers, t.world_numbers = model.balloon_numbers, model.world_numbers
+    t.friction = model.parameters[FRICTION]
     t.inflation_kind, t.up = model.inflation_kind, model.up
     t.substeps, t.step_seconds, t.frame_seconds = model.substeps, model.step_seconds, model.frame_seconds
     return t
@@ -85,6 +87,7 @@ def tables_of_world(model: Model, tables: Any) -> Any:
     t.spheres.small, t.spheres.triangles = tables.spheres.small, tables.spheres.triangles
     t.fixtures, t.bodies = tables.fixtures, body_table(model)
     t.balloon_numbers, t.world_numbers = model.balloon_numbers, model.world_numbers
+    t.friction = model.parameters[FRICTION]
     return t
 
 
@@ -252,7 +255,6 @@ def _spheres(model: Model) -> Any:
     table.mass, table.radius = model.parameters["sphere_mass"], model.parameters["sphere_radius"]
     table.penalty = model.parameters["sphere_penalty"]
     table.restitution = model.parameters["sphere_restitution"]
-    table.friction = model.parameters["sphere_friction"]
     return table
 
 

@@ -8,7 +8,6 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.laws.contact import friction_on
 from balloon_warp.kernels.laws.impulse import MOST_TURNS, shift_of_body
 from balloon_warp.kernels.laws.rigid import (
     Change,
@@ -25,9 +24,10 @@ from balloon_warp.kernels.laws.rigid import (
     rub_on,
 )
 from balloon_warp.kernels.loops.bodies import Rigid, body_at, pushed_on, put_body, stop_function
+from balloon_warp.kernels.loops.friction import friction_on, number_of_body
 from balloon_warp.kernels.loops.inertia import inertia_function
 from balloon_warp.kernels.own import own_functions
-from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
+from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.warps import block_barrier
 from balloon_warp.kernels.working import Working
@@ -39,7 +39,6 @@ def bodies_function(traits: Traits) -> Any:
     _, read_own = own_functions(traits.columns, traits.balloons)
     inertia = inertia_function(traits)
     stop_at = stop_function(traits)
-    friction_column = traits.columns.places["balloon_friction"]
 
     @wp.func
     def pass_of_thread(
@@ -97,7 +96,6 @@ def bodies_function(traits: Traits) -> Any:
     ):
         """Return the impulse of a thread's pressed particles on a body by friction [N s], and the torque's [N m s]."""
         total = wp.spatial_vector()
-        its = t.bodies.friction[row_of_world(world, t.bodies.friction.shape[0]), rigid.number]
         center = rigid.end - t.step_seconds * rigid.velocity
         for particle in range(thread, points.shape[0], wp.block_dim()):
             pushed = working.body_pushes[world, particle]
@@ -107,7 +105,7 @@ def bodies_function(traits: Traits) -> Any:
                 velocity = velocities[particle]
                 arm = points[particle] - t.step_seconds * velocity - center
                 beside = velocity - rigid.velocity - wp.cross(rigid.spin, arm)
-                friction = friction_on(own.n[friction_column], its)
+                friction = friction_on(t, world, own.balloon, number_of_body(t, rigid.number))
                 rubbed = rub_on(beside, pushed, mass, share, friction)
                 velocities[particle] = velocity + rubbed / mass
                 points[particle] = points[particle] + (t.step_seconds / mass) * rubbed

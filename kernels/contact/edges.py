@@ -23,8 +23,9 @@ from balloon_warp.kernels.laws.edges import (
     sliding_at,
     weights_of,
 )
+from balloon_warp.kernels.loops.friction import friction_of_balloons
 from balloon_warp.kernels.loops.inertia import ease_function
-from balloon_warp.kernels.loops.meeting import pair_friction_function, skin_functions
+from balloon_warp.kernels.loops.meeting import skin_functions
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
@@ -141,7 +142,6 @@ def edges_function(traits: Traits) -> Any:
     """Return the function by which edges push each other apart, once all particles have moved."""
     ease_of_moving = ease_function(traits)
     thickness_between, _ = skin_functions(traits)
-    pair_friction = pair_friction_function(traits)
 
     @wp.func
     def push_pair(
@@ -176,7 +176,8 @@ def edges_function(traits: Traits) -> Any:
         for end in range(4):
             gains[end] = (eases[end] * weights[end] * push) * crossing.normal
         if crosses(crossing):
-            most = push * pair_friction(t, world, t.particles.balloon[ends[0]], t.particles.balloon[ends[2]])
+            own = t.particles.balloon[ends[0]]
+            most = push * friction_of_balloons(t, world, own, t.particles.balloon[ends[2]])
             slide = sliding_at(crossing, weights, moving + gains)
             shares = rub_shares(crossing, weights, wp.normalize(slide))
             rub = friction_of_edges(wp.length(slide), shares, eases, most)

@@ -13,12 +13,12 @@ import warp as wp
 
 from balloon_warp.kernels.contact.boxes import boxes_meet
 from balloon_warp.kernels.laws.collision import NEVER
-from balloon_warp.kernels.laws.contact import friction_on
 from balloon_warp.kernels.laws.face_contact import facing_of, impact, part_until_contact
 from balloon_warp.kernels.laws.sliding import spin_by
+from balloon_warp.kernels.loops.friction import friction_on, number_of_sphere
 from balloon_warp.kernels.loops.inertia import ease_function, inertia_function
 from balloon_warp.kernels.own import own_functions
-from balloon_warp.kernels.tables import Tables, WorldState, sphere_friction, sphere_mass, sphere_radius
+from balloon_warp.kernels.tables import Tables, WorldState, sphere_mass, sphere_radius
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.warps import block_barrier
 from balloon_warp.kernels.working import Working
@@ -100,7 +100,6 @@ def faces_function(traits: Traits) -> Any:
     """Return the function that resolves contacts of small spheres with faces, once all have moved."""
     _, read_own = own_functions(traits.columns, traits.balloons)
     inertia, ease_of_moving = inertia_function(traits), ease_function(traits)
-    friction_column = traits.columns.places["balloon_friction"]
 
     @wp.func
     def meet_face(
@@ -133,9 +132,7 @@ def faces_function(traits: Traits) -> Any:
         friction = float(0.0)
         if wp.static(traits.spheres_rub):
             spin = state.sphere_spins[world, sphere]
-            friction = friction_on(
-                read_own(t, world, corners[0]).n[friction_column], sphere_friction(t.spheres, world, sphere)
-            )
+            friction = friction_on(t, world, t.particles.balloon[corners[0]], number_of_sphere(t, sphere))
         met = impact(facing, part, velocity, corner_rows(velocities, corners), eases, spin, friction, t.step_seconds)
         gain = met.gains[0] * met.normal
         shift = met.shifts[0] * met.normal

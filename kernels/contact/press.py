@@ -14,6 +14,7 @@ from balloon_warp.kernels.contact.triangles import (
     side_of,
     triangle_of,
 )
+from balloon_warp.kernels.loops.friction import friction_of_balloons
 from balloon_warp.kernels.loops.meeting import (
     FARTHEST,
     SOON,
@@ -24,7 +25,6 @@ from balloon_warp.kernels.loops.meeting import (
     faced,
     is_clear,
     is_nearer,
-    pair_friction_function,
     place_beside,
     skin_functions,
     touch,
@@ -71,7 +71,6 @@ def press_function(traits: Traits, point_at: Any) -> Any:
     rows = rows_function(point_at)
     thickness_between, stiffness_between = skin_functions(traits)
     mass_column = traits.columns.places["mass"]
-    pair_friction = pair_friction_function(traits)
 
     @wp.func
     def mass_of(t: Tables, world: wp.int32, balloon: wp.int32):
@@ -119,7 +118,7 @@ def press_function(traits: Traits, point_at: Any) -> Any:
             add_contact(working, world, particle, corners, corner_counts(place, places))
         if told.overlap > 0.0 and wp.max(told.masses) > 0.0 and not only_counts:
             told.stiffness = stiffness_between(t, world, own, other)
-            told.friction = pair_friction(t, world, own, other)
+            told.friction = friction_of_balloons(t, world, own, other)
             told.first = first
             its_contacts = wp.max(
                 wp.max(

@@ -6,11 +6,12 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.contact.catch import Catch
-from balloon_warp.kernels.contact.ridge_poses import pair_friction_function, placing_function
+from balloon_warp.kernels.contact.ridge_poses import placing_function
 from balloon_warp.kernels.contact.ridge_search import corners_of, near_in, start_in
 from balloon_warp.kernels.contact.ridge_sums import add_impulse, add_to_body, take_impulse, take_of_body
 from balloon_warp.kernels.laws.rigid import spin_of
 from balloon_warp.kernels.loops.bodies import body_at, body_mass, pushed_on, put_body
+from balloon_warp.kernels.loops.friction import friction_on
 from balloon_warp.kernels.loops.inertia import ease_function
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
@@ -21,7 +22,6 @@ from balloon_warp.kernels.working import Working
 def catching_function(traits: Traits) -> Any:
     """Return the function that measures a pair as a substep begins."""
     place_of = placing_function(traits)
-    friction_with = pair_friction_function(traits)
 
     @wp.func
     def catch_of(
@@ -45,7 +45,7 @@ def catching_function(traits: Traits) -> Any:
             inside = near.weights[0] * a + near.weights[1] * b + near.weights[2] * c
             catch.arm = wp.quat_rotate(placed.turn, inside)
             catch.moving = placed.velocity + wp.cross(placed.spin, catch.arm)
-            catch.friction = friction_with(t, world, catch.corners[0], placed.friction)
+            catch.friction = friction_on(t, world, t.particles.balloon[catch.corners[0]], placed.thing)
         return catch
 
     return catch_of

@@ -10,6 +10,7 @@ import warp as wp
 
 from balloon_warp.kernels.contact.near import PARTICLES_A_MARK
 from balloon_warp.kernels.laws.impulse import MOST_TURNS, Press, is_met, is_settled
+from balloon_warp.kernels.loops.friction import friction_on, number_of_sphere
 from balloon_warp.kernels.loops.inertia import inertia_function
 from balloon_warp.kernels.loops.obstacles import around_function, standing_function
 from balloon_warp.kernels.loops.touching import (
@@ -41,7 +42,6 @@ def marked_functions(traits: Traits, at: Any, put: Any) -> tuple[Any, Any, Any]:
     inertia = inertia_function(traits)
     stand = standing_function(traits)
     around_own = around_function(traits)
-    friction_column = traits.columns.places["balloon_friction"]
 
     @wp.func
     def end_of_mark(mark: wp.int32, count: wp.int32):
@@ -73,6 +73,7 @@ def marked_functions(traits: Traits, at: Any, put: Any) -> tuple[Any, Any, Any]:
         working: Working,
         world: wp.int32,
         mark: wp.int32,
+        sphere: wp.int32,
         ball: Any,
         press: Press,
         last: wp.vec3,
@@ -90,7 +91,8 @@ def marked_functions(traits: Traits, at: Any, put: Any) -> tuple[Any, Any, Any]:
                 if wp.static(traits.spheres_rub):
                     own = read_own(t, world, particle)
                     mass = inertia(working, own)
-                    rub = rub_on_ball(t, ball, press, last, change, mass, own.n[friction_column], start, speed)
+                    friction = friction_on(t, world, own.balloon, number_of_sphere(t, sphere))
+                    rub = rub_on_ball(t, ball, press, last, change, mass, friction, start, speed)
                     total += rub
                     point, velocity = rubbed_point(t, rub, mass, point, velocity)
                 put(points, particle, point)
@@ -166,7 +168,7 @@ def spheres_function(traits: Traits, at: Any, put: Any, total_of: Any) -> Any:
                     for mark in range(thread, marks, wp.block_dim()):
                         if working.near[world, mark] > 0:
                             mine += answer_at_mark(
-                                t, working, world, mark, ball, press, last, change, shift, points,
+                                t, working, world, mark, sphere, ball, press, last, change, shift, points,
                                 velocities,
                             )  # fmt: skip
                     center, motion, force = answer_of_ball(t, ball, change, shift)

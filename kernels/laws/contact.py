@@ -46,24 +46,6 @@ def leave_sphere(
 
 
 @wp.func
-def own_friction(own: float, otherwise: float):
-    """Return a balloon's own coefficient of friction; where it does not say it, what else would be."""
-    return wp.where(own < 0.0, otherwise, own)
-
-
-@wp.func
-def friction_between(first: float, second: float):
-    """Return Coulomb's coefficient of two surfaces: the geometric mean of theirs, so that two alike have their own."""
-    return wp.where(first == second, first, wp.sqrt(first * second))
-
-
-@wp.func
-def friction_on(own: float, its: float):
-    """Return the friction of a balloon on what is no balloon."""
-    return friction_between(own_friction(own, its), its)
-
-
-@wp.func
 def stand_on(
     place: wp.vec3,
     velocity: wp.vec3,

@@ -6,13 +6,13 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.laws.collision import collision, mean_restitution, share_of
-from balloon_warp.kernels.laws.contact import bounced, friction_between, stop_of
+from balloon_warp.kernels.laws.contact import bounced, stop_of
 from balloon_warp.kernels.laws.sliding import ease_of_ball, friction_impulse, spin_by
+from balloon_warp.kernels.loops.friction import friction_between, number_of_sphere
 from balloon_warp.kernels.loops.rolling import Course, course_of, ground_rubbing_function, leaving_function
 from balloon_warp.kernels.tables import (
     Tables,
     row_of_world,
-    sphere_friction,
     sphere_mass,
     sphere_radius,
     sphere_restitution,
@@ -145,9 +145,7 @@ def pair_rubbing_function(traits: Traits) -> Any:
             other_arm = -other_radius * normal
             beside = other.velocity + wp.cross(other.spin, other_arm) - mine.velocity - wp.cross(mine.spin, arm)
             ease = ease_of_ball(mass, radius, arm) + ease_of_ball(other_mass, other_radius, other_arm)
-            friction = friction_between(
-                sphere_friction(t.spheres, world, first), sphere_friction(t.spheres, world, second)
-            )
+            friction = friction_between(t, world, number_of_sphere(t, first), number_of_sphere(t, second))
             rub = friction_impulse(beside, normal, ease, friction * pushed)
             mine.position -= (seconds / mass) * rub
             mine.velocity -= rub / mass

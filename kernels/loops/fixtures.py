@@ -5,13 +5,14 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.laws.contact import friction_on, stand_on
+from balloon_warp.kernels.laws.contact import stand_on
 from balloon_warp.kernels.laws.fixture import FAR_AWAY
 from balloon_warp.kernels.loops.fixture_looks import SURELY, look_functions
 from balloon_warp.kernels.loops.fixture_poses import center_function, pose_function
+from balloon_warp.kernels.loops.friction import friction_on, number_of_obstacle
 from balloon_warp.kernels.loops.solids import surface_function
 from balloon_warp.kernels.loops.ways import way_function
-from balloon_warp.kernels.tables import Tables, row_of_world
+from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
 
 
@@ -21,9 +22,8 @@ class Around:
 
     world: wp.int32
     particle: wp.int32
+    balloon: wp.int32
     ground_height: float
-    ground_friction: float  # between it and the particle's balloon
-    friction: float  # of that balloon, negative where it does not say it
     time: float  # [s]
 
 
@@ -107,13 +107,6 @@ def free_ball_function(traits: Traits) -> Any:
     return free_ball
 
 
-@wp.func
-def friction_of(t: Tables, around: Around, fixture: wp.int32):
-    """Return Coulomb's coefficient, between an obstacle and a particle."""
-    its = t.fixtures.frictions[row_of_world(around.world, t.fixtures.frictions.shape[0]), fixture]
-    return friction_on(around.friction, its)
-
-
 @cache
 def fixture_functions(traits: Traits) -> tuple[Any, Any]:
     """Return the functions that move a particle out of obstacles, and that foresee its place."""
@@ -138,7 +131,7 @@ def fixture_functions(traits: Traits) -> tuple[Any, Any]:
                 met = meet(t, around.world, fixture, around.time, start, point, 0.0)
                 look = look_at(look, fixture, met.free)
                 if wp.length_sq(met.normal) > 0.0:
-                    friction = friction_of(t, around, fixture)
+                    friction = friction_on(t, around.world, around.balloon, number_of_obstacle(fixture))
                     step = met.part * t.step_seconds
                     stood, slowed = stand_on(met.let, velocity, met.moving, met.normal, friction, step)
                     point = stood
@@ -164,7 +157,7 @@ def fixture_functions(traits: Traits) -> tuple[Any, Any]:
         for fixture in range(look.first, look.last):
             met = meet(t, around.world, fixture, around.time, start, outside, 0.0)
             if wp.length_sq(met.normal) > 0.0:
-                friction = friction_of(t, around, fixture)
+                friction = friction_on(t, around.world, around.balloon, number_of_obstacle(fixture))
                 stood, _slowed = stand_on(
                     met.let, velocity, met.moving, met.normal, friction, met.part * t.step_seconds
                 )

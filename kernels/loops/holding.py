@@ -5,8 +5,8 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.laws.contact import friction_between
 from balloon_warp.kernels.laws.grip import Grip, clear_gap
+from balloon_warp.kernels.loops.friction import friction_between
 from balloon_warp.kernels.loops.nearest import Thing, thing_functions
 from balloon_warp.kernels.loops.settling import ease_at
 from balloon_warp.kernels.tables import Tables, WorldState
@@ -82,7 +82,7 @@ def hold_point(
     grip.moving = thing.velocity + wp.cross(thing.spin, grip.other_arm)
     grip.gap = clear_gap(gap, own.reach, own.center)
     grip.ease = ease_at(masses, eases, grip, normal)
-    grip.friction = friction_between(own.friction, thing.friction)
+    grip.friction = thing.friction
     grip.restitution = wp.sqrt(own.restitution * thing.restitution)
     impulse, place = last_impulse(touches, impulses, key, places[1])
     grip.impulse = impulse
@@ -179,6 +179,7 @@ def holding_function(traits: Traits) -> Any:
                         away = wp.dot(own.center - thing.center, t.up)
                     if away - own.reach - thing.reach < within:
                         key = (body * things + number) * most
+                        thing.friction = friction_between(t, world, own.number, thing.number)
                         places = hold_thing(
                             t, touches, impulses, masses, eases, grips, own, thing, key, within, places
                         )  # fmt: skip

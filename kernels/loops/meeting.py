@@ -8,7 +8,6 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.laws.contact import friction_between, own_friction
 from balloon_warp.kernels.laws.touch import (
     NEAR,
     across,
@@ -120,24 +119,6 @@ def skin_functions(traits: Traits) -> tuple[Any, Any]:
         return wp.where(said < 0.0, quotient(2.0 * a * b, a + b), said)
 
     return thickness_between, stiffness_between
-
-
-@cache
-def pair_friction_function(traits: Traits) -> Any:
-    """Return the function for Coulomb's coefficient between two balloons."""
-    touch_column = traits.columns.places["touch_friction"] - traits.columns.balloon_width
-    own_column = traits.columns.places["balloon_friction"]
-
-    @wp.func
-    def pair_friction(t: Tables, world: wp.int32, first: wp.int32, second: wp.int32):
-        said = t.world_numbers[row_of_world(world, t.world_numbers.shape[0]), touch_column]
-        row = row_of_world(world, t.balloon_numbers.shape[0])
-        return friction_between(
-            own_friction(t.balloon_numbers[row, first, own_column], said),
-            own_friction(t.balloon_numbers[row, second, own_column], said),
-        )
-
-    return pair_friction
 
 
 @wp.struct

@@ -5,16 +5,11 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.laws.contact import (
-    friction_on,
-    leave_ground,
-    leave_sphere,
-    out_of_sphere,
-    penalty_force,
-)
+from balloon_warp.kernels.laws.contact import leave_ground, leave_sphere, out_of_sphere, penalty_force
 from balloon_warp.kernels.laws.fixture import MOST_TURNS, is_settled
 from balloon_warp.kernels.loops.fixture_looks import forget_look, is_free
 from balloon_warp.kernels.loops.fixtures import Around, fixture_functions
+from balloon_warp.kernels.loops.friction import GROUND, friction_on
 from balloon_warp.kernels.tables import Tables, sphere_penalty
 from balloon_warp.kernels.traits import Traits
 
@@ -41,8 +36,6 @@ def leave_one_sphere(
 def around_function(traits: Traits) -> Any:
     """Return the function that returns a particle's surroundings, from its own parameters."""
     height_column = traits.columns.places["ground_height"]
-    ground_column = traits.columns.places["ground_friction"]
-    own_column = traits.columns.places["balloon_friction"]
 
     @wp.func
     def around_own(own: Any, time: float):
@@ -51,8 +44,7 @@ def around_function(traits: Traits) -> Any:
         around.world = own.world
         around.particle = own.number
         around.ground_height = own.n[height_column]
-        around.friction = own.n[own_column]
-        around.ground_friction = friction_on(around.friction, own.n[ground_column])
+        around.balloon = own.balloon
         around.time = time
         return around
 
@@ -89,9 +81,8 @@ def standing_function(traits: Traits) -> Any:
                 again = moved and crowded
             if wp.static(traits.ground):
                 if wp.dot(point, t.up) < around.ground_height:
-                    stood, after = leave_ground(
-                        point, velocity, t.up, around.ground_height, around.ground_friction, t.step_seconds
-                    )
+                    friction = friction_on(t, around.world, around.balloon, GROUND)
+                    stood, after = leave_ground(point, velocity, t.up, around.ground_height, friction, t.step_seconds)
                     point = stood
                     velocity = after
                     if wp.static(traits.stands_on_fixtures):
@@ -184,9 +175,8 @@ def detour_function(traits: Traits, sphere_at: Any) -> Any:
             normal = outward
         if wp.static(traits.ground):
             if wp.dot(outside, t.up) < around.ground_height:
-                stood, _slowed = leave_ground(
-                    outside, velocity, t.up, around.ground_height, around.ground_friction, t.step_seconds
-                )
+                friction = friction_on(t, around.world, around.balloon, GROUND)
+                stood, _slowed = leave_ground(outside, velocity, t.up, around.ground_height, friction, t.step_seconds)
                 outside = stood
                 normal = t.up
         return (outside - end) / t.step_seconds, normal

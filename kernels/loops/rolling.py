@@ -5,12 +5,13 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.laws.contact import bounced, friction_between, move_sphere, stop_of
+from balloon_warp.kernels.laws.contact import bounced, move_sphere, stop_of
 from balloon_warp.kernels.laws.fixture import MOST_TURNS, is_settled
 from balloon_warp.kernels.laws.impulse import fall
 from balloon_warp.kernels.laws.sliding import rubbed
 from balloon_warp.kernels.loops.fixtures import meeting_function
-from balloon_warp.kernels.tables import Tables, row_of_world, sphere_friction, sphere_radius
+from balloon_warp.kernels.loops.friction import GROUND, friction_between, number_of_obstacle, number_of_sphere
+from balloon_warp.kernels.tables import Tables, row_of_world, sphere_radius
 from balloon_warp.kernels.traits import Traits
 
 
@@ -53,14 +54,14 @@ def rubbing_function(traits: Traits) -> Any:
         Args:
             moving: Velocity of the other surface there [m/s].
             stopped: Change of the sphere's velocity along the normal [m/s].
-            friction: Friction coefficient of the other thing.
+            friction: Coulomb friction coefficient of the pair.
             seconds: Remaining time of the step from the contact [s].
         """
         if wp.static(traits.spheres_rub):
             if stopped > 0.0:
                 gain, more = rubbed(
                     course.velocity, course.spin, moving, normal, stopped, sphere_radius(t.spheres, world, sphere),
-                    friction_between(sphere_friction(t.spheres, world, sphere), friction),
+                    friction,
                 )  # fmt: skip
                 course.position += seconds * gain
                 course.velocity += gain
@@ -74,13 +75,12 @@ def rubbing_function(traits: Traits) -> Any:
 def ground_rubbing_function(traits: Traits) -> Any:
     """Return the function for the friction of a sphere on the ground."""
     rub = rubbing_function(traits)
-    friction = traits.columns.places["ground_friction"] - traits.columns.balloon_width
 
     @wp.func
     def rub_on_ground(t: Tables, world: wp.int32, sphere: wp.int32, course: Course, stopped: float):
         """Return a sphere's course after friction on the ground, as in `rub`."""
-        row = row_of_world(world, t.world_numbers.shape[0])
-        return rub(t, world, sphere, course, wp.vec3(), t.up, stopped, t.world_numbers[row, friction], t.step_seconds)
+        friction = friction_between(t, world, number_of_sphere(t, sphere), GROUND)
+        return rub(t, world, sphere, course, wp.vec3(), t.up, stopped, friction, t.step_seconds)
 
     return rub_on_ground
 
@@ -113,10 +113,9 @@ def leaving_function(traits: Traits) -> Any:
                     stopped = stop_of(course.velocity, met.moving, met.normal, restitution)
                     course.position = met.let
                     course.velocity = bounced(course.velocity, met.moving, met.normal, restitution)
-                    row = row_of_world(world, t.fixtures.frictions.shape[0])
-                    its = t.fixtures.frictions[row, fixture]
+                    friction = friction_between(t, world, number_of_sphere(t, sphere), number_of_obstacle(fixture))
                     left = met.part * t.step_seconds
-                    course = rub(t, world, sphere, course, met.moving, met.normal, stopped, its, left)
+                    course = rub(t, world, sphere, course, met.moving, met.normal, stopped, friction, left)
             if fixtures == 1 or is_settled(start, end, course.position):
                 turns = MOST_TURNS
             elif wp.static(not traits.fixtures_move):

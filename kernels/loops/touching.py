@@ -9,7 +9,6 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.laws.contact import friction_between, friction_on
 from balloon_warp.kernels.laws.impulse import (
     PRESSED,
     Press,
@@ -26,7 +25,8 @@ from balloon_warp.kernels.laws.impulse import (
 )
 from balloon_warp.kernels.laws.rigid import rub_on
 from balloon_warp.kernels.laws.sliding import ease_of_ball, rubbed, spin_by
-from balloon_warp.kernels.tables import Tables, row_of_world, sphere_friction, sphere_mass
+from balloon_warp.kernels.loops.friction import GROUND, friction_between, number_of_sphere
+from balloon_warp.kernels.tables import Tables, row_of_world, sphere_mass
 from balloon_warp.kernels.traits import Traits
 
 
@@ -40,8 +40,7 @@ class Ball:
     mass: float
     sinking: float  # by how much it comes too fast to the ground, see `laws.impulse`
     spin: wp.vec3  # where it has friction [rad/s]
-    friction: float
-    ground_friction: float  # between it and the ground
+    ground_friction: float  # between it and the ground, likewise
 
 
 @cache
@@ -51,18 +50,14 @@ def ball_function(traits: Traits, sphere_at: Any) -> Any:
     Args:
         sphere_at: the function that gives a sphere's center, velocity and radius.
     """
-    height, ground_friction = (
-        traits.columns.places[name] - traits.columns.balloon_width for name in ("ground_height", "ground_friction")
-    )
+    height = traits.columns.places["ground_height"] - traits.columns.balloon_width
 
     @wp.func
     def ball_at(t: Tables, spheres: Any, spins: wp.array2d[wp.vec3], world: wp.int32, sphere: wp.int32):
         ball = Ball()
         if wp.static(traits.spheres_rub):
             ball.spin = spins[world, sphere]
-            ball.friction = sphere_friction(t.spheres, world, sphere)
-            row = row_of_world(world, t.world_numbers.shape[0])
-            ball.ground_friction = friction_between(ball.friction, t.world_numbers[row, ground_friction])
+            ball.ground_friction = friction_between(t, world, number_of_sphere(t, sphere), GROUND)
         center, velocity, radius = sphere_at(t, spheres, world, sphere)
         ball.center = center
         ball.velocity = velocity
@@ -139,7 +134,7 @@ def rub_on_ball(
     Args:
         press: what the sphere bears.
         last: as in `answer_to_ball`, as is the next.
-        friction: of the particle's balloon, negative where it does not say it.
+        friction: Coulomb's coefficient of both.
         point: of the particle, before its answer.
     """
     way = t.step_seconds * (velocity - ball.velocity)
@@ -150,7 +145,7 @@ def rub_on_ball(
         gain = gain_of_particle(outward, excess, change)
         beside = velocity + gain - ball.velocity - change - wp.cross(ball.spin, arm)
         share = 1.0 / (1.0 + mass_in(press, PRESSED) * ease_of_ball(ball.mass, ball.radius, arm))
-        rub = rub_on(beside, mass * gain, mass, share, friction_on(friction, ball.friction))
+        rub = rub_on(beside, mass * gain, mass, share, friction)
     return wp.spatial_vector(rub, wp.cross(arm, rub))
 
 

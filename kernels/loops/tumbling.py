@@ -9,7 +9,6 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.laws.contact import friction_between
 from balloon_warp.kernels.laws.grip import (
     AGREED,
     APART,
@@ -23,13 +22,13 @@ from balloon_warp.kernels.laws.grip import (
 from balloon_warp.kernels.laws.rigid import ease_along, inertia_in_world, spin_of, turned, turned_by
 from balloon_warp.kernels.laws.sliding import ease_of_ball, friction_impulse, spin_by
 from balloon_warp.kernels.loops.bodies import Rigid, Stop, body_at, body_mass, pushed_on, put_body, stop_function
+from balloon_warp.kernels.loops.friction import friction_between, number_of_body, number_of_sphere
 from balloon_warp.kernels.loops.holding import holding_function
 from balloon_warp.kernels.loops.settling import beside_at, settle
 from balloon_warp.kernels.tables import (
     Tables,
     WorldState,
     row_of_world,
-    sphere_friction,
     sphere_mass,
     sphere_radius,
     sphere_restitution,
@@ -158,8 +157,7 @@ def rub_sphere(
     across = beside - wp.dot(beside, stop.normal) * stop.normal
     ease = ease_of_ball(mass, radius, arm)
     ease += ease_along(rigid.start_turn, t.bodies.eases[body], rigid.mass, place, wp.normalize(across))
-    own = t.bodies.friction[row_of_world(world, t.bodies.friction.shape[0]), body]
-    friction = friction_between(own, sphere_friction(t.spheres, world, sphere))
+    friction = friction_between(t, world, number_of_body(t, body), number_of_sphere(t, sphere))
     rub = friction_impulse(beside, stop.normal, ease, friction * wp.length(push))
     state.sphere_spins[world, sphere] = spin + spin_by(mass, radius, wp.cross(arm, rub))
     return rub
