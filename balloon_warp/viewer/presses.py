@@ -12,16 +12,15 @@ from balloon_warp.viewer.picture import Picture
 
 ROOT = "/contacts"
 LONGEST = 0.4
-"""the arrow of the strongest force, over the balloons' size"""
+"""Length of the arrow of the strongest force, over the balloons' size"""
 LEAST = 0.02
-"""part of the strongest force below which a force has no arrow"""
+"""Fraction of the strongest force below which a force has no arrow"""
 FADING = 0.99
-"""how much of the strongest force until now counts as the strongest, a picture later: a blow does not dwarf what
-follows for long"""
+"""Decay factor of the strongest force from picture to picture, so that an impact does not dwarf later ones"""
 THIN = 0.012
-"""radius of the shafts, over the balloons' size"""
+"""Radius of the shafts, over the balloons' size"""
 CLEAR = 0.45
-"""how opaque balloons are in which arrows are seen"""
+"""Opacity of balloons while arrows are shown"""
 
 
 class PressLayer:
