@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from balloon_warp.designing.descent import begin, descend
+from balloon_warp.designing.descent import Reached, begin, descend
 from balloon_warp.designing.folder import write_stl
 from balloon_warp.designing.job import Job
 from balloon_warp.designing.mould import MouldProblem
@@ -39,7 +39,7 @@ def design_of_latex(job: Job) -> Design:
     plain = begin(problem, problem.plain)
     if plain is None:
         raise InputError(f"stretch: a plain mould finds no rest at {job.stretch:g}; expected less")
-    reached = descend(problem, job.saved() or plain, job.steps, GOAL, job.on_step)
+    reached = descend(problem, job.saved(Reached.load) or plain, job.steps, GOAL, job.on_step)
     mould = replace(problem.mesh, points=reached.design.reshape(-1, 3))
     write_obj(job.folder / "balloon.obj", mould)
     write_stl(job.folder / "mould.stl", mould, job.ruler.triangles)

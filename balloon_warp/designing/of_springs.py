@@ -42,7 +42,7 @@ def design_of_springs(job: Job) -> Design:
         job.on_step(reached, problem.mean_stretch(reached.design))
 
     job.watch(DesignStep(job.ruler, 0, plain.points, job.stretch))
-    reached = descend(problem, job.saved() or plain, job.steps, GOAL, on_step)
+    reached = descend(problem, job.saved(Reached.load) or plain, job.steps, GOAL, on_step)
     scene = write_design(problem, reached, job.folder)
     same = replace(problem, stretch=max(problem.mean_stretch(reached.design), LEAST_STRETCH))
     plain = begin(same, same.plain) or plain

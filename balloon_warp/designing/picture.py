@@ -58,6 +58,15 @@ def error_colors(off: Values) -> Values:
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-9) ** (1.0 / 2.4) - 0.055)
 
 
+def stacked(above: Image.Image, below: Image.Image) -> Image.Image:
+    """Put a picture below another, as wide."""
+    height = round(below.height * above.width / below.width)
+    image = Image.new("RGB", (above.width, above.height + height), (255, 255, 255))
+    image.paste(above, (0, 0))
+    image.paste(below.resize((above.width, height), Image.Resampling.LANCZOS), (0, above.height))
+    return image
+
+
 def _drawn(ruler: Ruler, points: Values, off: Values | None) -> NDArray[np.uint8]:
     mesh = replace(ruler.mesh, points=ruler.aligned(points))
     if off is not None:

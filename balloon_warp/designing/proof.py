@@ -15,6 +15,8 @@ from balloon_warp.statics.volume import SealedGas
 
 SLOW = 0.005
 """of its size a second is at rest"""
+SLOW_FOIL = 0.05
+"""the same of foil, so stiff that float32 lets it tremble"""
 MOST_SECONDS = 30.0
 FILL_SECONDS = 1.0
 DAMPING_RATE = 12.0
@@ -51,15 +53,16 @@ def common_fields(mesh: Path | Any, inflation: Inflation) -> dict[str, Any]:
     return {"mesh": mesh, "parts": "free", "holes": "keep", "weld": False, "inflation": inflation}
 
 
-def simulate_from_rest(scene: Scene, size: float, device: str | None) -> Simulated | str:
+def simulate_from_rest(scene: Scene, size: float, device: str | None, slow: float = SLOW) -> Simulated | str:
     """What becomes of the scene's balloon; or why nothing does, in a sentence.
 
     Args:
         size: of what is wanted [m].
+        slow: of the size a second is at rest.
     """
     try:
         simulator = Simulator(scene, device)
-        frame = simulator.relax(SLOW * size, MOST_SECONDS)
+        frame = simulator.relax(slow * size, MOST_SECONDS)
     except (BlowUpError, InputError) as failure:
         return str(failure)
     return Simulated(frame.points[0].astype(np.float64), float(frame.pressures[0]), frame.number)

@@ -35,9 +35,18 @@ def target_of(given: str | Path | MeshLike, size: float) -> PolygonMesh:
         InputError: it cannot be read, is open, has several parts, crosses itself or is too large.
     """
     require_size(size)
-    mesh = load_mesh(Path(given) if isinstance(given, str) else given)
-    source = given if isinstance(given, str | Path) else mesh.name
-    mesh = _used(prepared(mesh, source, Treatment()))
+    return centered(shape_of(given)[1], size)
+
+
+def shape_of(given: str | Path | MeshLike) -> tuple[PolygonMesh, PolygonMesh]:
+    """Read a shape: as its file has it, and closed, of one part and with faces outward.
+
+    Raises:
+        InputError: it cannot be read, is open, has several parts, crosses itself or is too large.
+    """
+    read = load_mesh(Path(given) if isinstance(given, str) else given)
+    source = given if isinstance(given, str | Path) else read.name
+    mesh = _used(prepared(read, source, Treatment()))
     edges = mesh_edges(mesh)
     if not is_closed(edges):
         low, high = edges.ends[border_edges(edges)[0]] + 1
@@ -59,6 +68,11 @@ def target_of(given: str | Path | MeshLike, size: float) -> PolygonMesh:
             f"{source}: crosses itself at {crossed} places; expected a surface that does not, as `balloon-warp remesh` "
             "makes"
         )
+    return read, mesh
+
+
+def centered(mesh: PolygonMesh, size: float) -> PolygonMesh:
+    """The bare shape in meters about the origin, of a size."""
     points = mesh.points * mesh.meters_per_unit
     points = points - 0.5 * (points.max(axis=0) + points.min(axis=0))
     return replace(
@@ -111,9 +125,14 @@ def _goes_through(segments: NDArray[np.float64], corners: NDArray[np.float64]) -
 def _used(mesh: PolygonMesh) -> PolygonMesh:
     """Without vertices of no face."""
     used, numbers = np.unique(mesh.face_vertex_indices, return_inverse=True)
+    new = np.full(mesh.vertex_count, -1, dtype=np.int32)
+    new[used] = np.arange(len(used), dtype=np.int32)
+    there = np.arange(mesh.vertex_count) if mesh.stand_ins is None else mesh.stand_ins
+    groups = {name: np.unique(new[there[vertices]]) for name, vertices in mesh.groups.items()}
     return replace(
-        mesh, points=mesh.points[used], face_vertex_indices=numbers.ravel().astype(np.int32), stand_ins=None, groups={}
-    )
+        mesh, points=mesh.points[used], face_vertex_indices=numbers.ravel().astype(np.int32), stand_ins=None,
+        groups={name: vertices[vertices >= 0] for name, vertices in groups.items()},
+    )  # fmt: skip
 
 
 def _turned(mesh: PolygonMesh) -> PolygonMesh:
@@ -123,4 +142,5 @@ def _turned(mesh: PolygonMesh) -> PolygonMesh:
         np.arange(start + count - 1, start - 1, -1)
         for start, count in zip(starts.tolist(), mesh.face_vertex_counts.tolist(), strict=True)
     ])  # fmt: skip
-    return replace(mesh, face_vertex_indices=mesh.face_vertex_indices[order])
+    looks = mesh.looks.at(order) if mesh.looks else None
+    return replace(mesh, face_vertex_indices=mesh.face_vertex_indices[order], looks=looks)

@@ -23,7 +23,7 @@ from balloon_warp.model.fixed import fixed_particles, group_of
 from balloon_warp.model.neck import NO_NECK, Neck, neck_of
 from balloon_warp.model.slack_remarks import about_slack
 from balloon_warp.model.strung import constants_of, spring_sums, strung
-from balloon_warp.model.told_shape import rest_shape, springs_told
+from balloon_warp.model.told_shape import rest_shape, sewn_vertices, springs_told
 from balloon_warp.scene import Balloon, Material, Scene, Stiffness
 from balloon_warp.springs import SpringKind, Springs
 from balloon_warp.springs.hinges import Hinges, build_hinges
@@ -114,7 +114,7 @@ def shape_balloon(balloon: Balloon, scene: Scene, *, as_soft_as_can_be: bool = F
     springs = balloon_springs(placed, balloon.parts, beside)
     if material.rest_mesh:
         springs = springs.resting_at(resting.points)
-    membrane = _membrane(resting, material) if material.is_membrane else no_membrane()
+    membrane = _membrane(resting, placed, material) if material.is_membrane else no_membrane()
     if balloon.springs:
         if material.is_membrane:
             raise InputError(f'springs: {balloon.springs} needs material.kind = "springs" (got "{material.law}")')
@@ -176,18 +176,20 @@ def _drawn(springs: Springs, stiffness: Stiffness) -> NDArray[np.float64]:
     return 1.0 + stiffness.variation * np.random.default_rng(stiffness.seed).uniform(-1.0, 1.0, springs.count)
 
 
-def _membrane(mesh: PolygonMesh, material: Material) -> Membrane:
-    """As thick as the vertices say.
+def _membrane(resting: PolygonMesh, mesh: PolygonMesh, material: Material) -> Membrane:
+    """As thick as the vertices say, where nothing pulls in the shape at rest, which may be of panels.
 
     Raises:
         InputError: the mesh has no triangle.
     """
-    membrane = build_membrane(mesh)
+    membrane = build_membrane(resting)
     if not membrane.count:
         raise InputError(
             f"material: {mesh.name} has no face with an area to be made of {material.law.replace('_', '-')} material; "
             'expected one, or kind = "springs"'
         )
+    if resting.vertex_count != mesh.vertex_count:
+        membrane = replace(membrane, corners=sewn_vertices(resting, mesh, material.rest_mesh)[membrane.corners])
     weights = vertex_weights(mesh, material.weights, "material.weights")
     return replace(membrane, areas=membrane.areas * weights[membrane.corners].mean(axis=1))
 

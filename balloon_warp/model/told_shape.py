@@ -46,21 +46,49 @@ def springs_told(path: Path, own: Springs, mesh: PolygonMesh, constants: Values,
 
 
 def rest_shape(balloon: Balloon, placed: PolygonMesh, unit: float) -> PolygonMesh:
-    """The balloon as it is where nothing pulls: its own mesh, or the vertices of another.
+    """The balloon as it is where nothing pulls: its own mesh, the vertices of another, or its faces cut into panels.
 
     Raises:
-        InputError: the other mesh cannot be read, or has other vertices.
+        InputError: the other mesh cannot be read, or has neither the same vertices nor, of a film, the same faces.
     """
     path = balloon.material.rest_mesh
     if path is None:
         return placed
-    points = load_mesh(path).points
-    if len(points) != placed.vertex_count:
+    other = load_mesh(path)
+    if len(other.points) == placed.vertex_count:
+        return replace(placed, points=unit * other.points)
+    sewn_vertices(other, placed, path, balloon.material.is_membrane)
+    return replace(other, points=unit * other.points)
+
+
+def sewn_vertices(panels: PolygonMesh, sewn: PolygonMesh, source: object, film: bool = True) -> NDArray[np.int64]:
+    """The vertex of a mesh that each vertex of its panels is sewn to, shape (panels.vertex_count,).
+
+    Args:
+        panels: the same faces in the same order, of which some do not share their vertices any longer.
+        film: whether panels are taken at all: springs go from panel to panel.
+
+    Raises:
+        InputError: the panels are no cut mesh.
+    """
+    told = f"material.rest_mesh: {source} has {panels.vertex_count} vertices"
+    same = f"expected the {sewn.vertex_count} of {sewn.name}, in its order"
+    if not film:
+        raise InputError(f"{told}; {same}")
+    if not np.array_equal(panels.face_vertex_counts, sewn.face_vertex_counts):
         raise InputError(
-            f"material.rest_mesh: {path} has {len(points)} vertices; expected the {placed.vertex_count} of "
-            f"{placed.name}, in its order"
+            f"{told} and {panels.face_count} faces; {same}, or panels: its {sewn.face_count} faces, in its order, cut "
+            "along seams"
         )
-    return replace(placed, points=unit * points)
+    sewn_to = np.zeros(panels.vertex_count, dtype=np.int64)
+    sewn_to[panels.face_vertex_indices] = sewn.face_vertex_indices
+    if (wrong := sewn_to[panels.face_vertex_indices] != sewn.face_vertex_indices).any():
+        vertex = panels.face_vertex_indices[wrong][0] + 1
+        raise InputError(
+            f"material.rest_mesh: vertex {vertex} of {source}, counted from 1, would be sewn to several of "
+            f"{sewn.name}; expected one"
+        )
+    return sewn_to
 
 
 def _columns(path: Path) -> list[NDArray]:
