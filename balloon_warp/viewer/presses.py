@@ -34,10 +34,11 @@ class PressLayer:
     def __init__(self, server: viser.ViserServer, size: float):
         server.scene.remove_by_name(ROOT)
         self._size, self._strongest = size, 0.0
-        shape = {"shaft_radius": THIN * size, "head_radius": 2.5 * THIN * size, "head_length": 6.0 * THIN * size}
+        nothing, thin = np.zeros((1, 2, 3), np.float32), THIN * size
         self._arrows: Any = server.scene.add_arrows(
-            ROOT, np.zeros((1, 2, 3), np.float32), colors.CONTACTS, visible=False, **shape
-        )
+            ROOT, nothing, colors.CONTACTS, visible=False,
+            shaft_radius=thin, head_radius=2.5 * thin, head_length=6.0 * thin,
+        )  # fmt: skip
 
     def draw(self, picture: Picture, shown: bool) -> None:
         """Show what a picture's contacts do to its balloons."""
