@@ -9,6 +9,7 @@ from meshes import quad_sphere
 
 import balloon_warp as bw
 from balloon_warp.errors import InputError
+from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.scene.write import write_scene
 from balloon_warp.statics.balance import Balance
@@ -141,3 +142,38 @@ def test_a_rest_shape_of_other_vertices_is_refused(tmp_path: Path):
     write_obj(tmp_path / "other.obj", quad_sphere(4))
     with pytest.raises(InputError, match=r"material.rest_mesh: .*other.obj has 98 vertices; expected the 56"):
         bw.Simulator(gas_scene(EGG, bw.Material(rest_mesh=tmp_path / "other.obj")), "cpu")
+
+
+def cut_egg() -> PolygonMesh:
+    """The faces of the egg, each with corners of its own, lying beside each other."""
+    quads = EGG.points[EGG.face_vertex_indices].reshape(-1, 4, 3)
+    aside = quads + 0.3 * np.arange(len(quads))[:, None, None]
+    indices = np.arange(4 * len(quads), dtype=np.int32)
+    return PolygonMesh(aside.reshape(-1, 3), EGG.face_vertex_counts, indices, "panels")
+
+
+def test_panels_that_are_sewn_are_what_they_were_before(tmp_path: Path):
+    """Cut into its faces, a film has the same membrane, mass and step as in one piece."""
+    write_obj(tmp_path / "panels.obj", cut_egg())
+    cut = bw.Simulator(gas_scene(EGG, bw.Material(preset="latex", rest_mesh=tmp_path / "panels.obj")), "cpu")
+    whole = bw.Simulator(gas_scene(EGG, MATERIALS["latex"]), "cpu")
+    ours, theirs = cut.model.shapes[0], whole.model.shapes[0]
+    assert (ours.membrane.corners == theirs.membrane.corners).all()
+    np.testing.assert_allclose(ours.membrane.rests, theirs.membrane.rests, rtol=1e-5)
+    np.testing.assert_allclose(ours.mass_share, theirs.mass_share, rtol=1e-5)
+    assert cut.model.substeps == whole.model.substeps
+
+
+def test_panels_of_other_faces_are_refused(tmp_path: Path):
+    cut = cut_egg()
+    sewn_wrong = replace(cut, face_vertex_indices=np.r_[0, 0, cut.face_vertex_indices[2:]].astype(np.int32))
+    for mesh, sentence in (
+        (replace(cut, face_vertex_counts=cut.face_vertex_counts[1:], face_vertex_indices=cut.face_vertex_indices[4:]),
+         r"53 faces; expected the 56 of .*, or panels: its 54 faces, in its order"),
+        (sewn_wrong, "vertex 1 of .*, counted from 1, would be sewn to several"),
+    ):  # fmt: skip
+        write_obj(tmp_path / "panels.obj", mesh)
+        with pytest.raises(InputError, match=sentence):
+            bw.Simulator(gas_scene(EGG, bw.Material(preset="latex", rest_mesh=tmp_path / "panels.obj")), "cpu")
+    with pytest.raises(InputError, match="has 216 vertices; expected the 56 of"):
+        bw.Simulator(gas_scene(EGG, bw.Material(rest_mesh=tmp_path / "panels.obj")), "cpu")

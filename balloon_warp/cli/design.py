@@ -1,5 +1,6 @@
 """The command `balloon-warp design`."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,7 +16,7 @@ from balloon_warp.warp_logging import quiet_warp
 if TYPE_CHECKING:
     from balloon_warp.designing.result import Design
 
-DESIGN = "The design"
+DESIGN = "Design"
 """Heading of a section of the help"""
 
 Stretch = Annotated[
@@ -26,6 +27,48 @@ Stretch = Annotated[
         rich_help_panel=DESIGN,
     ),
 ]
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """Options that say what is designed."""
+
+    of: Annotated[
+        str,
+        typer.Option(
+            metavar="springs|latex|foil",
+            help="Kind of design: springs, with a rest length for each; latex, with the shape of its mould; or foil, "
+            "with its outline: TARGET is then letters, or a drawing, .svg; or, with --panels, a mesh.",
+            rich_help_panel=DESIGN,
+        ),
+    ] = "springs"
+    stretch: Stretch = None
+    hold: Annotated[
+        str,
+        typer.Option(
+            metavar="tension|any",
+            help="Forces that springs may bear: tension alone, or also compression.",
+            rich_help_panel=DESIGN,
+        ),
+    ] = "tension"
+    size: Annotated[
+        float,
+        typer.Option(metavar="METERS", help="Largest dimension of the target shape.", rich_help_panel=DESIGN),
+    ] = 0.3
+    thickness: Annotated[
+        float, typer.Option(metavar="METERS", help="Thickness of the latex or foil.", rich_help_panel=DESIGN)
+    ] = 2e-4
+    panels: Annotated[
+        str | None,
+        typer.Option(
+            metavar="COUNT|SEAMS",
+            help="Panels of foil for TARGET, a mesh: the number of gores around its vertical axis; a file of seams, "
+            "lines of vertices; or `materials` or `groups`, between which it is cut.",
+            rich_help_panel=DESIGN,
+        ),
+    ] = None
+
+
 View = Annotated[
     bool,
     typer.Option("--view", metavar="", help="Show it in the browser while it converges, error as color."),
@@ -44,31 +87,6 @@ def design(
         Path,
         typer.Option("--output", "-o", metavar="DIR", help="Output folder.", rich_help_panel=OUTPUT),
     ],
-    of: Annotated[
-        str,
-        typer.Option(
-            metavar="springs|latex|foil",
-            help="Kind of design: springs, with a rest length for each; latex, with the shape of its mould; or foil, "
-            "with its outline: TARGET is then letters, or a drawing, .svg.",
-            rich_help_panel=DESIGN,
-        ),
-    ] = "springs",
-    stretch: Stretch = None,
-    hold: Annotated[
-        str,
-        typer.Option(
-            metavar="tension|any",
-            help="Forces that springs may bear: tension alone, or also compression.",
-            rich_help_panel=DESIGN,
-        ),
-    ] = "tension",
-    size: Annotated[
-        float,
-        typer.Option(metavar="METERS", help="Largest dimension of the target shape.", rich_help_panel=DESIGN),
-    ] = 0.3,
-    thickness: Annotated[
-        float, typer.Option(metavar="METERS", help="Thickness of the latex or foil.", rich_help_panel=DESIGN)
-    ] = 2e-4,
     steps: Annotated[
         int, typer.Option(metavar="COUNT", help="Number of steps of the optimization.", rich_help_panel=LONG)
     ] = 30,
@@ -76,6 +94,8 @@ def design(
     device: Device = None,
     view: View = False,
     port: Port = None,
+    *,
+    wanted: Wanted,
 ) -> None:
     """Find the balloon that becomes a shape, and simulate it from rest.
 
@@ -85,7 +105,7 @@ def design(
     from balloon_warp.designing.design import design as designed  # loads SciPy and Warp
 
     quiet_warp()
-    if view and of == "foil":
+    if view and wanted.of == "foil":
         raise InputError("--view: shows designs of springs and latex (got --of foil)")
     last = ["before its first step"]
     with watched(view, port, Path(target).name) as watch, stages(Path(target).name) as stage:
@@ -96,9 +116,8 @@ def design(
 
         try:
             found = designed(
-                target, of=of, hold=hold,  # pyright: ignore[reportArgumentType]
-                stretch=stretch, size=size, thickness=thickness, folder=output, steps=steps, resume=resume,
-                device=device, on_stage=on_stage, on_step=watch,
+                target, **vars(wanted), folder=output, steps=steps, resume=resume, device=device, on_stage=on_stage,
+                on_step=watch,
             )  # fmt: skip
         except KeyboardInterrupt:
             raise StoppedError(f"design was stopped {last[0]}; --resume goes on from its last step") from None

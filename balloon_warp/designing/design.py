@@ -3,21 +3,24 @@
 import atexit
 import shutil
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from math import isfinite
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 from balloon_warp.designing.folder import require_folder
 from balloon_warp.designing.job import Job
 from balloon_warp.designing.of_latex import design_of_latex
+from balloon_warp.designing.of_panels import design_of_panels, panels_of
 from balloon_warp.designing.of_springs import design_of_springs
 from balloon_warp.designing.result import Design
 from balloon_warp.designing.springs import Hold
 from balloon_warp.designing.step import DesignStep
 from balloon_warp.designing.target import require_size, target_of
 from balloon_warp.errors import InputError
+from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.from_python import MeshLike
+from balloon_warp.mesh.load import LOADERS
 
 Of = Literal["springs", "latex", "foil"]
 SIZE, THICKNESS, STRETCH, STEPS = 0.3, 2.0e-4, 1.2, 30
@@ -31,6 +34,7 @@ def design(
     hold: Hold = "tension",
     size: float = SIZE,
     thickness: float = THICKNESS,
+    panels: int | str | Path | None = None,
     folder: str | Path | None = None,
     steps: int = STEPS,
     resume: bool = False,
@@ -42,16 +46,18 @@ def design(
 
     Args:
         target: the wanted shape: a mesh file, or a mesh; closed, of one part, not crossing itself. Of foil, letters or
-            the path of a drawing, .svg: the outline of the inflated balloon.
+            the path of a drawing, .svg: the outline of the inflated balloon; or, with `panels`, a mesh.
         of: what it is made of: a rest length for each of its springs; latex, whose mould is found; or foil.
         stretch: how much its skin is stretched in the wanted shape; 1.2 of springs, 2 of latex, when missing.
         hold: of springs: whether they only pull ("tension"), or may also push ("any").
         size: largest extent of the wanted shape [m].
         thickness: of latex and foil [m].
+        panels: of foil, what the shape is sewn of: so many gores around its vertical axis; or it is cut between
+            "materials" or "groups" of its mesh, or along the lines of vertices in a file.
         folder: where it is written: balloon.toml, which runs as it is, and its files, error.png and report.json. A
             temporary one when missing, which goes when Python ends.
         steps: at most, of the design.
-        resume: go on where the same design in that folder was stopped; of foil it begins anew.
+        resume: go on where the same design in that folder was stopped; of letters and drawings it begins anew.
         device: a Warp device for the simulation; if missing, the GPU or else the CPU.
         on_stage: told what is done, a few words each time.
         on_step: of springs and latex: told the balloon as it is after each step, and as it is simulated in the end.
@@ -68,30 +74,42 @@ def design(
             raise InputError(f"{name}: must be a number greater than 0 (got {number})")
     if not isinstance(steps, int) or steps < 0:
         raise InputError(f"steps: must be a whole number, at least 0 (got {steps})")
-    if of == "foil":
-        return _of_foil(target, size, thickness, folder, steps, device, on_stage)
+    place = Path(folder) if folder is not None else None
+    if of == "foil" and panels is None:
+        return _of_foil(target, size, thickness, place, steps, device, on_stage)
+    if of != "foil" and panels is not None:
+        raise InputError(f"panels: are of foil; expected none of {of} (got {panels})")
+
+    def job(mesh: PolygonMesh, options: Mapping[str, Any]) -> Job:
+        where = place or _temporary()
+        require_folder(where)
+        return Job(
+            mesh, of, float(stretch), hold, float(thickness), where, steps, device, resume, on_stage, on_step, options
+        )
+
+    if panels is not None:
+        cut = panels_of(target, panels, size)
+        return design_of_panels(job(cut.mesh, {"panels": str(panels)}), cut)
     mesh = target_of(target, size)
-    place = Path(folder) if folder is not None else _temporary()
-    require_folder(place)
-    job = Job(mesh, of, float(stretch), hold, float(thickness), place, steps, device, resume, on_stage, on_step)
-    return {"springs": design_of_springs, "latex": design_of_latex}[of](job)
+    return {"springs": design_of_springs, "latex": design_of_latex}[of](job(mesh, {}))
 
 
 def _of_foil(
-    target: object, size: float, thickness: float, folder: str | Path | None, steps: int, device: str | None,
+    target: object, size: float, thickness: float, folder: Path | None, steps: int, device: str | None,
     on_stage: Callable[[str], None],
 ) -> Design:  # fmt: skip
-    """Of letters or a drawing.
+    """Design a foil balloon from letters or a drawing.
 
     Raises:
         InputError: the target is neither, or cannot be made.
     """
     from balloon_warp.designing.of_foil import design_of_foil
 
-    if not isinstance(target, str | Path):
-        raise InputError(f"target: must be letters or a drawing, .svg, for foil (got {type(target).__name__})")
+    if not isinstance(target, str | Path) or Path(target).suffix.lower() in LOADERS:
+        got = target if isinstance(target, str | Path) else type(target).__name__
+        raise InputError(f"target: must be letters or a drawing, .svg, for foil without panels (got {got})")
     require_size(size)
-    place = Path(folder) if folder is not None else _temporary()
+    place = folder or _temporary()
     require_folder(place)
     return design_of_foil(str(target), size, thickness, place, steps, device, on_stage)
 

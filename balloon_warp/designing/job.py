@@ -1,21 +1,22 @@
 """One design from what was asked for to its folder."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from balloon_warp.designing.descent import Reached
 from balloon_warp.designing.folder import JOB, SAVED, write_picture, write_report
 from balloon_warp.designing.measure import Ruler
-from balloon_warp.designing.picture import error_picture
-from balloon_warp.designing.proof import MORE_FRAMES, Simulated, simulate_from_rest
+from balloon_warp.designing.picture import error_picture, stacked
+from balloon_warp.designing.proof import MORE_FRAMES, SLOW, SLOW_FOIL, Simulated, simulate_from_rest
 from balloon_warp.designing.result import Design
 from balloon_warp.designing.springs import Hold
 from balloon_warp.designing.step import DesignStep
@@ -27,12 +28,28 @@ from balloon_warp.scene.write import write_scene
 
 Values = NDArray[np.float64]
 MOVED = 0.005
-"""of the size: what was simulated is further from what was designed, so that it is said"""
+"""Distance between simulated and designed shape, over the size, from which on it is reported"""
+
+
+class Saved(Protocol):
+    """Saved progress of a design."""
+
+    @property
+    def steps(self) -> int:
+        """Tried until now."""
+        ...
+
+    def save(self, path: Path) -> None:
+        """Write it down."""
+        ...
+
+
+T = TypeVar("T", bound=Saved)
 
 
 @dataclass(frozen=True)
 class Job:
-    """What is asked for, and where it goes."""
+    """Request for a design, and its output folder."""
 
     target: PolygonMesh
     of: str
@@ -45,22 +62,27 @@ class Job:
     resume: bool
     say: Callable[[str], None]
     watch: Callable[[DesignStep], None] = lambda step: None
-    """told each step, and what is simulated in the end"""
+    """Callback for each step, and for the final simulation"""
+    options: Mapping[str, Any] = field(default_factory=dict)
+    """Further options of this kind of design"""
 
     @cached_property
     def ruler(self) -> Ruler:
-        """Of the wanted shape."""
+        """Ruler of the target shape."""
         return Ruler(self.target)
 
     @property
     def _asked(self) -> dict[str, Any]:
-        """By which a design is known again."""
+        """Return the request by which a design is recognized."""
         numbers = {"of": self.of, "stretch": self.stretch, "hold": self.hold, "thickness": self.thickness}
         points = self.target.points
-        return numbers | {"vertices": len(points), "sum": float(np.abs(points).sum())}
+        return numbers | dict(self.options) | {"vertices": len(points), "sum": float(np.abs(points).sum())}
 
-    def saved(self) -> Reached | None:
-        """How far the same design was, where it is to be resumed.
+    def saved(self, load: Callable[[Path], T]) -> T | None:
+        """Return the progress of the same design, if it is to be resumed.
+
+        Args:
+            load: reads what `remember` has written.
 
         Raises:
             InputError: nothing was saved, or of another design.
@@ -71,24 +93,36 @@ class Job:
             return None
         try:
             told = json.loads((self.folder / JOB).read_text(encoding="utf-8"))
-            reached = Reached.load(self.folder / SAVED)
-        except (OSError, ValueError, KeyError):
+            reached = load(self.folder / SAVED)
+        except (OSError, ValueError, KeyError, TypeError):
             raise InputError(f"{self.folder}: no design was begun there; expected none to --resume") from None
         if told != self._asked:
             raise InputError(f"{self.folder}: another design was begun there; expected the same target and options")
         self.say(f"going on after step {reached.steps}")
         return reached
 
-    def on_step(self, reached: Reached, stretch: float | None = None) -> None:
-        """Save how far it is, and say so."""
+    def remember(self, reached: Saved) -> None:
+        """Save how far it is, for `saved`."""
         write_report(self.folder / JOB, self._asked)
         reached.save(self.folder / SAVED)
+
+    def on_step(self, reached: Reached, stretch: float | None = None) -> None:
+        """Save how far it is, and say so."""
+        self.remember(reached)
         step = DesignStep(self.ruler, reached.steps, reached.points, stretch)
         self.say(f"{step.label}: {step.error} of the size")
         self.watch(step)
 
     def proven(
-        self, scene: Scene, held: Values, plain: Values | None, stretch: float, help_: str = "", **more: Any
+        self,
+        scene: Scene,
+        held: Values,
+        plain: Values | None,
+        stretch: float,
+        help_: str = "",
+        rival: str = "plain, at the same stretch",
+        below: Image.Image | None = None,
+        **more: Any,
     ) -> Design:
         """Simulate a scene from rest, and write all down: the picture and the report, too.
 
@@ -97,13 +131,15 @@ class Job:
             plain: that of the rival.
             stretch: of the design, in the mean.
             help_: what may bring nearer what is off, as the end of a sentence.
+            rival: what its picture is called.
+            below: a picture that stands below the others.
             more: for the report.
 
         Raises:
             InputError: it blows up or finds no rest.
         """
         self.say("simulating it from rest")
-        simulated = simulate_from_rest(scene, self.ruler.size, self.device)
+        simulated = simulate_from_rest(scene, self.ruler.size, self.device, SLOW_FOIL if self.of == "foil" else SLOW)
         if isinstance(simulated, str):
             raise InputError(f"the design does not come to rest: {simulated}; expected a smaller stretch")
         self.watch(DesignStep(self.ruler, self.steps, simulated.points, stretch, proven=True))
@@ -113,16 +149,15 @@ class Job:
         said = {**self._asked, **design.report(), "pressure": simulated.pressure, **more}
         write_report(self.folder / "report.json", said)
         self.say("drawing the errors")
-        rival = [] if plain is None else [("plain, at the same stretch", plain)]
-        write_picture(
-            self.folder / "error.png", error_picture(self.ruler, [("simulated from rest", simulated.points), *rival])
-        )
+        shapes = [("simulated from rest", simulated.points)] + ([] if plain is None else [(rival, plain)])
+        picture = error_picture(self.ruler, shapes)
+        write_picture(self.folder / "error.png", picture if below is None else stacked(picture, below))
         return design
 
     def _judged(
         self, scene: Scene, simulated: Simulated, held: Values, plain: Values | None, stretch: float, help_: str
     ) -> Design:
-        """The design with its errors, and what it cannot."""
+        """Return the design with its errors, and what it cannot."""
         ruler = self.ruler
         cannot = places_off(ruler, simulated.points, help_)
         elsewhere = np.linalg.norm(ruler.aligned(simulated.points) - ruler.aligned(held), axis=1).max() / ruler.size

@@ -1,10 +1,10 @@
-"""From a wanted shape to a mould for a balloon of latex, simulated."""
+"""Design of a latex balloon: from a target shape to its mould, simulated."""
 
 from dataclasses import replace
 
 import numpy as np
 
-from balloon_warp.designing.descent import begin, descend
+from balloon_warp.designing.descent import Reached, begin, descend
 from balloon_warp.designing.folder import write_stl
 from balloon_warp.designing.job import Job
 from balloon_warp.designing.mould import MouldProblem
@@ -22,7 +22,7 @@ from balloon_warp.statics.of_model import film_of
 LEAST_STRETCH, MOST_STRETCH = 1.05, 5.0
 GOAL = 1.0e-10
 DENSITY = 940.0
-"""of latex [kg/m^3]"""
+"""Density of latex [kg/m^3]"""
 
 
 def design_of_latex(job: Job) -> Design:
@@ -39,7 +39,7 @@ def design_of_latex(job: Job) -> Design:
     plain = begin(problem, problem.plain)
     if plain is None:
         raise InputError(f"stretch: a plain mould finds no rest at {job.stretch:g}; expected less")
-    reached = descend(problem, job.saved() or plain, job.steps, GOAL, job.on_step)
+    reached = descend(problem, job.saved(Reached.load) or plain, job.steps, GOAL, job.on_step)
     mould = replace(problem.mesh, points=reached.design.reshape(-1, 3))
     write_obj(job.folder / "balloon.obj", mould)
     write_stl(job.folder / "mould.stl", mould, job.ruler.triangles)
@@ -58,7 +58,7 @@ def design_of_latex(job: Job) -> Design:
 
 
 def _film(job: Job, material: Material) -> FilmSkin:
-    """The wanted shape as a film that is at rest."""
+    """Return the wanted shape as a film that is at rest."""
     fields = common_fields(job.target, Inflation(pressure=0.0))
     scene = scene_of(Balloon(**fields, material=material), "", 1)
     plan = plan_model(scene)

@@ -18,11 +18,11 @@ from balloon_warp.mesh.prepare import Treatment, prepared
 from balloon_warp.mesh.topology import border_edges, is_closed, mesh_edges, vertex_components
 
 LEAST_SIZE, MOST_SIZE = 0.01, 100.0
-"""[m]"""
+"""Range of sizes [m]"""
 MOST_VERTICES = 20_000
-"""that are designed within minutes"""
+"""Largest number of vertices that are designed within minutes"""
 INSIDE = 1.0e-9
-"""of an edge and of a triangle counts as crossing, so that what only touches does not"""
+"""Margin inside an edge and a triangle for a crossing, so that touching does not count"""
 
 
 def target_of(given: str | Path | MeshLike, size: float) -> PolygonMesh:
@@ -35,9 +35,18 @@ def target_of(given: str | Path | MeshLike, size: float) -> PolygonMesh:
         InputError: it cannot be read, is open, has several parts, crosses itself or is too large.
     """
     require_size(size)
-    mesh = load_mesh(Path(given) if isinstance(given, str) else given)
-    source = given if isinstance(given, str | Path) else mesh.name
-    mesh = _used(prepared(mesh, source, Treatment()))
+    return centered(shape_of(given)[1], size)
+
+
+def shape_of(given: str | Path | MeshLike) -> tuple[PolygonMesh, PolygonMesh]:
+    """Read a shape: as its file has it, and closed, of one part and with faces outward.
+
+    Raises:
+        InputError: it cannot be read, is open, has several parts, crosses itself or is too large.
+    """
+    read = load_mesh(Path(given) if isinstance(given, str) else given)
+    source = given if isinstance(given, str | Path) else read.name
+    mesh = _used(prepared(read, source, Treatment()))
     edges = mesh_edges(mesh)
     if not is_closed(edges):
         low, high = edges.ends[border_edges(edges)[0]] + 1
@@ -59,6 +68,11 @@ def target_of(given: str | Path | MeshLike, size: float) -> PolygonMesh:
             f"{source}: crosses itself at {crossed} places; expected a surface that does not, as `balloon-warp remesh` "
             "makes"
         )
+    return read, mesh
+
+
+def centered(mesh: PolygonMesh, size: float) -> PolygonMesh:
+    """Return the bare shape in meters about the origin, of a size."""
     points = mesh.points * mesh.meters_per_unit
     points = points - 0.5 * (points.max(axis=0) + points.min(axis=0))
     return replace(
@@ -78,7 +92,7 @@ def require_size(size: float) -> None:
 
 
 def crossing_triangles(mesh: PolygonMesh) -> NDArray[np.int64]:
-    """Pairs of an edge and a triangle that it goes through, shape (n, 2)."""
+    """Return the pairs of an edge and a triangle that it goes through, shape (n, 2)."""
     triangles, ends = Ruler(mesh).triangles, mesh_edges(mesh).ends
     corners, segments = mesh.points[triangles], mesh.points[ends]
     middles, halves = segments.mean(axis=1), 0.5 * np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1)
@@ -95,7 +109,7 @@ def crossing_triangles(mesh: PolygonMesh) -> NDArray[np.int64]:
 
 
 def _goes_through(segments: NDArray[np.float64], corners: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Whether each segment goes through its triangle (Moeller and Trumbore), shape (n,)."""
+    """Return whether each segment goes through its triangle (Moeller and Trumbore), shape (n,)."""
     start, way = segments[:, 0], segments[:, 1] - segments[:, 0]
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     across = np.cross(way, second)
@@ -109,18 +123,24 @@ def _goes_through(segments: NDArray[np.float64], corners: NDArray[np.float64]) -
 
 
 def _used(mesh: PolygonMesh) -> PolygonMesh:
-    """Without vertices of no face."""
+    """Return the mesh without unused vertices."""
     used, numbers = np.unique(mesh.face_vertex_indices, return_inverse=True)
+    new = np.full(mesh.vertex_count, -1, dtype=np.int32)
+    new[used] = np.arange(len(used), dtype=np.int32)
+    there = np.arange(mesh.vertex_count) if mesh.stand_ins is None else mesh.stand_ins
+    groups = {name: np.unique(new[there[vertices]]) for name, vertices in mesh.groups.items()}
     return replace(
-        mesh, points=mesh.points[used], face_vertex_indices=numbers.ravel().astype(np.int32), stand_ins=None, groups={}
-    )
+        mesh, points=mesh.points[used], face_vertex_indices=numbers.ravel().astype(np.int32), stand_ins=None,
+        groups={name: vertices[vertices >= 0] for name, vertices in groups.items()},
+    )  # fmt: skip
 
 
 def _turned(mesh: PolygonMesh) -> PolygonMesh:
-    """With faces outward."""
+    """Return the mesh with faces outward."""
     starts = np.cumsum(mesh.face_vertex_counts) - mesh.face_vertex_counts
     order = np.concatenate([
         np.arange(start + count - 1, start - 1, -1)
         for start, count in zip(starts.tolist(), mesh.face_vertex_counts.tolist(), strict=True)
     ])  # fmt: skip
-    return replace(mesh, face_vertex_indices=mesh.face_vertex_indices[order])
+    looks = mesh.looks.at(order) if mesh.looks else None
+    return replace(mesh, face_vertex_indices=mesh.face_vertex_indices[order], looks=looks)

@@ -1,4 +1,4 @@
-"""What files say of a balloon beside its mesh: its springs one by one, and the shape at which nothing pulls."""
+"""Files beside a balloon's mesh: individual springs, and the stress-free shape."""
 
 import zipfile
 from dataclasses import replace
@@ -16,11 +16,11 @@ from balloon_warp.springs.springs import SpringKind
 
 Values = NDArray[np.float64]
 COLUMNS = ("pairs", "rest_lengths", "constants")
-"""of a file of springs"""
+"""Arrays in a file of springs"""
 
 
 def springs_told(path: Path, own: Springs, mesh: PolygonMesh, constants: Values, unit: float) -> tuple[Springs, Values]:
-    """The springs of a file, and the scale of each one's constant over that of its kind.
+    """Return the springs of a file, and the scale of each one's constant over that of its kind.
 
     A spring between particles that the mesh would join has the kind of that; others are structural.
 
@@ -46,21 +46,49 @@ def springs_told(path: Path, own: Springs, mesh: PolygonMesh, constants: Values,
 
 
 def rest_shape(balloon: Balloon, placed: PolygonMesh, unit: float) -> PolygonMesh:
-    """The balloon as it is where nothing pulls: its own mesh, or the vertices of another.
+    """Return the stress-free mesh: the balloon's own, the vertices of another, or its faces cut into panels.
 
     Raises:
-        InputError: the other mesh cannot be read, or has other vertices.
+        InputError: the other mesh cannot be read, or has neither the same vertices nor, of a film, the same faces.
     """
     path = balloon.material.rest_mesh
     if path is None:
         return placed
-    points = load_mesh(path).points
-    if len(points) != placed.vertex_count:
+    other = load_mesh(path)
+    if len(other.points) == placed.vertex_count:
+        return replace(placed, points=unit * other.points)
+    sewn_vertices(other, placed, path, balloon.material.is_membrane)
+    return replace(other, points=unit * other.points)
+
+
+def sewn_vertices(panels: PolygonMesh, sewn: PolygonMesh, source: object, film: bool = True) -> NDArray[np.int64]:
+    """Return the vertex of a mesh that each vertex of its panels is sewn to, shape (panels.vertex_count,).
+
+    Args:
+        panels: the same faces in the same order, of which some do not share their vertices any longer.
+        film: whether panels are taken at all: springs go from panel to panel.
+
+    Raises:
+        InputError: the panels are no cut mesh.
+    """
+    told = f"material.rest_mesh: {source} has {panels.vertex_count} vertices"
+    same = f"expected the {sewn.vertex_count} of {sewn.name}, in its order"
+    if not film:
+        raise InputError(f"{told}; {same}")
+    if not np.array_equal(panels.face_vertex_counts, sewn.face_vertex_counts):
         raise InputError(
-            f"material.rest_mesh: {path} has {len(points)} vertices; expected the {placed.vertex_count} of "
-            f"{placed.name}, in its order"
+            f"{told} and {panels.face_count} faces; {same}, or panels: its {sewn.face_count} faces, in its order, cut "
+            "along seams"
         )
-    return replace(placed, points=unit * points)
+    sewn_to = np.zeros(panels.vertex_count, dtype=np.int64)
+    sewn_to[panels.face_vertex_indices] = sewn.face_vertex_indices
+    if (wrong := sewn_to[panels.face_vertex_indices] != sewn.face_vertex_indices).any():
+        vertex = panels.face_vertex_indices[wrong][0] + 1
+        raise InputError(
+            f"material.rest_mesh: vertex {vertex} of {source}, counted from 1, would be sewn to several of "
+            f"{sewn.name}; expected one"
+        )
+    return sewn_to
 
 
 def _columns(path: Path) -> list[NDArray]:
@@ -89,7 +117,7 @@ def _require_springs(path: Path, pairs: NDArray, lengths: Values, constants: Val
 
 
 def _kinds(pairs: NDArray[np.int32], own: Springs) -> NDArray[np.int32]:
-    """Of each pair, as the mesh's own springs have it; structural where they have none."""
+    """Return the kind of each pair among the mesh's own springs; structural where there is none."""
     keys = (own.pairs[:, 0].astype(np.int64) << 32) + own.pairs[:, 1]
     order = np.argsort(keys)
     wanted = (pairs[:, 0].astype(np.int64) << 32) + pairs[:, 1]

@@ -55,7 +55,8 @@ class Material(Table):
     """Shear modulus at rest, a third of Young's modulus; 3.3e5 when missing [Pa]"""
     rest_mesh: Path | None = None
     """Mesh file of the stress-free shape, with the same vertices and faces, sought beside the scene file, such as the
-    mould of a latex balloon; when missing, the shape at the start"""
+    mould of a latex balloon; of a membrane also the same faces cut along seams, the panels that it is sewn of; when
+    missing, the shape at the start"""
     thickness: float | None = optional_field_of("thickness")
     """Thickness at rest; 2e-4 when missing [m]"""
     density: Positive | None = None

@@ -1,0 +1,210 @@
+"""Foil of panels: gores and seams that are marked, laid flat, sewn and simulated from rest."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from meshes import mesh_of, quad_sphere
+
+import balloon_warp as bw
+from balloon_warp.designing import of_panels, picture
+from balloon_warp.designing.flatten import flattened, seam_lengths
+from balloon_warp.designing.of_panels import panels_of
+from balloon_warp.designing.panel_layout import laid_out
+from balloon_warp.designing.panel_pattern import PanelPattern
+from balloon_warp.errors import InputError
+from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.obj import write_obj
+
+BALL = quad_sphere(6)
+SIDES = 16
+
+
+def cylinder() -> PolygonMesh:
+    """Of radius 1 and height 2: rows of vertices, 16 around, and lids of one more vertex each."""
+    angles = 2.0 * np.pi * np.arange(SIDES) / SIDES
+    rim = np.stack([np.cos(angles), np.zeros(SIDES), np.sin(angles)], axis=1)
+    rows = [rim + [0.0, y, 0.0] for y in (-1.0, -0.5, 0.0, 0.5, 1.0)]
+    points = np.concatenate([*rows, [[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]]])
+    faces = []
+    for row in range(4):
+        for k in range(SIDES):
+            a, b = row * SIDES + k, row * SIDES + (k + 1) % SIDES
+            faces.append([a, a + SIDES, b + SIDES, b])
+    faces += [[k, (k + 1) % SIDES, 5 * SIDES] for k in range(SIDES)]
+    faces += [[4 * SIDES + (k + 1) % SIDES, 4 * SIDES + k, 5 * SIDES + 1] for k in range(SIDES)]
+    return mesh_of(points, faces, name="cylinder")
+
+
+def seams_file(path: Path, *, opened: bool = True) -> Path:
+    """Both rims of the cylinder, and a line up its side, as an .obj has lines."""
+    rims = [[*range(first, first + SIDES), first] for first in (0, 4 * SIDES)]
+    lines = rims + [[row * SIDES for row in range(5)]] * opened
+    path.write_text("v 0 0 0\n" + "".join(f"l {' '.join(str(v + 1) for v in line)}\n" for line in lines))
+    return path
+
+
+@pytest.fixture(autouse=True)
+def small(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(picture, "SIZE", (96, 84))
+    monkeypatch.setattr(picture, "SAMPLES", 1)
+    monkeypatch.setattr(of_panels, "EDGES", 8)
+
+
+@pytest.mark.parametrize("count", [5, 16])
+def test_gores_of_a_ball_are_those_of_the_textbook(count: int):
+    """As long as a meridian, as wide as their part of the equator; and seams alike to a thousandth of a millimeter.
+
+    What is flat is off by a sixth of the squared half width in radians, the strain of a strip that is curved both ways,
+    and by some percent, since the ball is of 6 quads a side.
+    """
+    off = (np.pi / count) ** 2 / 6.0 + 0.025
+    panels = panels_of(BALL, count, 0.3)
+    flat = flattened(panels, panels.mesh.points)
+    assert panels.count == count
+    radius = np.linalg.norm(panels.mesh.points, axis=1)
+    np.testing.assert_allclose(radius, 0.15, rtol=0.03)  # of a coarse ball
+    lengths = seam_lengths(panels, flat)
+    assert np.abs(lengths[:, 0] - lengths[:, 1]).max() < 1e-6
+    np.testing.assert_allclose(lengths.sum(axis=0) / count, np.pi * 0.15, rtol=off)
+    placed = laid_out(panels, flat)
+    for border in panels.borders:
+        width, height = np.ptp(placed[border], axis=0)
+        assert width == pytest.approx(2.0 * np.pi * 0.15 / count, rel=off)
+        assert height == pytest.approx(np.pi * 0.15, rel=off)
+
+
+def test_what_can_be_laid_flat_is_laid_flat_without_strain(tmp_path: Path):
+    """A cylinder along its rims and a line: two lids and a rectangle, and no panel on another."""
+    panels = panels_of(cylinder(), seams_file(tmp_path / "seams.obj"), 0.2)
+    flat = laid_out(panels, flattened(panels, panels.mesh.points))
+    assert panels.count == 3
+    edges = panels.corners[:, [0, 1, 2, 0]]
+    now = np.linalg.norm(np.diff(flat[edges], axis=1), axis=2)
+    rest = np.linalg.norm(np.diff(panels.mesh.points[panels.sewn_to[edges]], axis=1), axis=2)
+    np.testing.assert_allclose(now, rest, rtol=1e-5)
+    around = 2.0 * SIDES * np.sin(np.pi / SIDES) * 0.1
+    boxes = np.array([[flat[border].min(axis=0), flat[border].max(axis=0)] for border in panels.borders])
+    sizes = np.sort(boxes[:, 1] - boxes[:, 0], axis=1)
+    assert np.abs(sizes - [0.2, around]).max(axis=1).min() < 1e-5
+    for one in range(3):
+        for other in range(one):
+            apart = np.maximum(boxes[one, 0] - boxes[other, 1], boxes[other, 0] - boxes[one, 1])
+            assert apart.max() > 0.016  # two allowances
+
+
+def test_marks_that_have_the_same_number_meet(tmp_path: Path):
+    """They stand at the same place of the seam, on both panels, and point out of them."""
+    shapely = pytest.importorskip("shapely")
+    panels = panels_of(cylinder(), seams_file(tmp_path / "seams.obj"), 0.4)
+    flat = laid_out(panels, flattened(panels, panels.mesh.points))
+    lines, labels = PanelPattern(panels, flat).drawn
+    texts = [label.text for label in labels if label.kind == "mark"]
+    assert all(texts.count(text) == 2 for text in texts)
+    assert sorted(label.text for label in labels if label.kind == "panel") == ["1", "2", "3"]
+    outlines = shapely.MultiPolygon([shapely.Polygon(flat[border]) for border in panels.borders])
+    for line in lines:
+        if line.kind == "mark":
+            assert outlines.boundary.distance(shapely.Point(line.places[0])) < 1e-9
+            assert not outlines.contains(shapely.Point(line.places.mean(axis=0)))
+    PanelPattern(panels, flat).write(tmp_path / "pattern.svg")
+    text = (tmp_path / "pattern.svg").read_text()
+    assert [text.count(f'class="{kind}"') for kind in ("seam", "cut")] == [3, 3]
+    assert text.count('class="mark"') == 2 * len(texts)
+
+
+def test_a_ball_of_gores_becomes_round_from_rest(tmp_path: Path):
+    """Its folder runs by itself; what was stopped goes on, to the same."""
+    pytest.importorskip("shapely")
+
+    def stop(stage: str) -> None:
+        if stage.startswith("correction 0"):
+            raise KeyboardInterrupt
+
+    asked = {"of": "foil", "panels": 6, "thickness": 1e-4, "steps": 1, "folder": tmp_path, "device": "cpu"}
+    with pytest.raises(KeyboardInterrupt):
+        bw.design(BALL, **asked, on_stage=stop)
+    told: list[str] = []
+    design = bw.design(BALL, **asked, resume=True, on_stage=told.append)
+    assert told[0] == "going on after step 1"
+    assert design.error.mean < 0.012
+    assert design.plain_error
+    assert design.error.mean <= design.plain_error.mean + 1e-3
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert report["panels"] == 6
+    assert report["seams_differ_by"] < 1e-6
+    start = bw.load_mesh(tmp_path / "balloon.obj")
+    assert np.ptp(start.points, axis=0).max() == pytest.approx(0.27, rel=0.01)
+    last = list(bw.Simulator(tmp_path / "balloon.toml", "cpu").run())[-1].points[0]
+    np.testing.assert_allclose(last, design.simulated, atol=3e-3)
+    for name in ("pattern.svg", "error.png", "panels.obj"):
+        assert (tmp_path / name).stat().st_size > 1_000
+    with pytest.raises(InputError, match="another design was begun there"):
+        bw.design(BALL, **(asked | {"panels": 7}), resume=True)
+
+
+def grouped(path: Path, kind: str) -> Path:
+    """A ball whose upper and lower half are groups, or materials."""
+    write_obj(path, BALL)
+    faces = BALL.face_vertex_indices.reshape(-1, 4)
+    upper = BALL.points[faces].mean(axis=1)[:, 1] > 0.0
+    text = [line for line in path.read_text().splitlines() if not line.startswith("f ")]
+    path.with_suffix(".mtl").write_text("newmtl a\nKd 1 0 0\nnewmtl b\nKd 0 1 0\n")
+    text = [f"mtllib {path.stem}.mtl", *text]
+    for name, own in (("a", faces[upper]), ("b", faces[~upper])):
+        text += [f"{kind} {name}", *(f"f {' '.join(str(v + 1) for v in face)}" for face in own)]
+    path.write_text("\n".join(text))
+    return path
+
+
+@pytest.mark.parametrize(("said", "kind"), [("groups", "g"), ("materials", "usemtl")])
+def test_panels_between_parts_of_a_file(said: str, kind: str, tmp_path: Path):
+    assert panels_of(grouped(tmp_path / "halves.obj", kind), said, 0.3).count == 2
+
+
+def tube() -> PolygonMesh:
+    """A ring, which its axis does not meet."""
+    return bw.load_mesh(Path(__file__).parent.parent / "scenes" / "knot.obj")
+
+
+@pytest.mark.parametrize(
+    ("mesh", "seams", "sentence"),
+    [
+        (BALL, "1 2", r"is closed: the seams do not cut it; expected pieces with one border"),
+        (BALL, "1 200", r"no edge of .* joins vertices \d+ and \d+, counted from 1, of a seam"),
+        (BALL, "1 900", r"names vertex 900; expected numbers from 1 to the \d+ of"),
+        (BALL, "1 two", r"line 1 is '1 two'; expected numbers of vertices"),
+        (BALL, "7", r"line 1 has one vertex; expected two or more"),
+        (BALL, "# none", r"has no seam; expected lines of vertices"),
+    ],
+)
+def test_seams_that_do_not_cut_are_refused(mesh: PolygonMesh, seams: str, sentence: str, tmp_path: Path):
+    (tmp_path / "seams.txt").write_text(seams)
+    with pytest.raises(InputError, match=sentence):
+        panels_of(mesh, tmp_path / "seams.txt", 0.3)
+
+
+def test_panels_that_cannot_be_are_refused(tmp_path: Path):
+    with pytest.raises(InputError, match=r"piece of 128 triangles about .* of cylinder has 2 borders or a handle"):
+        panels_of(cylinder(), seams_file(tmp_path / "seams.obj", opened=False), 0.3)
+    with pytest.raises(InputError, match=r"panels: must be from 3 to 64 gores \(got 2\)"):
+        panels_of(BALL, 2, 0.3)
+    with pytest.raises(InputError, match=r"half-plane at .* degrees meets .* in \d+ lines from pole to pole"):
+        panels_of(tube(), 8, 0.3)
+    with pytest.raises(InputError, match=r"panels: .*none.txt cannot be read; expected a number of gores"):
+        panels_of(BALL, tmp_path / "none.txt", 0.3)
+    with pytest.raises(InputError, match=r"has no materials with a border between them"):
+        panels_of(BALL, "materials", 0.3)
+    with pytest.raises(InputError, match=r"panels: are of foil; expected none of latex \(got 8\)"):
+        bw.design(BALL, of="latex", panels=8)
+    deep = replace(BALL, points=BALL.points * [0.1, 1.0, 0.1], name="rod")
+    ring = [v + 1 for v in np.flatnonzero(np.abs(BALL.points[:, 1]) < 1e-9)]
+    assert len(ring) > 3
+    order = sorted(ring, key=lambda v: np.arctan2(BALL.points[v - 1, 2], BALL.points[v - 1, 0]))
+    (tmp_path / "waist.txt").write_text(" ".join(map(str, [*order, order[0]])))
+    panels = panels_of(deep, tmp_path / "waist.txt", 0.3)
+    assert panels.count == 2
+    with pytest.raises(InputError, match=r"panel \d+, of \d+ triangles, folds over when it is laid flat"):
+        flattened(panels, panels.mesh.points)
