@@ -11,12 +11,12 @@ from balloon_warp.kernels.laws.contact import AS_OTHERS
 from balloon_warp.model.parameters import Parameters
 
 FRICTION = "pair_frictions"
-"""the name of the coefficients in the parameters, shape (W, thing_count, thing_count)"""
+"""Name of the coefficients in the parameters, shape (W, thing_count, thing_count)"""
 OF_THINGS = ("ground_friction", "obstacle_friction", "sphere_friction", "body_friction")
-"""what things other than balloons say, in order"""
+"""Coefficients of things other than balloons, in order"""
 OF_BALLOONS, BETWEEN_BALLOONS = "balloon_friction", "touch_friction"
 SAID = (*OF_THINGS, OF_BALLOONS, BETWEEN_BALLOONS)
-"""the parameters that the coefficients follow from"""
+"""Parameters that the coefficients follow from"""
 
 
 def settle_friction(parameters: Parameters) -> Parameters:
@@ -35,12 +35,14 @@ def settle_friction(parameters: Parameters) -> Parameters:
 
 
 def _means(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Geometric means; of two that are alike exactly what they are."""
+    """Return the geometric means; of two that are alike exactly what they are."""
     return np.where(first == second, first, np.sqrt(first * second))
 
 
 def _rows(values: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Rows of worlds, shape (W, count), a single one where all are alike; as devices keep them, so that resolving them
-    again gives the same."""
+    """Return the rows of worlds, shape (W, count), a single one where all are alike.
+
+    They are as devices keep them, so that resolving them again gives the same.
+    """
     rows = np.asarray(values, dtype=np.float32).astype(np.float64).reshape(len(values), -1)
     return rows[:1] if (rows == rows[:1]).all() else rows

@@ -22,7 +22,7 @@ class PlannedChanges:
         return iter(self._ahead)
 
     def are_due(self, frame: int) -> bool:
-        """Whether one is to be made at the start of a frame."""
+        """Return whether a change is due at the start of a frame."""
         return bool(self._ahead) and self._ahead[0].frame <= frame
 
     def due(self, frame: int) -> Iterator[DueChange]:

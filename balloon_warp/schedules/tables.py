@@ -1,4 +1,4 @@
-"""From a model to the tables that kernels read."""
+"""Tables of a model for kernels."""
 
 from typing import Any, NamedTuple
 
@@ -39,7 +39,7 @@ from balloon_warp.springs.coloring import color_springs
 
 
 def make_tables(model: Model, traits: Traits, in_block: bool = False) -> Any:
-    """All that does not change in a frame.
+    """Return all that does not change in a frame.
 
     Args:
         in_block: for the `block` schedule, see `ring_table`.
@@ -75,7 +75,7 @@ def make_tables(model: Model, traits: Traits, in_block: bool = False) -> Any:
 
 
 def tables_of_world(model: Model, tables: Any) -> Any:
-    """A batch's tables for one of its worlds, whose model has views of its parameters."""
+    """Return a batch's tables for one of its worlds, whose model has views of its parameters."""
     t, strings = Tables(), StringTable()
     for name in Tables.vars:
         setattr(t, name, getattr(tables, name))
@@ -92,7 +92,7 @@ def tables_of_world(model: Model, tables: Any) -> Any:
 
 
 def world_state(state: State) -> Any:
-    """The arrays of a state."""
+    """Return the arrays of a state."""
     worlds = WorldState()
     for name in WorldState.vars:
         setattr(worlds, name, getattr(state, name))
@@ -133,7 +133,7 @@ def _pairs(model: Model) -> Any:
 
 
 def _hinges(model: Model, traits: Traits) -> Any:
-    """The hinges of balloons, where a law acts on them, and the roles of each particle in them."""
+    """Return the hinges of balloons, where a law acts on them, and the roles of each particle in them."""
     hinges = [shape.hinges for shape in model.shapes] if traits.has("hinge") else []
     offsets = model.particle_offsets[:-1]
     empty = np.zeros(0, dtype=np.int64)
@@ -187,27 +187,27 @@ def _faces(model: Model) -> Any:
 
 
 def volume_origins(model: Model) -> NDArray[np.int64]:
-    """The particle of each balloon about which its volume is taken: one of a face, shape (balloon_count,)."""
+    """Return the particle of each balloon about which its volume is taken: one of a face, shape (balloon_count,)."""
     first_faces = np.searchsorted(model.face_balloon.numpy(), np.arange(model.balloon_count))
     corners = np.asarray(model.face_offsets.numpy(), dtype=np.int64)[first_faces]
     return np.append(np.asarray(model.face_particles.numpy(), dtype=np.int64), 0)[corners]
 
 
 class OtherCorners(NamedTuple):
-    """Of every corner of a face, sorted by particle, the face's other corners."""
+    """Other corners of the face at every corner of a face, sorted by particle."""
 
     particles: NDArray[np.int64]
-    """of the corner itself, shape (corner_count,)"""
+    """Particle of the corner itself, shape (corner_count,)"""
     sizes: NDArray[np.int64]
-    """how many others there are, shape (corner_count,)"""
+    """Number of other corners, shape (corner_count,)"""
     begins: NDArray[np.int64]
-    """where they begin, and after the last corner, where they end, shape (corner_count + 1,)"""
+    """Begin of the other corners, and the end of the last, shape (corner_count + 1,)"""
     others: NDArray[np.int64]
-    """their particles in order from it, one corner's after the other"""
+    """Particles of the other corners in order from the corner, one corner's after the other"""
 
 
 def other_corners(model: Model) -> OtherCorners:
-    """The corners that each corner of a face has beside it."""
+    """Return the corners that each corner of a face has beside it."""
     particles = np.asarray(model.face_particles.numpy(), dtype=np.int64)
     offsets = np.asarray(model.face_offsets.numpy(), dtype=np.int64)
     counts, order = np.diff(offsets), np.argsort(particles, kind="stable")
@@ -220,8 +220,10 @@ def other_corners(model: Model) -> OtherCorners:
 
 
 def quads_at_particles(model: Model) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Of every corner of a quad, sorted by particle: the particle, and the corners before, opposite and after, shape
-    (corner_count, 3)."""
+    """Return the corners of quads, sorted by particle: the particle, and the corners before, opposite and after.
+
+    The latter have shape (corner_count, 3).
+    """
     corners = np.asarray(model.face_particles.numpy(), dtype=np.int64).reshape(-1, 4)
     each = np.stack([np.roll(corners, -turn, axis=1) for turn in range(4)], axis=1).reshape(-1, 4)
     each = each[np.argsort(each[:, 0], kind="stable")]
@@ -229,7 +231,7 @@ def quads_at_particles(model: Model) -> tuple[NDArray[np.int64], NDArray[np.int6
 
 
 def _fans(model: Model, traits: Traits) -> Any:
-    """The corners of faces at each particle, where area vectors are needed."""
+    """Return the corners of faces at each particle, where area vectors are needed."""
     table = FanTable()
     count = model.particle_count
     if traits.measures_areas and traits.quads:
@@ -263,7 +265,7 @@ def _tubes(model: Model) -> Any:
 
 
 def _pumps(model: Model) -> Any:
-    """Of balloons without, a point without flow."""
+    """Return the pump curves; balloons without one have a point without flow."""
     curves = [balloon.inflation.pump_curve or [(0.0, 0.0)] for balloon in model.scene.balloon]
     longest = max(map(len, curves))
     points = np.array([[*curve, *curve[-1:] * (longest - len(curve))] for curve in curves])
@@ -280,7 +282,7 @@ def _necks(model: Model) -> Any:
 
 
 def _correction(model: Model, traits: Traits) -> Any:
-    """Springs color by color; none where lengths are not corrected."""
+    """Return the springs color by color; none where lengths are not corrected."""
     pairs = np.asarray(model.spring_particles.numpy(), dtype=np.int64).reshape(-1, 2)
     pairs = pairs[: None if traits.corrected else 0]
     colors = color_springs(pairs, np.concatenate([shape.mesh.points for shape in model.shapes]))

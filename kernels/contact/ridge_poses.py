@@ -28,12 +28,12 @@ class Placed:
 
 @cache
 def placing_function(traits: Traits) -> Any:
-    """The function that says where a solid with ridges is: an obstacle, or a body, which come after these."""
+    """Return the function that returns the pose of a solid with ridges: an obstacle, or a body, numbered after them."""
     pose_at = pose_function(traits) if traits.fixtures else None
 
     @wp.func
     def place_of(t: Tables, state: WorldState, working: Working, world: wp.int32, number: wp.int32, end: float):
-        """In a substep that ends at a time."""
+        """Return the pose of a solid in a substep that ends at a time."""
         placed = Placed()
         fixtures = t.fixtures.solids.shape[0]
         if wp.static(traits.fixtures):

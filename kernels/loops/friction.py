@@ -5,7 +5,7 @@ import warp as wp
 from balloon_warp.kernels.tables import Tables, row_of_world
 
 GROUND = wp.constant(0)
-"""the number of the ground; then come obstacles, spheres, free bodies and balloons"""
+"""Number of the ground; then come obstacles, spheres, free bodies and balloons"""
 
 
 @wp.func

@@ -1,4 +1,4 @@
-"""What a free rigid body may meet: the ground, obstacles and other bodies, numbered in this order."""
+"""Things that a free rigid body may touch: the ground, obstacles and other bodies, numbered in this order."""
 
 from functools import cache
 from typing import Any
@@ -33,8 +33,7 @@ class Thing:
 
 @cache
 def thing_functions(traits: Traits) -> tuple[Any, Any, Any, Any]:
-    """The functions that say how many things there are, what a body and what any is, and how far its surface is from a
-    point."""
+    """Return functions for the number of things, for a body, for any thing, and for its distance to a point."""
     pose_at = pose_function(traits) if traits.fixtures else None
     surface_at = surface_function(traits.body_meshes or traits.fixture_meshes)
     split = traits.columns.balloon_width
@@ -51,7 +50,7 @@ def thing_functions(traits: Traits) -> tuple[Any, Any, Any, Any]:
 
     @wp.func
     def body_in(t: Tables, state: WorldState, world: wp.int32, body: wp.int32):
-        """A body as such a thing."""
+        """Return a body as a thing that bodies may touch."""
         thing = Thing()
         thing.fixture = -1
         thing.other = body
@@ -65,7 +64,7 @@ def thing_functions(traits: Traits) -> tuple[Any, Any, Any, Any]:
 
     @wp.func
     def thing_at(t: Tables, state: WorldState, world: wp.int32, number: wp.int32, time: float):
-        """As it is when a step begins at that time, and as it moves then."""
+        """Return a thing as it is and moves when a step begins at a time."""
         thing = Thing()
         thing.fixture = -1
         thing.other = number - 1
@@ -97,7 +96,7 @@ def thing_functions(traits: Traits) -> tuple[Any, Any, Any, Any]:
 
     @wp.func
     def gap_to(t: Tables, thing: Thing, point: wp.vec3, radius: float, within: float):
-        """From its surface to a point's [m], and the normal there; not measured where it is more than `within`."""
+        """Return the gap from a thing's surface to a point's [m], up to `within`, and the normal there."""
         arm = point - thing.center
         gap = wp.dot(arm, t.up) - radius
         normal = t.up

@@ -1,4 +1,4 @@
-"""What a particle bumps into: spheres, wherever they are kept, the ground, and what goes where it is told."""
+"""Solids that a particle may touch: spheres, wherever they are kept, the ground, and obstacles."""
 
 from functools import cache
 from typing import Any
@@ -26,7 +26,7 @@ def leave_one_sphere(
     velocity: wp.vec3,
     inflation: wp.vec3,
 ):
-    """The point and velocity of a particle out of a sphere, by the paper's rule, and the force on the sphere [N]."""
+    """Return a particle's point and velocity out of a sphere, by the paper's rule, and the force on the sphere [N]."""
     out, stopped, outward = leave_sphere(point, velocity, center, motion, radius, t.up)
     push = penalty_force(sphere_penalty(t.spheres, world, sphere), inflation, outward)
     return out, stopped, push
@@ -34,12 +34,12 @@ def leave_one_sphere(
 
 @cache
 def around_function(traits: Traits) -> Any:
-    """The function that says what a particle has around it, of what it knows of itself."""
+    """Return the function that returns a particle's surroundings, from its own parameters."""
     height_column = traits.columns.places["ground_height"]
 
     @wp.func
     def around_own(own: Any, time: float):
-        """At the end of a step [s]."""
+        """Return the surroundings of a particle at the end of a step [s]."""
         around = Around()
         around.world = own.world
         around.particle = own.number
@@ -53,7 +53,7 @@ def around_function(traits: Traits) -> Any:
 
 @cache
 def standing_function(traits: Traits) -> Any:
-    """The function that lets a particle stand on the ground, and on obstacles that go where they are told."""
+    """Return the function that holds a particle out of the ground and obstacles."""
     leave_fixtures = fixture_functions(traits)[0] if traits.stands_on_fixtures else None
 
     @wp.func
@@ -63,8 +63,11 @@ def standing_function(traits: Traits) -> Any:
         point: wp.vec3,
         velocity: wp.vec3,
     ):
-        """Its point and velocity outside; most are above the ground and go on at once. Where one may have moved it
-        into another, all have another turn. If they do not agree, it stays where it was, outside of what rests."""
+        """Return a particle's point and velocity outside of all obstacles.
+
+        Most particles are above the ground and return at once. Where one obstacle may have pushed it into another, all
+        take another turn. If they do not agree, the particle stays at its previous place, outside of what rests.
+        """
         start = point - t.step_seconds * velocity
         turns = wp.int32(0)
         while turns < MOST_TURNS:
@@ -101,7 +104,7 @@ def standing_function(traits: Traits) -> Any:
 
 @cache
 def obstacle_loop(traits: Traits, sphere_at: Any, add_force: Any) -> Any:
-    """The function that lets a particle leave the ground, obstacles, and by the paper's rule spheres.
+    """Return the function that moves a particle out of the ground, obstacles, and by the paper's rule spheres.
 
     Args:
         sphere_at: the function that gives a sphere's center, velocity and radius.
@@ -118,7 +121,10 @@ def obstacle_loop(traits: Traits, sphere_at: Any, add_force: Any) -> Any:
         velocity: wp.vec3,
         inflation: wp.vec3,
     ):
-        """Its point and velocity outside at the end of a step; each sphere gets its force."""
+        """Return a particle's point and velocity outside of all solids at the end of a step.
+
+        Each sphere gets its force.
+        """
         if wp.static(traits.penalties):
             for sphere in range(spheres_there):
                 center, motion, radius = sphere_at(t, spheres, around.world, sphere)
@@ -140,7 +146,7 @@ def obstacle_loop(traits: Traits, sphere_at: Any, add_force: Any) -> Any:
 
 @cache
 def detour_function(traits: Traits, sphere_at: Any) -> Any:
-    """The function that foresees how obstacles turn a particle aside.
+    """Return the function that foresees how obstacles deflect a particle.
 
     Args:
         sphere_at: the function that gives a sphere's center, velocity and radius.
@@ -150,8 +156,10 @@ def detour_function(traits: Traits, sphere_at: Any) -> Any:
 
     @wp.func
     def detour_beside_obstacles(t: Tables, spheres: Any, around: Around, point: wp.vec3, velocity: wp.vec3):
-        """By how much they change the velocity of a particle in a step, and the normal of the last one that it meets;
-        zero if none."""
+        """Return the velocity change of a particle by obstacles in a step, and the normal of the last that it meets.
+
+        Zero if it meets none.
+        """
         end = point + t.step_seconds * velocity
         outside = end
         normal = wp.vec3()

@@ -1,5 +1,4 @@
-"""Spheres and particles that exchange momentum, wherever both are kept: what one particle has to do with a sphere, and
-what the sphere makes of all of them. See `laws.impulse`.
+"""Exchange of momentum between spheres and particles, wherever both are kept, see `laws.impulse`.
 
 A schedule sums `press_on_ball` over the particles until the sphere's change of velocity is settled, then has each
 particle answer.
@@ -46,7 +45,7 @@ class Ball:
 
 @cache
 def ball_function(traits: Traits, sphere_at: Any) -> Any:
-    """The function that reads a sphere.
+    """Return the function that reads a sphere.
 
     Args:
         sphere_at: the function that gives a sphere's center, velocity and radius.
@@ -75,14 +74,14 @@ def ball_function(traits: Traits, sphere_at: Any) -> Any:
 def is_near_sphere(
     t: Tables, center: wp.vec3, sphere_velocity: wp.vec3, radius: float, point: wp.vec3, velocity: wp.vec3
 ):
-    """Whether a particle may have met a sphere in this step."""
+    """Return whether a particle may have touched a sphere in this step."""
     way = t.step_seconds * (velocity - sphere_velocity)
     return comes_near(point - center - way, way, radius)
 
 
 @wp.func
 def press_on_ball(t: Tables, ball: Ball, change: wp.vec3, mass: float, point: wp.vec3, velocity: wp.vec3):
-    """A particle's part of what a sphere has to bear whose velocity changes so."""
+    """Return a particle's share of the load on a sphere with a given velocity change."""
     way = t.step_seconds * (velocity - ball.velocity)
     outward, excess, out = meet_sphere(point - ball.center - way, way, ball.radius, t.up, t.step_seconds)
     return press_of_particle(mass, outward, excess, out, change)
@@ -90,7 +89,10 @@ def press_on_ball(t: Tables, ball: Ball, change: wp.vec3, mass: float, point: wp
 
 @wp.func
 def change_of_ball(t: Tables, ball: Ball, press: Press, last: wp.vec3):
-    """How the sphere's velocity changes [m/s], of what pressed when it changed as the last time."""
+    """Return the change of a sphere's velocity [m/s].
+
+    The pressing particles are those of the last estimate of the change.
+    """
     return change_of_body(press, ball.mass, t.up, ball.sinking, last)
 
 
@@ -98,7 +100,7 @@ def change_of_ball(t: Tables, ball: Ball, press: Press, last: wp.vec3):
 def answer_to_ball(
     t: Tables, ball: Ball, last: wp.vec3, change: wp.vec3, shift: wp.vec3, point: wp.vec3, velocity: wp.vec3
 ):
-    """A particle's point and velocity after the contact.
+    """Return a particle's point and velocity after the contact.
 
     Args:
         last: the change of the sphere's velocity before it was settled, which says who is pressed.
@@ -127,7 +129,7 @@ def rub_on_ball(
     point: wp.vec3,
     velocity: wp.vec3,
 ):
-    """The impulse of friction on a particle that is pressed [N s], and its torque about the sphere's center [N m s].
+    """Return friction's impulse on a pressed particle [N s], and its torque about the sphere's center [N m s].
 
     Args:
         press: what the sphere bears.
@@ -149,7 +151,7 @@ def rub_on_ball(
 
 @wp.func
 def rubbed_point(t: Tables, rub: wp.spatial_vector, mass: float, point: wp.vec3, velocity: wp.vec3):
-    """A particle's point and velocity after its answer, once that has acted."""
+    """Return a particle's point and velocity after its response, once friction has acted."""
     gain = wp.spatial_top(rub) / mass
     return point + t.step_seconds * gain, velocity + gain
 
@@ -158,12 +160,13 @@ def rubbed_point(t: Tables, rub: wp.spatial_vector, mass: float, point: wp.vec3,
 def rubbed_ball(
     t: Tables, ball: Ball, press: Press, change: wp.vec3, center: wp.vec3, velocity: wp.vec3, rub: wp.spatial_vector
 ):
-    """The center, velocity and spin of a sphere after its answer, once particles have rubbed on it, and the ground, to
-    which they press it.
+    """Return the center, velocity and spin of a sphere after its response, with friction on particles and the ground.
+
+    Particles press it to the ground.
 
     Args:
-        press: as in `rub_on_ball`, as is the next.
-        rub: on all particles.
+        press: As in `rub_on_ball`, as is the next.
+        rub: Friction on all particles.
     """
     gain = -wp.spatial_top(rub) / ball.mass
     spin = ball.spin - spin_by(ball.mass, ball.radius, wp.spatial_bottom(rub))
@@ -177,12 +180,12 @@ def rubbed_ball(
 
 @wp.func
 def shift_of_ball(t: Tables, ball: Ball, press: Press):
-    """How far the sphere is moved out of overlaps [m]."""
+    """Return the displacement of a sphere out of overlaps [m]."""
     return shift_of_body(press, ball.mass, t.up)
 
 
 @wp.func
 def answer_of_ball(t: Tables, ball: Ball, change: wp.vec3, shift: wp.vec3):
-    """The sphere's center, velocity, and the force that has changed it [N]."""
+    """Return the sphere's center, velocity, and the force that has changed it [N]."""
     center = ball.center + t.step_seconds * change + shift
     return center, ball.velocity + change, (ball.mass / t.step_seconds) * change
