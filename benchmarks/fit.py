@@ -144,7 +144,7 @@ def seen(seed: int, cells: int = CELLS) -> dict[str, Any]:
 @cache
 def _true_flight(cells: int) -> tuple[Values, Values]:
     moved = bw.simulate(bw.load_scene(flying(cells), TRUE), device="cpu")
-    return moved.times[FIRST:], moved.points[0][FIRST:]
+    return moved.times[FIRST:], moved.points[0][FIRST:].astype(np.float64)
 
 
 def _curves() -> Iterator[str]:

@@ -15,6 +15,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,7 @@ from balloon_warp.scene import Balloon, Scene, String
 from balloon_warp.viewer.guard import MOST_NONSENSE
 from balloon_warp.viewer.messages import understood
 from balloon_warp.viewer.page import Page
+from balloon_warp.viewer.server import control_of
 from balloon_warp.viewer.session import Session
 from balloon_warp.warp_logging import quiet_warp
 
@@ -106,7 +108,7 @@ def _nonsense(good: list[dict[str, Any]], page: Page, choices: random.Random) ->
         if choices.random() < 0.3:
             place = choices.randrange(len(raw))
             raw[place : place + choices.choice((0, 1, 2, 1000))] = choices.randbytes(choices.choice((0, 1, 1, 40)))
-        if understood(bytes(raw), page._control) is None:
+        if understood(bytes(raw), partial(control_of, page.server)) is None:
             return bytes(raw)
 
 

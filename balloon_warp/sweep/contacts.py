@@ -36,7 +36,7 @@ class Pair(NamedTuple):
 
 def contacts_shape(plan: ModelPlan) -> tuple[int, int]:
     """Return how many balloons and things a world has, of which it is noted how they press; none unasked."""
-    return (len(plan.shapes), len(things_of(plan))) if plan.scene.contacts else (0, 0)
+    return len(plan.shapes), len(things_of(plan)) if plan.scene.contacts else 0
 
 
 def pressing_pairs(plan: ModelPlan, contacts: NDArray[np.float32]) -> list[Pair]:

@@ -27,8 +27,7 @@ def guarded_server(
     made: list[viser.ViserServer] = []
 
     def control(uuid: str) -> Any:
-        """Return the control of the panel that has an id."""
-        return made[0].gui._gui_input_handle_from_uuid.get(uuid) if made else None
+        return control_of(made[0], uuid) if made else None
 
     trusted = Origins(origins, on_refused)
     port = free_port(host, port)
@@ -40,6 +39,11 @@ def guarded_server(
     server.gui.set_panel_label("Balloon Warp")
     server.gui.main_panel.dock_right()
     return server
+
+
+def control_of(server: viser.ViserServer, uuid: str) -> Any:
+    """Return the control of the panel that has an id, or None."""
+    return server.gui._gui_input_handle_from_uuid.get(uuid)
 
 
 def address_of(server: viser.ViserServer) -> str:

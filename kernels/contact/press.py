@@ -189,10 +189,11 @@ def pressing_function(traits: Traits, point_at: Any) -> Any:
                         nearest = candidate
                         found = place
                     at += 1
-            first = after[3] == 0.0
-            kept = press(t, working, world, particle, nearest, found, points, velocities, only_counts, first, hold)
-            if first:
-                after = kept
+            if nearest >= 0:  # a point that is not a number is near nothing
+                first = after[3] == 0.0
+                kept = press(t, working, world, particle, nearest, found, points, velocities, only_counts, first, hold)
+                if first:
+                    after = kept
         if not only_counts and (count > 0 or hold[3] != 0.0):
             state.holds[world, particle] = after
 
