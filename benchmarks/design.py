@@ -1,6 +1,7 @@
 """How near designs come to their targets, beside their rivals: python -m balloon_warp.benchmarks.design [NAME ...]
 
-A case is its kind, its stretch and its target: springs/any/1.2/pear. Targets are analytic shapes on a ball, bundled
+A case is its kind, its stretch and its target: springs/any/1.2/pear. latex/thickness/2.0/cube lets the thickness vary,
+and foil/panels/8/fine_ball has gores. Targets are analytic shapes on a ball, bundled
 meshes, and those in the folder that `BALLOON_WARP_TEST_MESHES` names. Everything is simulated from rest.
 """
 
@@ -10,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +38,8 @@ CASES = (
     *(f"springs/tension/1.2/{name}" for name in ("toy", "squirrel", "knot", "turtle", "spot_quadrangulated")),
     *(f"latex/tension/{stretch}/{name}" for stretch in (1.3, 2.0, 4.0) for name in ("ellipsoid", "pear")),
     *(f"latex/tension/2.0/{name}" for name in ("peanut", "cube", "toy", "spot_quadrangulated")),
+    *(f"latex/thickness/2.0/{name}" for name in ("cube", "toy")),
+    *(f"foil/panels/{gores}/fine_ball" for gores in (8, 16)),
 )
 
 
@@ -70,13 +73,20 @@ def target(name: str) -> PolygonMesh | Path:
     raise InputError(f"{name}: no such mesh; BALLOON_WARP_TEST_MESHES may name a folder that has it")
 
 
+def asked(how: str, number: str) -> dict[str, Any]:
+    """What the second and third word of a case ask for: panels, a range of thickness, or what springs hold."""
+    if how == "panels":
+        return {"panels": int(number), "thickness": 1.0e-4}
+    of_rubber = {"thickness": (2.0e-4, 8.0e-4)} if how == "thickness" else {"hold": cast(Hold, how)}
+    return {"stretch": float(number), **of_rubber}
+
+
 def run(case: str, steps: int = 30) -> Row:
     """Design a case, and time it."""
     of, hold, stretch, name = case.split("/")
     began = time.perf_counter()
     try:
-        kind, springs = cast(Of, of), cast(Hold, hold)
-        found = design(target(name), of=kind, hold=springs, stretch=float(stretch), steps=steps, device="cpu")
+        found = design(target(name), of=cast(Of, of), steps=steps, device="cpu", **asked(hold, stretch))
     except InputError as mistake:
         return Row(case, str(mistake), time.perf_counter() - began)
     said = f"{found.error} | {found.held_error} | {found.plain_error} | {found.stretch:.2f} | {len(found.cannot)}"
