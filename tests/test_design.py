@@ -89,7 +89,8 @@ def test_rubber_that_varies_in_thickness_comes_nearer(tmp_path: Path):
     assert len(weights) == BALL.vertex_count
     assert min(weights) >= 1.0
     assert 1.1 < max(weights) <= 4.0
-    assert json.loads((tmp_path / "thick" / "report.json").read_text())["thickness_to"] == max(weights) * 2e-4
+    report = json.loads((tmp_path / "thick" / "report.json").read_text())
+    assert report["thickness_to"] == pytest.approx(2e-4 * max(weights), rel=1e-3)  # as the scene has it, in four digits
 
 
 def test_springs_that_may_push_hold_what_tension_does_not(tmp_path: Path):
