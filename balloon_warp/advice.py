@@ -1,4 +1,4 @@
-"""How long a step the springs of a scene allow, and which particle it is that allows no more."""
+"""Stable step of a scene's springs, and the particle that limits it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,22 +17,23 @@ class StepAdvice:
     """The step part of `balloon-warp inspect`; its fields are keys of the JSON."""
 
     solver: str
-    """the scene's; "projective" is stable at any step, so that a limit is symplectic Euler's then"""
+    """Solver of the scene; "projective" is stable at any step, so that the limits are those of symplectic Euler"""
     stable_step: float
-    """the longest that is stable at the start [s], by the highest frequency of springs and masses"""
+    """Longest stable step at the start [s], by the highest frequency of springs and masses"""
     least_substeps: int
-    """in a frame, with that step"""
+    """Number of substeps in a frame at that step"""
     substeps: int
-    """in a frame, as "auto" chooses: with a margin, and for all that changes during the simulation"""
+    """Number of substeps in a frame that "auto" chooses: with a margin, and for all changes during the simulation"""
     frames_per_second: float
     limiting_balloon: str
-    """the balloon that asks for the shortest step"""
+    """Balloon that needs the shortest step"""
     limiting_particle: int
-    """its particle whose springs are the stiffest for its mass, by the order of the file's vertices, counted from 0"""
+    """Particle of that balloon whose springs are the stiffest for its mass, by the order of the file's vertices,
+    counted from 0"""
     limiting_place: tuple[float, float, float]
-    """where that is at the start [m]"""
+    """Position of that particle at the start [m]"""
     doubts: tuple[str, ...]
-    """numbers that may be of another unit than was meant, and axes, in sentences"""
+    """Warnings of values that may be in another unit than intended, and of axes, as sentences"""
 
 
 def advise_step(scene: SceneLike, laws: Sequence[Law] = ()) -> StepAdvice:

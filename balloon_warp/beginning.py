@@ -1,4 +1,4 @@
-"""What a run or a batch is once it begins, for those who watch it."""
+"""Summary of a run or a batch as it begins, for progress displays."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
@@ -13,20 +13,20 @@ class Beginning:
 
     worlds: int
     particles: int
-    """of all worlds together"""
+    """Number of particles of all worlds together"""
     frames: int
     substeps: int
-    """in one frame; of meshes that differ, of the first"""
+    """Number of substeps in a frame; where meshes differ, of the first"""
     frames_per_second: float
-    """that the stage plays"""
+    """Frame rate of the stage [1/s]"""
     device: str
     schedule: str
     workers: int = 1
-    """processes that simulate"""
+    """Number of processes that simulate"""
 
     @classmethod
     def of(cls, model: "Model", schedule: str) -> Self:
-        """Say it of a model, before its first frame."""
+        """Summarize a model before its first frame."""
         return cls(
             worlds=model.world_count,
             particles=model.world_count * model.particle_count,

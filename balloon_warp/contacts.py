@@ -1,4 +1,4 @@
-"""What presses on what: the net force of each pair of things, on average over a frame."""
+"""Contact forces: the net force of each pair of things, averaged over a frame."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,32 +10,33 @@ from balloon_warp.model import Model, ModelPlan
 from balloon_warp.shown import Shown, described
 
 PAIR_ARRAYS = ("forces", "torques", "areas", "pressures", "places")
-"""what `State` has of each pair, after `contact_`"""
+"""Arrays of `State` for each pair, named after `contact_`"""
 
 
 @described
 @dataclass(frozen=True, repr=False)
 class Contact(Shown):
-    """What a thing does to a balloon that it touches, on average over a frame."""
+    """Contact of a balloon with another thing, averaged over a frame."""
 
     balloon: str
-    """its name"""
+    """Name of the balloon"""
     other: str
-    """the name of the other: an obstacle, a body or a balloon; "ground", or "sphere 0" """
+    """Name of the other thing: an obstacle, a body or a balloon; "ground", or "sphere 0" """
     force: NDArray[np.float64]
-    """on the balloon [N], shape (3,); on the other it is the opposite"""
+    """Force on the balloon [N], shape (3,); the other thing has the opposite"""
     torque: NDArray[np.float64]
-    """on the balloon, about the mean of its points [N m], shape (3,)"""
+    """Torque on the balloon about the mean of its points [N m], shape (3,)"""
     area: float
-    """of the balloon, that touches [m^2]"""
+    """Contact area of the balloon [m^2]"""
     pressure: float
-    """the largest of any particle: its force over its part of the area; of two balloons both added up [Pa]"""
+    """Largest pressure at a particle, its force over its share of the area; between two balloons, summed over both
+    [Pa]"""
     place: NDArray[np.float64]
-    """the mean of the places that are pressed, by how hard [m], shape (3,)"""
+    """Center of pressure, the mean of the pressed places weighted by force [m], shape (3,)"""
     number: int
-    """the balloon's, in the scene"""
+    """Index of the balloon in the scene"""
     thing: int
-    """the other's, among `things_of` the model"""
+    """Index of the other thing among `things_of` the model"""
 
     def __repr__(self) -> str:
         force = ", ".join(f"{number:.3g}" for number in self.force)

@@ -1,4 +1,4 @@
-"""What is installed, which device is taken, what is missing, and whether a balloon moves as it must."""
+"""Report of the installation, and a self test of the simulation."""
 
 import platform
 import re
@@ -21,10 +21,10 @@ CUBE = (
     [(x, y, z) for z in (0, 1) for y in (0, 1) for x in (0, 1)],
     [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]],
 )
-"""points [m], and faces that wind outward"""
+"""Points [m], and faces that wind outward"""
 GRAVITY = 9.81  # [m/s^2]
 MOST_ERROR = 1e-4
-"""of the way fallen: what float32 makes of a thousand additions is a tenth of that"""
+"""Tolerance over the distance fallen; float32's error in a thousand additions is a tenth of that"""
 
 
 @dataclass(frozen=True)
@@ -32,13 +32,13 @@ class SelfTest:
     """A balloon under pressure that falls through empty space: where it is, and where it must be."""
 
     fallen: float
-    """its center of mass [m]"""
+    """Fall of the center of mass [m]"""
     expected: float
-    """by the formula of symplectic Euler [m]"""
+    """Fall by the formula of symplectic Euler [m]"""
     grown: float
-    """volume at the end over that at the start [1]"""
+    """Volume at the end over that at the start [1]"""
     seconds: float
-    """that it took, with the kernels that had to be compiled"""
+    """Duration, including the compilation of kernels [s]"""
 
     @property
     def passed(self) -> bool:
@@ -47,17 +47,17 @@ class SelfTest:
 
 @dataclass(frozen=True)
 class Report:
-    """What `balloon-warp doctor` says."""
+    """Report of `balloon-warp doctor`."""
 
     versions: dict[str, str]
     system: str
     device: str
-    """that is taken, and its name"""
+    """Default device, with its name"""
     devices: list[str]
-    """all that Warp sees"""
+    """Devices that Warp sees"""
     kernel_cache: str
     missing: dict[str, list[str]]
-    """of each extra the packages that are not there; empty if it is whole"""
+    """Missing packages of each extra; empty if it is complete"""
     self_test: SelfTest
 
     def as_json(self) -> dict[str, Any]:
@@ -83,7 +83,10 @@ def examine(device: str | None = None) -> Report:
 
 
 def missing_extras() -> dict[str, list[str]]:
-    """Of each extra the packages that are not installed. Nothing is known of a source tree that is not installed."""
+    """Return the missing packages of each extra.
+
+    Nothing is known of a source tree that is not installed.
+    """
     try:
         requirements = metadata.requires("balloon-warp") or []
     except metadata.PackageNotFoundError:
@@ -107,7 +110,7 @@ def _is_installed(package: str) -> bool:
 
 
 def self_test(device: str) -> SelfTest:
-    """Let a cube fall for a second under a pressure that blows it up.
+    """Simulate a falling cube for a second under a pressure that inflates it.
 
     Neither pressure nor springs may move its center of mass, which falls by g h^2 n (n + 1) / 2 in n steps of h
     seconds.

@@ -10,7 +10,7 @@ LIBRARY = "nvcuda.dll" if os.name == "nt" else "libcuda.so.1"
 
 
 def begin_driver(device: str | None) -> None:
-    """Let the driver and the context of a GPU begin in a thread: that takes half a second, in which no Python runs.
+    """Start the driver and the context of a GPU in a thread, which takes half a second in which no Python runs.
 
     Warp's own start finds both there, or waits for them. What cannot be begun is left to Warp, which says why.
 
@@ -28,7 +28,7 @@ def _begin(number: int) -> None:
 
 
 def _retain_context(number: int) -> None:
-    """Until the process ends, as Warp does."""
+    """Retain the context until the process ends, as Warp does."""
     try:
         driver = ctypes.CDLL(LIBRARY)
     except OSError:  # no GPU

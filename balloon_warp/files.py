@@ -9,7 +9,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.temporaries import clear_left_over, temporary_in
 
 MOST_LINKS = 40
-"""from one to the next, as Linux follows them"""
+"""Largest number of symbolic links in a chain, as Linux follows them"""
 STAGE, PICTURES = ".usdc", (".png", ".webp", ".gif", ".mp4")
 
 

@@ -19,45 +19,45 @@ class Frame(Shown):
     """One world as it is displayed or written, on the host."""
 
     number: int
-    """how many came before it"""
+    """Number of frames before it"""
     time: float
-    """since the start [s]"""
+    """Time since the start [s]"""
     points: list[NDArray[np.float32]]
-    """of each balloon [m], shape (particle_count, 3)"""
+    """Positions of each balloon's particles [m], shape (particle_count, 3)"""
     velocities: list[NDArray[np.float32]]
-    """of each balloon [m/s], shape (particle_count, 3)"""
+    """Velocities of each balloon's particles [m/s], shape (particle_count, 3)"""
     net_forces: list[NDArray[np.float32]]
-    """on each balloon's particles [N], shape (particle_count, 3); empty unless the scene asks for them"""
+    """Net forces on each balloon's particles [N], shape (particle_count, 3); empty unless the scene asks for them"""
     inflation_forces: list[NDArray[np.float32]]
-    """of the inflation alone, as `net_forces`; unasked, too, where a balloon has the paper's inflation"""
+    """Inflation's part of `net_forces`; also without asking, where a balloon has the paper's inflation"""
     pressures: NDArray[np.float32]
-    """of balloons with pressure or gas, above the air's [Pa], 0 for others, shape (balloon_count,)"""
+    """Gauge pressures of balloons with pressure or gas [Pa], 0 for others, shape (balloon_count,)"""
     gas_amounts: NDArray[np.float64]
-    """in each balloon [mol], shape (balloon_count,)"""
+    """Amount of gas in each balloon [mol], shape (balloon_count,)"""
     thrusts: NDArray[np.float32]
-    """with which the jet of each balloon's neck pushes it [N], shape (balloon_count,)"""
+    """Thrust of the jet of each balloon's neck [N], shape (balloon_count,)"""
     sphere_positions: NDArray[np.float32]
-    """[m], shape (sphere_count, 3)"""
+    """Positions of spheres [m], shape (sphere_count, 3)"""
     sphere_velocities: NDArray[np.float32]
-    """[m/s], shape (sphere_count, 3)"""
+    """Velocities of spheres [m/s], shape (sphere_count, 3)"""
     string_anchors: NDArray[np.float32]
-    """[m], shape (string_count, 3)"""
+    """Anchors of strings [m], shape (string_count, 3)"""
     string_lengths: NDArray[np.float32]
-    """[m], shape (string_count,)"""
+    """Lengths of strings [m], shape (string_count,)"""
     obstacle_poses: NDArray[np.float64]
-    """origins [m] and quaternions (x, y, z, w) of how they are turned, shape (obstacle_count, 7)"""
+    """Origins [m] and orientations of obstacles as quaternions (x, y, z, w), shape (obstacle_count, 7)"""
     body_poses: NDArray[np.float32]
-    """centers of mass [m] and quaternions (x, y, z, w) of how bodies are turned, shape (body_count, 7)"""
+    """Centers of mass [m] and orientations of bodies as quaternions (x, y, z, w), shape (body_count, 7)"""
     ground_height: float
-    """[m], minus infinity where there is no ground"""
+    """Height of the ground [m], minus infinity where there is no ground"""
     water_level: float
-    """[m], minus infinity where there is no water"""
+    """Level of the water [m], minus infinity where there is no water"""
     meshes: list[PolygonMesh]
-    """of the balloons, as they are at the start"""
+    """Meshes of the balloons at the start"""
     torn: list[NDArray[np.bool_]]
-    """which faces of each balloon are torn, shape (face_count,); empty where no balloon may burst"""
+    """Mask of the torn faces of each balloon, shape (face_count,); empty where no balloon may burst"""
     contacts: list[Contact]
-    """what presses on balloons, on average over the frame; empty unless the scene has `contacts`"""
+    """Contacts of balloons, averaged over the frame; empty unless the scene has `contacts`"""
 
     @property
     def volumes(self) -> NDArray[np.float64]:

@@ -11,7 +11,7 @@ from balloon_warp.model import Model, State, copy_of, overwrite
 from balloon_warp.reading import HostBuffer, Reading, Recorded
 
 MOST_RECORDED = 16
-"""worlds whose reading is recorded on a GPU; more are read launch by launch"""
+"""Largest number of worlds whose reading is recorded on a GPU; more are read launch by launch"""
 STATE = (
     *("points", "velocities", "pressures", "gas_amounts", "thrusts"),
     *("sphere_positions", "sphere_velocities", "torn"),
@@ -34,7 +34,7 @@ class FrameReader:
 
     @cached_property
     def _forces(self) -> Any:
-        """Of the first world that is read; the others share its memory."""
+        """Force arrays of the first world that is read; the others share its memory."""
         from balloon_warp.schedules.readout import ForceReader  # loads, and compiles kernels, when first needed
 
         return ForceReader(self.model.of_world(0, copied=False), self.model)
@@ -112,7 +112,7 @@ class WorldReader:
         wp.copy(self._first_bad, self.state.first_bad)
 
     def _copy(self, host: Mapping[str, wp.array]) -> None:
-        """All arrays to the host."""
+        """Copy all arrays to the host."""
         if self._forces:
             self._forces.refresh(self._own)
             if "net_forces" in host:

@@ -1,4 +1,4 @@
-"""What a mesh is as a balloon, and what is odd about the one in the file."""
+"""Properties of a mesh as a balloon, and defects of the mesh in the file."""
 
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -29,33 +29,33 @@ class SpringCounts:
     shear: int
     flexion: int
     holding: int
-    """of the structural ones, those between parts that share no vertex"""
+    """Number of structural springs between parts that share no vertex"""
 
 
 @dataclass(frozen=True)
 class Figures:
-    """What is counted and measured of a mesh."""
+    """Counts and measures of a mesh."""
 
     vertices: int
     faces: int
     triangles: int
     quads: int
     ngons: int
-    """faces of five corners or more"""
+    """Number of faces with five corners or more"""
     closed: bool
-    """no edge is on a border"""
+    """True where no edge is on a border"""
     border_edges: int
     manifold: bool
-    """no edge has more than two faces, and the faces at each vertex form one fan"""
+    """True where no edge has more than two faces, and the faces at each vertex form one fan"""
     components: int
     genus: int | None
-    """handles, summed over the components; None unless closed, manifold and orientable"""
+    """Number of handles, summed over the components; None unless closed, manifold and orientable"""
     volume: float | None
-    """in the file's unit cubed, negative where the faces wind inward; None unless closed"""
+    """Volume in the file's unit cubed, negative where the faces wind inward; None unless closed"""
     area: float
-    """in the file's unit squared"""
+    """Area in the file's unit squared"""
     unused_vertices: int
-    """vertices of no face"""
+    """Number of vertices without faces"""
 
 
 @dataclass(frozen=True)
@@ -67,9 +67,9 @@ class MeshReport(Figures):
 
     springs: SpringCounts
     in_file: dict[str, Any]
-    """the figures that are others in the file, by their names"""
+    """Figures of the mesh in the file that differ, by their names"""
     warnings: list[str]
-    """for each kind of defect what there is and what is done about it, and what the reader had to say"""
+    """Warnings: one for each kind of defect, with its treatment, and those of the reader"""
 
 
 def inspect_mesh(mesh: PolygonMesh, source: object = None, treatment: Treatment | None = None) -> MeshReport:
@@ -121,7 +121,7 @@ def _figures(mesh: PolygonMesh) -> Figures:
 
 
 def _alike(first: Any, second: Any) -> bool:
-    """Whether two figures are the same, but for what another order of a sum makes of them."""
+    """Return whether two figures are equal, up to the rounding of sums in another order."""
     if isinstance(first, float) and isinstance(second, float):
         return bool(np.isclose(first, second, rtol=1e-9, atol=0.0))
     return first == second

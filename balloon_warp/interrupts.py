@@ -31,7 +31,7 @@ class Interrupts:
         return self._come is not None
 
     def deliver(self, message: str = "") -> None:
-        """Do what the signal would have done, if one has come.
+        """Deliver a signal that has come, as its own handler would.
 
         Raises:
             KeyboardInterrupt: with that message, where the signal's own handler raises it.

@@ -26,39 +26,39 @@ from balloon_warp.swelling import Swelling, swellings_of, told_before
 
 @dataclass(frozen=True)
 class Summary:
-    """What was done, how much, and how fast."""
+    """Summary of a run: its output, amounts and speed."""
 
     output: str
-    """what was written: a stage, or what was made of it"""
+    """Path of the output: a stage, or a file converted from one"""
     picture: str | None
     points: str | None
-    """the arrays beside the output, where they were asked for"""
+    """Path of the arrays beside the output, if requested"""
     scene: str
     device: str
     schedule: str
     worlds: int
     particles: int
-    """in one world"""
+    """Number of particles in one world"""
     springs: int
-    """in one world"""
+    """Number of springs in one world"""
     frames: int
-    """that the stage has, after the start"""
+    """Number of frames of the stage after the start"""
     begin: int
-    """the frame after which it went on: 0, or a checkpoint's"""
+    """Frame at which the run started: 0, or a checkpoint's"""
     frames_per_second: float
-    """that the stage plays"""
+    """Frame rate of the stage [1/s]"""
     substeps: int
-    """in one frame"""
+    """Number of substeps in a frame"""
     restarts: int
-    """after blow-ups, each with half the step"""
+    """Number of restarts after blow-ups, each with half the step"""
     blow_up: str | None
-    """why the frames end early"""
+    """Reason why the frames end early"""
     bad_endings: list[BadEnding]
-    """balloons that came apart, fell for ever, collapsed or folded over by the last frame"""
+    """Balloons that came apart, fell forever, collapsed or folded over by the last frame"""
     inflation: list[Swelling]
-    """what pressures of "auto" came to"""
+    """Results of "auto" pressures"""
     wall_seconds: float
-    """of simulating and writing, without the picture"""
+    """Duration of simulating and writing, without the picture [s]"""
     particle_substeps_per_second: float
 
     def as_json(self) -> dict[str, Any]:
@@ -165,7 +165,7 @@ def _begun_again(
 def _look_at_the_end(
     simulator: Simulator, blow_up: BlowUpError | None, on_warning: Callable[[str], None]
 ) -> list[BadEnding]:
-    """Tell what is odd about it."""
+    """Report bad endings of the balloons."""
     if blow_up:
         on_warning(f"{blow_up}. The stage ends at frame {simulator.frame_number - 1}, the last good one")
         return []

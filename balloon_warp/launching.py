@@ -16,9 +16,9 @@ MOST_THREADS = 4
 _FIRST = ThreadPoolExecutor(1, thread_name_prefix="compiler")
 _OTHERS = ThreadPoolExecutor(max(1, min(os.cpu_count() or 1, MOST_THREADS) - 1), thread_name_prefix="compiler beside")
 _begun: dict[Any, Future[Any]] = {}
-"""by module"""
+"""Compilations in progress, by module"""
 _of_first: list[Future[Any]] = []
-"""that the first thread has to do"""
+"""Compilations that the first thread has to do"""
 _beginning = Lock()
 
 
@@ -49,7 +49,7 @@ def launch(
     device: wp.Device,
     block_dim: int | None = None,
 ) -> None:
-    """As `wp.launch`."""
+    """Launch a kernel, as `wp.launch` does."""
     _load(kernel, device)
     wp.launch(kernel, dim, inputs, outputs, device=device, block_dim=block_dim)
 
@@ -63,7 +63,7 @@ def launch_tiled(
     device: wp.Device,
     block_dim: int,
 ) -> None:
-    """As `wp.launch_tiled`."""
+    """Launch a tiled kernel, as `wp.launch_tiled` does."""
     _load(kernel, device)
     wp.launch_tiled(kernel, dim=dim, inputs=inputs, outputs=outputs, device=device, block_dim=block_dim)
 

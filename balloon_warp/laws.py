@@ -27,14 +27,14 @@ TYPES: Mapping[str, tuple[type, ...]] = {
     "float": (float, wp.float32),
     "int": (int, wp.int32),
 }
-"""what may stand for each type of `GIVEN`"""
+"""Accepted Python types for each type of `GIVEN`"""
 SAMPLES: Mapping[str, Any] = {
     "vec3": wp.vec3(0.1, 0.2, 0.3),
     "vec4": wp.vec4(0.1, 0.2, 0.3, 0.4),
     "float": 0.5,
     "int": 1,
 }
-"""what functions are tried with"""
+"""Sample arguments with which functions are tried"""
 
 
 def particle_law(function: Any, parameters: Sequence[Parameter] = (), **more: Any) -> Law:
@@ -184,7 +184,7 @@ def _tried(whose: str, function: Any, samples: Sequence[Any]) -> Any:
 
 
 def _is_for_kernels(mistake: Exception) -> bool:
-    """Whether a function of Warp's is missed that only kernels have, or what a native function returns only there."""
+    """Return whether an error is of a Warp function, or of a native function's result, that only kernels have."""
     if isinstance(mistake, AttributeError) and mistake.obj is wp:
         stubs = files("warp").joinpath("__init__.pyi").read_text(encoding="utf-8")
         return f"def {mistake.name}(" in stubs

@@ -23,36 +23,37 @@ from balloon_warp.model.obstacle_motion import obstacle_motion
 from balloon_warp.scene.timeline import is_there
 
 FALLEN = 5.0
-"""below where it began, over the balloon's size: with nothing to stop it, it falls on"""
+"""Fall below the start, over the balloon's size, from which on a balloon with nothing below it counts as falling
+forever"""
 DRIFTED = 0.5
-"""of the balloon's size, by which a part is farther from the largest part than the balloon's growth explains"""
+"""Distance of a part from the largest part, over the balloon's size, beyond what the balloon's growth explains"""
 LEAST_VOLUME, LEAST_AREA, LEAST_RADIUS = 0.25, 0.25, 0.5
-"""of the mesh's; the radius is the root mean square distance from the center"""
+"""Least fraction of the mesh's value; the radius is the root mean square distance from the center"""
 LEAST_INFLATED_VOLUME, LEAST_HEIGHT = 0.9, 0.8
-"""of the mesh's, of a balloon that is left to itself under the pressure that we chose: it was to grow, and to stand"""
+"""Least fraction of the mesh's value for an undisturbed balloon with an "auto" pressure, which should grow and stand"""
 MOST_SWOLLEN = 1.6
-"""volume under the pressure that we chose, over that of a ball which is stretched as was asked"""
+"""Largest volume at an "auto" pressure, over that of a sphere with the requested stretch"""
 MOST_WRONG_SIDED = 0.05
-"""of the area, beyond what is so in the mesh: enclosed by other parts, or turned inside out"""
+"""Largest additional fraction of the area, over the mesh's own, that is enclosed by other parts, or inside out"""
 COMPACT = 0.005
-"""volume over area to the power of 3/2, of a mesh whose volume says something: 0.094 of a ball, 0.048 of a pillow"""
+"""Least volume over area^(3/2) of a mesh whose volume is meaningful: 0.094 for a sphere, 0.048 for a pillow"""
 MOST_FOLDS = 0.01
-"""of the edges"""
+"""Largest fraction of edges that are folded"""
 FOLDED, UNFOLDED = -0.7, -0.2
-"""cosines between the normals of two faces that share an edge: folded below the one, and not above the other"""
+"""Cosines between the normals of two faces that share an edge: folded below the first, and not above the second"""
 
 
 @dataclass(frozen=True)
 class BadEnding:
-    """What became of a balloon."""
+    """Bad ending of a balloon."""
 
     kind: Literal["falling", "drifted", "collapsed", "swollen", "swallowed", "folded"]
     balloon: str
-    """its name"""
+    """Name of the balloon"""
     measure: float
-    """what was found: sizes fallen; times its size that a part is off; part of the volume, area, size or height that is
-    left, negative where it is inside out; times its volume that it became; part of the area that is enclosed or inside
-    out; part of the edges that are folded"""
+    """Size of the defect: sizes fallen; distance of a part over the balloon's size; remaining fraction of the volume,
+    area, size or height, negative where inside out; volume over the expected one; fraction of the area that is enclosed
+    or inside out; fraction of the edges that are folded"""
     sentence: str
 
     def __str__(self) -> str:
@@ -60,17 +61,17 @@ class BadEnding:
 
 
 class LastFrame(NamedTuple):
-    """What is looked at of a world's last frame."""
+    """State of a world's last frame."""
 
     number: int
     points: Sequence[NDArray[np.floating]]
-    """of each balloon [m], shape (particle_count, 3)"""
+    """Positions of each balloon's particles [m], shape (particle_count, 3)"""
     velocities: Sequence[NDArray[np.floating]]
-    """of each balloon [m/s], shape (particle_count, 3)"""
+    """Velocities of each balloon's particles [m/s], shape (particle_count, 3)"""
     obstacle_poses: NDArray[np.float64]
-    """as `Frame` has them, shape (obstacle_count, 7)"""
+    """Poses of obstacles as in `Frame`, shape (obstacle_count, 7)"""
     torn: Sequence[NDArray[np.bool_]] = ()
-    """as `Frame` has them"""
+    """Masks of torn faces as in `Frame`"""
 
 
 def bad_endings(model: Model | ModelPlan, frame: Frame | LastFrame) -> list[BadEnding]:
@@ -85,7 +86,7 @@ def bad_endings(model: Model | ModelPlan, frame: Frame | LastFrame) -> list[BadE
 
 
 def ending_sentences(endings: Sequence[BadEnding]) -> list[str]:
-    """One sentence for each kind: of the first balloon, and how many others there are."""
+    """Return one sentence for each kind: of the first balloon, and how many others there are."""
     counts = Counter(ending.kind for ending in endings)
     firsts = {ending.kind: ending for ending in reversed(endings)}
     more = {kind: f" (and {count - 1} more like it)" if count > 1 else "" for kind, count in counts.items()}
@@ -129,7 +130,10 @@ def _falling(
 def _lands(
     model: Model | ModelPlan, frame: Frame | LastFrame, points: NDArray[np.float64], up: NDArray[np.float64]
 ) -> bool:
-    """Whether an obstacle is below a balloon's points, or may be: it counts as wide as it reaches."""
+    """Return whether an obstacle is, or may be, below a balloon's points.
+
+    It counts as wide as it reaches.
+    """
     center = points.mean(axis=0)
     sideways = (points - center) - np.outer((points - center) @ up, up)
     radius, lowest = float(np.linalg.norm(sideways, axis=1).max()), float((points @ up).min())
@@ -148,7 +152,10 @@ def _lands(
 
 
 def _drifted(rest: PolygonMesh, end: PolygonMesh, used: NDArray[np.integer]) -> BadEnding | None:
-    """Parts are what edges join. Their distances from the largest one do not depend on how the balloon turns."""
+    """Return a bad ending if a part has drifted away from the largest one, however the balloon is rotated.
+
+    Parts are components connected by edges.
+    """
     parts, part_of, sizes = np.unique(
         vertex_components(rest, mesh_edges(rest))[used], return_inverse=True, return_counts=True
     )
@@ -170,7 +177,7 @@ def _drifted(rest: PolygonMesh, end: PolygonMesh, used: NDArray[np.integer]) -> 
 def _distances(
     points: NDArray[np.float64], part_of: NDArray[np.integer], sizes: NDArray[np.integer]
 ) -> NDArray[np.float64]:
-    """From the center of each part to that of the largest, shape (part_count,)."""
+    """Return distances from the center of each part to that of the largest, shape (part_count,)."""
     centers = np.stack([np.bincount(part_of, points[:, axis]) for axis in range(3)], axis=1) / sizes[:, None]
     return np.linalg.norm(centers - centers[sizes.argmax()], axis=1)
 
@@ -223,7 +230,7 @@ def _wrong_size(model: Model | ModelPlan, rest: PolygonMesh, end: PolygonMesh, n
 
 
 def _is_left_to_itself(model: Model | ModelPlan) -> bool:
-    """Whether nothing but the ground and obstacles at rest presses the balloons of a scene."""
+    """Return whether nothing but the ground and obstacles at rest presses the balloons of a scene."""
     scene = model.scene
     return len(scene.balloon) == 1 and not (scene.sphere or scene.body) and len(obstacle_motion(scene)) == 1
 
@@ -238,7 +245,7 @@ def _height_left(rest: PolygonMesh, end: PolygonMesh, up: NDArray[np.float64]) -
 
 
 def _wrong_sided(rest: PolygonMesh, end: PolygonMesh) -> BadEnding | None:
-    """Parts that came to lie inside others, or show their inner side."""
+    """Return the parts that came to lie inside others, or show their inner side."""
     before, after = wrong_sides(rest), wrong_sides(end)
     for new, what in (
         (after.enclosed & ~before.enclosed, "swallowed {} of its surface, which is inside other parts of it now"),
@@ -252,7 +259,7 @@ def _wrong_sided(rest: PolygonMesh, end: PolygonMesh) -> BadEnding | None:
 
 
 def _folded(rest: PolygonMesh, end: PolygonMesh) -> BadEnding | None:
-    """Faces that look against a neighbor, as they did not in the mesh."""
+    """Return the faces that look against a neighbor, as they did not in the mesh."""
     edges = mesh_edges(rest)
     first = edges.starts[edges.face_counts == 2]
     if not len(first):
@@ -267,7 +274,7 @@ def _folded(rest: PolygonMesh, end: PolygonMesh) -> BadEnding | None:
 
 
 def _cosines(mesh: PolygonMesh, first: NDArray[np.integer], second: NDArray[np.integer]) -> NDArray[np.float64]:
-    """Between the normals of faces, 0 where one has no area."""
+    """Return cosines between the normals of faces, 0 where one has no area."""
     areas = face_vector_areas(mesh)
     lengths = np.linalg.norm(areas, axis=1, keepdims=True)
     normals = np.divide(areas, lengths, out=np.zeros_like(areas), where=lengths > 0.0)

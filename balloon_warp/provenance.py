@@ -1,4 +1,4 @@
-"""What an output is made of, for whoever is to make it again: scenes, meshes by their hashes, versions."""
+"""Provenance of an output, for reproducing it: scenes, hashes of meshes, versions."""
 
 import hashlib
 import inspect
@@ -41,7 +41,7 @@ def describe_simulation(scene: Scene, laws: Iterable[Law], substeps: int) -> dic
 
 
 def meshes_of(scene: Scene) -> list[Path | PolygonMesh]:
-    """Those of balloons, obstacles and bodies."""
+    """Return the meshes of balloons, obstacles and bodies."""
     return [each.mesh for name in MESHED for each in getattr(scene, name) if each.mesh is not None]
 
 
@@ -80,7 +80,7 @@ def describe_laws(laws: Iterable[Law]) -> dict[str, dict[str, str]]:
 
 
 def installed_versions() -> dict[str, str]:
-    """Of Python, and of the libraries that a result depends on."""
+    """Return the versions of Python, and of the libraries that a result depends on."""
     installed = {"python": platform.python_version()}
     for library in LIBRARIES:
         try:
@@ -91,7 +91,7 @@ def installed_versions() -> dict[str, str]:
 
 
 def hash_of_file(path: Path) -> str:
-    """SHA-256 of its bytes, in hexadecimal digits, as `sha256sum` prints it."""
+    """Return SHA-256 of its bytes, in hexadecimal digits, as `sha256sum` prints it."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -101,7 +101,7 @@ def _hash_of_source(function: Any) -> str:
 
 
 def hash_of_mesh(mesh: str | Path | PolygonMesh) -> str:
-    """SHA-256 of a mesh's file; of one that came from Python, of its arrays, one after the other."""
+    """Return SHA-256 of a mesh's file; of one that came from Python, of its arrays, one after the other."""
     if not isinstance(mesh, PolygonMesh):
         return hash_of_file(Path(mesh))
     arrays = (mesh.points, mesh.face_vertex_counts, mesh.face_vertex_indices)
@@ -109,5 +109,5 @@ def hash_of_mesh(mesh: str | Path | PolygonMesh) -> str:
 
 
 def mesh_label(mesh: str | Path | PolygonMesh) -> str:
-    """Its file, or the name of one that came from Python."""
+    """Return a mesh's file, or the name of a mesh made in Python."""
     return mesh.name if isinstance(mesh, PolygonMesh) else legible(str(mesh))

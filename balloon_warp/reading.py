@@ -32,7 +32,7 @@ class Recorded:
         self._times, self._graph = 0, None
 
     def __call__(self) -> None:
-        """Do them; on a GPU they go on in the background."""
+        """Run the recorded launches; on a GPU they go on in the background."""
         if not self._stream:
             self._do()
             return
@@ -72,13 +72,13 @@ class HostBuffer:
         self.filled = wp.Event(stream.device) if stream else None
 
     def fill(self) -> None:
-        """All arrays; on a GPU it goes on in the background."""
+        """Copy all arrays; on a GPU it goes on in the background."""
         self._fill()
         if self._stream:
             self._stream.record_event(self.filled)
 
     def wait(self) -> None:
-        """Until it is filled."""
+        """Wait until the buffer is filled."""
         if self.filled:
             with lock_of(self.filled.device):  # Warp refuses to wait while any thread records
                 wp.synchronize_event(self.filled)
@@ -123,7 +123,7 @@ class Reading:
         )
 
     def first_bad(self) -> NDArray[np.int32]:
-        """Of every world the first particle or sphere that is bad, as `State.first_bad`, shape (world_count,)."""
+        """Return the first bad particle or sphere of every world, as `State.first_bad`, shape (world_count,)."""
         self._buffer.wait()
         return np.asarray(self._buffer.arrays["first_bad"].numpy(), dtype=np.int32)
 
@@ -135,7 +135,7 @@ class Reading:
         return contacts_of(self.model, told)
 
     def _torn(self) -> list[NDArray[np.bool_]]:
-        """Of each balloon which faces are; none if none may be."""
+        """Return masks of the torn faces of each balloon, or none if none may tear."""
         if "torn" not in self._buffer.arrays:
             return []
         ends = np.cumsum([shape.mesh.face_count for shape in self.model.shapes])
@@ -162,6 +162,6 @@ class Reading:
         return [own if others is None else own[others] for own, others in zip(rows, stand_ins, strict=True)]
 
     def _height(self, name: str) -> float:
-        """Of a surface [m]; minus infinity where there is none."""
+        """Return the height of a surface [m], minus infinity where there is none."""
         height = float(self._row(name, np.float32)[()])
         return height if height > -FAR else -np.inf

@@ -7,11 +7,11 @@ import numpy as np
 from balloon_warp.errors import InputError
 
 CALM_SECONDS = 0.1
-"""without anything fast, so that what swings is not taken for at rest where it turns"""
+"""Duration without fast motion that counts as rest, so that a turning point of an oscillation does not [s]"""
 
 
 class Stepping(Protocol):
-    """What of a simulator is waited for."""
+    """Part of a simulator's interface that waiting for rest needs."""
 
     model: Any
     state: Any

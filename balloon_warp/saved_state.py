@@ -1,4 +1,4 @@
-"""What a simulator saves of itself: the arrays of its state, and what somebody set on the way."""
+"""Saved state of a simulator: arrays of its state, and values set during the run."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from balloon_warp.model import State
 
 CHANGES = "set"
-"""the name, among what is saved, of what was set: JSON, pairs of a frame and the values by their paths"""
+"""Name of the saved settings: JSON, pairs of a frame and the values by their paths"""
 
 
 def packed(state: State, changes: Sequence[tuple[int, Mapping[str, Any]]]) -> dict[str, NDArray]:

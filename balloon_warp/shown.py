@@ -1,4 +1,4 @@
-"""What people see of a class: on Tab, in a signature, and of its fields in help()."""
+"""Presentation of classes to people: on Tab, in a signature, and of fields in help()."""
 
 import ast
 import inspect
@@ -15,7 +15,7 @@ from typing import Any, ClassVar, NamedTuple, TypeVar
 PARSING = Lock()
 """Python 3.11 fails where two threads parse at once, as when two recordings are written"""
 WIDTH = 100
-"""characters of a line of help"""
+"""Width of help [characters]"""
 Class = TypeVar("Class", bound=type)
 
 
@@ -25,7 +25,7 @@ def _doc_of(cls: type) -> str | None:
 
 
 DOC = property(_doc_of)
-"""the docstring of classes whose fields may be described: of such a type it is the `__doc__`, its own a comment"""
+"""Docstring of classes with described fields: the `__doc__` of such a type, whose own docstring is a comment"""
 
 
 class ShownType(ABCMeta):
@@ -43,9 +43,9 @@ class ShownType(ABCMeta):
 
 
 class Shown(metaclass=ShownType):
-    """What Tab shows of an object: its public names.
+    """Base of classes that show only their public names on Tab.
 
-    Those in the `_internal` of its class and of its bases are left out, which other modules use and people need not.
+    Names in `_internal` of the class and its bases are left out: other modules use them, and people need not.
     """
 
     _internal: ClassVar[tuple[str, ...]] = ()
@@ -58,7 +58,7 @@ class FieldHelp(NamedTuple):
     """A field as help() describes it."""
 
     head: str
-    """its name, its default, and what it takes"""
+    """Name of the field, its default, and accepted values"""
     meaning: str
 
 
@@ -94,7 +94,7 @@ def plain_docstring(cls: type) -> str:
 
 
 def described(cls: Class) -> Class:
-    """Let help() of a dataclass say what its fields are, and its signature name them alone."""
+    """Describe a dataclass's fields in help(), and name them without types in its signature."""
     describe(cls, _fields_of_dataclass, inspect.signature(cls).parameters.values())
     return cls
 
@@ -102,7 +102,7 @@ def described(cls: Class) -> Class:
 def describe(
     cls: type, fields_of: Callable[[type], Iterator[FieldHelp]], parameters: Iterable[inspect.Parameter]
 ) -> None:
-    """Let help() of a class say what its fields are, and its signature what it takes, without types."""
+    """Describe a class's fields in help(), and name its parameters without types in its signature."""
     named: dict[str, Any] = {
         "_help": Help(fields_of),
         "__signature__": inspect.Signature([each.replace(annotation=each.empty) for each in parameters]),
@@ -121,7 +121,7 @@ def _fields_of_dataclass(cls: type) -> Iterator[FieldHelp]:
 
 @cache
 def docstrings(cls: type) -> dict[str, str]:
-    """Of the fields of a class and its bases, as they stand below them in the source.
+    """Return the docstrings below the fields of a class and its bases in the source.
 
     Raises:
         OSError: the source is not there.

@@ -13,7 +13,7 @@ from balloon_warp.model import Model
 from balloon_warp.shown import Shown, described
 
 LANES = 32
-"""threads that sum a balloon; the same everywhere, so that a world's sums do not depend on its batch"""
+"""Number of threads that sum a balloon; constant, so that a world's sums do not depend on its batch"""
 
 
 @described
@@ -28,13 +28,14 @@ class MassProperties(Shown):
     """
 
     closed: NDArray[np.bool_]
-    """whether the balloon has an inside, shape (balloon_count,)"""
+    """Whether the balloon has an inside, shape (balloon_count,)"""
     volume: NDArray[np.float64]
-    """[m^3], shape (world_count, balloon_count)"""
+    """Volume [m^3], shape (world_count, balloon_count)"""
     center: NDArray[np.float64]
-    """center of mass [m], shape (world_count, balloon_count, 3)"""
+    """Center of mass [m], shape (world_count, balloon_count, 3)"""
     inertia: NDArray[np.float64]
-    """tensor about the center of mass, along the axes of the world [m^5], shape (world_count, balloon_count, 3, 3)"""
+    """Inertia tensor at unit density about the center of mass, along the axes of the world [m^5], shape (world_count,
+    balloon_count, 3, 3)"""
 
 
 def mass_properties(model: Model, points: wp.array) -> MassProperties:

@@ -5,10 +5,10 @@ from collections.abc import Iterable
 from pathlib import Path
 
 LONGEST = 100
-"""characters of a name that are looked at: comparing takes time with the square of them"""
+"""Largest number of characters of a name that are compared: the time grows with their square"""
 
 MUCH_LESS = 0.1
-"""of the likeness of two names, which is 1 for the same"""
+"""Margin of similarity between two names, which is 1 for equal ones"""
 
 
 def closest(name: str, known: Iterable[str]) -> list[str]:

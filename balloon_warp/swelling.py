@@ -1,4 +1,4 @@
-"""How far balloons swell by the pressure that is left to us, told before anything is simulated. Host side, float64."""
+"""Prediction of the volume of balloons with an "auto" pressure, before simulation, on the host in float64."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -17,27 +17,27 @@ from balloon_warp.scene import Scene
 from balloon_warp.warp_lock import lock_of
 
 MOST_VERTICES = 12_000
-"""of a balloon whose volume is foretold: with more, that would take longer than to begin"""
+"""Largest number of vertices of a balloon whose volume is predicted: with more, it would take longer than to begin"""
 ROUNDS = 60
 KEPT = 6
-"""rounds that the next one is extrapolated from"""
+"""Number of iterations that the next one is extrapolated from"""
 CLOSE = 2.0e-3
-"""of the volume at the start: what it changes by, in `CALM` rounds, when it is found"""
+"""Change of the volume in `CALM` iterations at convergence, over the volume at the start"""
 CALM = 4
 ANCHOR = 1.0e-4
-"""of the mean diagonal of the springs' Laplacian, that each particle counts as held with, so that it has an inverse"""
+"""Regularization that makes the springs' Laplacian invertible, over its mean diagonal"""
 
 
 @dataclass(frozen=True)
 class Swelling:
-    """What a pressure of "auto" came to."""
+    """Result of an "auto" pressure."""
 
     balloon: str
     pressure: float
-    """[Pa]"""
+    """Pressure [Pa]"""
     volume: float | None
-    """in balance with the springs, without weight, over that at the start; None where it is not foretold: of what is
-    open, of rubber and film, and of large meshes"""
+    """Volume in equilibrium with the springs, without weight, over that at the start; None where it is not predicted:
+    for open balloons, rubber and film, and large meshes"""
 
     def __str__(self) -> str:
         volume = "" if self.volume is None else f", volume 1.00 -> {self.volume:.2f}"
@@ -45,7 +45,7 @@ class Swelling:
 
 
 def swellings(scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters) -> list[Swelling]:
-    """Of each balloon whose pressure is left to us, and not nothing, in the first world."""
+    """Return the swelling of each balloon with a nonzero "auto" pressure, in the first world."""
     found = []
     for number, (balloon, shape) in enumerate(zip(scene.balloon, shapes, strict=True)):
         pressure = float(parameters["keyframe_values"][0, number, -1]) if balloon.inflation.is_automatic else 0.0
@@ -76,7 +76,7 @@ def foretold_swellings(scene: Scene) -> list[Swelling]:
 
 
 def sentences(found: Sequence[Swelling]) -> list[str]:
-    """In words, with the balloon's name where there are several."""
+    """Return sentences on the swelling of balloons, with the balloon's name where there are several."""
     return [f"{each.balloon}: {each}" if len(found) > 1 else str(each) for each in found]
 
 
@@ -159,7 +159,7 @@ def _rounds(shape: BalloonShape, constants: NDArray[np.float64], pressure: float
 
 
 def _extrapolated(places: list[NDArray[np.float64]], moves: list[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Where the moves of rounds, as they change with the places, come to nothing; the last place, moved, of one."""
+    """Extrapolate iterations to the place where their moves vanish; with one, return the last place, moved."""
     if len(moves) == 1:
         return places[0] + moves[0]
     between = np.diff(np.array(moves), axis=0)

@@ -21,9 +21,9 @@ except ModuleNotFoundError:  # Windows has none
     fcntl = None
 
 PREFIX, LOCK = ".balloon-warp-", ".partial.lock"
-"""how the names of lock files begin and end"""
+"""Prefix and suffix of the names of lock files"""
 OLD_SECONDS = 86400.0
-"""after which what nobody has written to is taken for left over, where there are no locks"""
+"""Age after which an untouched file counts as left over, where there are no locks [s]"""
 
 
 @contextmanager
@@ -159,5 +159,5 @@ def _remove(path: Path) -> None:
 
 
 def _last_touched(path: Path) -> float:
-    """When something was last written there, in seconds since 1970."""
+    """Return the time of the last write, in seconds since 1970."""
     return max(each.lstat().st_mtime for each in (path, *(path.iterdir() if path.is_dir() else ())))

@@ -27,28 +27,28 @@ from balloon_warp.warp_lock import lock_of
 @described
 @dataclass(frozen=True, repr=False)
 class Trajectories(Shown):
-    """How everything moved, as arrays of NumPy.
+    """Motion of everything in a scene, as arrays of NumPy.
 
     With several worlds, all but `times` have world_count as their first dimension, before those named here.
     """
 
     scene: Scene
     meshes: list[PolygonMesh]
-    """of the balloons, as they are at the start: names, faces"""
+    """Meshes of the balloons at the start: names, faces"""
     times: NDArray[np.float64]
-    """of the frames [s], shape (frame_count,): the start, and then each recorded one"""
+    """Times of the frames [s], shape (frame_count,): the start, and then each recorded one"""
     points: list[NDArray[np.float32]]
-    """of each balloon [m], shape (frame_count, particle_count, 3)"""
+    """Positions of each balloon's particles [m], shape (frame_count, particle_count, 3)"""
     velocities: list[NDArray[np.float32]]
-    """of each balloon [m/s], shape (frame_count, particle_count, 3)"""
+    """Velocities of each balloon's particles [m/s], shape (frame_count, particle_count, 3)"""
     pressures: NDArray[np.float32]
-    """of balloons with pressure or gas, above the air's [Pa], 0 for others, shape (frame_count, balloon_count)"""
+    """Gauge pressures of balloons with pressure or gas [Pa], 0 for others, shape (frame_count, balloon_count)"""
     gas_amounts: NDArray[np.float64]
-    """in each balloon [mol], shape (frame_count, balloon_count)"""
+    """Amount of gas in each balloon [mol], shape (frame_count, balloon_count)"""
     sphere_positions: NDArray[np.float32]
-    """[m], shape (frame_count, sphere_count, 3)"""
+    """Positions of spheres [m], shape (frame_count, sphere_count, 3)"""
     sphere_velocities: NDArray[np.float32]
-    """[m/s], shape (frame_count, sphere_count, 3)"""
+    """Velocities of spheres [m/s], shape (frame_count, sphere_count, 3)"""
 
     @cached_property
     def volumes(self) -> NDArray[np.float64]:
@@ -125,7 +125,7 @@ def simulate(
 
 
 def _tracks(groups: Sequence[Group], world_count: int, frames: int) -> dict[str, NDArray]:
-    """Room for all that is recorded, by the names of the state's arrays, shape (world_count, frames, ...).
+    """Return the room for all that is recorded, by the names of the state's arrays, shape (world_count, frames, ...).
 
     Raises:
         InputError: it does not fit, or the groups are of other meshes.

@@ -13,12 +13,12 @@ from balloon_warp.temporaries import scratch_folder
 
 @dataclass(frozen=True)
 class WarmUp:
-    """What was compiled."""
+    """Result of compiling kernels ahead."""
 
     device: str
     schedule: str
     seconds: float
-    """that it took, with what had to be compiled: a second time it is what is left"""
+    """Duration including compilation [s]; a second time, what is not compiled remains"""
 
 
 def warm_up(

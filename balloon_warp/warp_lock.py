@@ -18,9 +18,9 @@ import warp as wp
 P = ParamSpec("P")
 T = TypeVar("T")
 PROCESS_LOCK = RLock()
-"""held by the thread that makes a simulator or records a graph"""
+"""Lock held by the thread that makes a simulator or records a graph"""
 OF_RECORDING = ("_apic_capture", "_apic_graph")
-"""attributes of Warp's runtime: the graph that is recorded, or None"""
+"""Attributes of Warp's runtime that hold the graph being recorded, or None"""
 
 
 def lock_of(device: wp.Device) -> AbstractContextManager[Any]:
@@ -54,7 +54,10 @@ class _OfThread:
 
 
 def record_by_thread() -> None:
-    """Let each thread record for itself, once Warp has started; a Warp that has no such attributes is left alone."""
+    """Make each thread record for itself, once Warp has started.
+
+    A Warp without such attributes is left alone.
+    """
     from warp._src.context import runtime
 
     for name in OF_RECORDING:

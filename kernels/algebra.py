@@ -11,7 +11,7 @@ import warp as wp
 from balloon_warp.kernels.lanes import LANE_COUNT, Lanes, Lanes3, Lanes5, of_lane
 
 NOT_QUITE_ZERO = wp.constant(1.0e-20)
-"""[m^2], added to a squared length, so that its root can be divided by"""
+"""Small addend to a squared length, so that its root can be a divisor [m^2]"""
 
 
 @wp.func_native(
@@ -25,7 +25,7 @@ NOT_QUITE_ZERO = wp.constant(1.0e-20)
     adj_snippet="adj_x -= 0.5f * adj_ret / (x * sqrtf(x));",
 )
 def inverse_root(x: float) -> float:
-    """1 / sqrt(x); one instruction of a GPU, where the division of a root takes two even with fast math."""
+    """Return 1 / sqrt(x); one instruction of a GPU, where the division of a root takes two even with fast math."""
     ...
 
 
@@ -34,25 +34,25 @@ def inverse_root(x: float) -> float:
 
 @wp.func
 def times(a: float, b: float):
-    """a b"""
+    """Return a b."""
     return a * b
 
 
 @wp.func
 def times(a: Lanes, b: Lanes):  # noqa: F811 - an overload
-    """a b in each lane."""
+    """Return a b in each lane."""
     return wp.cw_mul(a, b)
 
 
 @wp.func
 def times(a: float, b: Lanes):  # noqa: F811 - an overload
-    """a b in each lane."""
+    """Return a b in each lane."""
     return a * b
 
 
 @wp.func
 def cross_product(a: wp.vec3, b: wp.vec3):
-    """a x b"""
+    """Return a x b."""
     return wp.cross(a, b)
 
 
@@ -70,13 +70,13 @@ def cross_product(a: wp.vec3, b: wp.vec3):
     """
 )
 def cross_product(a: Lanes3, b: Lanes3) -> Lanes3:  # noqa: F811 - an overload
-    """a x b in each lane."""
+    """Return a x b in each lane."""
     ...
 
 
 @wp.func
 def dot_product(a: wp.vec3, b: wp.vec3):
-    """a . b"""
+    """Return a . b."""
     return wp.dot(a, b)
 
 
@@ -91,13 +91,13 @@ def dot_product(a: wp.vec3, b: wp.vec3):
     """
 )
 def dot_product(a: Lanes3, b: Lanes3) -> Lanes:  # noqa: F811 - an overload
-    """a . b in each lane."""
+    """Return a . b in each lane."""
     ...
 
 
 @wp.func
 def reach_along(vector: wp.vec3, direction: wp.vec3):
-    """How far a vector reaches along a direction."""
+    """Return the component of a vector along a direction."""
     return wp.dot(vector, direction)
 
 
@@ -111,13 +111,13 @@ def reach_along(vector: wp.vec3, direction: wp.vec3):
     """
 )
 def reach_along(vector: Lanes3, direction: wp.vec3) -> Lanes:  # noqa: F811 - an overload
-    """How far each lane's vector reaches along a direction."""
+    """Return the component of each lane's vector along a direction."""
     ...
 
 
 @wp.func
 def scaled(vector: wp.vec3, factor: float):
-    """A vector times a factor."""
+    """Return a vector times a factor."""
     return factor * vector
 
 
@@ -135,7 +135,7 @@ def scaled(vector: wp.vec3, factor: float):
     """
 )
 def scaled(vector: Lanes3, factor: Lanes) -> Lanes3:  # noqa: F811 - an overload
-    """Each lane's vector times its own factor."""
+    """Return each lane's vector times its own factor."""
     ...
 
 
@@ -155,19 +155,19 @@ def scaled(vector: Lanes3, factor: Lanes) -> Lanes3:  # noqa: F811 - an overload
     """
 )
 def plus_scaled(total: Lanes3, vector: Lanes3, factor: Lanes) -> Lanes3:
-    """A vector and, of another, so much as each lane's own factor says; product and sum at once where a CPU can."""
+    """Return a vector plus another times each lane's own factor, as a fused multiply-add where a CPU has one."""
     ...
 
 
 @wp.func
 def scaled(number: Lanes, factor: Lanes):  # noqa: F811 - an overload
-    """Each lane's number times its own factor."""
+    """Return each lane's number times its own factor."""
     return wp.cw_mul(number, factor)
 
 
 @wp.func
 def scaled(fives: Lanes5, factor: Lanes):  # noqa: F811 - an overload
-    """Each lane's five numbers times its own factor."""
+    """Return each lane's five numbers times its own factor."""
     for row in range(5):
         fives[row] = wp.cw_mul(fives[row], factor)
     return fives
@@ -175,19 +175,19 @@ def scaled(fives: Lanes5, factor: Lanes):  # noqa: F811 - an overload
 
 @wp.func
 def scaled(vector: Lanes3, factor: float):  # noqa: F811 - an overload
-    """Each lane's vector times one factor."""
+    """Return each lane's vector times one factor."""
     return factor * vector
 
 
 @wp.func
 def length_of(vector: wp.vec3):
-    """|v|"""
+    """Return |v|."""
     return wp.length(vector)
 
 
 @wp.func
 def length_of(vectors: Lanes3):  # noqa: F811 - an overload
-    """|v| in each lane."""
+    """Return |v| in each lane."""
     lengths = Lanes()
     for lane in range(LANE_COUNT):
         lengths[lane] = wp.length(of_lane(vectors, lane))
@@ -204,13 +204,13 @@ def length_of(vectors: Lanes3):  # noqa: F811 - an overload
     """
 )
 def larger(a: Lanes, b: Lanes) -> Lanes:
-    """The larger number in each lane."""
+    """Return the larger number in each lane."""
     ...
 
 
 @wp.func
 def squared_length(d: wp.vec3):
-    """|d|^2, and a little more, so that its root can be divided by."""
+    """Return |d|^2, and a little more, so that its root can be divided by."""
     return d[0] * d[0] + (d[1] * d[1] + (d[2] * d[2] + NOT_QUITE_ZERO))
 
 
@@ -224,6 +224,8 @@ def squared_length(d: wp.vec3):
     """
 )
 def squared_length(d: Lanes3) -> Lanes:  # noqa: F811 - an overload
-    """The squared length in each lane, and a little more, so that its root can be divided by. Rounded as that of one
-    vector: springs that are hardly longer than at rest then pull alike in every schedule."""
+    """Return the squared length in each lane, plus a small addend, so that its root can be a divisor.
+
+    It rounds as for one vector, so that springs near their rest length pull alike in every schedule.
+    """
     ...

@@ -8,18 +8,18 @@ from balloon_warp.kernels.tables import Tables, WorldState
 
 @wp.func
 def time_of(t: Tables, frame: wp.array[wp.int32], time_in_frame: float):
-    """Since the simulation began [s]."""
+    """Return the time since the simulation began [s]."""
     return float(frame[0]) * t.frame_seconds + time_in_frame
 
 
 @wp.func
 def end_of_step(t: Tables, frame: wp.array[wp.int32], time_in_frame: float):
-    """When a substep ends that begins at a time in the frame [s]."""
+    """Return the time at the end of a substep that begins at a time in the frame [s]."""
     return time_of(t, frame, time_in_frame) + t.step_seconds
 
 
 @wp.func
 def ramp_at(state: WorldState, world: wp.int32, balloon: wp.int32, time_in_frame: float):
-    """What is keyframed, such as k_normal, at a time of the frame."""
+    """Return a keyframed value, such as k_normal, at a time in the frame."""
     ramp = two_in(state.inflation_ramp, world, balloon)
     return ramp[0] + ramp[1] * time_in_frame

@@ -8,7 +8,7 @@ import warp as wp
 
 
 def function_from(name: str, source: str, names: Mapping[str, Any]) -> Any:
-    """A `wp.func` of a text, which Warp reads again by the file that is noted for it.
+    """Return a `wp.func` of a text, which Warp reads again by the file that is noted for it.
 
     Args:
         names: what the text may refer to.
@@ -17,7 +17,7 @@ def function_from(name: str, source: str, names: Mapping[str, Any]) -> Any:
 
 
 def _read(name: str, source: str, names: Mapping[str, Any]) -> Any:
-    """The function of a text."""
+    """Return the function of a text."""
     filename = f"<balloon_warp {name} {hash(source):x}>"
     linecache.cache[filename] = (len(source), None, source.splitlines(keepends=True), filename)
     space = {"wp": wp, "Any": Any, **names}
@@ -26,7 +26,7 @@ def _read(name: str, source: str, names: Mapping[str, Any]) -> Any:
 
 
 def kernel_from(name: str, source: str, names: Mapping[str, Any], **options: Any) -> Any:
-    """A kernel of a text, in a module of its own.
+    """Return a kernel of a text, in a module of its own.
 
     Args:
         names: what the text may refer to.

@@ -15,31 +15,33 @@ from balloon_warp.kernels.laws.columns import Columns
 from balloon_warp.kernels.laws.law import GIVEN, Kind, Law
 
 NOTHING: Mapping[str, str] = {"vec3": "wp.vec3()", "float": "0.0"}
-"""the sum of no laws, by type"""
+"""Source of an empty sum, by type"""
 AIR = "air"
-"""what laws may be told that is found at their place"""
+"""Name of the quantity that laws get from the air at their place"""
 Air = tuple[Any, ...]
 PLACES = ("position", "center")
-"""what that is called, by the kind of law"""
+"""Argument with the place of a law, by the law's kind"""
 
 
 def arguments_of(law: Law) -> list[str]:
-    """What the law's function names."""
+    """Return the names of the law's arguments."""
     return list(inspect.signature(law.force.func).parameters)
 
 
 def any_names(laws: Sequence[Law], given: str) -> bool:
-    """Whether one of the laws needs this."""
+    """Return whether one of the laws has an argument."""
     return any(given in arguments_of(law) for law in laws)
 
 
 @cache
 def sum_of_laws(kind: Kind, result: str, laws: tuple[Law, ...], columns: Columns, air: Air = ()) -> Any:
-    """The function that adds up the laws of a kind. Its arguments are all that such laws are told, in the order of
-    `GIVEN`, but for the air, and the row `n` of their numbers.
+    """Return a function that sums the laws of a kind.
+
+    Its arguments are all quantities that such laws may take, in the order of `GIVEN`, except the air, and the row `n`
+    of their numbers.
 
     Args:
-        air: the functions that give velocity and density of the air at a place, where a law names that.
+        air: Functions that give velocity and density of the air at a place, where a law names the air.
     """
     given = [each.name for each in GIVEN[kind]]
     return _summed(f"{kind}_laws", result, laws, columns, given, air, str, _number, "n: Any")
@@ -47,8 +49,10 @@ def sum_of_laws(kind: Kind, result: str, laws: tuple[Law, ...], columns: Columns
 
 @cache
 def laws_added(kind: Kind, result: str, laws: tuple[Law, ...], columns: Columns, air: Air = ()) -> Any:
-    """The same function with the sum of what there is already as its first argument, to which each law is added in
-    turn: of a law that is a product, a product and a sum are one instruction."""
+    """Return a function that adds the laws of a kind to its first argument, one after the other.
+
+    A law that is a product thereby becomes a fused multiply-add. The other arguments are those of `sum_of_laws`.
+    """
     given = [each.name for each in GIVEN[kind]]
     name = f"{kind}_laws_added"
     return _summed(name, result, laws, columns, given, air, str, _number, "n: Any", "so_far")
@@ -56,7 +60,10 @@ def laws_added(kind: Kind, result: str, laws: tuple[Law, ...], columns: Columns,
 
 @cache
 def sum_of_laws_in_lane(kind: Kind, result: str, laws: tuple[Law, ...], columns: Columns, air: Air = ()) -> Any:
-    """The same for one of eight lanes: what laws are told is of eight lanes, or alike in all; `n` is a row of lanes."""
+    """Return a function that sums the laws of a kind in one of eight lanes.
+
+    Arguments are of eight lanes, or alike in all; `n` is a row of lanes.
+    """
     given = [each.name for each in GIVEN[kind]]
 
     def told(name: str) -> str:
@@ -70,8 +77,11 @@ def sum_of_laws_in_lane(kind: Kind, result: str, laws: tuple[Law, ...], columns:
 
 @cache
 def choice_of_laws(laws: tuple[Law, ...], columns: Columns) -> Any:
-    """The function that calls the one of the laws of membranes whose number `material` is. Its other arguments are all
-    that such laws are told, and the row `n` of numbers, of one of eight lanes where it is of lanes."""
+    """Return a function that calls the membrane law of number `material`.
+
+    Its other arguments are all quantities that such laws take, and the row `n` of numbers, of one of eight lanes where
+    it is of lanes.
+    """
     given = [each.name for each in GIVEN["membrane"]]
     called = {f"law_{place}": law.force for place, law in enumerate(laws)}
     calls = [call_of(force, each, given, columns, number=_number_in_lane) for each, force in called.items()]
@@ -86,7 +96,7 @@ def choice_of_laws(laws: tuple[Law, ...], columns: Columns) -> Any:
 
 @cache
 def choice_of_energies(laws: tuple[Law, ...], columns: Columns) -> Any:
-    """The same of their energies [J/m^3]."""
+    """Return a function that calls the energy of the membrane law of number `material` [J/m^3]."""
     given = [each.name for each in GIVEN["membrane"]]
     called = {f"energy_{place}": law.energy for place, law in enumerate(laws)}
     calls = [call_of(energy, each, given, columns, number=_number_in_lane) for each, energy in called.items()]
@@ -116,7 +126,7 @@ def call_of(
     told: Callable[[str], str] = str,
     number: Callable[[int, int], str] = _number,
 ) -> str:
-    """The text of a call with just what the function names."""
+    """Return the text of a call with just what the function names."""
     sizes = {parameter.name: parameter.size for parameter in (*columns.balloon, *columns.world)}
     arguments = [
         told(each) if each in given else number(columns.places[each], sizes[each])

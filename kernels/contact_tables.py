@@ -1,4 +1,4 @@
-"""What particles touch, as kernels read it: spheres, obstacles, and each other."""
+"""Tables of contact for kernels: spheres, obstacles, bodies and touching balloons."""
 
 import warp as wp
 
@@ -7,18 +7,17 @@ from balloon_warp.kernels.laws.ridges import Ridge
 
 @wp.struct
 class SphereTable:
-    """What particles bump into."""
+    """Spheres with which particles collide."""
 
     mass: wp.array2d[float]
     radius: wp.array2d[float]
     penalty: wp.array2d[float]
     restitution: wp.array2d[float]
-    """of spheres that meet spheres"""
-    friction: wp.array2d[float]
+    """Coefficients of restitution between spheres"""
     small: wp.array[wp.int32]
-    """whether each is so small beside faces that it meets these, too; empty where none is"""
+    """Whether each sphere is so small that it also touches faces; empty where none is"""
     triangles: wp.array[wp.vec3i]
-    """the particles of each triangle that they meet; empty where none is small"""
+    """Particles of each triangle that small spheres may touch; empty where no sphere is small"""
 
 
 @wp.struct
@@ -27,15 +26,15 @@ class Solid:
 
     kind: wp.int32
     size: wp.vec3
-    """half the edges of a box; radius and half the length of a capsule [m]"""
+    """Half the edges of a box; radius and half the length of a capsule [m]"""
     mesh: wp.uint64
     closed: wp.int32
     thickness: float
-    """how far from the surface particles are held [m]"""
+    """Distance from the surface at which particles are held [m]"""
     reach: float
-    """of the farthest point from the origin [m]"""
+    """Distance of the farthest point from the origin [m]"""
     blur: float
-    """of a mesh, over its mean edge: by how much more two of its places are away from a point, if float32 tells"""
+    """Resolution of float32 between distances from a point to two places of a mesh, over the mesh's mean edge"""
 
 
 @wp.struct
@@ -44,22 +43,22 @@ class FixtureTable:
 
     solids: wp.array[Solid]
     motion: wp.array2d[wp.transform]
-    """shift from its position, and how it is turned, at the start of each frame until it rests, shape (frames, N)"""
+    """Shift from its position, and rotation, at the start of each frame until the obstacle rests, shape (frames, N)"""
     positions: wp.array2d[wp.vec3]
-    frictions: wp.array2d[float]
     restitutions: wp.array2d[float]
-    """of spheres"""
+    """Coefficients of restitution with spheres"""
     samples: wp.array[wp.vec4]
-    """centers of balls in them that free bodies are held out of [m], and their radii [m]; empty where there are none"""
+    """Centers of balls inside obstacles that free bodies are held out of [m], and their radii [m]; empty where there
+    are none"""
     sample_ends: wp.array[wp.vec2i]
-    """where each obstacle's begin and end"""
+    """Begin and end of each obstacle's samples"""
     fastest: float
-    """how fast a point of any of them may move [m/s]"""
+    """Largest speed of a point of any obstacle [m/s]"""
     looks: wp.array2d[wp.vec4]
-    """working memory, of each world and particle: where it was when it last looked at them, and up to which distance
-    there was nothing, plus how far `fastest` goes until then [m]; 0 at the start of a frame"""
+    """Cache, by world and particle: position at the last query, and the clearance then plus the distance that `fastest`
+    covers until then [m]; 0 at the start of a frame"""
     nearest: wp.array2d[wp.vec2]
-    """the same of all but the nearest, and its number; empty for a single obstacle"""
+    """Cache of all obstacles but the nearest, with the nearest's number; empty for a single obstacle"""
 
 
 @wp.struct
@@ -68,16 +67,15 @@ class BodyTable:
 
     solids: wp.array[Solid]
     mass: wp.array2d[float]
-    friction: wp.array2d[float]
     restitution: wp.array2d[float]
     inertias: wp.array[wp.mat33]
-    """of 1 kg, about the center of mass [m^2]"""
+    """Inertia tensors of 1 kg, about the center of mass [m^2]"""
     eases: wp.array[wp.mat33]
-    """their inverses [1/m^2]"""
+    """Inverses of the inertia tensors of 1 kg [1/m^2]"""
     samples: wp.array[wp.vec4]
-    """centers of balls in them that are held out of what is in the way [m], and their radii [m]"""
+    """Centers of balls inside bodies that are held out of other solids [m], and their radii [m]"""
     sample_ends: wp.array[wp.vec4i]
-    """where each body's samples begin, and where those end that count on the ground, at bodies, and at obstacles"""
+    """Begin of each body's samples, and the ends of those that count on the ground, at bodies, and at obstacles"""
 
 
 @wp.struct
@@ -88,45 +86,44 @@ class TouchTable:
     """
 
     triangles: wp.array[wp.vec3i]
-    """the particles of each, counter-clockwise from outside"""
+    """Particles of each triangle, counter-clockwise from outside"""
     parts: wp.array[wp.vec4i]
-    """after each part, the next that is not in it: the very next, where it has none in it; where its triangles begin
-    and end; its balloon. Others in it are two: the next, and the one after that"""
+    """Bounding volume tree, by part: the next part outside this one's subtree; begin and end of its triangles; its
+    balloon. A part's children are the next part, and the one after that"""
     parts_by_level: wp.array[wp.int32]
-    """first those that have no others in them; the others after those that are in them"""
+    """Leaves first, then the other parts after their children"""
     levels: wp.array[wp.int32]
-    """where in that order the parts begin whose boxes can be made at once, and after the last, where they end"""
+    """Begin of each level of parts whose boxes can be built in parallel, and the end of the last"""
     particles: wp.array[wp.int32]
-    """of the parts that have no others in them, each once in a part"""
+    """Particles of the leaves, each once in a leaf"""
     part_particles: wp.array[wp.vec2i]
-    """where each part's particles begin and end; nowhere, where it has others in it"""
+    """Begin and end of each leaf's particles; empty for other parts"""
     balloon_parts: wp.array[wp.int32]
-    """where each balloon's parts begin, and after the last, where they end"""
+    """Begin of each balloon's parts, and the end of the last"""
     rest_boxes: wp.array2d[wp.vec3]
-    """around parts at the start: lower and upper corner [m]; empty unless balloons touch themselves"""
+    """Boxes of parts at the start: lower and upper corner [m]; empty unless balloons touch themselves"""
     closed: wp.array[wp.int32]
-    """of each balloon, whether it has an inside, out of which others are pushed"""
+    """Whether each balloon has an inside, out of which others are pushed"""
     thickness: wp.array[float]
-    """of each balloon's skin, where the scene does not say it [m]"""
+    """Skin thickness of each balloon, where the scene gives none [m]"""
     slack: wp.array[float]
-    """of each balloon, what its particles may gain on each other by accelerating, until they are looked for again
-    [m]"""
+    """Distance that particles of each balloon may gain on each other by accelerating between two searches [m]"""
     depth: wp.array[float]
-    """of each balloon, down to which what is inside is pushed out the nearest way [m]"""
+    """Depth in each balloon down to which what is inside is pushed out the nearest way [m]"""
     crowd: wp.array[float]
-    """of each balloon, contacts on a particle that the step allows for"""
+    """Contacts on a particle of each balloon that the step allows for"""
     stiffness: wp.array2d[float]
-    """of each balloon's contacts, where the scene does not say it [N/m]"""
+    """Contact stiffness of each balloon, where the scene gives none [N/m]"""
     rest_points: wp.array[wp.vec3]
-    """of particles, at the start [m]; empty unless balloons touch themselves"""
+    """Positions of particles at the start [m]; empty unless balloons touch themselves"""
     apart: wp.array[float]
-    """of each balloon, how far a particle must have been from a triangle of it at the start to touch it [m]"""
+    """Distance from a triangle of the same balloon at the start above which a particle may touch it, by balloon [m]"""
     seconds: float
-    """between two searches"""
+    """Time between two searches [s]"""
     edges: wp.array[wp.vec2i]
-    """the particles of those edges that meet others, balloon by balloon; empty where none do"""
+    """Particles of the edges that touch others, balloon by balloon; empty where none do"""
     balloon_edges: wp.array[wp.int32]
-    """where each balloon's edges begin, and after the last, where they end"""
+    """Begin of each balloon's edges, and the end of the last"""
 
 
 @wp.struct
@@ -135,12 +132,12 @@ class RidgeTable:
 
     ridges: wp.array[Ridge]
     ends: wp.array[wp.vec2i]
-    """where each solid's begin and end"""
+    """Begin and end of each solid's ridges"""
     trees: wp.array[wp.uint64]
-    """of boxes around the ridges of each solid; 0 for one without any"""
+    """Bounding volume trees of the ridges of each solid; 0 for a solid without ridges"""
     features: wp.array[wp.vec4i]
-    """triangles and edges of balloons: their particles, -1 in place of an edge's third, and their balloon"""
+    """Triangles and edges of balloons: their particles, -1 in place of an edge's third, and their balloon"""
     kept: float
-    """distance that faces keep from ridges [m]"""
+    """Distance that faces keep from ridges [m]"""
     margin: float
-    """how much further off ridges are noted [m]"""
+    """Additional distance within which ridges are recorded [m]"""

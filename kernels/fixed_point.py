@@ -11,13 +11,13 @@ NEWTONS_PER_QUANTUM = wp.constant(2.0**-32)
 
 @wp.func
 def quanta(force: float):
-    """A force [N] as a whole number."""
+    """Return a force [N] as a whole number."""
     return wp.int64(wp.float64(force) * QUANTA_PER_NEWTON)
 
 
 @wp.func
 def newtons(count: wp.int64):
-    """The force [N] of a whole number."""
+    """Return the force [N] of a whole number."""
     return float(count) * NEWTONS_PER_QUANTUM
 
 
@@ -30,7 +30,7 @@ def add_quanta(totals: wp.array3d[wp.int64], world: wp.int32, item: wp.int32, fo
 
 @wp.func
 def total_newtons(totals: wp.array3d[wp.int64], world: wp.int32, item: wp.int32):
-    """The sum of the forces added [N]."""
+    """Return the sum of the forces added [N]."""
     return wp.vec3(newtons(totals[world, item, 0]), newtons(totals[world, item, 1]), newtons(totals[world, item, 2]))
 
 
@@ -61,12 +61,13 @@ IN_ROW_OF_FOURS = "4 * ((size_t)(unsigned int)world * (unsigned int)totals.shape
     """
 )
 def growth(totals: wp.array3d[wp.int64], taken: wp.array3d[wp.int64], world: wp.int32, item: wp.int32) -> wp.vec4:
-    """What has been added to the four sums `totals[world, item]` since the last time, in newtons or whatever a whole
-    number stands for; both arrays are contiguous.
+    """Return the growth of the four sums `totals[world, item]` since the last call, in newtons or another unit.
 
-    Sums that grow for ever need no zeros: on a GPU a plain store to where atomic adds have just been makes every load
-    around it wait. Beyond the range they begin anew, and their differences stay as they are. Four are as long as what
-    a GPU fetches at a time.
+    Both arrays are contiguous.
+
+    Sums that grow for ever need no zeros: on a GPU a plain store to an address with recent atomic adds makes every load
+    around it wait. Beyond the range they wrap around, and their differences stay right. Four sums are as long as what a
+    GPU fetches at a time.
     """
     ...
 

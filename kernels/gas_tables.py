@@ -16,20 +16,20 @@ class PumpTable:
     """The curves of pumps; a shorter one repeats its last point."""
 
     has: wp.array[wp.int32]
-    """whether each balloon has one"""
+    """Whether each balloon has a pump curve"""
     pressures: wp.array2d[float]
-    """[Pa], shape (balloon_count, points)"""
+    """Pressures of the curve's points [Pa], shape (balloon_count, points)"""
     flows: wp.array2d[float]
-    """[mol/s]"""
+    """Flows of the curve's points [mol/s]"""
 
 
 @wp.struct
 class NeckTable:
-    """Where balloons are open; empty unless one is."""
+    """Necks of balloons; empty unless a balloon is open."""
 
     weights: wp.array[float]
-    """what each particle gets of the thrust of its balloon's neck: by mass, 0 of those that are not at it"""
+    """Share of each particle in the thrust of its balloon's neck: by mass, 0 away from the neck"""
     offsets: wp.array[wp.int32]
-    """where the edges around each balloon's neck begin, and after the last, where they end"""
+    """Begin of the edges around each balloon's neck, and the end of the last"""
     edges: wp.array[wp.vec2i]
-    """in turn, as the faces run that close it"""
+    """Edges around the neck, in the order of the faces that would close it"""

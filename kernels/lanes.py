@@ -1,4 +1,4 @@
-"""What stands in eight lanes of a CPU's vector registers: types, and one of eight, by the same names as of one alone.
+"""Vectors of eight lanes in a CPU's registers: types and functions, with the same names as for one item.
 
 A lane is a world or a particle, see `kernels.schedules.lanes`.
 """
@@ -11,100 +11,100 @@ from balloon_warp.kernels.memory import float_at, int_at
 
 LANE_COUNT = wp.constant(8)
 Lanes = wp.types.vector(length=8, dtype=wp.float32)
-"""a number in each of eight lanes"""
+"""Number in each of eight lanes"""
 Lanes2 = wp.types.matrix(shape=(2, 8), dtype=wp.float32)
-"""two numbers in each of eight lanes, those of one a column"""
+"""Two numbers in each of eight lanes, a column each"""
 Lanes3 = wp.types.matrix(shape=(3, 8), dtype=wp.float32)
-"""a vector in each of eight lanes, one a column"""
+"""Vector in each of eight lanes, a column each"""
 Lanes4 = wp.types.matrix(shape=(4, 8), dtype=wp.float32)
-"""four numbers in each of eight lanes, those of one a column"""
+"""Four numbers in each of eight lanes, a column each"""
 Lanes5 = wp.types.matrix(shape=(5, 8), dtype=wp.float32)
-"""five numbers in each of eight lanes, those of one a column"""
+"""Five numbers in each of eight lanes, a column each"""
 Five = wp.types.vector(length=5, dtype=wp.float32)
-"""five numbers"""
+"""Five numbers"""
 IN_LANES = {
     float: Lanes, wp.float32: Lanes, wp.vec2: Lanes2, wp.vec3: Lanes3, wp.vec4: Lanes4, Five: Lanes5,
 }  # fmt: skip
-"""what stands in eight lanes, by what stands in one"""
+"""Types of eight lanes, by the type of one"""
 LaneNumbers = wp.types.vector(length=8, dtype=wp.int32)
-"""the number of a particle, or of something else, in each of eight lanes"""
+"""Index of a particle, or of another item, in each of eight lanes"""
 
 
 @wp.func
 def of_lane(number: float, lane: wp.int32):
-    """What is the same in all lanes."""
+    """Return a number that is the same in all lanes."""
     return number
 
 
 @wp.func
 def of_lane(number: wp.int32, lane: wp.int32):  # noqa: F811 - an overload
-    """What is the same in all lanes."""
+    """Return a number that is the same in all lanes."""
     return number
 
 
 @wp.func
 def of_lane(vector: wp.vec3, lane: wp.int32):  # noqa: F811 - an overload
-    """What is the same in all lanes."""
+    """Return a vector that is the same in all lanes."""
     return vector
 
 
 @wp.func
 def of_lane(numbers: Lanes, lane: wp.int32):  # noqa: F811 - an overload
-    """The number of one lane."""
+    """Return the number of one lane."""
     return numbers[lane]
 
 
 @wp.func
 def of_lane(vectors: Lanes3, lane: wp.int32):  # noqa: F811 - an overload
-    """The vector of one lane."""
+    """Return the vector of one lane."""
     return wp.vec3(vectors[0, lane], vectors[1, lane], vectors[2, lane])
 
 
 @wp.func
 def of_lane(vectors: wp.vec4, lane: wp.int32):  # noqa: F811 - an overload
-    """What is the same in all lanes."""
+    """Return a vector that is the same in all lanes."""
     return vectors
 
 
 @wp.func
 def of_lane(vectors: Lanes4, lane: wp.int32):  # noqa: F811 - an overload
-    """The four numbers of one lane."""
+    """Return the four numbers of one lane."""
     return wp.vec4(vectors[0, lane], vectors[1, lane], vectors[2, lane], vectors[3, lane])
 
 
 @wp.func
 def of_lane(numbers: LaneNumbers, lane: wp.int32):  # noqa: F811 - an overload
-    """The number of one lane."""
+    """Return the number of one lane."""
     return numbers[lane]
 
 
 @wp.func
 def of_lane(pairs: Lanes2, lane: wp.int32):  # noqa: F811 - an overload
-    """The two numbers of one lane."""
+    """Return the two numbers of one lane."""
     return wp.vec2(pairs[0, lane], pairs[1, lane])
 
 
 @wp.func
 def of_lane(fives: Lanes5, lane: wp.int32):  # noqa: F811 - an overload
-    """The five numbers of one lane."""
+    """Return the five numbers of one lane."""
     return Five(fives[0, lane], fives[1, lane], fives[2, lane], fives[3, lane], fives[4, lane])
 
 
 @wp.func
 def number_in(row: Any, column: wp.int32, lane: wp.int32):
-    """A number of a row of one particle's."""
+    """Return a number of a row of one particle's."""
     return row[column]
 
 
 @wp.func
 def number_in(row: wp.array[Lanes], column: wp.int32, lane: wp.int32):  # noqa: F811 - an overload
-    """The number of one lane, of a row of lanes."""
+    """Return the number of one lane, of a row of lanes."""
     return row[column][lane]
 
 
 @wp.func
 def set_lane(vectors: Lanes3, lane: wp.int32, vector: wp.vec3):
-    """The vectors with that of one lane replaced."""
+    """Return the vectors with that of one lane replaced."""
     vectors[0, lane] = vector[0]
     vectors[1, lane] = vector[1]
     vectors[2, lane] = vector[2]
@@ -113,14 +113,14 @@ def set_lane(vectors: Lanes3, lane: wp.int32, vector: wp.vec3):
 
 @wp.func
 def set_lane(numbers: Lanes, lane: wp.int32, number: float):  # noqa: F811 - an overload
-    """The numbers with that of one lane replaced."""
+    """Return the numbers with that of one lane replaced."""
     numbers[lane] = number
     return numbers
 
 
 @wp.func
 def set_lane(many: Any, lane: wp.int32, those: Any):  # noqa: F811 - an overload
-    """The same of two, four or five numbers in each lane."""
+    """Set two, four or five numbers in one lane."""
     for row in range(len(those)):
         many[row, lane] = those[row]
     return many
@@ -128,13 +128,13 @@ def set_lane(many: Any, lane: wp.int32, those: Any):  # noqa: F811 - an overload
 
 @wp.func
 def pair(first: float, second: float):
-    """Two numbers."""
+    """Return two numbers."""
     return wp.vec2(first, second)
 
 
 @wp.func
 def pair(first: Lanes, second: float):  # noqa: F811 - an overload
-    """Two numbers in each lane, of which the second is the same in all."""
+    """Return two numbers in each lane, of which the second is the same in all."""
     both = Lanes2()
     both[0] = first
     both[1] = Lanes(second)
@@ -143,13 +143,13 @@ def pair(first: Lanes, second: float):  # noqa: F811 - an overload
 
 @wp.func
 def five(a: float, b: float, c: float, d: float, e: float):
-    """Five numbers."""
+    """Return five numbers."""
     return Five(a, b, c, d, e)
 
 
 @wp.func
 def five(a: Lanes, b: Lanes, c: Lanes, d: Lanes, e: Lanes):  # noqa: F811 - an overload
-    """Five numbers in each lane."""
+    """Return five numbers in each lane."""
     all_five = Lanes5()
     all_five[0] = a
     all_five[1] = b
@@ -161,13 +161,13 @@ def five(a: Lanes, b: Lanes, c: Lanes, d: Lanes, e: Lanes):  # noqa: F811 - an o
 
 @wp.func
 def total_in(numbers: Lanes):
-    """The sum over the lanes, in each of them."""
+    """Return the sum over the lanes, in each of them."""
     return Lanes(wp.dot(numbers, Lanes(1.0)))
 
 
 @wp.func
 def total_in(many: Any):  # noqa: F811 - an overload
-    """The same of several numbers in each lane."""
+    """Return the sums of several numbers over all lanes."""
     for row in range(len(many)):
         many[row] = Lanes(wp.dot(many[row], Lanes(1.0)))
     return many
@@ -180,19 +180,19 @@ def total_in(many: Any):  # noqa: F811 - an overload
     """
 )
 def any_negative(lanes: Lanes) -> bool:
-    """Whether a number is below zero in any of the lanes."""
+    """Return whether a number is below zero in any of the lanes."""
     ...
 
 
 @wp.func
 def any_positive(number: float):
-    """Whether a number is above zero."""
+    """Return whether a number is above zero."""
     return number > 0.0
 
 
 @wp.func
 def any_positive(lanes: Lanes):  # noqa: F811 - an overload
-    """Whether a number is above zero in any of the lanes."""
+    """Return whether a number is above zero in any of the lanes."""
     return any_negative(-lanes)
 
 
@@ -203,29 +203,29 @@ def any_positive(lanes: Lanes):  # noqa: F811 - an overload
     """
 )
 def all_positive(lanes: Lanes) -> bool:
-    """Whether the numbers are above zero in all lanes; where one is no number, it is not."""
+    """Return whether the numbers are above zero in all lanes; false where one is NaN."""
     ...
 
 
 @wp.func
 def entry_at(array: wp.array[wp.int32], entry: wp.int32):
-    """Of a contiguous array: what is the same in all lanes."""
+    """Return an entry of a contiguous array, which is the same in all lanes."""
     return int_at(array, entry)
 
 
 @wp.func
 def entry_at(array: wp.array[float], entry: wp.int32):  # noqa: F811 - an overload
-    """The same of a number."""
+    """Return a number of a contiguous array."""
     return float_at(array, entry)
 
 
 @wp.func_native("return array.data[(unsigned int)entry];")
 def entry_at(array: wp.array[Lanes], entry: wp.int32) -> Lanes:  # noqa: F811 - an overload
-    """Of a contiguous array: a number for each lane."""
+    """Return an entry of a contiguous array for each lane."""
     ...
 
 
 @wp.func_native("return array.data[(unsigned int)entry];")
 def entry_at(array: wp.array[LaneNumbers], entry: wp.int32) -> LaneNumbers:  # noqa: F811 - an overload
-    """The same of whole numbers."""
+    """Return an integer entry of a contiguous array for each lane."""
     ...

@@ -10,7 +10,7 @@ import warp as wp
 
 @wp.func_native("return array.data[(unsigned int)index];")
 def int_at(array: wp.array[wp.int32], index: wp.int32) -> wp.int32:
-    """`array[index]` of a contiguous array."""
+    """Return `array[index]` of a contiguous array."""
     ...
 
 
@@ -22,19 +22,19 @@ def int_at(array: wp.array[wp.int32], index: wp.int32) -> wp.int32:
 #endif
 """)
 def fixed_int_at(array: wp.array[wp.int32], index: wp.int32) -> wp.int32:
-    """`array[index]` of a contiguous array that no kernel writes to, so that a loop may read it once."""
+    """Return `array[index]` of a contiguous array that no kernel writes to, so that a loop may read it once."""
     ...
 
 
 @wp.func_native("return array.data[(unsigned int)index];")
 def float_at(array: wp.array[float], index: wp.int32) -> float:
-    """`array[index]` of a contiguous array."""
+    """Return `array[index]` of a contiguous array."""
     ...
 
 
 @wp.func_native("return array.data[(unsigned int)index];")
 def vector_at(array: wp.array[wp.vec3], index: wp.int32) -> wp.vec3:
-    """`array[index]` of a contiguous array."""
+    """Return `array[index]` of a contiguous array."""
     ...
 
 
@@ -53,7 +53,7 @@ def add_at(array: wp.array[wp.vec3], index: wp.int32, vector: wp.vec3):
 #endif
 """)
 def pair_at(array: wp.array[wp.vec2], index: wp.int32) -> wp.vec2:
-    """`array[index]` of a contiguous array that no kernel writes to, in one load."""
+    """Return `array[index]` of a contiguous array that no kernel writes to, in one load."""
     ...
 
 
@@ -66,7 +66,7 @@ def pair_at(array: wp.array[wp.vec2], index: wp.int32) -> wp.vec2:
 #endif
 """)
 def int_pair_at(array: wp.array[wp.vec2i], index: wp.int32) -> wp.vec2i:
-    """The same of two integers."""
+    """Return two integers of a contiguous array, in one load."""
     ...
 
 
@@ -79,7 +79,7 @@ def int_pair_at(array: wp.array[wp.vec2i], index: wp.int32) -> wp.vec2i:
     return wp::vec_t<2, wp::int32>(both & 0xFFFF, both >> 16);
 """)
 def packed_pair_at(array: wp.array[wp.int32], index: wp.int32) -> wp.vec2i:
-    """The same of two integers of 16 bits."""
+    """Return two 16-bit integers of a contiguous array, in one load."""
     ...
 
 
@@ -92,7 +92,7 @@ def packed_pair_at(array: wp.array[wp.int32], index: wp.int32) -> wp.vec2i:
 #endif
 """)
 def four_ints_at(array: wp.array[wp.vec4i], index: wp.int32) -> wp.vec4i:
-    """The same of four integers."""
+    """Return four integers of a contiguous array, in one load."""
     ...
 
 
@@ -105,7 +105,7 @@ def four_ints_at(array: wp.array[wp.vec4i], index: wp.int32) -> wp.vec4i:
 #endif
 """)
 def four_floats_at(array: wp.array[wp.vec4], index: wp.int32) -> wp.vec4:
-    """The same of four numbers."""
+    """Return four numbers of a contiguous array, in one load."""
     ...
 
 
@@ -119,7 +119,7 @@ def four_floats_at(array: wp.array[wp.vec4], index: wp.int32) -> wp.vec4:
 #endif
 """)
 def quad_at(array: wp.array[wp.int32], index: wp.int32) -> wp.vec4i:
-    """The integers from `array[4 * index]` on, in one load."""
+    """Return the integers from `array[4 * index]` on, in one load."""
     ...
 
 
@@ -133,8 +133,10 @@ def quad_at(array: wp.array[wp.int32], index: wp.int32) -> wp.vec4i:
 #endif
 """)
 def found_anew(number: float) -> float:
-    """A number of which a GPU's compiler does not know that it stays the same in a loop, so that what follows from it
-    is found where it is needed, and takes no registers until then."""
+    """Return a number that the GPU's compiler cannot hoist out of a loop.
+
+    What follows from it is computed where it is needed, and takes no registers until then.
+    """
     ...
 
 
@@ -148,7 +150,7 @@ def found_anew(number: float) -> float:
 #endif
 """)
 def found_anew(number: wp.int32) -> wp.int32:  # noqa: F811 - an overload
-    """The same of a whole number."""
+    """Return an integer that the GPU's compiler cannot hoist out of a loop."""
     ...
 
 
@@ -157,13 +159,13 @@ IN_ROW = "array.data[(size_t)(unsigned int)row * (unsigned int)array.shape[1] + 
 
 @wp.func_native(f"return {IN_ROW};")
 def vector_in(array: wp.array2d[wp.vec3], row: wp.int32, column: wp.int32) -> wp.vec3:
-    """`array[row, column]` of a contiguous array."""
+    """Return `array[row, column]` of a contiguous array."""
     ...
 
 
 @wp.func_native(f"return {IN_ROW};")
 def float_in(array: wp.array2d[float], row: wp.int32, column: wp.int32) -> float:
-    """The same of a number."""
+    """Return a number of a contiguous array."""
     ...
 
 
@@ -183,32 +185,34 @@ ON_PAGE = (
 #endif
 """)
 def four_on_page(array: wp.array3d[wp.int32], page: wp.int32, row: wp.int32, column: wp.int32) -> wp.vec4i:
-    """`array[page, row, column]` of a contiguous array and the three after it, in one load: rows and columns are whole
-    fours."""
+    """Return `array[page, row, column]` of a contiguous array and the three after it, in one load.
+
+    Rows and columns are whole fours.
+    """
     ...
 
 
 @wp.func
 def one_of_four(four: wp.vec4i, number: wp.int32):
-    """`four[number]`, without the memory that an index needs."""
+    """Return `four[number]`, without the memory that an index needs."""
     return wp.where(number < 2, wp.where(number == 0, four[0], four[1]), wp.where(number == 2, four[2], four[3]))
 
 
 @wp.func_native(f"{IN_ROW} = value;")
 def put_vector_in(array: wp.array2d[wp.vec3], row: wp.int32, column: wp.int32, value: wp.vec3):
-    """Into a contiguous array."""
+    """Store a vector in a contiguous array."""
     ...
 
 
 @wp.func_native(f"return {IN_ROW};")
 def byte_in(array: wp.array2d[wp.int8], row: wp.int32, column: wp.int32) -> wp.int8:
-    """`array[row, column]` of a contiguous array."""
+    """Return `array[row, column]` of a contiguous array."""
     ...
 
 
 @wp.func_native(f"return {IN_ROW};")
 def two_in(array: wp.array2d[wp.vec2], row: wp.int32, column: wp.int32) -> wp.vec2:
-    """The same of two numbers."""
+    """Return two numbers of a contiguous array."""
     ...
 
 
@@ -221,7 +225,7 @@ def two_in(array: wp.array2d[wp.vec2], row: wp.int32, column: wp.int32) -> wp.ve
 #endif
 """)
 def four_in(array: wp.array2d[wp.vec4], row: wp.int32, column: wp.int32) -> wp.vec4:
-    """The same of four, in one load."""
+    """Return four numbers of a contiguous array, in one load."""
     ...
 
 
@@ -233,35 +237,35 @@ def four_in(array: wp.array2d[wp.vec4], row: wp.int32, column: wp.int32) -> wp.v
 #endif
 """)
 def put_four_in(array: wp.array2d[wp.vec4], row: wp.int32, column: wp.int32, value: wp.vec4):
-    """Into a contiguous array, in one store."""
+    """Store four numbers in a contiguous array, in one store."""
     ...
 
 
 @wp.func_native("return array.data[(unsigned int)index];")
 def triple_at(array: wp.array[wp.vec3i], index: wp.int32) -> wp.vec3i:
-    """`array[index]` of a contiguous array."""
+    """Return `array[index]` of a contiguous array."""
     ...
 
 
 @wp.func
 def in_tile(tile: Any, index: wp.int32):
-    """`tile[index]`, which has fewer entries than this; so the compiler knows that the index is not negative."""
+    """Return `tile[index]`, which has fewer entries than this; so the compiler knows that the index is not negative."""
     return tile[index & 0xFFFF]
 
 
 @wp.func_native("tile.data.ptr[index] = value;")
 def put_in_tile(tile: Any, index: wp.int32, value: Any):
-    """Into a shared tile, without a barrier."""
+    """Store a point in a shared tile, without a barrier."""
     ...
 
 
 @wp.func_native("array.data[(unsigned int)index] = value;")
 def put_vector(array: wp.array[wp.vec3], index: wp.int32, value: wp.vec3):
-    """Into a contiguous array."""
+    """Store a vector in a contiguous array."""
     ...
 
 
 @wp.func
 def put_in_array(array: Any, index: wp.int32, value: Any):
-    """Into an array."""
+    """Store a vector in an array."""
     array[index] = value

@@ -1,13 +1,13 @@
-"""How Warp compiles kernels: options of every module that has some, for a CPU.
+"""Options by which Warp compiles the kernels of every module with options, for a CPU.
 
-All have the same, since Warp compiles its own headers first, once for each set of flags in a process.
+All modules share one set, since Warp compiles its own headers first, once for each set of flags in a process.
 """
 
 import warp as wp
 
 
 def _flags() -> str:
-    """Warp's own, or those that somebody has set, with results that are the same to the bit.
+    """Return Warp's compiler flags, or those that the user has set, plus flags that keep results bitwise the same.
 
     - Functions are inlined up to a quarter of what Warp allows: kernels are as fast, and those of free bodies compile
       in two thirds of the time.

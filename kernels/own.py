@@ -1,4 +1,4 @@
-"""What a particle knows of itself, read once."""
+"""Parameters and indices of a particle, read once."""
 
 from functools import cache
 from typing import Any
@@ -13,13 +13,16 @@ from balloon_warp.kernels.tables import Tables, row_of_world
 
 @cache
 def numbers_type(width: int) -> Any:
-    """A row of parameters in registers."""
+    """Return the type of a row of parameters in registers."""
     return wp.types.vector(length=width, dtype=wp.float32)
 
 
 @cache
 def numbers_reader(columns: Columns) -> Any:
-    """The function that reads the parameters of a balloon in a world. The compiler leaves out what no law names."""
+    """Return the function that reads a balloon's parameters.
+
+    The compiler leaves out what no law names.
+    """
     split = columns.balloon_width
     lines = [f"    n[{column}] = float_at(of_balloon, {column})" for column in range(split)]
     lines += [f"    n[{split + column}] = float_at(of_world, {column})" for column in range(columns.world_width)]
@@ -39,7 +42,7 @@ def numbers_reader(columns: Columns) -> Any:
 
 @cache
 def own_functions(columns: Columns, balloons: int = 0) -> tuple[Any, Any]:
-    """The type of what a particle knows, and the function that reads it.
+    """Return the type of a particle's parameters and indices, and the function that reads them.
 
     Args:
         balloons: of a world, where that is known: of a single one less has to be read.
@@ -62,7 +65,7 @@ def own_functions(columns: Columns, balloons: int = 0) -> tuple[Any, Any]:
 
     @wp.func
     def read_own(t: Tables, world: wp.int32, particle: wp.int32):
-        """All of it."""
+        """Read all parameters and indices of a particle."""
         own = Own()
         own.world = world
         own.number = particle
@@ -79,13 +82,13 @@ def own_functions(columns: Columns, balloons: int = 0) -> tuple[Any, Any]:
 
 @cache
 def own_beside_function(columns: Columns, balloons: int = 0) -> Any:
-    """The function that reads what a particle knows of its own alone, beside another of the same balloon and world."""
+    """Return the function that reads a particle's own data, where its balloon's and world's are already read."""
     Own, _ = own_functions(columns, balloons)  # noqa: N806 - a type
     mass_column = columns.places["mass"]
 
     @wp.func
     def read_own_beside(t: Tables, beside: Own, particle: wp.int32):
-        """All of it."""
+        """Read a particle's parameters and indices, with those of its balloon and world already read."""
         own = Own()
         own.world = beside.world
         own.number = particle

@@ -31,41 +31,39 @@ Item = Literal[
     "world", "balloon", "particle", "face", "triangle", "quad", "hinge", "spring", "element", "film", "sphere", "team",
     "launches",
 ]  # fmt: skip
-"""whose phase it is: `quad` is that of a quad or triangle of a membrane, `film` of a face of one; `element` that of a
-spring, string, hinge, triangle or face; `team` that of all threads of a
-block, for a world; `launches` one of the host's own"""
+"""Item that a phase works on: `quad` is a quad or triangle of a membrane, `film` a face of one; `element` a spring,
+string, hinge, triangle or face; `team` all threads of a block, for a world; `launches` the host"""
 VIEWS = {"points": "point", "velocities": "velocity", "face_centers": "face_center", "face_areas": "face_area"}
-"""what is seen of all items, and what each of them has of it"""
+"""Views of all items, and the value that each item has in a view"""
 TIMES = ("time", "end", "time_in_frame")
-"""what is the same for all items"""
+"""Times that are the same for all items"""
 STATE = {"point": "points", "velocity": "velocities"}
-"""what a particle keeps from one substep to the next, and the arrays that it stands in"""
+"""State of a particle from one substep to the next, and the arrays that hold it"""
 
 
 class Look(NamedTuple):
     """Hold the functions by which the items of a schedule see each other."""
 
     at: Any
-    """the function that reads a point from a view"""
+    """Function that reads a point from a view"""
     sphere_at: Any
-    """the function that gives a sphere's center, velocity and radius"""
+    """Function that returns a sphere's center, velocity and radius"""
     loops: Callable[[Traits], Any]
-    """what a particle goes through for its forces, see `loops.net_force`"""
+    """Loops over the forces on a particle, see `loops.net_force`"""
     alone: Callable[[Traits], bool] = lambda traits: False
-    """whether these need no other particle"""
+    """Whether a particle's forces depend on no other particle"""
     put: Any = put_vector
-    """the function that writes a point into a view"""
+    """Function that writes a point into a view"""
     velocity_at: Any = vector_at
     put_velocity: Any = put_vector
     in_team: tuple[Any, Any, Any] = (vector_at, put_vector, sum_over_block)
-    """the functions that read and write a point or velocity, and that add up what threads have, where all of a block
-    have a phase"""
+    """Functions that read and write a point or velocity, and that sum over threads, for phases of a whole block"""
     add: Any = add_at
-    """the function that adds a force to those in a view"""
+    """Function that adds a force to those in a view"""
     world: Any = None
-    """the function that gives the world in one of eight lanes, where eight stand side by side"""
+    """Function that returns the world of one of eight lanes, where eight run side by side"""
     films: Callable[[Traits], Any] = lambda traits: None
-    """what faces of membranes do, where each is measured once, see `phases.stretch`"""
+    """Membrane phases of faces, where each is measured once, see `phases.stretch`"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,27 +73,27 @@ class Phase:
     name: str
     item: Item
     make: Callable[[Traits, Look], Any]
-    """the function, for what a scene has"""
+    """Factory of the phase's function for a scene's traits"""
     writes: Mapping[str, Any] = field(default_factory=dict)
-    """names of what it returns, in order, and their types; a sum's is one of the balloon"""
+    """Names of the values that it returns, in order, and their types; a sum belongs to the balloon"""
     when: Callable[[Traits], bool] = lambda traits: True
-    """whether a scene has it"""
+    """Predicate of the traits, whether a scene has the phase"""
     sums: bool = False
-    """whether what it returns is added up over the items of each balloon before anyone may read it"""
+    """Whether the returned values are summed over each balloon's items before they may be read"""
     light: bool = False
-    """whether it is found again wherever it is read, of what stays the same in a substep, rather than kept; in all of a
-    frame if it happens but once"""
+    """Whether the value is recomputed wherever it is read, not kept, since it is constant over a substep, or over a
+    frame if it is computed once"""
     once: Callable[[Traits], bool] = lambda traits: False
-    """whether it happens only as a frame begins"""
+    """Predicate of the traits, whether the phase runs only as a frame begins"""
     rare: Callable[[Traits, Look], Any] | None = None
-    """the function that says whether it does anything at all for an item, or for any of eight: otherwise what it writes
-    stays as it was, or is zero. A schedule may ask it first"""
+    """Function that returns whether the phase acts on an item, or on any of eight; where it does not, its values stay
+    as they were, or are zero. A schedule may call it first"""
     last: bool = False
-    """whether it happens only as a frame ends"""
+    """Whether the phase runs only as a frame ends"""
     due: Callable[[Traits], Any] | None = None
-    """the function that says whether there is anything to do, by names of handles alone: in one thread of a block"""
+    """Function of handles alone that returns whether there is anything to do: runs in one thread of a block"""
     also_reads: tuple[str, ...] = ()
-    """of a phase of the host: values"""
+    """Values that a phase of the host reads"""
 
     @property
     def summary(self) -> str:

@@ -1,5 +1,8 @@
-"""Powers, by logarithms and exponentials that the compiler knows: a GPU has instructions for both, and on a CPU they
-are arithmetic that eight lanes do at once, which a call of the library's `pow` is not."""
+"""Powers by logarithms and exponentials that the compiler knows.
+
+A GPU has instructions for both, and on a CPU they are arithmetic that vectorizes over eight lanes, which a call of the
+library's `pow` is not.
+"""
 
 import warp as wp
 
@@ -35,6 +38,8 @@ import warp as wp
     """,
 )
 def power(base: float, exponent: float) -> float:
-    """base^exponent, of a base above 0, to 3e-7 of it and 6e-8 more for each doubling. Its logarithm is taken once
-    where several powers of a base stand side by side."""
+    """Return base^exponent for a positive base, with a relative error of 3e-7 plus 6e-8 for each doubling.
+
+    The compiler takes the logarithm once where several powers of a base stand side by side.
+    """
     return wp.pow(base, exponent)

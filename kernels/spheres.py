@@ -11,7 +11,7 @@ from balloon_warp.kernels.warps import put_word, shared_words, word_at
 from balloon_warp.kernels.working import Working
 
 VECTOR_BYTES, QUANTA_BYTES = wp.constant(12), wp.constant(24)
-"""of a vector, and of a force in whole numbers"""
+"""Bytes of a vector, and of a force in whole numbers"""
 
 
 @wp.struct
@@ -19,16 +19,16 @@ class Spheres:
     """Arrays of the shape (world_count, sphere_count); those that a scene does not need are empty."""
 
     sphere_radii: wp.array2d[float]
-    """of each world, or the same of all [m]"""
+    """Radius of each sphere by world, or the same for all worlds [m]"""
     sphere_positions: wp.array2d[wp.vec3]
     sphere_velocities: wp.array2d[wp.vec3]
     sphere_spins: wp.array2d[wp.vec3]
     sphere_starts: wp.array2d[wp.vec3]
-    """where they were before this substep [m]"""
+    """Positions before this substep [m]"""
     sphere_forces: wp.array2d[wp.vec3]
-    """of momentum that is exchanged [N]"""
+    """Forces of the momentum that is exchanged [N]"""
     sphere_quanta: wp.array3d[wp.int64]
-    """forces by the paper's rule since they last moved, see `fixed_point`"""
+    """Forces by the paper's rule since the spheres last moved, see `fixed_point`"""
 
 
 @wp.func
@@ -67,20 +67,22 @@ def sphere_in_state(t: Tables, state: WorldState, world: wp.int32, sphere: wp.in
 
 @cache
 def shared_spheres(count: int) -> tuple[Any, Any, Any]:
-    """Return the functions by which a block takes the spheres of its world into shared memory, and puts them back, and
-    the one that gives center, velocity and radius of one there."""
+    """Return functions that load a world's spheres into shared memory, store them, and read one sphere there.
+
+    The last returns the center, velocity and radius of a sphere.
+    """
     words = shared_words("spheres", count * 22)
     places, motions, radii = (count * words_before for words_before in (6, 9, 21))
 
     @wp.func
     def vectors(world: wp.int32, row: wp.int32):
-        """A row of shared vectors, behind all quanta, as if it were that of a world."""
+        """Return a row of shared vectors, behind all quanta, as if it were that of a world."""
         first = words() + wp.uint64(count * (QUANTA_BYTES + row * VECTOR_BYTES))
         return wp.array(ptr=first - wp.uint64(world * count * VECTOR_BYTES), shape=(world + 1, count), dtype=wp.vec3)
 
     @wp.func
     def share_spheres(t: Tables, state: WorldState, world: wp.int32, thread: wp.int32):
-        """A barrier must follow."""
+        """Return a barrier must follow."""
         spheres = Spheres()
         spheres.sphere_positions = vectors(world, 0)
         spheres.sphere_velocities = vectors(world, 1)
@@ -102,10 +104,10 @@ def shared_spheres(count: int) -> tuple[Any, Any, Any]:
 
     @wp.func
     def put_spheres(state: WorldState, world: wp.int32, thread: wp.int32, spheres: Spheres, penalties: bool):
-        """After a barrier.
+        """Store the spheres of a world, after a barrier.
 
         Args:
-            penalties: whether forces are those that have been added up.
+            penalties: Whether forces are those that have been summed.
         """
         for sphere in range(thread, count, wp.block_dim()):
             state.sphere_positions[world, sphere] = spheres.sphere_positions[world, sphere]
@@ -118,7 +120,7 @@ def shared_spheres(count: int) -> tuple[Any, Any, Any]:
 
     @wp.func
     def shared_vector(first: wp.int32, sphere: wp.int32):
-        """Of a row that begins with that word."""
+        """Return a vector of a row that begins with a given word of shared memory."""
         word = first + 3 * sphere
         return wp.vec3(word_at(words(), word), word_at(words(), word + 1), word_at(words(), word + 2))
 

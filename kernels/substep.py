@@ -51,36 +51,36 @@ STEP: tuple[Phase, ...] = (
 )  # fmt: skip
 
 SCATTERED = tuple(each for line in STEP for each in ((add_forces, add_area_vectors, line) if line is pull else (line,)))
-"""the same where springs, strings, hinges, triangles and faces have added up what particles pull by"""
+"""Step of `scatter`, where springs, strings, hinges, triangles and faces add their forces to particles"""
 FACING = tuple(
     each
     for line in STEP
     if line not in (extend, take_aim)
     for each in {measure: (spread,), pull: (pull_and_face, turn)}.get(line, (line,))
 )
-"""the same where who goes around a particle finds on the way where normal forces push it"""
+"""Step where the loop over a particle's faces also finds the aim of normal forces"""
 FILMED = tuple(
     each for line in STEP for each in ((clear, stretch, collect, pull_with_skin) if line is pull else (line,))
 )
-"""the same where each face of a membrane is measured once, and leaves there what it does to its corners"""
+"""Step where each face of a membrane is measured once and stores its forces at its corners"""
 SHARED = tuple(
     each for line in STEP if line is not wear for each in ((bend, share_out, line) if line is pull else (line,))
 )
-"""the same where hinges and membranes have added up what they do to particles"""
+"""Step where hinges and membranes have added their forces to particles"""
 SETTLE = Phase("settle", "launches", lambda traits, look: None, also_reads=("inflation",))
-"""local and global steps in turn, until every world has settled, see `solvers.projective`"""
+"""Local and global steps in turn, until every world has converged, see `solvers.projective`"""
 PROJECTIVE_STEP = (
     measure, extend, take_aim, roll, collide, inflate, SETTLE, leave, meet_spheres,
 )  # fmt: skip
-"""the implicit step (Liu et al. 2013)"""
+"""Implicit step (Liu et al. 2013)"""
 AIMING = (measure, extend, take_aim)
-"""those that find where normal forces push"""
+"""Phases that find the aims of normal forces"""
 READING = (
     look_at_wear, weigh_skin, *AIMING, pull, jet, jet_of_holes, given_load, inflate, add_up,
 )  # fmt: skip
-"""those that find the forces of a state, for who looks at it"""
+"""Phases that find the forces of a state, for output"""
 
 
 def phases_of(traits: Traits, step: Sequence[Phase] = STEP) -> tuple[Phase, ...]:
-    """Those that a scene has."""
+    """Return the phases of a step that a scene has."""
     return tuple(phase for phase in step if phase.when(traits))

@@ -13,9 +13,9 @@ from balloon_warp.kernels.memory import int_at
 from balloon_warp.kernels.wear_tables import WearTable
 
 SLICE = wp.constant(32)
-"""particles of a slice of the tables of springs and of quads: the threads of a warp"""
+"""Particles in a slice of the tables of springs and of quads: the threads of a warp"""
 CHUNK = wp.constant(4)
-"""springs that a particle loads together"""
+"""Number of springs that a particle loads together"""
 
 
 @wp.struct
@@ -25,7 +25,7 @@ class ParticleTable:
     balloon: wp.array[wp.int32]
     mass_share: wp.array[float]
     offsets: wp.array[wp.int32]
-    """where each balloon's particles begin, and after the last, where they end"""
+    """Begin of each balloon's particles, and the end of the last"""
 
 
 @wp.struct
@@ -39,33 +39,32 @@ class SpringTable:
 
     slice_offsets: wp.array[wp.int32]
     valences: wp.array[wp.int32]
-    """springs of each particle"""
+    """Number of springs of each particle"""
     entries: wp.array[wp.vec2]
-    """four times the particle at the other end, plus the spring's kind, as the bits of an integer; rest length [m]"""
+    """Four times the particle at the other end, plus the spring's kind, as the bits of an integer; rest length [m]"""
     scales: wp.array[float]
-    """a spring's constant over that of its kind; empty if all are 1"""
+    """Spring constants over those of their kinds; empty if all are 1"""
 
 
 @wp.struct
 class RingTable:
-    """The springs of each particle where quads go all around every one of them: first the quads in turn, each with the
-    spring across it and the structural spring that ends it, then the flexion springs, two at a time.
+    """Springs of each particle where quads go all around every one of them.
 
-    In slices of 32 particles, as springs are: a particle's next entry is `SLICE` further.
+    First the quads in turn, each with the spring across it and the structural spring that ends it, then the flexion
+    springs, two at a time. In slices of 32 particles: a particle's next entry is `SLICE` further.
     """
 
     places: wp.array[wp.vec4i]
-    """of each particle: its first entry, its quads, its pairs of flexion springs, and the particle at the end of the
-    structural spring that the first quad begins with"""
+    """First entry, number of quads, number of pairs of flexion springs, and the particle at the end of the structural
+    spring that the first quad begins with, by particle"""
     ends: wp.array[wp.vec2i]
-    """the particles at the other ends of two springs; what fills up leads to the particle itself"""
+    """Particles at the other ends of two springs; padding leads to the particle itself"""
     packed_ends: wp.array[wp.int32]
-    """the same in 16 bits each, for worlds that fit in a block, whose rate the bytes of tables bound; one of both is
-    filled"""
+    """`ends` in 16 bits each, for worlds that fit in a block, where bytes bound the rate; one of both is empty"""
     lengths: wp.array[wp.vec2]
-    """the two springs' rest lengths [m]"""
+    """Rest lengths of the two springs [m]"""
     scales: wp.array[wp.vec2]
-    """the two springs' constants over those of their kinds; empty if all are 1"""
+    """Constants of the two springs over those of their kinds; empty if all are 1"""
 
 
 @wp.struct
@@ -76,7 +75,7 @@ class PairTable:
     kinds: wp.array[wp.int32]
     scales: wp.array[float]
     rest_lengths: wp.array[float]
-    """[m]"""
+    """Rest lengths [m]"""
 
 
 @wp.struct
@@ -85,14 +84,14 @@ class HingeTable:
 
     ends: wp.array[wp.vec2i]
     wing_offsets: wp.array[wp.int32]
-    """where the corners of hinge n's wings begin: entries 2 n and 2 n + 1"""
+    """Begin of the corners of hinge n's wings: entries 2 n and 2 n + 1"""
     wing_particles: wp.array[wp.int32]
     rest_angles: wp.array[float]
-    """[rad]"""
+    """Rest angles [rad]"""
     particle_offsets: wp.array[wp.int32]
-    """where each particle's roles begin, and after the last, where they end"""
+    """Begin of each particle's roles, and the end of the last"""
     particle_roles: wp.array[wp.int32]
-    """four times the hinge, plus the particle's role in it"""
+    """Four times the hinge, plus the particle's role in it"""
 
 
 @wp.struct
@@ -107,15 +106,15 @@ class MembraneTable:
     corners: wp.array[wp.vec3i]
     corner_rests: wp.array[wp.vec4]
     materials: wp.array[wp.int32]
-    """which of the laws each balloon has"""
+    """Number of each balloon's membrane law"""
     slice_offsets: wp.array[wp.int32]
-    """as springs stand: a particle's next triangle is `SLICE` further"""
+    """Slices as for springs: a particle's next triangle is `SLICE` further"""
     counts: wp.array[wp.int32]
-    """triangles of each particle"""
+    """Number of triangles of each particle"""
     others: wp.array[wp.vec2i]
-    """the other two corners of each"""
+    """Other two corners of each triangle"""
     rests: wp.array[wp.vec4]
-    """with the particle as the first corner"""
+    """Rest metrics, with the particle as the first corner"""
     films: FilmTable
     wear: WearTable
 
@@ -125,11 +124,11 @@ class StringTable:
     """Strings sorted by the particle that they hold: those of p are `offsets[p]` to `offsets[p + 1]`."""
 
     offsets: wp.array[wp.int32]
-    """empty if there are no strings"""
+    """Begin of each particle's strings; empty if there are no strings"""
     particles: wp.array[wp.int32]
-    """the particle that each holds, in order"""
+    """Particle that each string holds, in order"""
     order: wp.array[wp.int32]
-    """the string's number in the model"""
+    """Index of the string in the model"""
     anchors: wp.array2d[wp.vec3]
     lengths: wp.array2d[float]
     stiffness: wp.array2d[float]
@@ -143,11 +142,11 @@ class FaceTable:
     particles: wp.array[wp.int32]
     balloon: wp.array[wp.int32]
     balloon_offsets: wp.array[wp.int32]
-    """where each balloon's faces begin, and after the last, where they end"""
+    """Begin of each balloon's faces, and the end of the last"""
     volume_origins: wp.array[wp.int32]
-    """the particle of each balloon about which its volume is taken: one of a face"""
+    """Particle of each balloon about which its volume is summed: one of a face"""
     volumes: wp.array[float]
-    """that each balloon's mesh encloses [m^3]"""
+    """Volume enclosed by each balloon's mesh [m^3]"""
     particle_offsets: wp.array[wp.int32]
     around_particles: wp.array[wp.int32]
 
@@ -162,12 +161,12 @@ class FanTable:
 
     slice_offsets: wp.array[wp.int32]
     counts: wp.array[wp.int32]
-    """corners at each particle"""
+    """Number of corners at each particle"""
     quads: wp.array[wp.vec3i]
     offsets: wp.array[wp.int32]
-    """where each particle's corners begin in `begins`; empty where all are quads, as are the next two"""
+    """Begin of each particle's corners in `begins`; empty where all faces are quads, as are the next two"""
     begins: wp.array[wp.int32]
-    """where the others of each corner begin, and after the last, where they end"""
+    """Begin of the other particles of each corner, and the end of the last"""
     particles: wp.array[wp.int32]
 
 
@@ -176,10 +175,10 @@ class CorrectionTable:
     """The springs as the position correction takes them: color by color, no two of one color at one particle."""
 
     color_offsets: wp.array[wp.int32]
-    """where the springs of each color begin, and after the last, where they end"""
+    """Begin of the springs of each color, and the end of the last"""
     particles: wp.array[wp.vec2i]
     rest_lengths: wp.array[float]
-    """[m]"""
+    """Rest lengths [m]"""
     sweeps: wp.int32
 
 
@@ -211,9 +210,11 @@ class Tables:
     correction: CorrectionTable
     health: HealthTable
     balloon_numbers: wp.array3d[float]
-    """parameters of balloons, shape (W, balloon_count, width), see `laws.columns`"""
+    """Parameters of balloons, shape (W, balloon_count, width), see `laws.columns`"""
     world_numbers: wp.array2d[float]
-    """parameters of worlds, shape (W, width)"""
+    """Parameters of worlds, shape (W, width)"""
+    friction: wp.array3d[float]
+    """Coulomb friction coefficients, shape (W, thing_count, thing_count), see `loops.friction`"""
     inflation_kind: wp.array[wp.int32]
     up: wp.vec3
     substeps: wp.int32
@@ -260,25 +261,25 @@ class WorldState:
 
 @wp.func
 def row_of_world(world: wp.int32, rows: wp.int32):
-    """`world % rows` for a parameter with one row, or one for each world, without a division."""
+    """Return `world % rows` for a parameter with one row, or one for each world, without a division."""
     return wp.where(rows == 1, 0, world)
 
 
 @wp.func
 def first_entry(slice_offsets: wp.array[wp.int32], particle: wp.int32):
-    """Where a particle's first spring or quad stands; the next is `SLICE` further."""
+    """Return the index of a particle's first spring or quad; the next is `SLICE` further."""
     return int_at(slice_offsets, particle >> 5) + (particle & 31)
 
 
 @wp.func
 def sphere_mass(spheres: SphereTable, world: wp.int32, sphere: wp.int32):
-    """[kg]"""
+    """Return the mass of a sphere [kg]."""
     return spheres.mass[row_of_world(world, spheres.mass.shape[0]), sphere]
 
 
 @wp.func
 def sphere_radius(spheres: SphereTable, world: wp.int32, sphere: wp.int32):
-    """[m]"""
+    """Return the radius of a sphere [m]."""
     return spheres.radius[row_of_world(world, spheres.radius.shape[0]), sphere]
 
 
@@ -290,11 +291,5 @@ def sphere_penalty(spheres: SphereTable, world: wp.int32, sphere: wp.int32):
 
 @wp.func
 def sphere_restitution(spheres: SphereTable, world: wp.int32, sphere: wp.int32):
-    """Rebound speed over impact speed, for two alike that meet."""
+    """Return a sphere's coefficient of restitution, against an equal one."""
     return spheres.restitution[row_of_world(world, spheres.restitution.shape[0]), sphere]
-
-
-@wp.func
-def sphere_friction(spheres: SphereTable, world: wp.int32, sphere: wp.int32):
-    """Coulomb's coefficient, of two alike."""
-    return spheres.friction[row_of_world(world, spheres.friction.shape[0]), sphere]

@@ -1,4 +1,4 @@
-"""What a scene has: kernels are made for it, so that what it does not have costs nothing."""
+"""Features of a scene: kernels are compiled for them, so that a feature that is absent costs nothing."""
 
 from typing import Any, Literal, NamedTuple
 
@@ -9,111 +9,111 @@ from balloon_warp.kernels.laws.law import RESULT, Kind, Law
 
 
 class Traits(NamedTuple):
-    """Of a model, for all its worlds and all its time."""
+    """Features of a model, for all its worlds and all its time."""
 
     laws: tuple[Law, ...]
-    """those that act"""
+    """Laws that act"""
     columns: Columns
     membranes: tuple[Law, ...] = ()
-    """those of balloons that are no springs"""
+    """Membrane laws of balloons that are not made of springs"""
     viscous: bool = False
-    """a membrane is"""
+    """A membrane has viscosity"""
     softens: bool = False
-    """a membrane pulls less once it has been stretched further"""
+    """A membrane softens after having been stretched (Mullins effect)"""
     bursts: bool = False
-    """a membrane may tear"""
+    """A membrane may tear"""
     balloons: int = 1
     spheres: int = 0
     springs_vary: bool = False
-    """springs of one kind differ"""
+    """Springs of one kind have different constants"""
     quads: bool = False
-    """all faces are quads"""
+    """All faces are quads"""
     rings: bool = False
-    """quads go all around every particle"""
+    """Quads go all around every particle"""
     guarded: bool = False
-    """a law may be infinite between a particle and itself"""
+    """A law may be infinite between a particle and itself"""
     aims: bool = True
-    """a balloon is inflated by normal forces"""
+    """A balloon is inflated by normal forces"""
     pressures: bool = False
-    """a balloon is inflated by a pressure, given or of a gas"""
+    """A balloon is inflated by a pressure, given or of a gas"""
     gas: bool = False
-    """of a gas: a substep then sums the other forces before it finds the pressures"""
+    """A balloon has gas: a substep then sums the other forces before it finds the pressures"""
     takes_air_along: bool = False
-    """a balloon with gas sets air around it in motion"""
+    """A gas balloon has added mass"""
     air_varies: bool = False
-    """the air is not the same at all places and times"""
+    """The air varies with place or time"""
     breathes_on: bool = False
-    """a gas's breathing is not damped as by backward Euler"""
+    """Breathing of a gas balloon is damped less than by backward Euler"""
     pumps: bool = False
-    """gas is pumped in or let out, at some time in some world"""
+    """Gas is pumped in or let out, at some time in some world"""
     fills: bool = False
-    """by breaths, litres, moles or a pump's curve, or up to a pressure or a diameter"""
+    """Gas is filled in by breaths, litres, moles or a pump's curve, or up to a pressure or a diameter"""
     tubes: bool = False
-    """gas flows from balloon to balloon"""
+    """Gas flows through tubes between balloons"""
     vents: bool = False
-    """gas flows out, through necks or leaks, at some time in some world"""
+    """Gas flows out through necks or leaks, at some time in some world"""
     jets: bool = False
-    """through necks, and so drives balloons"""
+    """Gas flows out through necks, whose jets drive balloons"""
     fresh_normals: bool = False
     corrected: bool = False
-    """springs that are too long after a step are shortened"""
+    """Position correction shortens springs that are too long after a step"""
     forward_euler: bool = False
-    """points move by the old velocities"""
+    """Points move by the old velocities, as in forward Euler"""
     impulses: bool = False
-    """particles and spheres exchange momentum, once all have moved"""
+    """Particles and spheres exchange momentum, once all have moved"""
     spheres_rub: bool = False
-    """a sphere has friction, and so turns"""
+    """A sphere has friction, and so rotates"""
     small_spheres: bool = False
-    """a sphere is so small beside faces that it meets these, too, and not only particles"""
+    """A sphere is so small that it also touches faces, not only particles"""
     ground: bool = False
     fixtures: bool = False
-    """there are obstacles that go where they are told"""
+    """There are obstacles, which move as the scene says"""
     several_fixtures: bool = False
-    """more than one"""
+    """There is more than one obstacle"""
     fixture_meshes: bool = False
-    """a mesh is among them"""
+    """An obstacle is a mesh"""
     fixtures_move: bool = False
-    """one of them does not stay where it is"""
+    """An obstacle moves"""
     bodies: int = 0
-    """free rigid bodies"""
+    """Number of free rigid bodies"""
     body_meshes: bool = False
-    """a mesh is among them"""
+    """A free rigid body is a mesh"""
     tells_contacts: bool = False
-    """it is added up what contacts do to particles"""
+    """Contact impulses on particles are summed for output"""
     ridges: bool = False
-    """faces meet ridges of obstacles and bodies, and not only particles"""
+    """Faces, and not only particles, touch ridges of obstacles and bodies"""
     touches: bool = False
-    """balloons touch each other"""
+    """Balloons touch each other"""
     touches_itself: bool = False
-    """or parts of a balloon do"""
+    """Parts of a balloon touch each other"""
     edges_meet: bool = False
-    """sharp edges do, between particles"""
+    """Sharp edges touch edges, between particles"""
     frames: Literal["all", "free", "busy"] = "all"
-    """those in which the kernels advance a world: in a free one its particles are far from obstacles and each other,
+    """Frames that the kernels advance a world in: in a free frame its particles are far from obstacles and each other,
     see `contact.free_frames`"""
 
     def of_kind(self, kind: Kind) -> tuple[Law, ...]:
-        """The laws of a kind."""
+        """Return the laws of a kind."""
         return tuple(law for law in self.laws if law.kind == kind)
 
     def has(self, kind: Kind) -> bool:
-        """Whether there is a law of a kind."""
+        """Return whether there is a law of a kind."""
         return any(law.kind == kind for law in self.laws)
 
     def needs(self, kind: Kind, given: str) -> bool:
-        """Whether a law of a kind names this."""
+        """Return whether a law of a kind has an argument."""
         return any_names(self.of_kind(kind), given)
 
     def laws_on(self, kind: Kind) -> Any:
-        """The function that adds up the laws of a kind."""
+        """Return the function that adds up the laws of a kind."""
         return sum_of_laws(kind, RESULT[kind], self.of_kind(kind), self.columns, self.air)
 
     def laws_added(self, kind: Kind) -> Any:
-        """The function that adds them to what there is already."""
+        """Return the function that adds the laws of a kind to a sum."""
         return laws_added(kind, RESULT[kind], self.of_kind(kind), self.columns, self.air)
 
     def laws_in_lane_on(self, kind: Kind) -> Any:
-        """The same for one of eight lanes."""
+        """Return the sum of the laws of a kind in one of eight lanes."""
         return sum_of_laws_in_lane(kind, RESULT[kind], self.of_kind(kind), self.columns, self.air)
 
     @property
@@ -174,8 +174,11 @@ class Traits(NamedTuple):
 
     @property
     def always_busy(self) -> bool:
-        """Whether no frame is free: particles are near their own balloon, or are shifted once all have moved, so that
-        nobody knows how far they go."""
+        """Whether no frame is free.
+
+        Particles are then near their own balloon, or are shifted once all have moved, so that the distance that they
+        travel has no known bound.
+        """
         return self.touches_itself or self.corrected or self.impulses or self.bodies > 0 or self.small_spheres
 
     @property

@@ -1,5 +1,8 @@
-"""Sums over the particles of a block on a GPU: each warp puts those of its own into shared memory, and adds up what all
-have put. On a CPU a block has one thread."""
+"""Sums over the particles of a block on a GPU.
+
+Each warp stores the sums of its own particles in shared memory, and adds up those of all warps. On a CPU a block has
+one thread.
+"""
 
 from typing import Any
 
@@ -35,8 +38,10 @@ Five = wp.types.vector(length=5, dtype=wp.float32)
     """
 )
 def put_warp_sums(words: wp.uint64, first: wp.int32, v: Five, added: bool):
-    """The sums over the threads of the warp into eight shared words, from `first` on, or added to what stands there, as
-    `sum_of_warp_sums` finds them; by all threads of the warp."""
+    """Store the sums over the threads of the warp in eight shared words from `first` on, or add them there.
+
+    All threads of the warp call it; `sum_of_warp_sums` reads the words.
+    """
     ...
 
 
@@ -67,11 +72,11 @@ def put_warp_sums(words: wp.uint64, first: wp.int32, v: Five, added: bool):
     """
 )
 def sum_of_warp_sums(words: wp.uint64, first: wp.int32, count: wp.int32) -> Five:
-    """The sums of what so many warps put, by all threads of a warp, which get the same to the last bit every time."""
+    """Return the sums of all warps' words, bitwise reproducible; called by all threads of a warp."""
     ...
 
 
 @wp.func
 def sum_over_block(part: Any):
-    """The sum over all threads of a block."""
+    """Return the sum over all threads of a block."""
     return wp.tile_sum(wp.tile(part, preserve_type=True))[0]

@@ -1,4 +1,7 @@
-"""What the threads of a warp and of a block do together on a GPU. On a CPU a block has one thread."""
+"""Cooperation of the threads of a warp and of a block on a GPU.
+
+On a CPU a block has one thread.
+"""
 
 from functools import cache
 from typing import Any
@@ -21,7 +24,7 @@ SHARED_WORDS = """
 
 @cache
 def shared_words(name: str, count: int) -> Any:
-    """A function that returns the address of so many words of shared memory, the same ones wherever it is called.
+    """Return a function that returns the address of a number of words of shared memory, the same at each call.
 
     Args:
         name: what they are for; words of another name are others.
@@ -29,7 +32,7 @@ def shared_words(name: str, count: int) -> Any:
 
     @wp.func_native(f"// {name}{SHARED_WORDS.replace('COUNT', str(count))}")
     def words() -> wp.uint64:
-        """Their address."""
+        """Return the address of the shared words."""
         ...
 
     return words
@@ -45,7 +48,10 @@ def shared_words(name: str, count: int) -> Any:
     """
 )
 def any_in_block(here: bool) -> bool:
-    """Whether it is so in any thread of the block; called by all of them, who wait for each other."""
+    """Return whether a condition holds in any thread of the block.
+
+    All threads call it, and wait for each other.
+    """
     ...
 
 
@@ -60,7 +66,7 @@ def any_in_block(here: bool) -> bool:
     """
 )
 def warp_sum(x: float) -> float:
-    """The sum over the threads of the warp, in the same order every time; called by all of them."""
+    """Return the sum over the threads of the warp, in the same order every time; called by all of them."""
     ...
 
 
@@ -74,7 +80,7 @@ def warp_sum(x: float) -> float:
     """
 )
 def of_thread(x: wp.int32, thread: wp.int32) -> wp.int32:
-    """What a thread of the warp has; called by all of them."""
+    """Return the value that a thread of the warp has; called by all threads of the warp."""
     ...
 
 
@@ -95,20 +101,23 @@ def of_thread(x: wp.int32, thread: wp.int32) -> wp.int32:
     """
 )
 def next_place(counts: wp.array2d[wp.int32], world: wp.int32, which: wp.int32) -> wp.int32:
-    """The next place in a list of a world, whose length stands in a contiguous array; in any order. The threads of a
-    warp that ask together count once: else all threads of a world would wait for each other at its count."""
+    """Return the next free place in a world's list, whose length is in a contiguous array; in any order.
+
+    The threads of a warp that ask together count once: otherwise all threads of a world would wait for each other at
+    its counter.
+    """
     ...
 
 
 @wp.func_native("return ((const float*)words)[index];")
 def word_at(words: wp.uint64, index: wp.int32) -> float:
-    """A word of shared memory."""
+    """Return a word of shared memory."""
     ...
 
 
 @wp.func_native("((float*)words)[index] = value;")
 def put_word(words: wp.uint64, index: wp.int32, value: float):
-    """Into a word of shared memory, without a barrier."""
+    """Store a word in shared memory, without a barrier."""
     ...
 
 

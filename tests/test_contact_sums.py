@@ -143,3 +143,18 @@ def test_shares_of_a_cluster_tell_the_same(folder: Path):
     for name, values in told.items():
         np.testing.assert_array_equal(values, worlds[name][1:])
     assert all(record.contacts is None for record in result.records[:-1])
+
+
+def test_a_world_that_began_again_has_what_it_pressed_then(tmp_path: Path):
+    """The others have what they have without it."""
+    vary = {"balloon.1.inflation.pressure": [30.0, 5e6]}
+    rows = {}
+    for policy in ("freeze", "restart"):
+        scene = pile(frames=10, substeps=60)
+        run_batch(scene, tmp_path / policy, 2, vary, device="cpu", on_blowup=policy)
+        with (tmp_path / policy / "worlds.csv").open(newline="") as file:
+            rows[policy] = list(csv.DictReader(file))
+    assert [row["health"] for row in rows["restart"]] == ["1", "2"]
+    assert rows["restart"][0] == rows["freeze"][0]
+    frozen, again = (float(rows[policy][1]["upper_on_lower_force_max"]) for policy in ("freeze", "restart"))
+    assert again > 2.0 * frozen

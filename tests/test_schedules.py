@@ -78,7 +78,7 @@ def test_a_world_alone_is_the_same_world_in_a_batch(name, schedule, device):
 
 PER_WORLD = ["structural", "shear", "flexion", "mass", "helium", "damping", "keyframe_values", "gravity"]
 PER_WORLD += ["sphere_mass", "sphere_radius", "sphere_penalty", "string_length", "string_stiffness"]
-PER_WORLD += ["string_anchor", "ground_height", "ground_friction", "ground_restitution"]
+PER_WORLD += ["string_anchor", "ground_height", "pair_frictions", "ground_restitution"]
 
 PER_WORLD_IN_RUBBER = ["torsion", "viscosity", "yield_stretch", "correction_limit"]
 PER_WORLD_IN_AIR = ["initial_gas_amounts", "initial_free_volumes", "gamma", "breathing_damping", "molar_mass"]

@@ -70,7 +70,7 @@ def test_what_is_pushed_goes_all_around_something(name: str) -> None:
     """So that a pressure has no net force and is the gradient of a volume."""
     shape = shape_of(ODD[name]())
     if shape.flies_off:
-        assert any("it is not inflated" in remark for remark in shape.remarks)
+        assert any("not inflated" in remark.lower() for remark in shape.remarks)
         return
     edges = mesh_edges(shape.skin)
     assert is_closed(edges)
@@ -182,5 +182,5 @@ def test_a_mesh_whose_z_is_up_stands_once_it_is_turned() -> None:
 def test_it_is_open_is_said_of_what_has_a_border_alone() -> None:
     said = {name: " ".join(shape_of(mesh).remarks) for name, mesh in (("bottle", klein()), ("sheet", grid(4, 4)))}
     assert "open" not in said["bottle"]
-    assert "It is open" in said["sheet"]
+    assert "is open" in said["sheet"]
     assert shape_of(joined(box((0, 0, 0), (1, 1, 1)), box((2, 0, 0), (1, 1, 1)))).remarks == ()

@@ -63,7 +63,10 @@ def test_help_of_a_result_says_every_field(cls: type):
 
 
 def test_help_of_a_frame_has_units_and_shapes():
-    assert "velocities (list[NDArray[np.float32]]) of each balloon [m/s], shape (particle_count, 3)" in helped(bw.Frame)
+    assert (
+        "velocities (list[NDArray[np.float32]]) Velocities of each balloon's particles [m/s], shape (particle_count, 3)"
+        in helped(bw.Frame)
+    )
     assert "mass = 0.1 (number > 0) Mass of the whole balloon, shared equally by its particles [kg]" in helped(
         bw.Balloon
     )

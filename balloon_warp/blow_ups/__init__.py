@@ -1,4 +1,4 @@
-"""What happens when a simulation leaves the finite numbers, from the first sign of it to the end of the run.
+"""Blow-ups: detection of non-finite or runaway states, diagnosis, and recovery.
 
 1. It is found on the device: after each frame `schedules/health.py` looks at every particle and sphere, and notes the
    first one in each world that is where it cannot be.

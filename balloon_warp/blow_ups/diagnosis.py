@@ -1,4 +1,4 @@
-"""Why a world blew up: where, when, by which spring or contact, and what would have helped."""
+"""Diagnosis of a blow-up: where, when, by which spring or contact, and the remedy."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +15,8 @@ from balloon_warp.schedules.choose import Schedule
 from balloon_warp.solvers.choose import PROJECTIVE
 
 BEYOND = 10.0
-"""times the most that a skin bears is what no springs hold; times its size, from rest and within a frame, is farther
-than it is meant to be pushed"""
+"""Factor on the largest load of a skin above which no springs hold it; and on the balloon's size, above which a
+displacement within a frame, from rest, is more than intended"""
 
 
 def diagnose(model: Model, state: State, schedule: Schedule, world: int, frame: int, bad: int = HEALTHY) -> BlowUp:
@@ -72,7 +72,7 @@ def _body(model: Model, bad: int) -> str | None:
 
 
 def _distances(last: LastSubstep, name: str) -> NDArray[np.float64]:
-    """How far each particle or sphere moved in the substep [m]; infinite where its place or speed is no number."""
+    """Return the displacement of each particle or sphere in the substep [m]; infinite where it is not finite."""
     before, after = (np.array(getattr(state, name).numpy()[0], dtype=np.float64) for state in (last.before, last.after))
     velocities = getattr(last.after, name.replace("points", "velocities").replace("positions", "velocities")).numpy()[0]
     moved = np.linalg.norm(after - before, axis=1)
@@ -121,7 +121,7 @@ def _excess(last: LastSubstep, particle: int) -> tuple[float | None, float | Non
 
 
 def _stable_step(last: LastSubstep) -> float | None:
-    """With the parameters and the velocities of that substep [s]."""
+    """Return the stable step with the parameters and the velocities of that substep [s]."""
     model = last.model
     if model.scene.solver == PROJECTIVE:
         return None

@@ -1,4 +1,4 @@
-"""Where a simulation can be begun again from."""
+"""Restart point of a simulation."""
 
 from dataclasses import dataclass, replace
 from typing import Self
@@ -11,11 +11,11 @@ class Origin:
     """A model, and a state that it is in at the start of a frame; the same simulation follows from it, bit for bit."""
 
     model: Model
-    """whose planned changes are those that are still to come"""
+    """Model with the planned changes that are still to come"""
     schedule: str
     frame: int = 0
     state: State | None = None
-    """of one world; the scene's start, when missing"""
+    """State of one world; the scene's start, when missing"""
 
     def fill(self, state: State) -> None:
         """Make a state what this one is, if it is not the scene's start."""
@@ -23,5 +23,5 @@ class Origin:
             overwrite(state, self.state)
 
     def of_world(self, world: int) -> Self:
-        """One world by itself, as it is among the others."""
+        """Return one world by itself, as it is among the others."""
         return self if self.model.world_count == 1 else replace(self, model=self.model.of_world(world))

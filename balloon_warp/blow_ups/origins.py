@@ -1,4 +1,4 @@
-"""What is kept of a simulation, so that a blow-up can be looked at again."""
+"""States kept during a simulation, from which a blow-up can be replayed."""
 
 from dataclasses import replace
 
@@ -6,7 +6,7 @@ from balloon_warp.blow_ups.origin import Origin
 from balloon_warp.model import Model, copy_of, overwrite
 
 KEPT_FRAMES = 512
-"""between two states of a single world that are kept, so that a blow-up can be followed from one: a copy costs less
+"""Number of frames between two kept states of a single world, from which a blow-up can be replayed: a copy costs less
 than five frames, and so less than a hundredth of all"""
 
 
@@ -23,7 +23,7 @@ class Origins:
         return self._kept or self._start
 
     def is_due(self, model: Model, frame: int) -> bool:
-        """Whether a state is to be kept at the start of a frame."""
+        """Return whether a state is to be kept at the start of a frame."""
         kept = self._kept
         return model.world_count == 1 and (kept is None or frame >= kept.frame + KEPT_FRAMES)
 

@@ -1,12 +1,12 @@
-"""What becomes of a run, or of a world of a batch, that blows up."""
+"""Policies for a run, or a world of a batch, that blows up."""
 
 from balloon_warp.errors import InputError
 from balloon_warp.scene import Scene
 
 POLICIES = ("freeze", "stop", "restart")
-"""keep its last good frame; end everything; begin again with half the step"""
+"""Policies: keep the last good frame; end everything; restart with half the step"""
 MOST_HALVINGS = 4
-"""of a step, before it is given up: 16 times the substeps"""
+"""Largest number of halvings of a step before giving up: 16 times the substeps"""
 
 
 def check_policy(on_blowup: str) -> None:

@@ -1,4 +1,4 @@
-"""What acts on a particle or a sphere of one world, and how hard."""
+"""Forces on a particle or a sphere of one world, and their sources."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from balloon_warp.kernels.laws.hooke import KINDS
 from balloon_warp.model import Model, State
 
 TOUCH = 1.001
-"""of a sphere's radius, within which a particle lies on it"""
+"""Distance within which a particle touches a sphere, over its radius"""
 
 
 @dataclass(frozen=True)
@@ -18,10 +18,10 @@ class Pull:
     """A force, as it was just before the end."""
 
     by: str
-    """such as "the structural spring to particle 7" """
+    """Source of the force, such as "the structural spring to particle 7" """
     newtons: float
     stretch: float | None = None
-    """of a spring, its length over its rest length"""
+    """Length of a spring over its rest length"""
 
     def __str__(self) -> str:
         if self.stretch is None:
@@ -69,7 +69,7 @@ class Pulls:
         return strengths
 
     def spring_at(self, particle: int) -> Pull | None:
-        """Of its springs the one that pulls or pushes hardest; None if it has none."""
+        """Return the spring of a particle with the largest tension or compression; None if it has none."""
         springs = np.flatnonzero((self._pairs == particle).any(axis=1))
         if not len(springs):
             return None
@@ -124,7 +124,7 @@ class Pulls:
 
 
 def name_of_particle(model: Model, particle: int) -> str:
-    """Its number in its balloon, by the order of the file's vertices, and the balloon where there are several."""
+    """Return a particle's number by the order of the file's vertices, and its balloon if there are several."""
     balloon = int(model.particle_balloon.numpy()[particle])
     number = str(particle - model.particle_offsets[balloon])
     return number if model.balloon_count == 1 else f"{number} of {model.shapes[balloon].name}"

@@ -12,7 +12,7 @@ from balloon_warp.schedules.tables import make_tables
 from balloon_warp.schedules.traits import model_traits
 
 FRAMES = 2
-"""that are looked at: rounding differs between schedules, and may put off the end by a little"""
+"""Number of frames that are replayed: rounding differs between schedules, and may delay the end a little"""
 
 
 @dataclass(frozen=True)
@@ -22,13 +22,13 @@ class LastSubstep:
     model: Model
     frame: int
     substep: int
-    """in the frame, from 1"""
+    """Number of the substep in the frame, from 1"""
     before: State
-    """all of it finite"""
+    """State before the substep, all of it finite"""
     after: State
     first_bad: int
-    """the lowest particle, or sphere, numbered after the particles, that is where it cannot be; or `HEALTHY` if all are
-    where they can be, and something else is no finite number"""
+    """Lowest particle, or sphere, numbered after the particles, at a place that it cannot have; or `HEALTHY` if all are
+    fine, and something else is not finite"""
 
 
 def last_substep(model: Model, state: State, schedule: Schedule, frame: int) -> LastSubstep | None:

@@ -1,4 +1,4 @@
-"""What is told of a world that blew up."""
+"""Report of a world that blew up."""
 
 from dataclasses import asdict, dataclass
 from math import ceil, isfinite
@@ -15,31 +15,32 @@ class BlowUp:
     world: int
     frame: int
     substeps: int
-    """in a frame"""
+    """Number of substeps in a frame"""
     step: float
-    """[s]"""
+    """Step [s]"""
     body: str | None
-    """what went bad, such as "particle 7": by the order of the vertices in its balloon's file"""
+    """First particle or sphere that went bad, such as "particle 7": by the order of the vertices in its balloon's
+    file"""
     substep: int | None = None
-    """of the frame, from 1"""
+    """Number of the substep in the frame, from 1"""
     moved: float | None = None
-    """in that substep [m]; infinite if it is no longer at a finite place"""
+    """Displacement in that substep [m]; infinite if its place is no longer finite"""
     spring: Pull | None = None
-    """of the particle's springs the one that pulled hardest just before"""
+    """Spring of the particle with the largest tension or compression just before"""
     other: Pull | None = None
-    """what pushed or pulled harder than that"""
+    """Larger force of another source"""
     touched: tuple[str, ...] = ()
-    """what the particle lay on"""
+    """Things that the particle touched"""
     stable_step: float | None = None
-    """for springs, damping and speeds as they were just before [s]; None for an implicit solver, or a sphere"""
+    """Stable step for springs, damping and speeds just before [s]; None for an implicit solver, or a sphere"""
     is_sphere: bool = False
-    """and no particle"""
+    """Whether it is a sphere, not a particle"""
     limit_point: str | None = None
-    """that its balloon is past, under a pressure that is given: no step helps there"""
+    """Limit point that the balloon has passed, under a given pressure: no step helps there"""
     pressure: float | None = None
-    """that is given [Pa], where it alone would throw its balloon away within a frame: no step helps there, either"""
+    """Given pressure [Pa], where it alone would throw its balloon away within a frame: no step helps there, either"""
     k_normal: float | None = None
-    """that is given, where it alone would do so"""
+    """Given k_normal, where it alone would throw its balloon away within a frame"""
 
     def __str__(self) -> str:
         when = f"frame {self.frame}, world {self.world}"
@@ -87,6 +88,6 @@ class BlowUp:
         )
 
     def as_json(self) -> dict[str, Any]:
-        """All of it, and the sentence."""
+        """Return all of it, and the sentence."""
         moved = self.moved if self.moved is not None and isfinite(self.moved) else None
         return {**asdict(self), "moved": moved, "sentence": str(self)}

@@ -1,4 +1,4 @@
-"""Checks of written stages: does anything cross anything?"""
+"""Checks of written stages for interpenetration."""
 
 from balloon_warp.checking.check import CheckReport, Crossing, check_stage
 

@@ -20,9 +20,9 @@ from balloon_warp.shown import Shown, described
 from balloon_warp.suggestions import did_you_mean_file
 
 THICKNESS = 0.05
-"""of a balloon's skin, over its mean edge: as deep as that it may be in what is firm; see `[touch]`"""
+"""Default thickness of a balloon's skin over its mean edge, to which depth it may be in a solid; see `[touch]`"""
 BLURS = 10.0
-"""of what rounding makes of places: balloons that are less deep in each other only touch"""
+"""Depth over the rounding of places below which balloons only touch"""
 
 
 @dataclass(frozen=True)
@@ -31,12 +31,12 @@ class Crossing:
 
     frame: int
     first: str
-    """such as "balloon ball"; of parts of one balloon both are the same"""
+    """Name of a thing, such as "balloon ball"; for parts of one balloon both are the same"""
     second: str
     place: tuple[float, float, float]
-    """where they are deepest in each other [m]"""
+    """Place of the largest depth [m]"""
     depth: float
-    """how far a face is from being free of the other thing, along its normal [m]"""
+    """Depth: displacement along a face's normal that frees it from the other thing [m]"""
 
     def __str__(self) -> str:
         place = ", ".join(f"{number:.4g}" for number in self.place)
@@ -47,22 +47,22 @@ class Crossing:
 @described
 @dataclass(frozen=True, repr=False)
 class CheckReport(Shown):
-    """What a check has found."""
+    """Result of a check."""
 
     stage: str
     frames: int
-    """how many were looked at"""
+    """Number of frames checked"""
     things: tuple[str, ...]
-    """that were looked at"""
+    """Things that were checked"""
     triangles: int
     within: float
-    """how deep balloons may be in firm things [m]"""
+    """Tolerated depth of balloons in solids [m]"""
     crossings: tuple[Crossing, ...]
-    """of each frame and each pair of things, by frame"""
+    """Crossings of each frame and each pair of things, by frame"""
 
     @property
     def passed(self) -> bool:
-        """whether nothing crosses"""
+        """Whether nothing crosses."""
         return not self.crossings
 
 
@@ -74,18 +74,17 @@ def check_stage(
     device: str | wp.Device | None = None,
     on_frame: Callable[[int, int], None] | None = None,
 ) -> CheckReport:
-    """Check a stage for things that are in each other: balloons, parts of a balloon, obstacles, bodies, spheres, the
-    ground.
+    """Check a stage for interpenetration of balloons, their parts, obstacles, bodies, spheres and the ground.
 
     Args:
-        path: any file that USD opens. What changes its shape counts as a balloon.
-        frames: the first and the last to look at; all if not given.
-        within: how deep a balloon may be in what is firm [m]; a twentieth of its mean edge if not given.
-        device: that looks, such as "cpu".
-        on_frame: is told how many frames are done, and of how many.
+        path: Any file that USD opens. Deformable meshes count as balloons.
+        frames: First and last frame to check; all if not given.
+        within: Tolerated depth of a balloon in a solid [m]; a twentieth of its mean edge if not given.
+        device: Device for the check, such as "cpu".
+        on_frame: Called with the number of frames done, and of all.
 
     Raises:
-        InputError: the stage cannot be read, or has nothing that could cross.
+        InputError: The stage cannot be read, or has nothing that could cross.
     """
     path = Path(path)
     if not path.is_file():
@@ -112,7 +111,7 @@ def check_stage(
 
 
 def _chosen(path: Path, known: range, frames: tuple[int | None, int | None] | None) -> range:
-    """Those of the known frames that are asked for."""
+    """Return those of the known frames that are asked for."""
     first, last = frames or (None, None)
     begin = known.start if first is None else first
     end = known[-1] if last is None else last
@@ -123,7 +122,7 @@ def _chosen(path: Path, known: range, frames: tuple[int | None, int | None] | No
 
 
 def _thickness(checker: Checker, time: Usd.TimeCode, unit: float) -> float:
-    """A twentieth of the mean edge of all balloons [m]; 0 without any."""
+    """Return a twentieth of the mean edge of all balloons [m]; 0 without any."""
     lengths = [np.zeros(0)]
     for surface in checker.surfaces:
         if surface.soft:
@@ -134,7 +133,7 @@ def _thickness(checker: Checker, time: Usd.TimeCode, unit: float) -> float:
 
 
 def _allowed(met: Met, thickness: float, blur: float) -> float:
-    """How deep two things may be in each other [m]."""
+    """Return the tolerated depth of two things in each other [m]."""
     balloons = [each.kind == "balloon" for each in (met.first, met.second)]
     return BLURS * blur if all(balloons) else max(thickness, blur)
 

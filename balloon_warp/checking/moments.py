@@ -1,4 +1,4 @@
-"""What crosses at one moment, found on a device."""
+"""Crossings at one moment, found on a device."""
 
 from collections.abc import Iterator
 from functools import cached_property
@@ -21,23 +21,23 @@ from balloon_warp.kernels.measure.signed_distance import signed_distances
 from balloon_warp.launching import launch
 
 FIRST_ROOM = 4096
-"""pairs of triangles that there is room for at first"""
+"""Initial capacity for pairs of triangles"""
 BLUR = 1e-6
-"""of the size of everything: float32 tells no less"""
+"""Resolution of float32 over the size of everything"""
 
 Arrays = tuple[Any, NDArray[np.int32]]
-"""all triangles that are there, with a tree of their boxes, as `Things`; and whose each is"""
+"""All triangles, with a tree of their boxes, as `Things`; and the thing of each"""
 
 
 class Met(NamedTuple):
-    """What two things do at a moment."""
+    """Contact of two things at a moment."""
 
     first: Thing
     second: Thing
     depth: float
-    """how deep one is in the other [m]"""
+    """Depth of one in the other [m]"""
     place: NDArray[np.float64]
-    """where that is [m], shape (3,)"""
+    """Place of the largest depth [m], shape (3,)"""
 
 
 class Checker:
@@ -54,13 +54,13 @@ class Checker:
         self._unit, self._device = unit, device
         self._room = FIRST_ROOM
         self.blur = 0.0
-        """what rounding makes of places, as of the last look [m]"""
+        """Rounding of places, as of the last check [m]"""
         counts = [len(surface.vertices) for surface in self.surfaces]
         self._offsets = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
 
     @property
     def triangle_count(self) -> int:
-        """how many there are at the first moment"""
+        """Number of triangles at the first moment."""
         return sum(len(surface.triangles) for surface in self.surfaces)
 
     def look(self, time: Usd.TimeCode) -> list[Met]:
@@ -85,7 +85,7 @@ class Checker:
         return list(deepest.values())
 
     def _arrays(self, points: list[NDArray[np.float64]], there: list[bool]) -> Arrays:
-        """All triangles that are there, with a tree of their boxes; and whose each is."""
+        """Return all triangles that are there, with a tree of their boxes; and whose each is."""
         triangles = [surface.triangles for surface in self.surfaces]
         kept = [tri[:0] if not seen else tri for tri, seen in zip(triangles, there, strict=True)]
         owners = np.repeat(np.arange(len(kept), dtype=np.int32), [len(tri) for tri in kept])
@@ -108,7 +108,7 @@ class Checker:
 
     @cached_property
     def _fixed(self) -> tuple[wp.array, wp.array, wp.array]:
-        """What stays: points that count as one, groups of things, and which change their shape."""
+        """Constants: points that count as one, groups of things, and which are deformable."""
         vertices = [surface.vertices + first for surface, first in zip(self.surfaces, self._offsets[:-1], strict=True)]
         groups = [surface.group for surface in self.surfaces]
         soft = [surface.soft for surface in self.surfaces]
@@ -118,7 +118,7 @@ class Checker:
         return wp.array(np.asarray(row, np.int32), device=self._device)
 
     def _crossing(self, arrays: Arrays) -> Iterator[Met]:
-        """Triangles that cross, the deepest of each pair of things."""
+        """Return the triangles that cross, the deepest of each pair of things."""
         things, owners = arrays
         count = wp.zeros(1, dtype=wp.int32, device=self._device)
         while True:
@@ -149,7 +149,7 @@ class Checker:
         rounds: list[Round],
         time: Usd.TimeCode,
     ) -> Iterator[Met]:
-        """Triangles in spheres and capsules."""
+        """Return the triangles in spheres and capsules."""
         if not rounds:
             return
         things, owners = arrays
@@ -186,7 +186,7 @@ class Checker:
         rounds: list[Round],
         time: Usd.TimeCode,
     ) -> Iterator[Met]:
-        """What is below the ground, or a plane."""
+        """Find what is below the ground, or a plane."""
         for space in self.half_spaces:
             origin, normal = space.at(time, self._unit)
             for each in (*shown, *rounds):
@@ -200,7 +200,7 @@ class Checker:
     def _inside(
         self, points: dict[Surface, NDArray[np.float64]], shown: list[Surface], time: Usd.TimeCode
     ) -> Iterator[Met]:
-        """Points of balloons and bodies in closed obstacles and bodies."""
+        """Return the points of balloons and bodies in closed obstacles and bodies."""
         for solid in shown:
             if not solid.soft and solid in self._solids:
                 mesh, lower, upper = self._solids[solid]
@@ -226,7 +226,7 @@ class Checker:
 
     @cached_property
     def _solids(self) -> dict[Surface, tuple[wp.Mesh, NDArray[np.float64], NDArray[np.float64]]]:
-        """What is rigid and has an inside, and the box around it, in its own frame."""
+        """Rigid things with an inside, and their boxes, in their own frames."""
         found = {}
         for surface in self.surfaces:
             if not surface.soft and surface.is_closed and _volume(surface) > 0.0:
@@ -241,13 +241,13 @@ class Checker:
 
 
 def _volume(surface: Surface) -> float:
-    """Of a closed surface; negative where its faces look inward, as those of a room."""
+    """Return the volume of a closed surface; negative where its faces look inward, as those of a room."""
     a, b, c = (surface.rest_points()[surface.triangles[:, corner]] for corner in range(3))
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
 
 
 def _between(first: NDArray[np.float64], second: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
-    """The middle between the nearest places of two segments, and how far these are apart."""
+    """Return the middle between the nearest places of two segments, and how far these are apart."""
     a, b, start = first[1] - first[0], second[1] - second[0], first[0] - second[0]
     least = 1e-60
     aa, bb, along = max(a @ a, least), max(b @ b, least), a @ b

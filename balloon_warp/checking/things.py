@@ -16,15 +16,15 @@ from balloon_warp.outputs.usd.obstacle import HALF_SPACE
 
 Kind = Literal["balloon", "obstacle", "body", "sphere", "ground"]
 BOX_FACES = np.array([(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)], np.int32)
-"""corners of each, counter-clockwise from outside"""
+"""Corners of each face of a box, counter-clockwise from outside"""
 
 
 @dataclass(frozen=True)
 class Placed:
-    """Where a prim is at a time."""
+    """Placement of a prim at a time."""
 
     matrix: NDArray[np.float64]
-    """to the world, of row vectors [m]"""
+    """Matrix to the world, for row vectors [m]"""
 
     def of(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
         """Return a prim's points in the world [m], shape (n, 3)."""
@@ -52,7 +52,7 @@ class Thing:
 
     @property
     def said(self) -> str:
-        """What people know it as."""
+        """Name of the thing for people."""
         return "the ground" if self.kind == "ground" else f"{self.kind} {self.name}"
 
     def is_there(self, time: Usd.TimeCode) -> bool:
@@ -70,19 +70,19 @@ class Surface(Thing):
         self._start = Usd.TimeCode.EarliestTime()  # contact takes quads for two triangles, as they are then
         self._same = self._mesh.GetFaceVertexIndicesAttr().GetNumTimeSamples() == 0
         self.triangles = self._triangles_at(times[0])
-        """corners of each, shape (triangle_count, 3), at the first time"""
+        """Corners of each triangle, shape (triangle_count, 3), at the first time"""
         own = [self._own_points(time) for time in (times[0], times[len(times) // 2], times[-1])]
         self.vertices = first_coincident(np.concatenate(own, axis=1))
-        """of each point the first that is always at its place: those of a seam count as one"""
+        """First point that is always at the same place, for each point: those of a seam count as one"""
 
     @property
     def soft(self) -> bool:
-        """whether it changes its shape"""
+        """Whether it is deformable."""
         return self.kind == "balloon"
 
     @property
     def is_closed(self) -> bool:
-        """whether each edge has one triangle on either side, so that something can be inside"""
+        """Whether each edge has one triangle on either side, so that something can be inside."""
         ends = self.vertices[self.triangles]
         edges = np.concatenate([ends[:, [0, 1]], ends[:, [1, 2]], ends[:, [2, 0]]])
         across = edges[:, ::-1]
@@ -180,7 +180,7 @@ def _kind_of(prim: Usd.Prim) -> Kind:
 
 
 def _box_of(prim: Usd.Prim) -> NDArray[np.float64] | None:
-    """The corners of what is drawn with round edges, but is a box; None of others."""
+    """Return the corners of what is drawn with round edges, but is a box; None of others."""
     collider = UsdPhysics.MeshCollisionAPI(prim)
     if not prim.HasAPI("PhysicsMeshCollisionAPI"):
         return None

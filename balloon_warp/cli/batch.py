@@ -38,7 +38,7 @@ from balloon_warp.warp_logging import quiet_warp
 if TYPE_CHECKING:
     from balloon_warp.sweep.batch import BatchSummary
 
-WORLDS = "The worlds"
+WORLDS = "Worlds"
 """Heading of a section of the help"""
 
 Vary = Annotated[

@@ -7,7 +7,7 @@ import typer
 
 from balloon_warp.cli.size import parse_place
 
-CAMERA = "Where one looks"
+CAMERA = "Camera"
 """Heading of a section of the help"""
 
 

@@ -89,7 +89,7 @@ def _print(report: "CheckReport") -> None:
 
 
 def _spans(frames: Sequence[int]) -> str:
-    """Numbers as ranges, the first few of them."""
+    """Return the numbers as ranges, the first few of them."""
     spans: list[list[int]] = []
     for frame in frames:
         if spans and frame == spans[-1][1] + 1:

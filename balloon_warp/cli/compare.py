@@ -29,7 +29,7 @@ from balloon_warp.warp_logging import quiet_warp
 if TYPE_CHECKING:
     from balloon_warp.comparison.compare import Comparison
 
-RUNS = "The runs"
+RUNS = "Runs"
 """Heading of a section of the help"""
 COUNTS = ("frame", "particles", "substeps")
 """Columns that a table reports once where they are equal in all runs"""
@@ -133,7 +133,7 @@ def compare(
 
 
 def figure_console() -> Console:
-    """One that leaves it to the terminal to break lines."""
+    """Return a console that leaves line breaks to the terminal."""
     return Console(highlight=False, soft_wrap=True, width=TABLE_WIDTH)
 
 

@@ -16,7 +16,7 @@ from balloon_warp.warp_logging import quiet_warp
 if TYPE_CHECKING:
     from balloon_warp.designing.result import Design
 
-DESIGN = "The design"
+DESIGN = "Design"
 """Heading of a section of the help"""
 
 Stretch = Annotated[

@@ -15,7 +15,7 @@ from balloon_warp.warp_logging import quiet_warp
 if TYPE_CHECKING:
     from balloon_warp.fitting.result import Fit
 
-RUBBER = "A curve"
+RUBBER = "Curve"
 """Heading of a section of the help"""
 
 Free = Annotated[

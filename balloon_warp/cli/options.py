@@ -8,7 +8,7 @@ import typer
 from balloon_warp.mesh.parts import Taken
 from balloon_warp.mesh.units import METERS
 
-SCENE, OUTPUT, MACHINE, LONG = "The scene", "What is written", "How it runs", "If it takes long or goes wrong"
+SCENE, OUTPUT, MACHINE, LONG = "Scene", "Output", "Execution", "Long runs and failures"
 """Headings of the sections of a command's help"""
 
 SceneName = Annotated[

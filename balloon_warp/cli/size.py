@@ -6,7 +6,7 @@ from balloon_warp.errors import InputError
 
 
 def parse_size(text: str) -> tuple[int, int]:
-    """Width and height of `WIDTHxHEIGHT`.
+    """Return the width and height of `WIDTHxHEIGHT`.
 
     Raises:
         InputError: the text has another form.

@@ -64,7 +64,7 @@ def _called(parameter: Any) -> str:
 
 
 def _expected(error: Any) -> str:
-    """Pydantic's sentence, where newer versions of Typer have it from there, and what was found."""
+    """Return Pydantic's sentence, where newer versions of Typer have it from there, and what was found."""
     message = re.split(", (?:unable|got) ", error.message.rstrip("."))[0].replace("Input should", "must")
     found = error.__cause__.errors()[0]["input"] if isinstance(error.__cause__, ValidationError) else None
     return message if found is None else f"{message} (got {found})"

@@ -22,7 +22,7 @@ def played(frames: int, rate: float, hint: bool = True) -> str:
 
 
 def begun(beginning: Beginning) -> str:
-    """All that tells one job from another in its log."""
+    """Return all that tells one job from another in its log."""
     work = f"{counted(beginning.worlds, 'world')}, {briefly(beginning)}"
     device = f"{beginning.workers} x {beginning.device}" if beginning.workers > 1 else beginning.device
     frames = f"{counted(beginning.frames, 'frame')} at {beginning.frames_per_second:g} frames/s"

@@ -1,4 +1,4 @@
-"""What is varied, from the command line's words."""
+"""Values to compare, parsed from the command line."""
 
 import re
 from pathlib import Path
@@ -10,7 +10,7 @@ from balloon_warp.scene.load import find_mesh
 from balloon_warp.scene.overrides import parse_value
 
 RANGE = r"[-+.\deE]+:[-+.\deE]+"
-"""as `batch` takes them"""
+"""Pattern of ranges, as `batch` takes them"""
 _OPENING, _CLOSING, _QUOTES = "[{", "]}", "\"'"
 
 
@@ -48,7 +48,7 @@ def shown(value: Any) -> str:
 
 
 def _split(words: str) -> list[str]:
-    """At commas that stand in neither brackets nor quotes."""
+    """Split at commas that are in neither brackets nor quotes."""
     parts, depth, quote = [""], 0, ""
     for letter in words:
         if quote:

@@ -23,12 +23,12 @@ from balloon_warp.scene import SceneLike, scene_of
 from balloon_warp.temporaries import scratch_folder
 
 MOST_COLUMNS = 4
-"""of the picture, where one thing varies"""
+"""Largest number of columns of the picture, where one thing varies"""
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """What became of each run, the last of the varied paths changing fastest."""
+    """Comparison of runs; the last of the varied paths changes fastest."""
 
     runs: list[Run]
     picture: str
@@ -36,12 +36,12 @@ class Comparison:
 
     @property
     def columns(self) -> list[str]:
-        """Of the table: what was varied, what was measured, and how it ended."""
+        """Columns of the table: varied paths, measures, and the outcome."""
         measured = dict.fromkeys(name for run in self.runs for name in run.figures)
         return [*self.runs[0].values, *measured, "outcome", "sentence"]
 
     def rows(self) -> list[list[Any]]:
-        """Of the table: a row a run, None where a run has no such figure."""
+        """Return the rows of the table: a row a run, None where a run has no such figure."""
         return [
             [
                 *(value if isinstance(value, int | float) else shown(value) for value in run.values.values()),
@@ -132,7 +132,7 @@ def _check_request(
     size: tuple[int, int],
     samples: int,
 ) -> None:
-    """Before any work."""
+    """Check the request before any work."""
     if not columns or not combinations:
         raise InputError("vary: nothing differs between the runs; expected values, as in --vary normals=cached,fresh")
     check_writable(picture, (".png",))

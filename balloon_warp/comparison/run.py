@@ -20,27 +20,27 @@ from balloon_warp.simulator import Simulator
 from balloon_warp.sweep.recorder import MEASURES, Recorder, columns_of
 
 MOST_STRETCH = 100.0
-"""of a spring in a run that is shown: one that explodes but stays finite would leave the others no room in the
-picture"""
+"""Largest stretch of a spring in a run that is shown: one that explodes but stays finite would leave the others no room
+in the picture"""
 
 
 @dataclass(frozen=True)
 class Run:
-    """What became of one set of values."""
+    """Run with one set of values."""
 
     values: dict[str, Any]
-    """what was varied: dotted paths and values"""
+    """Varied values by their dotted paths"""
     outcome: Literal["done", "refused", "blew up"]
     sentence: str
-    """why it is not done; empty where it is"""
+    """Reason for failure; empty if the run is done"""
     figures: dict[str, float]
-    """measured at the frame that is shown; empty where the run is not done"""
+    """Measures at the frame that is shown; empty where the run is not done"""
     frame_seconds: list[float] = field(default_factory=list)
-    """what each frame took"""
+    """Duration of each frame [s]"""
 
     @property
     def label(self) -> list[str]:
-        """What sets this run apart, a line for each value."""
+        """Lines that distinguish this run, one for each value."""
         return [f"{path} = {shown(value)}" for path, value in self.values.items()]
 
 

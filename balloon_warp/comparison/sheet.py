@@ -9,20 +9,20 @@ from PIL import Image, ImageDraw, ImageFont
 from balloon_warp.outputs.render.files import Picture
 
 PAPER, INK, FAINT, ALARM = (255, 255, 255), (40, 40, 40), (238, 238, 238), (150, 40, 30)
-"""sRGB"""
+"""Colors of the sheet, sRGB"""
 LEAST_LETTERS = 12
-"""pixels high"""
+"""Least height of letters [pixels]"""
 
 
 class Tile(NamedTuple):
     """One run's part of the sheet."""
 
     label: Sequence[str]
-    """lines above the picture"""
+    """Lines above the picture"""
     picture: Picture | None
-    """shape (height, width, 3); None where there is none"""
+    """Picture of shape (height, width, 3), or None"""
     sentence: str
-    """why there is none"""
+    """Reason for a missing picture"""
 
 
 def compose_sheet(tiles: Sequence[Tile], columns: int, size: tuple[int, int]) -> Picture:
@@ -55,12 +55,12 @@ def compose_sheet(tiles: Sequence[Tile], columns: int, size: tuple[int, int]) ->
 
 
 def letter_height(size: tuple[int, int]) -> int:
-    """Height of the letters [pixels] over pictures of this size."""
+    """Return the height of the letters [pixels] over pictures of this size."""
     return max(LEAST_LETTERS, round(size[1] / 16))
 
 
 def _wrapped(text: str, font: ImageFont.FreeTypeFont | ImageFont.ImageFont, width: int) -> list[str]:
-    """Lines of at most `width` pixels; a longer word gets a line of its own."""
+    """Return the lines of at most `width` pixels; a longer word gets a line of its own."""
     lines = [""]
     for word in text.split():
         longer = f"{lines[-1]} {word}".strip()

@@ -16,58 +16,61 @@ from balloon_warp.statics.balance import Balance
 Values = NDArray[np.float64]
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1.0, 1.0e-6, 1.0e4
 EASED, STIFFENED = 3.0, 8.0
-"""by which the damping falls after a step that helped, and rises after one that did not"""
+"""Factors on the damping: division after a step that helped, multiplication after one that did not"""
 STRAYS = 1.5
-"""of the cost before, beyond which a balance is not looked for any longer"""
+"""Cost over the previous one beyond which an equilibrium is not sought any longer"""
 GAINED = 0.01
-"""of the cost is the least that two steps must gain for more to be worth it"""
+"""Least relative gain in cost over two steps for more to be worth it"""
 ALONG = 0.1
-"""of what an error along the normal counts, one along the surface does: only the shape is wanted"""
+"""Weight of tangential errors over normal ones: only the shape matters"""
 
 
 class Problem(Protocol):
-    """What is designed."""
+    """Design problem: a target shape and the unknowns."""
 
     @property
     def ruler(self) -> Ruler:
-        """Of the wanted shape."""
+        """Ruler of the target shape."""
         ...
 
     def balance(self, design: Values) -> Balance:
-        """The balloon of a design."""
+        """Return the balloon of a design."""
         ...
 
     def by_design(self, balance: Balance, points: Values) -> sparse.csc_matrix:
-        """The derivatives of its forces by the design, shape (3 n, m)."""
+        """Return the derivatives of its forces by the design, shape (3 n, m)."""
         ...
 
     def easily(self, design: Values, stuck: NDArray[np.bool_]) -> sparse.spmatrix:
-        """How it changes easily, by how much and what together, shape (m, k); what is stuck does not."""
+        """Return the easy directions of change, with their magnitudes and couplings, shape (m, k).
+
+        Unknowns that are stuck do not change.
+        """
         ...
 
     def allowed(self, design: Values) -> bool:
-        """Whether it can be made."""
+        """Return whether a design can be made."""
         ...
 
     def changed(self, design: Values, change: Values) -> Values:
-        """The design with a change, as far as it may be changed."""
+        """Return the design with a change, as far as it may be changed."""
         ...
 
 
 @dataclass(frozen=True)
 class Reached:
-    """How far a design is."""
+    """Progress of a design."""
 
     design: Values
     points: Values
-    """at rest [m], shape (n, 3)"""
+    """Points at rest [m], shape (n, 3)"""
     cost: float
-    """mean squared error, as it is weighed, over the squared size"""
+    """Weighted mean squared error over the squared size"""
     damping: float = FIRST_DAMPING
     steps: int = 0
-    """tried until now"""
+    """Number of steps tried so far"""
     done: bool = False
-    """whether more steps would not help"""
+    """Whether more steps would not help"""
 
     def save(self, path: Path) -> None:
         """Write it down for `load`."""
@@ -85,7 +88,7 @@ class Reached:
 
 
 def begin(problem: Problem, design: Values) -> Reached | None:
-    """The balance of a first design; None where it finds none."""
+    """Return the balance of a first design; None where it finds none."""
     balance = problem.balance(design)
     points = balance.settle(problem.ruler.mesh.points)
     return None if points is None else Reached(design, *_weighed(problem, points))
@@ -117,7 +120,7 @@ def descend(
 
 
 def _stepped(problem: Problem, reached: Reached) -> Reached:
-    """After one more step, taken or not."""
+    """Return the progress after one more step, taken or not."""
     balance, ruler = problem.balance(reached.design), problem.ruler
     by_design = problem.by_design(balance, reached.points)
     error, weights = ruler.mesh.points - reached.points, weights_of(ruler)
@@ -140,7 +143,7 @@ def _stepped(problem: Problem, reached: Reached) -> Reached:
 
 
 def _settled(problem: Problem, design: Values, reached: Reached) -> tuple[Values, float] | None:
-    """Where a design comes to rest from where the last one did, and its cost."""
+    """Return the equilibrium of a design, from that of the last one, and its cost."""
     most = STRAYS * reached.cost + 1.0e-10
 
     def strays(points: Values) -> bool:
@@ -165,7 +168,7 @@ def _cost(ruler: Ruler, points: Values) -> float:
 
 
 def weights_of(ruler: Ruler) -> Any:
-    """What errors count: areas, and what is along the surface less, shape (3 n, 3 n)."""
+    """Return the weights of errors by area, with less for tangential ones, shape (3 n, 3 n)."""
     normals = ruler.normals
     blocks = (1.0 - ALONG) * normals[:, :, None] * normals[:, None, :] + ALONG * np.eye(3)
     blocks *= np.maximum(ruler.weights, 0.05)[:, None, None]

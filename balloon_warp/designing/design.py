@@ -106,7 +106,7 @@ def _of_foil(
     target: object, size: float, thickness: float, folder: Path | None, steps: int, device: str | None,
     on_stage: Callable[[str], None],
 ) -> Design:  # fmt: skip
-    """Of letters or a drawing.
+    """Design a foil balloon from letters or a drawing.
 
     Raises:
         InputError: the target is neither, or cannot be made.

@@ -16,14 +16,14 @@ from balloon_warp.errors import InputError
 
 Values = NDArray[np.float64]
 SEAM = 100.0
-"""what a seam's strain counts over that of the film"""
+"""Weight of a seam's strain over that of the film"""
 MOST_STEPS = 60
 GAINED = 1.0e-6
-"""of the sum of squares is the least that is worth another step"""
+"""Least relative gain in the sum of squares for another step"""
 
 
 def flattened(panels: Panels, points: Values, flat: Values | None = None) -> Values:
-    """The places of the panels' vertices in the plane, shape (m, 2).
+    """Return the places of the panels' vertices in the plane, shape (m, 2).
 
     Args:
         points: of the sewn mesh [m], shape (n, 3).
@@ -47,13 +47,13 @@ def flattened(panels: Panels, points: Values, flat: Values | None = None) -> Val
 
 
 def seam_lengths(panels: Panels, flat: Values) -> Values:
-    """Of both sides of each seam's edge [m], shape (s, 2)."""
+    """Return the lengths of both sides of each seam's edge [m], shape (s, 2)."""
     ends = flat[panels.seams]
     return np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2)
 
 
 def _frames(places: Values) -> Values:
-    """Triangles in planes of their own, the first edge along x: edges as columns, shape (t, 2, 2)."""
+    """Return the triangles in planes of their own, the first edge along x: edges as columns, shape (t, 2, 2)."""
     first, second = places[:, 1] - places[:, 0], places[:, 2] - places[:, 0]
     length = np.linalg.norm(first, axis=1)
     along = (first * second).sum(axis=1) / length
@@ -62,7 +62,7 @@ def _frames(places: Values) -> Values:
 
 
 def _conformal(panels: Panels, frames: Values) -> Values:
-    """Each panel conformal, as large as it is."""
+    """Return each panel conformal, as large as it is."""
     inverse, areas = np.linalg.inv(frames), 0.5 * np.linalg.det(frames)
     # The slopes of what is linear in a triangle, by its corners' values: shape (t, 2, 3).
     slopes = np.einsum("tij,ki->tjk", inverse, np.array([[-1.0, -1.0], [1.0, 0.0], [0.0, 1.0]]))
@@ -87,7 +87,7 @@ def _conformal(panels: Panels, frames: Values) -> Values:
 
 
 def _far_apart(panels: Panels, panel: int) -> NDArray[np.int64]:
-    """Two vertices of a panel's border, as far from each other as can be."""
+    """Return two vertices of a panel's border, as far from each other as can be."""
     border = panels.borders[panel]
     places = panels.mesh.points[panels.sewn_to[border]]
     first = int(np.linalg.norm(places - places.mean(axis=0), axis=1).argmax())
@@ -95,7 +95,7 @@ def _far_apart(panels: Panels, panel: int) -> NDArray[np.int64]:
 
 
 def _relaxed(panels: Panels, frames: Values, flat: Values) -> Values:
-    """With the least strain (Levenberg and Marquardt)."""
+    """Return the flat places with the least strain (Levenberg and Marquardt)."""
     damping, (residual, slopes) = 1.0e-3, _strains(panels, frames, flat)
     before = float(residual @ residual)
     for _ in range(MOST_STEPS):
@@ -120,8 +120,11 @@ def _relaxed(panels: Panels, frames: Values, flat: Values) -> Values:
 
 
 def _strains(panels: Panels, frames: Values, flat: Values) -> tuple[Values, Any]:
-    """What is to vanish, and its slopes by the flat places: Green's strains of triangles by the roots of their areas,
-    and what the squared lengths of both sides of seams differ by."""
+    """Return the residuals, and their derivatives by the flat places.
+
+    They are Green's strains of triangles, weighted by the roots of their areas, and the differences of the squared
+    lengths of both sides of seams.
+    """
     edges, corners = flat[panels.corners], panels.corners
     edges = (edges[:, 1:] - edges[:, :1]).transpose(0, 2, 1)  # as columns
     inverse, root = np.linalg.inv(frames), np.sqrt(0.5 * np.linalg.det(frames))
@@ -152,7 +155,7 @@ def _strains(panels: Panels, frames: Values, flat: Values) -> tuple[Values, Any]
 
 
 def _seam_strains(panels: Panels, flat: Values) -> tuple[Values, Values, Any, Any]:
-    """What both sides of each seam's edge differ by, and its slopes: values, rows and columns."""
+    """Return the differences between both sides of each seam's edge, and derivatives: values, rows and columns."""
     ends = flat[panels.seams]
     ways = ends[:, :, 1] - ends[:, :, 0]
     sewn = panels.mesh.points[panels.sewn_to[panels.seams[:, 0]]]

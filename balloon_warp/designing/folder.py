@@ -14,7 +14,7 @@ from balloon_warp.mesh import PolygonMesh
 
 SAVED = "progress.npz"
 JOB = "progress.json"
-"""what a design that is stopped goes on from, and what it was asked for"""
+"""File with the request and progress of a design, from which it resumes"""
 
 
 def require_folder(folder: Path) -> None:

@@ -16,9 +16,9 @@ from balloon_warp.mesh.geometry import signed_volume
 Values = NDArray[np.float64]
 LEAST_GORES, MOST_GORES = 3, 64
 ASIDE = 1.0e-9
-"""of the size, by which what lies in a plane is beside it"""
+"""Distance from a plane over the size up to which something lies in it"""
 Meridian = Callable[[float], Values]
-"""the line from pole to pole at an angle, shape (k, 3)"""
+"""Function for the line from pole to pole at an angle, shape (k, 3)"""
 
 
 def gores_of(mesh: PolygonMesh, count: int, edge: float) -> tuple[PolygonMesh, NDArray[np.int64]]:
@@ -58,7 +58,7 @@ class _Grid:
         self._points: list[Values] = []
 
     def build(self) -> tuple[Values, NDArray[np.int64], NDArray[np.int64]]:
-        """Points, triangles, and edges along the seams."""
+        """Return the points, triangles, and edges along the seams."""
         triangles: list[tuple[int, int, int]] = []
         seams = set()
         for gore in range(self._count):
@@ -69,7 +69,7 @@ class _Grid:
         return np.array(self._points), np.array(triangles), np.array(sorted(seams))
 
     def _row(self, gore: int, row: int) -> list[int]:
-        """Vertices of a gore's row, from seam to seam."""
+        """Return the vertices of a gore's row, from seam to seam."""
         if row in (0, self._rows):
             return [self._vertex(0.0, row)]
         ends = self._at(gore / self._count, row), self._at((gore + 1) / self._count, row)
@@ -91,7 +91,7 @@ class _Grid:
 
 
 def _zipped(low: list[int], high: list[int]) -> list[tuple[int, int, int]]:
-    """The triangles between two rows."""
+    """Return the triangles between two rows."""
     found, i, j = [], 0, 0
     while i < len(low) - 1 or j < len(high) - 1:
         next_low, next_high = (i + 1) / max(len(low) - 1, 1e-9), (j + 1) / max(len(high) - 1, 1e-9)
@@ -105,12 +105,12 @@ def _zipped(low: list[int], high: list[int]) -> list[tuple[int, int, int]]:
 
 
 def _lengths(line: Values) -> Values:
-    """How long a line is up to each of its points."""
+    """Return the length of a line up to each of its points."""
     return np.append(0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
 
 
 def _meridians(mesh: PolygonMesh) -> Meridian:
-    """The lines of a mesh from its lower pole to the upper one, by angle."""
+    """Return the lines of a mesh from its lower pole to the upper one, by angle."""
     triangles, up = Ruler(mesh).triangles, "XYZ".index(mesh.up_axis)
     size = float(np.ptp(mesh.points, axis=0).max())
     across = [axis for axis in range(3) if axis != up]
@@ -136,7 +136,7 @@ def _meridians(mesh: PolygonMesh) -> Meridian:
 
 
 def _loops(points: Values, triangles: NDArray[np.int64], heights: Values) -> list[Values]:
-    """The closed lines in which a plane meets a closed surface.
+    """Return the closed lines in which a plane meets a closed surface.
 
     Args:
         heights: of the points over the plane, none of them 0.
@@ -163,7 +163,7 @@ def _loops(points: Values, triangles: NDArray[np.int64], heights: Values) -> lis
 
 
 def _outward(loop: Values, reach: Values, up: int) -> list[Values]:
-    """The parts of a closed line on the one side of the axis, with the points on the axis at their ends.
+    """Return the parts of a closed line on the one side of the axis, with the points on the axis at their ends.
 
     Args:
         reach: how far each point is from the axis, to that side.

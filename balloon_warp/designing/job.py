@@ -28,11 +28,11 @@ from balloon_warp.scene.write import write_scene
 
 Values = NDArray[np.float64]
 MOVED = 0.005
-"""of the size: what was simulated is further from what was designed, so that it is said"""
+"""Distance between simulated and designed shape, over the size, from which on it is reported"""
 
 
 class Saved(Protocol):
-    """How far a design is."""
+    """Saved progress of a design."""
 
     @property
     def steps(self) -> int:
@@ -49,7 +49,7 @@ T = TypeVar("T", bound=Saved)
 
 @dataclass(frozen=True)
 class Job:
-    """What is asked for, and where it goes."""
+    """Request for a design, and its output folder."""
 
     target: PolygonMesh
     of: str
@@ -62,9 +62,9 @@ class Job:
     resume: bool
     say: Callable[[str], None]
     watch: Callable[[DesignStep], None] = lambda step: None
-    """told each step, and what is simulated in the end"""
+    """Callback for each step, and for the final simulation"""
     options: Mapping[str, Any] = field(default_factory=dict)
-    """what else was asked for, of this kind alone"""
+    """Further options of this kind of design"""
 
     @property
     def thickest(self) -> float:
@@ -73,18 +73,18 @@ class Job:
 
     @cached_property
     def ruler(self) -> Ruler:
-        """Of the wanted shape."""
+        """Ruler of the target shape."""
         return Ruler(self.target)
 
     @property
     def _asked(self) -> dict[str, Any]:
-        """By which a design is known again."""
+        """Return the request by which a design is recognized."""
         numbers = {"of": self.of, "stretch": self.stretch, "hold": self.hold, "thickness": self.thickness}
         points = self.target.points
         return numbers | dict(self.options) | {"vertices": len(points), "sum": float(np.abs(points).sum())}
 
     def saved(self, load: Callable[[Path], T]) -> T | None:
-        """How far the same design was, where it is to be resumed.
+        """Return the progress of the same design, if it is to be resumed.
 
         Args:
             load: reads what `remember` has written.
@@ -162,7 +162,7 @@ class Job:
     def _judged(
         self, scene: Scene, simulated: Simulated, held: Values, plain: Values | None, stretch: float, help_: str
     ) -> Design:
-        """The design with its errors, and what it cannot."""
+        """Return the design with its errors, and what it cannot."""
         ruler = self.ruler
         cannot = places_off(ruler, simulated.points, help_)
         elsewhere = np.linalg.norm(ruler.aligned(simulated.points) - ruler.aligned(held), axis=1).max() / ruler.size

@@ -1,4 +1,4 @@
-"""How far a shape is from the one that is wanted."""
+"""Distance of a shape from the target."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,12 +16,12 @@ Values = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Error:
-    """How far two surfaces are apart, both ways, over the largest size of the wanted one."""
+    """Distance between two surfaces, both ways, over the largest size of the target."""
 
     mean: float
-    """over the vertices of both [1]"""
+    """Mean over the vertices of both [1]"""
     worst: float
-    """[1]: the Hausdorff distance"""
+    """Hausdorff distance [1]"""
 
     def __str__(self) -> str:
         return f"{100.0 * self.mean:.2g}% mean, {100.0 * self.worst:.2g}% worst"
@@ -45,13 +45,13 @@ class Ruler:
 
     @cached_property
     def weights(self) -> Values:
-        """Of the vertices by their areas, 1 in the mean, shape (n,)."""
+        """Area weights of the vertices, 1 in the mean, shape (n,)."""
         areas = vertex_areas(self.mesh)
         return areas / areas.mean()
 
     @cached_property
     def triangles(self) -> NDArray[np.int64]:
-        """That cover the mesh, quads by one split, shape (t, 3)."""
+        """Triangles that cover the mesh, quads by one split, shape (t, 3)."""
         starts = np.cumsum(self.mesh.face_vertex_counts) - self.mesh.face_vertex_counts
         found = []
         for size in np.unique(self.mesh.face_vertex_counts).tolist():
@@ -61,15 +61,15 @@ class Ruler:
         return np.concatenate(found).astype(np.int64)
 
     def aligned(self, points: Values) -> Values:
-        """The points moved and turned onto the mesh's."""
+        """Return the points moved and turned onto the mesh's."""
         return aligned(points, self.mesh.points)
 
     def error(self, points: Values) -> Error:
-        """Of a shape, wherever it is."""
+        """Return the error of a shape, wherever it is."""
         return Error(*map(float, self._statistics(self.distances(points))))
 
     def distances(self, points: Values) -> Values:
-        """Of each vertex to the wanted surface, and of its vertices to the shape, over the size, shape (2 n,)."""
+        """Return distances between each shape's vertices and the other surface, over the size, shape (2 n,)."""
         there, wanted = self.aligned(points), self.mesh.points
         both = [self._apart(there, wanted), self._apart(wanted, there)]
         return np.concatenate(both) / self.size
@@ -87,7 +87,7 @@ class Ruler:
 
 
 def aligned(points: Values, to: Values) -> Values:
-    """The points moved and turned as near to others as can be (Kabsch)."""
+    """Return the points moved and turned as near to others as can be (Kabsch)."""
     here, there = points - points.mean(axis=0), to - to.mean(axis=0)
     u, _, v = np.linalg.svd(here.T @ there)
     turn = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ v))]) @ v

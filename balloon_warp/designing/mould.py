@@ -18,9 +18,9 @@ from balloon_warp.statics.volume import SealedGas, Volume
 
 Values = NDArray[np.float64]
 PASSES, ALONE = 2, 0.05
-"""times that a change of the mould is evened, and how much of it is not"""
+"""Number of smoothing passes of a change of the mould, and the unsmoothed fraction"""
 FURTHEST = 0.25
-"""of the mean edge of the mould is how far a vertex moves in a step"""
+"""Largest displacement of a vertex in a step, over the mean edge of the mould"""
 
 THICKENS = 0.25
 """by which part of it a thickness changes in a step"""
@@ -32,7 +32,7 @@ class MouldProblem:
 
     ruler: Ruler
     film: FilmSkin
-    """of a mould that is the wanted shape made smaller"""
+    """Film with a mould that is the scaled-down target shape"""
     stretch: float
 
     @property
@@ -47,35 +47,35 @@ class MouldProblem:
 
     @cached_property
     def volume(self) -> Volume:
-        """Of the mesh."""
+        """Volume of the mesh."""
         return Volume(self.mesh)
 
     @cached_property
     def gas(self) -> SealedGas:
-        """What fills the wanted shape, at the pressure that the plain mould bears as well as it can."""
+        """Gas that fills the target shape, at the pressure that best balances the plain mould."""
         points, slopes = self.mesh.points, self.volume.slopes(self.mesh.points)
         forces = self.film.with_mould(self.plain.reshape(-1, 3)).forces(points)
         pressure = -(forces * slopes).sum() / (slopes * slopes).sum()
         return SealedGas.of(pressure, self.volume.of(points))
 
     def balance(self, design: Values) -> Balance:
-        """The balloon of that mould."""
+        """Return the balloon of that mould."""
         return Balance(self.film.with_mould(design.reshape(-1, 3)), self.volume, self.gas)
 
     def by_design(self, balance: Balance, points: Values) -> sparse.csc_matrix:
-        """The derivatives of its forces by the mould."""
+        """Return the derivatives of its forces by the mould."""
         return balance.skin.forces_by_mould(points)
 
     def easily(self, design: Values, stuck: NDArray[np.bool_]) -> sparse.spmatrix:
-        """Vertices move by parts of an edge, together with those around them."""
+        """Return the easy changes: vertices move by fractions of an edge, together with their neighbors."""
         return self._edge * sparse.kron(self.together, sparse.identity(3)).tocsc()
 
     def allowed(self, design: Values) -> bool:
-        """Whether the mould does not cross itself."""
+        """Return whether the mould does not cross itself."""
         return not len(crossing_triangles(replace(self.mesh, points=design.reshape(-1, 3))))
 
     def changed(self, design: Values, change: Values) -> Values:
-        """The mould with a change, none of whose vertices moves too far."""
+        """Return the mould with a change, none of whose vertices moves too far."""
         moves = change.reshape(-1, 3)
         far = np.linalg.norm(moves, axis=1, keepdims=True)
         most = FURTHEST * self._edge
@@ -83,7 +83,7 @@ class MouldProblem:
 
     @cached_property
     def together(self) -> Any:
-        """What is spread evenly over neighbors, and a little of what is not, shape (n, n)."""
+        """Smooth changes, and a fraction of unsmoothed ones, shape (n, n)."""
         ends, count = mesh_edges(self.mesh).ends, self.mesh.vertex_count
         both = np.concatenate([ends, ends[:, ::-1], np.stack([np.arange(count)] * 2, axis=1)])
         beside = sparse.coo_matrix((np.ones(len(both)), both.T), shape=(count, count)).tocsr()

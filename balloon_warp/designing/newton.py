@@ -19,25 +19,25 @@ from balloon_warp.statics.balance import Balance, solver_of
 
 Values = NDArray[np.float64]
 HOLD = 1.0e-7
-"""of the mean stiffness, which holds what could move along and turn"""
+"""Regularization against rigid motion, over the mean stiffness"""
 
 
 @dataclass(frozen=True)
 class Aim:
-    """What is wanted of a step."""
+    """Aim of a step."""
 
     error: Values
-    """where the particles should be, from where they are [m], shape (n, 3)"""
+    """Vectors from the particles to where they should be [m], shape (n, 3)"""
     weights: Any
     """W'W, shape (3 n, 3 n)"""
     easily: Any
     """S: how the design changes easily, by how much and what together, shape (m, k)"""
     damping: float
-    """times a unit that makes 1 much"""
+    """Damping, in a unit in which 1 is much"""
 
 
 def step_towards(balance: Balance, points: Values, by_design: sparse.csc_matrix, aim: Aim) -> Values:
-    """The change of the design, shape (m,).
+    """Return the change of the design, shape (m,).
 
     Args:
         points: at rest, shape (n, 3).

@@ -1,4 +1,4 @@
-"""From a wanted outline to the pattern of a foil balloon, simulated."""
+"""Design of a foil balloon: from a target outline to its pattern, simulated."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -23,15 +23,15 @@ from balloon_warp.simulator import Simulator
 
 Values = NDArray[np.float64]
 EDGES = 20
-"""in the height"""
+"""Number of edges in the height"""
 PRESSURE, FILL_SECONDS, FRAMES = 200.0, 0.2, 60
 MODULUS, DENSITY = 1.0e7, 1390.0
-"""shear modulus [Pa] and density [kg/m^3]: film far stiffer than the pressure needs, and soft enough for long steps"""
+"""Shear modulus [Pa] and density [kg/m^3]: film far stiffer than the pressure needs, and soft enough for long steps"""
 DAMPING_RATE = 20.0
-"""[1/s]"""
+"""Damping rate [1/s]"""
 CORRECTIONS = 4
 GOOD = 0.01
-"""of the size: worse at a place is said"""
+"""Local error over the size above which it is reported"""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Foil:
     device: str | None
 
     def scene(self, meshes: Sequence[PolygonMesh | Path], areas: Sequence[float]) -> Scene:
-        """Its parts, each a balloon that a pressure fills."""
+        """Return the scene of its parts, each a balloon that a pressure inflates."""
         material = Material(
             kind="neo_hookean", shear_modulus=MODULUS, thickness=self.thickness, density=DENSITY, most_stretch=1.1
         )
@@ -59,7 +59,7 @@ class Foil:
         return Scene(description="Foil of a wanted outline", balloon=balloons, gravity=0.0, frames=FRAMES)
 
     def inflated(self, scene: Scene) -> list[Values]:
-        """The points of each part once the scene is over.
+        """Return the points of each part once the scene is over.
 
         Raises:
             InputError: it blows up.
@@ -71,7 +71,7 @@ class Foil:
         return [points.astype(np.float64) for points in last.points]
 
     def error(self, rims: Sequence[Values]) -> Error:
-        """Of all rims together."""
+        """Return the error of all rims together."""
         found = [part.error(rim, self.size) for part, rim in zip(self.parts, rims, strict=True)]
         weights = [len(part.rim) for part in self.parts]
         mean = np.average([each.mean for each in found], weights=weights)
@@ -130,7 +130,7 @@ def _written(foil: Foil, best: tuple, first: tuple, folder: Path) -> Design:
 
 
 def _parts(source: str, size: float) -> list[Part]:
-    """The flat parts, as large as they are to be when they are inflated."""
+    """Return the flat parts, as large as they are to be when they are inflated."""
     meshes = foil_parts(source, size, size / EDGES)
     points = np.concatenate([mesh.points for mesh in meshes])
     scale = size / np.ptp(points, axis=0)[:2].max()

@@ -1,4 +1,4 @@
-"""From a wanted shape to a mould for a balloon of latex, simulated."""
+"""Design of a latex balloon: from a target shape to its mould, simulated."""
 
 from dataclasses import replace
 
@@ -22,7 +22,7 @@ from balloon_warp.statics.of_model import film_of
 LEAST_STRETCH, MOST_STRETCH = 1.05, 5.0
 GOAL = 1.0e-10
 DENSITY = 940.0
-"""of latex [kg/m^3]"""
+"""Density of latex [kg/m^3]"""
 
 
 def design_of_latex(job: Job) -> Design:
@@ -76,7 +76,7 @@ def _descended(job: Job, problem: ThicknessProblem, reached: Reached) -> Reached
 
 
 def _film(job: Job, material: Material) -> FilmSkin:
-    """The wanted shape as a film that is at rest."""
+    """Return the wanted shape as a film that is at rest."""
     fields = common_fields(job.target, Inflation(pressure=0.0))
     scene = scene_of(Balloon(**fields, material=material), "", 1)
     plan = plan_model(scene)

@@ -1,4 +1,4 @@
-"""From a wanted shape to the panels of foil that it is sewn of, simulated.
+"""Design of a foil balloon of panels: from a target shape to its sewn panels, simulated.
 
 Panels laid flat lose what a surface is curved both ways, and the film between seams bulges. So the shape that is laid
 flat is changed by what the simulated balloon is off, a few times.
@@ -32,39 +32,39 @@ from balloon_warp.scene import Balloon, Inflation, Material, Scene
 
 Values = NDArray[np.float64]
 MODULUS, DENSITY = 1.0e7, 1390.0
-"""shear modulus [Pa] and density [kg/m^3]: film far stiffer than the pressure needs, and soft enough for long steps"""
+"""Shear modulus [Pa] and density [kg/m^3]: film far stiffer than the pressure needs, and soft enough for long steps"""
 PRESSURE, FILL_SECONDS = 200.0, 0.2
 DAMPING_RATE, VISCOSITY = 20.0, 30.0
-"""of the whole [1/s], and of the film, without which stiff corners tremble [Pa s]"""
+"""Damping rate of the whole [1/s], and viscosity of the film, without which stiff corners tremble [Pa s]"""
 EDGES = 16
-"""of gores in the size"""
+"""Number of edges of gores in the size"""
 SLACK = 0.9
-"""of the wanted size it begins with: nothing pulls there"""
+"""Initial size over the target's: nothing pulls there"""
 CORRECTIONS = 8
 IDLE = 2
-"""corrections that bring nothing nearer are enough"""
+"""Number of corrections without gain after which the design ends"""
 GAINED = 0.01
-"""of the error is what a correction must bring"""
+"""Least relative gain in error of a correction"""
 EVENED = 10
-"""times that a correction is evened over neighbors: about a fifth of the size"""
+"""Number of smoothing passes of a correction over neighbors: about a fifth of the size"""
 FURTHEST = 0.03
-"""of the size is how far a correction moves a vertex"""
+"""Largest displacement of a vertex in a correction, over the size"""
 
 
 @dataclass(frozen=True)
 class Tried:
-    """How far the corrections are."""
+    """Progress of the corrections."""
 
     shape: Values
-    """that is laid flat next [m], shape (n, 3)"""
+    """Shape that is laid flat next [m], shape (n, 3)"""
     flat: Values
-    """of the best [m], shape (m, 2)"""
+    """Flat places of the best [m], shape (m, 2)"""
     points: Values
-    """what becomes of the best [m], shape (n, 3)"""
+    """Simulated points of the best [m], shape (n, 3)"""
     plain: Values
-    """what becomes of the wanted shape laid flat [m], shape (n, 3)"""
+    """Simulated points of the target shape laid flat [m], shape (n, 3)"""
     error: float
-    """of the best, in the mean"""
+    """Mean error of the best"""
     steps: int
     idle: int
 
@@ -127,7 +127,7 @@ def panels_of(target: str | Path | MeshLike, said: int | str | Path, size: float
 
 
 def _corrected(job: Job, panels: Panels, before: Tried | None) -> Tried:
-    """After one more simulation; one of a correction that does not come to rest brings nothing.
+    """Return the progress after one more simulation; a correction that does not come to rest has no effect.
 
     Raises:
         InputError: the panels of the wanted shape cannot be laid flat, or do not come to rest.
@@ -155,7 +155,7 @@ def _corrected(job: Job, panels: Panels, before: Tried | None) -> Tried:
 
 
 def _evened(panels: Panels, moves: Values, most: float) -> Values:
-    """Moves of the sewn vertices as the mean of those around: wrinkles and bulges are no fault of the outlines.
+    """Smooth the moves of the sewn vertices over their neighbors: wrinkles and bulges are no fault of the outlines.
 
     Args:
         most: that one moves [m].
@@ -170,7 +170,7 @@ def _evened(panels: Panels, moves: Values, most: float) -> Values:
 
 
 def _written(job: Job, panels: Panels, flat: Values) -> Scene:
-    """The scene of a balloon that begins slack, with its files."""
+    """Return the scene of a balloon that begins slack, with its files."""
     start = replace(panels.mesh, points=SLACK * panels.mesh.points)
     write_obj(job.folder / "balloon.obj", start)
     write_obj(job.folder / "panels.obj", panels.flat_mesh(flat))
@@ -185,5 +185,5 @@ def _written(job: Job, panels: Panels, flat: Values) -> Scene:
 
 
 def _stretch(panels: Panels, flat: Values) -> float:
-    """Of the wanted shape over its panels, in the mean."""
+    """Return the mean stretch of the target shape over its panels."""
     return float(np.sqrt(total_area(panels.mesh) / total_area(panels.flat_mesh(flat))))

@@ -1,4 +1,4 @@
-"""From a wanted shape to a balloon of springs, simulated."""
+"""Design of a balloon of springs: from a target shape to rest lengths, simulated."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -15,9 +15,9 @@ from balloon_warp.mesh.obj import write_obj
 from balloon_warp.scene import Balloon, Scene, Stiffness
 
 MASS_OVER_SIZE = 0.05
-"""[kg/m]"""
+"""Mass over size [kg/m]"""
 GOAL = 1.0e-10
-"""cost from which on it is near enough: an error of a hundred-thousandth"""
+"""Cost from which on it is near enough: an error of a hundred-thousandth"""
 LEAST_STRETCH, MOST_STRETCH = 1.02, 2.0
 
 

@@ -19,7 +19,7 @@ from balloon_warp.mesh.topology import mesh_edges
 
 Values = NDArray[np.float64]
 SMOOTH = np.array([1.0, 2.0, 3.0, 2.0, 1.0]) / 9.0
-"""along the rim: wrinkles are no part of its shape"""
+"""Smoothing kernel along the rim: wrinkles are no part of its shape"""
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Part:
     """One flat balloon: two sheets with a common rim."""
 
     mesh: PolygonMesh
-    """as it is wanted when it is inflated, flat"""
+    """Flat mesh of the target, inflated outline"""
 
     @cached_property
     def loops(self) -> list[NDArray[np.int64]]:
@@ -43,17 +43,17 @@ class Part:
 
     @property
     def wanted(self) -> Values:
-        """Where the rim should be, shape (r, 2)."""
+        """Target places of the rim, shape (r, 2)."""
         return self.mesh.points[self.rim, :2]
 
     def rim_of(self, points: Values) -> Values:
-        """The rim of inflated points, smooth and laid onto the wanted one, shape (r, 2)."""
+        """Return the rim of inflated points, smooth and laid onto the wanted one, shape (r, 2)."""
         flat = np.concatenate([_smoothed(points[loop]) for loop in self.loops])
         goal = np.concatenate([self.wanted, np.zeros((len(self.rim), 1))], axis=1)
         return aligned(flat, goal)[:, :2]
 
     def error(self, rim: Values, size: float) -> Error:
-        """How far an inflated rim is from the wanted outline, over the size."""
+        """Return the distance of an inflated rim from the target outline, over the size."""
         off, begin = [], 0
         for loop in self.loops:
             own = slice(begin, begin + len(loop))
@@ -63,7 +63,7 @@ class Part:
         return Error(float(distances.mean()), float(distances.max()))
 
     def with_rim(self, rim: Values) -> PolygonMesh:
-        """The flat mesh with its rim there, shape (r, 2); the sheets follow evenly."""
+        """Return the flat mesh with its rim there, shape (r, 2); the sheets follow evenly."""
         moves = rim - self.wanted
         inner = np.setdiff1d(np.arange(self.mesh.vertex_count), self.rim)
         points = self.mesh.points.copy()
@@ -72,7 +72,7 @@ class Part:
         return replace(self.mesh, points=points)
 
     def _harmonic(self, inner: NDArray[np.int64]) -> Values:
-        """What moves of the rim make of the other vertices, shape (i, r)."""
+        """Return the harmonic extension of rim displacements to the other vertices, shape (i, r)."""
         ends, count = mesh_edges(self.mesh).ends, self.mesh.vertex_count
         ones = np.ones(len(ends))
         beside = sparse.coo_matrix((ones, (ends[:, 0], ends[:, 1])), shape=(count, count))
@@ -82,7 +82,7 @@ class Part:
 
 
 def corrected(part: Part, pattern: Values, rim: Values) -> Values:
-    """The rim of the next pattern: what an inflated rim is off is given back, smooth along the rim."""
+    """Return the rim of the next pattern: what an inflated rim is off is given back, smooth along the rim."""
     missing, begin, next_ = part.wanted - rim, 0, pattern.copy()
     for loop in part.loops:
         own = slice(begin, begin + len(loop))
@@ -92,7 +92,7 @@ def corrected(part: Part, pattern: Values, rim: Values) -> Values:
 
 
 def _smoothed(places: Values) -> Values:
-    """Each place of a closed line as the mean of those around it, less the shrinking of that."""
+    """Return each place of a closed line as the mean of those around it, less the shrinking of that."""
     once = _mean_around(places)
     return once + (once - _mean_around(once))  # as far as a circle is drawn in by the mean, it is put out again
 
@@ -104,7 +104,7 @@ def _mean_around(places: Values) -> Values:
 
 
 def _to_line(places: Values, line: Values) -> Values:
-    """How far places are from a closed line, shape (n,)."""
+    """Return the distances of places from a closed line, shape (n,)."""
     begin, end = line, np.roll(line, -1, axis=0)
     way = end - begin
     along = ((places[:, None] - begin) * way).sum(axis=2) / np.maximum((way**2).sum(axis=1), 1e-30)

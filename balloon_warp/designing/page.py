@@ -18,9 +18,9 @@ from balloon_warp.viewer.server import address_of, close, guarded_server
 UP, SIDE = np.array([0.0, 1.0, 0.0]), np.array([0.55, 0.0, 1.0])
 LIGHT = 2.8
 WANTED = (90, 80, 70)
-"""color of the wires of the wanted shape"""
+"""Color of the wires of the target shape"""
 BANDS = 40
-"""that the legend of colors is drawn of"""
+"""Number of bands of the color legend"""
 
 
 class DesignPage:
@@ -57,7 +57,7 @@ class DesignPage:
 
     @property
     def address(self) -> str:
-        """Where to look."""
+        """Address of the page."""
         return address_of(self.server)
 
     def show(self, step: DesignStep) -> None:
@@ -107,7 +107,7 @@ class DesignPage:
         )
 
     def _draw_plot(self) -> None:
-        """The mean error over the steps, once there are two."""
+        """Plot the mean error over the steps, once there are two."""
         steps = [step for step in self.steps if not step.proven]
         if len(steps) < 2:
             return
@@ -145,7 +145,7 @@ def _details(step: DesignStep) -> str:
 
 
 def _legend() -> str:
-    """What the colors mean."""
+    """Return the legend of the colors."""
     colors = np.round(255.0 * error_colors(np.linspace(0.0, FULL, BANDS))).astype(int)
     cells = "".join(
         f'<div style="flex:1;height:0.6em;background:rgb{tuple(color.tolist())}"></div>' for color in colors

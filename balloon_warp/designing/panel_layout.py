@@ -1,4 +1,4 @@
-"""Where panels lie on the sheet: each upright, side by side in rows."""
+"""Layout of panels on the sheet: each upright, side by side in rows."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,9 +7,9 @@ from balloon_warp.designing.panels import Panels
 
 Values = NDArray[np.float64]
 APART = 0.03
-"""between panels, which have their seam allowance there [m]"""
+"""Distance between panels, with room for the seam allowance [m]"""
 WIDE = 1.5
-"""how wide the sheet is over how high, about"""
+"""Approximate width of the sheet over its height"""
 
 
 def laid_out(panels: Panels, flat: Values) -> Values:
@@ -30,7 +30,7 @@ def laid_out(panels: Panels, flat: Values) -> Values:
 
 
 def _upright(flat: Values) -> Values:
-    """A panel as high as it is long, from 0 on."""
+    """Return a panel as high as it is long, from 0 on."""
     centered = flat - flat.mean(axis=0)
     long = np.linalg.svd(centered, full_matrices=False)[2][0]
     turn = np.array([[long[1], long[0]], [-long[0], long[1]]])  # the long way becomes up

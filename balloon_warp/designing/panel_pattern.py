@@ -18,9 +18,9 @@ from balloon_warp.foil.outlines import from_extra
 
 Values = NDArray[np.float64]
 SPACING = 0.06
-"""between marks along a seam [m]"""
+"""Distance between marks along a seam [m]"""
 LETTERS, NAMES = 0.005, 0.014
-"""height of the marks' numbers and of the panels' [m]"""
+"""Height of the marks' numbers and of the panels' [m]"""
 PIXELS = 1500
 LOOKS = {"seam": (30, 90, 170), "cut": (40, 40, 40), "mark": (190, 70, 40), "panel": (120, 120, 120)}
 
@@ -31,13 +31,13 @@ class Line:
 
     kind: str
     places: Values
-    """shape (k, 2)"""
+    """Places, shape (k, 2)"""
     closed: bool = True
 
 
 @dataclass(frozen=True)
 class Label:
-    """What is written at a place."""
+    """Text at a place."""
 
     kind: str
     place: Values
@@ -47,11 +47,11 @@ class Label:
 
 @dataclass(frozen=True)
 class PanelPattern:
-    """What is drawn of flat panels."""
+    """Pattern of flat panels."""
 
     panels: Panels
     flat: Values
-    """laid out [m], shape (m, 2)"""
+    """Flat places, laid out [m], shape (m, 2)"""
 
     @cached_property
     def drawn(self) -> tuple[list[Line], list[Label]]:
@@ -108,7 +108,7 @@ class PanelPattern:
         return image
 
     def _in(self, places: Values, scale: float) -> Values:
-        """Places on the sheet, from its upper left corner, in a unit."""
+        """Return the places on the sheet, from its upper left corner, in a unit."""
         low, high = self._bounds
         return scale * np.stack([places[:, 0] - low[0], high[1] - places[:, 1]], axis=1)
 

@@ -21,21 +21,21 @@ class Panels:
     """The triangles of a mesh, sewn of panels."""
 
     mesh: PolygonMesh
-    """sewn, of triangles"""
+    """Sewn mesh of triangles"""
     corners: Numbers
-    """of the triangles, as vertices of the panels, shape (t, 3)"""
+    """Corners of the triangles, as vertices of the panels, shape (t, 3)"""
     sewn_to: Numbers
-    """the vertex of the mesh that each vertex of the panels becomes, shape (m,)"""
+    """Vertex of the mesh that each vertex of the panels becomes, shape (m,)"""
     of_faces: Numbers
-    """the panel of each triangle, shape (t,)"""
+    """Panel of each triangle, shape (t,)"""
     seams: Numbers
-    """the two sides of each seam's edge, from the lower vertex of the mesh to the higher, shape (s, 2, 2)"""
+    """Two sides of each seam's edge, from the lower vertex of the mesh to the higher, shape (s, 2, 2)"""
     forward: NDArray[np.bool_]
-    """whether the panel's border runs that way, its inside on the left, shape (s, 2)"""
+    """Whether the panel's border runs that way, its inside on the left, shape (s, 2)"""
 
     @property
     def count(self) -> int:
-        """Of panels."""
+        """Number of panels."""
         return int(self.of_faces.max()) + 1
 
     @cached_property
@@ -62,7 +62,7 @@ class Panels:
         return found
 
     def flat_mesh(self, flat: Values) -> PolygonMesh:
-        """The panels as a mesh in the plane, by their flat places, shape (m, 2)."""
+        """Return the panels as a mesh in the plane, by their flat places, shape (m, 2)."""
         points = np.concatenate([flat, np.zeros((len(flat), 1))], axis=1)
         counts = np.full(len(self.corners), 3, dtype=np.int32)
         return PolygonMesh(points, counts, self.corners.ravel().astype(np.int32), f"{self.mesh.name}_panels")
@@ -105,7 +105,7 @@ def cut_into_panels(mesh: PolygonMesh, seams: Numbers) -> Panels:
 
 
 def _on_seams(mesh: PolygonMesh, ends: Numbers, seams: Numbers) -> NDArray[np.bool_]:
-    """Which edges are on a seam."""
+    """Return a mask of the edges on a seam."""
     keys = ends.min(axis=1) * mesh.vertex_count + ends.max(axis=1)
     wanted = seams.min(axis=1) * mesh.vertex_count + seams.max(axis=1)
     if not np.isin(wanted, keys).all():

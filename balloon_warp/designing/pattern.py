@@ -13,11 +13,11 @@ from balloon_warp.foil.outlines import from_extra
 
 Values = NDArray[np.float64]
 Loops = Sequence[Sequence[NDArray[np.int64]]]
-"""vertices of each loop, of each part"""
+"""Vertices of each loop, of each part"""
 SEAM = 0.008
-"""allowance beyond the seam [m]"""
+"""Allowance beyond the seam [m]"""
 MARGIN = 0.01
-"""[m]"""
+"""Margin of the page [m]"""
 PIXELS, GAP = 900, 40
 COLORS = {
     "wanted": (190, 190, 190),
@@ -70,7 +70,7 @@ def outline_picture(lines: Mapping[str, Sequence[Values]], loops: Loops) -> Imag
 
 
 def _split(rim: Values, loops: Sequence[NDArray[Any]]) -> list[Values]:
-    """A part's loops, the longest first."""
+    """Return a part's loops, the longest first."""
     lines = np.split(rim, np.cumsum([len(loop) for loop in loops])[:-1])
     return sorted(lines, key=lambda line: -float(np.ptp(line, axis=0).sum()))
 

@@ -18,9 +18,9 @@ from balloon_warp.simulator import Simulator
 Values = NDArray[np.float64]
 SIZE = (480, 420)
 FULL = 0.02
-"""of the size, from which the color is the last"""
+"""Error over the size from which on the color is the last"""
 BANDS = np.array([[0.10, 0.42, 0.62], [0.55, 0.75, 0.72], [0.95, 0.85, 0.45], [0.85, 0.35, 0.12], [0.45, 0.02, 0.08]])
-"""linear RGB from no error to `FULL`"""
+"""Linear RGB from zero error to `FULL`"""
 SAMPLES = 4
 
 
@@ -40,26 +40,26 @@ def error_picture(ruler: Ruler, shapes: Sequence[tuple[str, Values]]) -> Image.I
 
 
 def colored(mesh: PolygonMesh, off: Values) -> PolygonMesh:
-    """The mesh with the color of each vertex's error, a part of the size, shape (n,)."""
+    """Return the mesh with the color of each vertex's error, a fraction of the size, shape (n,)."""
     colors = linear_colors(off)
     none = np.full(len(mesh.face_vertex_indices), -1, dtype=np.int32)
     return replace(mesh, looks=Looks((), none, colors[mesh.face_vertex_indices].astype(np.float32)))
 
 
 def linear_colors(off: Values) -> Values:
-    """The color of each error, linear RGB, shape (n, 3)."""
+    """Return the color of each error, linear RGB, shape (n, 3)."""
     place = np.clip(off / FULL, 0.0, 1.0) * (len(BANDS) - 1)
     return np.stack([np.interp(place, np.arange(len(BANDS)), band) for band in BANDS.T], axis=1)
 
 
 def error_colors(off: Values) -> Values:
-    """The same as screens have it, sRGB."""
+    """Return the color of each error in sRGB, shape (n, 3)."""
     linear = linear_colors(off)
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-9) ** (1.0 / 2.4) - 0.055)
 
 
 def stacked(above: Image.Image, below: Image.Image) -> Image.Image:
-    """Put a picture below another, as wide."""
+    """Stack one picture above another of the same width."""
     height = round(below.height * above.width / below.width)
     image = Image.new("RGB", (above.width, above.height + height), (255, 255, 255))
     image.paste(above, (0, 0))

@@ -1,4 +1,4 @@
-"""What a design becomes: simulated from rest by the product, with a sealed gas, until nothing moves."""
+"""Proof of a design: simulation from rest with a sealed gas until nothing moves."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,15 +14,15 @@ from balloon_warp.simulator import Simulator
 from balloon_warp.statics.volume import SealedGas
 
 SLOW = 0.005
-"""of its size a second is at rest"""
+"""Speed that counts as rest [sizes a second]"""
 SLOW_FOIL = 0.05
-"""the same of foil, so stiff that float32 lets it tremble"""
+"""Speed of foil that counts as rest [sizes a second]: foil is so stiff that it trembles in float32"""
 MOST_SECONDS = 30.0
 FILL_SECONDS = 1.0
 DAMPING_RATE = 12.0
-"""[1/s], with which it comes to rest within seconds"""
+"""Damping rate [1/s], with which it comes to rest within seconds"""
 MORE_FRAMES = 30
-"""that a scene has beyond rest"""
+"""Number of a scene's frames beyond rest"""
 
 
 @dataclass(frozen=True)
@@ -30,35 +30,36 @@ class Simulated:
     """A design at rest."""
 
     points: NDArray[np.float64]
-    """of its particles [m], shape (n, 3)"""
+    """Points of its particles [m], shape (n, 3)"""
     pressure: float
-    """[Pa]"""
+    """Pressure [Pa]"""
     frames: int
-    """until it was at rest"""
+    """Number of frames until it was at rest"""
 
 
 def filled(gas: SealedGas, start_volume: float) -> Inflation:
-    """The inflation that brings a balloon that begins at the air's pressure to that amount of gas."""
+    """Return the inflation that brings a balloon that begins at the air's pressure to that amount of gas."""
     begins = gas.air_pressure * start_volume / (GAS_CONSTANT * gas.temperature)
     return Inflation(moles=gas.amount - begins, fill_time=FILL_SECONDS, added_mass=0.0)
 
 
 def scene_of(balloon: Balloon, description: str, frames: int) -> Scene:
-    """The balloon alone, without gravity."""
+    """Return the balloon alone, without gravity."""
     return Scene(description=description, balloon=[balloon], gravity=0.0, frames=frames)
 
 
 def common_fields(mesh: Path | Any, inflation: Inflation) -> dict[str, Any]:
-    """What balloons of all designs have."""
+    """Return the fields that balloons of all designs share."""
     return {"mesh": mesh, "parts": "free", "holes": "keep", "weld": False, "inflation": inflation}
 
 
 def simulate_from_rest(scene: Scene, size: float, device: str | None, slow: float = SLOW) -> Simulated | str:
-    """What becomes of the scene's balloon; or why nothing does, in a sentence.
+    """Simulate the scene's balloon; or return why that fails, in a sentence.
 
     Args:
-        size: of what is wanted [m].
-        slow: of the size a second is at rest.
+        size: Size of the target [m].
+        device: As for `simulate`.
+        slow: Speed that counts as rest [sizes a second].
     """
     try:
         simulator = Simulator(scene, device)

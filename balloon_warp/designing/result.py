@@ -1,4 +1,4 @@
-"""What a design is, once it was simulated."""
+"""Result of a design, once it was simulated."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,24 +18,25 @@ class Design(Shown):
     """A balloon that was designed, and what becomes of it from rest."""
 
     scene: Scene
-    """that runs as it is"""
+    """Scene that runs as it is"""
     folder: Path
-    """with the scene and its files"""
+    """Folder with the scene and its files"""
     error: Error
-    """of what was simulated from rest, against the wanted shape"""
+    """Error of the simulation from rest, against the target shape"""
     held_error: Error
-    """of the balance that was designed: where it is much smaller than `error`, the balloon comes to rest elsewhere"""
+    """Error of the designed equilibrium: where it is much smaller than `error`, the balloon comes to rest elsewhere"""
     plain_error: Error | None
-    """of the rival: the wanted shape made smaller by the same stretch, of the same material, inflated as much"""
+    """Error of the baseline: the target shape scaled down by the same stretch, of the same material, inflated as
+    much"""
     stretch: float
-    """of what was designed, in the mean [1]"""
+    """Mean stretch of the design [1]"""
     cannot: list[str]
-    """what does not become as it should, a sentence each"""
+    """Shortcomings, a sentence each"""
     simulated: NDArray[np.float64]
-    """points at rest [m], shape (n, 3)"""
+    """Points at rest [m], shape (n, 3)"""
 
     def report(self) -> dict[str, Any]:
-        """All of it that fits into JSON."""
+        """Return all of it that fits into JSON."""
         errors = {"error": self.error, "held_error": self.held_error, "plain_error": self.plain_error}
         parts = {
             name: None if each is None else {"mean": each.mean, "worst": each.worst} for name, each in errors.items()

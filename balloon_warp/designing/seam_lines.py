@@ -17,9 +17,9 @@ class SeamLine:
     """One seam, from end to end."""
 
     sides: Numbers
-    """vertices of the panels along both sides, shape (2, k)"""
+    """Vertices of the panels along both sides, shape (2, k)"""
     forward: tuple[bool, bool]
-    """whether the panel of a side is on the left of it"""
+    """Whether the panel of a side is on the left of it"""
 
     def marks(self, flat: Values, spacing: float) -> tuple[Values, Values]:
         """Places that meet when it is sewn, evenly along it, and the ways out of the panels, shapes (2, c, 2).
@@ -43,7 +43,7 @@ class SeamLine:
 
 
 def seam_lines(panels: Panels) -> list[SeamLine]:
-    """All seams, each from where it meets others, or ends, to the next such place."""
+    """Return all seams, each from where it meets others, or ends, to the next such place."""
     ends = panels.sewn_to[panels.seams[:, 0]]  # of both sides the same
     sides = np.sort(panels.of_vertices[panels.seams[:, :, 0]], axis=1)
     degrees = np.bincount(ends.ravel(), minlength=panels.mesh.vertex_count)
@@ -61,7 +61,7 @@ def seam_lines(panels: Panels) -> list[SeamLine]:
 
 
 def _line(panels: Panels, ends: Numbers, edges: Numbers) -> SeamLine:
-    """The edges of a seam in order."""
+    """Return the edges of a seam in order."""
     left = {int(edge) for edge in edges}
     count = np.bincount(ends[edges].ravel())
     odd = np.flatnonzero(count == 1)

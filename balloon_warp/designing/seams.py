@@ -14,11 +14,11 @@ from balloon_warp.mesh.topology import mesh_edges
 Numbers = NDArray[np.int64]
 MATERIALS, GROUPS = "materials", "groups"
 NEAR = 1.0e-6
-"""of the size, within which a vertex that was read is one that was kept"""
+"""Distance within which a vertex that was read is one that was kept, over the size"""
 
 
 def seams_of(said: str, read: PolygonMesh, kept: PolygonMesh) -> Numbers:
-    """The edges along which a mesh is to be cut, by their ends, shape (k, 2).
+    """Return the edges along which a mesh is to be cut, by their ends, shape (k, 2).
 
     Args:
         said: "materials", "groups", or a file: `l` lines of an .obj file, as Blender writes loose edges, or rows of
@@ -44,7 +44,7 @@ def seams_of(said: str, read: PolygonMesh, kept: PolygonMesh) -> Numbers:
 
 
 def _pairs_in(path: Path) -> Numbers:
-    """Vertices at both ends of each edge along a seam, counted from 1."""
+    """Return the vertices at both ends of each edge along a seam, counted from 1."""
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError):
@@ -73,7 +73,7 @@ def _pairs_in(path: Path) -> Numbers:
 
 
 def _between(mesh: PolygonMesh, labels: Numbers, said: str) -> Numbers:
-    """The edges between faces of different labels."""
+    """Return the edges between faces of different labels."""
     edges = mesh_edges(mesh)
     faces = np.repeat(np.arange(mesh.face_count), mesh.face_vertex_counts)[edges.corners].reshape(-1, 2)
     seams = edges.ends[labels[faces[:, 0]] != labels[faces[:, 1]]]
@@ -83,7 +83,7 @@ def _between(mesh: PolygonMesh, labels: Numbers, said: str) -> Numbers:
 
 
 def _material_labels(mesh: PolygonMesh) -> Numbers:
-    """The material of each face."""
+    """Return the material of each face."""
     if mesh.looks is None:
         return np.zeros(mesh.face_count, dtype=np.int64)
     starts = np.cumsum(mesh.face_vertex_counts) - mesh.face_vertex_counts
@@ -91,7 +91,7 @@ def _material_labels(mesh: PolygonMesh) -> Numbers:
 
 
 def _group_labels(mesh: PolygonMesh) -> Numbers:
-    """The groups of each face: those that have all of its vertices, the smallest if there are several."""
+    """Return the groups of each face: those that have all of its vertices, the smallest if there are several."""
     labels = np.full(mesh.face_count, -1, dtype=np.int64)
     starts = np.cumsum(mesh.face_vertex_counts) - mesh.face_vertex_counts
     groups = sorted(mesh.groups.values(), key=len)

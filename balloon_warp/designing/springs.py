@@ -18,13 +18,13 @@ from balloon_warp.statics.volume import SealedGas, Volume
 Values = NDArray[np.float64]
 Hold = Literal["tension", "any"]
 PRESSURE = 200.0
-"""that the plain springs would bear in the wanted shape [Pa]"""
+"""Pressure that the plain springs would bear in the target shape [Pa]"""
 OF_KINDS = np.array([1.0, 0.5, 0.25])
-"""the constants of structural, shear and flexion springs, over each other"""
+"""Ratios of the constants of structural, shear and flexion springs"""
 LEAST, MOST = 0.3, 1.3
-"""rest lengths over the lengths in the wanted shape: springs that may push are no longer"""
+"""Range of rest lengths over the lengths in the target shape: springs that may push are no longer"""
 FURTHEST = 0.15
-"""by which part of it a rest length changes in a step"""
+"""Largest relative change of a rest length in a step"""
 
 
 @dataclass(frozen=True)
@@ -33,9 +33,9 @@ class SpringProblem:
 
     ruler: Ruler
     stretch: float
-    """of the plain springs that it begins with"""
+    """Stretch of the plain springs that it begins with"""
     hold: Hold
-    """whether springs only pull, or may also push"""
+    """Forces that springs may bear: tension alone, or also compression"""
 
     @property
     def mesh(self) -> PolygonMesh:
@@ -44,17 +44,17 @@ class SpringProblem:
 
     @cached_property
     def springs(self) -> Springs:
-        """Of the mesh."""
+        """Springs of the mesh."""
         return build_springs(self.mesh)
 
     @cached_property
     def volume(self) -> Volume:
-        """Of the mesh."""
+        """Volume of the mesh."""
         return Volume(self.mesh)
 
     @cached_property
     def gas(self) -> SealedGas:
-        """What fills the wanted shape."""
+        """Gas that fills the target shape."""
         return SealedGas.of(PRESSURE, self.volume.of(self.mesh.points))
 
     @property
@@ -64,18 +64,18 @@ class SpringProblem:
 
     @cached_property
     def constants(self) -> Values:
-        """Of each spring [N/m]: plain ones bear the pressure as well as they can."""
+        """Constant of each spring [N/m]: plain ones bear the pressure as well as they can."""
         of_kinds = OF_KINDS[self.springs.kind]
         forces = SpringSkin(self._pairs, self.plain, of_kinds).forces(self.mesh.points)
         slopes = self.volume.slopes(self.mesh.points)
         return of_kinds * (-PRESSURE * (slopes * slopes).sum() / (forces * slopes).sum())
 
     def balance(self, design: Values) -> Balance:
-        """The balloon of springs of these rest lengths."""
+        """Return the balloon of springs of these rest lengths."""
         return Balance(SpringSkin(self._pairs, design, self.constants), self.volume, self.gas)
 
     def by_design(self, balance: Balance, points: Values) -> sparse.csc_matrix:
-        """The derivatives of its forces by the rest lengths."""
+        """Return the derivatives of its forces by the rest lengths."""
         return balance.skin.forces_by_lengths(points)
 
     def easily(self, design: Values, stuck: NDArray[np.bool_]) -> sparse.spmatrix:
@@ -83,17 +83,17 @@ class SpringProblem:
         return sparse.diags(np.where(stuck, 0.0, design))
 
     def allowed(self, design: Values) -> bool:
-        """Springs of any length can be made."""
+        """Return True: springs of any length can be made."""
         return True
 
     def changed(self, design: Values, change: Values) -> Values:
-        """The rest lengths with a change, within their bounds."""
+        """Return the rest lengths with a change, within their bounds."""
         most = (1.0 if self.hold == "tension" else MOST) * self.springs.rest_lengths
         low = np.maximum(LEAST * self.springs.rest_lengths, (1.0 - FURTHEST) * design)
         return np.clip(design + change, low, np.minimum(most, (1.0 + FURTHEST) * design))
 
     def mean_stretch(self, design: Values) -> float:
-        """Of all springs, by their constants."""
+        """Return the mean stretch of all springs, weighted by their constants."""
         return float((self.constants * self.springs.rest_lengths).sum() / (self.constants * design).sum())
 
     @cached_property

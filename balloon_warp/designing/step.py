@@ -16,19 +16,19 @@ class DesignStep:
     """A balloon at rest, as it is after a step of its design."""
 
     ruler: Ruler
-    """of the wanted shape"""
+    """Ruler of the target shape"""
     number: int
-    """of steps that were tried"""
+    """Number of steps tried"""
     points: Values
-    """at rest [m], shape (n, 3)"""
+    """Points at rest [m], shape (n, 3)"""
     stretch: float | None
-    """in the mean [1]; None where it is not known yet"""
+    """Mean stretch [1]; None where it is not known yet"""
     proven: bool = False
-    """whether it is what was simulated from rest, in the end"""
+    """Whether it is the final simulation from rest"""
 
     @property
     def label(self) -> str:
-        """What it is, in a few words."""
+        """Label in a few words."""
         return "simulated from rest" if self.proven else f"step {self.number}"
 
     @cached_property
@@ -38,10 +38,10 @@ class DesignStep:
 
     @cached_property
     def error(self) -> Error:
-        """How far it is off."""
+        """Error of the shape."""
         return self.ruler.error(self.points)
 
     @cached_property
     def off(self) -> Values:
-        """How far each vertex is off, over the size, shape (n,)."""
+        """Distance of each vertex from the target, over the size, shape (n,)."""
         return self.ruler.distances(self.points)[: len(self.points)]

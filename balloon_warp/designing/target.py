@@ -18,11 +18,11 @@ from balloon_warp.mesh.prepare import Treatment, prepared
 from balloon_warp.mesh.topology import border_edges, is_closed, mesh_edges, vertex_components
 
 LEAST_SIZE, MOST_SIZE = 0.01, 100.0
-"""[m]"""
+"""Range of sizes [m]"""
 MOST_VERTICES = 20_000
-"""that are designed within minutes"""
+"""Largest number of vertices that are designed within minutes"""
 INSIDE = 1.0e-9
-"""of an edge and of a triangle counts as crossing, so that what only touches does not"""
+"""Margin inside an edge and a triangle for a crossing, so that touching does not count"""
 
 
 def target_of(given: str | Path | MeshLike, size: float) -> PolygonMesh:
@@ -72,7 +72,7 @@ def shape_of(given: str | Path | MeshLike) -> tuple[PolygonMesh, PolygonMesh]:
 
 
 def centered(mesh: PolygonMesh, size: float) -> PolygonMesh:
-    """The bare shape in meters about the origin, of a size."""
+    """Return the bare shape in meters about the origin, of a size."""
     points = mesh.points * mesh.meters_per_unit
     points = points - 0.5 * (points.max(axis=0) + points.min(axis=0))
     return replace(
@@ -92,7 +92,7 @@ def require_size(size: float) -> None:
 
 
 def crossing_triangles(mesh: PolygonMesh) -> NDArray[np.int64]:
-    """Pairs of an edge and a triangle that it goes through, shape (n, 2)."""
+    """Return the pairs of an edge and a triangle that it goes through, shape (n, 2)."""
     triangles, ends = Ruler(mesh).triangles, mesh_edges(mesh).ends
     corners, segments = mesh.points[triangles], mesh.points[ends]
     middles, halves = segments.mean(axis=1), 0.5 * np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1)
@@ -109,7 +109,7 @@ def crossing_triangles(mesh: PolygonMesh) -> NDArray[np.int64]:
 
 
 def _goes_through(segments: NDArray[np.float64], corners: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Whether each segment goes through its triangle (Moeller and Trumbore), shape (n,)."""
+    """Return whether each segment goes through its triangle (Moeller and Trumbore), shape (n,)."""
     start, way = segments[:, 0], segments[:, 1] - segments[:, 0]
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     across = np.cross(way, second)
@@ -123,7 +123,7 @@ def _goes_through(segments: NDArray[np.float64], corners: NDArray[np.float64]) -
 
 
 def _used(mesh: PolygonMesh) -> PolygonMesh:
-    """Without vertices of no face."""
+    """Return the mesh without unused vertices."""
     used, numbers = np.unique(mesh.face_vertex_indices, return_inverse=True)
     new = np.full(mesh.vertex_count, -1, dtype=np.int32)
     new[used] = np.arange(len(used), dtype=np.int32)
@@ -136,7 +136,7 @@ def _used(mesh: PolygonMesh) -> PolygonMesh:
 
 
 def _turned(mesh: PolygonMesh) -> PolygonMesh:
-    """With faces outward."""
+    """Return the mesh with faces outward."""
     starts = np.cumsum(mesh.face_vertex_counts) - mesh.face_vertex_counts
     order = np.concatenate([
         np.arange(start + count - 1, start - 1, -1)

@@ -1,4 +1,4 @@
-"""Where a design falls short, in sentences."""
+"""Places where a design falls short, in sentences."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,16 +9,16 @@ from balloon_warp.mesh.topology import mesh_edges
 
 Values = NDArray[np.float64]
 FAR = 0.02
-"""of the size, beyond which a vertex is where it should not be"""
+"""Distance over the size beyond which a vertex counts as misplaced"""
 MOST_PLACES = 4
 LEAST_VERTICES = 3
 FLAT = 0.5
-"""of the curvature of a ball of the shape's size; what has less is flat"""
+"""Curvature over that of a sphere of the shape's size below which a region is flat"""
 SIDES = (("left", "right"), ("bottom", "top"), ("back", "front"))
 
 
 def places_off(ruler: Ruler, points: Values, help_: str = "") -> list[str]:
-    """The places where a shape is off by more than `FAR`, the worst first, a sentence each.
+    """Return the places where a shape is off by more than `FAR`, the worst first, a sentence each.
 
     Args:
         points: of the shape [m], shape (n, 3).
@@ -44,7 +44,7 @@ def _sentence(ruler: Ruler, group: NDArray[np.int64], worst: float, help_: str) 
 
 
 def _curvature(ruler: Ruler, group: NDArray[np.int64]) -> float:
-    """How much normals turn over a group, over what they would on a ball of the shape's size."""
+    """Return the curvature of a group of vertices over that of a sphere of the shape's size."""
     places, normals = ruler.mesh.points[group], ruler.normals[group]
     reach = np.linalg.norm(places - places.mean(axis=0), axis=1).mean()
     turn = np.linalg.norm(normals - normals.mean(axis=0), axis=1).mean()

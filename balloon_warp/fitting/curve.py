@@ -25,7 +25,7 @@ from balloon_warp.statics.volume import SealedGas, Volume
 Values = NDArray[np.float64]
 Kind = Literal["mooney_rivlin", "gent", "ogden"]
 EXPONENTS = (1.3, 5.0, -2.0)
-"""of an Ogden material, as for rubber (Ogden 1972): its moduli are what is fitted"""
+"""Exponents of an Ogden material for rubber (Ogden 1972): its moduli are fitted"""
 STARTS: dict[str, list[tuple[float, ...]]] = {
     "mooney_rivlin": [(3.0e5, 0.02), (3.0e5, 0.2)],
     "gent": [(3.0e5, 20.0), (3.0e5, 60.0), (3.0e5, 150.0)],
@@ -44,9 +44,9 @@ class Curve:
     """A measured curve."""
 
     volumes: Values
-    """[m^3], shape (n,)"""
+    """Volumes [m^3], shape (n,)"""
     pressures: Values
-    """above the air's [Pa], shape (n,)"""
+    """Gauge pressures [Pa], shape (n,)"""
 
 
 @dataclass(frozen=True)
@@ -55,9 +55,9 @@ class CurveFit:
 
     fit: Fit
     pressures: Values
-    """at the measured volumes [Pa], shape (n,)"""
+    """Fitted pressures at the measured volumes [Pa], shape (n,)"""
     toml: str
-    """a table of a scene file"""
+    """Table of a scene file"""
 
 
 def read_curve(path: Path) -> Curve:
@@ -134,7 +134,7 @@ def fit_curve(
 
 
 def sphere_pressures(kind: str, values: Values, volumes: Values, thickness: float, radius: float) -> Values:
-    """The law of a thin sphere: 2 h / R W_1 / stretch^2 [Pa]."""
+    """Return the law of a thin sphere: 2 h / R W_1 / stretch^2 [Pa]."""
     stretches = (3.0 * volumes / (4.0 * np.pi)) ** (1.0 / 3.0) / radius
     told = {
         name: np.full(1, number) if np.ndim(number) == 0 else number for name, number in _numbers(kind, values).items()
@@ -160,7 +160,7 @@ class MeshCurve:
         self._points = [mesh.points * max(factor, 1.01) for factor in growth]
 
     def pressures(self, values: Values) -> Values:
-        """At the volumes [Pa], shape (n,); not a number where there is no balance."""
+        """Return the pressures at the volumes [Pa], shape (n,); NaN where there is no equilibrium."""
         film, found = replace(self._film, numbers=_numbers(self._kind, values)), np.full(len(self._volumes), 1.0e6)
         for row, volume in enumerate(self._volumes):
             points = self._points[row]
@@ -177,7 +177,7 @@ def _fitted(
     curve: Curve, pressures: Callable[[Values], Values], names: list[str], starts: list[tuple[float, ...]], kind: str,
     thickness: float, on_stage: Callable[[str], None],
 ) -> CurveFit:  # fmt: skip
-    """The best of least squares from all starts, by logarithms."""
+    """Return the best of least squares from all starts, by logarithms."""
     unit = np.abs(curve.pressures).max()
     found = []
     for number, start in enumerate(starts, start=1):
@@ -199,7 +199,7 @@ def _fitted(
 
 
 def _numbers(kind: str, values: Values) -> dict[str, Any]:
-    """The law's parameters of what is fitted."""
+    """Return the law's parameters of what is fitted."""
     if kind == "ogden":
         moduli = np.array(values[:3]) * np.sign(EXPONENTS)
         return {"ogden_moduli": moduli, "ogden_exponents": np.array(EXPONENTS)}

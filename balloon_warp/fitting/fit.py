@@ -20,7 +20,7 @@ from balloon_warp.trajectories import Trajectories, simulate
 Values = NDArray[np.float64]
 ROUNDS = 16
 SPREAD = 0.8
-"""of the way between the bounds, that starts are spread over"""
+"""Fraction of the range between the bounds that starts are spread over"""
 
 
 def fit(
@@ -36,25 +36,26 @@ def fit(
     laws: Sequence[Law] = (),
     on_stage: Callable[[str], None] = lambda stage: None,
 ) -> Fit:
-    """Find the values of a scene that explain what was measured: least squares from many starts, all of which, and all
-    their differences, are worlds of one batch.
+    """Find the values of a scene that explain measured data, by least squares from many starts.
+
+    All starts, and all their differences, are worlds of one batch.
 
     Args:
-        scene: what was measured, with all that is known of it.
-        data: a .npz file or a mapping: `times` [s], and then `points` with the `particles` they are of, `volumes` or
-            `pressures`, of the first balloon; `noise`, `volume_noise` and `pressure_noise` are deviations. Points that
-            were hidden are not a number.
-        free: what is not known: dotted paths, and the lowest and highest value. The first is scanned from half-way on.
-        starts: how many.
-        rounds: of steps, at most.
-        seed: of where starts are.
-        device: a Warp device; if missing, the GPU or else the CPU.
-        schedule: as for `simulate`.
-        laws: your own, which act beside the built-in ones.
-        on_stage: told what is done, a few words each time.
+        scene: Scene that was measured, with all that is known of it.
+        data: A .npz file or a mapping: `times` [s], and then `points` with their `particles`, `volumes` or
+            `pressures`, of the first balloon; `noise`, `volume_noise` and `pressure_noise` are standard deviations.
+            Hidden points are NaN.
+        free: Unknown values: dotted paths, and the lowest and highest value. The first is scanned from half-way on.
+        starts: Number of starting points.
+        rounds: Largest number of steps.
+        seed: Seed of the starting points.
+        device: A Warp device; if missing, the GPU or else the CPU.
+        schedule: As for `simulate`.
+        laws: User-defined laws, besides the built-in ones.
+        on_stage: Called with a few words at each stage.
 
     Raises:
-        InputError: the data, a path or a bound is wrong, or no start can be simulated.
+        InputError: The data, a path or a bound is wrong, or no start can be simulated.
     """
     scene = scene_of(scene)
     bounds = _bounds(free)
@@ -91,7 +92,7 @@ def fit(
 
 
 def _bounds(free: Mapping[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
-    """What is free, checked.
+    """Return the free values, checked.
 
     Raises:
         InputError: nothing is, or a bound is wrong.
@@ -111,7 +112,7 @@ def _bounds(free: Mapping[str, tuple[float, float]]) -> dict[str, tuple[float, f
 
 
 def _forward(run: Callable[[dict[str, Values], int], Trajectories], measured: Measured, bounds: dict) -> Forward:
-    """From places between the bounds to what worlds are off."""
+    """Return the function from places between the bounds to the residuals of worlds."""
 
     def forward(places: Values) -> Values:
         values = _values(bounds, places)
@@ -132,7 +133,7 @@ def _forward(run: Callable[[dict[str, Values], int], Trajectories], measured: Me
 
 
 def _off(moved: Trajectories, count: int, measured: Measured) -> Values:
-    """Residuals of simulated worlds, shape (count, ...)."""
+    """Return the residuals of simulated worlds, shape (count, ...)."""
     alone = moved.pressures.ndim == 2
     tracks: dict[str, Values] = {}
     for name in measured.tracks:
@@ -146,7 +147,7 @@ def _off(moved: Trajectories, count: int, measured: Measured) -> Values:
 
 
 def _values(bounds: dict[str, tuple[float, float]], places: Values) -> Values:
-    """The values at places between the bounds, evenly by their logarithms where these are above 0; shape (n, p)."""
+    """Return the values at places between the bounds, shape (n, p), logarithmic where these are above 0."""
     columns = []
     for (low, high), place in zip(bounds.values(), places.T, strict=True):
         columns.append(low * (high / low) ** place if low > 0.0 else low + (high - low) * place)
@@ -154,5 +155,5 @@ def _values(bounds: dict[str, tuple[float, float]], places: Values) -> Values:
 
 
 def _slope(low: float, high: float, place: float) -> float:
-    """How fast a value changes with its place."""
+    """Return the derivative of a value by its place."""
     return float(np.log(high / low) * low * (high / low) ** place) if low > 0.0 else high - low

@@ -13,34 +13,34 @@ from numpy.typing import NDArray
 
 Values = NDArray[np.float64]
 Forward = Callable[[Values], Values]
-"""from rows of values, shape (n, p), to residuals, shape (n, m); not finite where there are none"""
+"""Function from rows of values, shape (n, p), to residuals, shape (n, m); not finite where there are none"""
 DIFFERENCE = 0.002
-"""of the way between the bounds"""
+"""Step of finite differences, over the range between the bounds"""
 FIRST_DAMPING = 1.0e-2
 EASED, STIFFENED = 5.0, 10.0
 LONGEST = 0.15
-"""step, of the way between the bounds"""
+"""Longest step, over the range between the bounds"""
 SCANS = (0.06, 0.02, 0.01)
-"""of the way between the bounds, around the best, one after the other"""
+"""Widths of successive scans around the best, over the range between the bounds"""
 SCAN_ROUNDS = 3
-"""that starts have after a scan until the next"""
+"""Number of rounds from one scan to the next"""
 SETTLED = 1.0e-5
-"""step below which the best start is done"""
+"""Step below which the best start has converged"""
 
 
 @dataclass
 class Starts:
-    """Where each start is; places are from 0 to 1 between the bounds."""
+    """State of the starts; places are from 0 to 1 between the bounds."""
 
     places: Values
-    """shape (s, p)"""
+    """Places, shape (s, p)"""
     costs: Values
-    """mean squares, shape (s,)"""
+    """Mean squares, shape (s,)"""
     dampings: Values
     residuals: Values
-    """shape (s, m)"""
+    """Residuals, shape (s, m)"""
     jacobians: Values
-    """by places, shape (s, m, p)"""
+    """Jacobians by places, shape (s, m, p)"""
 
     @property
     def best(self) -> int:
@@ -71,7 +71,7 @@ def search(forward: Forward, first: Values, rounds: int, on_round: Callable[[int
 
 
 def _begun(forward: Forward, places: Values) -> Starts:
-    """Residuals and differences of all places, asked for at once."""
+    """Return the residuals and differences of all places, asked for at once."""
     count, width = places.shape
     steps = np.where(places > 0.5, -DIFFERENCE, DIFFERENCE)
     rows = np.repeat(places[:, None], width + 1, axis=1)
@@ -86,7 +86,7 @@ def _begun(forward: Forward, places: Values) -> Starts:
 
 
 def _steps(starts: Starts) -> Values:
-    """The next place of each start."""
+    """Return the next place of each start."""
     trial = starts.places.copy()
     for row, cost in enumerate(starts.costs):
         if not np.isfinite(cost):
@@ -100,7 +100,7 @@ def _steps(starts: Starts) -> Values:
 
 
 def _around_best(starts: Starts, width: float) -> Values:
-    """All around the best, with the first value scanned."""
+    """Return all around the best, with the first value scanned."""
     trial = np.tile(starts.places[starts.best], (len(starts.places), 1))
     trial[:, 0] = np.clip(trial[:, 0] + np.linspace(-width, width, len(trial)), 0.0, 1.0)
     return trial

@@ -1,4 +1,4 @@
-"""What was measured of a moving balloon."""
+"""Measured motion of a balloon."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from balloon_warp.errors import InputError
 
 Values = NDArray[np.float64]
 NOISES = {"points": "noise", "volumes": "volume_noise", "pressures": "pressure_noise"}
-"""what may be measured, and by which name the deviation of its noise is given"""
+"""Kinds of measured data, and names of the standard deviations of their noise"""
 EXPECTED = "times, and points with particles, volumes or pressures of one balloon"
 
 
@@ -21,21 +21,21 @@ class Measured:
     """Measures of one balloon at some times."""
 
     times: Values
-    """[s], shape (t,)"""
+    """Times [s], shape (t,)"""
     tracks: dict[str, Values]
-    """points, shape (t, m, 3); volumes, shape (t,); pressures, shape (t,)"""
+    """Points, shape (t, m, 3); volumes, shape (t,); pressures, shape (t,)"""
     particles: NDArray[np.int64]
-    """whose points they are, shape (m,)"""
+    """Particles of the points, shape (m,)"""
     noises: dict[str, float]
-    """deviations, where they are known"""
+    """Standard deviations, where they are known"""
     balloon: int = 0
 
     def residuals(self, tracks: Mapping[str, Values], times: Values) -> Values:
-        """What simulated worlds are off, over the noise, shape (w, ...).
+        """Return the residuals of simulated worlds over the noise, shape (w, ...).
 
         Args:
-            tracks: of all frames, by name, shape (w, f, ...).
-            times: of the frames [s], shape (f,).
+            tracks: Simulated data of all frames, by name, shape (w, f, ...).
+            times: Times of the frames [s], shape (f,).
         """
         after = np.clip(np.searchsorted(times, self.times), 1, len(times) - 1)
         share = (self.times - times[after - 1]) / (times[after] - times[after - 1])

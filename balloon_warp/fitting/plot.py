@@ -8,7 +8,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 Values = NDArray[np.float64]
 SIZE, MARGIN = (720, 480), (80, 24, 24, 56)
-"""pixels; left, top, right, bottom"""
+"""Size and margins [pixels]; left, top, right, bottom"""
 PAPER, INK, FAINT, LINE, DOT = (255, 255, 255), (40, 40, 40), (225, 225, 225), (40, 105, 160), (200, 60, 30)
 TICKS = 5
 

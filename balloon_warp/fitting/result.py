@@ -1,4 +1,4 @@
-"""What a fit found, and how surely."""
+"""Result of a fit, with its uncertainties."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from balloon_warp.shown import Shown, described
 
 VAGUE = 0.05
-"""of a value: what is seen no better is said"""
+"""Relative uncertainty above which a value is reported as vague"""
 MISSES = 1.02
-"""times the noise: a misfit above may be another minimum"""
+"""Misfit over the noise above which the fit may be another minimum"""
 TWINS = 0.98
-"""correlation from which on two values are hardly told apart"""
+"""Correlation from which on two values can hardly be told apart"""
 
 
 @described
@@ -22,20 +22,20 @@ class Fit(Shown):
     """Values that explain what was measured, with what is known of them."""
 
     values: dict[str, float]
-    """by path, or by name"""
+    """Values by path, or by name"""
     errors: dict[str, float]
-    """one standard deviation of each, in its unit"""
+    """Standard deviation of each, in its unit"""
     correlations: NDArray[np.float64]
-    """of the errors, in the order of `values`, shape (n, n)"""
+    """Correlations of the errors, in the order of `values`, shape (n, n)"""
     misfit: float
-    """root mean square of what is left, over the noise where that is known [1], else in the unit of the data"""
+    """Root mean square of the residuals, over the noise where that is known [1], else in the unit of the data"""
     noise_known: bool
     starts: NDArray[np.float64]
-    """the misfit that each start came to, ascending"""
+    """Misfit that each start reached, ascending"""
 
     @property
     def doubts(self) -> list[str]:
-        """What is not known well, a sentence each."""
+        """Sentences on values that are not well known."""
         names = list(self.values)
         said = [
             f"{name} is seen to {100.0 * abs(self.errors[name] / value):.2g}% only"
@@ -52,7 +52,7 @@ class Fit(Shown):
         return said
 
     def report(self) -> dict[str, Any]:
-        """All of it that fits into JSON."""
+        """Return all of it that fits into JSON."""
         return {
             "values": self.values,
             "errors": self.errors,
@@ -70,7 +70,7 @@ def fit_of(
     names: list[str], values: NDArray[np.float64], jacobian: NDArray[np.float64], misfit: float, noise_known: bool,
     starts: NDArray[np.float64],
 ) -> Fit:  # fmt: skip
-    """The fit whose residuals have these derivatives by the values.
+    """Return the fit whose residuals have these derivatives by the values.
 
     Args:
         jacobian: of residuals over the noise, or in the data's unit where that is not known, shape (m, n).

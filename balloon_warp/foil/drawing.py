@@ -12,7 +12,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.foil.outlines import enclosed, from_extra, united
 
 PARTS_OF_CURVE = 32
-"""straight lines that a curve is divided into, between two of its points in the file"""
+"""Number of straight lines that a curve is divided into, between two of its points in the file"""
 DAMAGED = (
     ParseError,
     ValueError,
@@ -23,12 +23,14 @@ DAMAGED = (
     RecursionError,
     AssertionError,
 )
-"""what svgelements may stumble with over a file that is not as it expects"""
+"""Errors of svgelements for a file that is not as it expects"""
 
 
 def outlines_of_drawing(path: Path) -> list[Any]:
-    """Polygons of Shapely's of all closed paths and shapes of a drawing together, from left to right, y up, in some
-    unit. How they are painted does not matter; those of one path cut holes into each other by its fill rule.
+    """Return polygons of Shapely's of all closed paths and shapes of a drawing together.
+
+    From left to right, y up, in some unit. How they are painted does not matter; those of one path cut holes into each
+    other by its fill rule.
 
     Raises:
         InputError: the file cannot be read, or has none.
@@ -58,7 +60,7 @@ def _shapes(svg: Any, path: Path) -> Iterator[Any]:
 
 
 def _closed_loops(svg: Any, shape: Any) -> Iterator[NDArray[np.float64]]:
-    """The points along each closed path of a shape, shape (count, 2), y up."""
+    """Return the points along each closed path of a shape, shape (count, 2), y up."""
     for part in svg.Path(shape.segments(transformed=True)).as_subpaths():
         segments = [segment for segment in svg.Path(part) if not isinstance(segment, svg.Move)]
         if not segments or not _is_closed(svg, segments):

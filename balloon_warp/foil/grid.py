@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from balloon_warp.mesh.components import component_labels
 
 MARGIN = 0.5
-"""squares, that the kept ones stay within the outline at least; one more at most, so that a square fits between"""
+"""Least distance of the kept squares from the outline [squares]; at most one more, so that a square fits between"""
 AROUND = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
-"""corners of a square, counterclockwise"""
+"""Corners of a square, counterclockwise"""
 
 
 @dataclass(frozen=True)
@@ -19,15 +19,15 @@ class Squares:
     """Squares that hang together by their edges, as a mesh of quads."""
 
     points: NDArray[np.float64]
-    """shape (vertex_count, 2)"""
+    """Points, shape (vertex_count, 2)"""
     quads: NDArray[np.int64]
-    """counterclockwise, shape (quad_count, 4)"""
+    """Quads, counterclockwise, shape (quad_count, 4)"""
     loops: list[NDArray[np.int64]]
-    """vertices along each border, with the squares on the left"""
+    """Vertices along each border, with the squares on the left"""
 
 
 def squares_within(outline: Any, edge: float, shift: tuple[float, float]) -> Squares | None:
-    """The squares of a grid within a polygon of Shapely's; None where there are none.
+    """Return the squares of a grid within a polygon of Shapely's; None where there are none.
 
     Args:
         edge: of a square.
@@ -48,7 +48,7 @@ def squares_within(outline: Any, edge: float, shift: tuple[float, float]) -> Squ
 
 
 def _kept(outline: Any, first: NDArray[np.float64], count: NDArray[np.int64], edge: float) -> NDArray[np.bool_]:
-    """Which squares of the grid lie within the outline by the margin, shape of `count`."""
+    """Return a mask of the grid's squares that lie within the outline by the margin, shape of `count`."""
     import shapely
 
     within = outline.buffer(-MARGIN * edge)
@@ -59,7 +59,7 @@ def _kept(outline: Any, first: NDArray[np.float64], count: NDArray[np.int64], ed
 
 
 def _without_pinches(kept: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Less one of each two squares that touch at a corner alone, until there are none."""
+    """Return the mask without one of each two squares that touch at a corner alone, until there are none."""
     kept = np.pad(kept, 1)
     while True:
         here, right, above, across = kept[:-1, :-1], kept[1:, :-1], kept[:-1, 1:], kept[1:, 1:]
@@ -72,7 +72,7 @@ def _without_pinches(kept: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _largest_part(kept: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """The squares alone that hang together with most others, by edges."""
+    """Return the squares alone that hang together with most others, by edges."""
     number = np.arange(kept.size).reshape(kept.shape)
     beside, above = kept[1:] & kept[:-1], kept[:, 1:] & kept[:, :-1]
     first = np.concatenate([number[1:][beside], number[:, 1:][above]])
@@ -82,7 +82,10 @@ def _largest_part(kept: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def border_loops(quads: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-    """The vertices along each border of counterclockwise quads, with the quads on the left; no vertex is in two."""
+    """Return the vertices along each border of counterclockwise quads, with the quads on the left.
+
+    No vertex is in two.
+    """
     begin, end = quads.ravel(), np.roll(quads, -1, axis=1).ravel()
     inner = {(b, a) for a, b in zip(begin.tolist(), end.tolist(), strict=True)}
     following = {a: b for a, b in zip(begin.tolist(), end.tolist(), strict=True) if (a, b) not in inner}

@@ -10,14 +10,14 @@ from balloon_warp.foil.necks import with_necks
 from balloon_warp.foil.outlines import enclosed, from_extra
 
 FONT = "DejaVu Sans"
-"""which Matplotlib brings with it; bold"""
+"""Font that Matplotlib brings with it; bold"""
 FONT_SUFFIXES = (".ttf", ".otf", ".ttc")
 FINE = 100.0
-"""times the size in which Matplotlib has letters, it divides their curves finely"""
+"""Factor on the size at which Matplotlib divides the curves of letters finely"""
 
 
 def outlines_of_text(text: str, font: str | None = None) -> list[Any]:
-    """Polygons of Shapely's of a line of text, from left to right, in some unit: one each letter, with its dot.
+    """Return polygons of Shapely's of a line of text, from left to right, one for each letter with its dot.
 
     Args:
         font: a file, or the name of a family of the machine's.
@@ -44,7 +44,7 @@ def outlines_of_text(text: str, font: str | None = None) -> list[Any]:
 
 
 def _font(font: str | None) -> tuple[Any, Any]:
-    """A font as Matplotlib asks for it, and its face."""
+    """Return a font as Matplotlib asks for it, and its face."""
     manager = from_extra("matplotlib.font_manager")
     path = font or FONT
     is_file = path.lower().endswith(FONT_SUFFIXES)

@@ -11,12 +11,12 @@ from balloon_warp.foil.sheet import Sheet, sheet_of
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 
 HEIGHT = 0.35
-"""[m]"""
+"""Height [m]"""
 EDGES = 32
-"""in the height, where no edge is given"""
+"""Number of edges in the height, where no edge is given"""
 MOST_QUADS = 1_000_000
 FINEST = 4
-"""how often an edge is halved, until no part is too narrow for it"""
+"""Largest number of halvings of an edge, until no part is too narrow for it"""
 
 
 def foil_mesh(
@@ -76,7 +76,7 @@ def _sheets(source: str | Path, height: float, edge: float | None, font: str | N
 
 
 def _placed(outlines: list[Any], height: float) -> list[Any]:
-    """As high as asked for, standing on y = 0, about x = 0."""
+    """Return the outlines at the given height, standing on y = 0, about x = 0."""
     shapely = from_extra("shapely")
     left, low, right, high = shapely.total_bounds(outlines)
     scale, origin = height / (high - low), (0.5 * (left + right), low)

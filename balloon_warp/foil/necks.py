@@ -6,9 +6,9 @@ from typing import Any
 from balloon_warp.foil.outlines import from_extra, united
 
 WIDTH = 0.5
-"""of a neck, over what the parts have in common from left to right"""
+"""Width of a neck, over the horizontal overlap of the parts"""
 ABOVE = 0.5
-"""of the narrower part's width, the least that both have in common where one is above the other"""
+"""Least overlap of two parts, one above the other, over the narrower one's width"""
 
 
 def with_necks(outlines: Sequence[Any]) -> list[Any]:
@@ -27,7 +27,7 @@ def with_necks(outlines: Sequence[Any]) -> list[Any]:
 
 
 def _neck(lower: Any, upper: Any) -> Any | None:
-    """The rectangle that joins two parts; None where neither is above the other."""
+    """Return the rectangle that joins two parts; None where neither is above the other."""
     box, line = (getattr(from_extra("shapely"), name) for name in ("box", "LineString"))
     left, right = max(lower.bounds[0], upper.bounds[0]), min(lower.bounds[2], upper.bounds[2])
     narrower = min(part.bounds[2] - part.bounds[0] for part in (lower, upper))

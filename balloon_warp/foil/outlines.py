@@ -1,4 +1,4 @@
-"""What closed lines enclose, as polygons with holes."""
+"""Polygons with holes that closed lines enclose."""
 
 from collections.abc import Sequence
 from importlib import import_module
@@ -11,11 +11,11 @@ from balloon_warp.errors import MissingExtraError
 
 FillRule = Literal["nonzero", "evenodd"]
 CRUMB = 1e-6
-"""of the area of all, below which a polygon is none"""
+"""Area over that of all polygons below which a polygon is dropped"""
 
 
 def from_extra(module: str) -> Any:
-    """A module of a package that foil balloons need.
+    """Return a module of a package that foil balloons need.
 
     Raises:
         MissingExtraError: it is not installed.
@@ -28,7 +28,7 @@ def from_extra(module: str) -> Any:
 
 
 def enclosed(loops: Sequence[NDArray[np.float64]], rule: FillRule = "nonzero") -> list[Any]:
-    """The polygons of Shapely's that closed lines enclose together, whatever way they run and cross.
+    """Return the polygons of Shapely's that closed lines enclose together, whatever way they run and cross.
 
     Args:
         loops: points of each, shape (count, 2).
@@ -46,7 +46,7 @@ def enclosed(loops: Sequence[NDArray[np.float64]], rule: FillRule = "nonzero") -
 
 
 def united(polygons: Sequence[Any] | NDArray[Any]) -> list[Any]:
-    """Those of the polygons that touch as one, without crumbs, from left to right."""
+    """Return the polygons with touching ones merged, without crumbs, from left to right."""
     shapely = from_extra("shapely")
     parts = shapely.get_parts(shapely.union_all(polygons))
     areas = shapely.area(parts)
@@ -55,7 +55,7 @@ def united(polygons: Sequence[Any] | NDArray[Any]) -> list[Any]:
 
 
 def _turns_around(loop: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.int64]:
-    """How often a closed line runs around each place, counterclockwise, shape (place_count,)."""
+    """Return the winding number of a closed line around each place, counterclockwise, shape (place_count,)."""
     spokes = (loop - places[:, None]) @ [1.0, 1.0j]
     angles = np.angle(np.roll(spokes, -1, axis=1) * spokes.conj())
     return np.round(angles.sum(axis=1) / (2.0 * np.pi)).astype(np.int64)

@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 SHARP = np.radians(35.0)
-"""by which an outline turns at a corner that the rim keeps"""
+"""Least turn of an outline at a corner that the rim keeps"""
 EVENINGS = 30
-"""times that vertices along a ring move to the middle between their neighbors, at first"""
+"""Number of initial smoothing passes of vertices along a ring"""
 REACH = 2
-"""vertices along a loop, within which one is sought that turns as the corner of its ring does"""
+"""Number of vertices along a loop within which one is sought that turns as the corner of its ring does"""
 
 
 @dataclass
@@ -19,13 +19,13 @@ class Ring:
     """A closed line of an outline, and where the rim's vertices are along it."""
 
     corners: NDArray[np.float64]
-    """of the line, the first at the end again, shape (corner_count + 1, 2)"""
+    """Corners of the line, the first at the end again, shape (corner_count + 1, 2)"""
     vertices: NDArray[np.int64]
-    """of the rim, in the order in which they lie along the line"""
+    """Vertices of the rim, in the order in which they lie along the line"""
     places: NDArray[np.float64]
-    """of each from the line's start along it, ascending, within one length from the first to the last"""
+    """Distance of each from the line's start along it, ascending, within one length from the first to the last"""
     pinned: NDArray[np.bool_]
-    """which stay, at corners"""
+    """Mask of the vertices that stay, at corners"""
 
     def __post_init__(self):
         steps = np.diff(self.corners, axis=0)
@@ -35,16 +35,18 @@ class Ring:
 
     @property
     def length(self) -> float:
-        """of the line"""
+        """Length of the line."""
         return float(self._along[-1])
 
     def points(self) -> NDArray[np.float64]:
-        """Where the vertices are, shape (count, 2)."""
+        """Return the points of the vertices, shape (count, 2)."""
         return np.stack([np.interp(self.places % self.length, self._along, each) for each in self.corners.T], axis=1)
 
     def slide_towards(self, wanted: NDArray[np.float64]) -> None:
-        """Move each along the line towards the place wanted of it, past none of its neighbors, and a little to the
-        middle between them: into a notch many are drawn."""
+        """Move each vertex along the line towards its wanted place, past none of its neighbors.
+
+        And a little to the middle between them: into a notch many are drawn.
+        """
         segments = np.searchsorted(self._along, self.places % self.length, side="right") - 1
         headings = self._headings[np.minimum(segments, len(self._headings) - 1)]
         moves = ((wanted - self.points()) * headings).sum(axis=1)
@@ -66,9 +68,11 @@ class Ring:
 def ring_around(
     line: Any, loop: NDArray[np.int64], points: NDArray[np.float64], squares: NDArray[np.int64], first: int
 ) -> tuple[Ring, NDArray[np.int64]]:
-    """The ring that a loop of vertices grows onto, and the quads between. Each vertex of the loop gets one of the ring.
-    At a corner of the outline one that turns outward gets three, so that a quad ends in the corner; and one that turns
-    inward has none of its own, nor have its neighbors, but that in the corner.
+    """Return the ring that a loop of vertices grows onto, and the quads between.
+
+    Each vertex of the loop gets one of the ring. At a corner of the outline one that turns outward gets three, so that
+    a quad ends in the corner; and one that turns inward has none of its own, nor have its neighbors, but that in the
+    corner.
 
     Args:
         line: runs around as the loop does.
@@ -107,7 +111,7 @@ def ring_around(
 
 
 def _places_along(line: Any, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Where along a line each of the points around it is, ascending."""
+    """Return the places along a line of each of the points around it, ascending."""
     import shapely
 
     nearest = shapely.line_locate_point(line, shapely.points(points))
@@ -117,8 +121,10 @@ def _places_along(line: Any, points: NDArray[np.float64]) -> NDArray[np.float64]
 
 
 def _corners_at(line: Any, places: NDArray[np.float64], squares: NDArray[np.int64]) -> dict[int, float]:
-    """The vertices of the loop that belong to sharp corners of a line, and where along it these are: of each corner the
-    nearest that turns as it does, if there is one for it alone."""
+    """Return the vertices of the loop at sharp corners of a line, with the corners' places along it.
+
+    At each corner it is the nearest vertex that turns as the corner does, if there is one for it alone.
+    """
     count, taken = len(places), np.zeros(len(places), dtype=bool)
     found: dict[int, float] = {}
     for place, outward in zip(*_corners_of(line), strict=True):
@@ -135,7 +141,7 @@ def _corners_at(line: Any, places: NDArray[np.float64], squares: NDArray[np.int6
 
 
 def _corners_of(line: Any) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Where a ring of Shapely's turns sharply, along it from its start, and whether to the left, that is, outward."""
+    """Return the sharp corners of a ring of Shapely's: places along it, and whether they turn outward, to the left."""
     corners = np.asarray(line.coords)[:-1]
     steps = np.roll(corners, -1, axis=0) - corners
     lengths = np.linalg.norm(steps, axis=1)
@@ -149,7 +155,7 @@ def _corners_of(line: Any) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
 def _spread(
     line: Any, count: int, pins: dict[int, float], points: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Places of so many vertices along a line, evenly from pin to pin, and which are pinned."""
+    """Return the places of so many vertices along a line, evenly from pin to pin, and which are pinned."""
     import shapely
 
     pinned = np.zeros(count, dtype=bool)

@@ -8,14 +8,16 @@ from balloon_warp.foil.sheet import Sheet
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 
 SLACK = 0.05
-"""edges, by which either sheet lies off the plane of the rim, so that there is an inside; edges are 0.1% longer"""
+"""Distance of either sheet from the plane of the rim, so that there is an inside [edges]; edges are 0.1% longer"""
 
 DIGITS = 4
-"""that coordinates have after the first of an edge"""
+"""Number of digits of coordinates after the first of an edge"""
 
 
 def sewn(sheets: Sequence[Sheet], edge: float, name: str) -> PolygonMesh:
-    """A closed mesh of two of each of these sheets, back to back, y up and facing z: the rim's vertices are of both.
+    """Return a closed mesh of two of each of these sheets, back to back, which share the rim's vertices.
+
+    It has y up and faces z.
 
     Args:
         edge: about how long edges are [m].

@@ -16,21 +16,21 @@ from balloon_warp.foil.grid import squares_within
 from balloon_warp.foil.rim import Ring, ring_around
 
 FINE = 1e-3
-"""edges, to which an outline is followed"""
+"""Tolerance to which an outline is followed [edges]"""
 TRIES = 9
-"""edges, from as long as asked for to half of it"""
+"""Number of edge lengths tried, from the given one to half of it"""
 SHIFTS = ((0.0, 0.0), (0.5, 0.0), (0.0, 0.5), (0.5, 0.5))
-"""of the grid, in squares"""
+"""Shifts of the grid [squares]"""
 GOOD, BAD = 0.1, 0.01
-"""quality from which a sheet is taken at once, and up to which it is not taken at all"""
+"""Quality from which a sheet is taken at once, and up to which it is rejected"""
 SAME_AREA, LONGEST = 0.005, 2.0
-"""by which part a sheet's area may differ from its outline's, and edges, which no edge may be as long as"""
+"""Largest relative difference of a sheet's area from its outline's, and longest edge [edges]"""
 ROUNDS = 40
-"""in which quads pull at their corners"""
+"""Number of rounds in which quads pull at their corners"""
 WEAKEST = 0.1
-"""of a square's area, the least at a corner of a quad, below which it pulls no harder"""
+"""Least area at a corner of a quad over a square's, below which it pulls no harder"""
 IN_PLANE = np.array([1.0, 1.0j])
-"""x and y to a complex number, where a product turns"""
+"""Map of x and y to a complex number, where a product turns"""
 QUARTER_TURNS = np.array([1.0, 1.0j, -1.0, -1.0j])
 
 
@@ -39,15 +39,18 @@ class Sheet:
     """Quads in a plane."""
 
     points: NDArray[np.float64]
-    """shape (vertex_count, 2)"""
+    """Points, shape (vertex_count, 2)"""
     quads: NDArray[np.int64]
-    """counterclockwise, shape (quad_count, 4)"""
+    """Quads, counterclockwise, shape (quad_count, 4)"""
     rim: NDArray[np.bool_]
-    """which vertices lie on the outline, shape (vertex_count,)"""
+    """Mask of the vertices on the outline, shape (vertex_count,)"""
 
     def quality(self, outline: Any, edge: float) -> float:
-        """The least area of the parallelogram at a corner of a quad over that of a square: 1 is best, and less than 0 a
-        quad that is turned over. As bad as can be where a part of the outline was left out."""
+        """Return the least area of the parallelogram at a quad's corner over a square's.
+
+        1 is best, and less than 0 is a quad that is turned over. As bad as can be where a part of the outline was left
+        out.
+        """
         corners = np.asarray((self.points @ IN_PLANE)[self.quads], dtype=np.complex128)
         areas = corner_areas(corners)
         if abs(areas.sum() / 4.0 / outline.area - 1.0) > SAME_AREA or longest_edge(corners) > LONGEST * edge:
@@ -56,8 +59,9 @@ class Sheet:
 
 
 def sheet_of(outline: Any, edge: float) -> Sheet | None:
-    """A sheet with the outline of a polygon of Shapely's; None where the polygon has parts that are too narrow for
-    quads of such edges.
+    """Return a sheet with the outline of a polygon of Shapely's, or None.
+
+    There is none where the polygon has parts that are too narrow for quads of such edges.
 
     Args:
         edge: how long edges are, about; they are shorter, by up to a half, where that makes better quads.
@@ -78,7 +82,7 @@ def sheet_of(outline: Any, edge: float) -> Sheet | None:
 
 
 def _sheet_on_grid(outline: Any, edge: float, shift: tuple[float, float]) -> Sheet | None:
-    """None where the squares of the grid do not hang together as the outline does."""
+    """Return a sheet on a shifted grid, or None where its squares are not connected as the outline is."""
     squares = squares_within(outline, edge, shift)
     lines = [outline.exterior, *outline.interiors]
     if squares is None or len(squares.loops) != len(lines):
@@ -96,7 +100,7 @@ def _sheet_on_grid(outline: Any, edge: float, shift: tuple[float, float]) -> She
 def _matched(
     lines: list[Any], loops: list[NDArray[np.int64]], points: NDArray[np.float64]
 ) -> Iterator[tuple[Any, NDArray[np.int64]]]:
-    """Each line of an outline with the loop of squares beside it: the outer one, and then those around holes."""
+    """Return each line of an outline with the loop of squares beside it: the outer one, and then those around holes."""
     import shapely
 
     left = list(loops)
@@ -108,8 +112,11 @@ def _matched(
 def _relaxed(
     points: NDArray[np.float64], quads: NDArray[np.int64], rings: list[Ring], edge: float
 ) -> NDArray[np.float64]:
-    """The points once each quad has pulled its corners towards the square of such edges that is nearest to them, round
-    after round, the worse ones harder; those of the rim along their rings."""
+    """Return the points after relaxation toward squares.
+
+    Each quad pulls its corners towards the nearest square of such edges, round after round, the worse ones harder;
+    those of the rim along their rings.
+    """
     place = points @ IN_PLANE
     for _ in range(ROUNDS):
         corners = place[quads]
@@ -130,13 +137,14 @@ def _relaxed(
 
 
 def longest_edge(corners: NDArray[np.complex128]) -> float:
-    """Of any quad; corners in the complex plane, shape (quad_count, 4)."""
+    """Return the longest edge of any quad; corners in the complex plane, shape (quad_count, 4)."""
     return float(np.abs(np.roll(corners, -1, axis=1) - corners).max())
 
 
 def corner_areas(corners: NDArray[np.complex128]) -> NDArray[np.float64]:
-    """Of the parallelogram that the two edges at each corner of each quad span, negative where they are turned over;
-    their sum over a quad is four times its area.
+    """Return the areas of the parallelograms at each corner of each quad, negative where turned over.
+
+    The two edges at the corner span it; their sum over a quad is four times its area.
 
     Args:
         corners: in the complex plane, shape (quad_count, 4), like what is returned.

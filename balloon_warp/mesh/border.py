@@ -11,20 +11,20 @@ from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.topology import border_edges, mesh_edges
 
 BESIDE = 8
-"""edges that are looked at, the nearest of each"""
+"""Number of nearest edges considered for each edge"""
 ACROSS = 0.4
-"""of the length of an edge is its distance from the other side of a seam at most: else its neighbors are as near"""
+"""Largest gap across a seam over an edge's length; beyond it an edge's neighbors are as near"""
 
 
 class Pairs(NamedTuple):
     """Open edges that lie along each other, from end to end."""
 
     edges: NDArray[np.int64]
-    """numbers of two, shape (n, 2)"""
+    """Numbers of two edges each, shape (n, 2)"""
     ends: NDArray[np.int64]
-    """the vertices of both that lie beside each other, shape (n, 2, 2)"""
+    """Vertices of both edges that lie beside each other, shape (n, 2, 2)"""
     gaps: NDArray[np.float64]
-    """the larger of the distances between them, shape (n,)"""
+    """Larger of the two gaps, shape (n,)"""
 
 
 @dataclass(frozen=True)
@@ -32,11 +32,11 @@ class Border:
     """The open edges of a mesh."""
 
     points: NDArray[np.float64]
-    """of the mesh, shape (vertex_count, 3)"""
+    """Points of the mesh, shape (vertex_count, 3)"""
     ends: NDArray[np.int64]
-    """vertices, shape (n, 2)"""
+    """Vertices of border edges, shape (n, 2)"""
     faces: NDArray[np.int64]
-    """shape (n,)"""
+    """Faces of border edges, shape (n,)"""
 
     @classmethod
     def of(cls, mesh: PolygonMesh) -> Self:
@@ -85,5 +85,5 @@ class Border:
         return Pairs(np.stack([first, second], axis=1), np.stack([self.ends[first], other], axis=2), gaps[taken])
 
     def _gaps(self, others: NDArray[np.int64], edges: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Larger distance between the ends of each edge and of another, shape (n,)."""
+        """Return the larger distance between the ends of each edge and of another, shape (n,)."""
         return np.linalg.norm(self.points[self.ends[edges]] - self.points[others], axis=2).max(axis=1, initial=0.0)

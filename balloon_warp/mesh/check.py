@@ -1,4 +1,4 @@
-"""What every mesh must satisfy, whatever file it came from."""
+"""Checks that every mesh must pass, whatever file it came from."""
 
 import numpy as np
 
@@ -7,10 +7,10 @@ from balloon_warp.mesh.polygon_mesh import PolygonMesh
 
 FLOAT32_MAX = float(np.finfo(np.float32).max)
 LARGEST_FACE = 4096
-"""corners of a face; the springs across it grow with their square"""
+"""Largest number of corners of a face; the springs across it grow with their square"""
 LARGEST_FAN = 256
-"""neighbors of a particle; past one that has more, as the hub of a wheel, each gets one flexion spring, not one to
-every other"""
+"""Number of neighbors up to which a particle gets flexion springs between all of them; past one with more, as the hub
+of a wheel, each neighbor gets one"""
 
 
 def check_mesh(mesh: PolygonMesh, source: str, least_corners: int = 3) -> None:

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 
 def component_labels(count: int, first: NDArray[np.int64], second: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The lowest node that each node is connected with, shape (count,).
+    """Return the lowest node that each node is connected with, shape (count,).
 
     Args:
         count: nodes, numbered from 0.

@@ -13,13 +13,16 @@ from balloon_warp.mesh.seams import rounding_of
 from balloon_warp.mesh.topology import first_alike, mesh_edges, vertex_components
 
 BESIDE = 4
-"""places that are looked at, the nearest of each"""
+"""Number of nearest places considered for each vertex"""
 
 
 def counted_once(mesh: PolygonMesh) -> PolygonMesh:
-    """The mesh with the faces of a part that lies on others at the corners of those, whichever way they wind: then they
-    are the same faces twice. A part shares no vertex with another, and lies on others with every face; vertices keep
-    their numbers, and those of such a part move along with what it lies on."""
+    """Return the mesh with duplicate parts collapsed onto the parts that they lie on.
+
+    A part that lies on others with every face gets the corners of those, whichever way they wind: then they are the
+    same faces twice. A part shares no vertex with another. Vertices keep their numbers, and those of such a part move
+    along with what it lies on.
+    """
     component = vertex_components(mesh, mesh_edges(mesh))
     starts = face_starts(mesh)
     own = component[mesh.face_vertex_indices[starts]]
@@ -44,7 +47,7 @@ def counted_once(mesh: PolygonMesh) -> PolygonMesh:
 
 
 def _stand_ins(mesh: PolygonMesh, places: NDArray[np.int64], gone: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """For each vertex at whose corners nothing else is than copies the first other one at its place, else itself.
+    """Return, for each vertex of which nothing but copies is left, the first other vertex at its place, else itself.
 
     Args:
         gone: corners, shape (corner_count,).

@@ -9,17 +9,17 @@ from balloon_warp.mesh.polygon_mesh import PolygonMesh
 
 
 def face_starts(mesh: PolygonMesh) -> NDArray[np.int64]:
-    """The first corner of each face, shape (face_count,)."""
+    """Return the first corner of each face, shape (face_count,)."""
     return np.cumsum(mesh.face_vertex_counts, dtype=np.int64) - mesh.face_vertex_counts
 
 
 def corner_faces(mesh: PolygonMesh) -> NDArray[np.int64]:
-    """The face of each corner, shape (corner_count,)."""
+    """Return the face of each corner, shape (corner_count,)."""
     return np.repeat(np.arange(mesh.face_count), mesh.face_vertex_counts)
 
 
 def next_corners(mesh: PolygonMesh) -> NDArray[np.int64]:
-    """The corner that follows each corner around its face, shape (corner_count,)."""
+    """Return the corner that follows each corner around its face, shape (corner_count,)."""
     following = np.arange(1, len(mesh.face_vertex_indices) + 1)
     starts = face_starts(mesh)
     following[starts + mesh.face_vertex_counts - 1] = starts
@@ -27,7 +27,7 @@ def next_corners(mesh: PolygonMesh) -> NDArray[np.int64]:
 
 
 def corners_beside(mesh: PolygonMesh, gone: NDArray[np.bool_]) -> NDArray[np.int32]:
-    """The corners of all faces; those of a face that is gone are all at its first vertex.
+    """Return the corners of all faces; those of a face that is gone are all at its first vertex.
 
     Args:
         gone: shape (face_count,).
@@ -38,7 +38,7 @@ def corners_beside(mesh: PolygonMesh, gone: NDArray[np.bool_]) -> NDArray[np.int
 
 
 def beside_faces(mesh: PolygonMesh, gone: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Which vertices still have a face, shape (vertex_count,); all of them where no face is left.
+    """Return a mask of the vertices that still have a face, shape (vertex_count,); all where no face is left.
 
     Args:
         gone: shape (face_count,).
@@ -49,7 +49,7 @@ def beside_faces(mesh: PolygonMesh, gone: NDArray[np.bool_]) -> NDArray[np.bool_
 
 
 def with_corners(mesh: PolygonMesh, corners: NDArray[np.integer | np.bool_]) -> PolygonMesh:
-    """The mesh with those of its corners, in that order, or those where a mask is true, and what belongs to them."""
+    """Return the mesh with some of its corners, in order or by a mask, and all that belongs to them."""
     textures = mesh.texture_coordinates
     return replace(
         mesh,
@@ -60,18 +60,18 @@ def with_corners(mesh: PolygonMesh, corners: NDArray[np.integer | np.bool_]) -> 
 
 
 def backward_corners(mesh: PolygonMesh) -> NDArray[np.integer]:
-    """The corners of all faces with each face run backwards, as numbers for `with_corners`."""
+    """Return the corners of all faces with each face run backwards, as numbers for `with_corners`."""
     return flip_faces(mesh.face_vertex_counts, np.arange(len(mesh.face_vertex_indices)))
 
 
 def flipped(mesh: PolygonMesh, flip: NDArray[np.bool_]) -> PolygonMesh:
-    """The mesh with some faces, by a mask of shape (face_count,), run backwards."""
+    """Return the mesh with some faces, by a mask of shape (face_count,), run backwards."""
     at_corners = flip[corner_faces(mesh)]
     return with_corners(mesh, np.where(at_corners, backward_corners(mesh), np.arange(len(at_corners))))
 
 
 def flip_faces(counts: NDArray[np.integer], indices: NDArray[np.integer]) -> NDArray[np.integer]:
-    """The corners of all faces with each face run backwards from the same first corner.
+    """Return the corners of all faces with each face run backwards from the same first corner.
 
     Args:
         counts: corners of each face, shape (face_count,), all at least 1.

@@ -1,5 +1,7 @@
-"""What is odd about a mesh, and what is done about it, for people: two sentences for each kind of defect. Faces and
-vertices are counted from 1."""
+"""Defects of a mesh and their treatment, for people: two sentences for each kind of defect.
+
+Faces and vertices are counted from 1.
+"""
 
 from typing import Literal
 
@@ -31,12 +33,12 @@ NO_AREA = 1e-9
 def describe_defects(
     mesh: PolygonMesh, whole: PolygonMesh, parts: Literal["held", "free"], left_out: NDArray[np.integer]
 ) -> list[str]:
-    """For each kind of defect that the mesh has: how many there are, the first, and what is done about it.
+    """Describe each kind of defect in the mesh: the number, the first, and the treatment.
 
     Args:
-        whole: the mesh once repaired, which tells what stays open.
-        parts: whether components are held together.
-        left_out: vertices of parts that are left out.
+        whole: Mesh once repaired, which tells what stays open.
+        parts: Whether components are held together.
+        left_out: Vertices of parts that are left out.
     """
     distinct, kept = distinct_faces(mesh)
     edges, edges_left = mesh_edges(distinct), mesh_edges(whole)
@@ -100,7 +102,7 @@ def describe_defects(
 
 
 def _duplicates(mesh: PolygonMesh, kept: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Faces of three different corners or more that are not kept."""
+    """Return the faces of three different corners or more that are not kept."""
     corners = np.bincount(corner_faces(mesh), minlength=mesh.face_count)
     corners -= np.bincount(corner_faces(mesh)[repeated_corners(mesh)], minlength=mesh.face_count)
     return np.setdiff1d(np.flatnonzero(corners >= 3), kept)
@@ -138,7 +140,7 @@ def _about_opposite_winding(mesh: PolygonMesh, edges: MeshEdges) -> str | None:
 
 
 def _turned_edges(edges: MeshEdges) -> NDArray[np.int64]:
-    """Edges of two faces that run the same way along it."""
+    """Return the edges of two faces that run the same way along it."""
     found = inconsistent_edges(edges)
     return found[edges.face_counts[found] == 2]
 

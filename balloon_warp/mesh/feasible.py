@@ -12,23 +12,23 @@ from balloon_warp.mesh.seams import welded_along_seams
 from balloon_warp.mesh.topology import border_edges, inconsistent_edges, mesh_edges, vertex_components
 
 MOST_QUADS = 400_000
-"""of a result"""
+"""Largest number of quads of a result"""
 MOST_BY_ITSELF = 60_000
-"""of one with more cells than were asked for"""
+"""Largest number of quads of a result with more cells than were asked for"""
 DENSITY = 1.35
-"""quads in a square cell of the surface"""
+"""Number of quads in a square cell of the surface"""
 RIBBONS = 16
-"""open parts, from which on they are no panes but hair"""
+"""Number of open parts above which they are not panes but hair"""
 PLACES = 100
-"""at which a surface is looked at"""
+"""Number of samples on a surface"""
 MOSTLY = 0.5
-"""of the surface"""
+"""Fraction of the surface that counts as most of it"""
 OFF = 0.1
-"""of the volume"""
+"""Relative tolerance of the volume"""
 
 
 def quads_expected(mesh: PolygonMesh, cells: int) -> float:
-    """About how many quads a surface gives, which has two sides where it is open."""
+    """Return the approximate number of quads of a surface, which has two sides where it is open."""
     used = mesh.points[mesh.face_vertex_indices]
     cell = float(np.ptp(used, axis=0).max()) / cells
     return DENSITY * total_area(mesh) / cell**2
@@ -49,8 +49,9 @@ def require_quads(mesh: PolygonMesh, cells: int) -> None:
 
 
 def require_no_ribbons(mesh: PolygonMesh) -> None:
-    """Make sure that a surface is not of ribbons, as hair is. Patches of a whole are many open parts, too, but wind
-    around something.
+    """Make sure that a surface does not consist of ribbons, as hair does.
+
+    Patches of a whole are many open parts, too, but wind around something.
 
     Raises:
         InputError: it is; it says what of it can be taken.
@@ -72,8 +73,9 @@ def require_no_ribbons(mesh: PolygonMesh) -> None:
 
 
 def _winds_around(mesh: PolygonMesh, areas: NDArray[np.float64]) -> float:
-    """The part of some places on the surface behind which the rest of it winds around something: where it does, its
-    winding number is a half on the surface itself, and 0 on a sheet (Van Oosterom and Strackee 1983).
+    """Return the fraction of sample points behind which the rest of the surface winds around something.
+
+    There the winding number is a half on the surface itself, and it is 0 on a sheet (Van Oosterom and Strackee 1983).
 
     Args:
         areas: by which places are chosen, shape (face_count,).
@@ -92,8 +94,11 @@ def _winds_around(mesh: PolygonMesh, areas: NDArray[np.float64]) -> float:
 
 
 def wrong_volume(mesh: PolygonMesh, quads: PolygonMesh) -> str | None:
-    """What is wrong with the volume of what came of a closed surface, as the end of a sentence; None where nothing is,
-    or the surface is open. Parts that overlap have less than their sum, but no less than the largest."""
+    """Return the defect in the volume of a remeshed closed surface, as the end of a sentence.
+
+    None where there is none, or the surface is open. Parts that overlap have less than their sum, but no less than the
+    largest.
+    """
     whole = facing_outward(welded_along_seams(mesh))
     edges = mesh_edges(whole)
     if len(border_edges(edges)) or len(inconsistent_edges(edges)):

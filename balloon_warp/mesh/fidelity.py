@@ -12,18 +12,18 @@ from balloon_warp.mesh.repair import distinct_faces
 from balloon_warp.mesh.topology import border_edges, inconsistent_edges, mesh_edges, vertex_components
 
 NEAR = 2.0
-"""cells from a vertex of the result is where the surface should be: half an edge, half a slab and what is rounded"""
+"""Largest distance of a vertex of the result from the surface [cells]: half an edge, half a slab and rounding"""
 SPECK = 1.5
-"""cells: a smaller part may be left out"""
+"""Size below which a part may be left out [cells]"""
 
 
 def infidelity(surface: PolygonMesh, result: PolygonMesh, cell: float) -> str | None:
-    """What is wrong with a closed mesh that was made of a surface, as the end of a sentence; None where nothing is.
+    """Return the infidelity of a closed mesh to its source surface, as the end of a sentence; None if there is none.
 
     Args:
-        surface: what it was made of; parts that overlap or come close may have become one.
-        result: all whose vertices belong to faces.
-        cell: width of a grid cell.
+        surface: Source surface; parts that overlap or come close may have become one.
+        result: Mesh whose vertices all belong to faces.
+        cell: Width of a grid cell.
     """
     edges = mesh_edges(distinct_faces(result)[0])
     flaws = len(border_edges(edges)) + len(inconsistent_edges(edges))
@@ -49,8 +49,10 @@ def infidelity(surface: PolygonMesh, result: PolygonMesh, cell: float) -> str | 
 
 
 def _samples(surface: PolygonMesh) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """The vertices of faces, and their middles: places, shape (n, 3), and the number of the part of each, shape (n,).
-    Vertices at one place are one."""
+    """Return the vertices of faces and the faces' centers, shape (n, 3), with the part of each, shape (n,).
+
+    Vertices at one place are one.
+    """
     corners = first_coincident(surface.points)[surface.face_vertex_indices].astype(np.int64)
     of_faces = np.repeat(np.arange(surface.face_count), surface.face_vertex_counts)
     firsts = corners[np.cumsum(surface.face_vertex_counts) - surface.face_vertex_counts]
@@ -61,7 +63,7 @@ def _samples(surface: PolygonMesh) -> tuple[NDArray[np.float64], NDArray[np.int6
 
 
 def _lost(points: NDArray[np.float64], result: PolygonMesh, cell: float) -> str | None:
-    """The first of some places that is out of the result; what is within it, as where parts overlap, is not lost."""
+    """Return the first of some places outside of the result; places within it, as where parts overlap, are fine."""
     if not len(points):
         return None
     middle = result.points.mean(axis=0)
@@ -78,14 +80,14 @@ def _piece(
     labels: NDArray[np.int64],
     near: float,
 ) -> str | None:
-    """Where a part is missing from the component of the result that has most of it, if none is near all of it.
+    """Return where a part is missing from its component of the result, unless a component is near all of it.
 
     Args:
-        points: places, shape (n, 3).
-        parts: the part of each, shape (n,).
-        nearest: the component that is nearest to each, shape (n,).
-        labels: the component of each vertex of the result.
-        near: how far is near.
+        points: Places, shape (n, 3).
+        parts: Part of each, shape (n,).
+        nearest: Component that is nearest to each, shape (n,).
+        labels: Component of each vertex of the result.
+        near: Distance that counts as near.
     """
     trees = {component: KDTree(result.points[labels == component]) for component in np.unique(nearest)}
     order = np.argsort(parts, kind="stable")

@@ -1,5 +1,7 @@
-"""Quads fitted to the surface that they are made of: thin parts as thin as they are, tips and ridges where they were.
-All lengths are in cells of the grid."""
+"""Fitting of quads to their source surface: thickness of thin parts, tips and ridges.
+
+All lengths are in cells of the grid.
+"""
 
 from dataclasses import replace
 
@@ -13,26 +15,26 @@ from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.relaxation import middles, nearer, newton_direction
 
 PROJECTIONS = 4
-"""of a slab onto what it stands for"""
+"""Number of projections of a slab onto its source"""
 SLIDES = 6
-"""of its vertices afterwards, along the surface"""
+"""Number of smoothing steps of its vertices along the surface afterwards"""
 SKIN = 0.02
-"""behind a surface is something solid, if it is so much behind it"""
+"""Depth behind a surface at which there is something solid, if at all"""
 CHORD = 0.75
-"""of how far the middles of quads are within a round surface, their corners stand out to make up for it"""
+"""Factor by which corners stand out of a round surface, over the depth of the quads' centers within it"""
 CUT_OFF = 0.15
-"""what stands out of the quads by more is a tip or a ridge"""
+"""Distance beyond the quads from which on something counts as a tip or a ridge"""
 REACH = 1.3
-"""that a vertex goes to one, at most"""
+"""Largest displacement of a vertex to a tip or a ridge"""
 UPRIGHT = 0.3
-"""the cosine between normals of a quad before and after that, at least"""
+"""Least cosine between normals of a quad before and after the displacement"""
 PARTS = (1.0, 0.75, 0.5, 0.25)
-"""of the way there that it goes, the first that folds nothing"""
+"""Fractions of the displacement that are tried; the first that folds nothing is taken"""
 PASSES = 2
 
 
 def fitted(mesh: PolygonMesh, distance: MeshDistance, surface: NDArray[np.float64]) -> PolygonMesh:
-    """The quads, with those of slabs on the faces that they stand for, and vertices on the tips that stand out.
+    """Return the quads, with those of slabs on the faces that they stand for, and vertices on the tips that stand out.
 
     Args:
         mesh: closed, of quads, at the zero level of the distance.
@@ -43,8 +45,10 @@ def fitted(mesh: PolygonMesh, distance: MeshDistance, surface: NDArray[np.float6
 
 
 def unfolded(before: PolygonMesh, after: PolygonMesh) -> PolygonMesh:
-    """The quads of `after`, with vertices back where they were before around each quad that does not look the way of
-    the normals at its corners: none is folded over that was not before."""
+    """Return the quads of `after`, with vertices moved back around each quad that folds over.
+
+    A quad folds over if it does not face the normals at its corners.
+    """
     points = after.points.copy()
     quads = before.face_vertex_indices.reshape(-1, 4)
     moved = (points != before.points).any(axis=1)
@@ -64,13 +68,16 @@ def unfolded(before: PolygonMesh, after: PolygonMesh) -> PolygonMesh:
 
 
 def slabs_left(mesh: PolygonMesh, distance: MeshDistance) -> bool:
-    """Whether vertices are on slabs, and not on the surface."""
+    """Return whether vertices are on slabs, and not on the surface."""
     on_slab = distance.on_slabs(mesh.points)
     return bool((distance.solid(mesh.points[on_slab]) > 0.5 * distance.half_slab).any())
 
 
 def without_slabs(mesh: PolygonMesh, distance: MeshDistance) -> PolygonMesh:
-    """The quads, with those of slabs on the surface, where something solid is behind it: a sheet stays a slab."""
+    """Return the quads with those of slabs moved to the surface, where there is a solid behind it.
+
+    A sheet stays a slab.
+    """
     on_slab = distance.on_slabs(mesh.points)
     if not on_slab.any():
         return mesh
@@ -89,8 +96,10 @@ def without_slabs(mesh: PolygonMesh, distance: MeshDistance) -> PolygonMesh:
 
 
 def _bulge(mesh: PolygonMesh, distance: MeshDistance) -> NDArray[np.float64]:
-    """How far each vertex is to stand out of the surface, so that quads, whose middles lie within it where it is round,
-    have its volume: of a tube of four quads around, they have two thirds."""
+    """Return the distance that each vertex must stand out of the surface for quads to have its volume.
+
+    The centers of quads lie within a round surface: of a tube of four quads around, they have two thirds.
+    """
     quads = mesh.face_vertex_indices.reshape(-1, 4)
     within = np.clip(-distance.solid(mesh.points[quads].mean(axis=1)), 0.0, 0.5)
     counts = np.maximum(np.bincount(quads.ravel(), minlength=mesh.vertex_count), 1)
@@ -106,8 +115,10 @@ def _projected(points: NDArray[np.float64], which: NDArray[np.bool_], distance: 
 
 
 def with_tips(mesh: PolygonMesh, surface: NDArray[np.float64]) -> PolygonMesh:
-    """The quads, with a vertex at each place of the surface that stands out of them the most, or on the way there: as
-    far as no quad is turned or folded over."""
+    """Return the quads with a vertex at each tip of the surface, or on the way there.
+
+    It goes as far as no quad is turned or folded over.
+    """
     points = mesh.points.copy()
     quads = mesh.face_vertex_indices.reshape(-1, 4)
     order = np.argsort(quads.ravel(), kind="stable")
@@ -151,10 +162,10 @@ def _move(
 
 
 def _folded(points: NDArray[np.float64], quads: NDArray[np.int32], around: list[NDArray[np.int64]]) -> bool:
-    """Whether a quad does not look the way of the normal at a corner, the mean of its quads', for some vertices.
+    """Return whether a quad does not face the normal at a corner, the mean of its quads', for some vertices.
 
     Args:
-        around: the quads of each of them.
+        around: Quads of each of them.
     """
     counts = [len(own) for own in around]
     normals = _normals(points[quads[np.concatenate(around)]])
@@ -163,6 +174,6 @@ def _folded(points: NDArray[np.float64], quads: NDArray[np.int32], around: list[
 
 
 def _normals(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Of quads, shape (n, 4, 3)."""
+    """Return the normals of quads, shape (n, 4, 3)."""
     doubled = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
     return doubled / np.maximum(np.linalg.norm(doubled, axis=1, keepdims=True), 1e-12)

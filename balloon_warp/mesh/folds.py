@@ -10,20 +10,21 @@ from balloon_warp.mesh.geometry import face_vector_areas
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 
 CREASE = 40.0
-"""the angle between two faces' normals beyond which their edge is sharp, on what keeps its shape [degrees]"""
+"""Angle between two faces' normals above which their edge is sharp, on rigid meshes [degrees]"""
 SOFT_CREASE = 60.0
-"""the same at the start, on what moves: a balloon is rounder than its faces"""
+"""Angle above which an edge is sharp at the start on deformable meshes [degrees]: a balloon is rounder than its
+faces"""
 
 
 class Folds(NamedTuple):
     """Edges that two faces share, as the corner of each at which it begins there."""
 
     one: NDArray[np.integer]
-    """corners, shape (edge_count,)"""
+    """Corners at the edges, shape (edge_count,)"""
     other: NDArray[np.integer]
-    """corners of the faces across, shape (edge_count,)"""
+    """Corners of the faces across the edges, shape (edge_count,)"""
     sharp: NDArray[np.bool_]
-    """shape (edge_count,)"""
+    """Mask of sharp edges, shape (edge_count,)"""
 
 
 def find_folds(mesh: PolygonMesh, angle: float) -> Folds:
@@ -61,7 +62,7 @@ def sharp_edges(mesh: PolygonMesh, angle: float) -> NDArray[np.int32]:
 
 
 def _that_lead_on(sharp: NDArray[np.bool_], ends: NDArray[np.int32], at_border: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Which sharp edges remain once those that end at no other have been taken away, again and again."""
+    """Return a mask of the sharp edges that remain after dead ends are removed repeatedly."""
     remaining = sharp.copy()
     while True:
         degrees = np.bincount(ends[remaining].ravel(), minlength=len(at_border))

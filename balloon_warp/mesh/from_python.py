@@ -18,26 +18,27 @@ class Faceted(Protocol):
 
     @property
     def vertices(self) -> Any:
-        """points, shape (n, 3)"""
+        """Points, shape (n, 3)."""
 
     @property
     def faces(self) -> Any:
-        """lists of corners that count points from 0"""
+        """Lists of corners that index points from 0."""
 
 
 MeshLike = TypeAliasType("MeshLike", PolygonMesh | Faceted | tuple[ArrayLike, Any])
-"""a mesh, ours or another's; or points and faces, as `Faceted` has them"""
+"""Mesh of this package or another; or points and faces, as in `Faceted`"""
 
 
 def is_mesh(given: object) -> bool:
-    """Whether Python has it for a mesh; its numbers may be wrong."""
+    """Return whether a Python value is a mesh; its numbers may be wrong."""
     is_pair = isinstance(given, tuple | list) and len(given) == 2 and not isinstance(given[0], str)
     return is_pair or isinstance(given, PolygonMesh) or hasattr(given, "faces") or hasattr(given, "to_mesh")
 
 
 def mesh_from(given: Any) -> PolygonMesh:
-    """A mesh of what Python has for one: `MeshLike`, or a scene of trimesh's, whose parts become one. What its numbers
-    are is not looked at; `check_mesh` does.
+    """Make a mesh of a `MeshLike`, or of a scene of trimesh's, whose parts become one.
+
+    Its numbers are not checked; `check_mesh` does that.
 
     Raises:
         InputError: it is none; the message begins with the part that is wrong.
@@ -72,7 +73,7 @@ def _points(given: Any) -> NDArray[np.float64]:
 
 
 def _corners(given: Any) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """How many corners each face has, and all of them, one face after the other."""
+    """Return the number of corners of each face, and all corners, one face after the other."""
     try:
         faces = [np.asarray(face) for face in given]
     except TypeError:
@@ -89,6 +90,6 @@ def _corners(given: Any) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
 
 
 def _name_of(given: Any) -> str:
-    """As its file was called, where it says so."""
+    """Return the name of the mesh's file, where there is one."""
     known = getattr(given, "metadata", None) or {}
     return str(known.get("name") or Path(str(known.get("file_name") or "mesh")).stem)

@@ -12,12 +12,12 @@ from balloon_warp.mesh.polygon_mesh import PolygonMesh
 
 
 def face_centers(mesh: PolygonMesh) -> NDArray[np.float64]:
-    """Mean of each face's corners, shape (face_count, 3)."""
+    """Return the mean of each face's corners, shape (face_count, 3)."""
     return _sum_over_faces(mesh, mesh.points[mesh.face_vertex_indices]) / mesh.face_vertex_counts[:, None]
 
 
 def face_vector_areas(mesh: PolygonMesh) -> NDArray[np.float64]:
-    """Each face's area along its normal, 1/2 sum a x b over its edges a b, shape (face_count, 3)."""
+    """Return each face's area along its normal, 1/2 sum a x b over its edges a b, shape (face_count, 3)."""
     if _only_quads(mesh):
         return _vector_areas_of_quads(*_corners_of_quads(mesh))
     # Taken about the face's first corner, so that a small face far from the origin keeps its digits.
@@ -27,7 +27,7 @@ def face_vector_areas(mesh: PolygonMesh) -> NDArray[np.float64]:
 
 
 def face_areas(mesh: PolygonMesh) -> NDArray[np.float64]:
-    """Length of each face's vector area, shape (face_count,)."""
+    """Return the length of each face's vector area, shape (face_count,)."""
     return np.linalg.norm(face_vector_areas(mesh), axis=1)
 
 
@@ -37,13 +37,13 @@ def total_area(mesh: PolygonMesh) -> float:
 
 
 def vertex_areas(mesh: PolygonMesh) -> NDArray[np.float64]:
-    """Each vertex's share of the areas of its faces, which their corners have alike; shape (vertex_count,)."""
+    """Return each vertex's share of the areas of its faces, which their corners have alike; shape (vertex_count,)."""
     shares = (face_areas(mesh) / mesh.face_vertex_counts)[corner_faces(mesh)]
     return np.bincount(mesh.face_vertex_indices, shares, mesh.vertex_count).astype(np.float64)
 
 
 def face_volumes(mesh: PolygonMesh) -> NDArray[np.float64]:
-    """Signed volume of the cone from the mesh's own center to each face, center . area / 3, shape (face_count,).
+    """Return signed volumes of the cones from the mesh's center to each face, center . area / 3, shape (face_count,).
 
     A face counts as the fan of triangles about its center; for a quad that is the mean of its two triangulations.
     """
@@ -51,12 +51,12 @@ def face_volumes(mesh: PolygonMesh) -> NDArray[np.float64]:
 
 
 def signed_volume(mesh: PolygonMesh) -> float:
-    """Volume about the mesh's own center: positive where a closed mesh's faces wind outward."""
+    """Return the volume about the mesh's own center: positive where a closed mesh's faces wind outward."""
     return float(face_volumes(mesh).sum())
 
 
 def volume_and_area(mesh: PolygonMesh) -> tuple[float, float]:
-    """`signed_volume` and `total_area`, for little more than either takes."""
+    """Return `signed_volume` and `total_area`, for little more than either takes."""
     if _only_quads(mesh):
         corners = _corners_of_quads(mesh)
         vector_areas, centers = _vector_areas_of_quads(*corners), [0.25 * sum(axis) for axis in corners]
@@ -68,7 +68,7 @@ def volume_and_area(mesh: PolygonMesh) -> tuple[float, float]:
 
 
 def vertex_normals(mesh: PolygonMesh) -> NDArray[np.float64]:
-    """Gouraud normals: the mean of the unit normals of the incident faces, normalized, shape (vertex_count, 3).
+    """Return Gouraud normals, normalized means of the incident faces' unit normals, shape (vertex_count, 3).
 
     Faces of no area add nothing; a vertex without any other face gets the zero vector.
     """
@@ -79,7 +79,7 @@ def vertex_normals(mesh: PolygonMesh) -> NDArray[np.float64]:
 
 
 def triangulate(mesh: PolygonMesh) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Fans of triangles from each face's first corner.
+    """Return the fans of triangles from each face's first corner.
 
     Returns:
         The triangles' corners, shape (triangle_count, 3), and the face of each triangle, shape (triangle_count,).
@@ -93,7 +93,7 @@ def triangulate(mesh: PolygonMesh) -> tuple[NDArray[np.int32], NDArray[np.int32]
 
 
 def first_coincident(points: NDArray[np.float64]) -> NDArray[np.int64]:
-    """For each point, the lowest number of a point at exactly the same place, shape (point_count,)."""
+    """Return, for each point, the lowest number of a point at exactly the same place, shape (point_count,)."""
     order = np.lexsort(points.T)
     ordered = points[order]
     begins = np.ones(len(points), dtype=bool)
@@ -105,7 +105,7 @@ def first_coincident(points: NDArray[np.float64]) -> NDArray[np.int64]:
 
 
 def _volumes(mesh: PolygonMesh, centers: NDArray[np.float64], vector_areas: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Of the cones from the mean of all faces' corners."""
+    """Return the volumes of the cones from the mean of all faces' corners."""
     middle = np.average(centers, axis=0, weights=mesh.face_vertex_counts) if len(centers) else np.zeros(3)
     return _dot(centers - middle, vector_areas) / 3.0
 
@@ -115,13 +115,16 @@ def _only_quads(mesh: PolygonMesh) -> bool:
 
 
 def _corners_of_quads(mesh: PolygonMesh) -> list[list[NDArray[np.float64]]]:
-    """By axis and corner, arrays of shape (face_count,): numbers side by side are several times as fast as vectors."""
+    """Return coordinates of quads' corners by axis and corner, each of shape (face_count,).
+
+    Contiguous numbers are several times as fast as vectors.
+    """
     corners = np.ascontiguousarray(mesh.face_vertex_indices.reshape(-1, 4).T, dtype=np.intp)
     return [[values[corner] for corner in corners] for values in np.ascontiguousarray(mesh.points.T)]
 
 
 def _vector_areas_of_quads(*axes: list[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Half the cross products of the diagonals: of differences, as above."""
+    """Return half the cross products of the diagonals: of differences, as above."""
     (ax, bx), (ay, by), (az, bz) = ((third - first, fourth - second) for first, second, third, fourth in axes)
     return 0.5 * np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
 

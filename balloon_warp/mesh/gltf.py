@@ -1,4 +1,4 @@
-"""glTF 2.0 and GLB, through trimesh: what it passes over without a word is looked after here."""
+"""Reader of glTF 2.0 and GLB, through trimesh, with checks of what trimesh silently skips."""
 
 import json
 import struct
@@ -15,18 +15,19 @@ from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.trimesh_formats import read_triangles
 
 HARMLESS = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_", "KHR_xmp", "KHR_mesh_quantization")
-"""beginnings of extensions that do not change where triangles are, or that are decoded here"""
+"""Prefixes of extensions that do not change where triangles are, or that are decoded here"""
 COMPRESSED = "KHR_draco_mesh_compression"
-"""which trimesh decodes where DracoPy is installed"""
+"""Compression that trimesh decodes where DracoPy is installed"""
 LARGEST = {5120: 127, 5121: 255, 5122: 32767, 5123: 65535}
-"""integers that stand for 1 in normalized accessors, by component type"""
+"""Integers that stand for 1 in normalized accessors, by component type"""
 JSON_CHUNK, GLB_HEADER = 0x4E4F534A, 12
 
 
 def read_gltf(path: Path | str) -> PolygonMesh:
-    """Read all meshes of a glTF or GLB file as one, in meters, joined at vertices of the same place: glTF repeats a
-    vertex for each normal and texture coordinate there. Normalized integers are decoded. Base colors, base textures and
-    vertex colors go along.
+    """Read all meshes of a glTF or GLB file as one, in meters, welded at coincident vertices.
+
+    glTF repeats a vertex for each normal and texture coordinate there. Normalized integers are decoded. Base colors,
+    base textures and vertex colors go along.
 
     Raises:
         InputError: the file requires an extension that is not decoded, or as `read_triangles`.

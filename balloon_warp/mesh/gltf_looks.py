@@ -1,5 +1,4 @@
-"""Base colors and base textures of a glTF file: what its JSON says of materials, and how trimesh is to hand back which
-of them is where."""
+"""Base colors and base textures of a glTF file, and their places on the mesh as trimesh returns them."""
 
 import base64
 import binascii
@@ -30,9 +29,9 @@ class GltfMaterials:
         self._pictures = Pictures(path)
         self._base = [_base(material) for material in _dicts(tree, "materials")]
         self.looks = [self._look(number) for number in range(len(self._base))]
-        """one a material; None for those that say nothing"""
+        """Look of each material; None for materials that say nothing"""
         self.transforms = [_transform(_child(base, "baseColorTexture")) for base in self._base]
-        """of texture coordinates, one a material: rows of a matrix, shape (2, 3), for v down"""
+        """Transforms of texture coordinates, one a material: rows of a matrix, shape (2, 3), for v down"""
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -40,8 +39,10 @@ class GltfMaterials:
         return tuple(self._pictures.warnings)
 
     def name_materials(self) -> None:
-        """Leave of materials their numbers as names, make the texture coordinates of base textures the first, and have
-        colors of vertices as an attribute `COLORS`."""
+        """Rename materials to their numbers, and select the texture coordinates of base textures.
+
+        Those become the first, and colors of vertices become an attribute `COLORS`.
+        """
         for mesh in _dicts(self._tree, "meshes"):
             for primitive in _dicts(mesh, "primitives"):
                 number, attributes = primitive.get("material"), _child(primitive, "attributes")
@@ -109,7 +110,7 @@ class GltfMaterials:
 
 
 def moved(places: NDArray[np.float64], transform: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Texture coordinates with v up as a transform for v down has them, shape (n, 2)."""
+    """Return the texture coordinates with v up as a transform for v down has them, shape (n, 2)."""
     down = np.column_stack([places[:, 0], 1.0 - places[:, 1], np.ones(len(places))]) @ transform.T
     return np.column_stack([down[:, 0], 1.0 - down[:, 1]]).astype(np.float32)
 

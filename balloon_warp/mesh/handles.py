@@ -14,19 +14,19 @@ from balloon_warp.mesh.surface_nets import extract, grid_nodes
 from balloon_warp.mesh.topology import component_count, genus, inconsistent_edges, mesh_edges
 
 AHEAD = 0.01
-"""of a triangle's size, and `LEAST_AHEAD` cells: how far before it there is nothing, where a surface is clean"""
+"""Free distance in front of a clean surface, over a triangle's size, and at least `LEAST_AHEAD` cells"""
 LEAST_AHEAD = 1e-3
 CROSSING = 1e-3
-"""of the surface, at least, that is within the rest of it where parts cross"""
+"""Least fraction of the surface inside the rest of it where parts cross"""
 COARSEST = 8
-"""cells between the nodes of a grid that are looked at first"""
+"""Node spacing of the grid that is searched first [cells]"""
 
 
 def handles_lost(surface: PolygonMesh, result: PolygonMesh) -> int | None:
-    """How many handles fewer a closed mesh has than the surface that it was made of, fewer than none where it has more.
+    """Return how many handles fewer a closed mesh has than its source surface, negative if it has more.
 
-    None where that says nothing: a surface that is open or crosses itself has no such number, and parts that became
-    one, or went, took theirs along.
+    None where the number is meaningless: a surface that is open or crosses itself has none, and parts that merged or
+    vanished took theirs along.
     """
     parts, handles = _counted(result)
     parts_before, handles_before = _counted(facing_outward(welded_along_seams(surface)))
@@ -42,14 +42,14 @@ def handle_count(surface: PolygonMesh) -> int:
 
 
 def handles_said(lost: int, handles: int) -> str:
-    """What became of handles, as the end of a sentence."""
+    """Return the change of the number of handles, as the end of a sentence."""
     if lost > 0:
         return f"{lost:,} of its {handles:,} handles, or holes through it, {'is' if lost == 1 else 'are'} lost"
     return f"it gets {-lost:,} {'handle' if lost == -1 else 'handles'} more than its {handles:,}"
 
 
 def handles_of_level(distance: MeshDistance, reach: NDArray[np.float64]) -> int | None:
-    """The handles of the zero level of a distance, as surface nets have it with cells of 1.
+    """Return the handles of the zero level of a distance, as surface nets have it with cells of 1.
 
     Args:
         distance: of a closed surface: nowhere does it change by more than the way.
@@ -67,7 +67,7 @@ def handles_of_level(distance: MeshDistance, reach: NDArray[np.float64]) -> int 
 def _finer(
     values: NDArray[np.float64], distance: Callable, lower: NDArray[np.float64], step: int
 ) -> NDArray[np.float64]:
-    """The distance at nodes that are half as far from each other; far from the surface the least that it can be.
+    """Return the distance at nodes that are half as far from each other; far from the surface the least that it can be.
 
     Args:
         values: at the nodes before, shape (nx, ny, nz).
@@ -84,14 +84,17 @@ def _finer(
 
 
 def _counted(mesh: PolygonMesh) -> tuple[int, int | None]:
-    """Of a mesh its parts and its handles; None for these where it is open, crossed or wound both ways."""
+    """Return the numbers of parts and of handles.
+
+    The latter is None where the mesh is open, crossed or mixed in winding.
+    """
     edges = mesh_edges(mesh)
     handles = None if len(inconsistent_edges(edges)) else genus(mesh, edges)
     return component_count(mesh, edges), handles
 
 
 def _crosses_itself(surface: PolygonMesh) -> bool:
-    """Whether parts of a closed surface are within other parts of it."""
+    """Return whether parts of a closed surface are within other parts of it."""
     used = surface.points[surface.face_vertex_indices]
     size = np.ptp(used, axis=0).max()
     points = (surface.points - used.mean(axis=0)) * (256.0 / size)  # Warp measures in float32

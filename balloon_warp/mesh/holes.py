@@ -1,5 +1,7 @@
-"""Holes in a surface, such as pinholes and eye sockets, and lids for them. What is meant to be open stays so: the rim
-of a bowl, a sleeve."""
+"""Holes in a surface, such as pinholes and eye sockets, and lids for them.
+
+What is meant to be open stays so: the rim of a bowl, a sleeve.
+"""
 
 from collections import defaultdict
 from dataclasses import dataclass, replace
@@ -17,18 +19,19 @@ PINHOLE = 2e-4
 LARGEST_HOLE = 0.05
 """A larger one may be closed up to this part, if the surface around it faces as its lid does: not the end of a tube."""
 A_FACE = 4
-"""or if it has so many edges at most: a face is missing, whatever is around it"""
+"""Number of edges up to which a hole is a missing face, whatever is around it"""
 FACING = 0.5
-"""the mean cosine between the surface around a hole and its lid"""
+"""Least mean cosine between the surface around a hole and its lid"""
 UPON = 0.9
-"""the mean cosine between the ways from a rim into its faces and into its lid from which on the lid lies on them"""
+"""Least mean cosine between the directions from a rim into its faces and into its lid at which the lid lies on the
+faces"""
 BESIDE_OPENINGS = 1.0 / 6.0
-"""of the largest opening that stays: so much of it a hole has at most. An eye has less beside a neck, which has more
-beside the hem of a shirt."""
+"""Largest hole over the largest opening that stays. An eye is smaller than a neck, which is smaller than the hem of a
+shirt"""
 LARGEST_OF_ITS_PART = 0.75
-"""of the area of its component: a lid over a sheet would lie on the sheet"""
+"""Largest lid over the area of its component: a lid over a sheet would lie on the sheet"""
 ROTATIONS, RUNGS = 64, 200_000
-"""ways to lay a lid's faces that are tried, and edges across in all of them, at most"""
+"""Largest numbers of tried layouts of a lid's faces, and of cross edges in all of them"""
 
 
 @dataclass(frozen=True)
@@ -36,11 +39,11 @@ class Lid:
     """Faces across a hole, from one side of its rim to the other, as the rungs of a ladder part it."""
 
     loop: NDArray[np.int64]
-    """the vertices around the hole, as the lid runs, shape (n,); the ladder begins between the last and the first"""
+    """Vertices around the hole, as the lid runs, shape (n,); the ladder begins between the last and the first"""
 
     @property
     def faces(self) -> list[NDArray[np.int64]]:
-        """quads, and a triangle at the end where n is odd"""
+        """Quads, and a triangle at the end where n is odd."""
         left, right = self.loop, self.loop[::-1]
         half = len(left) // 2
         quads = [np.array([left[i], left[i + 1], right[i + 1], right[i]]) for i in range(half - 1)]
@@ -48,24 +51,27 @@ class Lid:
 
     @property
     def rungs(self) -> list[tuple[int, int]]:
-        """the edges across that are not on the rim"""
+        """Cross edges that are not on the rim."""
         inner = slice(1, (len(self.loop) - 1) // 2)
         return list(zip(self.loop[inner].tolist(), self.loop[::-1][inner].tolist(), strict=True))
 
     def vector_areas(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """of its faces, along their normals, shape (face_count, 3)"""
+        """Return the vector areas of its faces, shape (face_count, 3)."""
         corners = [points[np.take(face, (0, 1, 2, -1))] for face in self.faces]
         diagonals = np.array([(corner[2] - corner[0], corner[3] - corner[1]) for corner in corners])
         return 0.5 * np.cross(diagonals[:, 0], diagonals[:, 1])
 
     def area(self, points: NDArray[np.float64]) -> float:
-        """of its faces together"""
+        """Return the area of its faces together."""
         return float(np.linalg.norm(self.vector_areas(points), axis=1).sum())
 
 
 def border_loops(mesh: PolygonMesh, edges: MeshEdges) -> list[NDArray[np.int64]]:
-    """The closed ways along open borders, each through a vertex once: as their faces run, where these are wound alike,
-    or else whichever way; and ways that one edge of other faces closes."""
+    """Return the loops along open borders, each through a vertex once.
+
+    They run as their faces do, where these are wound alike, or else either way; and include paths that one edge of
+    other faces closes.
+    """
     begins = edges.corners[edges.starts[border_edges(edges)]]
     corners = mesh.face_vertex_indices.astype(np.int64)
     pairs = np.stack([corners[begins], corners[next_corners(mesh)[begins]]], axis=1)
@@ -82,8 +88,10 @@ def border_loops(mesh: PolygonMesh, edges: MeshEdges) -> list[NDArray[np.int64]]
 def _walks(
     pairs: NDArray[np.int64], points: NDArray[np.float64], both_ways: bool = False
 ) -> tuple[list[NDArray[np.int64]], list[list[int]]]:
-    """The closed ways from begin to end of pairs, shape (n, 2), and those that end somewhere. Of several ways on, one
-    goes the one that turns back the most, as at the end of a slit."""
+    """Return the loops from begin to end of pairs, shape (n, 2), and the paths that end somewhere.
+
+    At a branch, a path takes the one that turns back the most, as at the end of a slit.
+    """
     onward: dict[int, list[int]] = defaultdict(list)
     for begin, end in pairs.tolist():
         onward[begin].append(end)
@@ -123,7 +131,7 @@ def _length(vector: NDArray[np.float64]) -> float:
 
 
 def with_lids(mesh: PolygonMesh) -> PolygonMesh:
-    """The mesh with faces across the holes in its surface, after its own, and a warning that tells of them.
+    """Return the mesh with faces across the holes in its surface, after its own, and a warning that tells of them.
 
     Args:
         mesh: wound alike.
@@ -145,7 +153,7 @@ def with_lids(mesh: PolygonMesh) -> PolygonMesh:
 
 
 class _Surface:
-    """What is around the holes of a mesh."""
+    """Surface around the holes of a mesh."""
 
     def __init__(self, mesh: PolygonMesh, edges: MeshEdges):
         self._component = vertex_components(mesh, edges)
@@ -153,7 +161,7 @@ class _Surface:
         self._vectors, self._centers = face_vector_areas(mesh), face_centers(mesh)
         self._areas = np.linalg.norm(self._vectors, axis=1)
         self.area = float(self._areas.sum())
-        """without which there is no surface to have holes"""
+        """Area, without which there is no surface to have holes"""
         self._of_components = np.bincount(self._of_faces, self._areas, mesh.vertex_count)
         border = border_edges(edges)
         faces = corner_faces(mesh)[edges.corners[edges.starts[border]]]
@@ -162,7 +170,7 @@ class _Surface:
         }
 
     def lids_of_holes(self, lids: list[Lid], points: NDArray[np.float64]) -> list[Lid]:
-        """The lids that close a hole in the surface, and not what is meant to be open."""
+        """Return the lids that close a hole in the surface, and not what is meant to be open."""
         areas = np.array([lid.area(points) for lid in lids]) / self.area
         is_hole = np.array([self._may_be_hole(lid, points) for lid in lids])
         limit = BESIDE_OPENINGS * areas[~is_hole].max(initial=np.inf if is_hole.all() else 0.0)
@@ -180,7 +188,7 @@ class _Surface:
         return self._faces_alike(way, points[lid.loop], component)
 
     def _lies_on_faces(self, lid: Lid, points: NDArray[np.float64]) -> bool:
-        """Whether the faces along the rim lie where the lid does, as of a sheet that is around the lid's place."""
+        """Return whether the faces along the rim lie where the lid does, as in a sheet around the lid's place."""
         ends = np.stack([lid.loop, np.roll(lid.loop, -1)], axis=1)
         found = [
             (pair, self._at_borders[min(pair), max(pair)])
@@ -194,7 +202,7 @@ class _Surface:
         return bool(cosines.mean() > UPON)
 
     def _faces_alike(self, way: NDArray[np.float64], rim: NDArray[np.float64], component: int) -> bool:
-        """Whether the component's surface within a radius of the rim faces that way, or the opposite one."""
+        """Return whether the component's surface within a radius of the rim faces that way, or the opposite one."""
         middle = rim.mean(axis=0)
         reach = 2.0 * np.linalg.norm(rim - middle, axis=1).max()
         around = (self._of_faces == component) & (np.linalg.norm(self._centers - middle, axis=1) < reach)
@@ -203,8 +211,10 @@ class _Surface:
 
 
 def lid_across(loop: NDArray[np.int64], points: NDArray[np.float64], taken: set[tuple[int, int]]) -> Lid:
-    """Quads between the two sides of a loop, a triangle at the end of an odd one, turned so that the edges across are
-    short, and not edges of the mesh already, where that can be."""
+    """Return quads between the two sides of a loop, with a triangle at the end of an odd one.
+
+    They are turned so that cross edges are short, and not edges of the mesh already, where possible.
+    """
     count, steps = len(loop), np.arange(1, (len(loop) - 1) // 2)
     tried = min(count, ROTATIONS, max(RUNGS // count, 1))
     starts = np.unique(np.linspace(0, count - 1, tried).astype(int))
@@ -217,7 +227,10 @@ def lid_across(loop: NDArray[np.int64], points: NDArray[np.float64], taken: set[
 
 
 def _closed(mesh: PolygonMesh, lids: list[Lid]) -> PolygonMesh:
-    """The mesh and its lids. Texture coordinates and looks of their corners are those of a corner at the vertex."""
+    """Return the mesh with its lids.
+
+    Texture coordinates and looks of their corners are those of a corner at the vertex.
+    """
     corners = np.concatenate([corner for lid in lids for corner in lid.faces])
     counts = np.array([len(face) for lid in lids for face in lid.faces], dtype=np.int32)
     every = np.arange(len(mesh.face_vertex_indices))

@@ -17,11 +17,11 @@ class Level:
 
     distance: MeshDistance
     reach: NDArray[np.float64]
-    """half of the box that the level is in, in cells, shape (3,)"""
+    """Half the box of the level, in cells, shape (3,)"""
     middle: NDArray[np.float64]
-    """of the surface, in its unit, shape (3,)"""
+    """Center of the surface, in its unit, shape (3,)"""
     cell: float
-    """width of a cell, in the surface's unit"""
+    """Width of a cell, in the surface's unit"""
 
     @classmethod
     def of(cls, mesh: PolygonMesh, cells: int) -> "Level":

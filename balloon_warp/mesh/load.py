@@ -1,6 +1,6 @@
-"""Any mesh: a file, by its suffix, or what Python has for a mesh.
+"""Loading of meshes: a file, by its suffix, or a mesh-like value of Python.
 
-Each format says in its own file which suffixes are its, and how they are read.
+Each format lists its suffixes and readers in its own file.
 """
 
 from collections.abc import Sequence

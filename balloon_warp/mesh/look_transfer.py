@@ -11,7 +11,8 @@ from balloon_warp.mesh.painted_surface import PaintedSurface
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 
 MOST_CHARTS = 1000
-"""of a texture, that faces of the other mesh reach out of: where there are more, they are smaller than these"""
+"""Largest number of charts of a texture that faces of the other mesh extend beyond: with more, charts are smaller than
+these faces"""
 
 
 def dressed(mesh: PolygonMesh, surface: PolygonMesh) -> PolygonMesh:
@@ -45,7 +46,7 @@ def dressed(mesh: PolygonMesh, surface: PolygonMesh) -> PolygonMesh:
 def _looks(
     looks: Looks, middles: NDArray[np.int64], corners: NDArray[np.int64], weights: NDArray[np.float64]
 ) -> Looks | None:
-    """The looks at the corners of the other mesh.
+    """Return the looks at the corners of the other mesh.
 
     Args:
         middles: the corner of the surface that has the material, for each, shape (n,).
@@ -69,7 +70,7 @@ def _places(
     triangles: NDArray[np.int64],
     weights: NDArray[np.float64],
 ) -> NDArray[np.float32] | None:
-    """Texture coordinates at the corners of the other mesh; None where charts are too many for that.
+    """Return the texture coordinates at the corners of the other mesh; None where charts are too many for that.
 
     Args:
         places: those of the surface.
@@ -91,7 +92,7 @@ def _places(
 
 
 def _without_pictures(looks: Looks) -> Looks:
-    """The looks with the mean of each image in its place."""
+    """Return the looks with the mean of each image in its place."""
 
     def plain(look: Look) -> Look:
         if look.picture is None:

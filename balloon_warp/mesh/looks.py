@@ -1,4 +1,4 @@
-"""What a mesh looks like by its own file: colors and images, face by face."""
+"""Appearance of a mesh in its own file: colors and images, face by face."""
 
 import hashlib
 import io
@@ -16,9 +16,9 @@ from balloon_warp.files import target_of, whole_file
 from balloon_warp.temporaries import clear_left_over
 
 FOLDER = "textures"
-"""where images stand beside a stage"""
+"""Folder of images beside a stage"""
 Color = tuple[float, float, float]
-"""linear RGB"""
+"""Linear RGB"""
 WHITE = (1.0, 1.0, 1.0)
 
 
@@ -27,13 +27,13 @@ class Picture:
     """An image file that USD and glTF take: PNG or JPEG."""
 
     name: str
-    """of a file, with a hash of its content: different images have different names"""
+    """Name of a file, with a hash of its content: different images have different names"""
     data: bytes
-    """the file's content"""
+    """Content of the file"""
 
     @cached_property
     def mean(self) -> Color:
-        """linear RGB"""
+        """Mean color, linear RGB."""
         from PIL import Image  # only for a mesh that has images
 
         with Image.open(io.BytesIO(self.data)) as image:
@@ -43,7 +43,7 @@ class Picture:
 
     @property
     def path(self) -> str:
-        """as a stage names it"""
+        """Path as named in a stage."""
         return f"./{FOLDER}/{self.name}"
 
     def times(self, color: Color) -> "Picture":
@@ -57,7 +57,7 @@ class Picture:
         return Picture(f"{Path(self.name).stem}_{hashlib.sha256(data).hexdigest()[:8]}.png", data)
 
     def beside(self, stage: Path) -> Path:
-        """Where it is, if a stage names it."""
+        """Return the path of the image, if a stage names it."""
         return stage.parent / FOLDER / self.name
 
     def places(self, stage: Path) -> list[Path]:
@@ -100,9 +100,9 @@ class Looks:
 
     materials: tuple[Look, ...]
     of_corners: NDArray[np.int32]
-    """the material at each corner, all corners of a face alike, -1 for none, shape (corner_count,)"""
+    """Material at each corner, the same at all corners of a face, -1 for none, shape (corner_count,)"""
     colors: NDArray[np.float32] | None = None
-    """linear RGB at corners without a material, such as vertex colors; not a number where the file says none, shape
+    """Linear RGB at corners without a material, such as vertex colors; NaN where the file has none, shape
     (corner_count, 3)"""
 
     def at(self, corners: NDArray[np.integer | np.bool_]) -> "Looks":
@@ -123,7 +123,7 @@ class Looks:
         return found
 
     def mean(self, otherwise: Color) -> Color:
-        """Linear RGB over all corners; arguments as above."""
+        """Return the linear RGB over all corners; arguments as above."""
         colors = self.color_at_corners(otherwise)
         for number, look in enumerate(self.materials):
             if look.picture is not None:

@@ -13,7 +13,7 @@ from balloon_warp.mesh.geometry import first_coincident
 from balloon_warp.warp_lock import lock_of
 
 SLAB = 1.5
-"""of the given thickness is what is thin, and what it becomes"""
+"""Thickness below which something is thin, and of its slab, over the given thickness"""
 
 
 class MeshDistance:
@@ -25,10 +25,10 @@ class MeshDistance:
     """
 
     def __init__(self, points: NDArray[np.float64], triangles: NDArray[np.integer[Any]], thickness: float):
-        """Takes points of shape (n, 3), outward triangles of shape (m, 3), and a thickness in the points' unit."""
+        """Take points of shape (n, 3), outward triangles of shape (m, 3), and a thickness in the points' unit."""
         self._farthest = 10.0 * float(np.linalg.norm(np.ptp(points, axis=0))) + 10.0 * thickness
         self.half_slab = 0.5 * SLAB * thickness
-        """how far the surface of a slab is from what it stands for"""
+        """Distance of a slab's surface from its source"""
         self._mesh = _warp_mesh(points, triangles, winding_number=True)
         self._sheets = self._thin_parts(points, triangles, thickness) if thickness > 0.0 else None
 
@@ -38,18 +38,18 @@ class MeshDistance:
         return self._sheets is not None
 
     def __call__(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Distances of points of shape (n, 3), shape (n,)."""
+        """Return the distances of points of shape (n, 3), shape (n,)."""
         distances = self.solid(points)
         if self._sheets is None:
             return distances
         return np.minimum(distances, self._query(unsigned_distances, self._sheets, points) - self.half_slab)
 
     def solid(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Distances of points of shape (n, 3) to the mesh itself, without slabs, shape (n,)."""
+        """Return the distances of points of shape (n, 3) to the mesh itself, without slabs, shape (n,)."""
         return self._query(signed_distances, self._mesh, points)
 
     def on_slabs(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Which of the points of shape (n, 3) at the zero level are about where that of a slab is, shape (n,)."""
+        """Return a mask of the points of shape (n, 3) at the zero level that are about at a slab's, shape (n,)."""
         if self._sheets is None:
             return np.zeros(len(points), dtype=bool)
         return self._query(unsigned_distances, self._sheets, points) < 1.3 * self.half_slab
@@ -57,7 +57,7 @@ class MeshDistance:
     def _thin_parts(
         self, points: NDArray[np.float64], triangles: NDArray[np.integer[Any]], thickness: float
     ) -> wp.Mesh | None:
-        """The surface where nothing solid lies behind it, in pieces no longer than the thickness."""
+        """Return the surface where nothing solid lies behind it, in pieces no longer than the thickness."""
         points, triangles, *_ = trimesh.remesh.subdivide_to_size(points, triangles, thickness, max_iter=30)
         corners = points[triangles]
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -85,7 +85,7 @@ class MeshDistance:
 
 
 def _part_labels(points: NDArray[np.float64], triangles: NDArray[np.integer[Any]]) -> NDArray[np.int64]:
-    """The same number for triangles that hang together, shape (triangle_count,)."""
+    """Return labels that connected triangles share, shape (triangle_count,)."""
     a, b, c = first_coincident(points)[triangles].T
     return component_labels(len(points), np.concatenate([a, a]), np.concatenate([b, c]))[a]
 

@@ -9,15 +9,15 @@ from balloon_warp.mesh.thickness import length_graph, relative_thickness
 from balloon_warp.mesh.topology import is_closed, mesh_edges
 
 SAMPLES = 4000
-"""points of the surface that are looked at, spread evenly by area"""
+"""Number of samples on the surface, spread evenly by area"""
 GROWTH = 1.5
-"""by how much a part grows outward, over how far the skin is stretched and over the radius of a sphere"""
+"""Outward growth of a part, over the skin's stretch and over the radius of a sphere"""
 FACING = -0.5
-"""cosine between normals of surfaces that face each other: a groove that opens by less than 60 degrees has such"""
+"""Cosine between normals of surfaces that face each other: a groove that opens by less than 60 degrees has such"""
 DETOUR = 3.0
-"""how much longer the way along the surface is than across the gap: in a groove it is shorter"""
+"""Least length of the path along the surface over the gap across: in a groove it is shorter"""
 MOST_WAYS = 200
-"""pairs of samples whose ways along the surface are measured"""
+"""Largest number of sample pairs whose paths along the surface are measured"""
 
 
 def nears_itself(mesh: PolygonMesh, stretch: float) -> bool:
@@ -49,8 +49,10 @@ def nears_itself(mesh: PolygonMesh, stretch: float) -> bool:
 
 
 def _samples(mesh: PolygonMesh) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.integer]]:
-    """Points of the surface, the normals there, and the vertices next to them: as many for each triangle as its area
-    has, in a fixed order (the golden ratio's, within a triangle); shapes (N, 3), (N, 3), (N,)."""
+    """Return samples of the surface, shape (N, 3), their normals, and the vertices next to them, shape (N,).
+
+    As many for each triangle as its area has, in a fixed order (the golden ratio's, within a triangle).
+    """
     triangles, _ = triangulate(mesh)
     corners = mesh.points[triangles]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -69,7 +71,7 @@ def _samples(mesh: PolygonMesh) -> tuple[NDArray[np.float64], NDArray[np.float64
 def _are_far_along(
     mesh: PolygonMesh, first: NDArray[np.integer], second: NDArray[np.integer], gaps: NDArray[np.float64]
 ) -> bool:
-    """Whether any two vertices are much farther from each other along the surface than across the gap."""
+    """Return whether any two vertices are much farther from each other along the surface than across the gap."""
     from scipy.sparse.csgraph import dijkstra
 
     if not len(gaps):

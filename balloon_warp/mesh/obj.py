@@ -23,13 +23,13 @@ from balloon_warp.mesh.obj_textures import ObjTextures
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 
 LARGEST_FILE = 1 << 30
-"""bytes; reading takes up to nine times as much memory"""
+"""Largest size of a file [bytes]; reading takes up to nine times as much memory"""
 COMPRESSED = {b"\x1f\x8b": "gzip", b"PK\x03\x04": "zip", b"BZh": "bzip2", b"\xfd7zXZ": "xz", b"(\xb5/\xfd": "Zstandard"}
-"""by the first bytes of a file"""
+"""Compressions by the first bytes of a file"""
 
 
 class _LineError(Exception):
-    """What is wrong with a line."""
+    """Mistake in a line."""
 
 
 def read_obj(path: Path | str) -> PolygonMesh:
@@ -90,8 +90,10 @@ def read_obj(path: Path | str) -> PolygonMesh:
 
 
 def _check_numbers(path: Path, mesh: PolygonMesh, vertex_lines: Sequence[int], face_lines: Sequence[int]) -> None:
-    """Raises:
-    InputError: a coordinate is too large, or a face names a vertex that is not there; it names the line.
+    """Check coordinates and vertex numbers.
+
+    Raises:
+        InputError: A coordinate is too large, or a face names a vertex that is not there; it names the line.
     """
     outside = ~(np.abs(mesh.points) <= FLOAT32_MAX).all(axis=1)
     if outside.any():
@@ -113,9 +115,10 @@ LOADERS = {".obj": read_obj}
 
 
 def write_obj(path: Path | str, mesh: PolygonMesh) -> None:
-    """Write vertices and polygons, with texture coordinates and looks where there are some: materials go into an .mtl
-    beside the file, images into a folder `textures`. Reading them gives the same float64 points. The file appears whole
-    or not at all.
+    """Write vertices and polygons, with texture coordinates and looks where there are some.
+
+    Materials go into an .mtl beside the file, images into a folder `textures`. Reading them gives the same float64
+    points. The file appears whole or not at all.
 
     Raises:
         InputError: the file cannot be written, or the .mtl is another program's.
@@ -151,7 +154,10 @@ def _material_lines(path: Path, mesh: PolygonMesh) -> dict[int, str]:
 
 
 def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
-    """The lines of the file and their numbers, without comments. A continued line has the number of its first part."""
+    """Iterate over the lines of the file with their numbers, without comments.
+
+    A continued line has the number of its first part.
+    """
     text = _content(path)
     if text.startswith((b"\xff\xfe", b"\xfe\xff")) or b"\0" in text:
         raise InputError(f"{path}: is binary or UTF-16, not the plain text of an OBJ file")
@@ -164,14 +170,14 @@ def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
 
 
 def _plain(lines: Iterator[tuple[int, bytes]]) -> Iterator[tuple[int, bytes]]:
-    """Lines without comments, each continued one joined with those that follow."""
+    """Return the lines without comments, each continued one joined with those that follow."""
     for number, line in lines:
         line = line.partition(b"#")[0]
         yield number, _joined(line, lines) if line.rstrip().endswith(b"\\") else line
 
 
 def _joined(line: bytes, following: Iterator[tuple[int, bytes]]) -> bytes:
-    """A line that ends in a backslash, and those that it is continued on."""
+    """Return a line that ends in a backslash, and those that it is continued on."""
     whole = bytearray()
     while (text := line.rstrip()).endswith(b"\\"):
         whole += text[:-1] + b" "
@@ -196,7 +202,7 @@ def _content(path: Path) -> bytes:
 
 
 def _coordinates(words: list[bytes]) -> list[float]:
-    """The first three numbers of a `v` line. A weight or a color may follow."""
+    """Return the first three numbers of a `v` line. A weight or a color may follow."""
     if len(words) < 3:
         raise _LineError(f"a vertex needs three coordinates, not {len(words)}")
     try:
@@ -209,7 +215,7 @@ def _coordinates(words: list[bytes]) -> list[float]:
 
 
 def _face(words: list[bytes], above: int) -> list[int]:
-    """Vertices of an `f` line, from 0; of v/vt/vn only v is read. `above` vertices stand above the line."""
+    """Return the vertices of an `f` line, from 0; of v/vt/vn only v is read. `above` vertices stand above the line."""
     if len(words) < 3:
         raise _LineError(f"a face needs three corners or more, not {len(words)}")
     if len(words) > LARGEST_FACE:
@@ -224,7 +230,7 @@ def _face(words: list[bytes], above: int) -> list[int]:
 
 
 def _vertex(number: int, word: bytes, above: int) -> int:
-    """A vertex, from 0, of its unusual number in the file: from 1, or negative, counting back from the last above."""
+    """Return a vertex, from 0, from its number in the file: from 1, or negative, counting back from the last."""
     if b"_" in word:
         raise _LineError("vertex numbers must be integers")
     if number == 0:

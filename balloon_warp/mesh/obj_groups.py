@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 MOST_GROUPS = 10_000
-"""names that are kept of a file"""
+"""Largest number of names that are kept of a file"""
 
 
 class ObjGroups:
@@ -14,18 +14,18 @@ class ObjGroups:
 
     def __init__(self) -> None:
         self._ranges: dict[str, array[int]] = {}
-        """by name, where runs of faces begin and end"""
+        """Begin and end of runs of faces, by name"""
         self._open: dict[bytes, tuple[list[str], int]] = {}
-        """by `g` or `o`, the names now, and the first face that has them"""
+        """Current names, and the first face that has them, by `g` or `o`"""
 
     def begin(self, kind: bytes, text: bytes, face: int) -> None:
-        """A line, whose names stand in a text, and the number of the next face."""
+        """Begin a group: a line with its names, and the number of the next face."""
         self._end(kind, face)
         words = text.split() if kind == b"g" else [text.strip()]
         self._open[kind] = [word.decode("utf-8", "replace") for word in words if word], face
 
     def of_vertices(self, sizes: NDArray[np.int32], corners: NDArray[np.int32]) -> dict[str, NDArray[np.int32]]:
-        """The vertices of each group, ascending.
+        """Return the vertices of each group, ascending.
 
         Args:
             sizes: of all faces.

@@ -11,9 +11,9 @@ from balloon_warp.mesh.looks import WHITE, Looks, encoded
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 
 OURS = "# Written by Balloon Warp"
-"""the first line of an .mtl, by which it is known that it may be written anew"""
+"""First line of an .mtl that may be overwritten"""
 PLAIN = "plain"
-"""the material of faces that have none"""
+"""Material of faces that have none"""
 
 
 def check_materials(path: Path) -> None:
@@ -57,8 +57,10 @@ def write_materials(path: Path, looks: Looks) -> list[str]:
 
 
 def vertex_colors(mesh: PolygonMesh) -> NDArray[np.float64] | None:
-    """Return sRGB at each vertex, the mean of its corners', where any has a color, shape (vertex_count, 3); white where
-    none has, by which a material is not changed."""
+    """Return sRGB at each vertex, the mean of its corners', where any has a color, shape (vertex_count, 3).
+
+    White where none has, by which a material is not changed.
+    """
     looks = mesh.looks
     if looks is None or looks.colors is None:
         return None

@@ -11,15 +11,17 @@ from balloon_warp.mesh.pictures import Pictures, beside
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 
 LARGEST_LIBRARY = 1 << 24
-"""bytes of a .mtl"""
+"""Largest size of an .mtl [bytes]"""
 OPTIONS = {"-blendu": 1, "-blendv": 1, "-boost": 1, "-cc": 1, "-clamp": 1, "-imfchan": 1, "-mm": 2, "-texres": 1}
-"""of a map, by how many words follow; -o, -s and -t are followed by up to three numbers"""
+"""Options of a map, by the number of following words; -o, -s and -t are followed by up to three numbers"""
 UNKNOWN = -1
 
 
 class ObjMaterials:
-    """Collects `mtllib` and `usemtl` lines, and vertices' colors. Where they make no sense there are none: no mesh is
-    refused for its looks."""
+    """Collect `mtllib` and `usemtl` lines, and vertices' colors.
+
+    Where they make no sense there are none: no mesh is refused for its looks.
+    """
 
     def __init__(self, path: Path) -> None:
         self._folder, self._pictures = path.parent, Pictures(path)

@@ -8,28 +8,30 @@ from numpy.typing import NDArray
 from balloon_warp.mesh.check import FLOAT32_MAX
 
 NOWHERE = -(2**31)
-"""the number at the corners of a face that has none"""
+"""Number at the corners of a face that has none"""
 
 
 class ObjTextures:
-    """Collects `vt` lines and what faces name of them. Where they make no sense there are none: no mesh is refused for
-    its texture."""
+    """Collect `vt` lines and faces' references to them.
+
+    Where they make no sense there are none: no mesh is refused for its texture.
+    """
 
     def __init__(self) -> None:
         self._coordinates, self._corners = array("d"), array("i")
         self._complete = True
         self._before = 0
-        """corners of faces without any, before the first that has some"""
+        """Number of corners of faces without any, before the first that has some"""
 
     def add_vertex(self, words: list[bytes]) -> None:
-        """A `vt` line: u, and v unless it is 0; a depth may follow."""
+        """Add a `vt` line: u, and v unless it is 0; a depth may follow."""
         try:
             self._coordinates.extend((float(words[0]), float(words[1]) if len(words) > 1 else 0.0))
         except (IndexError, ValueError):
             self._complete = False
 
     def add_face(self, words: list[bytes]) -> None:
-        """The corners of an `f` line: v/vt or v/vt/vn."""
+        """Add the corners of an `f` line: v/vt or v/vt/vn."""
         if not self._corners and b"/" not in words[0]:
             self._before += len(words)
         elif self._complete:
@@ -47,10 +49,10 @@ class ObjTextures:
             self._complete = False
 
     def of_corners(self, partly: bool = False) -> NDArray[np.float32] | None:
-        """u and v at the corners of all faces, shape (corner_count, 2); None unless all corners have them.
+        """Return u and v at the corners of all faces, shape (corner_count, 2); None unless all corners have them.
 
         Args:
-            partly: whether faces may have none, so that zeros stand there.
+            partly: Whether faces may have none, so that zeros stand there.
         """
         coordinates = np.frombuffer(self._coordinates).reshape(-1, 2)
         if not (self._complete and self._corners and len(coordinates)) or (self._before and not partly):

@@ -21,22 +21,26 @@ NO_VOLUME = 1e-12
 
 
 def oriented_outward(mesh: PolygonMesh) -> PolygonMesh:
-    """The mesh with neighboring faces wound alike, and outward on the whole; as few faces are turned as it takes."""
+    """Return the mesh with neighboring faces wound alike, and outward on the whole, by the fewest flips."""
     mesh = wound_alike(mesh)
     return flipped(mesh, np.ones(mesh.face_count, dtype=bool)) if signed_volume(mesh) < 0.0 else mesh
 
 
 def facing_outward(mesh: PolygonMesh) -> PolygonMesh:
-    """The mesh with neighboring faces wound alike, and closed components outward, but for hollows in the largest; and
-    where three faces or more meet, those outward that are between the inside and the outside."""
+    """Return the mesh with faces wound consistently, and closed components outward.
+
+    Hollows in the largest component stay inward; and where three faces or more meet, those that are between the inside
+    and the outside face outward.
+    """
     mesh, _ = pushed_outward(wound_alike(mesh))
     inward = inward_faces(mesh, mesh_edges(mesh))
     return flipped(mesh, inward) if inward.any() else mesh
 
 
 def inward_faces(mesh: PolygonMesh, edges: MeshEdges) -> NDArray[np.bool_]:
-    """Which faces belong to a component that has an inside, being closed and consistently wound, and faces it, shape
-    (face_count,).
+    """Return a mask of the faces of components that face their inside, shape (face_count,).
+
+    A component has an inside if it is closed and consistently wound.
 
     A component that lies in the box around the largest outward one is a hollow in it: it faces inward rightly.
     """
@@ -58,7 +62,7 @@ def inward_faces(mesh: PolygonMesh, edges: MeshEdges) -> NDArray[np.bool_]:
 
 
 def wound_alike(mesh: PolygonMesh) -> PolygonMesh:
-    """The mesh with neighboring faces wound alike where a winding fits them all; as few are turned as it takes."""
+    """Return the mesh with neighboring faces wound alike where possible, by the fewest flips."""
     edges = mesh_edges(mesh)
     if not len(inconsistent_edges(edges)):
         return mesh

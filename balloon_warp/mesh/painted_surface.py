@@ -28,12 +28,12 @@ class PaintedSurface:
         a, b, c = np.moveaxis(self._points[corners], 1, 0)
         flat = (np.cross(b - a, c - a) == 0.0).all(axis=1)
         self.corners = corners[~flat].astype(np.int64)
-        """of each triangle, shape (triangle_count, 3)"""
+        """Corners of each triangle, shape (triangle_count, 3)"""
 
     def nearest(
         self, points: NDArray[np.float64], among: NDArray[np.int64] | None = None
     ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """The triangle that is nearest to each point, shape (n,), and the weights of its corners there, shape (n, 3).
+        """Return the nearest triangle to each point, shape (n,), and the weights of its corners there, shape (n, 3).
 
         Args:
             points: in the surface's unit, shape (n, 3).
@@ -51,8 +51,9 @@ class PaintedSurface:
         return found if among is None else among[found], weights.numpy().astype(np.float64)
 
     def charts(self, places: NDArray[np.float32]) -> NDArray[np.int64]:
-        """The chart of a texture that each triangle is in: faces hang together in it where they share vertices,
-        places in the image and the material.
+        """Return the chart of a texture that each triangle is in.
+
+        Faces of a chart are connected where they share vertices, places in the image and the material.
 
         Args:
             places: texture coordinates at the corners of the surface, shape (corner_count, 2).
@@ -71,5 +72,5 @@ class PaintedSurface:
         return labels[self.corners[:, 0]]
 
     def _scaled(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """About the middle, and of the size 1: Warp measures in float32."""
+        """Return points centered and scaled to size 1, since Warp measures in float32."""
         return (points - self._middle) / self._size

@@ -1,4 +1,4 @@
-"""Which parts of a mesh a balloon is made of."""
+"""Selection of the parts of a mesh that make up a balloon."""
 
 from dataclasses import replace
 from typing import Literal
@@ -16,7 +16,7 @@ Taken = Literal["all", "closed", "largest"]
 
 
 def parts_taken(mesh: PolygonMesh, taken: Taken, source: object) -> tuple[NDArray[np.bool_], str | None]:
-    """The vertices of the parts that are taken, shape (vertex_count,), and a sentence about those that are not.
+    """Return the vertices of the parts that are taken, shape (vertex_count,), and a sentence about those that are not.
 
     Args:
         taken: all parts, which share no vertex; those without a border; or the one of the largest area.
@@ -52,7 +52,7 @@ def parts_taken(mesh: PolygonMesh, taken: Taken, source: object) -> tuple[NDArra
 
 
 def of_vertices(mesh: PolygonMesh, kept: NDArray[np.bool_]) -> PolygonMesh:
-    """The mesh with the faces of some vertices alone, by a mask; its vertices keep their numbers."""
+    """Return the mesh with the faces of some vertices alone, by a mask; its vertices keep their numbers."""
     if kept.all():
         return mesh
     faces = kept[mesh.face_vertex_indices[face_starts(mesh)]]

@@ -8,9 +8,9 @@ from pathlib import Path, PurePosixPath, PureWindowsPath
 from balloon_warp.mesh.looks import Picture
 
 LARGEST_FILE = 1 << 28
-"""bytes of an image"""
+"""Largest size of an image [bytes]"""
 KEPT = {"PNG": ".png", "JPEG": ".jpg"}
-"""suffixes of images that stay as they are, by their format; others become PNG"""
+"""Suffixes of images that stay as they are, by their format; others become PNG"""
 
 
 class Pictures:
@@ -20,7 +20,7 @@ class Pictures:
         self._source = source
         self._read: dict[str, Picture | None] = {}
         self.warnings: list[str] = []
-        """a sentence for each that cannot be had"""
+        """Warnings, one for each image that cannot be read"""
 
     def of_file(self, named: str, folder: Path) -> Picture | None:
         """Read the image of a file.

@@ -16,7 +16,7 @@ def place_mesh(
     rotation: Sequence[float] = (0.0, 0.0, 0.0),
     position: Sequence[float] = (0.0, 0.0, 0.0),
 ) -> PolygonMesh:
-    """The mesh in meters, turned to the up axis ("Y" or "Z"), then scaled, rotated and moved.
+    """Return the mesh in meters, turned to the up axis ("Y" or "Z"), then scaled, rotated and moved.
 
     Args:
         rotation: about x, then y, then z [degrees].
@@ -31,20 +31,20 @@ def place_mesh(
 
 
 def axes_matrix(mesh_up: str, up_axis: str) -> NDArray[np.float64]:
-    """The matrix that turns one up axis, "Y" or "Z", to another."""
+    """Return the matrix that turns one up axis, "Y" or "Z", to another."""
     if mesh_up == up_axis:
         return np.eye(3)
     return _rotation(0, 90.0 if up_axis == "Z" else -90.0)
 
 
 def rotation_matrix(rotation: Sequence[float] | NDArray[np.float64]) -> NDArray[np.float64]:
-    """The matrix of a rotation about x, then y, then z [degrees], which takes a column to where it is then."""
+    """Return the matrix of a rotation about x, then y, then z [degrees], which takes a column to where it is then."""
     about_x, about_y, about_z = (_rotation(axis, float(degrees)) for axis, degrees in enumerate(rotation))
     return about_z @ about_y @ about_x
 
 
 def in_y_up_meters(mesh: PolygonMesh) -> PolygonMesh:
-    """The mesh in meters, y up, which is how an OBJ file is taken. To the last bit: axes change places."""
+    """Return the mesh in meters, y up, which is how an OBJ file is taken. To the last bit: axes change places."""
     points = mesh.points * mesh.meters_per_unit
     if mesh.up_axis == "Z":
         points = points[:, [0, 2, 1]] * [1.0, 1.0, -1.0]
@@ -52,7 +52,7 @@ def in_y_up_meters(mesh: PolygonMesh) -> PolygonMesh:
 
 
 def _rotation(axis: int, degrees: float) -> NDArray[np.float64]:
-    """Matrix of a right-handed rotation about a coordinate axis."""
+    """Return the matrix of a right-handed rotation about a coordinate axis."""
     cosine, sine = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     matrix = np.eye(3)
     first, second = (axis + 1) % 3, (axis + 2) % 3

@@ -1,4 +1,4 @@
-"""From a mesh as it was read to the one that is simulated."""
+"""Preparation of a mesh for simulation: welding, holes, parts and winding."""
 
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -16,27 +16,28 @@ Weld = bool | Literal["auto"] | float
 Holes = Literal["cap", "keep"]
 Parts = Literal["held", "free"]
 LEAST_GAP, LARGEST_GAP = 1e-6, 0.1
-"""of a seam that is to be welded, as a part of the mesh's size"""
+"""Range of a weldable gap over the mesh's size"""
 
 
 @dataclass(frozen=True)
 class Treatment:
-    """What is to become of a mesh's seams, holes and parts; a scene's balloon says so in fields of these names."""
+    """Treatment of a mesh's seams, holes and parts, as the scene's balloon gives it in fields of these names."""
 
     weld: Weld = "auto"
-    """join faces along open edges that lie on one another but for rounding, or for a gap, as a part of the mesh's size;
-    or wherever vertices lie at exactly the same place; or nowhere"""
+    """Weld open edges that coincide up to rounding, or up to a gap over the mesh's size; or all vertices that coincide
+    exactly; or none"""
     holes: Holes = "cap"
-    """close holes in the surface, or keep them"""
+    """Close holes in the surface, or keep them"""
     parts: Parts = "held"
-    """hold components together, or let them part"""
+    """Hold components together, or leave them free"""
     taken: Taken = "all"
-    """all of them, those without a border, or the one of the largest area"""
+    """Parts to take: all, those without a border, or the largest by area"""
 
 
 def prepared(mesh: PolygonMesh, source: object, treatment: Treatment) -> PolygonMesh:
-    """The mesh as it is simulated, with a warning of what is odd about it and what became of it. Vertices keep their
-    numbers; the springs that hold its parts are made later.
+    """Return the mesh as it is simulated, with warnings of its defects and their treatment.
+
+    Vertices keep their numbers; the springs that hold its parts are made later.
 
     A mesh of edges alone, faces of two corners, is a net of springs: it stays as it is.
 

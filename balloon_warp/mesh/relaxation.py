@@ -1,4 +1,4 @@
-"""Even quads: vertices of a closed quad mesh slide along the zero level of a signed distance."""
+"""Relaxation of quads: vertices of a closed quad mesh slide along the zero level of a signed distance."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -42,7 +42,7 @@ def relax(mesh: PolygonMesh, distance: Distance, cell: float) -> PolygonMesh:
 
 
 def middles(points: NDArray[np.float64], quads: NDArray[np.int32]) -> NDArray[np.float64]:
-    """Mean of the neighbors of each vertex, the larger faces counting more."""
+    """Return the mean of the neighbors of each vertex, the larger faces counting more."""
     corners = points[quads]
     neighbors = np.roll(corners, 1, axis=1) + np.roll(corners, -1, axis=1)
     diagonals = corners[:, 2:] - corners[:, :2]
@@ -56,7 +56,7 @@ def middles(points: NDArray[np.float64], quads: NDArray[np.int32]) -> NDArray[np
 
 
 def newton_direction(points: NDArray[np.float64], distance: Distance, cell: float) -> NDArray[np.float64]:
-    """Gradient of the distance over its square, by central differences."""
+    """Return the gradient of the distance over its square, by central differences."""
     step = 0.02 * cell
     offsets = step * np.concatenate([np.eye(3), -np.eye(3)])
     around = distance((points[:, None] + offsets).reshape(-1, 3)).reshape(-1, 6)
@@ -68,7 +68,7 @@ def newton_direction(points: NDArray[np.float64], distance: Distance, cell: floa
 def nearer(
     points: NDArray[np.float64], direction: NDArray[np.float64], distance: Distance, cell: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Points moved against `direction` by their distance, where that does bring them nearer to the zero level.
+    """Return points moved against `direction` by their distance, where that brings them nearer to the zero level.
 
     Returns:
         The points and their distances.

@@ -1,4 +1,4 @@
-"""Any surface as a closed mesh of even quads: signed distance, then surface nets."""
+"""Remeshing of any surface as a closed mesh of even quads: signed distance, then surface nets."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -28,9 +28,9 @@ from balloon_warp.warp_logging import quiet_warp
 
 MIN_CELLS, MAX_CELLS = 4, 256
 TRIES, FINER = 3, 1.5
-"""times that a surface is tried with more cells each time, where what comes of it is not faithful to it"""
+"""Number of attempts, and the factor on the number of cells, where the result is not faithful"""
 CRUMB = 3.0
-"""cells: a part is a crumb that no box has of more than that, which is what a speck of a cell and a half becomes"""
+"""Box size up to which a part is a crumb [cells], from a speck of a cell and a half"""
 
 
 def remesh(mesh: PolygonMesh, cells: int, on_stage: Callable[[str], None] = lambda stage: None) -> PolygonMesh:
@@ -72,15 +72,15 @@ class _Made:
     cells: int
     warnings: list[str]
     wrong: str | None = None
-    """with fewer cells, as the end of a sentence"""
+    """Defect with fewer cells, as the end of a sentence"""
 
     def mistake(self, mesh: PolygonMesh) -> str | None:
-        """Say what of the surface they do not stand for, as the end of a sentence."""
+        """Return the part of the surface that the quads do not represent, as the end of a sentence."""
         return infidelity(mesh, self.quads, Level.width(mesh, self.cells)) or wrong_volume(mesh, self.quads)
 
 
 def _faithful(mesh: PolygonMesh, cells: int, on_stage: Callable[[str], None]) -> _Made:
-    """Quads that stand for the surface, of so many cells, or of more where it takes more.
+    """Return the quads that stand for the surface, of so many cells, or of more where it takes more.
 
     Raises:
         InputError: more do not help.
@@ -101,7 +101,7 @@ def _faithful(mesh: PolygonMesh, cells: int, on_stage: Callable[[str], None]) ->
 
 
 def _keeping_handles(mesh: PolygonMesh, made: _Made, on_stage: Callable[[str], None]) -> _Made:
-    """Quads that have the handles of the surface, of more cells where it takes more.
+    """Return the quads that have the handles of the surface, of more cells where it takes more.
 
     Raises:
         InputError: it takes so many that one has to ask for them.
@@ -124,7 +124,7 @@ def _keeping_handles(mesh: PolygonMesh, made: _Made, on_stage: Callable[[str], N
 
 
 def _cells_for_handles(mesh: PolygonMesh, cells: int) -> int | None:
-    """How many cells, more than that, keep the handles of a surface; None where no number does that can be taken."""
+    """Return a larger number of cells that keeps the handles of a surface; None where no feasible number does."""
     wanted = handle_count(mesh)
     while cells < MAX_CELLS:
         cells = min(round(cells * FINER), MAX_CELLS)

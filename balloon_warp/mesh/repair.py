@@ -15,8 +15,9 @@ from balloon_warp.mesh.topology import duplicate_faces, repeated_corners
 
 
 def repaired(mesh: PolygonMesh, source: object, holes: Literal["cap", "keep"] = "cap") -> PolygonMesh:
-    """The mesh with each corner of a face taken once, each face once, one winding, outward, and faces across the holes
-    in its surface. Vertices stay.
+    """Return the mesh without repeated corners and faces, wound outward, and with lids on its holes.
+
+    Vertices stay.
 
     Raises:
         InputError: no face is left; it names `source`.
@@ -28,8 +29,11 @@ def repaired(mesh: PolygonMesh, source: object, holes: Literal["cap", "keep"] = 
 
 
 def distinct_faces(mesh: PolygonMesh) -> tuple[PolygonMesh, NDArray[np.int64]]:
-    """The mesh with each vertex where a face comes to it first, less the faces that have under three then, or the
-    corners of an earlier face; and the faces that it has kept, in order."""
+    """Return the mesh without repeated vertices in faces and without repeated faces, and the kept faces in order.
+
+    A vertex stays where a face comes to it first. Faces that then have under three vertices, or the corners of an
+    earlier face, go.
+    """
     mesh = _distinct_corners(mesh)
     keep = mesh.face_vertex_counts >= 3
     keep[duplicate_faces(mesh)] = False

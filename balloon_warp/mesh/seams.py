@@ -1,5 +1,7 @@
-"""Welding: faces that end at the same place share their vertices there. Vertices keep their numbers; those that faces
-have left move along with the ones that stand in for them."""
+"""Welding: faces that end at the same place share their vertices there.
+
+Vertices keep their numbers; those that faces have left move along with the ones that stand in for them.
+"""
 
 from dataclasses import dataclass, replace
 from math import floor, log10
@@ -14,26 +16,28 @@ from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.repair import distinct_faces
 
 ROUNDING = 1e-6
-"""of a mesh's size, or of how far it is from its origin where that is more: what lies so near is at the same place, as
-files and transforms in 32 bits round it"""
+"""Distance below which places coincide, over a mesh's size, or over its distance from its origin where that is more, by
+the rounding of files and transforms in 32 bits"""
 WIDEST = 0.01
-"""of a mesh's size is a gap that is told of as one of a seam, at most"""
+"""Largest gap over a mesh's size that is reported as a seam"""
 NARROW = 0.25
-"""of the length of an edge, likewise"""
+"""Largest gap over the length of an edge that is reported as a seam"""
 ALONG = 0.2
-"""of a border are such edges, at least"""
+"""Least fraction of a border with such edges"""
 FEWEST = 4
-"""of them"""
+"""Least number of such edges"""
 
 
 def welded(mesh: PolygonMesh) -> PolygonMesh:
-    """The mesh with its faces joined where vertices lie at exactly the same place: all go to the first there."""
+    """Return the mesh with its faces joined where vertices lie at exactly the same place: all go to the first there."""
     return _joined(mesh, first_coincident(mesh.points), "that lay {how}", "")
 
 
 def welded_along_seams(mesh: PolygonMesh, gap: float = 0.0) -> PolygonMesh:
-    """The mesh with its faces joined along seams: open edges that lie on one another, from end to end, but for rounding
-    or a gap. An open edge that has no length but by rounding becomes one vertex.
+    """Return the mesh with its faces welded along seams.
+
+    A seam has open edges that lie on one another, from end to end, up to rounding or a gap. An open edge that has no
+    length but by rounding becomes one vertex.
 
     Vertices that lie on others elsewhere, as where two bodies touch, stay apart.
 
@@ -53,12 +57,12 @@ def welded_along_seams(mesh: PolygonMesh, gap: float = 0.0) -> PolygonMesh:
 
 
 def size_of(mesh: PolygonMesh) -> float:
-    """The longest side of the box around its faces, in its unit."""
+    """Return the longest side of the box around its faces, in its unit."""
     return float(np.ptp(mesh.points[mesh.face_vertex_indices], axis=0).max(initial=0.0))
 
 
 def rounding_of(mesh: PolygonMesh) -> float:
-    """The distance within which places are the same, in the mesh's unit."""
+    """Return the distance within which places are the same, in the mesh's unit."""
     return ROUNDING * max(size_of(mesh), float(np.abs(mesh.points[mesh.face_vertex_indices]).max(initial=0.0)))
 
 
@@ -67,13 +71,13 @@ class Seam:
     """Open edges that lie along others, as of a seam that is not welded."""
 
     edges: int
-    """that would be welded"""
+    """Number of edges that would be welded"""
     gap: float
-    """the largest, in the mesh's unit"""
+    """Largest gap, in the mesh's unit"""
     weld: str
-    """the part of the mesh's size that welds it"""
+    """Fraction of the mesh's size that welds it"""
     closes: bool
-    """whether nothing is open then"""
+    """Whether nothing is open then"""
 
     def __str__(self) -> str:
         return (
@@ -83,7 +87,7 @@ class Seam:
 
 
 def open_seam(mesh: PolygonMesh) -> Seam | None:
-    """What of a mesh's borders looks like a seam, and what would weld it; None where nothing does."""
+    """Return the apparent seam in a mesh's borders, and the gap that would weld it; None without one."""
     border, size = Border.of(distinct_faces(mesh)[0]), size_of(mesh)
     if len(border.ends) < FEWEST or not size:
         return None
@@ -102,14 +106,14 @@ def open_seam(mesh: PolygonMesh) -> Seam | None:
 
 
 def _short_above(value: float) -> str:
-    """The least of 1, 2 and 5 times a power of ten that is above a value, such as 2e-4."""
+    """Return the least of 1, 2 and 5 times a power of ten that is above a value, such as 2e-4."""
     power = floor(log10(max(value, ROUNDING)))
     steps = [f"{digit}e{exponent}" for exponent in (power, power + 1) for digit in (1, 2, 5)]
     return next(step for step in steps if float(step) > value)
 
 
 def _exactly_on(ends: NDArray[np.int64], points: NDArray[np.float64]) -> NDArray[np.int64]:
-    """The vertex that each one goes to where edges with ends at the same places are joined, shape (vertex_count,)."""
+    """Return the vertex that each one is merged into where coincident edges are joined, shape (vertex_count,)."""
     places = first_coincident(points)[ends]
     turned = places[:, 0] > places[:, 1]
     ends, places = np.where(turned[:, None], ends[:, ::-1], ends), np.sort(places, axis=1)
@@ -121,7 +125,7 @@ def _exactly_on(ends: NDArray[np.int64], points: NDArray[np.float64]) -> NDArray
 
 
 def _with(mesh: PolygonMesh, stand_ins: NDArray[np.int64]) -> PolygonMesh:
-    """The mesh with other vertices in the place of its own, each face with its corners once."""
+    """Return the mesh with other vertices in the place of its own, each face with its corners once."""
     moved = replace(mesh, face_vertex_indices=stand_ins[mesh.face_vertex_indices].astype(np.int32))
     return distinct_faces(moved)[0]
 

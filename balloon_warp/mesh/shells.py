@@ -1,4 +1,4 @@
-"""Which faces of a mesh part its inside from the outside, and on which side of them that is: where a pressure pushes.
+"""Faces that separate a mesh's inside from the outside, and the side on which a pressure pushes them.
 
 A face has two sides. Around an edge its faces stand like pages around a spine, and what lies between one and the next
 sees a side of each: these sides are of one *room*. So they are where a border is free: there one goes around it. The
@@ -21,7 +21,9 @@ from balloon_warp.mesh.topology import MeshEdges, mesh_edges
 
 
 def pushes(mesh: PolygonMesh, edges: MeshEdges, held: NDArray[np.bool_] | None = None) -> NDArray[np.int64]:
-    """How a pressure pushes each face: 1 along its normal, -1 against it, 0 neither, shape (face_count,).
+    """Return how a pressure pushes each face: 1 along its normal, -1 against it, 0 neither, shape (face_count,).
+
+    Connected faces that go all around something as they wind are pushed as they wind.
 
     What hangs together along edges, and whose faces go all around something as they wind, is pushed as it winds.
 
@@ -46,8 +48,9 @@ def pushes(mesh: PolygonMesh, edges: MeshEdges, held: NDArray[np.bool_] | None =
 
 
 def pushed_outward(mesh: PolygonMesh, held: NDArray[np.bool_] | None = None) -> tuple[PolygonMesh, NDArray[np.bool_]]:
-    """The mesh with the faces turned over that a pressure pushes against their normals, and which faces it does not
-    push, shape (face_count,).
+    """Return the mesh with faces flipped that a pressure pushes against their normals, and which are not pushed.
+
+    The mask has shape (face_count,).
 
     Args:
         mesh: wound alike where a winding fits.
@@ -58,8 +61,10 @@ def pushed_outward(mesh: PolygonMesh, held: NDArray[np.bool_] | None = None) -> 
 
 
 def there_and_back(mesh: PolygonMesh, faces: NDArray[np.bool_]) -> PolygonMesh:
-    """The mesh with some faces, by a mask, run along their corners and back again: as many faces around the same
-    vertices, but these have no area, no volume and no border."""
+    """Return the mesh with some faces, by a mask, run along their corners and back again.
+
+    There are as many faces around the same vertices, but these have no area, no volume and no border.
+    """
     if not faces.any():
         return mesh
     sizes = mesh.face_vertex_counts.astype(np.int64)
@@ -76,14 +81,14 @@ def _held_borders(edges: MeshEdges, held: NDArray[np.bool_] | None) -> NDArray[n
 
 
 def _sums(values: NDArray[np.int64], edges: MeshEdges) -> NDArray[np.int64]:
-    """Over the half-edges of each edge."""
+    """Return the sums over the half-edges of each edge."""
     return np.add.reduceat(values, edges.starts) if edges.count else np.zeros(0, dtype=np.int64)
 
 
 def _rooms(
     mesh: PolygonMesh, edges: MeshEdges, faces: NDArray[np.int64], held: NDArray[np.bool_] | None
 ) -> NDArray[np.int64]:
-    """The room on each side of each face, first where its normal points to, shape (face_count, 2).
+    """Return the room on each side of each face, first where its normal points to, shape (face_count, 2).
 
     Args:
         faces: of each half-edge.
@@ -103,7 +108,7 @@ def _rooms(
 def _turns(
     mesh: PolygonMesh, edges: MeshEdges, faces: NDArray[np.int64], number: NDArray[np.int64]
 ) -> NDArray[np.float64]:
-    """The angle of each half-edge's face about its edge, from the first face on it [rad]."""
+    """Return the angle of each half-edge's face about its edge, from the first face on it [rad]."""
     along = mesh.points[edges.ends[:, 1]] - mesh.points[edges.ends[:, 0]]
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)
     runs = np.where(edges.forward[:, None], along[number], -along[number])
@@ -116,8 +121,10 @@ def _turns(
 
 
 def _outside(mesh: PolygonMesh, rooms: NDArray[np.int64], parts: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Which rooms are outside: of what hangs together, the one around whose faces the least volume is, which is less
-    than none; shape (2 * face_count,)."""
+    """Return a mask of the rooms that are outside, shape (2 * face_count,).
+
+    Of what is connected, it is the room with the least volume around its faces, which is negative.
+    """
     volumes = face_volumes(mesh)
     inside = np.bincount(rooms[:, 1], volumes, 2 * mesh.face_count)
     inside -= np.bincount(rooms[:, 0], volumes, 2 * mesh.face_count)

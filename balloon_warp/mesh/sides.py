@@ -14,18 +14,18 @@ from balloon_warp.mesh.geometry import triangulate
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 
 NEAR = 0.02
-"""how far above and below a triangle is looked, over the root of its area"""
+"""Distance above and below a triangle at which samples are tested, over the root of its area"""
 
 
 class WrongSides(NamedTuple):
-    """What is wrong of each triangle of a mesh, `triangulate`'s."""
+    """Triangles of a mesh, as in `triangulate`, whose sides are wrong."""
 
     areas: NDArray[np.float64]
-    """of the triangles, in the mesh's unit squared, shape (triangle_count,)"""
+    """Areas of the triangles, in the mesh's unit squared, shape (triangle_count,)"""
     enclosed: NDArray[np.bool_]
-    """its outer side lies within the surface, shape (triangle_count,)"""
+    """Mask of triangles whose outer side lies within the surface, shape (triangle_count,)"""
     reversed: NDArray[np.bool_]
-    """its inner side lies outside the surface, shape (triangle_count,)"""
+    """Mask of triangles whose inner side lies outside the surface, shape (triangle_count,)"""
 
 
 def wrong_sides(mesh: PolygonMesh) -> WrongSides:

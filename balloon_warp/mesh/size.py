@@ -1,4 +1,4 @@
-"""What float32 can simulate: how large a balloon may be, and how far from the origin."""
+"""Limits of float32: size of a balloon, and distance from the origin."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,9 +7,9 @@ from balloon_warp.errors import InputError
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 
 LEAST_SIZE, LARGEST_SIZE = 1.0e-6, 1.0e9
-"""of a balloon [m]"""
+"""Range of the size of a balloon [m]"""
 LEAST_SIZE_OVER_DISTANCE = 1.0e-4
-"""a balloon's size over its distance from the origin: float32 then resolves a thousandth of it"""
+"""Least size of a balloon over its distance from the origin: float32 then resolves a thousandth of it"""
 
 
 def require_size(mesh: PolygonMesh, source: object) -> None:
@@ -29,7 +29,7 @@ def require_size(mesh: PolygonMesh, source: object) -> None:
 
 
 def box_corners(mesh: PolygonMesh) -> NDArray[np.float64]:
-    """Of the box around the mesh's faces, along the axes, shape (8, 3)."""
+    """Return the corners of the box around the mesh's faces, along the axes, shape (8, 3)."""
     points = mesh.points[mesh.face_vertex_indices]
     ends = np.stack([points.min(axis=0), points.max(axis=0)])
     return np.array([[ends[x, 0], ends[y, 1], ends[z, 2]] for x in (0, 1) for y in (0, 1) for z in (0, 1)])

@@ -12,7 +12,7 @@ from balloon_warp.mesh.relaxation import Distance, relax
 
 
 def surface_nets(distance: Distance, lower: ArrayLike, upper: ArrayLike, cell: float) -> PolygonMesh:
-    """The zero level of a signed distance as a closed mesh of even quads, wound outward.
+    """Mesh the zero level of a signed distance as a closed mesh of even quads, wound outward.
 
     The distance may be off in scale, as that of a smooth union is, but must be continuous near its zero level. The
     level is cut off at the box; parts thinner than a cell may be lost.
@@ -37,13 +37,13 @@ def surface_nets(distance: Distance, lower: ArrayLike, upper: ArrayLike, cell: f
 
 
 def grid_nodes(lower: NDArray[np.float64], cell: float, cells: NDArray[np.int_]) -> NDArray[np.float64]:
-    """The nodes of a grid of `cells` cells along each axis, x slowest, shape (node_count, 3)."""
+    """Return the nodes of a grid of `cells` cells along each axis, x slowest, shape (node_count, 3)."""
     index = np.stack(np.meshgrid(*(np.arange(n + 1) for n in cells), indexing="ij"), axis=-1)
     return lower + cell * index.reshape(-1, 3)
 
 
 def extract(values: NDArray[np.float64], lower: NDArray[np.float64], cell: float) -> PolygonMesh:
-    """Surface nets of a sampled signed distance: a quad for each grid edge that the zero level crosses.
+    """Return the surface nets of a sampled signed distance: a quad for each grid edge that the zero level crosses.
 
     Where the level passes through a cell more than once, each pass has a vertex of its own (Warp sees to that), so
     each edge lies on exactly two faces, whatever the samples. Runs on Warp's default device.

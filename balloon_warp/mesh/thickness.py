@@ -1,4 +1,4 @@
-"""How thick a surface is around each of its vertices, measured along the surface alone.
+"""Thickness of a surface around each of its vertices, measured along the surface alone.
 
 On a plane, the area within a distance d is pi d^2. Around a thin part it falls behind, once d reaches around it: the
 distance at which it has fallen to `PART` of the plane's is the *reach*, 2.4 radii of a sphere, 6.4 of a long tube, two
@@ -17,23 +17,23 @@ from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.topology import is_closed, mesh_edges, vertex_components
 
 PART = 0.6
-"""of a plane's area"""
+"""Fraction of a plane's area"""
 LEAST = 0.05
-"""relative thickness"""
+"""Least relative thickness"""
 PATCHES = 400
-"""that the surface is divided into, about: distances are taken between them"""
+"""Approximate number of patches of the surface, between which distances are taken"""
 VERTICES = 2
-"""at least of a patch, on average"""
+"""Least number of vertices of a patch, on average"""
 NEAR = 3.0
-"""patches from which on distances are put together from shorter ones"""
+"""Distance from which on distances are composed of shorter ones [patches]"""
 ROWS = 64
-"""of a table of distances that are looked at together, to bound the memory"""
+"""Number of rows of a table of distances processed together, to bound the memory"""
 FEWEST = 8
-"""patches of a component; a smaller one counts as a sphere"""
+"""Number of patches of a component below which it counts as a sphere"""
 
 
 def relative_thickness(mesh: PolygonMesh) -> NDArray[np.float64]:
-    """Each vertex's reach over that of a sphere, from `LEAST` to 1; shape (vertex_count,).
+    """Return each vertex's reach over that of a sphere, from `LEAST` to 1; shape (vertex_count,).
 
     The sphere has the area of the largest component. An open mesh counts as if it had a second side.
     """
@@ -57,12 +57,15 @@ def relative_thickness(mesh: PolygonMesh) -> NDArray[np.float64]:
 
 
 def _sums(numbers: NDArray[np.integer], values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    """Of the values of each number from 0, shape (count,)."""
+    """Return the sum of the values of each number from 0, shape (count,)."""
     return np.bincount(numbers, values, count).astype(np.float64)
 
 
 def length_graph(mesh: PolygonMesh) -> Any:
-    """Along edges, and from each corner of a face to the next but one; a sparse matrix of (vertex_count, same)."""
+    """Return the sparse graph of lengths along edges, and from each corner of a face to the next but one.
+
+    Shape (vertex_count, vertex_count).
+    """
     from scipy.sparse import coo_array
 
     following = next_corners(mesh)
@@ -83,7 +86,7 @@ def length_graph(mesh: PolygonMesh) -> Any:
 def _reaches(
     points: NDArray[np.float64], areas: NDArray[np.float64], graph: Any, spacing: float
 ) -> NDArray[np.float64]:
-    """The reach at each vertex of a component, shape (P,).
+    """Return the reach at each vertex of a component, shape (P,).
 
     Args:
         areas: shares of the vertices, shape (P,).
@@ -121,7 +124,7 @@ def _reaches(
 
 
 def _reaches_of_patches(apart: NDArray[np.float64], areas: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
-    """Args: the distances of patches, shape (N, N), and their areas, shape (N,)."""
+    """Return Args: the distances of patches, shape (N, N), and their areas, shape (N,)."""
     distances = np.geomspace(2.0 * spacing, max(np.sqrt(areas.sum() / (PART * np.pi)), 2.1 * spacing), 30)
     reach = np.full(len(areas), distances[-1])
     open_ = np.ones(len(areas), dtype=bool)

@@ -1,4 +1,4 @@
-"""How the faces of a mesh hang together: edges, borders, manifoldness, winding, components, genus."""
+"""Topology of a mesh: edges, borders, manifoldness, winding, components, genus."""
 
 from dataclasses import dataclass
 
@@ -15,13 +15,13 @@ class MeshEdges:
     """The edges of a mesh, sorted by their ends. A half-edge is an edge as one face runs along it."""
 
     ends: NDArray[np.int64]
-    """the lower vertex first, shape (edge_count, 2)"""
+    """Ends of edges, the lower vertex first, shape (edge_count, 2)"""
     face_counts: NDArray[np.int64]
-    """half-edges on each edge, which is its number of faces, shape (edge_count,)"""
+    """Number of half-edges on each edge, which is its number of faces, shape (edge_count,)"""
     corners: NDArray[np.int64]
-    """the corner where each half-edge begins, grouped by edge, shape (half_edge_count,)"""
+    """Corner where each half-edge begins, grouped by edge, shape (half_edge_count,)"""
     forward: NDArray[np.bool_]
-    """whether each half-edge runs from the lower to the higher vertex, shape (half_edge_count,)"""
+    """Whether each half-edge runs from the lower to the higher vertex, shape (half_edge_count,)"""
 
     @property
     def count(self) -> int:
@@ -29,12 +29,12 @@ class MeshEdges:
 
     @property
     def starts(self) -> NDArray[np.int64]:
-        """where each edge's half-edges begin in `corners`, shape (edge_count,)"""
+        """Begin of each edge's half-edges in `corners`, shape (edge_count,)."""
         return np.cumsum(self.face_counts) - self.face_counts
 
 
 def mesh_edges(mesh: PolygonMesh) -> MeshEdges:
-    """Undirected edges and the half-edges on each. A corner repeated in a row makes no edge."""
+    """Return the undirected edges and the half-edges on each. A corner repeated in a row makes no edge."""
     begin = mesh.face_vertex_indices.astype(np.int64)
     end = begin[next_corners(mesh)]
     corners = np.flatnonzero(begin != end)
@@ -51,19 +51,19 @@ def mesh_edges(mesh: PolygonMesh) -> MeshEdges:
 
 
 def unused_vertices(mesh: PolygonMesh) -> NDArray[np.int64]:
-    """Vertices of no face, in order."""
+    """Return the vertices of no face, in order."""
     return np.flatnonzero(np.bincount(mesh.face_vertex_indices, minlength=mesh.vertex_count) == 0)
 
 
 def repeated_corners(mesh: PolygonMesh) -> NDArray[np.int64]:
-    """Corners, in order, at vertices where their face has been before."""
+    """Return the corners, in order, at vertices where their face has been before."""
     order = np.lexsort((mesh.face_vertex_indices, corner_faces(mesh)))  # stable: first visits come first
     faces, vertices = corner_faces(mesh), mesh.face_vertex_indices[order]
     return np.sort(order[1:][(vertices[1:] == vertices[:-1]) & (faces[1:] == faces[:-1])])
 
 
 def first_alike(mesh: PolygonMesh) -> NDArray[np.int64]:
-    """For each face, the first with the same corners, in whatever order, shape (face_count,)."""
+    """Return, for each face, the first with the same corners, in whatever order, shape (face_count,)."""
     vertices = mesh.face_vertex_indices[np.lexsort((mesh.face_vertex_indices, corner_faces(mesh)))]
     starts, first = face_starts(mesh), np.arange(mesh.face_count)
     for size in np.unique(mesh.face_vertex_counts):
@@ -76,28 +76,28 @@ def first_alike(mesh: PolygonMesh) -> NDArray[np.int64]:
 
 
 def duplicate_faces(mesh: PolygonMesh) -> NDArray[np.int64]:
-    """Faces, in order, with the same corners as an earlier one, in whatever order."""
+    """Return the faces, in order, with the same corners as an earlier one, in whatever order."""
     return np.flatnonzero(first_alike(mesh) != np.arange(mesh.face_count))
 
 
 def border_edges(edges: MeshEdges) -> NDArray[np.int64]:
-    """Edges of one face only, as numbers into `edges`."""
+    """Return the edges of one face only, as numbers into `edges`."""
     return np.flatnonzero(edges.face_counts == 1)
 
 
 def non_manifold_edges(edges: MeshEdges) -> NDArray[np.int64]:
-    """Edges of three faces or more, as numbers into `edges`."""
+    """Return the edges of three faces or more, as numbers into `edges`."""
     return np.flatnonzero(edges.face_counts > 2)
 
 
 def inconsistent_edges(edges: MeshEdges) -> NDArray[np.int64]:
-    """Edges along which two faces or more run the same way, so that their normals point to different sides."""
+    """Return edges along which two faces or more run the same way, so that their normals are inconsistent."""
     forward = np.add.reduceat(edges.forward, edges.starts, dtype=np.int64) if edges.count else edges.face_counts
     return np.flatnonzero(np.maximum(forward, edges.face_counts - forward) > 1)
 
 
 def non_manifold_vertices(mesh: PolygonMesh, edges: MeshEdges) -> NDArray[np.int64]:
-    """Vertices whose faces do not form one fan from edge to edge, such as where two cones touch at their tips."""
+    """Return vertices whose faces do not form one fan, such as where two cones touch at their tips."""
     following = next_corners(mesh)
     begin = edges.corners
     # Corners at one vertex belong to one fan where their faces share an edge there. Each half-edge is compared with
@@ -116,32 +116,32 @@ def non_manifold_vertices(mesh: PolygonMesh, edges: MeshEdges) -> NDArray[np.int
 
 
 def vertex_components(mesh: PolygonMesh, edges: MeshEdges) -> NDArray[np.int64]:
-    """The lowest vertex that each vertex is connected with along edges, shape (vertex_count,)."""
+    """Return the lowest vertex that each vertex is connected with along edges, shape (vertex_count,)."""
     return component_labels(mesh.vertex_count, edges.ends[:, 0], edges.ends[:, 1])
 
 
 def component_count(mesh: PolygonMesh, edges: MeshEdges) -> int:
-    """Connected components among the vertices of faces."""
+    """Return the connected components among the vertices of faces."""
     return len(np.unique(vertex_components(mesh, edges)[mesh.face_vertex_indices]))
 
 
 def euler_characteristic(mesh: PolygonMesh, edges: MeshEdges) -> int:
-    """Vertices - edges + faces, unused vertices not counted."""
+    """Return the vertices - edges + faces, unused vertices not counted."""
     return mesh.vertex_count - len(unused_vertices(mesh)) - edges.count + mesh.face_count
 
 
 def is_closed(edges: MeshEdges) -> bool:
-    """Whether there are edges, and no border among them."""
+    """Return whether there are edges, and no border among them."""
     return edges.count > 0 and len(border_edges(edges)) == 0
 
 
 def is_manifold(mesh: PolygonMesh, edges: MeshEdges) -> bool:
-    """Whether each edge has at most two faces, and the faces at each vertex form one fan."""
+    """Return whether each edge has at most two faces, and the faces at each vertex form one fan."""
     return len(non_manifold_edges(edges)) == 0 and len(non_manifold_vertices(mesh, edges)) == 0
 
 
 def is_orientable(mesh: PolygonMesh, edges: MeshEdges) -> bool:
-    """Whether turning some faces over would make the winding consistent; for edges of at most two faces."""
+    """Return whether flipping faces could make the winding consistent; for edges of at most two faces."""
     # Each face stands for two nodes, as it is and turned over. A surface with one side connects the two.
     pairs = edges.starts[edges.face_counts == 2]
     face = corner_faces(mesh)[edges.corners]
@@ -156,7 +156,7 @@ def is_orientable(mesh: PolygonMesh, edges: MeshEdges) -> bool:
 
 
 def genus(mesh: PolygonMesh, edges: MeshEdges) -> int | None:
-    """Handles, summed over the components; None unless the mesh is closed, manifold and orientable."""
+    """Return the handles, summed over the components; None unless the mesh is closed, manifold and orientable."""
     if not (is_closed(edges) and is_manifold(mesh, edges) and is_orientable(mesh, edges)):
         return None
     return component_count(mesh, edges) - euler_characteristic(mesh, edges) // 2

@@ -7,7 +7,7 @@ from balloon_warp.mesh.geometry import face_starts, triangulate
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 
 SHORTER = 1.0 - 1.0e-5
-"""of the other diagonal: what differs by less is rounding's choice, and so the first corner's"""
+"""Ratio of diagonals above which they count as equal, and the first corner's is taken"""
 
 
 def triangles_of(mesh: PolygonMesh) -> NDArray[np.int64]:

@@ -70,7 +70,7 @@ def read_triangles(
 
 
 def _of_part(part: Any, materials: GltfMaterials | None) -> PolygonMesh:
-    """A part of a scene of trimesh's, with what it looks like."""
+    """Return a part of a scene of trimesh's, with what it looks like."""
     points, triangles = np.array(part.vertices, dtype=np.float64), np.array(part.faces, dtype=np.int64)
     corners, visual = triangles.ravel(), part.visual
     shape = {"points": points.reshape(-1, 3), "face_vertex_counts": np.full(len(triangles), 3, dtype=np.int32)}
@@ -93,7 +93,7 @@ def _of_part(part: Any, materials: GltfMaterials | None) -> PolygonMesh:
 
 
 def _lightness(colors: NDArray, encoded: bool) -> NDArray[np.float32]:
-    """Linear RGB of colors in any type of numbers.
+    """Return the linear RGB of colors in any type of numbers.
 
     Args:
         encoded: whether they are sRGB, as all but glTF has them.
@@ -104,8 +104,10 @@ def _lightness(colors: NDArray, encoded: bool) -> NDArray[np.float32]:
 
 
 def read_joined_triangles(path: Path | str) -> PolygonMesh:
-    """`read_triangles`, joined: STL repeats a vertex for each triangle. A balloon made of such vertices would fall
-    apart."""
+    """Read triangles as `read_triangles`, and weld them: STL repeats a vertex for each triangle.
+
+    A balloon made of such vertices would fall apart.
+    """
     return read_triangles(path, joined=True)
 
 

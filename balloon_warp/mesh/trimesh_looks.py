@@ -1,4 +1,4 @@
-"""What trimesh has for the looks of a mesh: colors of vertices and faces, and a material with an image."""
+"""Looks of a mesh in trimesh: colors of vertices and faces, and a material with an image."""
 
 import io
 from typing import Any, NamedTuple
@@ -11,7 +11,7 @@ from balloon_warp.mesh.pictures import Pictures
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 
 PLAIN = (102, 102, 102, 255)
-"""the color of a material of trimesh's that says none"""
+"""Color of a material of trimesh's without one"""
 
 
 class Visual(NamedTuple):

@@ -8,14 +8,13 @@ from balloon_warp.mesh.polygon_mesh import PolygonMesh
 UpAxis = Literal["Y", "Z"]
 Unit = Literal["m", "cm", "mm", "km", "in", "ft"]
 METERS: dict[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "km": 1000.0, "in": 0.0254, "ft": 0.3048}
-"""in each unit; of inch and foot, the international ones of 1959"""
+"""Meters in each unit; inch and foot are the international ones of 1959"""
 NO_AXIS = "file names no up axis"
-"""what sentences say of such a mesh"""
+"""Phrase for a mesh without an up axis"""
 
 
 def as_told(mesh: PolygonMesh, unit: Unit | None, up: UpAxis | None) -> PolygonMesh:
-    """The mesh with its points taken in that unit and its up axis as told, whatever its file says; as the file has
-    them, when missing."""
+    """Return the mesh with its unit and up axis as given, whatever its file says; those of the file, when missing."""
     if unit:
         mesh = replace(mesh, meters_per_unit=METERS[unit], unit_known=True)
     return replace(mesh, up_axis=up, up_known=True) if up else mesh

@@ -7,8 +7,9 @@ from balloon_warp.mesh.polygon_mesh import PolygonMesh
 
 
 def read_usd(path: Path | str, prim: str | Sequence[str] | None = None) -> PolygonMesh:
-    """Read the meshes of a stage as one, as their control polygons: those at or below `prim`, or all that are visible
-    and of purpose "default" or "render".
+    """Read the meshes of a stage as one, as their control polygons.
+
+    They are those at or below `prim`, or all that are visible and of purpose "default" or "render".
 
     Each is a group by its prim's name. What is left out is named in the mesh's warnings.
 

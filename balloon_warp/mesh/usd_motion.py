@@ -1,5 +1,7 @@
-"""How meshes of a USD stage move as rigid things: by time samples of their transforms and of those around them, or by
-samples of their points, skins and blend shapes."""
+"""Rigid motion of meshes of a USD stage.
+
+By time samples of their transforms and of those around them, or by samples of their points, skins and blend shapes.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -13,7 +15,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.mesh.usd_stage import choose_prims, open_stage, points_of, world_matrix
 
 MOST_SCALED = 1e-3
-"""by how much a rigid thing may grow or bend, of its size"""
+"""Largest growth or bending of a rigid thing, over its size"""
 
 
 @dataclass(frozen=True)
@@ -22,18 +24,19 @@ class StageMotion:
 
     path: Path
     stage: Usd.Stage
-    """which a prim does not keep"""
+    """Stage, which a prim does not keep alive"""
     prims: list[Usd.Prim]
-    """the meshes"""
+    """Prims of the meshes"""
     begin: float
-    """time code at which the stage begins"""
+    """Time code at which the stage begins"""
     codes_per_second: float
     seconds: float
-    """from there to the last sample; 0 of what stays"""
+    """Duration to the last sample [s]; 0 if nothing moves"""
 
     def matrices(self, times: Sequence[float] | NDArray[np.float64]) -> NDArray[np.float64]:
-        """At times since the stage's beginning [s]: what takes the meshes' points, as they are read, to where they are
-        then, in the stage's unit and axes, shape (n, 4, 4), of column vectors.
+        """Return the transforms of the meshes' points at times since the stage's beginning [s], shape (n, 4, 4).
+
+        They take points as they are read to their places then, in the stage's unit and axes, for column vectors.
 
         Raises:
             InputError: they do not keep their size or shape.
@@ -54,7 +57,7 @@ class StageMotion:
 
 
 def read_motions(path: Path, prim: str | Sequence[str] | None) -> list[StageMotion]:
-    """The meshes that are taken of a stage, grouped by what moves together: what stays comes first.
+    """Return the meshes that are taken of a stage, grouped by what moves together: what stays comes first.
 
     Raises:
         InputError: as `read_usd`, or the stage's time does not run.
@@ -80,20 +83,20 @@ def read_motions(path: Path, prim: str | Sequence[str] | None) -> list[StageMoti
 
 
 def samples_of_points(prim: Usd.Prim) -> list[float]:
-    """The time codes at which a mesh has points, where it has several."""
+    """Return the time codes at which a mesh has points, where it has several."""
     times = UsdGeom.Mesh(prim).GetPointsAttr().GetTimeSamples()
     return times if len(times) > 1 else []
 
 
 def _around(prim: Usd.Prim) -> Iterator[Usd.Prim]:
-    """A prim and what it stands in."""
+    """Return a prim and what it stands in."""
     while prim:
         yield prim
         prim = prim.GetParent()
 
 
 def _movers(prim: Usd.Prim) -> Iterator[str]:
-    """The prims by whose samples a mesh moves: of itself and of what it stands in."""
+    """Return the prims by whose samples a mesh moves: of itself and of what it stands in."""
     for each in _around(prim):
         if len(_samples_of_transforms(each)) > 1 or (each == prim and samples_of_points(prim)):
             yield str(each.GetPath())
@@ -116,8 +119,9 @@ def _bake_skins(stage: Usd.Stage, prims: Sequence[Usd.Prim]) -> None:
 
 
 def _rigid(path: Path, prim: Usd.Prim, code: Usd.TimeCode) -> NDArray[np.float64]:
-    """What turns and shifts a mesh's own points from where they are read to where they are at a time (Kabsch 1976),
-    shape (4, 4), of row vectors.
+    """Return the rigid transform of a mesh's own points to their places at a time (Kabsch 1976).
+
+    Shape (4, 4), for row vectors.
 
     Raises:
         InputError: they do more than turn and shift.

@@ -21,9 +21,9 @@ from balloon_warp.mesh.usd_looks import read_looks
 from balloon_warp.suggestions import did_you_mean
 
 SCENERY = "balloonWarpScenery"
-"""key of the custom data of meshes in our own stages that are no mesh to simulate, such as the ground"""
+"""Key of the custom data of meshes in our own stages that are scenery, such as the ground"""
 MOST_NAMED = 5
-"""meshes that a sentence names"""
+"""Largest number of meshes that a sentence names"""
 
 
 def read_stage(path: Path | str, prim: str | Sequence[str] | None) -> PolygonMesh:
@@ -37,7 +37,7 @@ def read_stage(path: Path | str, prim: str | Sequence[str] | None) -> PolygonMes
 
 
 def open_stage(path: Path | str) -> Usd.Stage:
-    """The stage of a file.
+    """Return the stage of a file.
 
     Raises:
         InputError: it is none.
@@ -52,17 +52,18 @@ def open_stage(path: Path | str) -> Usd.Stage:
 
 
 class Chosen(NamedTuple):
-    """What of a stage is taken."""
+    """Meshes chosen from a stage."""
 
     prims: list[Usd.Prim]
-    """its meshes, in the stage's order"""
+    """Prims of the meshes, in the stage's order"""
     warnings: tuple[str, ...]
-    """a sentence that names the meshes which were left out"""
+    """Warnings: a sentence that names the meshes which were left out"""
 
 
 def choose_prims(stage: Usd.Stage, path: Path | str, prim: str | Sequence[str] | None) -> Chosen:
-    """Choose the meshes of a stage: those at or below the named prims; else all that are shown, which are visible and
-    have the purpose "default" or "render".
+    """Choose the meshes of a stage: those at or below the named prims, or all that are shown.
+
+    Meshes are shown if they are visible and have the purpose "default" or "render".
 
     Raises:
         InputError: there is none, or no such prim.
@@ -84,7 +85,7 @@ def choose_prims(stage: Usd.Stage, path: Path | str, prim: str | Sequence[str] |
 
 
 def _meshes_below(meshes: list[Usd.Prim], path: Path | str, name: str) -> list[Usd.Prim]:
-    """The mesh at a path, whether it is shown or not; or those below it that are shown.
+    """Return the mesh at a path, whether it is shown or not; or those below it that are shown.
 
     Raises:
         InputError: there is none.
@@ -100,7 +101,7 @@ def _meshes_below(meshes: list[Usd.Prim], path: Path | str, name: str) -> list[U
 
 
 def _why_hidden(prim: Usd.Prim) -> str:
-    """Why a mesh is not shown, "" if it is."""
+    """Return why a mesh is not shown, "" if it is."""
     if prim.HasCustomDataKey(SCENERY):
         return "scenery"
     imageable = UsdGeom.Imageable(prim)
@@ -111,18 +112,18 @@ def _why_hidden(prim: Usd.Prim) -> str:
 
 
 def _listed(names: list[str]) -> str:
-    """The first few names, and how many more there are."""
+    """Return the first few names, and how many more there are."""
     more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
     return ", ".join(names[:MOST_NAMED]) + more
 
 
 def _name(prim: str | Sequence[str] | None, path: Path | str) -> str:
-    """What several meshes together are called."""
+    """Return a name for several meshes together."""
     return prim.rstrip("/").rpartition("/")[2] or Path(path).stem if isinstance(prim, str) else Path(path).stem
 
 
 def _together(prims: list[Usd.Prim], parts: list[PolygonMesh], name: str) -> PolygonMesh:
-    """Meshes as one, each of them a group by the name of its prim, or by its path where several have the name."""
+    """Return meshes as one, each a group by the name of its prim, or by its path where the name is not unique."""
     first = np.cumsum([0, *(part.vertex_count for part in parts)])[:-1]
     counts = Counter(part.name for part in parts)
     groups: dict[str, NDArray[np.int32]] = {}
@@ -182,7 +183,7 @@ def _read_prim(stage: Usd.Stage, prim: Usd.Prim, source: str, pictures: Pictures
 def _groups(
     geometry: UsdGeom.Mesh, counts: NDArray[np.int32], indices: NDArray[np.int32], point_count: int
 ) -> dict[str, NDArray[np.int32]]:
-    """The points of the mesh's subsets, of faces or of points, ascending; without what names nothing there is."""
+    """Return the points of the mesh's subsets, of faces or of points, ascending, without indices out of range."""
     groups, faces = {}, np.repeat(np.arange(len(counts)), counts)
     for subset in UsdGeom.Subset.GetAllGeomSubsets(geometry):
         named = np.array(subset.GetIndicesAttr().Get() or (), dtype=np.int32)
@@ -194,7 +195,7 @@ def _groups(
 
 
 def points_of(geometry: UsdGeom.Mesh, source: str) -> NDArray[np.float64]:
-    """A mesh's own points, at the default time or their earliest sample, shape (n, 3).
+    """Return a mesh's own points, at the default time or their earliest sample, shape (n, 3).
 
     Raises:
         InputError: it has none.
@@ -212,7 +213,10 @@ def _value(attribute: Usd.Attribute, source: str) -> Any:
 
 
 def world_matrix(prim: Usd.Prim) -> NDArray[np.float64]:
-    """Local to world, shape (4, 4), row vectors; at the earliest sample where a transform has no default."""
+    """Return the local-to-world matrix, shape (4, 4), for row vectors.
+
+    A transform without default is taken at its earliest sample.
+    """
     time = Usd.TimeCode.Default()
     ancestor = prim
     while ancestor:

@@ -1,4 +1,4 @@
-"""What materials of a USD stage are: their UsdPreviewSurface, its color and its image, and where on a mesh they are."""
+"""Materials of a USD stage: UsdPreviewSurface, its color and its image, and their places on a mesh."""
 
 from typing import Any, NamedTuple
 
@@ -24,8 +24,10 @@ def constant_of(surface: UsdShade.Shader, name: str) -> Any:
 
 
 def owners_of_faces(prim: Usd.Prim, face_count: int) -> tuple[list[Usd.Prim], NDArray[np.int32]]:
-    """The prims that say what faces look like, the mesh and then its subsets that have a material; and the number of
-    that of each face, shape (face_count,)."""
+    """Return the prims with the looks of faces, and the number of each face's prim, shape (face_count,).
+
+    They are the mesh and then its subsets that have a material.
+    """
     owners, numbers = [prim], np.zeros(face_count, np.int32)
     for subset in UsdShade.MaterialBindingAPI(prim).GetMaterialBindSubsets() if UsdGeom.Mesh(prim) else []:
         faces = np.asarray(subset.GetIndicesAttr().Get() or (), np.int64)
@@ -38,17 +40,17 @@ class Image(NamedTuple):
     """A texture that gives a surface its color."""
 
     named: str
-    """as the stage names it"""
+    """Path as the stage names it"""
     path: str
-    """as USD resolves it; empty where it is missing"""
+    """Path as USD resolves it; empty where it is missing"""
     raw: bool
-    """whether its numbers are light as they are"""
+    """Whether its numbers are linear light"""
     scale: tuple[float, float, float]
-    """what they are multiplied by"""
+    """Factor on its numbers"""
     coordinates: str
-    """the primvar that says where in it a corner is"""
+    """Primvar with the texture coordinates"""
     transform: NDArray[np.float64]
-    """of those: rows of a matrix, shape (2, 3)"""
+    """Transform of texture coordinates: rows of a matrix, shape (2, 3)"""
 
 
 def image_of(surface: UsdShade.Shader | None) -> Image | None:
@@ -77,8 +79,10 @@ def content_of(path: str) -> bytes | None:
 
 
 def places_of(mesh: UsdGeom.Mesh, image: Image, indices: NDArray[np.int32]) -> NDArray[np.float32] | None:
-    """Where in an image each corner is, from 0 to 1 to the right and up, shape (corner_count, 2); None where the mesh
-    does not say it."""
+    """Return the place of each corner in an image, from 0 to 1 to the right and up, shape (corner_count, 2).
+
+    None where the mesh does not say it.
+    """
     places = texture_coordinates(mesh, image.coordinates, indices)
     if places is None or np.array_equal(image.transform, np.eye(3)[:2]):
         return places
@@ -87,7 +91,10 @@ def places_of(mesh: UsdGeom.Mesh, image: Image, indices: NDArray[np.int32]) -> N
 
 
 def texture_coordinates(mesh: UsdGeom.Mesh, name: str, indices: NDArray[np.int32]) -> NDArray[np.float32] | None:
-    """Those of a name at each corner, shape (corner_count, 2); None without them, or where they do not fit the mesh."""
+    """Return the texture coordinates of a name at each corner, shape (corner_count, 2).
+
+    None without them, or where they do not fit the mesh.
+    """
     primvar = UsdGeom.PrimvarsAPI(mesh).FindPrimvarWithInheritance(name)
     authored: Any = primvar.ComputeFlattened() if primvar and primvar.HasValue() else None
     places = np.asarray([] if authored is None else authored, np.float32)

@@ -1,4 +1,4 @@
-"""What is simulated: the model (fixed) and the state (changes)."""
+"""Model of a simulation, which is fixed, and its state, which changes."""
 
 from balloon_warp.model.build import build_model, lay_out
 from balloon_warp.model.model import Model, fitting

@@ -1,4 +1,4 @@
-"""Which laws act."""
+"""Selection of the laws that act in a scene."""
 
 from collections.abc import Iterator
 
@@ -12,12 +12,12 @@ from balloon_warp.model.plan import ModelPlan
 
 
 def acting_laws(model: Model | ModelPlan) -> tuple[Law, ...]:
-    """Those that do anything in any world at any time: the scene wants them, and their parameters are not neutral."""
+    """Return the laws that act in any world at any time: the scene has them, and their parameters are not neutral."""
     return tuple(law for law in model.laws if (law.wants is None or law.wants(model.scene)) and not _rests(law, model))
 
 
 def _rests(law: Law, model: Model | ModelPlan) -> bool:
-    """Whether a law's parameters are always neutral."""
+    """Return whether a law's parameters are always neutral."""
     return bool(law.neutral) and all(
         (values == np.float32(neutral)).all()
         for name, neutral in law.neutral.items()
@@ -26,7 +26,7 @@ def _rests(law: Law, model: Model | ModelPlan) -> bool:
 
 
 def values_over_time(model: Model | ModelPlan, name: str) -> Iterator[NDArray[np.float32]]:
-    """Of all worlds, at the start and after each change."""
+    """Iterate over a parameter's values in all worlds, at the start and after each change."""
     rows = model.parameters[name]
     yield np.asarray(rows.numpy() if isinstance(rows, wp.array) else rows, dtype=np.float32)
     for change in model.due_changes:

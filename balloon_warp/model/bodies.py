@@ -14,9 +14,9 @@ from balloon_warp.model.parameters import Parameters
 from balloon_warp.scene import Body, Scene
 
 TOUCHES_OF_SAMPLE, TOUCHES_OF_BODY = 2, 64
-"""for how many there is room"""
+"""Capacities of the contact list, for each sample and for each body"""
 PLAIN_MASS = 1.0
-"""[kg] where neither mass nor density is given"""
+"""Mass of a body without mass and density [kg]"""
 
 
 @dataclass(frozen=True)
@@ -25,13 +25,13 @@ class BodyShape:
 
     solid: ObstacleShape
     center: NDArray[np.float64]
-    """of mass, from the body's own origin [m], shape (3,)"""
+    """Center of mass, from the body's own origin [m], shape (3,)"""
     inertia: NDArray[np.float64]
-    """tensor about the center of mass, of 1 kg [m^2], shape (3, 3)"""
+    """Inertia tensor of 1 kg about the center of mass [m^2], shape (3, 3)"""
     volume: float
-    """of what it is made of [m^3]"""
+    """Volume of the body's material [m^3]"""
     samples: Samples
-    """points that are held out of what is in the way"""
+    """Sample points that are held out of other solids"""
 
 
 def shape_body(number: int, body: Body, scene: Scene) -> BodyShape:
@@ -63,12 +63,12 @@ def shape_body(number: int, body: Body, scene: Scene) -> BodyShape:
 
 
 def most_touches(shapes: Sequence[BodyShape]) -> int:
-    """How many of their points may touch something in a step, each thing counted; no others are held out of it."""
+    """Return the largest number of contacts of bodies in a step, over all things; no further ones are resolved."""
     return sum(TOUCHES_OF_SAMPLE * len(shape.samples.points) + TOUCHES_OF_BODY for shape in shapes)
 
 
 def settle_bodies(scene: Scene, shapes: Sequence[BodyShape], parameters: Parameters) -> Parameters:
-    """What bodies weigh that the scene gives a density or nothing [kg], shape (W, body_count)."""
+    """Return the masses of bodies with a density, or with neither density nor mass [kg], shape (W, body_count)."""
     said = parameters["body_mass"]
     settled = [
         PLAIN_MASS if body.density is None else body.density * shape.volume
@@ -78,7 +78,7 @@ def settle_bodies(scene: Scene, shapes: Sequence[BodyShape], parameters: Paramet
 
 
 def initial_turns(scene: Scene) -> NDArray[np.float64]:
-    """Quaternions (x, y, z, w) of how bodies are turned at the start, shape (body_count, 4)."""
+    """Return the initial orientations of bodies as quaternions (x, y, z, w), shape (body_count, 4)."""
     if not scene.body:
         return np.zeros((0, 4))
     from scipy.spatial.transform import Rotation  # takes long to load
@@ -87,18 +87,18 @@ def initial_turns(scene: Scene) -> NDArray[np.float64]:
 
 
 def initial_centers(scene: Scene, shapes: Sequence[BodyShape], positions: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Of mass [m], shape (W, body_count, 3), of where the scene puts their origins, of the same shape."""
+    """Return initial centers of mass [m], shape (W, body_count, 3), from the initial origins, of the same shape."""
     arms = [rotation_matrix(body.rotation) @ shape.center for body, shape in zip(scene.body, shapes, strict=True)]
     return positions + np.array(arms).reshape(-1, 3)
 
 
 def _moments_of_box(half: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-    """Volume, and the mean of x x^T, shape (3, 3)."""
+    """Return the volume, and the mean of x x^T, shape (3, 3)."""
     return float(8.0 * half.prod()), np.diag(half**2 / 3.0)
 
 
 def _moments_of_capsule(size: NDArray[np.float64], up: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-    """A cylinder and two halves of a ball, along the up axis."""
+    """Return a cylinder and two halves of a ball, along the up axis."""
     radius, half = float(size[0]), float(size[1])
     tube, ball = 2.0 * np.pi * radius**2 * half, 4.0 / 3.0 * np.pi * radius**3
     across = (tube * radius**2 / 4.0 + ball * radius**2 / 5.0) / (tube + ball)
@@ -108,7 +108,7 @@ def _moments_of_capsule(size: NDArray[np.float64], up: NDArray[np.float64]) -> t
 
 
 def _moments_of_solid(corners: NDArray[np.float64]) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
-    """Volume, center of mass, and the mean of x x^T about it, of tetrahedra between a point and outward triangles."""
+    """Return volume, center of mass, and the mean of x x^T about it, of tetrahedra over outward triangles."""
     origin = corners.mean(axis=(0, 1))
     arms = corners - origin
     volumes = np.einsum("ij,ij->i", arms[:, 0], np.cross(arms[:, 1], arms[:, 2])) / 6.0
@@ -116,7 +116,7 @@ def _moments_of_solid(corners: NDArray[np.float64]) -> tuple[float, NDArray[np.f
 
 
 def _moments_of_sheet(corners: NDArray[np.float64]) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
-    """Area, center of mass, and the mean of x x^T about it, of triangles."""
+    """Return the area, center of mass, and the mean of x x^T about it, of triangles."""
     areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     return _moments(corners, areas, np.zeros(3), 3)
 
@@ -124,7 +124,7 @@ def _moments_of_sheet(corners: NDArray[np.float64]) -> tuple[float, NDArray[np.f
 def _moments(
     corners: NDArray[np.float64], sizes: NDArray[np.float64], origin: NDArray[np.float64], corner_count: int
 ) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
-    """Of simplices with that many corners, of which those that are not given are at the origin."""
+    """Return the moments of simplices with a number of corners, of which those not given are at the origin."""
     whole, sums = float(sizes.sum()), corners.sum(axis=1)
     if whole <= 0.0:
         return whole, origin, np.zeros((3, 3))

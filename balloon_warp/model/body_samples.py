@@ -1,6 +1,8 @@
-"""Points of free bodies, and of obstacles, that are held out of what is in the way. Each is the center of a little ball
-inside that touches the surface there: so that of two that stand edge on edge it is clear which faces meet. Host side,
-float64."""
+"""Sample points of free bodies and of obstacles that are held out of other solids.
+
+Each is the center of a little ball inside that touches the surface there, so that for two solids edge on edge it is
+clear which faces touch. Host side, float64.
+"""
 
 from dataclasses import dataclass
 
@@ -11,31 +13,31 @@ from numpy.typing import NDArray
 from balloon_warp.model.obstacles import ObstacleShape
 
 MOST_SAMPLES = 1024
-"""of a mesh's vertices"""
+"""Largest number of a mesh's vertices that become samples"""
 SIDE_SAMPLES = 5
-"""along an edge of a box"""
+"""Number of samples along an edge of a box"""
 ROUNDED_BOX = 0.01
-"""radius of the balls over half the shortest edge"""
+"""Radius of a box's balls over half the shortest edge"""
 ROUNDED_MESH = 0.002
-"""the same over how far the mesh reaches"""
+"""Radius of a mesh's balls over the mesh's extent"""
 FARTHEST_IN = 4.0
-"""radii: how far in a ball may be, at a sharp vertex"""
+"""Largest depth of a ball at a sharp vertex, in radii"""
 
 
 @dataclass(frozen=True)
 class Samples:
-    """Of a body about its center of mass, or of an obstacle about its origin."""
+    """Samples of a body about its center of mass, or of an obstacle about its origin."""
 
     points: NDArray[np.float64]
-    """centers of the balls, and their radii, shape (n, 4)"""
+    """Centers of the balls, and their radii, shape (n, 4)"""
     outermost: int
-    """how many of the first are enough beside something flat"""
+    """Number of the first samples that suffice on something flat"""
     at_edges: int
-    """how many are enough beside something that has such points of its own"""
+    """Number of the first samples that suffice on something with samples of its own"""
 
 
 def sample(solid: ObstacleShape, up: NDArray[np.float64]) -> Samples:
-    """Of any shape; a plane has none."""
+    """Return the samples of a shape; a plane has none."""
     if solid.kind == "box":
         return _of_box(solid)
     if solid.kind == "capsule":
@@ -56,7 +58,10 @@ def _of_box(solid: ObstacleShape) -> Samples:
 
 
 def _of_capsule(solid: ObstacleShape, up: NDArray[np.float64]) -> Samples:
-    """Of its axis, its ends first; no further apart than its radius, but for very long ones."""
+    """Return samples along a capsule's axis, its ends first.
+
+    They are no further apart than its radius, except in very long ones.
+    """
     radius, half = float(solid.size[0]), float(solid.size[1])
     count = int(min(np.ceil(2.0 * half / radius) + 1, 33)) if half > 0.0 else 1
     places = np.linspace(-half, half, count) if count > 1 else np.zeros(1)
@@ -65,7 +70,7 @@ def _of_capsule(solid: ObstacleShape, up: NDArray[np.float64]) -> Samples:
 
 
 def _of_mesh(solid: ObstacleShape) -> Samples:
-    """Some of its vertices, those of its convex hull first."""
+    """Return some of a mesh's vertices as samples, those of its convex hull first."""
     from scipy.spatial import ConvexHull, QhullError  # takes long to load
 
     assert solid.mesh is not None  # as its kind says
@@ -86,7 +91,7 @@ def _of_mesh(solid: ObstacleShape) -> Samples:
 
 
 def _rounded(solid: ObstacleShape, chosen: NDArray[np.integer]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Balls that touch all faces at some vertices from within, of no radius where there is no room for one."""
+    """Return balls inside that touch all faces at some vertices, of zero radius where there is no room."""
     from balloon_warp.mesh.mesh_distance import MeshDistance  # takes long to load
 
     assert solid.mesh is not None
@@ -117,7 +122,7 @@ def _balls(points: NDArray[np.float64], radii: NDArray[np.float64] | float) -> N
 
 
 def _spread(points: NDArray[np.float64], used: NDArray[np.integer]) -> NDArray[np.integer]:
-    """Some of many, each as far as can be from those before it."""
+    """Return some of many points, each as far as possible from those before it."""
     if len(used) <= MOST_SAMPLES:
         return used
     places = points[used]

@@ -1,4 +1,4 @@
-"""How long a substep may be for free bodies and spheres: what they meet, they meet in steps small beside them."""
+"""Substep limits of free bodies and spheres: displacements in a step stay small relative to their size."""
 
 from collections.abc import Sequence
 from math import ceil
@@ -11,17 +11,17 @@ from balloon_warp.model.parameters import Parameters
 from balloon_warp.scene import Scene
 
 TOUCHING_STEP = 1.0 / 480.0
-"""the longest [s], where anything may be touched"""
+"""Longest step where anything may be touched [s]"""
 PART_OF_REACH = 0.25
-"""of how far a body reaches from its center of mass: how far it may go in a substep"""
+"""Largest displacement in a substep, over the extent of a body from its center of mass"""
 MOST_TURN = 0.1
-"""by which its spin at the start may turn it in a substep [rad]"""
+"""Largest rotation in a substep by the initial spin [rad]"""
 SHORTEST_STEP = 1.0e-4
-"""that speed and spin may ask for [s]: what is faster is met on its way, but not in more steps"""
+"""Shortest step that speed and spin may require [s]: faster contacts are found by time of impact, without more steps"""
 
 
 def substeps_of_solids(scene: Scene, bodies: Sequence[BodyShape], parameters: Parameters) -> int:
-    """Substeps in a frame that free bodies and spheres ask for, in whichever world is the fastest."""
+    """Return the substeps in a frame that free bodies and spheres ask for, in whichever world is the fastest."""
     step = np.inf
     if scene.body or (scene.sphere and scene.solver != "projective"):  # which has a step of its own for spheres
         step = TOUCHING_STEP
@@ -34,8 +34,10 @@ def substeps_of_solids(scene: Scene, bodies: Sequence[BodyShape], parameters: Pa
 
 
 def _speeds(scene: Scene, parameters: Parameters) -> NDArray[np.float64]:
-    """How fast bodies may become [m/s], shape (W, body_count): falling to the ground, or down to the lowest of all
-    things, for no longer than the scene lasts."""
+    """Return bounds on the speeds of bodies [m/s], shape (W, body_count).
+
+    They fall to the ground, or down to the lowest of all things, for no longer than the scene lasts.
+    """
     up, gravity = np.array(scene.up), np.abs(parameters["gravity"])
     speeds = np.linalg.norm(parameters["initial_body_velocities"], axis=2)
     heights = parameters["initial_body_positions"] @ up

@@ -1,4 +1,4 @@
-"""What the laws' bounds add up to around each particle of a balloon."""
+"""Sums of the laws' bounds around each particle of a balloon."""
 
 import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -19,18 +19,18 @@ from balloon_warp.scene import Scene
 
 Bound = Literal["stiffness", "drag"]
 CHUNK = 1_000_000
-"""numbers looked at together, to bound the memory"""
+"""Number of entries processed together, to bound the memory"""
 
 
 class Stiffest(NamedTuple):
     """Bounds of a balloon's stiffness over its mass, in all its worlds [1/s^2]."""
 
     springs: NDArray[np.float64]
-    """of a spring of each kind, and how much more in proportion to its scale, shape (3, 2)"""
+    """Bound of a spring of each kind, and its increase in proportion to the spring's scale, shape (3, 2)"""
     held: NDArray[np.float64]
-    """of all else, at each particle that moves, shape (P,)"""
+    """Bound of everything else, at each moving particle, shape (P,)"""
     membrane: float
-    """of a membrane, as springs whose constants are those of its Laplacian"""
+    """Bound of a membrane, as springs whose constants are those of its Laplacian"""
 
 
 class Bounds:
@@ -70,10 +70,10 @@ class Bounds:
         return any(np.any(bound(**self._told)) for bound in self._of_kind("hinge", "stiffness"))
 
     def largest(self, bound: Bound, around: Surroundings) -> NDArray[np.float64]:
-        """Of the particles' sums over their parts of the mass the largest, shape (world_count,), or (1,) if nothing
-        differs between worlds. Twice that over the balloon's mass is what Gershgorin's theorem says of the network.
+        """Return the largest of the particles' sums over their mass shares, shape (world_count,).
 
-        A pair whose other end is fixed counts half, and so does a force on a single particle.
+        Shape (1,) if nothing differs between worlds. Twice the sum over the balloon's mass is Gershgorin's bound of the
+        network. A pair whose other end is fixed counts half, and so does a force on a single particle.
         """
         at_once = max(CHUNK // max(around.particle_count, 1), 1)
         largest = np.zeros(self._world_count)
@@ -84,7 +84,7 @@ class Bounds:
         return largest
 
     def sums(self, bound: Bound, around: Surroundings, worlds: slice) -> NDArray[np.float64]:
-        """The sum of the laws' bounds at each particle, shape (worlds, P) or (1, P)."""
+        """Return the sum of the laws' bounds at each particle, shape (worlds, P) or (1, P)."""
         total = self._other_sums(bound, around, worlds)
         if bound in self._membrane:
             total = total + _some(self._membrane[bound], worlds)[:, None] * around.membrane
@@ -95,10 +95,10 @@ class Bounds:
         return total
 
     def stiffest(self, around: Surroundings, masses: NDArray[np.float64]) -> "Stiffest":
-        """What no world is stiffer than.
+        """Return upper bounds over all worlds.
 
         Args:
-            masses: of the balloon in each world [kg], shape (world_count,) or (1,).
+            masses: Masses of the balloon in each world [kg], shape (world_count,) or (1,).
         """
         springs = np.zeros((len(KINDS), 2))
         for kind, *parts in self._spring_constants("stiffness", slice(None)):
@@ -114,7 +114,7 @@ class Bounds:
         return Stiffest(springs, held, float(membrane))
 
     def _spring_constants(self, bound: Bound, worlds: slice) -> Iterator[tuple[int, Any, Any]]:
-        """Of each law and kind of spring what all springs have, and how much more in proportion to their scale."""
+        """Iterate over laws and kinds of springs with their constant bound, and its increase with a spring's scale."""
         told = {name: values[worlds] if len(values) > 1 else values for name, values in self._told.items()}
         for of_spring in self._of_kind("spring", bound):
             for kind, row in enumerate(KINDS):  # what is not proportional to the constant is left where that is 0
@@ -122,7 +122,7 @@ class Bounds:
                 yield kind, least, most - least
 
     def _other_sums(self, bound: Bound, around: Surroundings, worlds: slice) -> NDArray[np.float64]:
-        """The sum of the bounds of all laws but those of springs, and of contacts."""
+        """Return the sum of the bounds of all laws but those of springs, and of contacts."""
         told = {name: _some(values, worlds) for name, values in self._told.items()}
         strings = _some(self._strings, worlds)
         total = np.zeros((1, around.particle_count))
@@ -148,8 +148,10 @@ class Bounds:
 
 
 def membrane_bounds(scene: Scene, number: int, parameters: Parameters) -> dict[Bound, NDArray[np.float64]]:
-    """Of a balloon's membrane in all worlds: its stiffest modulus [N/m] and viscosity [N s/m], times its thickness,
-    shape (W,); nothing where it is of springs."""
+    """Return a membrane's bounds in all worlds, shape (W,).
+
+    The stiffest modulus [N/m] and viscosity [N s/m], times its thickness; empty for a balloon of springs.
+    """
     law = law_of(scene, number)
     if law is None:
         return {}
@@ -159,22 +161,22 @@ def membrane_bounds(scene: Scene, number: int, parameters: Parameters) -> dict[B
 
 
 def _some(values: NDArray[np.float64], worlds: slice) -> NDArray[np.float64]:
-    """Those of some worlds, or the one row of all."""
+    """Return the rows of some worlds, or the one row of all."""
     return values[worlds] if len(values) > 1 else values
 
 
 def told_what_it_names(bound: Callable[..., Any]) -> Callable[..., Any]:
-    """The function, which may be told more than it asks for."""
+    """Return the function wrapped so that it ignores arguments it does not name."""
     names = names_of(bound)
     return lambda **told: bound(**{name: told[name] for name in names})
 
 
 @cache
 def names_of(bound: Callable[..., Any] | None) -> set[str]:
-    """What a law's bound asks for."""
+    """Return the names of the arguments of a law's bound."""
     return set(inspect.signature(bound).parameters) if bound else set()
 
 
 def names_of_bounds(laws: Sequence[Law]) -> set[str]:
-    """What the bounds of these laws ask for."""
+    """Return the names of the arguments of these laws' bounds."""
     return {name for law in laws for bound in (law.stiffness, law.drag) for name in names_of(bound)}

@@ -1,4 +1,4 @@
-"""From a scene to the model on a device."""
+"""Building the model on a device from a scene."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -24,7 +24,7 @@ from balloon_warp.model.vary import Vary
 from balloon_warp.scene import Scene
 
 KINDS = ("normal_force", "pressure", "gas")
-"""of inflation, as the kernels number them"""
+"""Kinds of inflation, as the kernels number them"""
 DTYPES: dict[str, Any] = {
     **dict.fromkeys(
         ("initial_sphere_positions", "initial_sphere_velocities", "initial_sphere_spins", "initial_spins"), wp.vec3
@@ -36,7 +36,7 @@ DTYPES: dict[str, Any] = {
     "initial_loads": wp.vec2,
     **dict.fromkeys(("initial_gas_amounts", "initial_free_volumes"), wp.float64),
 }
-"""of the parameters that no law has; float32 of others"""
+"""Types of the parameters that no law has; others are float32"""
 
 
 def build_model(
@@ -58,7 +58,7 @@ def build_model(
 
 
 def lay_out(plan: ModelPlan, device: str | wp.Device | None = None) -> Model:
-    """The planned model on a device. What is large is in states and schedules."""
+    """Return the planned model on a device. What is large is in states and schedules."""
     device = pick_device(device)
     scene, shapes = plan.scene, plan.shapes
     offsets = np.cumsum([0] + [shape.mesh.vertex_count for shape in shapes])
@@ -139,14 +139,14 @@ def lay_out(plan: ModelPlan, device: str | wp.Device | None = None) -> Model:
 
 
 def _neck_weights(shapes: Sequence[BalloonShape]) -> list[NDArray[np.float64]]:
-    """Of all particles, or of none where no balloon has a neck."""
+    """Return the neck weights of all particles, or of none where no balloon has a neck."""
     if not any(len(shape.neck.edges) for shape in shapes):
         return [np.zeros(0)]
     return [shape.neck.weights if len(shape.neck.edges) else np.zeros(shape.mesh.vertex_count) for shape in shapes]
 
 
 def _items(values: NDArray[np.float64], dtype: Any, device: wp.Device) -> wp.array:
-    """An array of numbers, of vectors of the last dimension, or of matrices of the last two."""
+    """Return an array of numbers, of vectors of the last dimension, or of matrices of the last two."""
     if dtype in (wp.float32, wp.float64, wp.mat33d):
         return wp.array(values, dtype=dtype, device=device)
     flat = values.reshape(-1, values.shape[-1])  # Warp does not tell an empty array's last dimension
@@ -154,7 +154,7 @@ def _items(values: NDArray[np.float64], dtype: Any, device: wp.Device) -> wp.arr
 
 
 def _keyframe_times(scene: Scene) -> NDArray[np.float64]:
-    """Times of all keyframes, shape (balloon_count, keyframe_count), padded by the last."""
+    """Return the times of all keyframes, shape (balloon_count, keyframe_count), padded by the last."""
     lists = [[time for time, _ in balloon.inflation.keyframes] for balloon in scene.balloon]
     longest = max(len(times) for times in lists)
     return np.array([times + times[-1:] * (longest - len(times)) for times in lists])
@@ -163,7 +163,10 @@ def _keyframe_times(scene: Scene) -> NDArray[np.float64]:
 def _faces_around_particles(
     face_sizes: NDArray[np.int32], face_particles: NDArray[np.int32], particle_count: int
 ) -> tuple[NDArray[np.integer], NDArray[np.integer]]:
-    """The faces of each particle, as offsets and a flat list; a face that passes a particle twice counts once."""
+    """Return the faces of each particle, as offsets and a flat list.
+
+    A face that passes a particle twice counts once.
+    """
     faces = np.repeat(np.arange(len(face_sizes)), face_sizes)
     pairs = np.unique(np.stack([face_particles, faces], axis=1), axis=0)
     return np.searchsorted(pairs[:, 0], np.arange(particle_count + 1)), pairs[:, 1]

@@ -1,5 +1,7 @@
-"""That nothing starts inside an obstacle or a free body: it would be torn to the surface in its first step. Host side,
-float64."""
+"""Check that nothing starts inside an obstacle or a free body.
+
+It would be torn to the surface in its first step. Host side, float64.
+"""
 
 from collections.abc import Sequence
 
@@ -19,8 +21,8 @@ from balloon_warp.model.starts import start_of
 from balloon_warp.scene import Scene
 
 DEEP = 0.01
-"""of the balloon's size, or of the obstacle's reach if that is less: as deep as rounding and meshes that stand on
-surfaces may be"""
+"""Tolerated depth over the balloon's size, or over the obstacle's extent if that is less, for rounding and for meshes
+that stand on surfaces"""
 
 
 def require_clear_starts(
@@ -52,14 +54,15 @@ def require_clear_bodies(
     bodies: Sequence[BodyShape],
     parameters: Parameters,
 ) -> None:
-    """Refuse free bodies that start in the ground, in obstacles or in each other, and balloons and spheres that start
-    in them, in any world. Sheets have no inside.
+    """Refuse bodies that start in other solids, and balloons and spheres that start in bodies, in any world.
+
+    Other solids are the ground, obstacles and bodies. Sheets have no inside.
 
     Args:
-        parameters: with what `settle_starts` makes.
+        parameters: Parameters with the results of `settle_starts`.
 
     Raises:
-        InputError: names both, and how deep the one is in the other.
+        InputError: Names both, and the depth of the one in the other.
     """
     up, motion = np.array(scene.up), obstacle_motion(scene)[0]
     solids = [
@@ -105,7 +108,7 @@ def require_clear_bodies(
 
 
 def _depth_in(solid: Solid, points: NDArray[np.float64], center: NDArray[np.float64]) -> float:
-    """Of the deepest of some points [m], negative outside; minus infinity far away."""
+    """Return the largest depth of points in a solid [m], negative outside; minus infinity far away."""
     seen = solid.seen(points[None], center[None])[0]
     near = np.linalg.norm(seen, axis=1) < 2.0 * solid.shape.reach
     return -float(solid.distances(seen[near]).min()) if near.any() else -np.inf
@@ -146,5 +149,5 @@ def _require_outside(
 
 
 def _row(values: NDArray[np.float64], world: int) -> NDArray[np.float64]:
-    """Of one world, with the dimension of worlds."""
+    """Return the values of one world, with the dimension of worlds."""
     return values[world : world + 1] if len(values) > 1 else values

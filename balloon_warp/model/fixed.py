@@ -9,11 +9,11 @@ from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
 
 MOST_NAMED = 20
-"""groups that a refusal lists"""
+"""Largest number of groups that an error lists"""
 
 
 def fixed_particles(fixed: Sequence[int | str], mesh: PolygonMesh) -> list[int]:
-    """The numbers of particles, those of groups among them.
+    """Return the numbers of particles, including those of groups.
 
     Raises:
         InputError: the mesh has no such particle or group.
@@ -30,7 +30,7 @@ def fixed_particles(fixed: Sequence[int | str], mesh: PolygonMesh) -> list[int]:
 
 
 def group_of(mesh: PolygonMesh, name: str, field: str) -> NDArray[np.int32]:
-    """The particles of a group of the mesh.
+    """Return the particles of a group of the mesh.
 
     Args:
         field: that names it.

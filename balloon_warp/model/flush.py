@@ -19,11 +19,11 @@ from balloon_warp.model.timeline import DueChange
 from balloon_warp.scene import Scene
 
 DIRECTIONS = 24
-"""around a ridge, that are looked at"""
+"""Number of directions sampled around a ridge"""
 CELLS = 16
-"""along a ridge, whose middles are looked at"""
+"""Number of cells along a ridge whose midpoints are sampled"""
 HALVINGS = 12
-"""of the way between two of them, to where a neighbor ends"""
+"""Number of bisections between two samples, to the place where a neighbor ends"""
 
 
 def exposed_ridges(
@@ -57,7 +57,7 @@ def exposed_ridges(
 def _placed_solids(
     scene: Scene, obstacles: Sequence[ObstacleShape], parameters: Parameters, changes: Sequence[DueChange]
 ) -> dict[int, tuple[Solid, NDArray[np.float64]]]:
-    """Obstacles that rest and, as the last, the ground: each with where it is in the worlds, shape (W or 1, 3)."""
+    """Return resting obstacles and, as the last, the ground, with their positions, shape (W or 1, 3)."""
     up, values = np.array(scene.up), [change.values for change in changes]
     motion = obstacle_motion(scene)[0]
     placed = {
@@ -82,13 +82,13 @@ class _Neighbor:
         self._matrix, self._shift = seer.matrix.T, shift
 
     def near(self, ends: NDArray[np.float64], reach: float) -> NDArray[np.bool_]:
-        """Which lines of shape (n, 2, 3) may come within reach of its box, shape (n,)."""
+        """Return which lines of shape (n, 2, 3) may come within a distance of the neighbor's box, shape (n,)."""
         seen = self._seen(ends)
         lowest, highest = self._solid.bounds
         return ((seen.min(axis=1) < highest + reach) & (seen.max(axis=1) > lowest - reach)).all(axis=1)
 
     def holds(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Which points are inside, without their last dimension."""
+        """Return which points are inside the neighbor, without their last dimension."""
         return (self._solid.distances(self._seen(points).reshape(-1, 3)) < 0.0).reshape(points.shape[:-1])
 
     def _seen(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -135,7 +135,7 @@ class _Beside:
         return found._replace(tips=(found.tips & whole).astype(np.int32))
 
     def _pieces(self, row: int, out: NDArray[np.bool_], middles: NDArray[np.float64]) -> list[tuple[float, float]]:
-        """From where to where a ridge sticks out, as parts of its length."""
+        """Return the intervals in which a ridge sticks out, as fractions of its length."""
         bounds = [0.0] if out[0] else []
         for cell in np.flatnonzero(out[1:] != out[:-1]).tolist():
             low, high = middles[cell], middles[cell + 1]
@@ -148,8 +148,11 @@ class _Beside:
         return list(zip(bounds[::2], bounds[1::2], strict=True))
 
     def _sticks_out(self, rows: NDArray[np.intp], parts: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Whether more than half of what is around a ridge is free and in one piece, at parts of its length, shape
-        (n, k); or as much as if it were alone."""
+        """Return whether a ridge sticks out at fractions of its length, shape (n, k).
+
+        It does where more than half of the directions around it are free and contiguous, or as many as if it were
+        alone.
+        """
         ends = self._ridges.ends[rows]
         places = ends[:, None, 0] + parts[:, :, None] * (ends[:, 1] - ends[:, 0])[:, None]
         samples = places[:, :, None] + self._away * self._around[rows][:, None]

@@ -19,9 +19,9 @@ from balloon_warp.model.state import State
 from balloon_warp.scene import Scene
 
 LARGEST_OPENING = 0.25
-"""of a balloon's area at the start"""
+"""Largest area of openings over a balloon's area at the start"""
 LEAST_ROUNDNESS = 1.0e-6
-"""volume over the cube of the size, of a balloon that can hold gas"""
+"""Least volume over the cube of the size, for a balloon that can hold gas"""
 
 
 def require_sealed(shape: BalloonShape) -> None:
@@ -50,7 +50,7 @@ def require_sealed(shape: BalloonShape) -> None:
 
 
 def _closing_weld(mesh: PolygonMesh) -> str | None:
-    """The option that closes an open mesh, if one does."""
+    """Return the option that closes an open mesh, if one does."""
     if is_closed(mesh_edges(welded(mesh))):
         return "--weld"
     seam = open_seam(mesh)
@@ -84,7 +84,7 @@ def require_openings(scene: Scene, shapes: Sequence[BalloonShape], parameters: P
 
 
 def settle_gas(scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters) -> Parameters:
-    """The gas at the start, amounts and free volumes, and the pressures and loads then, given ones among them.
+    """Return the initial amounts and free volumes of gas, and all initial pressures and loads.
 
     It is as warm as the air then, so that n moles in the volume V have p = n R T / V, and the free volume
     V (p / p_0)^(1 / gamma), see `kernels.laws.gas`.
@@ -118,8 +118,10 @@ def settle_gas(scene: Scene, shapes: Sequence[BalloonShape], parameters: Paramet
 def _air_around(
     parameters: Parameters, heights: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Pressure [Pa], temperature [K] and density [kg/m^3] of the air at each balloon, shape (W, B), as
-    `kernels.laws.air.air_of_height` has them."""
+    """Return pressure [Pa], temperature [K] and density [kg/m^3] of the air at each balloon, shape (W, B).
+
+    As in `kernels.laws.air.air_of_height`.
+    """
     names = ("air_pressure", "air_temperature", "air_density", "air_lapse", "gravity")
     pressure, temperature, given, lapse, gravity = (parameters[name][:, None] for name in names)
     density = density_of_given_air(pressure, temperature, given)
@@ -132,8 +134,9 @@ def _air_around(
 
 
 def keep_pressures(model: Model, state: State, parameters: Mapping[str, ArrayLike]) -> None:
-    """Keep pressure p and volume of gas whose gamma is about to change: its free volume becomes
-    V_0 (p / p_0)^(1 / gamma - 1 / gamma_before).
+    """Keep pressure p and volume of gas whose gamma is about to change.
+
+    Its free volume becomes V_0 (p / p_0)^(1 / gamma - 1 / gamma_before).
 
     Args:
         parameters: those that change, by their names in `Model.parameters`.

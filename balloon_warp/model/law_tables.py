@@ -11,11 +11,11 @@ from balloon_warp.scene import Scene
 
 Tables = dict[str, dict[str, Any]]
 Rows = Mapping[str, Mapping[str, Parameter]]
-"""of parameters, by their laws' names and their own"""
+"""Rows of parameters, by their laws' names and their own"""
 
 
 def with_law_tables(scene: Scene, rows: Sequence[Parameter]) -> Scene:
-    """The scene with these tables made sure of, and filled with the defaults of what they leave out.
+    """Return the scene with these tables made sure of, and filled with the defaults of what they leave out.
 
     Raises:
         InputError: names the path and what was expected.

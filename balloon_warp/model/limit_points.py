@@ -14,26 +14,26 @@ from balloon_warp.model.shape import BalloonShape
 from balloon_warp.scene import Scene
 
 SOFTEST_SPRINGS = 8.0
-"""stretch up to which springs are looked at, whose pressure is largest at 2"""
+"""Largest stretch of springs in the search for the limit point, whose pressure peaks at 2"""
 STATES = 2000
 CLOSE = 0.98
-"""of the most pressure: a mesh's is as near to that of a sphere"""
+"""Margin on the limit pressure, since a mesh's differs from that of a sphere"""
 
 
 @dataclass(frozen=True)
 class LimitPoint:
-    """Where the pressure that a balloon bears has its first peak, and what it is given."""
+    """Limit point of a balloon, the first peak of its pressure over stretch, and the pressure that it is given."""
 
     material: str
     stretch: float
-    """both ways"""
+    """Equibiaxial stretch at the limit point"""
     most: float
-    """pressure there [Pa]"""
+    """Pressure at the limit point [Pa]"""
     given: float
-    """[Pa]"""
+    """Pressure that the balloon is given [Pa]"""
 
     held_again: float | None = None
-    """the larger stretch at which it is in balance with that, if there is one"""
+    """Larger stretch at which the given pressure is in equilibrium, if there is one"""
 
     def __str__(self) -> str:
         again = self.held_again
@@ -48,7 +48,7 @@ class LimitPoint:
 def borne_pressures(
     scene: Scene, number: int, shape: BalloonShape, parameters: Parameters
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Stretches, and the pressure [Pa] of a ball of the balloon's area that is stretched so, in its first world."""
+    """Return stretches, and the pressures of a sphere of the balloon's area at these [Pa], in its first world."""
     first = {name: values[:1] for name, values in parameters.items()}
     if law := law_of(scene, number):
         told = numbers_of(first, number)
@@ -67,7 +67,9 @@ def passed_limit_point(
     given: float,
     points: NDArray[np.float64] | None = None,
 ) -> LimitPoint | None:
-    """The limit point that a balloon under a given pressure is past; None if it is not, or its gas goes by its volume.
+    """Return the limit point that a balloon under a given pressure has passed.
+
+    None if it has not, or its gas is controlled by volume.
 
     Args:
         parameters: of one world.
@@ -100,7 +102,7 @@ def passed_limit_point(
 
 
 def pressures_too_high(scene: Scene, shapes: list[BalloonShape], parameters: Parameters) -> list[str]:
-    """A sentence for each balloon of rubber under a pressure that it bears at no stretch, in any world."""
+    """Return a sentence for each balloon of rubber under a pressure that it bears at no stretch, in any world."""
     sentences = []
     values = parameters["keyframe_values"]
     for number, shape in enumerate(shapes):

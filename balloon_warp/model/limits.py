@@ -14,9 +14,9 @@ class Limit(NamedTuple):
     """A limit on the memory of a process, and what is left of it."""
 
     name: str
-    """as whoever set it knows it"""
+    """Name of the limit"""
     left: int
-    """bytes"""
+    """Free bytes"""
 
 
 def least_limit(root: Path = Path("/"), environment: Mapping[str, str] = os.environ) -> Limit | None:
@@ -32,8 +32,10 @@ def least_limit(root: Path = Path("/"), environment: Mapping[str, str] = os.envi
 
 
 def _of_cgroups(root: Path) -> Iterator[Limit]:
-    """The process's own group and those that it is in, of version 1 and 2. Files in memory that nobody works on are
-    given back when memory is wanted, and so are left, too."""
+    """Iterate over the memory limits of the process's control group and its parents, of versions 1 and 2.
+
+    The page cache of files that nobody works on is released on demand, and so counts as free.
+    """
     for line in _text(root / "proc/self/cgroup").splitlines():
         _, controllers, own = line.split(":", 2)
         if controllers and "memory" not in controllers.split(","):
@@ -56,7 +58,10 @@ def _of_cgroups(root: Path) -> Iterator[Limit]:
 
 
 def _of_slurm(environment: Mapping[str, str], status: str) -> Iterator[Limit]:
-    """Limits that a SLURM job asked for [MiB]: of a node, or of each CPU on it; 0 is all that the node has."""
+    """Return the memory limits of a SLURM job [MiB]: of a node, or of each CPU on it.
+
+    0 is all that the node has.
+    """
     taken = 1024 * _field(status, r"^VmRSS:\s+(\d+) kB$")
     for name, count in (("SLURM_MEM_PER_NODE", "1"), ("SLURM_MEM_PER_CPU", environment.get("SLURM_CPUS_ON_NODE", ""))):
         with suppress(KeyError, ValueError):

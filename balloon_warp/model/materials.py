@@ -19,31 +19,32 @@ from balloon_warp.scene import Scene
 
 Values = NDArray[np.float64]
 STATES = 13
-"""stretches that are looked at each way"""
+"""Number of stretches sampled each way"""
 LEAST_STRETCH = 0.8
-"""of what does not wrinkle, for which the step is made; squeezed further it stiffens without end"""
+"""Least stretch of materials without wrinkles for which the step is made; squeezed further they stiffen without
+limit"""
 MOST_UNEVEN = 3.0
-"""of the larger stretch over the smaller beyond which it does not reach the most: what is pulled one way alone is so
-thin there that some materials are several times as stiff across as anything else in a balloon"""
+"""Largest ratio of the two stretches at which the larger one reaches the limit: under uniaxial tension the material is
+so thin that some materials are several times as stiff across as anything else in a balloon"""
 APART = 1.0e-3
-"""between the two stretches of a state, at least, so that quotients of differences can be taken"""
+"""Least difference of a state's two stretches, so that quotients of differences are defined"""
 STEP = 1.0e-5
-"""of differences"""
+"""Step of finite differences"""
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(12)
-"""of the integral from rest to a state"""
+"""Quadrature of the integral from rest to a state"""
 OF_ARRAYS = SimpleNamespace(log=np.log, max=np.maximum, pow=np.power, sqrt=np.sqrt, where=np.where)
-"""what laws call of Warp"""
+"""NumPy counterparts of the Warp functions that laws call"""
 NAMES = frozenset(row.name for row in (*PARAMETERS, *SOFTENING))
-"""parameters that the step of a membrane depends on"""
+"""Parameters that the step of a membrane depends on"""
 
 
 def law_of(scene: Scene, number: int) -> Law | None:
-    """That of a balloon's membrane; None if it is of springs."""
+    """Return the law of a balloon's membrane; None if the balloon is made of springs."""
     return MEMBRANES.get(scene.balloon[number].material.law)
 
 
 def settle_masses(scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters) -> Values:
-    """Masses [kg], shape (W, balloon_count): of rubber and film, area at rest times thickness and density."""
+    """Return masses [kg], shape (W, balloon_count): for rubber and film, rest area times thickness and density."""
     masses = parameters["mass"]
     for number, shape in enumerate(shapes):
         if law_of(scene, number):
@@ -55,14 +56,14 @@ def settle_masses(scene: Scene, shapes: Sequence[BalloonShape], parameters: Para
 
 
 def numbers_of(parameters: Mapping[str, Values], number: int) -> dict[str, Values]:
-    """Of a balloon's material, each of shape (W, 1), a vector's of shape (3, W, 1)."""
+    """Return the parameters of a balloon's material, each of shape (W, 1), a vector's of shape (3, W, 1)."""
     rows = {row.name: parameters[row.name][:, number] for row in (*PARAMETERS, *SOFTENING)}
     return {name: values.T[..., None] if values.ndim > 1 else values[:, None] for name, values in rows.items()}
 
 
 @cache
 def on_arrays(function: Any) -> FunctionType:
-    """A function of Warp as one of arrays, in float64: NumPy's functions take the place of Warp's."""
+    """Return a function of Warp as one of arrays, in float64: NumPy's functions take the place of Warp's."""
     plain = function.func
     called = {name: value for name, value in plain.__globals__.items() if name in plain.__code__.co_names}
     called = {name: on_arrays(value) if isinstance(value, wp.Function) else value for name, value in called.items()}
@@ -70,7 +71,7 @@ def on_arrays(function: Any) -> FunctionType:
 
 
 def slopes_by_stretches(law: Law, told: Mapping[str, Values], first: Values, second: Values) -> tuple[Values, Values]:
-    """How the energy for each volume changes with the principal stretches [Pa], the first not the smaller."""
+    """Return the derivatives of the energy density by the principal stretches [Pa], the first not the smaller."""
     major, minor = first * first, second * second
     invariants = {"trace": major + minor, "det": major * minor, "spread": major - minor}
     slopes = on_arrays(law.force)
@@ -80,7 +81,7 @@ def slopes_by_stretches(law: Law, told: Mapping[str, Values], first: Values, sec
 
 
 def steepest_softening(law: Law, told: Mapping[str, Values], first: Values, second: Values) -> Values:
-    """How fast what is left of a state's stress falls with its energy density, at most [1/Pa]."""
+    """Return the largest derivative of the softening factor by the energy density [1/Pa]."""
     if not told["softening"].any():
         return np.zeros(1)
     energy = np.zeros(np.broadcast_shapes(first.shape, told["softening"].shape))
@@ -91,8 +92,9 @@ def steepest_softening(law: Law, told: Mapping[str, Values], first: Values, seco
 
 
 def stiffest_modulus(law: Law, told: Mapping[str, Values]) -> Values:
-    """Of all states that count [Pa], shape (W,): what the energy's second derivative by the deformation gradient, at
-    rest, does not exceed.
+    """Return the stiffest modulus over all states that count [Pa], shape (W,).
+
+    It bounds the energy's second derivative by the deformation gradient, at rest.
 
     Those are the taut ones up to the most stretch, not too uneven, or without wrinkles all down to the least. Of a
     state's second derivative a multiple of the determinant may be taken away: its integral depends on the border alone,
@@ -127,6 +129,6 @@ def stiffest_modulus(law: Law, told: Mapping[str, Values]) -> Values:
 
 
 def thickest_viscosity(told: Mapping[str, Values]) -> Values:
-    """The same of the damping [Pa s], shape (W,): 4 eta over the square of the least stretch that counts."""
+    """Return the largest viscosity [Pa s], shape (W,): 4 eta over the square of the least stretch that counts."""
     least = np.where(told["wrinkling"] != 0.0, told["most_stretch"] ** -0.5, LEAST_STRETCH)
     return (4.0 * told["film_viscosity"] / least**2)[:, 0]

@@ -13,14 +13,17 @@ from balloon_warp.errors import InputError
 from balloon_warp.model.limits import least_limit
 
 USABLE = 0.9
-"""the part of the free memory that a batch may take; kernels, graphs and the allocator want some, too"""
+"""Fraction of the free memory that a batch may take; kernels, graphs and the allocator need some, too"""
 
 
 class Room(Protocol):
-    """Where arrays are taken of. What takes memory takes all of it of a room, so that it can be counted before."""
+    """Allocator of arrays.
+
+    All code that allocates uses one, so that the memory can be counted in advance.
+    """
 
     def array(self, shape: int | tuple[int, ...], dtype: Any) -> Any:
-        """An array of zeros."""
+        """Return an array of zeros."""
 
 
 class Allocating:
@@ -34,7 +37,7 @@ class Allocating:
 
 
 class Counting:
-    """No memory: what is taken is counted, and not there."""
+    """Allocator that counts memory without allocating it."""
 
     def __init__(self) -> None:
         self.bytes = 0
@@ -44,7 +47,7 @@ class Counting:
 
 
 def free_memory(device: wp.Device) -> int:
-    """Bytes that can still be allocated: on a GPU, or of the host."""
+    """Return the bytes that can still be allocated: on a GPU, or of the host."""
     if device.is_cuda:
         return device.free_memory
     meminfo = Path("/proc/meminfo")

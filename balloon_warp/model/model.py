@@ -32,112 +32,112 @@ class Model:
 
     scene: Scene
     shapes: list[BalloonShape]
-    """the balloons' meshes at the start, in the scene's order"""
+    """Balloons' meshes at the start, in the scene's order"""
     particle_offsets: list[int]
-    """where each balloon's particles begin, and after the last, where they end; length balloon_count + 1"""
+    """Begin of each balloon's particles, and the end of the last; length balloon_count + 1"""
     device: wp.Device
     world_count: int
     substeps: int
     due_changes: list[DueChange]
-    """what changes during the simulation, in order"""
+    """Changes during the simulation, in order"""
     laws: tuple[Law, ...]
-    """the built-in ones and the user's own"""
+    """Built-in laws and the user's own"""
     warnings: list[str]
-    """what is odd at the start, see `ModelPlan.warnings`"""
+    """Warnings on the start, see `ModelPlan.warnings`"""
     frame_seconds: float
     up: wp.vec3
 
     # particles
     initial_points: wp.array
-    """where the scene puts them [m], shape (particle_count,), vec3d"""
+    """Positions of particles by the scene [m], shape (particle_count,), vec3d"""
     balloon_origins: wp.array
-    """where it puts the origins of the balloons' meshes [m], about which a world turns them, shape (balloon_count,),
+    """Origins of the balloons' meshes by the scene [m], about which a world turns them, shape (balloon_count,),
     vec3d"""
     particle_balloon: wp.array
-    """the balloon of each particle, shape (particle_count,), int32"""
+    """Balloon of each particle, shape (particle_count,), int32"""
     particle_mass_share: wp.array
-    """part of the balloon's mass, 0 where fixed, shape (particle_count,), float32"""
+    """Share of each particle in the balloon's mass, 0 where fixed, shape (particle_count,), float32"""
     particle_face_offsets: wp.array
-    """where each particle's faces begin in `particle_faces`, shape (particle_count + 1,), int32"""
+    """Begin of each particle's faces in `particle_faces`, shape (particle_count + 1,), int32"""
     particle_faces: wp.array
-    """faces around each particle, shape (corner_count,), int32"""
+    """Faces around each particle, shape (corner_count,), int32"""
 
     # faces
     face_offsets: wp.array
-    """where each face's corners begin in `face_particles`, shape (face_count + 1,), int32"""
+    """Begin of each face's corners in `face_particles`, shape (face_count + 1,), int32"""
     face_particles: wp.array
-    """corners of the faces, shape (corner_count,), int32"""
+    """Corners of the faces, shape (corner_count,), int32"""
     face_balloon: wp.array
-    """the balloon of each face, shape (face_count,), int32"""
+    """Balloon of each face, shape (face_count,), int32"""
 
     # springs
     spring_particles: wp.array
-    """ends, shape (spring_count,), vec2i"""
+    """Ends of springs, shape (spring_count,), vec2i"""
     spring_kind: wp.array
-    """structural 0, shear 1, flexion 2, shape (spring_count,), int32"""
+    """Kinds of springs: structural 0, shear 1, flexion 2, shape (spring_count,), int32"""
     spring_rest_length: wp.array
-    """[m], shape (spring_count,), float32"""
+    """Rest lengths of springs [m], shape (spring_count,), float32"""
     spring_stiffness_scale: wp.array
-    """a spring's constant over that of its kind, shape (spring_count,), float32"""
+    """Spring constants over those of their kinds, shape (spring_count,), float32"""
 
     # membranes
     membrane_corners: wp.array
-    """of the triangles of rubber or film, shape (triangle_count,), vec3i"""
+    """Corners of the triangles of rubber or film, shape (triangle_count,), vec3i"""
     membrane_rests: wp.array
-    """what each is at rest, see `kernels.tables.MembraneTable`, shape (triangle_count,), vec4"""
+    """Rest metric of each triangle, see `kernels.tables.MembraneTable`, shape (triangle_count,), vec4"""
 
     # balloons
     inflation_kind: wp.array
-    """normal force 0, pressure 1, gas 2, shape (balloon_count,), int32"""
+    """Kinds of inflation: normal force 0, pressure 1, gas 2, shape (balloon_count,), int32"""
     keyframe_times: wp.array
-    """[s], shape (balloon_count, keyframe_count); a shorter list repeats its last, float32"""
+    """Times of keyframes [s], shape (balloon_count, keyframe_count); a shorter list repeats its last, float32"""
 
     # strings and tubes
     string_particle: wp.array
-    """the particle each holds, shape (string_count,), int32"""
+    """Particle that each string holds, shape (string_count,), int32"""
     tube_balloons: wp.array
-    """its two balloons, shape (tube_count,), vec2i"""
+    """Two balloons of each tube, shape (tube_count,), vec2i"""
 
     # necks
     neck_weights: wp.array
-    """each particle's part of the thrust of its balloon's neck, shape (particle_count,), or (0,) where no balloon has
-    one; float32"""
+    """Share of each particle in the thrust of its balloon's neck, shape (particle_count,), or (0,) where no balloon has
+    a neck; float32"""
     neck_offsets: wp.array
-    """where the edges around each balloon's neck begin, shape (balloon_count + 1,), int32"""
+    """Begin of the edges around each balloon's neck, shape (balloon_count + 1,), int32"""
     neck_edges: wp.array
-    """in turn, shape (n,), vec2i"""
+    """Edges around the necks, in order, shape (n,), vec2i"""
 
     # obstacles
     obstacles: list[ObstacleShape]
-    """their shapes, in the scene's order"""
+    """Shapes of obstacles, in the scene's order"""
     obstacle_meshes: list[wp.Mesh | None]
-    """those of the obstacles that have one"""
+    """Meshes of the obstacles that have one"""
     obstacle_motion: wp.array
-    """shifts from their positions, and how they are turned, at the start of each frame until all rest, shape (frames,
-    obstacle_count), transform"""
+    """Shifts of obstacles from their positions, and their rotations, at the start of each frame until all rest, shape
+    (frames, obstacle_count), transform"""
 
     # bodies
     bodies: list[BodyShape]
-    """their shapes, in the scene's order"""
+    """Shapes of free bodies, in the scene's order"""
     body_meshes: list[wp.Mesh | None]
-    """those of the bodies that have one"""
+    """Meshes of the bodies that have one"""
 
     # ridges
     ridges: list[Ridges]
-    """of obstacles, and then of bodies; empty where faces of balloons do not meet them"""
+    """Ridges of obstacles, and then of bodies; empty where balloon faces do not touch them"""
     ridge_trees: list[wp.Bvh | None]
-    """of boxes around the ridges of each, where it has any"""
+    """Bounding volume trees of the ridges of each solid that has any"""
 
     # parameters
     columns: Columns
-    """where the laws' parameters stand in the next two"""
+    """Columns of the laws' parameters in the next two arrays"""
     balloon_numbers: wp.array
-    """shape (W, balloon_count, columns.balloon_width), float32"""
+    """Laws' parameters of balloons, shape (W, balloon_count, columns.balloon_width), float32"""
     world_numbers: wp.array
-    """shape (W, columns.world_width), float32"""
+    """Laws' parameters of worlds, shape (W, columns.world_width), float32"""
     parameters: dict[str, wp.array]
-    """all by name, in the units of their rows. The laws' are views into the two above. The others are float32, but for
-    places and velocities, which are vec3:
+    """All parameters by name, in the units of their rows. The laws' are views into the two above. The others are
+    float32, but for places and velocities, which are vec3:
 
     - of balloons, shape (W, balloon_count): `initial_turns`, how it starts turned from `initial_points`, a matrix less
       1, mat33d; `initial_shifts`, how far it starts from there [m], vec3d; `initial_centers`, of mass then [m], vec3d;
@@ -163,11 +163,11 @@ class Model:
             raise InputError(f"world: there is no world {world}; expected 0 to {self.world_count - 1}")
 
     def with_own_parameters(self) -> Self:
-        """The same with parameters that may be written, though others use this model."""
+        """Return the model with a copy of its parameters, which may be written though others use this model."""
         return self._with_parameters(wp.clone)
 
     def with_rows_of_worlds(self) -> Self:
-        """The same with parameters of which each world has its own."""
+        """Return the model with a row of parameters for each world."""
 
         def for_each(array: wp.array) -> wp.array:
             if array.size == 0 or array.shape[0] == self.world_count:
@@ -178,7 +178,7 @@ class Model:
         return self._with_parameters(for_each)
 
     def of_world(self, world: int, copied: bool = True) -> Self:
-        """A batch of a single world, with the parameters that one has.
+        """Return a batch of a single world, with the parameters that one has.
 
         Args:
             copied: or else they are views, and change as this model's do.
@@ -192,7 +192,7 @@ class Model:
         return replace(self._with_parameters(row), world_count=1)
 
     def _with_parameters(self, made_of: Callable[[wp.array], wp.array]) -> Self:
-        """With other arrays, each made of one that there is."""
+        """Return the model with other arrays, each made of an existing one."""
         balloon_numbers, world_numbers = made_of(self.balloon_numbers), made_of(self.world_numbers)
         views = views_of(self.columns, balloon_numbers, world_numbers)
         others = {name: made_of(array) for name, array in self.parameters.items() if name not in views}
@@ -202,7 +202,7 @@ class Model:
 
     @property
     def own_laws(self) -> tuple[Law, ...]:
-        """those of the user"""
+        """Laws of the user."""
         return self.laws[len(LAWS) :]
 
     @property
@@ -211,7 +211,7 @@ class Model:
 
     @property
     def faces_meet(self) -> bool:
-        """whether faces of balloons meet ridges of obstacles and bodies"""
+        """Whether faces of balloons touch ridges of obstacles and bodies."""
         return bool(self.ridges)
 
     @property
@@ -232,24 +232,24 @@ class Model:
 
     @property
     def triangle_faces(self) -> NDArray[np.int64]:
-        """the face of each triangle of membranes, in the order of `membrane_corners`"""
+        """Face of each triangle of membranes, in the order of `membrane_corners`."""
         firsts = np.cumsum([0, *(shape.mesh.face_count for shape in self.shapes)])
         faces = (shape.membrane.faces + first for shape, first in zip(self.shapes, firsts, strict=False))
         return np.concatenate(list(faces))
 
     @property
     def triangle_count(self) -> int:
-        """of membranes"""
+        """Number of triangles of membranes."""
         return self.membrane_corners.shape[0]
 
     @property
     def softens(self) -> bool:
-        """whether a balloon is of rubber that may"""
+        """Whether a balloon is of rubber that may soften."""
         return any(balloon.material.softening is not None for balloon in self.scene.balloon)
 
     @property
     def bursts(self) -> bool:
-        """whether a balloon may"""
+        """Whether a balloon may burst."""
         return any(balloon.material.strength is not None for balloon in self.scene.balloon)
 
     @property
@@ -274,7 +274,7 @@ class Model:
 
 
 def fitting(model: Model, name: str, values: ArrayLike) -> NDArray[np.float32]:
-    """Values as a parameter of the model has them.
+    """Return the values as a parameter of the model has them.
 
     Raises:
         InputError: there is no such parameter, or its values have another shape or are not finite.

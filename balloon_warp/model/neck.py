@@ -1,4 +1,4 @@
-"""Where a balloon is open: the faces that its mesh closes the neck with, and who gets the thrust there."""
+"""Necks of balloons: the faces that close them in the mesh, and the particles that take the thrust."""
 
 from typing import NamedTuple
 
@@ -12,19 +12,20 @@ from balloon_warp.model.fixed import group_of
 
 
 class Neck(NamedTuple):
-    """Of one balloon, its particles numbered within it."""
+    """Neck of one balloon, whose particles are numbered within it."""
 
     edges: NDArray[np.int64]
-    """around it, as the faces run that close it, shape (n, 2); none if there is no neck"""
+    """Edges around the neck, in the order of the faces that close it, shape (n, 2); none if there is no neck"""
     weights: NDArray[np.float64]
-    """each particle's part of the thrust: that of its mass among all at the neck that move, shape (particle_count,)"""
+    """Share of each particle in the thrust, by its mass among all moving particles at the neck, shape
+    (particle_count,)"""
 
 
 NO_NECK = Neck(np.zeros((0, 2), dtype=np.int64), np.zeros(0))
 
 
 def neck_of(at: int | str, mesh: PolygonMesh, mass_share: NDArray[np.float64], up: NDArray[np.float64]) -> Neck:
-    """The neck at a particle, or at the faces of a group.
+    """Return the neck at a particle, or at the faces of a group.
 
     Args:
         at: the particle by the order of the file's vertices, "lowest" or "highest", or the group's name.
@@ -51,7 +52,7 @@ def neck_of(at: int | str, mesh: PolygonMesh, mass_share: NDArray[np.float64], u
 
 
 def _faces_at(at: int | str, mesh: PolygonMesh, up: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Those around a particle, or with all corners in a group, shape (face_count,)."""
+    """Return a mask of the faces around a particle, or with all corners in a group, shape (face_count,)."""
     faces = corner_faces(mesh)
     inside = np.zeros(mesh.vertex_count, dtype=bool)
     if isinstance(at, str) and at not in ("lowest", "highest"):

@@ -1,4 +1,4 @@
-"""How obstacles move from frame to frame: by keyframes of the scene, or as a USD stage has them."""
+"""Motion of obstacles from frame to frame: by keyframes of the scene, or by a USD stage."""
 
 from collections.abc import Iterable, Mapping
 from math import ceil
@@ -19,9 +19,9 @@ if TYPE_CHECKING:  # takes long to load, and most scenes have no obstacle
     from scipy.spatial.transform import Rotation
 
 MOST_TURN = 90.0
-"""[degrees] in a frame"""
+"""Largest rotation in a frame [degrees]"""
 MOST_FRAMES = 1_000_000
-"""that a motion may take"""
+"""Largest number of frames of a motion"""
 
 
 class Keyframes:
@@ -38,14 +38,14 @@ class Keyframes:
         self.seconds = self._times[-1] if obstacle.motion else 0.0
 
     def at(self, times: NDArray[np.float64]) -> "tuple[NDArray[np.float64], Rotation]":
-        """Shifts from the position [m], shape (n, 3), and n turns."""
+        """Return the shifts from the position [m], shape (n, 3), and n turns."""
         from scipy.spatial.transform import Rotation
 
         turns = Rotation.from_euler("xyz", self._between(times, self._turns), degrees=True)
         return self._between(times, self._shifts), turns * self._own
 
     def fastest_turn(self, times: NDArray[np.float64]) -> float:
-        """From one of the times to the next, about any axis [degrees]."""
+        """Return the largest rotation between successive times, about any axis [degrees]."""
         return float(np.abs(np.diff(self._between(times, self._turns), axis=0)).max(initial=0.0))
 
     def _between(self, times: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -63,7 +63,7 @@ class Sampled:
         self._own = rotation_matrix(obstacle.rotation)
 
     def at(self, times: NDArray[np.float64]) -> "tuple[NDArray[np.float64], Rotation]":
-        """As of `Keyframes`."""
+        """Return shifts and rotations at times, as `Keyframes` does."""
         from scipy.spatial.transform import Rotation
 
         matrices = self._motion.matrices(times.clip(max=self.seconds))
@@ -72,13 +72,13 @@ class Sampled:
         return shifts, Rotation.from_matrix(into @ matrices[:, :3, :3] @ self._axes.T)
 
     def fastest_turn(self, times: NDArray[np.float64]) -> float:
-        """As of `Keyframes`; no more than half a turn."""
+        """Return the largest rotation between successive times, as `Keyframes` does; no more than half a turn."""
         _, turns = self.at(times)
         return float(np.degrees((turns[1:] * turns[:-1].inv()).magnitude().max(initial=0.0)))
 
 
 def motion_of(obstacle: Obstacle, scene: Scene) -> Keyframes | Sampled:
-    """How an obstacle moves.
+    """Return the motion of an obstacle.
 
     Raises:
         InputError: its mesh cannot be read.
@@ -88,8 +88,9 @@ def motion_of(obstacle: Obstacle, scene: Scene) -> Keyframes | Sampled:
 
 
 def _motions(obstacle: Obstacle) -> list[Any]:
-    """The motions that a stage has for an obstacle, as `read_motions`; none where it is of no stage, or the scene moves
-    it.
+    """Return the motions of an obstacle in its stage, as `read_motions`.
+
+    Empty where its mesh is not from a stage, or the scene moves it.
 
     Raises:
         InputError: its mesh cannot be read.
@@ -103,8 +104,9 @@ def _motions(obstacle: Obstacle) -> list[Any]:
 
 
 def with_parts_apart(scene: Scene) -> Scene:
-    """The scene with an obstacle for each part of a stage that moves by itself. The first part keeps the obstacle's
-    number; the others follow behind all obstacles, with the same values.
+    """Return the scene with an obstacle for each part of a stage that moves by itself.
+
+    The first part keeps the obstacle's number; the others follow behind all obstacles, with the same values.
 
     Raises:
         InputError: a mesh cannot be read.
@@ -127,11 +129,11 @@ def with_parts_apart(scene: Scene) -> Scene:
 
 
 def obstacle_poses(positions: NDArray[np.floating], motion: NDArray[np.floating], frame: int) -> NDArray[np.float64]:
-    """Where obstacles are at a frame: their origins [m], and quaternions (x, y, z, w), shape (..., obstacle_count, 7).
+    """Return obstacle poses at a frame: origins [m] and quaternions (x, y, z, w), shape (..., obstacle_count, 7).
 
     Args:
-        positions: as the scene or its worlds have them now [m], shape (..., obstacle_count, 3).
-        motion: as `obstacle_motion` makes it.
+        positions: Current positions by the scene or its worlds [m], shape (..., obstacle_count, 3).
+        motion: Motion, as from `obstacle_motion`.
     """
     moved = motion[min(frame, len(motion) - 1)]
     places = positions + moved[:, :3]
@@ -140,18 +142,20 @@ def obstacle_poses(positions: NDArray[np.floating], motion: NDArray[np.floating]
 
 
 def moves(scene: Scene, number: int, changing: Iterable[Mapping[str, tuple[NDArray[np.bool_], Any]]]) -> bool:
-    """Whether an obstacle is not at one place all the time.
+    """Return whether an obstacle moves at any time.
 
     Args:
-        changing: what each change of the scene changes, as `DueChange.values`.
+        changing: Values changed by each change of the scene, as in `DueChange.values`.
     """
     changed = (values["obstacle_position"][0][number] for values in changing if "obstacle_position" in values)
     return motion_of(scene.obstacle[number], scene).seconds > 0.0 or any(which.any() for which in changed)
 
 
 def obstacle_motion(scene: Scene) -> NDArray[np.float64]:
-    """Shifts of obstacles from their positions [m], and quaternions (x, y, z, w) of how they are turned, at the start
-    of each frame until all rest, shape (frames, obstacle_count, 7); of one frame where none moves.
+    """Return the motion of obstacles until all rest, shape (frames, obstacle_count, 7).
+
+    Shifts from their positions [m] and rotations as quaternions (x, y, z, w), at the start of each frame; one frame
+    where none moves.
 
     Raises:
         InputError: one turns by more than a quarter in a frame, so that it is not known which way, or moves for longer

@@ -19,11 +19,11 @@ from balloon_warp.mesh.units import as_told
 from balloon_warp.scene import Body, Obstacle, Scene
 
 SHEET = 1.0e-3
-"""thickness of a sheet over its size"""
+"""Thickness of a sheet over its size"""
 FAINT = 4.0e-6
-"""difference of two distances over a mesh's size, which float32 tells for sure"""
+"""Resolution of float32 between two distances, over a mesh's size"""
 BLURS = (1.0e-6, 1.0e-3)
-"""least and most, over the mean edge; the most is Warp's own"""
+"""Least and largest blur, over the mean edge; the largest is Warp's own"""
 
 
 @dataclass(frozen=True)
@@ -32,26 +32,26 @@ class ObstacleShape:
 
     kind: str
     size: NDArray[np.float64]
-    """half the edges of a box; radius, half the length and 0 of a capsule; zeros of others [m], shape (3,)"""
+    """Half the edges of a box; radius, half the length and 0 of a capsule; zeros for others [m], shape (3,)"""
     mesh: PolygonMesh | None
-    """in meters, the scene's up axis up"""
+    """Mesh in meters, in the scene's up axis"""
     closed: bool
-    """whether the mesh has an inside; one that winds inward is a room, whose walls are sheets"""
+    """Whether the mesh has an inside; one that winds inward is a room, whose walls are sheets"""
     thickness: float
-    """how far from the surface particles are held [m]"""
+    """Distance from the surface at which particles are held [m]"""
     reach: float
-    """of the farthest point from the origin, with the thickness [m]; infinite for a plane"""
+    """Distance of the farthest point from the origin, with the thickness [m]; infinite for a plane"""
     remarks: tuple[str, ...] = ()
-    """what is to be said of what was taken of the mesh's file, a sentence each"""
+    """Remarks on what was taken from the mesh's file, a sentence each"""
 
     @property
     def triangles(self) -> NDArray[np.int32]:
-        """Of the mesh, shape (n, 3)."""
+        """Triangles of the mesh, shape (n, 3)."""
         return triangulate(self.mesh)[0] if self.mesh else np.zeros((0, 3), dtype=np.int32)
 
     @property
     def blur(self) -> float:
-        """By how much more two places of its mesh are away from a point, over the mean edge, if float32 tells."""
+        """Resolution of float32 between distances from a point to two places of the mesh, over the mean edge."""
         if self.mesh is None:
             return 0.0
         corners = self.mesh.points[self.triangles]
@@ -93,7 +93,7 @@ def shape_obstacle(number: int, obstacle: Obstacle | Body, scene: Scene) -> Obst
 
 
 def warp_mesh(shape: ObstacleShape, device: wp.Device) -> wp.Mesh | None:
-    """What kernels find the nearest place on its mesh with."""
+    """Make the Warp mesh in which kernels find the nearest place."""
     if shape.mesh is None:
         return None
     points = wp.array(shape.mesh.points, dtype=wp.vec3, device=device)

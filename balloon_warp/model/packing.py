@@ -11,17 +11,17 @@ from balloon_warp.kernels.laws.columns import Columns
 
 
 def pack_balloons(columns: Columns, parameters: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
-    """The numbers of balloons, shape (W, balloon_count, columns.balloon_width)."""
+    """Return the numbers of balloons, shape (W, balloon_count, columns.balloon_width)."""
     return _beside(columns.balloon, parameters)
 
 
 def pack_worlds(columns: Columns, parameters: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
-    """The numbers of worlds, shape (W, columns.world_width)."""
+    """Return the numbers of worlds, shape (W, columns.world_width)."""
     return _beside(columns.world, parameters)
 
 
 def views_of(columns: Columns, balloon_numbers: wp.array, world_numbers: wp.array) -> dict[str, wp.array]:
-    """The parameters by name: shape (W, balloon_count) or (W,), and a last dimension of 3 where they are vectors."""
+    """Return the parameters by name, shape (W, balloon_count) or (W,), with a last dimension of 3 for vectors."""
     views, column = {}, 0
     for row in columns.balloon:
         views[row.name] = balloon_numbers[:, :, column if row.size == 1 else slice(column, column + row.size)]
@@ -34,7 +34,7 @@ def views_of(columns: Columns, balloon_numbers: wp.array, world_numbers: wp.arra
 
 
 def _beside(rows: Sequence[Parameter], parameters: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Columns of all rows; where one differs between worlds, another's row stands for all worlds."""
+    """Return the columns of all rows; where one differs between worlds, another's row stands for all worlds."""
     parts = [parameters[row.name][..., None] if row.size == 1 else parameters[row.name] for row in rows]
     worlds = max(len(part) for part in parts)
     return np.concatenate([np.broadcast_to(part, (worlds, *part.shape[1:])) for part in parts], axis=-1)

@@ -12,19 +12,19 @@ from balloon_warp.scene import Inflation, Material, Scene
 from balloon_warp.scene.timeline import is_there
 
 Parameters = dict[str, NDArray[np.float64]]
-"""arrays by the names of their rows, shape (W, count of balloons or spheres or strings or tubes, size), without the
-second where a parameter is the world's, and without the last where it is 1; W is world_count, or 1 for all alike"""
+"""Arrays by the names of their rows, shape (W, count of balloons or spheres or strings or tubes, size), without the
+second where a parameter is the world's, and without the last where it is 1; W is world_count, or 1 if all are alike"""
 Place = tuple[str, tuple[int | slice, ...]]
-"""an array of `Parameters`, and an index into each world's part of it"""
+"""Name of an array of `Parameters`, and an index into each world's part of it"""
 
 
 def scene_parameters(scene: Scene, rows: Sequence[Parameter]) -> Parameters:
-    """What the scene says, alike in all worlds; NaN where it leaves out a string's length or an amount of gas."""
+    """Return the scene's parameters, the same for all worlds; NaN for a missing string length or amount of gas."""
     return {row.name: _values(scene, row) for row in rows} | {KEYFRAME_VALUES.name: _keyframe_values(scene)}
 
 
 def parameters_at(scene: Scene, rows: Sequence[Parameter], frame: int) -> Parameters:
-    """The scene's parameters, with neither size nor strength for the spheres and strings that are not there."""
+    """Return the scene's parameters, with zero size or stiffness for absent spheres and strings."""
     parameters = scene_parameters(scene, rows)
     for name, lasting in (("sphere_radius", scene.sphere), ("string_stiffness", scene.string)):
         parameters[name] = parameters[name] * [[is_there(scene, item, frame) for item in lasting]]
@@ -32,7 +32,7 @@ def parameters_at(scene: Scene, rows: Sequence[Parameter], frame: int) -> Parame
 
 
 def places_of(scene: Scene, rows: Sequence[Parameter]) -> dict[str, list[Place]]:
-    """Where each path of the scene leads to: `balloon.0.mass` to one place, `balloon.mass` to one for each balloon."""
+    """Return the places of each path: one of `balloon.0.mass`, one for each balloon of `balloon.mass`."""
     places: dict[str, list[Place]] = {}
     for path, place in _numbered_places(scene, rows):
         places.setdefault(path, []).append(place)
@@ -43,12 +43,12 @@ def places_of(scene: Scene, rows: Sequence[Parameter]) -> dict[str, list[Place]]
 
 
 def is_numbered(path: str) -> bool:
-    """Whether it leads to one balloon, sphere, string or tube."""
+    """Return whether a path leads to one balloon, sphere, string or tube."""
     return path.partition(".")[2].partition(".")[0].isdecimal()
 
 
 def value_of(table: Any, row: Parameter) -> Any:
-    """What a scene, or a body of it, says of a parameter of its own; its default where it says nothing."""
+    """Return the value of a parameter in a scene, or in a body of it; its default where it is missing."""
     *inner, field = row.path.split(".")
     for name in inner:
         table = _field(table, name)
@@ -67,7 +67,10 @@ def _values(scene: Scene, row: Parameter) -> NDArray[np.float64]:
 
 
 def _keyframe_values(scene: Scene) -> NDArray[np.float64]:
-    """Of all balloons, shape (1, balloon_count, keyframe_count); a shorter list repeats its last."""
+    """Return the keyframe values of all balloons, shape (1, balloon_count, keyframe_count).
+
+    A shorter list repeats its last value.
+    """
     lists = [[value for _, value in balloon.inflation.keyframes] for balloon in scene.balloon]
     longest = max(len(values) for values in lists)
     return np.array([[values + values[-1:] * (longest - len(values)) for values in lists]])
@@ -93,12 +96,15 @@ def _numbered_places(scene: Scene, rows: Sequence[Parameter]) -> Iterator[tuple[
 
 
 def _tables(scene: Scene, row: Parameter) -> Sequence[Any]:
-    """The tables of the scene that have this parameter."""
+    """Return the tables of the scene that have this parameter."""
     return [scene] if row.of == "world" else getattr(scene, row.of)
 
 
 def _has(table: Any, path: str) -> bool:
-    """Whether a table has what a path leads through: a scene may have no water, and an inflation fields of its kind."""
+    """Return whether a table has what a path leads through.
+
+    A scene may have no water, and an inflation only has the fields of its kind.
+    """
     *inner, field = path.split(".")
     for name in inner:
         table = _field(table, name)

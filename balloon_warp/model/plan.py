@@ -1,7 +1,7 @@
-"""What a model will be, on the host: nothing of it is on a device yet.
+"""Plan of a model on the host, before anything is on a device.
 
-A scene's way: its meshes become shapes; its numbers become parameters, by the rows of its laws; what varies gets a
-value for each world; what the scene leaves open is settled; then the step is chosen that all of that asks for.
+The scene's meshes become shapes. Its numbers become parameters, by the rows of its laws. Values that vary get a row for
+each world. Missing values get their defaults. Then the substeps follow from all of these.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,6 +17,7 @@ from balloon_warp.kernels.laws import LAWS, Law
 from balloon_warp.laws import require_laws
 from balloon_warp.model.bodies import BodyShape, settle_bodies, shape_body
 from balloon_warp.model.body_steps import substeps_of_solids
+from balloon_warp.model.friction import settle_friction
 from balloon_warp.model.gas import require_openings, require_sealed, settle_gas
 from balloon_warp.model.law_tables import with_law_tables
 from balloon_warp.model.limit_points import pressures_too_high
@@ -51,33 +52,33 @@ class ModelPlan:
     obstacles: list[ObstacleShape]
     bodies: list[BodyShape]
     ridges: list[Ridges]
-    """of obstacles, and then of bodies, that faces of balloons meet; empty where they meet none"""
+    """Ridges of obstacles, and then of bodies, that faces of balloons touch; empty where they touch none"""
     held: list[int]
-    """the particle that each string holds, numbered within its balloon"""
+    """Particle that each string holds, numbered within its balloon"""
     own_laws: tuple[Law, ...]
-    """that act beside the built-in ones"""
+    """User-defined laws that act"""
     parameters: Parameters
     substeps: int
-    """at the start: as many as the stiffest world asks"""
+    """Number of substeps at the start, by the stiffest world"""
     due_changes: list[DueChange]
-    """what changes during the simulation"""
+    """Changes during the simulation"""
 
     @property
     def laws(self) -> tuple[Law, ...]:
         return (*LAWS, *self.own_laws)
 
     def of_world(self, name: str, world: int) -> Any:
-        """A parameter of one world, as a number or lists of numbers."""
+        """Return a parameter of one world, as a number or lists of numbers."""
         values = self.parameters[name]
         return values[world % len(values)].tolist()
 
     def of_worlds(self, rows: NDArray[np.integer]) -> Self:
-        """Some of the worlds, with the step that is planned for all."""
+        """Return the plan of some of the worlds, with the step that is planned for all."""
         parameters = {name: values[rows] if len(values) > 1 else values for name, values in self.parameters.items()}
         return replace(self, world_count=len(rows), parameters=parameters)
 
     def with_times_the_substeps(self, times: int) -> Self:
-        """The same in shorter steps, wherever the scene says how long they are."""
+        """Return the plan with a multiple of the substeps, at all times."""
 
         def finer(scene: Scene) -> Scene:
             auto = scene.substeps == "auto"
@@ -88,9 +89,12 @@ class ModelPlan:
 
     @property
     def warnings(self) -> list[str]:
-        """what of stages was left out; which numbers may be of another unit; what is odd about the meshes, and what
-        became of it; which spheres may come through, which pressures rubber does not bear, and which strings start
-        overstretched"""
+        """Warnings in sentences.
+
+        They are on: parts of stages that were left out; values that may be in another unit; defects of meshes, and
+        their treatment; spheres that may pass through balloons; pressures that rubber does not bear; strings that start
+        overstretched.
+        """
         step_seconds = 1.0 / self.scene.frames_per_second / self.substeps
         solids = [*self.obstacles, *(body.solid for body in self.bodies)]
         taken = list(dict.fromkeys(remark for solid in solids for remark in solid.remarks))
@@ -101,12 +105,12 @@ class ModelPlan:
 
     @property
     def particle_count(self) -> int:
-        """in one world"""
+        """Number of particles in one world."""
         return sum(shape.mesh.vertex_count for shape in self.shapes)
 
     @property
     def spring_count(self) -> int:
-        """in one world"""
+        """Number of springs in one world."""
         return sum(shape.springs.count for shape in self.shapes)
 
 
@@ -176,8 +180,9 @@ def plan_model(
 def _settled(
     scene: Scene, shapes: Sequence[BalloonShape], held: Sequence[int], said: Mapping[str, NDArray[np.float64]]
 ) -> Parameters:
-    """The parameters, and what follows of them and of the shapes: where each balloon starts, the lengths of strings,
-    the pressures that are left to us, and what gas there is.
+    """Return the parameters with those that follow from them and from the shapes.
+
+    They are the balloons' starting places, string lengths, "auto" pressures, and amounts of gas.
 
     Raises:
         InputError: a balloon cannot hold gas, or let it out so, is too far away for float32, or cannot be turned so.
@@ -195,7 +200,7 @@ def _settled(
     require_openings(scene, shapes, parameters)
     require_profile(parameters)
     parameters["keyframe_values"] = settle_pressure(scene, shapes, parameters)
-    parameters |= settle_touch(scene, shapes, parameters)
+    parameters |= settle_touch(scene, shapes, parameters) | settle_friction(parameters)
     parameters |= settle_tears(scene, parameters)
     return parameters | settle_gas(scene, shapes, parameters)
 
@@ -207,8 +212,9 @@ def substeps_over_time(
     changes: Sequence[DueChange],
     velocities: Sequence[NDArray[np.float64]] | None,
 ) -> int:
-    """Substeps at the start. Left to us, they are enough for all that follows; else the scene's, which must be enough
-    until they change.
+    """Return the number of substeps at the start.
+
+    With "auto", they suffice for the whole simulation; otherwise the scene's must suffice until they change.
 
     Args:
         velocities: at the start, as `Network.stable_step` has them.

@@ -4,8 +4,10 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
+import numpy as np
 from numpy.typing import NDArray
 
+from balloon_warp.model.friction import SAID, settle_friction
 from balloon_warp.model.model import Model
 from balloon_warp.model.timeline import DueChange
 
@@ -20,7 +22,7 @@ class PlannedChanges:
         return iter(self._ahead)
 
     def are_due(self, frame: int) -> bool:
-        """Whether one is to be made at the start of a frame."""
+        """Return whether a change is due at the start of a frame."""
         return bool(self._ahead) and self._ahead[0].frame <= frame
 
     def due(self, frame: int) -> Iterator[DueChange]:
@@ -38,6 +40,9 @@ def changed_parameters(change: DueChange, model: Model) -> dict[str, NDArray]:
     changed = {name: model.parameters[name].numpy().copy() for name in change.values}
     for name, rows in changed.items():
         change.apply(name, rows)
+    if not changed.keys().isdisjoint(SAID):
+        now = {name: np.asarray(model.parameters[name].numpy()) for name in SAID}
+        changed |= settle_friction(now | {name: changed[name] for name in SAID if name in changed})
     return changed
 
 

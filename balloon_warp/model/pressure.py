@@ -17,14 +17,15 @@ from balloon_warp.model.strung import mean_radius, pressure_of_stretch
 from balloon_warp.scene import Scene
 
 MOST_OF_FILM = 4.0e3
-"""[Pa] that rubber and film get: foil, which hardly stretches, is filled to about as much"""
+"""Largest "auto" pressure of rubber and film [Pa]: foil, which hardly stretches, is filled to about as much"""
 UNEVEN = 1.4
-"""the mean of a surface's tensions over the least, of one that is even"""
+"""Ratio of a surface's mean tension to its least up to which it counts as even"""
 
 
 def settle_pressure(scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters) -> NDArray[np.float64]:
-    """The values at keyframes [Pa], with those that are left to us, NaN until now; shape (W, balloon_count,
-    keyframe_count).
+    """Return the pressures at keyframes [Pa], with "auto" ones computed, shape (W, balloon_count, keyframe_count).
+
+    "auto" values are NaN until now.
 
     Scaled by s in all directions, springs of constant k and rest length L pull inward like a pressure p on a volume
     s^3 V: by virtual work 3 p V s^2 = sum k L^2 (s - 1). With the volume V = A R / 3 of a sphere, and the surface's
@@ -53,7 +54,7 @@ def settle_pressure(scene: Scene, shapes: Sequence[BalloonShape], parameters: Pa
 
 
 def _with_settled(values: NDArray[np.float64], number: int, pressures: NDArray[np.float64]) -> NDArray[np.float64]:
-    """With a balloon's pressures, shape (W, 1), where its values are left open."""
+    """Return the values with a balloon's pressures, shape (W, 1), in place of "auto" ones."""
     rows = max(len(values), len(pressures))
     values = np.broadcast_to(values, (rows, *values.shape[1:])).copy()
     values[:, number] = np.where(np.isnan(values[:, number]), pressures, values[:, number])
@@ -63,8 +64,10 @@ def _with_settled(values: NDArray[np.float64], number: int, pressures: NDArray[n
 def pressures_of_membrane(
     shape: BalloonShape, law: Law, told: Mapping[str, NDArray[np.float64]], stretches: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """That stretch a round balloon of the same area so [Pa], shape (W, stretch_count): 2 h dW/dl / (l^2 R), by virtual
-    work."""
+    """Return the pressures that stretch a spherical membrane of the same area [Pa], shape (W, stretch_count).
+
+    2 h dW/dl / (l^2 R), by virtual work.
+    """
     area = total_area(shape.mesh)
     radius = np.sqrt(area / ((4.0 if shape.closed else 2.0) * np.pi))
     thickness = told["thickness"] * shape.membrane.areas.sum() / area
@@ -73,7 +76,7 @@ def pressures_of_membrane(
 
 
 def with_settled_pressure(scene: Scene, parameters: Parameters) -> Scene:
-    """The scene with the numbers of the first world in place of pressures that were left to us."""
+    """Return the scene with the first world's values in place of "auto" pressures."""
     balloons = list(scene.balloon)
     for number, balloon in enumerate(balloons):
         if balloon.inflation.is_automatic:
@@ -85,7 +88,7 @@ def with_settled_pressure(scene: Scene, parameters: Parameters) -> Scene:
 
 
 def pressures_of_springs(shape: BalloonShape) -> NDArray[np.float64]:
-    """Pressure [Pa] for each N/m of the three kinds of springs, shape (3,), over (s - 1) / s^2: 2 K / R.
+    """Return the pressure [Pa] for each N/m of the three kinds of springs, shape (3,), over (s - 1) / s^2: 2 K / R.
 
     Of several parts the largest counts. Springs between parts, and across thin ones, hold no surface. A surface with a
     border may become half a sphere.
@@ -107,9 +110,11 @@ def pressures_of_springs(shape: BalloonShape) -> NDArray[np.float64]:
 
 
 def _evenness(shape: BalloonShape, within: NDArray[np.bool_]) -> float:
-    """How much less stretching one way takes than stretching all ways, from 0 to 1, where all but the softest tenth of
-    the area are better: long thin faces, as of a cylinder without rings between its ends, have springs along them
-    alone, and would burst. Up to `UNEVEN` times less counts as even, as quads are that somebody drew.
+    """Return the stiffness against uniaxial relative to equibiaxial stretch, from 0 to 1.
+
+    All but the softest tenth of the area exceed it: long thin faces, as of a cylinder without rings between its ends,
+    have springs along them alone, and would burst. A ratio of up to `UNEVEN` counts as even, as for quads that somebody
+    drew.
 
     A vertex has 1/2 k L^2 t t^T over its share of the area, summed over its springs of direction t; what counts is the
     least of that across the normal. By the defaults of the constants, so that it is a property of the mesh.

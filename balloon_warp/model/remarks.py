@@ -1,4 +1,4 @@
-"""What is to be said of a simulation that goes on all the same: where its numbers are not what was asked for."""
+"""Remarks on a simulation that goes on, though its values are not what was asked for."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from balloon_warp.warp_lock import lock_of
 
 @dataclass(frozen=True)
 class Remark:
-    """On a world."""
+    """Remark on a world."""
 
     kind: Literal["unsettled", "overstretched"]
     world: int
@@ -24,12 +24,12 @@ class Remark:
 
 
 def remarks_on(model: Model, state: State, worlds: NDArray[np.integer] | None = None) -> list[Remark]:
-    """What there is to say now, world by world.
+    """Return the current remarks, world by world.
 
     Args:
-        model: that was simulated.
-        state: of all its worlds.
-        worlds: their numbers, as they are to be called; as they stand, when missing.
+        model: Model that was simulated.
+        state: State of all its worlds.
+        worlds: Numbers by which the worlds are named; their order, when missing.
     """
     with lock_of(model.device):
         return _found(model, state, np.arange(model.world_count) if worlds is None else worlds)
@@ -48,12 +48,12 @@ def _found(model: Model, state: State, worlds: NDArray[np.integer]) -> list[Rema
 
 
 def remarks_in_sentences(model: Model, state: State) -> list[str]:
-    """Say what is to be said of a model and a state, as `remarks_on`."""
+    """Return remarks on a model and a state as sentences, as `remarks_on`."""
     return remark_sentences(remarks_on(model, state))
 
 
 def remark_sentences(remarks: Sequence[Remark]) -> list[str]:
-    """One sentence for each kind: of its first world, and how many others there are."""
+    """Return one sentence for each kind: of its first world, and how many others there are."""
     counts = Counter(remark.kind for remark in remarks)
     firsts = {remark.kind: remark for remark in sorted(remarks, key=lambda remark: remark.world, reverse=True)}
     more = {kind: f" (and {_others(count - 1)})" if count > 1 else "" for kind, count in counts.items()}

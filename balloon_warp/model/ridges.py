@@ -1,5 +1,7 @@
-"""Ridges of obstacles and free bodies: the convex edges of boxes and meshes, and the axes of capsules, which faces of
-balloons meet between their particles."""
+"""Ridges of obstacles and free bodies, which balloon faces touch between their particles.
+
+Ridges are the convex edges of boxes and meshes, and the axes of capsules.
+"""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -18,24 +20,24 @@ from balloon_warp.model.touch import THICKNESS, edge_length
 from balloon_warp.scene import Scene
 
 FLAT = 0.2
-"""turn [rad] of a surface within an edge of a balloon, up to which faces go along it, within the thickness of a skin"""
+"""Turn of a surface within an edge of a balloon [rad], up to which faces follow it within the thickness of a skin"""
 THIN = 5.0
-"""mean edges of a balloon: a solid with a side less wide than that meets its faces, too"""
+"""Width of a solid, in mean edges of a balloon, below which it also touches faces"""
 KEPT = 0.5
-"""of the thickness of a skin, that faces keep from ridges"""
+"""Distance that faces keep from ridges, over the thickness of a skin"""
 BOX_SIGNS = np.array([(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
-"""of the corners of a box"""
+"""Signs of the corners of a box"""
 
 
 class Ridges(NamedTuple):
     """Ridges of a solid, as seen from that."""
 
     ends: NDArray[np.float64]
-    """begin and end of each [m], shape (n, 2, 3)"""
+    """Begin and end of each ridge [m], shape (n, 2, 3)"""
     inward: NDArray[np.float64]
-    """from each along the two sides beside it, unit vectors, or zero where there is none, shape (n, 2, 3)"""
+    """Unit vectors from each ridge along the two sides beside it, or zero where there is none, shape (n, 2, 3)"""
     radius: float
-    """around each line [m]"""
+    """Radius around each ridge [m]"""
     tips: NDArray[np.int32]
     """1 if its begin is its own, plus 2 if its end is, shape (n,): each corner is one ridge's"""
 
@@ -43,7 +45,7 @@ class Ridges(NamedTuple):
 def faces_meet(
     scene: Scene, shapes: Sequence[BalloonShape], obstacles: Sequence[ObstacleShape], bodies: Sequence[BodyShape]
 ) -> bool:
-    """Whether faces of balloons meet ridges: the scene says so, or something is thin beside them."""
+    """Return whether faces of balloons touch ridges: the scene says so, or something is thin beside them."""
     solids = solids_of(obstacles, bodies)
     if scene.faces is True or not scene.faces_may_meet:
         return scene.faces_may_meet and any(solid.kind != "plane" for solid in solids)
@@ -52,7 +54,7 @@ def faces_meet(
 
 
 def extent_of(solid: ObstacleShape) -> float:
-    """The least width of a solid [m]; none of a sheet, and of a plane no end."""
+    """Return the least width of a solid [m]; zero for a sheet, and infinite for a plane."""
     if solid.kind == "box":
         return 2.0 * float(solid.size.min())
     if solid.kind == "capsule":
@@ -97,7 +99,7 @@ def _ridges_of_box(half: NDArray[np.float64]) -> Ridges:
 
 
 def _ridges_of_mesh(mesh: PolygonMesh, triangles: NDArray[np.int32], closed: bool, edge: float) -> Ridges:
-    """Rims of sheets, and edges between triangles that are not flat; of what is closed, those that stick out."""
+    """Return rims of sheets, and edges between triangles that are not flat; of closed meshes, the convex ones."""
     points = mesh.points
     surface = PolygonMesh(points, np.full(len(triangles), 3, np.int32), triangles.ravel())
     areas = face_vector_areas(surface)
@@ -130,13 +132,13 @@ def _ridges_of_mesh(mesh: PolygonMesh, triangles: NDArray[np.int32], closed: boo
 
 
 def _across(a: NDArray[np.float64], b: NDArray[np.float64], apex: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The way from an edge, across it, to a triangle's third corner."""
+    """Return the vector from an edge, across it, to a triangle's third corner."""
     along = (b - a) / np.linalg.norm(b - a)
     return apex - a - ((apex - a) @ along) * along
 
 
 def with_tips(ends: NDArray[np.float64], inward: NDArray[np.float64], radius: float) -> Ridges:
-    """Let each corner be of the first ridge that comes to it."""
+    """Assign each corner to the first ridge that ends there."""
     _, firsts = np.unique(ends.reshape(-1, 3), axis=0, return_index=True)
     own = np.zeros(2 * len(ends), np.int32)
     own[firsts] = 1

@@ -11,7 +11,7 @@ from balloon_warp.kernels.laws.softening import PARAMETERS as SOFTENING
 from balloon_warp.kernels.laws.tearing import PARAMETERS as TEARING
 
 START = "initial_"
-"""how the name of a parameter begins that counts at the start alone, and so cannot change"""
+"""Prefix of the names of parameters that count at the start alone, and so cannot change"""
 KEYFRAME_VALUES = Parameter(
     "keyframe_values",
     "N, Pa or mol/s",
@@ -54,6 +54,6 @@ ROWS: tuple[Parameter, ...] = (
 
 
 def rows_of(laws: Sequence[Law]) -> tuple[Parameter, ...]:
-    """The parameters of these laws, and all others but the keyframes, of which a balloon has several."""
+    """Return the parameters of these laws, and all others but the keyframes, of which a balloon has several."""
     columns = columns_of(laws)
     return (*columns.world, *columns.balloon, *ROWS)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Parameter
 from balloon_warp.model.body_steps import substeps_of_solids
+from balloon_warp.model.friction import settle_friction
 from balloon_warp.model.law_tables import with_law_tables
 from balloon_warp.model.materials import settle_masses
 from balloon_warp.model.model import Model
@@ -25,7 +26,7 @@ from balloon_warp.scene.overrides import override_scene
 from balloon_warp.scene.timeline import is_there
 
 LASTING = {"sphere_radius": "sphere", "string_stiffness": "string"}
-"""parameters that are 0 of what is not there"""
+"""Parameters that are 0 for absent items"""
 
 
 @dataclass(frozen=True)
@@ -33,18 +34,18 @@ class Setting:
     """Checked values that are about to be set."""
 
     scene: Scene
-    """as it is from now on; of values that differ between worlds it has the first world's"""
+    """Scene from now on; values that differ between worlds are those of the first world"""
     parameters: Parameters
-    """those that become others, with a row for each world, or one for all"""
+    """Parameters that change, with a row for each world, or one for all"""
     substeps: int
-    """in a frame, as many as the scene says, or as all worlds need from now on"""
+    """Number of substeps in a frame from now on, by the scene, or as all worlds need"""
 
     def differs_by_world(self, model: Model) -> bool:
-        """Whether it has values for each world, where a model has one for all."""
+        """Return whether the setting has values for each world, where a model has one for all."""
         return any(len(rows) > model.parameters[name].shape[0] for name, rows in self.parameters.items())
 
     def changes_methods(self, model: Model) -> bool:
-        """Whether the steps of a model's frame become others, in kind or number."""
+        """Return whether the steps of a model's frame change, in kind or number."""
         alike = all(getattr(self.scene, name) == getattr(model.scene, name) for name in METHODS)
         return not alike or self.substeps != model.substeps
 
@@ -87,7 +88,7 @@ def plan_setting(model: Model, changes: Mapping[str, Any], planned: Sequence[Due
 def _told(
     model: Model, rows: Sequence[Parameter], changes: Mapping[str, Any]
 ) -> Iterator[tuple[str, Any, NDArray[np.float64] | None]]:
-    """Paths, values for the scene, and for each world where they are given so; a vector then has a path a number."""
+    """Return paths with values for the scene, and for each world where given; a vector has a path a number."""
     places = places_of(model.scene, rows)
     for path, value in changes.items():
         size = 0 if isinstance(value, str) else np.ndim(np.asarray(value, dtype=object))
@@ -104,7 +105,7 @@ def _told(
 
 
 def _places_under(places: Mapping[str, Sequence[Place]], path: str) -> list[Place]:
-    """Those of a number, or of all that is in a table or a vector."""
+    """Return the places of a number, or of all numbers in a table or a vector."""
     below = (each for known, found in places.items() if known.startswith(f"{path}.") for each in found)
     return list(places[path]) if path in places else list(below)
 
@@ -137,7 +138,7 @@ def _require_there(scene: Scene, path: str, name: str, index: Sequence[Any], fra
 
 
 def _said_at(said: Parameters, path: str, name: str, index: Sequence[Any]) -> float:
-    """What a scene says at a place of a parameter, NaN where it leaves it to us.
+    """Return a scene's value at a place of a parameter, NaN where it is "auto".
 
     Raises:
         InputError: it says keyframes.
@@ -169,10 +170,11 @@ def _put(rows: NDArray[np.float64], index: Sequence[Any], value: Any) -> NDArray
 
 
 def _follow(model: Model, scene: Scene, now: Parameters, then: Parameters) -> None:
-    """Put what follows from the values into `then`, where it follows differently than `now`."""
+    """Set the values in `then` that follow from others and differ from those in `now`."""
     for settle in (
         lambda values: {"mass": settle_masses(scene, model.shapes, values)},
         lambda values: settle_touch(scene, model.shapes, values),
+        settle_friction,
     ):
         before, after = settle(now), settle(then)
         then.update({name: values for name, values in after.items() if not np.array_equal(values, before[name])})

@@ -33,46 +33,46 @@ from balloon_warp.springs.ties import balloon_springs
 
 @dataclass(frozen=True)
 class BalloonShape:
-    """What a balloon is at the start."""
+    """Shape of a balloon at the start."""
 
     name: str
     mesh: PolygonMesh
-    """in the world: meters, the scene's up axis, placed"""
+    """Mesh in the world: meters, the scene's up axis, placed"""
     springs: Springs
     stiffness_scale: NDArray[np.float64]
-    """each spring's constant over that of its kind, shape (spring_count,)"""
+    """Spring constants over those of their kinds, shape (spring_count,)"""
     softness: NDArray[np.float64]
-    """the part of it that makes thin parts softer, shape (spring_count,); 1 elsewhere"""
+    """Factor of `stiffness_scale` that softens thin parts, shape (spring_count,); 1 elsewhere"""
     evenness: NDArray[np.float64]
-    """the part of it that makes the skin even, shape (spring_count,); 1 where it is not"""
+    """Factor of `stiffness_scale` that makes the skin even, shape (spring_count,); 1 where it is not"""
     across: NDArray[np.bool_] | None
-    """which springs go across thin parts, shape (spring_count,); None where thin parts are not tied"""
+    """Mask of springs across thin parts, shape (spring_count,); None where thin parts are not tied"""
     mass_share: NDArray[np.float64]
-    """each particle's part of the balloon's mass, shape (particle_count,); 0 for a particle that does not move"""
+    """Share of each particle in the balloon's mass, shape (particle_count,); 0 for a fixed particle"""
     membrane: Membrane
-    """of rubber or film, as thick as the weights say, so that its areas are those of the balloon's thickness; empty
-    where it is of springs"""
+    """Membrane of rubber or film, with the weights' thickness, so that its areas are those at the balloon's thickness;
+    empty for a balloon of springs"""
     slack: NDArray[np.bool_]
-    """the faces that a pressure does not push, since both of their sides are on the same side of the balloon, or
-    nothing holds them; shape (face_count,)"""
+    """Faces that a pressure does not push, since both of their sides are on the same side of the balloon, or nothing
+    holds them; shape (face_count,)"""
     neck: Neck = NO_NECK
-    """where it is open"""
+    """Neck of the balloon"""
     remarks: tuple[str, ...] = ()
-    """what is odd about it beside its mesh, in sentences"""
+    """Warnings on the shape, besides those on its mesh, in sentences"""
 
     @cached_property
     def hinges(self) -> Hinges:
-        """Where torsion springs would be."""
+        """Hinges of the mesh, where torsion springs act."""
         return build_hinges(self.mesh)
 
     @cached_property
     def area(self) -> float:
-        """Of its surface at the start [m^2]."""
+        """Area of the surface at the start [m^2]."""
         return total_area(self.mesh)
 
     @property
     def warnings(self) -> list[str]:
-        """What is odd about it, and what became of it, in sentences that begin with its name."""
+        """Warnings on the balloon and its treatment, in sentences that begin with its name."""
         return [f"{self.name}: {warning}" for warning in (*self.mesh.warnings, *self.remarks)]
 
     @cached_property
@@ -146,8 +146,11 @@ def shape_balloon(balloon: Balloon, scene: Scene, *, as_soft_as_can_be: bool = F
 
 
 def _pushed(mesh: PolygonMesh, balloon: Balloon) -> tuple[PolygonMesh, NDArray[np.bool_]]:
-    """The mesh with faces outward that a pressure pushes, and which it does not push. All of them are pushed by what is
-    no pressure, by one that is said where nothing has an inside, and where holes are torn, which kernels know of."""
+    """Return the mesh with pushed faces outward, and the mask of those that a pressure does not push.
+
+    All are pushed by inflations other than pressure, by a given pressure where nothing has an inside, and where holes
+    are torn, which kernels know of.
+    """
     nothing = np.zeros(mesh.face_count, dtype=bool)
     if balloon.inflation.kind != "pressure" or mesh.face_vertex_counts.max() == 2:
         return mesh, nothing
@@ -159,7 +162,7 @@ def _pushed(mesh: PolygonMesh, balloon: Balloon) -> tuple[PolygonMesh, NDArray[n
 
 
 def _stiffness_scale(mesh: PolygonMesh, springs: Springs, stiffness: Stiffness) -> NDArray[np.float64]:
-    """Each spring's constant over that of its kind: drawn, and changing along an axis."""
+    """Return each spring's constant over that of its kind: drawn, and changing along an axis."""
     along = mesh.points[:, "XYZ".index(stiffness.gradient_axis)]
     used = along[mesh.face_vertex_indices]
     lowest, size = used.min(), max(float(np.ptp(used)), LEAST_SIZE)
@@ -170,14 +173,17 @@ def _stiffness_scale(mesh: PolygonMesh, springs: Springs, stiffness: Stiffness) 
 
 
 def _drawn(springs: Springs, stiffness: Stiffness) -> NDArray[np.float64]:
-    """What chance makes of each spring's constant. Without it NumPy's generators need not load."""
+    """Return the random factor on each spring's constant.
+
+    Without variation NumPy's generators need not load.
+    """
     if not stiffness.variation:
         return np.ones(springs.count)
     return 1.0 + stiffness.variation * np.random.default_rng(stiffness.seed).uniform(-1.0, 1.0, springs.count)
 
 
 def _membrane(resting: PolygonMesh, mesh: PolygonMesh, material: Material) -> Membrane:
-    """As thick as the vertices say, where nothing pulls in the shape at rest, which may be of panels.
+    """Return the membrane, with the vertices' thickness, stress-free in a shape that may consist of panels.
 
     Raises:
         InputError: the mesh has no triangle.
@@ -195,12 +201,12 @@ def _membrane(resting: PolygonMesh, mesh: PolygonMesh, material: Material) -> Me
 
 
 def _softness(mesh: PolygonMesh, springs: Springs) -> NDArray[np.float64]:
-    """Of each spring, from how thick the balloon is at its ends."""
+    """Return the softness of each spring, from the balloon's thickness at its ends."""
     return relative_thickness(mesh)[springs.pairs].mean(axis=1)
 
 
 def vertex_weights(mesh: PolygonMesh, said: object, field: str) -> NDArray[np.float64]:
-    """What a field says of each vertex: 1 where it says nothing."""
+    """Return a field's value at each vertex: 1 where it has none."""
     weights = np.ones(mesh.vertex_count)
     if said is None:
         return weights
@@ -217,7 +223,7 @@ def vertex_weights(mesh: PolygonMesh, said: object, field: str) -> NDArray[np.fl
 
 
 def _mesh_of(balloon: Balloon) -> tuple[PolygonMesh, object]:
-    """The balloon's mesh as it is simulated, with a warning of what is odd about it, and where it is from."""
+    """Return the balloon's mesh as it is simulated, with a warning of what is odd about it, and where it is from."""
     if isinstance(balloon.mesh, Path):
         mesh, source = load_mesh(balloon.mesh, balloon.prim), balloon.mesh
     else:
@@ -236,8 +242,11 @@ def _mesh_of(balloon: Balloon) -> tuple[PolygonMesh, object]:
 def _mass_shares(
     mesh: PolygonMesh, balloon: Balloon, membrane: Membrane, stiffness_sums: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Equal shares for the particles that move: those of a face, and not fixed; or, where springs are even, in
-    proportion to what is given. Of rubber and film, the shares of its volume, of which what is fixed keeps its own."""
+    """Return the mass shares of particles.
+
+    Equal shares for moving particles: those of a face, and not fixed; or, where springs are even, in proportion to the
+    given sums. For rubber and film, the shares of its volume, of which fixed particles keep theirs.
+    """
     moves = np.zeros(mesh.vertex_count, dtype=bool)
     moves[mesh.face_vertex_indices] = True
     for particle in fixed_particles(balloon.fixed, mesh):

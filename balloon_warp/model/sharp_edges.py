@@ -13,11 +13,11 @@ from balloon_warp.model.shape import BalloonShape
 from balloon_warp.scene import Scene
 
 SHARP = 0.5
-"""cosine of the angle at the start between the normals of an edge's two faces, below which it is sharp: 60 degrees"""
+"""Cosine of the initial angle between the normals of an edge's two faces below which it is sharp: 60 degrees"""
 
 
 def edges_meet(scene: Scene, shapes: Sequence[BalloonShape]) -> bool:
-    """Whether sharp edges of balloons may meet others."""
+    """Return whether sharp edges of balloons may touch others."""
     if not scene.touches:
         return False
     have = [len(sharp_edges(shape.mesh)) > 0 for shape in shapes]
@@ -25,8 +25,10 @@ def edges_meet(scene: Scene, shapes: Sequence[BalloonShape]) -> bool:
 
 
 def sharp_edges(mesh: PolygonMesh) -> NDArray[np.int64]:
-    """The ends of those of a mesh, shape (E, 2): in the order and direction in which faces first run along them, which
-    hangs on no vertex's number."""
+    """Return the ends of a mesh's sharp edges, shape (E, 2).
+
+    They are in the order and direction in which faces first traverse them, independent of vertex numbers.
+    """
     edges = mesh_edges(mesh)
     areas = face_vector_areas(mesh)
     normals = areas / np.maximum(np.linalg.norm(areas, axis=1, keepdims=True), 1e-300)

@@ -1,4 +1,4 @@
-"""How stiff a balloon's skin is at rest, for programs that know it as a sheet and not as springs or a law of ours."""
+"""Stiffness of a balloon's skin at rest, for programs that model it as a sheet."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -16,26 +16,28 @@ INCOMPRESSIBLE = 0.5
 
 
 class SheetStiffness(NamedTuple):
-    """What a sheet resists with."""
+    """Stiffness of a sheet."""
 
     stretch: float
-    """one way, while it stays as wide [N/m]: E h / (1 - nu^2)"""
+    """Uniaxial stiffness at constant width [N/m]: E h / (1 - nu^2)"""
     shear: float
-    """[N/m]: G h"""
+    """Shear stiffness [N/m]: G h"""
     bend: float
-    """[N m]: E h^3 / (12 (1 - nu^2)) of a plate"""
+    """Bending stiffness of a plate [N m]: E h^3 / (12 (1 - nu^2))"""
 
 
 def youngs_modulus(law: Law, parameters: Mapping[str, NDArray[Any]], number: int) -> float:
-    """Of a balloon's rubber or film in the first world, at rest [Pa]: pulled by a small strain both ways, what is
-    incompressible has a stress of E / (1 - 1/2) times it."""
+    """Return Young's modulus of a balloon's rubber or film in the first world, at rest [Pa].
+
+    At a small equibiaxial strain, an incompressible material has a stress of E / (1 - 1/2) times the strain.
+    """
     told = numbers_of(parameters, number)
     up, down = (slopes_by_stretches(law, told, *2 * (np.array([1.0 + step]),))[0] for step in (STEP, -STEP))
     return (1.0 - INCOMPRESSIBLE) * float((up - down).flat[0]) / (2.0 * STEP)
 
 
 def sheet_of_springs(shape: BalloonShape, parameters: Mapping[str, NDArray[Any]], number: int) -> SheetStiffness | None:
-    """The sheet that a balloon's springs make in the first world, or None where they have no surface.
+    """Return the sheet that a balloon's springs make in the first world, or None where they have no surface.
 
     All of it is taken to follow the mean strain (Cauchy and Born). Springs then have an energy of 1/2 k (L e)^2 each, e
     the strain along them. Where they lie alike in all directions, S the sum of k L^2 over the area, the stiffness is
@@ -56,7 +58,7 @@ def sheet_of_springs(shape: BalloonShape, parameters: Mapping[str, NDArray[Any]]
 
 
 def _hinge_widths(shape: BalloonShape) -> NDArray[np.float64]:
-    """Half of how far its wings are from each edge, together [m]; shape (hinge_count,)."""
+    """Return half of how far its wings are from each edge, together [m]; shape (hinge_count,)."""
     edge, *wings = shape.hinges.arms(shape.mesh.points)
     lengths = np.maximum(np.linalg.norm(edge, axis=1), np.finfo(float).tiny)
     first, second = (np.linalg.norm(np.cross(edge, wing), axis=1) for wing in wings)

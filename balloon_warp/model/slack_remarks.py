@@ -1,4 +1,4 @@
-"""What is said of faces that a pressure does not push, and what to do about them, in sentences."""
+"""Sentences on faces that a pressure does not push, with remedies."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,24 +10,23 @@ from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.topology import border_edges, mesh_edges, vertex_components
 
 NOTHING_HELD = (
-    "It is open and its border is free, so that it is not inflated: it would shoot away. {} "
+    "Not inflated: the mesh is open and its border is not pinned, so it would fly away. {} "
     "--set balloon.inflation.pressure=100."
 )
-CLOSES = "`balloon-warp remesh` closes it; or hold the border by `fixed`, or say how hard, as by"
-HOLDS = "Hold the border by `fixed`, or say how hard, as by"
+CLOSES = "Close it by `balloon-warp remesh`, pin the border by `fixed`, or give a pressure:"
+HOLDS = "Pin the border by `fixed`, or give a pressure:"
 NO_INSIDE = (
-    "None of its faces is between an inside and an outside, as of a Moebius strip, so that it is not inflated. "
-    "Say how hard, as by --set balloon.inflation.pressure=100, and each face is pushed as it winds."
+    "Not inflated: none of its faces is between an inside and an outside, as of a Moebius strip. "
+    "Give a pressure, such as --set balloon.inflation.pressure=100, and each face is pushed as it winds."
 )
 
 
 def about_slack(mesh: PolygonMesh, slack: NDArray[np.bool_], moves: NDArray[np.bool_]) -> tuple[str, ...]:
-    """A sentence about open parts that are carried along, and one about walls; or one about a balloon that is not
-    inflated at all.
+    """Return sentences on open parts that are carried along, and on walls; or one on a balloon without inflation.
 
     Args:
-        slack: the faces that a pressure does not push, shape (face_count,).
-        moves: the vertices that nothing holds, shape (vertex_count,).
+        slack: Faces that a pressure does not push, shape (face_count,).
+        moves: Vertices that nothing holds, shape (vertex_count,).
     """
     if not slack.any():
         return ()
@@ -66,7 +65,7 @@ def _sentence(mesh: PolygonMesh, faces: NDArray[np.bool_], what: str, more: str)
 
 
 def _group_of(mesh: PolygonMesh, vertices: NDArray[np.integer]) -> str | None:
-    """The smallest of the mesh's groups that has all of these vertices, if there is one."""
+    """Return the smallest of the mesh's groups that has all of these vertices, if there is one."""
     own = np.unique(vertices)
     having = [(len(group), name) for name, group in mesh.groups.items() if np.isin(own, group).all()]
     return min(having)[1] if having and min(having)[0] < mesh.vertex_count else None

@@ -10,7 +10,7 @@ from balloon_warp.model.tunneling import held_within, widest_opening
 
 
 def small_spheres(model: Model) -> list[bool]:
-    """Of each sphere, whether it meets faces, too, since it may fit through one, in any world at any time."""
+    """Return whether each sphere also touches faces, since it may fit through one, in any world at any time."""
     scene = model.scene
     if not scene.touches_spheres:
         return [False] * len(scene.sphere)
@@ -22,8 +22,11 @@ def small_spheres(model: Model) -> list[bool]:
 
 
 def without_small_spheres(model: Model) -> Model:
-    """The model to which small spheres may be added, and meet no faces; the same if it has some that do. They would
-    take all of it to a slower schedule, in which a replay would be from the start."""
+    """Return a model to which small spheres may be added, and touch no faces.
+
+    It is the same model if it has some that do. They would take all of it to a slower schedule, in which a replay would
+    be from the start.
+    """
     touch = model.scene.touch
     if model.faces_meet or any(small_spheres(model)) or (touch and not (touch.balloons or touch.itself)):
         return model

@@ -19,7 +19,7 @@ class Solid:
         self.matrix = turn.as_matrix()
 
     def seen(self, points: NDArray[np.float64], centers: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Points of the world, shape (W, n, 3), as seen from the obstacle's center in each, shape (W or 1, 3)."""
+        """Return points of the world, shape (W, n, 3), relative to the obstacle's center in each, shape (W or 1, 3)."""
         return (points - centers[:, None]) @ self.matrix
 
     @cached_property
@@ -39,7 +39,7 @@ class Solid:
         return lowest - self.shape.thickness, highest + self.shape.thickness
 
     def distances(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Of points, as seen from its center, to its surface less its thickness, negative inside, shape (n,)."""
+        """Return signed distances of points, relative to the center, to the surface less its thickness, shape (n,)."""
         size = self.shape.size
         if self.shape.kind == "box":
             beyond = np.abs(points) - size

@@ -7,12 +7,12 @@ from numpy.typing import NDArray
 
 Vector = NDArray[np.float64]
 TURNS = 40
-"""of Lanczos: from a random start what is found is then expected to be lower than the largest eigenvalue by at most
-0.103 (ln n / 39)^2 of it, whatever the matrix (Kuczynski and Wozniakowski 1992): by 0.4% for 2,500 particles"""
+"""Number of Lanczos iterations: from a random start the expected error is at most 0.103 (ln n / 39)^2 of the largest
+eigenvalue, downward, whatever the matrix (Kuczynski and Wozniakowski 1992): 0.4% for 2,500 particles"""
 MARGIN = 1.01
-"""by which it is raised, so that it is not lower"""
+"""Factor on the estimate, so that it is not too low"""
 FEW = 100
-"""particles of which all eigenvalues are found, exactly"""
+"""Number of particles up to which all eigenvalues are computed exactly"""
 
 
 def highest_squared_frequency(
@@ -21,7 +21,7 @@ def highest_squared_frequency(
     held: NDArray[np.float64],
     masses: NDArray[np.float64],
 ) -> float:
-    """The largest eigenvalue of M^-1 K [1/s^2], or up to 1% more; 0 if nothing moves.
+    """Return the largest eigenvalue of M^-1 K [1/s^2], or up to 1% more; 0 if nothing moves.
 
     K is the Laplacian of the springs, weighted with their constants, and more on its diagonal. In no state of the
     springs, in no direction, are they stiffer: what one does is at most its constant, along it.
@@ -51,7 +51,10 @@ def highest_squared_frequency(
 
 
 def _largest_by_lanczos(times: Callable[[Vector], Vector], start: Vector) -> float:
-    """Without orthogonalizing anew: that would change the copies of the largest eigenvalue, and not the value."""
+    """Return the largest eigenvalue by Lanczos, without reorthogonalization.
+
+    Reorthogonalization would change the copies of the largest eigenvalue, and not the value.
+    """
     before, vector = np.zeros_like(start), start / np.linalg.norm(start)
     diagonal, beside = [], [0.0]
     for _ in range(TURNS):

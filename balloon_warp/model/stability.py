@@ -21,19 +21,20 @@ from balloon_warp.model.touch import bound_of_touch
 from balloon_warp.scene import Scene
 
 AUTO_MARGIN = 0.8
-"""the part of the stable step that `substeps = "auto"` takes"""
+"""Fraction of the stable step that `substeps = "auto"` takes"""
 PROJECTIVE_STEP = 1.0 / 120.0
-"""the step [s] that "auto" takes where stability does not ask for any: at 1/60 s the bundled scenes lag twice as far
-behind the explicit ones"""
+"""Step of "auto" where stability requires none [s]: at 1/60 s the bundled scenes lag twice as far behind the explicit
+ones"""
 PROJECTIVE_STEP_WITH_SPHERES = 1.0 / 240.0
-"""as above [s]; with longer ones, a sphere is deep in a balloon before it is pushed, and then flies off"""
+"""Step of "auto" with spheres, where stability requires none [s]; with longer ones, a sphere is deep in a balloon
+before it is pushed, and then flies off"""
 MOST_SUBSTEPS = 100_000
-"""in a frame; a scene that asks for more is a mistake"""
+"""Largest number of substeps in a frame; a scene with more is a mistake"""
 
 
 @dataclass(frozen=True)
 class Network:
-    """What the stable step of a scene depends on, beside its parameters.
+    """Network of springs and masses, on which the stable step depends besides the parameters.
 
     An undamped network is stable for h < 2 / omega_max. By Gershgorin's theorem omega_max^2 is at most twice the
     largest sum, at a particle over its mass, of spring constants: of the laws' bounds by the place. It is also at most
@@ -48,14 +49,14 @@ class Network:
 
     shapes: Sequence[BalloonShape]
     held: Sequence[int]
-    """the particle that each string of the scene holds, numbered within its balloon"""
+    """Particle that each string of the scene holds, numbered within its balloon"""
     laws: Sequence[Law]
-    """among which the scene's are; those without bounds do not count"""
+    """Laws, including the scene's; those without bounds do not count"""
 
     def stable_step(
         self, scene: Scene, parameters: Parameters, velocities: Sequence[NDArray[np.float64]] | None = None
     ) -> float:
-        """A step [s] that is stable for every balloon in every world.
+        """Return a step [s] that is stable for every balloon in every world.
 
         Args:
             parameters: of all worlds.
@@ -78,8 +79,10 @@ class Network:
     def _step_of_spectrum(
         self, shape: BalloonShape, masses: NDArray[np.float64], bounds: Bounds, around: Surroundings, rate: float
     ) -> float:
-        """The stable step [s] of one balloon in all its worlds, of its highest frequency and the largest rate of
-        damping."""
+        """Return the stable step of one balloon in all its worlds [s].
+
+        It follows from its highest frequency and the largest damping rate.
+        """
         stiffest = bounds.stiffest(around, masses)
         of_kind = stiffest.springs[shape.springs.kind]
         held = np.zeros(len(shape.mass_share))
@@ -92,8 +95,10 @@ class Network:
         return float(_step(max(squared_frequency, 1.0e-12), rate))
 
     def limiting_particle(self, scene: Scene, parameters: Parameters) -> tuple[int, int]:
-        """The balloon whose stable step is the shortest in the first world, and the particle of it, numbered within it,
-        whose springs are the stiffest for its mass."""
+        """Return the balloon with the shortest stable step in the first world, and its limiting particle.
+
+        The particle, numbered within the balloon, is the one whose springs are the stiffest for its mass.
+        """
         limits = []
         for number, shape in enumerate(self.shapes):
             bounds = self._bounds(scene, number, parameters)
@@ -119,7 +124,7 @@ class Network:
 
 
 def names_of_the_step(laws: Sequence[Law]) -> set[str]:
-    """The parameters that the stable step depends on, and what else the bounds of these laws ask for."""
+    """Return the parameters that the stable step depends on, and what else the bounds of these laws ask for."""
     return (
         {*(row.name for row in KINDS), "string_stiffness", "mass", "touch_stiffness"}
         | names_of_bounds(laws)
@@ -134,7 +139,7 @@ def _steps(
     bounds: Bounds,
     around: Surroundings,
 ) -> NDArray[np.float64]:
-    """The stable step [s] of one balloon, shape (W,).
+    """Return the stable step [s] of one balloon, shape (W,).
 
     Args:
         masses: [kg], shape (W,) or (1,).
@@ -146,13 +151,15 @@ def _steps(
 
 
 def _step(squared_frequency: Any, rate: Any) -> Any:
-    """The root h of omega^2 h^2 + 2 g h = 4."""
+    """Return the root h of omega^2 h^2 + 2 g h = 4."""
     return 4.0 / (np.sqrt(rate**2 + 4.0 * squared_frequency) + rate)
 
 
 def choose_substeps(scene: Scene, stable: float) -> int:
-    """Substeps in a frame: as the scene says, or as many as the stable step [s] asks. With forward Euler the scene may
-    say what it likes, since what it shows is its instability; with projective, too, since it is always stable.
+    """Return the number of substeps in a frame: the scene's, or as many as the stable step requires [s].
+
+    With forward Euler the scene may have any number, since its instability is the point; with projective, too, since it
+    is always stable.
 
     Raises:
         InputError: the scene asks for fewer than are stable.

@@ -1,6 +1,6 @@
-"""Where each balloon starts in each world, and how it moves then. Host side, float64.
+"""Initial placement and velocity of each balloon in each world. Host side, float64.
 
-The scene puts a balloon's mesh somewhere; a world may turn it about its origin, and shift it.
+The scene places a balloon's mesh; a world may turn it about its origin, and shift it.
 """
 
 from collections.abc import Sequence
@@ -16,11 +16,11 @@ from balloon_warp.model.shape import BalloonShape
 from balloon_warp.scene import Scene
 
 ALIKE = 1e-6
-"""of a balloon's size: heights of which either may count as the extreme one"""
+"""Difference of heights, over a balloon's size, below which either may count as the extreme one"""
 
 
 def settle_starts(scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters) -> Parameters:
-    """What is said of places and rotations as what the device makes the start of.
+    """Convert places and rotations to the transforms by which the device makes the start.
 
     Returns:
         `initial_shifts` [m] and `initial_centers`, of mass [m], of shape (W, balloon_count, 3), and `initial_turns`,
@@ -55,7 +55,7 @@ def settle_starts(scene: Scene, shapes: Sequence[BalloonShape], parameters: Para
 
 
 def start_of(scene: Scene, parameters: Parameters, number: int, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Points of a balloon, where the scene has them, as they are at the start of each world.
+    """Return the points of a balloon, where the scene has them, as they are at the start of each world.
 
     Args:
         parameters: with what `settle_starts` makes.
@@ -70,8 +70,10 @@ def start_of(scene: Scene, parameters: Parameters, number: int, points: NDArray[
 
 
 def start_velocities(shapes: Sequence[BalloonShape], parameters: Parameters) -> list[NDArray[np.float64]] | None:
-    """Bounds of how fast each balloon's particles move at the start, in whichever world they are the fastest [m/s],
-    shape (particle_count, 3); None where all are at rest."""
+    """Return bounds on the initial velocities of each balloon's particles [m/s], shape (particle_count, 3).
+
+    They are those of the fastest world; None where all are at rest.
+    """
     names = ("initial_velocities", "initial_spins")
     if not any(parameters[name].any() for name in names):
         return None

@@ -21,112 +21,112 @@ class State:
     """Device arrays of all worlds at one time."""
 
     frame: wp.array
-    """how many frames have passed, shape (1,), int32"""
+    """Number of frames that have passed, shape (1,), int32"""
     points: wp.array
-    """[m], shape (world_count, particle_count), vec3"""
+    """Positions of particles [m], shape (world_count, particle_count), vec3"""
     velocities: wp.array
-    """[m/s], shape (world_count, particle_count), vec3"""
+    """Velocities of particles [m/s], shape (world_count, particle_count), vec3"""
     sphere_positions: wp.array
-    """[m], shape (world_count, sphere_count), vec3"""
+    """Positions of spheres [m], shape (world_count, sphere_count), vec3"""
     sphere_velocities: wp.array
-    """[m/s], shape (world_count, sphere_count), vec3"""
+    """Velocities of spheres [m/s], shape (world_count, sphere_count), vec3"""
     sphere_spins: wp.array
-    """[rad/s], by friction, shape (world_count, sphere_count), vec3"""
+    """Angular velocities of spheres, by friction [rad/s], shape (world_count, sphere_count), vec3"""
     sphere_forces: wp.array
-    """penalties since the spheres last moved, which are still to act, or with what particles pressed them in the last
-    substep, where they exchange momentum [N], shape (world_count, sphere_count), vec3"""
+    """Penalty forces since the spheres last moved, which are still to act, or contact forces of particles in the last
+    substep, where spheres exchange momentum [N], shape (world_count, sphere_count), vec3"""
     inflation_ramp: wp.array
-    """what is keyframed, such as k_normal, at the start of the frame, and its slope [1/s], shape (world_count,
+    """Keyframed value, such as k_normal, at the start of the frame, and its slope [1/s], shape (world_count,
     balloon_count), vec2"""
     inflation_loads: wp.array
-    """under pressure or gas, the pressure at height 0 [Pa], and its rise with height [Pa/m], shape (world_count,
+    """Gauge pressure at height 0 [Pa], and its gradient with height [Pa/m], under pressure or gas, shape (world_count,
     balloon_count), vec2"""
     pressures: wp.array
-    """of balloons with pressure or gas, above the air's [Pa], shape (world_count, balloon_count), float32"""
+    """Gauge pressures of balloons with pressure or gas [Pa], shape (world_count, balloon_count), float32"""
     pressure_slopes: wp.array
-    """of balloons whose gas flows, how the pressure would rise within a substep with more of it [Pa/m^3 of free
-    volume], shape (world_count, balloon_count), float32"""
+    """Derivative of the pressure by the amount of gas within a substep [Pa/m^3 of free volume], for balloons whose gas
+    flows, shape (world_count, balloon_count), float32"""
     gas_amounts: wp.array
-    """[mol], shape (world_count, balloon_count), float64"""
+    """Amounts of gas [mol], shape (world_count, balloon_count), float64"""
     free_volumes: wp.array
-    """of gas, what it would take at one atmosphere if it got there without heat [m^3], see `kernels.laws.gas`, shape
+    """Free volumes of gas, the volume at one atmosphere after adiabatic expansion [m^3], see `kernels.laws.gas`, shape
     (world_count, balloon_count), float64"""
     air_along: wp.array
-    """what moves along with a balloon of gas in the frame [kg], see `kernels.laws.added_mass`, shape (world_count,
+    """Added mass of a balloon of gas in the frame [kg], see `kernels.laws.added_mass`, shape (world_count,
     balloon_count), float32"""
     airs: wp.array
-    """the air at balloons of gas that is pumped or flows, where air differs with height, as the frame begins: its
-    pressure [Pa], temperature [K] and density [kg/m^3], shape (world_count, balloon_count), vec3"""
+    """Air at balloons of gas that is pumped or flows, where air differs with height, as the frame begins: pressure
+    [Pa], temperature [K] and density [kg/m^3], shape (world_count, balloon_count), vec3"""
     tube_flows: wp.array
-    """from a tube's first balloon to its second in the last substep [mol/s], shape (world_count, tube_count),
+    """Flow from a tube's first balloon to its second in the last substep [mol/s], shape (world_count, tube_count),
     float32"""
     vent_flows: wp.array
-    """out of a balloon through its neck and its leak in the last substep, negative inwards [mol/s], shape (world_count,
-    balloon_count), float32"""
+    """Flow out of a balloon through its neck and its leak in the last substep, negative inwards [mol/s], shape
+    (world_count, balloon_count), float32"""
     thrusts: wp.array
-    """with which the jet of a balloon's neck pushes it by the pressure of the last substep [N], shape (world_count,
+    """Thrust of the jet of a balloon's neck by the pressure of the last substep [N], shape (world_count,
     balloon_count), float32"""
     holds: wp.array
-    """of particles where balloons touch: how far they have slipped from where they took hold of another surface [m],
-    and how much of their overlap with it pushes [m], negative if they are behind it, 0 if they touch none;
-    shape (world_count, particle_count), vec4, or (world_count, 0) where balloons do not touch"""
+    """Friction state of particles where balloons touch: slip from where they took hold of another surface [m], and the
+    part of the overlap that pushes [m], negative if they are behind it, 0 without contact; shape (world_count,
+    particle_count), vec4, or (world_count, 0) where balloons do not touch"""
     deep: wp.array
     """1 of particles that may be deep in another balloon, where nothing is near them: at the start that is not known of
     any; of that shape, int8"""
     peaks: wp.array
-    """of triangles of rubber that softens: the greatest energy density that each has had [Pa], shape (world_count,
-    triangle_count), float32, or (world_count, 0) where none softens"""
+    """Greatest energy density so far of triangles of rubber that softens [Pa], shape (world_count, triangle_count),
+    float32, or (world_count, 0) where none softens"""
     torn: wp.array
-    """of faces: how far a tear may have run from there, at rest [m], negative where the face is whole, shape
+    """Distance that a tear may have run from each face, at rest [m], negative where the face is whole, shape
     (world_count, face_count), float32, or (world_count, 0) where none may tear"""
     bursts: wp.array
-    """of balloons: when each burst [s], or negative; the area of its hole [m^2], or negative once nothing encloses its
+    """Bursts of balloons: the time [s], or negative; the area of the hole [m^2], or negative once nothing encloses the
     gas any more; the face where it burst, and the stress there [Pa]; shape (world_count, balloon_count), vec4, or
     (world_count, 0)"""
     tear_planes: wp.array
-    """of torn faces, the planes along which their tears run, see `laws.tearing`: unit normal and distance from the
-    origin [m] on the unstretched skin, shape (world_count, face_count), vec4, or (world_count, 0)"""
+    """Planes along which the tears of torn faces run, see `laws.tearing`: unit normal and distance from the origin [m]
+    on the unstretched skin, shape (world_count, face_count), vec4, or (world_count, 0)"""
     contact_pushes: wp.array
-    """of each thing that balloons may touch, and each particle, in the last frame: the impulse [N s], and for how long
-    they touched [s], shape (world_count, thing_count, particle_count), vec4, or (world_count, 0, particle_count) unless
-    the scene asks for `contacts`"""
+    """Impulse [N s] and contact time [s] of each thing that balloons may touch, and each particle, in the last frame,
+    shape (world_count, thing_count, particle_count), vec4, or (world_count, 0, particle_count) unless the scene asks
+    for `contacts`"""
     contact_forces: wp.array
-    """of each thing on each balloon, the net force on average over the last frame [N], shape (world_count,
-    balloon_count, thing_count), vec3; things are numbered as `balloon_warp.contacts.things_of` names them"""
+    """Net force of each thing on each balloon, averaged over the last frame [N], shape (world_count, balloon_count,
+    thing_count), vec3; things are numbered as `balloon_warp.contacts.things_of` names them"""
     contact_torques: wp.array
-    """the same about the mean of the balloon's points [N m], of that shape, vec3"""
+    """Net torque of each thing on each balloon about the mean of the balloon's points [N m], of that shape, vec3"""
     contact_areas: wp.array
-    """of the balloon that touches the thing [m^2], of that shape, float32"""
+    """Contact area of the balloon with each thing [m^2], of that shape, float32"""
     contact_pressures: wp.array
-    """the largest of any particle, its force over its own area, of two balloons both added up [Pa], of that shape,
-    float32"""
+    """Largest contact pressure at a particle, its force over its own area, between two balloons summed over both [Pa],
+    of that shape, float32"""
     contact_places: wp.array
-    """the mean of the places that are pressed, by how hard [m], of that shape, vec3"""
+    """Center of pressure, the mean of the pressed places weighted by force [m], of that shape, vec3"""
     body_positions: wp.array
-    """centers of mass [m], shape (world_count, body_count), vec3"""
+    """Centers of mass of bodies [m], shape (world_count, body_count), vec3"""
     body_turns: wp.array
-    """shape (world_count, body_count), quat"""
+    """Orientations of bodies, shape (world_count, body_count), quat"""
     body_velocities: wp.array
-    """[m/s], shape (world_count, body_count), vec3"""
+    """Velocities of bodies [m/s], shape (world_count, body_count), vec3"""
     body_momenta: wp.array
-    """angular, about their centers of mass [kg m^2/s], shape (world_count, body_count), vec3"""
+    """Angular momenta of bodies about their centers of mass [kg m^2/s], shape (world_count, body_count), vec3"""
     body_touches: wp.array
-    """which of their points touched what in the last substep, in ascending order until the first -1, see
+    """Contacts of points of bodies in the last substep, in ascending order until the first -1, see
     `kernels.loops.holding`, shape (world_count, most_touches), int32"""
     body_impulses: wp.array
-    """by which they were held out of it, and by friction [N s], of that shape, vec3"""
+    """Normal and friction impulses of these contacts [N s], of that shape, vec3"""
     unsettled: wp.array
-    """of the projective solver: the frame whose iterations were the farthest from settled of those that are worth
-    telling, 0 if there is none, and how much the last one changed of what springs moved, shape (world_count,), vec2"""
+    """Convergence of the projective solver: the frame whose iterations were the farthest from converged of those worth
+    a warning, 0 if there is none, and the last iteration's change over that of springs, shape (world_count,), vec2"""
     overstretched: wp.array
-    """of rubber that locks: the first frame, 0 if there is none, after which a face was stretched beyond its
-    `most_stretch`, shape (world_count,), int32"""
+    """First frame, 0 if there is none, after which a face of rubber that locks was stretched beyond its `most_stretch`,
+    shape (world_count,), int32"""
     first_bad: wp.array
-    """of each world the lowest particle, or sphere, numbered after the particles, that was ever where it cannot be; or
+    """Lowest particle, or sphere, numbered after the particles, of each world that was ever where it cannot be; or
     `HEALTHY`, shape (world_count,), int32"""
 
     def of_world(self, world: int) -> Self:
-        """The state of one world, as views."""
+        """Return the state of one world, as views."""
         return replace(
             self,
             **{
@@ -138,7 +138,7 @@ class State:
 
 
 def new_state(model: Model, room: Room) -> State:
-    """A state of zeros, taken of a room."""
+    """Return a state of zeros, taken of a room."""
     worlds = model.world_count
     particles, spheres = (worlds, model.particle_count), (worlds, model.sphere_count)
     touching = (worlds, model.particle_count if model.scene.touches else 0)
@@ -191,14 +191,16 @@ def new_state(model: Model, room: Room) -> State:
 
 
 def contact_shape(model: Model) -> tuple[int, int, int]:
-    """Say for how many things it is told what they do to particles, in how many worlds: for the ground, obstacles,
-    spheres, bodies and balloons."""
+    """Return the shape of the contact arrays: worlds, things, particles.
+
+    Things are the ground, obstacles, spheres, bodies and balloons.
+    """
     things = 1 + len(model.obstacles) + model.sphere_count + model.body_count + model.balloon_count
     return model.world_count, things if model.scene.contacts else 0, model.particle_count
 
 
 def initial_state(model: Model) -> State:
-    """Every world at the start: in the shape of the meshes, each balloon as fast as the scene says, as a rigid body."""
+    """Return the initial state of every world: the shape of the meshes, and each balloon's velocity as a rigid body."""
     state, parameters = new_state(model, Allocating(model.device)), model.parameters
     launch(
         place_balloons,
@@ -232,7 +234,7 @@ def initial_state(model: Model) -> State:
 
 
 def _place_bodies(model: Model, state: State) -> None:
-    """Where the scene puts them, with the angular momenta of the spins that it says."""
+    """Place bodies as the scene says, with the angular momenta of their given spins."""
     positions, velocities, spins, masses = (
         np.asarray(model.parameters[name].numpy(), dtype=np.float64)
         for name in ("initial_body_positions", "initial_body_velocities", "initial_body_spins", "body_mass")
@@ -270,14 +272,14 @@ def carried_over(model: Model, before: State, spheres: Sequence[int | None]) -> 
 
 
 def world_bytes(model: Model) -> int:
-    """Device memory of one world's state."""
+    """Return the device memory of one world's state."""
     room = Counting()
     new_state(replace(model, world_count=1), room)
     return room.bytes
 
 
 def copy_of(state: State) -> State:
-    """Another state that is as it is now."""
+    """Return a copy of a state."""
     return State(**{name: wp.clone(array) for name, array in vars(state).items()})
 
 

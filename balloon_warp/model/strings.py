@@ -12,11 +12,11 @@ from balloon_warp.model.starts import start_of
 from balloon_warp.scene import Scene, String
 
 LEAST_STRETCH = 0.005
-"""of a string at the start, over its length, that is worth a word: half a percent"""
+"""Initial strain of a string that is worth a warning: half a percent"""
 
 
 def held_particle(number: int, string: String, scene: Scene, shapes: Sequence[BalloonShape]) -> int:
-    """The particle that a string holds, numbered within its balloon.
+    """Return the particle that a string holds, numbered within its balloon.
 
     Raises:
         InputError: its balloon has no such particle.
@@ -36,7 +36,10 @@ def held_particle(number: int, string: String, scene: Scene, shapes: Sequence[Ba
 def string_lengths(
     scene: Scene, shapes: Sequence[BalloonShape], held: Sequence[int], parameters: Parameters
 ) -> NDArray[np.float64]:
-    """Where the scene says none, the distance [m] from anchor to particle at the start, shape (W, string_count)."""
+    """Return the strings' lengths [m], shape (W, string_count).
+
+    The default is the initial distance from anchor to particle.
+    """
     lengths = parameters["string_length"]
     if not np.isnan(lengths).any():
         return lengths
@@ -46,8 +49,10 @@ def string_lengths(
 def overstretched_strings(
     scene: Scene, shapes: Sequence[BalloonShape], held: Sequence[int], parameters: Parameters
 ) -> list[str]:
-    """A sentence for each string that is there from the start and longer then than it is to be; of the world where
-    that is worst."""
+    """Return a sentence for each string that exists from the start and is then longer than its length.
+
+    It is on the world where that is worst.
+    """
     if not scene.string:
         return []
     spans, lengths = np.broadcast_arrays(_spans(scene, shapes, held, parameters), parameters["string_length"])
@@ -67,7 +72,7 @@ def overstretched_strings(
 def _spans(
     scene: Scene, shapes: Sequence[BalloonShape], held: Sequence[int], parameters: Parameters
 ) -> NDArray[np.float64]:
-    """From each string's anchor to its particle at the start [m], shape (W, string_count)."""
+    """Return the vector from each string's anchor to its particle at the start [m], shape (W, string_count)."""
     balloons = [string.balloon for string in scene.string]
     starts = np.concatenate(
         [

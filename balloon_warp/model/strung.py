@@ -14,17 +14,17 @@ from balloon_warp.springs.across import AT, springs_across
 from balloon_warp.springs.even import even_scales, film_tension
 
 LEAST_RADIUS = 0.12
-"""of the mean radius of a shape, over that of the sphere of its area: where it is thinner, springs across it bear the
-pressure"""
+"""Mean radius of a shape over that of the sphere of equal area, below which springs across it bear the pressure"""
 LEAST_SUM = 0.01
-"""of the mean particle's springs, by which each particle's mass is"""
+"""Least sum of a particle's springs for its mass, over that of the mean particle"""
 
 
 def strung(
     mesh: PolygonMesh, springs: Springs, balloon: Balloon
 ) -> tuple[Springs, NDArray[np.float64], NDArray[np.bool_] | None]:
-    """The springs, with those across thin parts if these are tied; the scale of each spring's constant, shape
-    (spring_count,); and which go across, shape (spring_count,), or None where none is asked for.
+    """Return the springs with those across tied thin parts, the scales of their constants, and which go across.
+
+    Scales and mask have shape (spring_count,); the mask is None where none is asked for.
 
     Args:
         springs: over the surface, and between parts.
@@ -51,29 +51,36 @@ def strung(
 
 
 def constants_of(stiffness: Stiffness) -> NDArray[np.float64]:
-    """Of the three kinds of springs [N/m]."""
+    """Return the constants of the three kinds of springs [N/m]."""
     return np.array([getattr(stiffness, row.name) for row in KINDS])
 
 
 def spring_sums(
     mesh: PolygonMesh, springs: Springs, scales: NDArray[np.float64], stiffness: Stiffness
 ) -> NDArray[np.float64]:
-    """What each particle's springs have together [N/m], and at least a little, shape (vertex_count,). Masses in
-    proportion to that make for the longest step."""
+    """Return the sum of each particle's spring constants [N/m], bounded below, shape (vertex_count,).
+
+    Masses in proportion to it allow the longest step.
+    """
     each = np.repeat(constants_of(stiffness)[springs.kind] * scales, 2)
     sums = np.bincount(springs.pairs.ravel(), each, mesh.vertex_count)
     return np.maximum(sums, LEAST_SUM * sums.mean() or 1.0)
 
 
 def pressure_of_stretch(stretch: float) -> float:
-    """That stretches a ball's skin by so much, over 2 K / R, its tension for each unit of strain and its radius."""
+    """Return the pressure at a stretch of a sphere's skin over 2 K / R.
+
+    K is its tension per unit strain, R its radius.
+    """
     return stretch / (1.0 + stretch) ** 2
 
 
 def mean_radius(mesh: PolygonMesh) -> float:
-    """Three times the volume over the area, of the part with the largest area [m]: a sphere's radius, and three halves
-    of a tube's. At least `LEAST_RADIUS` of that of the sphere of its area. What is open may become half a sphere, and
-    has the radius of that."""
+    """Return 3 V / A of the part with the largest area [m].
+
+    It is a sphere's radius, and three halves of a tube's. It is at least `LEAST_RADIUS` of that of the sphere of equal
+    area. An open mesh may become half a sphere, and has the radius of that.
+    """
     edges, areas = mesh_edges(mesh), vertex_areas(mesh)
     parts = vertex_components(mesh, edges)
     of_parts = np.bincount(parts, areas, mesh.vertex_count)

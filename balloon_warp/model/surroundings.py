@@ -1,4 +1,4 @@
-"""What is around each particle of a balloon: its springs, strings, hinges and area, whatever their constants are."""
+"""Surroundings of each particle of a balloon: springs, strings, hinges and area, independent of their constants."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,31 +13,31 @@ from balloon_warp.model.shape import BalloonShape
 
 @dataclass(frozen=True)
 class Surroundings:
-    """Of the particles of a balloon that move."""
+    """Surroundings of the moving particles of a balloon."""
 
     mass_share: NDArray[np.float64]
-    """part of the balloon's mass, shape (P,)"""
+    """Share of the balloon's mass, shape (P,)"""
     area: NDArray[np.float64]
-    """share of the balloon's area [m^2], shape (P,): twice that at the start, for it may grow"""
+    """Share of the balloon's area [m^2], shape (P,): twice that at the start, since it may grow"""
     spring_counts: NDArray[np.float64]
-    """springs by kind, shape (P, 3)"""
+    """Number of springs by kind, shape (P, 3)"""
     spring_scales: NDArray[np.float64]
-    """sums of their constants over that of their kind, shape (P, 3)"""
+    """Sums of spring constants over those of their kinds, shape (P, 3)"""
     strings: NDArray[np.float64]
     """1 where the string holds it, shape (P, count of the balloon's strings)"""
     hinges: NDArray[np.float64]
-    """half the row sums of the stiffness matrix of hinges with a constant of 1 N m/rad [1/m^2], shape (P,)"""
+    """Half the row sums of the stiffness matrix of hinges with a constant of 1 N m/rad [1/m^2], shape (P,)"""
     membrane: NDArray[np.float64]
-    """half the row sums of the Laplacian of its membrane, without signs, shape (P,)"""
+    """Half the absolute row sums of the membrane's Laplacian, shape (P,)"""
     velocity: NDArray[np.float64]
-    """[m/s], shape (P, 3)"""
+    """Velocities [m/s], shape (P, 3)"""
 
     @property
     def particle_count(self) -> int:
         return len(self.mass_share)
 
     def different(self) -> "Surroundings":
-        """Those that are different from each other."""
+        """Return the distinct ones."""
         parts = [part[:, None] if part.ndim == 1 else part for part in vars(self).values()]
         rows = np.unique(np.concatenate(parts, axis=1), axis=0)
         columns = np.split(rows, np.cumsum([part.shape[1] for part in parts])[:-1], axis=1)
@@ -48,12 +48,12 @@ class Surroundings:
 def surroundings_of(
     shape: BalloonShape, held: Sequence[int], with_hinges: bool, velocities: NDArray[np.float64] | None
 ) -> Surroundings:
-    """Of all particles that move, in their order.
+    """Return the surroundings of all moving particles, in their order.
 
     Args:
-        held: the particle that each string of the balloon holds.
-        with_hinges: whether any has a constant; else they are left out, which saves time.
-        velocities: of all particles [m/s]; at rest, when missing.
+        held: Particle that each string of the balloon holds.
+        with_hinges: Whether any hinge has a constant; otherwise they are left out, which saves time.
+        velocities: Velocities of all particles [m/s]; at rest, when missing.
     """
     count, pairs = shape.mesh.vertex_count, shape.springs.pairs
     counts, scales = np.zeros((count, len(KINDS))), np.zeros((count, len(KINDS)))
@@ -76,7 +76,7 @@ def surroundings_of(
 
 
 def _hinges(shape: BalloonShape) -> NDArray[np.float64]:
-    """A hinge has k g_p g_q for particles p and q in the matrix, where g is the gradient of its angle."""
+    """Return a hinge has k g_p g_q for particles p and q in the matrix, where g is the gradient of its angle."""
     hinges = shape.hinges
     sizes = hinges.wing_sizes
     gradients = hinges.gradients(shape.mesh.points)
@@ -88,7 +88,7 @@ def _hinges(shape: BalloonShape) -> NDArray[np.float64]:
 
 
 def _membrane(shape: BalloonShape) -> NDArray[np.float64]:
-    """Twice that bounds the eigenvalues, by Gershgorin's theorem."""
+    """Return row sums, twice which bound the eigenvalues, by Gershgorin's theorem."""
     count = shape.mesh.vertex_count
     pairs, between = shape.membrane.laplacian
     rows, which = np.unique(np.sort(pairs, axis=1), axis=0, return_inverse=True)

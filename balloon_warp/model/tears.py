@@ -15,8 +15,9 @@ Values = NDArray[np.float64]
 
 
 def settle_tears(scene: Scene, parameters: Mapping[str, Values]) -> dict[str, Values]:
-    """The stresses at which tears run on and branch, and how fast they run, where the scene does not say them; and the
-    gas that leaves a balloon whose pressure was given: air, which keeps its heat.
+    """Return the defaults of tears: stresses at which they advance and branch, and their speed.
+
+    Also the gas that leaves a balloon with a given pressure: air, adiabatic.
 
     Raises:
         InputError: a balloon that may burst has something that would not burst with it.
@@ -60,7 +61,7 @@ def _require_bursting_alone(scene: Scene, parameters: Mapping[str, Values]) -> N
 
 
 def _require_struts(scene: Scene, number: int, yield_stretches: Values) -> None:
-    """Springs beside what tears push alone: those that pull would go on from one side of a tear to the other."""
+    """Refuse springs that pull in a balloon that may tear, since they would go on across a tear."""
     if yield_stretches.max() > 1.0:
         raise InputError(
             f"balloon.{number}.material.springs: would hold a tear together, as they pull; expected "

@@ -1,4 +1,4 @@
-"""What of the parameters changes during a simulation, and when."""
+"""Timeline of the parameters that change during a simulation."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -22,11 +22,11 @@ class DueChange:
 
     frame: int
     scene: Scene
-    """as it is from then on"""
+    """Scene from then on"""
     values: dict[str, tuple[NDArray[np.bool_], NDArray[np.float64]]]
-    """by the parameters' names, which entries of a world change, and to what"""
+    """Changed entries of a world and their new values, by the parameters' names"""
     methods: frozenset[str]
-    """which of `METHODS` the scene changes"""
+    """Changed fields among `METHODS`"""
 
     def apply(self, name: str, rows: NDArray) -> None:
         """Change a parameter's rows, shape (W, ...), in place."""

@@ -1,4 +1,4 @@
-"""What files say of a balloon beside its mesh: its springs one by one, and the shape at which nothing pulls."""
+"""Files beside a balloon's mesh: individual springs, and the stress-free shape."""
 
 import zipfile
 from dataclasses import replace
@@ -16,11 +16,11 @@ from balloon_warp.springs.springs import SpringKind
 
 Values = NDArray[np.float64]
 COLUMNS = ("pairs", "rest_lengths", "constants")
-"""of a file of springs"""
+"""Arrays in a file of springs"""
 
 
 def springs_told(path: Path, own: Springs, mesh: PolygonMesh, constants: Values, unit: float) -> tuple[Springs, Values]:
-    """The springs of a file, and the scale of each one's constant over that of its kind.
+    """Return the springs of a file, and the scale of each one's constant over that of its kind.
 
     A spring between particles that the mesh would join has the kind of that; others are structural.
 
@@ -46,7 +46,7 @@ def springs_told(path: Path, own: Springs, mesh: PolygonMesh, constants: Values,
 
 
 def rest_shape(balloon: Balloon, placed: PolygonMesh, unit: float) -> PolygonMesh:
-    """The balloon as it is where nothing pulls: its own mesh, the vertices of another, or its faces cut into panels.
+    """Return the stress-free mesh: the balloon's own, the vertices of another, or its faces cut into panels.
 
     Raises:
         InputError: the other mesh cannot be read, or has neither the same vertices nor, of a film, the same faces.
@@ -62,7 +62,7 @@ def rest_shape(balloon: Balloon, placed: PolygonMesh, unit: float) -> PolygonMes
 
 
 def sewn_vertices(panels: PolygonMesh, sewn: PolygonMesh, source: object, film: bool = True) -> NDArray[np.int64]:
-    """The vertex of a mesh that each vertex of its panels is sewn to, shape (panels.vertex_count,).
+    """Return the vertex of a mesh that each vertex of its panels is sewn to, shape (panels.vertex_count,).
 
     Args:
         panels: the same faces in the same order, of which some do not share their vertices any longer.
@@ -117,7 +117,7 @@ def _require_springs(path: Path, pairs: NDArray, lengths: Values, constants: Val
 
 
 def _kinds(pairs: NDArray[np.int32], own: Springs) -> NDArray[np.int32]:
-    """Of each pair, as the mesh's own springs have it; structural where they have none."""
+    """Return the kind of each pair among the mesh's own springs; structural where there is none."""
     keys = (own.pairs[:, 0].astype(np.int64) << 32) + own.pairs[:, 1]
     order = np.argsort(keys)
     wanted = (pairs[:, 0].astype(np.int64) << 32) + pairs[:, 1]

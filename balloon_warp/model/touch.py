@@ -16,18 +16,18 @@ from balloon_warp.model.shape import BalloonShape
 from balloon_warp.scene import Scene
 
 THICKNESS = 0.05
-"""of a balloon's skin, over an edge of its mesh: a hundredth of a ball's radius, which nobody sees"""
+"""Thickness of a balloon's skin over an edge of its mesh: a hundredth of a sphere's radius, which is invisible"""
 STIFFNESS = 0.25
-"""of a contact, over what a particle's springs have together: a ball that is stretched by a quarter is then pressed
-in by less than the skin where it lies against another, and the step becomes a quarter shorter"""
+"""Contact stiffness over the sum of a particle's springs: a sphere stretched by a quarter is then indented by less than
+the skin's thickness where it lies against another, and the step becomes a quarter shorter"""
 LOOSE_RATE = 600.0
-"""root of stiffness over mass [1/s] of a balloon without springs"""
+"""Root of stiffness over mass of a balloon without springs [1/s]"""
 STIFFNESSES = "touch_stiffnesses"
-"""the name of each balloon's in the parameters, shape (W, balloon_count) [N/m]"""
+"""Name of each balloon's contact stiffness in the parameters, shape (W, balloon_count) [N/m]"""
 
 
 def settle_touch(scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters) -> Parameters:
-    """How stiff each balloon's contacts are where the scene does not say it; nothing where no balloons touch."""
+    """Return each balloon's default contact stiffness; empty where no balloons touch."""
     if not scene.touches:
         return {}
     columns = [_own_stiffness(shape, number, parameters) for number, shape in enumerate(shapes)]
@@ -35,7 +35,7 @@ def settle_touch(scene: Scene, shapes: Sequence[BalloonShape], parameters: Param
 
 
 def _own_stiffness(shape: BalloonShape, number: int, parameters: Parameters) -> NDArray[np.float64]:
-    """Of a balloon's mean particle that moves, shape (W,)."""
+    """Return the stiffness at a balloon's mean moving particle, shape (W,)."""
     moving = max(int(np.count_nonzero(shape.mass_share)), 1)
     total: Any = 0.0
     for kind, row in enumerate(KINDS):
@@ -46,14 +46,16 @@ def _own_stiffness(shape: BalloonShape, number: int, parameters: Parameters) -> 
 
 
 def edge_length(mesh: PolygonMesh) -> float:
-    """The mean [m]."""
+    """Return the mean length of a mesh's edges [m]."""
     ends = mesh.points[mesh_edges(mesh).ends]
     return float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).mean())
 
 
 def crowd_of(shapes: Sequence[BalloonShape], number: int, itself: bool) -> float:
-    """Contacts on a particle of a balloon where even surfaces lie on each other: its own, and as a corner of triangles
-    those of others, as many as fit into what is its own of the surface."""
+    """Return the number of contacts on a particle of a balloon where even surfaces lie on each other.
+
+    Its own, and as a corner of triangles those of others, as many as fit into its share of the surface.
+    """
     counts = np.array([shape.mesh.vertex_count for shape in shapes])
     areas = np.array([shape.area for shape in shapes]) / counts
     crowds = np.clip(areas[number] / np.maximum(areas, 1e-30), 1.0, counts)
@@ -61,15 +63,16 @@ def crowd_of(shapes: Sequence[BalloonShape], number: int, itself: bool) -> float
 
 
 def _met_by(number: int, count: int, itself: bool) -> NDArray[np.bool_]:
-    """Which of so many balloons one may touch."""
+    """Return a mask of the balloons that one may touch."""
     return (np.arange(count) != number) | itself
 
 
 def bound_of_touch(
     scene: Scene, shapes: Sequence[BalloonShape], number: int, parameters: Parameters
 ) -> dict[Bound, NDArray[np.float64]]:
-    """What contacts add to the stiffness [N/m] and to the drag [N s/m] of each particle of a balloon, for the stable
-    step: as `Bounds.sums` counts, of which twice is over the mass; shape (W,). Nothing where no balloons touch.
+    """Return the contribution of contacts to stiffness [N/m] and drag [N s/m] at each particle, for the stable step.
+
+    As in `Bounds.sums`, of which twice is over the mass; shape (W,). Empty where no balloons touch.
 
     A particle meets a surface, and is a corner of triangles that others meet: as many as fit into what is its own of
     the surface. When two surfaces move against each other, all of that pulls it back, twice; and then their springs

@@ -1,5 +1,7 @@
-"""Spheres that may come through a balloon: particles alone touch them, so that what is small goes between, and what is
-fast may jump over."""
+"""Spheres that may pass through a balloon.
+
+Where only particles touch spheres, a small sphere passes between them, and a fast one may jump over them.
+"""
 
 from collections.abc import Sequence
 
@@ -12,13 +14,13 @@ from balloon_warp.model.shape import BalloonShape
 from balloon_warp.scene import Scene
 
 MOST_STRETCH = 2.0
-"""of faces that is reckoned with: at rest their size is known, inflated it is not"""
+"""Stretch of faces that is allowed for: their size is known at rest, and not when inflated"""
 
 
 def warnings_of(
     scene: Scene, shapes: Sequence[BalloonShape], radii: NDArray[np.floating], step_seconds: float
 ) -> list[str]:
-    """What is odd about the meshes, and `passing_spheres`: what is said before a run."""
+    """Return warnings of the meshes and of `passing_spheres`, which are given before a run."""
     of_shapes = [warning for shape in shapes for warning in shape.warnings]
     return of_shapes + passing_spheres(scene, shapes, radii, step_seconds)
 
@@ -26,7 +28,7 @@ def warnings_of(
 def passing_spheres(
     scene: Scene, shapes: Sequence[BalloonShape], radii: NDArray[np.floating], step_seconds: float
 ) -> list[str]:
-    """A sentence for each sphere that may pass through the faces of a balloon, or jump over its particles.
+    """Return a sentence for each sphere that may pass through the faces of a balloon, or jump over its particles.
 
     Args:
         radii: of the spheres at the start [m], shape (W, sphere_count); 0 before it appears.
@@ -54,8 +56,10 @@ def passing_spheres(
 
 
 def held_within(scene: Scene) -> float:
-    """Say up to which multiple of faces' openings spheres meet these, and not only particles: of faces as they are at
-    rest, or where the scene asks for it, stretched."""
+    """Return the multiple of faces' openings up to which spheres touch faces, not only particles.
+
+    Openings are those at rest, or where the scene asks for it, stretched.
+    """
     return 1.0 if scene.faces == "auto" and scene.touch is None else MOST_STRETCH
 
 
@@ -70,8 +74,10 @@ def _fits_through(number: int, radius: float, opening: float, shape: BalloonShap
 
 
 def widest_opening(mesh: PolygonMesh) -> float:
-    """The radius of the largest sphere that passes between the corners of a face, through its center [m]: 0.58 of the
-    edge of a triangle, 0.71 of a square's."""
+    """Return the radius of the largest sphere that passes between the corners of a face, through its center [m].
+
+    It is 0.58 of the edge of a triangle, 0.71 of a square's.
+    """
     faces, corners = corner_faces(mesh), mesh.points[mesh.face_vertex_indices]
     sums = np.stack([np.bincount(faces, corners[:, axis], mesh.face_count) for axis in range(3)], axis=1)
     distances = np.linalg.norm(corners - (sums / mesh.face_vertex_counts[:, None])[faces], axis=1)
@@ -86,7 +92,7 @@ def _longest_edge(mesh: PolygonMesh) -> float:
 
 
 def _highest_speed(scene: Scene, number: int, shapes: Sequence[BalloonShape]) -> float:
-    """That a sphere has when it has fallen from its start to the height of the lowest particle [m/s]."""
+    """Return the speed of a sphere after a fall from its start to the height of the lowest particle [m/s]."""
     sphere, up = scene.sphere[number], np.array(scene.up)
     lowest = min(float((shape.mesh.points @ up).min()) for shape in shapes)
     fall = max(float(np.dot(sphere.position, up)) - lowest, 0.0)

@@ -12,22 +12,24 @@ from balloon_warp.model.shape import BalloonShape
 from balloon_warp.scene import Balloon, Scene
 
 SMALLEST, LARGEST = 0.02, 30.0
-"""sizes of balloons that nothing is asked about [m]"""
+"""Range of balloon sizes without a warning [m]"""
 TOLD = (0.002, 300.0)
-"""the same, of one whose unit is said"""
+"""Range of sizes without a warning, where the unit is given [m]"""
 THICKEST = 0.05
-"""of a balloon's size is a wall"""
+"""Largest wall thickness over a balloon's size"""
 HEAVIEST = 100.0
-"""times the air of a ball of its size is what a balloon weighs"""
+"""Largest mass over that of the air in a sphere of the balloon's size"""
 LIGHT = 5.0
-"""mass that nothing is asked about: a mesh by itself has less [kg]"""
+"""Largest mass without a warning [kg]: a mesh by itself has less"""
 AIR = 1.2
-"""[kg/m^3]"""
+"""Density of air [kg/m^3]"""
 
 
 def doubts_about(scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters) -> list[str]:
-    """What may be of another unit: sizes, walls and masses of balloons, in any world; and which meshes are turned to an
-    up axis that their files do not name."""
+    """Return warnings of values that may be in another unit: sizes, walls and masses of balloons, in any world.
+
+    Also of meshes turned to an up axis that their files do not name.
+    """
     found = []
     for number, (balloon, shape) in enumerate(zip(scene.balloon, shapes, strict=True)):
         size, mass = size_of(shape.mesh), float(parameters["mass"][:, number].max())

@@ -16,7 +16,7 @@ from balloon_warp.scene.load import pairs_of
 from balloon_warp.scene.overrides import Override, OverrideError, override_scene
 
 FILLING = re.compile(r"balloon\.(?:(\d+)\.)?inflation\.(\w+)")
-"""paths of fields of inflations"""
+"""Paths of fields of inflations"""
 
 
 def scene_to_vary(
@@ -77,7 +77,7 @@ def _fillings(vary: Mapping[str, Any]) -> list[Override]:
 
 
 def _asks_for_another_kind(scene: Scene, path: str) -> bool:
-    """Whether a path is of another kind of inflation than its balloons have, all of which leave it open."""
+    """Return whether a path belongs to another kind of inflation than its balloons have, all of which leave it open."""
     named = FILLING.fullmatch(path)
     assert named
     balloons = scene.balloon[int(named[1]) :][:1] if named[1] else scene.balloon

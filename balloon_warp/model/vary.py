@@ -1,4 +1,4 @@
-"""What differs between worlds, and what may change while they are simulated."""
+"""Values that vary between worlds, and values that may change during a simulation."""
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -18,21 +18,21 @@ from balloon_warp.scene import Scene
 from balloon_warp.scene.overrides import override_scene
 
 Vary = TypeAliasType("Vary", Mapping[str, ArrayLike])
-"""a dotted path of the scene, as in overrides, and its value in each world, shape (world_count,)"""
+"""Values in each world, shape (world_count,), by dotted paths of the scene, as in overrides"""
 SHAPING = re.compile(r"balloon\.(\d+\.)?(mesh|scale|stiffness\.(variation|seed|gradient\.[01]))")
-"""paths whose values make another model: batches group their worlds by them"""
+"""Paths whose values make another model: batches group their worlds by them"""
 METHODS = ("substeps", "solver", "normals", "correction", "correction_sweeps", "contact")
-"""fields of the scene that are no parameters, and may change during a simulation all the same"""
+"""Fields of the scene that are no parameters, and may change during a simulation all the same"""
 SURROUNDINGS = ("ground", "water", "touch")
-"""tables of which a scene has one or none"""
+"""Tables that a scene has once or not at all"""
 
 
 class VaryError(InputError):
-    """What differs between worlds is at fault.
+    """Mistake in values that vary between worlds.
 
     Args:
-        mistake: the sentence.
-        path: the one that is at fault, as it was given.
+        mistake: Sentence on the mistake.
+        path: Path at fault, as it was given.
     """
 
     def __init__(self, mistake: object, path: str):
@@ -43,7 +43,7 @@ class VaryError(InputError):
 def vary_parameters(
     parameters: Parameters, scene: Scene, rows: Sequence[Parameter], world_count: int, vary: Vary
 ) -> Parameters:
-    """The parameters with a value for each world where `vary` has them.
+    """Return the parameters with a value for each world where `vary` has them.
 
     Raises:
         VaryError: names the path, and the world whose value the scene's schema refuses; or what can vary.
@@ -60,7 +60,7 @@ def vary_parameters(
 
 
 def check_vary(scene: Scene, rows: Sequence[Parameter], world_count: int, vary: Vary) -> dict[str, NDArray[np.float64]]:
-    """The varied values as arrays of shape (world_count,), all of them fit for the scene.
+    """Return the varied values as arrays of shape (world_count,), all of them fit for the scene.
 
     Raises:
         VaryError: as `vary_parameters`.
@@ -82,7 +82,7 @@ def check_vary(scene: Scene, rows: Sequence[Parameter], world_count: int, vary: 
 def _refuse(
     scene: Scene, rows: Sequence[Parameter], path: str, given: ArrayLike, places: Mapping[str, list[Place]]
 ) -> NoReturn:
-    """Say why a path cannot differ between worlds."""
+    """Raise an error that says why a path cannot vary between worlds."""
     if path not in Scene.model_fields:  # what has no such path says so
         _require_fit(scene, rows, path, np.ravel(given).tolist()[0])
     table = path.partition(".")[0]
@@ -120,7 +120,7 @@ def require_changeable(
 def _checked(
     scene: Scene, rows: Sequence[Parameter], path: str, given: ArrayLike, world_count: int
 ) -> NDArray[np.float64]:
-    """The values of one path, each fit for the scene: bounds are intervals, so the extremes speak for all."""
+    """Return the values of one path, each fit for the scene: bounds are intervals, so the extremes speak for all."""
     try:
         values = np.asarray(given, dtype=np.float64)
     except (TypeError, ValueError):
@@ -142,5 +142,5 @@ def _require_fit(scene: Scene, rows: Sequence[Parameter], path: str, value: obje
 
 
 def _summary(places: Mapping[str, list[Place]]) -> list[str]:
-    """The paths without the numbers of balloons, spheres, strings and tubes, the scene's own fields first."""
+    """Return the paths without the numbers of balloons, spheres, strings and tubes, the scene's own fields first."""
     return sorted((path for path in places if not is_numbered(path)), key=lambda path: path.count("."))

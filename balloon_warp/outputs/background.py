@@ -7,12 +7,14 @@ from types import TracebackType
 from typing import Any, Self
 
 WAITING = 2
-"""frames that may wait to be written; more would only fill the memory"""
+"""Number of frames that may wait to be written; more would only fill the memory"""
 
 
 class Background:
-    """Runs jobs one after the other; the `with` block ends when all are done. A job's error is raised where the next
-    job is submitted, or at the end; what was queued behind it is not done."""
+    """Runner of jobs, one after the other, in a background thread.
+
+    The `with` block ends when all are done. @s
+    """
 
     def __init__(self) -> None:
         self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="writer")
@@ -29,7 +31,7 @@ class Background:
         self._jobs.append(self._thread.submit(self._run, job, *arguments))
 
     def wait(self) -> None:
-        """Until all that is queued is done."""
+        """Wait until all queued jobs are done."""
         while self._jobs:
             self._jobs.popleft().result()
 

@@ -6,15 +6,15 @@ from numpy.typing import NDArray
 from balloon_warp.mesh import PolygonMesh
 
 OF_LARGEST, OF_LEAST = 0.02, 0.25
-"""most that the edges' radius is of the largest and of the least side"""
+"""Largest radius of the edges over the largest and over the least side"""
 STEPS = np.radians([15.0, 30.0, 45.0])
-"""of an edge's quarter circle, from either side to its middle"""
+"""Angles along an edge's quarter circle, from either side to its middle"""
 RIM = 0.3
-"""width of the strip beside the edges that is flat already, in radii: normals that a renderer finds bend there alone"""
+"""Width of the flat strip beside the edges, in radii: normals that a renderer finds bend there alone"""
 
 
 def beveled_box(half: NDArray[np.float64]) -> tuple[PolygonMesh, NDArray[np.float64]]:
-    """A box about the origin, and the unit normal of each of its points, shape (vertex_count, 3).
+    """Return a box about the origin, and the unit normal of each of its points, shape (vertex_count, 3).
 
     Args:
         half: half its sides, shape (3,); the flat parts of its faces lie there exactly.

@@ -6,40 +6,40 @@ import numpy as np
 from numpy.typing import NDArray
 
 VERTICAL_VIEW = np.radians(26.0)
-"""angle from the picture's bottom to its top, as a portrait lens sees"""
+"""Vertical angle of view, as of a portrait lens"""
 AZIMUTH = 32.0
-"""three-quarter view: from the front (+Z) toward +X [degrees]"""
+"""Azimuth of a three-quarter view, from the front (+Z) toward +X [degrees]"""
 ELEVATION = 13.0
-"""from level toward above [degrees]"""
+"""Elevation above the horizon [degrees]"""
 MARGIN = 0.80
-"""share of the picture's half size within which the action stays"""
+"""Fraction of the picture's half size within which the action stays"""
 
 
 @dataclass(frozen=True)
 class Camera:
-    """Where one looks from, Y up, in the stage's unit."""
+    """Camera of a picture, Y up, in the stage's unit."""
 
     eye: NDArray[np.float64]
-    """position, shape (3,)"""
+    """Position, shape (3,)"""
     axes: NDArray[np.float64]
-    """unit vectors to the right, up and backward, a row each, shape (3, 3)"""
+    """Unit vectors to the right, up and backward, a row each, shape (3, 3)"""
     half_width: float
-    """half the picture's width at distance one"""
+    """Half the picture's width at distance one"""
     half_height: float
-    """half the picture's height at distance one"""
+    """Half the picture's height at distance one"""
     aperture: float = 0.0
-    """diameter of the lens; 0 of a pinhole"""
+    """Diameter of the lens; 0 for a pinhole"""
     focus: float = 1.0
-    """how far ahead everything is sharp"""
+    """Distance in focus"""
 
     def pixel_size(self, place: NDArray[np.float64], height: int) -> float:
-        """How large a pixel is at a place, in a picture `height` pixels high."""
+        """Return the size of a pixel at a place, in a picture `height` pixels high."""
         distance = float(abs((self.eye - place) @ self.axes[2]))
         return 2.0 * self.half_height * distance / height
 
     @property
     def level_axes(self) -> NDArray[np.float64]:
-        """unit vectors to the right, up, and level back toward the camera, a row each, shape (3, 3)"""
+        """Unit vectors to the right, up, and level back toward the camera, a row each, shape (3, 3)."""
         right, _, backward = self.axes
         across = np.array([right[0], 0.0, right[2]])
         across /= np.linalg.norm(across)
@@ -47,12 +47,12 @@ class Camera:
         return np.stack([across, [0.0, 1.0, 0.0], level if level @ backward >= 0.0 else -level])
 
     def looking_at(self, middle: NDArray[np.float64], center: NDArray[np.float64]) -> "Camera":
-        """The camera moved aside, as far away as it is from `center`, so that `middle` is in the picture's middle."""
+        """Return the camera moved aside, at its distance from `center`, so that `middle` is in the picture's middle."""
         distance = float((self.eye - center) @ self.axes[2])
         return replace(self, eye=middle + distance * self.axes[2])
 
     def zoomed(self, zoom: float) -> "Camera":
-        """The camera with a lens that shows everything `zoom` times as large."""
+        """Return the camera with a lens that shows everything `zoom` times as large."""
         return replace(self, half_width=self.half_width / zoom, half_height=self.half_height / zoom)
 
 
@@ -91,7 +91,7 @@ class CameraFit:
                 self._support[axis, side] = min(self._support[axis, side], least)
 
     def camera(self) -> Camera:
-        """The camera for all that was taken in."""
+        """Return the camera for all that was taken in."""
         middle = (self._support[:, 0] - self._support[:, 1]) / (2.0 * self._cosines)
         back = -self._support.sum(axis=1) / (2.0 * self._sines)
         eye = np.array([*middle, back.max()]) @ self.axes

@@ -9,18 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 WIDTH = 15
-"""characters that a number takes at most"""
+"""Largest number of characters of a number"""
 PAD = 0xFF
-"""fills up what is shorter: a byte that no text has"""
+"""Padding: a byte that no text has"""
 LEAST, MOST = -14, 30
-"""decimal exponents whose powers of ten, 10^22 at most, float64 has exactly"""
+"""Decimal exponents whose powers of ten, 10^22 at most, float64 has exactly"""
 
 _POINT, _NOUGHT, _E, _SIGN_OF_EXPONENT, _TENS, _UNITS, _NOTHING, _SIGN = range(9, 17)
-"""what stands behind the nine digits of a number, in the row that its characters are taken from"""
+"""Places behind the nine digits of a number, in the row that its characters are taken from"""
 
 
 def decimals(values: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """The text of each number as ASCII, with `PAD` wherever nothing stands, shape (*values.shape, WIDTH)."""
+    """Return the text of each number as ASCII, with `PAD` wherever nothing stands, shape (*values.shape, WIDTH)."""
     flat = np.ascontiguousarray(values, dtype=np.float32).reshape(-1)
     bits = flat.view(np.uint32)
     with np.errstate(invalid="ignore"):  # a NaN
@@ -44,7 +44,7 @@ def decimals(values: NDArray[np.float32]) -> NDArray[np.uint8]:
 
 
 def _lay_out(digits: NDArray[np.uint32], exponent: NDArray[np.int64], sign: NDArray[np.integer]) -> NDArray[np.uint8]:
-    """Args: nine digits as one number, the exponent of the first, and 1 for a minus; each of shape (N,)."""
+    """Return Args: nine digits as one number, the exponent of the first, and 1 for a minus; each of shape (N,)."""
     high, rest = np.divmod(digits, np.uint32(10**6))
     middle, low = np.divmod(rest, np.uint32(1000))
     characters = np.empty((len(digits), 17), dtype=np.uint8)
@@ -60,10 +60,10 @@ def _lay_out(digits: NDArray[np.uint32], exponent: NDArray[np.int64], sign: NDAr
 
 
 def _layout(exponent: int, count: int) -> list[int]:
-    """From where in its row each character of a number comes.
+    """Return the place in its row of each character of a number.
 
     Args:
-        count: of its digits, without the noughts at their end.
+        count: Number of its digits, without trailing zeros.
     """
     figures = list(range(count))
     if exponent < -4 or exponent > 8:
@@ -79,21 +79,21 @@ def _layout(exponent: int, count: int) -> list[int]:
 
 
 _EXPONENTS = range(LEAST, MOST + 2)
-"""of numbers that are laid out: one that is rounded up to a power of ten has the next one"""
+"""Exponents of numbers that are laid out: one that is rounded up to a power of ten has the next one"""
 _TRIPLES = np.array([list(b"%03d" % number) for number in range(1000)], dtype=np.uint8)
 _NOUGHTS = np.array([3 - len((b"%03d" % number).rstrip(b"0")) for number in range(1000)], dtype=np.int64)
-"""at the end of three digits"""
+"""Trailing zeros of three digits"""
 _BEHIND = np.array([[*b".0e", *(b"%+03d" % exponent), PAD] for exponent in _EXPONENTS], dtype=np.uint8)
 _SIGNS = np.array([PAD, ord("-")], dtype=np.uint8)
 _LAYOUTS = np.array([[_layout(exponent, count) for count in range(10)] for exponent in _EXPONENTS])
 
 _INDEXED = range(LEAST - 1, MOST + 2)
-"""exponents by their index in the tables below: at both ends, all that are beyond"""
+"""Exponents by their index in the tables below: at both ends, all that are beyond"""
 _FACTORS = np.array([10.0 ** max(8 - exponent, 0) for exponent in _INDEXED])
 _DIVISORS = np.array([10.0 ** max(exponent - 8, 0) for exponent in _INDEXED])
 _NEXT_TENS = np.array([*(float(f"1e{exponent + 1}") for exponent in _INDEXED[:-1]), np.nan])
-"""from which on the exponent is one more; nothing is behind the last"""
+"""Number from which on the exponent is one more; nothing is behind the last"""
 _INDEX_OF_POWER = np.array(
     [min(max(int(np.floor(np.log10(2.0) * (power - 127))), _INDEXED[0]), _INDEXED[-1]) for power in range(256)]
 ) - (LEAST - 1)
-"""of each power of two that a float32 is at least; its own may be one more"""
+"""Index of each power of two that a float32 is at least; its own may be one more"""

@@ -18,22 +18,22 @@ PROFILE = np.array(
         *((0.084, 0.016), (0.076, 0.000)),  # the funnel in the lip, where the string comes out
     ]
 )
-"""how far out each ring is, and its radius, in `knot_size`"""
+"""Distance outward of each ring, and its radius, in `knot_size`"""
 AROUND = 12
-"""points of a ring"""
+"""Number of points of a ring"""
 
 
 def has_knot(string: String, balloon: Balloon) -> bool:
-    """Whether a knot shows where a string is tied; foil is not knotted."""
+    """Return whether a knot shows where a string is tied; foil is not knotted."""
     return string.knot and balloon.looks_like != "foil"
 
 
 class Knot:
-    """Of one string.
+    """Knot of one string.
 
     Args:
-        mesh: the balloon's, at the start.
-        particle: that the string holds, by its number in the mesh.
+        mesh: Mesh of the balloon at the start.
+        particle: Particle that the string holds, by its number in the mesh.
     """
 
     def __init__(self, mesh: PolygonMesh, particle: int):
@@ -45,15 +45,15 @@ class Knot:
         self._around = PolygonMesh(mesh.points[self._used], counts, corners.reshape(-1).astype(np.int32))
 
     def pose(self, points: NDArray[np.floating], curve: NDArray[np.floating], up: ArrayLike) -> NDArray[np.float64]:
-        """Where it is.
+        """Return the pose of the knot.
 
         Args:
-            points: the balloon's [m], shape (particle_count, 3).
-            curve: of the string, from its anchor to the particle [m], shape (n, 3).
-            up: unit vector: the knot of no turn hangs down.
+            points: Points of the balloon [m], shape (particle_count, 3).
+            curve: Curve of the string, from its anchor to the particle [m], shape (n, 3).
+            up: Unit vector: without rotation the knot hangs down.
 
         Returns:
-            Its place [m], and the quaternion (x, y, z, w) of how it is turned, shape (7,).
+            Position [m], and orientation as a quaternion (x, y, z, w), shape (7,).
         """
         place = points[self.particle].astype(np.float64)
         down = -np.asarray(up, float)
@@ -62,8 +62,10 @@ class Knot:
     def _direction(
         self, points: NDArray[np.floating], curve: NDArray[np.floating], otherwise: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Along the string, bent as far as it must be to leave the balloon: never nearer to its surface than 45
-        degrees."""
+        """Return the direction along the string, bent away from the balloon.
+
+        It is never nearer to the balloon's surface than 45 degrees.
+        """
         ends = curve.astype(np.float64)
         along = ends[-2] - ends[-1]
         normal = face_vector_areas(replace(self._around, points=points[self._used].astype(np.float64))).sum(axis=0)
@@ -74,12 +76,12 @@ class Knot:
 
 
 def knot_size(mesh: PolygonMesh) -> float:
-    """The diameter of a sphere of a balloon's area at the start [m]: what `PROFILE` is in."""
+    """Return the diameter of a sphere of a balloon's area at the start [m]: what `PROFILE` is in."""
     return float(np.sqrt(total_area(mesh) / np.pi))
 
 
 def knot_mesh(size: float, up: ArrayLike) -> PolygonMesh:
-    """A knot that hangs down from the origin, in quads whose outside is outward.
+    """Return a knot that hangs down from the origin, in quads whose outside is outward.
 
     Args:
         size: as `knot_size` has it.
@@ -105,7 +107,7 @@ def knot_mesh(size: float, up: ArrayLike) -> PolygonMesh:
 
 
 def turn_between(one: NDArray[np.floating], other: NDArray[np.floating]) -> NDArray[np.float64]:
-    """The quaternion (x, y, z, w) of the shortest turn from one unit vector to another."""
+    """Return the quaternion (x, y, z, w) of the shortest turn from one unit vector to another."""
     half = 1.0 + float(one @ other)
     if half < 1e-9:  # half a turn, about any axis across
         across = np.cross(one, np.eye(3)[np.abs(one).argmin()])
@@ -115,5 +117,5 @@ def turn_between(one: NDArray[np.floating], other: NDArray[np.floating]) -> NDAr
 
 
 def _unit(vector: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Of length 1; a vector of no length stays as it is."""
+    """Return a unit vector; a vector of no length stays as it is."""
     return vector.astype(np.float64) / max(float(np.linalg.norm(vector)), 1e-300)

@@ -4,21 +4,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 AROUND, RINGS = 32, 16
-"""quads around a sphere, an even number, and from pole to pole; at the poles two triangles are one quad"""
+"""Number of quads around a sphere, even, and from pole to pole; at the poles two triangles are one quad"""
 SIDES = 6
-"""of a line's cross section"""
+"""Number of sides of a line's cross section"""
 
 Faces = tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.int32]]
-"""points, corners of each face, corners of all faces"""
+"""Points, corners of each face, corners of all faces"""
 
 
 def sphere_mesh(radius: float) -> Faces:
-    """A sphere about the origin, its poles along Y."""
+    """Return a sphere about the origin, its poles along Y."""
     return capsule_mesh(radius, 0.0, axis=1)
 
 
 def capsule_mesh(radius: float, height: float, axis: int) -> Faces:
-    """A capsule about the origin.
+    """Return a capsule about the origin.
 
     Args:
         radius: of its ends.
@@ -54,7 +54,7 @@ def capsule_mesh(radius: float, height: float, axis: int) -> Faces:
 
 
 def tube_topology(lengths: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Quads around curves of so many points each, as `tube_points` places them: corners of each face, and of all."""
+    """Return the quads around curves, as `tube_points` places them: corners of each face, and of all."""
     goes_on = np.ones(int(lengths.sum()), bool)
     goes_on[np.cumsum(lengths)[lengths > 0] - 1] = False
     begins = np.flatnonzero(goes_on)
@@ -66,7 +66,7 @@ def tube_topology(lengths: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArra
 
 
 def tube_points(centers: NDArray[np.float64], lengths: NDArray[np.int32], radius: float) -> NDArray[np.float64]:
-    """Points around curves: `SIDES` about each point, shape (SIDES * len(centers), 3).
+    """Return the points around curves: `SIDES` about each point, shape (SIDES * len(centers), 3).
 
     The cross section is carried along each curve with as little turning as can be, so that nothing is twisted.
     """

@@ -6,7 +6,7 @@ from balloon_warp.model import Model
 from balloon_warp.temporaries import scratch_folder
 
 NOTEBOOK_SIZE = (480, 270)
-"""pixels of a picture that a notebook shows by itself"""
+"""Size of a picture that a notebook shows by itself [pixels]"""
 
 
 def snapshot(model: Model, frame: Frame, size: tuple[int, int], samples: int) -> bytes:

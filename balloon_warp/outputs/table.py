@@ -17,7 +17,7 @@ from balloon_warp.outputs.npz import write_npz
 
 TABLE_NAMES = ("table.npz", "table.csv")
 BLOCK = 4096
-"""worlds whose rows are made text together: more would only fill the memory"""
+"""Number of worlds whose rows are formatted together: more would only fill the memory"""
 
 
 class TableWriter:
@@ -46,9 +46,9 @@ class TableWriter:
         self.folder, self.frames_per_second = folder, frames_per_second
         self.varied, self.measures, self.world_count = dict(varied), list(measures), world_count
         self.values = np.zeros((frame_count, world_count, len(measures)), dtype=np.float32)
-        """what is measured, of each frame and world, shape (frame_count, world_count, len(measures))"""
+        """Measures of each frame and world, shape (frame_count, world_count, len(measures))"""
         self.health = np.zeros((frame_count, world_count), dtype=np.int32)
-        """of each frame and world, shape (frame_count, world_count)"""
+        """Health of each frame and world, shape (frame_count, world_count)"""
         self._frames_written = 0
 
     @property
@@ -104,7 +104,7 @@ class TableWriter:
         self._files.__exit__(kind, error, traceback)
 
     def _describe_worlds(self) -> list[bytes]:
-        """Each world's varied values as CSV, with a comma before each."""
+        """Return each world's varied values as CSV, with a comma before each."""
         lines = []
         for values in zip(*(column.tolist() for column in self.varied.values()), strict=True):
             line = io.StringIO()
@@ -113,7 +113,7 @@ class TableWriter:
         return lines or [b""] * self.world_count
 
     def _save_npz(self, kind: type[BaseException] | None, *_: object) -> None:
-        """Unless the run failed; one column at a time is in memory twice."""
+        """Save the arrays unless the run failed; one column at a time is in memory twice."""
         if kind is None:
             write_npz(self._npz, ((name, self._column(name)) for name in self.columns))
 
@@ -134,7 +134,7 @@ class TableWriter:
 
 
 def _padded(texts: Sequence[bytes]) -> NDArray[np.uint8]:
-    """Texts below each other, filled up to the longest one, shape (len(texts), width)."""
+    """Return the texts below each other, filled up to the longest one, shape (len(texts), width)."""
     width = max(map(len, texts))
     filled = b"".join(text.ljust(width, bytes([PAD])) for text in texts)
     return np.frombuffer(filled, dtype=np.uint8).reshape(len(texts), width)

@@ -1,4 +1,4 @@
-"""What a run is to leave behind: a stage, what is made of it, and a picture."""
+"""Outputs that a run is to write: a stage, files converted from it, and a picture."""
 
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
@@ -18,21 +18,24 @@ from balloon_warp.scene import Scene
 
 @dataclass
 class Wanted:
-    """Within the `with` block there is a place for the stage: the output itself, or, where that is of another kind, a
-    hidden folder beside it, which goes at the block's end."""
+    """Outputs of a run, and within the `with` block the place of the stage.
+
+    The place is the output itself, or, where that is of another kind, a hidden folder beside it, which is removed at
+    the block's end.
+    """
 
     output: Path
-    """a stage, or what is made of one"""
+    """Stage, or a file converted from one"""
     picture: Path | None = None
-    """an image of the stage"""
+    """Picture of the stage"""
     points: Path | None = None
-    """the stage's points and what else is known of them, as arrays"""
+    """Arrays of the stage's points and measures"""
     lights: bool = True
-    """whether the stage has lights, a backdrop and a camera"""
+    """Whether the stage has lights, a backdrop and a camera"""
     ground: bool = True
-    """whether it has the scene's ground"""
+    """Whether the stage has the scene's ground"""
     view: Mapping[str, Any] = field(default_factory=dict)
-    """options of `render_stage` for the picture"""
+    """Options of `render_stage` for the picture"""
     _files: ExitStack = field(default_factory=ExitStack, init=False)
     _folder: Path | None = field(default=None, init=False)
 
@@ -46,28 +49,28 @@ class Wanted:
         ground: bool = True,
         view: Mapping[str, Any] | None = None,
     ) -> Self:
-        """What is wanted, with files as text or paths."""
+        """Return the wanted outputs, with files as text or paths."""
         others = (Path(path) if path else None for path in (picture, points))
         return cls(Path(output), *others, lights=lights, ground=ground, view=view or {})
 
     @property
     def left_out(self) -> dict[str, str]:
-        """what the stage is to say that it lacks"""
+        """Names of what the stage lacks, for its metadata."""
         lacking = [name for name in ("lights", "ground") if not getattr(self, name)]
         return {"leftOut": " ".join(lacking)} if lacking else {}
 
     @property
     def is_stage(self) -> bool:
-        """whether the output is a stage"""
+        """Whether the output is a stage."""
         return self.output.suffix.lower() in STAGE_SUFFIXES
 
     @property
     def stage(self) -> Path:
-        """where the frames are written to"""
+        """Path that the frames are written to."""
         return self.output if self._folder is None else self._folder / "frames.usdc"
 
     def checked(self, scene: Scene) -> Self:
-        """Itself, once it is sure that all files can be written, and that none is a mesh of the scene.
+        """Return the itself, once it is sure that all files can be written, and that none is a mesh of the scene.
 
         Raises:
             InputError: that is not so.
@@ -90,8 +93,10 @@ class Wanted:
         return self
 
     def check_names(self, stage: Usd.Stage) -> None:
-        """Raises:
-        InputError: the picture is to show what the stage, whose frames are not there yet, does not have.
+        """Check the picture's names of prims.
+
+        Raises:
+            InputError: The picture is to show what the stage, whose frames are not there yet, does not have.
         """
         if self.picture:
             from balloon_warp.outputs.render.view import check_view

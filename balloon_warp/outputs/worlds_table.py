@@ -13,11 +13,11 @@ from balloon_warp.outputs.table import TableWriter
 
 WORLDS_NAMES = ("worlds.npz", "worlds.csv")
 BLOCK = 4096
-"""worlds whose rows are made text together: more would only fill the memory"""
+"""Number of worlds whose rows are formatted together: more would only fill the memory"""
 WELL, BLEW_UP = "finished", "blew up"
-"""how a world ended, where nothing else is known of it"""
+"""Ending of a world, where nothing else is known of it"""
 EXTREMES = {"end": "at the end", "min": "the least until then", "max": "the most until then"}
-"""what of each measure is told, by how the names of its columns end"""
+"""Columns of each measure, by the suffixes of their names"""
 
 
 def write_worlds(

@@ -1,4 +1,4 @@
-"""How what takes long outlives a kill, and goes on to the same bytes.
+"""Checkpoints of long jobs: how they survive a kill, and resume to the same bytes.
 
 While a run or a batch is at work, now and then it writes a checkpoint into a folder beside its output: what it has
 written since the last one, then the state from which it goes on. Each file appears whole, in an order in which a kill

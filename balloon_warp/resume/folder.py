@@ -1,4 +1,4 @@
-"""What is safe of a job that is not finished: a folder beside its output, from which the job can go on."""
+"""Folder beside the output of an unfinished job, from which the job can be resumed."""
 
 import json
 import os
@@ -25,7 +25,7 @@ class PartialFolder:
     def __init__(self, path: Path):
         self.path = target_of(path)
         self.aside = self.path.with_name(f"{self.path.name}.old")
-        """where the files of an earlier job go when another begins: whoever forgot to resume it has lost nothing yet"""
+        """Place for the files of an earlier job when another begins, so that forgetting to resume loses nothing"""
         self._let_go: Callable[[], object] = lambda: None
 
     def job(self) -> dict[str, Any] | None:
@@ -106,14 +106,14 @@ class PartialFolder:
         return whole_file(self.path / name)
 
     def remove(self) -> None:
-        """Once the job is done: the folder, and what was put aside."""
+        """Remove the folder, and what was put aside, once the job is done."""
         self._let_go()
         for path in (self.path, self.aside):
             _remove(path)
 
 
 def _remove(path: Path) -> None:
-    """All at once: under another name first, so that a kill leaves no part of it that looks whole."""
+    """Remove a folder atomically: it is renamed first, so that a kill leaves no part of it that looks whole."""
     try:
         with temporary_in(path.parent) as doomed:
             path.rename(doomed)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from balloon_warp.outputs.usd import StageWriter
 
 CHECKPOINT_SECONDS = 30.0
-"""of the wall's clock between two checkpoints: what a kill costs at most"""
+"""Time between two checkpoints [s]: the most that a kill costs"""
 PLAYLIST, STILL = "frames.usda", "still.usdc"
 
 
@@ -33,11 +33,11 @@ def partial_path(output: Path) -> Path:
 
 
 def halvings_until(folder: Path, substeps: int) -> int:
-    """How often a run that is not finished had begun again with half the step.
+    """Return how often an unfinished run had restarted with half the step.
 
     Args:
-        folder: of its checkpoints.
-        substeps: with which it began at first; where none of its halves fits it, it is another run, and 0 is returned.
+        folder: Folder of its checkpoints.
+        substeps: Original number of substeps; where no halving fits it, it is another run, and 0 is returned.
     """
     reached = (PartialFolder(folder).job() or {}).get("substeps")
     halves = [substeps * 2**halvings for halvings in range(MOST_HALVINGS + 1)]
@@ -80,9 +80,9 @@ class Checkpoints:
         self.folder = PartialFolder(partial_path(output or stage.path))
         self._job, self._begun = job, False
         self._parts: list[int] = []
-        """the first frame of each part in the folder"""
+        """First frame of each part in the folder"""
         self._safe = 0
-        """how many frames are in the folder"""
+        """Number of frames in the folder"""
         self._saved_at = time.monotonic()
 
     @property
@@ -152,7 +152,7 @@ class Checkpoints:
         self._saved_at = time.monotonic()
 
     def remove(self) -> None:
-        """Once the whole output is there; leave what an earlier run left."""
+        """Remove the checkpoints once the whole output exists; leave those of an earlier run."""
         if self._begun:
             self.folder.remove()
 

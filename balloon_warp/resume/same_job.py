@@ -11,7 +11,7 @@ def as_json(job: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def differences(there: Any, here: Any, path: str = "") -> Iterator[str]:
-    """Where two jobs differ, each as a phrase."""
+    """Iterate over the differences of two jobs, each as a phrase."""
     if isinstance(there, dict) and isinstance(here, dict):
         for name in sorted(there.keys() | here.keys()):
             below = f"{path}.{name}" if path else name

@@ -18,18 +18,18 @@ from balloon_warp.scene.pins import pinned_at_borders
 from balloon_warp.scene.schema import Balloon, Inflation
 
 GRAVITY = 9.81
-"""[m/s^2]"""
+"""Gravitational acceleration [m/s^2]"""
 WEIGHT = 0.32
-"""of a balloon with its lift [N/kg]; where gravity grows with the size, for each meter of it: on its own legs, it is
-its pressure that bears it"""
+"""Weight of a balloon less its lift [N/kg]; where gravity grows with the size, for each meter of it: the balloon's
+pressure carries it on its legs"""
 WEIGHT_OF_OTHERS = 1.81
-"""the same, of one with gas, which has its own lift, or with normal forces"""
+"""Weight of a balloon with gas, which has its own lift, or with normal forces [N/kg]"""
 STRETCH = 0.1
-"""of a ball's skin: faces, feet and folds are still what they were"""
+"""Stretch of a sphere's skin, at which faces, feet and folds keep their shape"""
 MOLAR_VOLUME = 0.02406
-"""of a gas in the atmosphere that a scene has if it says nothing of it [m^3/mol]"""
+"""Molar volume of a gas in the default atmosphere [m^3/mol]"""
 MOST_FLOW = 9e11
-"""that a pump may have [mol/s]: what is kilometers large gets less"""
+"""Largest flow of a pump [mol/s]: kilometer-sized balloons get less than they need"""
 
 
 def scene_table_around(
@@ -97,7 +97,10 @@ def scene_table_around(
 
 
 def _as_taken(mesh: PolygonMesh, balloon: Balloon, up_axis: str) -> str:
-    """Which axis is up, in which unit the mesh is, and who says so; what is not said of its unit, is told elsewhere."""
+    """Return a sentence on the up axis and the unit of the mesh, and their sources.
+
+    A missing unit is reported elsewhere.
+    """
     up = f"{mesh.up_axis} is up, as {'told' if balloon.up else 'its file says'}"
     if not mesh.up_known:
         up = f"The {NO_AXIS}, so {mesh.up_axis} is up; --up {'Y' if mesh.up_axis == 'Z' else 'Z'} turns it"
@@ -145,6 +148,6 @@ def _gentle(inflation: Inflation, placed: PolygonMesh, size: float) -> dict[str,
 
 
 def _short(value: float, beside: float = 0.0) -> float:
-    """To six digits, of what it stands beside where that is given: the scene may be written, and read by people."""
+    """Round a value to six digits, relative to another where given, so that people can read the scene file."""
     largest = abs(beside or value)
     return round(value, 5 - math.floor(math.log10(largest))) if largest else value

@@ -12,9 +12,9 @@ from balloon_warp.scene.nesting import table_in
 from balloon_warp.suggestions import ask, closest, did_you_mean
 
 LISTS = ("balloon", "sphere", "string", "obstacle", "body", "tube", "change")
-"""tables of which there may be several"""
+"""Tables that may occur several times"""
 MOST_ASKED = 4
-"""fields that a question names"""
+"""Largest number of fields that a question names"""
 
 
 def complaint(error: ValidationError, schema: type[BaseModel]) -> str:
@@ -70,7 +70,7 @@ def _walk(details: ErrorDetails, schema: type[BaseModel]) -> tuple[list[str], ty
 
 
 def _is_table(value: object) -> bool:
-    """Whether a table, or a list of them, stands there."""
+    """Return whether a value is a table, or a list of tables."""
     return isinstance(value[0] if isinstance(value, list) and value else value, dict)
 
 
@@ -108,13 +108,13 @@ def _paths_of(table: type[BaseModel], is_meant: Callable[[str], bool], only_tabl
 
 
 def _key_count(annotation: object) -> int:
-    """How many names lead into what a field holds, one in the other, which the schema does not know."""
+    """Return the number of nested keys in a field that the schema does not know."""
     arguments = typing.get_args(annotation)
     return 1 + _key_count(arguments[1]) if typing.get_origin(annotation) is dict else 0
 
 
 def _expected(details: ErrorDetails) -> str:
-    """Pydantic's sentence as what a value must be."""
+    """Return Pydantic's sentence as what a value must be."""
     message = details["msg"]
     if details.get("ctx", {}).get("ge") == TINY:
         return "greater than 0" if float(details["input"]) <= 0.0 else f"at least {TINY:g}"

@@ -18,7 +18,7 @@ from balloon_warp.scene.schema.field_help import Tables, meaning_of
 from balloon_warp.shown import docstrings
 
 WIDTH = 120
-"""characters of a line"""
+"""Width of a line [characters]"""
 INDENT = " " * 4
 
 

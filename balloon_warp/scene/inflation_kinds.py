@@ -1,4 +1,4 @@
-"""Another kind of inflation, or another material, than a scene has: what belongs to the old kind goes."""
+"""Change of a scene's inflation or material to another kind, without the fields of the old kind."""
 
 from collections.abc import Iterable
 from typing import Any

@@ -1,4 +1,4 @@
-"""From a bundled name, a TOML file or a mesh file to a checked scene."""
+"""Loading of scenes from a bundled name, a TOML file or a mesh file."""
 
 import copy
 import os
@@ -22,16 +22,16 @@ from balloon_warp.scene.schema import Balloon, Body, Obstacle, Scene
 from balloon_warp.suggestions import did_you_mean_file
 
 SceneLike = TypeAliasType("SceneLike", Scene | str | Path | MeshLike)
-"""a scene; or what `load_scene` makes one of: a bundled scene's name, a scene file, or a mesh (file or not)"""
+"""Scene, or an argument of `load_scene`: a bundled scene's name, a scene file, or a mesh (file or not)"""
 Meshed = TypeVar("Meshed", Balloon, Obstacle, Body)
 FILES = ("mesh", "print", "springs", "material.rest_mesh")
-"""fields that name files, of a balloon; of others those that they have"""
+"""Fields of a balloon that name files; other tables have some of them"""
 LARGEST_FILE = 1 << 24
-"""bytes of a scene file"""
+"""Largest size of a scene file [bytes]"""
 
 
 def bundled_scenes() -> dict[str, Path]:
-    """Names of the bundled scenes, and their files."""
+    """Return the names of the bundled scenes, and their files."""
     package = Path(__file__).parents[1]
     inside, beside = package / "scenes", package.parent / "scenes"  # installed, and in a source tree
     folder = inside if inside.is_dir() else beside
@@ -107,7 +107,7 @@ def _from_python(source: Scene | MeshLike, overrides: Sequence[Override]) -> Sce
 
 
 def pairs_of(overrides: Mapping[str, Any] | Iterable[Override]) -> list[Override]:
-    """Paths and values as pairs.
+    """Return the paths and values as pairs.
 
     Raises:
         InputError: they are none.
@@ -165,7 +165,7 @@ def _culprit(table: dict[str, Any], overrides: Sequence[Override]) -> OverrideEr
 
 
 def _complaint(table: dict[str, Any], overrides: Sequence[Override] = ()) -> str | None:
-    """Say what is wrong with a table, once values are put at some paths; None where nothing is."""
+    """Return what is wrong with a table once values are set at some paths; None if nothing is."""
     overridden = copy.deepcopy(table)
     try:
         apply_overrides(overridden, overrides)
@@ -228,7 +228,7 @@ def with_files(meshed: Meshed, files: Mapping[str, Path]) -> Meshed:
 
 
 def _found(file: Path, path: Path) -> Path:
-    """Where a file is that a scene's file names: beside that, or, if that is a link, beside what it leads to."""
+    """Return the path of a file that a scene file names: beside it, or, if it is a link, beside its target."""
     places = [path.parent / file, file_behind(path).parent / file]
     return next((place for place in places if place.exists()), places[0])
 

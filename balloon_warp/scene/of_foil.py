@@ -11,25 +11,25 @@ from balloon_warp.scene.schema import Balloon, Inflation, Scene, Stiffness, Stri
 from balloon_warp.scene.schema.surroundings import Picture
 
 PRESSURE = 50.0
-"""[Pa]"""
+"""Pressure [Pa]"""
 FILL_SECONDS = 1.0
 STIFFNESS_OVER_HEIGHT = 300.0
-"""of structural springs [N/m^2]: so much for each meter of height, as what pulls on them grows with it"""
+"""Constant of structural springs per meter of height [N/m^2], as the forces on them grow with it"""
 AREAL_DENSITY = 1.0
-"""of a sheet [kg/m^2]: more than foil has, so that steps are long"""
+"""Areal density of a sheet [kg/m^2]: more than foil has, so that steps are long"""
 DAMPING_RATE = 1.0
-"""[1/s]"""
+"""Damping rate [1/s]"""
 HELIUM = 9.3
-"""that carries nearly all of it [m/s^2]: foil itself weighs next to nothing"""
+"""Lift that carries nearly all of the weight [m/s^2]: foil itself weighs almost nothing"""
 TOP = 0.25
-"""of a part's height, in which it is held at its left and its right"""
+"""Fraction of a part's height, at the top, in which it is held at its left and its right"""
 HANGING = 0.5
-"""of the height of all of them, that strings are long beyond the highest part"""
+"""Length of strings above the highest part, over the height of all parts"""
 COLORS = ((0.75, 0.1, 0.2), (0.9, 0.55, 0.05), (0.1, 0.45, 0.2), (0.1, 0.3, 0.7), (0.45, 0.15, 0.55), (0.85, 0.3, 0.5))
 
 
 def scene_of_foil(meshes: Mapping[Path, PolygonMesh], height: float) -> Scene:
-    """Each mesh a balloon that hangs on two strings, and that a pressure fills, which grows for a second.
+    """Return each mesh a balloon that hangs on two strings, and that a pressure fills, which grows for a second.
 
     Foil hardly stretches: its springs are as stiff as its height asks for, and let it bend freely.
 

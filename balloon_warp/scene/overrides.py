@@ -13,9 +13,9 @@ from balloon_warp.scene.presets import PRESETS
 from balloon_warp.scene.schema import MESHED, WITHOUT_MESHES, Scene
 
 Override = tuple[str, Any]
-"""a dotted path, and the value to put there"""
+"""Dotted path, and the value to set there"""
 LISTED = ("balloon", "sphere", "string", "obstacle", "body", "tube")
-"""tables that a path with a number begins a list of"""
+"""Tables that form lists, of which a path may give an index"""
 
 
 class OverrideError(InputError):
@@ -53,7 +53,9 @@ def parse_value(text: str) -> Any:
 
 
 def apply_overrides(table: dict[str, Any], overrides: Iterable[Override]) -> None:
-    """Put each value at its path in the scene's table, in place. A list without a number in the path means all of it.
+    """Set each value at its path in the scene's table, in place.
+
+    A list without a number in the path means all of it.
 
     Where the kind of an inflation is set, what the table has for other kinds goes; what is set stays, in any order.
 

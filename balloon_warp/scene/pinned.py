@@ -1,4 +1,4 @@
-"""What holds of some particles of a balloon, as Python says it: a mask, or a rule for points."""
+"""Properties of some particles of a balloon, given from Python as a mask, or as a rule for points."""
 
 from collections.abc import Callable
 from typing import Any

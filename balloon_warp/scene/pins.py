@@ -1,4 +1,4 @@
-"""Where a mesh by itself is held."""
+"""Pinned vertices of a mesh by itself."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,7 @@ from balloon_warp.mesh.prepare import Parts
 from balloon_warp.mesh.topology import border_edges, mesh_edges, vertex_components
 
 MOST = 0.5
-"""of a mesh's area is of open parts where it is held at their borders"""
+"""Fraction of a mesh's area in open parts from which on they are pinned at their borders"""
 
 
 def pinned_at_borders(mesh: PolygonMesh, parts: Parts) -> NDArray[np.int64]:

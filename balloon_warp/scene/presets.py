@@ -26,7 +26,7 @@ LATEX: Mapping[str, Any] = {
     "density": 940.0,
 }
 FILM_STRETCH = 1.1
-"""to which a film is not stretched without tearing"""
+"""Largest stretch of a film without tearing"""
 PRESETS: Mapping[str, Mapping[str, Any]] = {
     "latex": LATEX,
     "latex_thick": {**LATEX, "thickness": 5.0e-4},

@@ -37,7 +37,7 @@ def tables(table: Tables = Scene, path: str = "") -> Iterator[tuple[str, Tables]
 
 
 LISTS = {name for name, info in Scene.model_fields.items() if typing.get_origin(info.annotation) is list}
-"""fields of the scene of which there may be several"""
+"""Fields of the scene that are lists of tables"""
 
 
 def as_markdown() -> str:

@@ -14,7 +14,7 @@ def frame_at(scene: Scene, seconds: float) -> int:
 
 
 def is_there(scene: Scene, lasting: Sphere | String, frame: int) -> bool:
-    """Whether a sphere or string of the scene has appeared by a frame, and has not ended."""
+    """Return whether a sphere or string of the scene has appeared by a frame, and has not ended."""
     ended = lasting.end is not None and frame >= frame_at(scene, lasting.end)
     return frame >= frame_at(scene, lasting.start) and not ended
 

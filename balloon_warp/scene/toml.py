@@ -22,7 +22,7 @@ def toml_value(value: Any) -> str:
 
 
 def _key(name: str) -> str:
-    """Bare where it is a word; dots would part it."""
+    """Return a TOML key, bare where it is a word; dots would split it."""
     return name if name.isascii() and name.isidentifier() else _quoted(name)
 
 

@@ -1,4 +1,4 @@
-"""From a scene back to its file."""
+"""Writing of a scene as a file."""
 
 import os
 import shutil
@@ -22,7 +22,7 @@ HEADER = """\
 # python -m balloon_warp.scene.reference lists every field.
 """
 LONGEST_COMMENT = 100
-"""characters that stand beside a value; a longer comment stands above it"""
+"""Largest number of characters of a comment beside a value; a longer one stands above it"""
 
 
 def write_scene(scene: Scene, path: Path) -> list[Path]:
@@ -65,7 +65,7 @@ def scene_toml(scene: Scene, folder: Path) -> str:
 
 
 def _with_files_named(table: dict[str, Any], files: dict[str, str]) -> dict[str, Any]:
-    """Put the files of a table first, those of tables within it in these."""
+    """Return the table with its files, and those of nested tables, first."""
     own = {field: file for field, file in files.items() if "." not in field}
     table = own | {field: value for field, value in table.items() if field not in own}
     for path in files.keys() - own.keys():
@@ -79,7 +79,7 @@ def _files(scene: Scene) -> list[Path]:
 
 
 def _files_of(meshed: Balloon | Body | Obstacle) -> dict[str, Path]:
-    """Those of its mesh and its print, by the fields that name them."""
+    """Return the files of a table's mesh and print, by the fields that name them."""
     named = {"mesh": meshed.mesh} | files_of(meshed)
     return {field: Path(os.path.abspath(str(file))) for field, file in named.items() if file is not None}
 
@@ -89,7 +89,7 @@ def _is_bundled(mesh: Path) -> bool:
 
 
 def _is_copied(mesh: Path, copy: Path) -> bool:
-    """Whether a copy is there already.
+    """Return whether a copy exists already.
 
     Raises:
         InputError: something else is.

@@ -1,5 +1,4 @@
-"""Which slot each neighbor of a particle is loaded in, and which thread of a warp has it, so that the loads of a warp
-meet in few banks of shared memory.
+"""Assignment of neighbors to slots and of particles to threads that avoids bank conflicts in shared memory.
 
 Shared memory has 32 banks, a word wide. A point is three words, so that particle p starts in bank 3 p mod 32, and two
 particles share their banks if they are equal mod 32. In one load, the 32 threads of a warp each read a neighbor: it
@@ -17,7 +16,7 @@ SEARCH_STEPS = 1500
 
 
 def wavefronts(neighbors: NDArray[np.int64]) -> float:
-    """Wavefronts a word that a load takes, on average; 1 without conflicts.
+    """Return the wavefronts a word that a load takes, on average; 1 without conflicts.
 
     Args:
         neighbors: the particle that each reads in each slot, shape (slot_count, particle_count).
@@ -33,7 +32,7 @@ def wavefronts(neighbors: NDArray[np.int64]) -> float:
 
 @memoized
 def spread_over_banks(neighbors: NDArray[np.int64]) -> NDArray[np.int64]:
-    """An order of each particle's slots, shape (slot_count, particle_count): `take_along_axis` applies it.
+    """Return an order of each particle's slots, shape (slot_count, particle_count): `take_along_axis` applies it.
 
     A search: in each warp, two slots of one particle are exchanged, again and again, and the exchange is kept if the
     cubes of the banks' loads do not add up to more.
@@ -51,7 +50,7 @@ def spread_over_banks(neighbors: NDArray[np.int64]) -> NDArray[np.int64]:
     np.add.at(loads, (*np.nonzero(readers)[:2], np.nonzero(readers)[2] % BANKS), 1)
 
     def move(chosen: NDArray, particle: NDArray, source: NDArray, target: NDArray) -> None:
-        """Let a thread of each chosen group read a particle in another slot."""
+        """Swap the slots in which a thread of each chosen group reads a particle."""
         bank = particle % BANKS
         readers[chosen, source, particle] -= 1
         loads[chosen, source, bank] -= readers[chosen, source, particle] == 0

@@ -35,7 +35,7 @@ class BlockSchedule:
 
     @classmethod
     def world_bytes(cls, model: Model) -> int:
-        """Device memory that it keeps for each world, beside the state."""
+        """Return the device memory that it keeps for each world, beside the state."""
         room, traits = Counting(), model_traits(model)
         shares = has_free_frames(traits)
         if shares:
@@ -48,7 +48,7 @@ class BlockSchedule:
 
     @staticmethod
     def source_of(model: Model) -> str:
-        """The text of the kernel that advances worlds, or those whose frame is free."""
+        """Return the text of the kernel that advances worlds, or those whose frame is free."""
         traits = model_traits(model)
         traits = free_traits(traits) if has_free_frames(traits) else traits
         layout = layout_of(model, traits)
@@ -61,11 +61,11 @@ class BlockSchedule:
 
     @property
     def crowded(self) -> int:
-        """As of a schedule."""
+        """Number of candidate overflows, as for every schedule."""
         return self.busy.crowded if self.busy else 0
 
     def advance_frame(self, state: State) -> None:
-        """One frame."""
+        """Advance all worlds by a frame."""
         self.frames.begin_loading()
         if self.busy:
             self.busy.begin_loading(self.capturable)

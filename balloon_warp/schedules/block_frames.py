@@ -29,7 +29,7 @@ class BlockFrames:
     """
 
     crowded = 0
-    """balloons do not touch in blocks"""
+    """Number of candidate overflows; balloons do not touch in blocks"""
 
     def __init__(self, model: Model, traits: Traits, room: Room, working: Any | None = None):
         self.model, self.layout = model, layout_of(model, traits)

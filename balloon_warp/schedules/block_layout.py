@@ -1,4 +1,4 @@
-"""How a world lies on a block of threads: what stays in registers, what in shared memory, and how many threads."""
+"""Layout of a world on a block of threads: registers, shared memory, and the number of threads."""
 
 from balloon_warp.kernels.loops.film_places import FilmLayout
 from balloon_warp.kernels.phases.check import check
@@ -17,35 +17,35 @@ from balloon_warp.schedules.spring_ends import spring_ends
 WARP_THREADS = 32
 MOST_THREADS_OF_MULTIPROCESSOR = 2048
 REGISTERS = 65536
-"""of a multiprocessor"""
+"""Registers of a multiprocessor"""
 QUARTERS = 4
-"""of a multiprocessor, among which its warps and registers are shared out"""
+"""Partitions of a multiprocessor, among which its warps and registers are divided"""
 MOST_REGISTERS = 248
-"""of a thread"""
+"""Largest number of registers of a thread"""
 OWN_REGISTERS, GAS_REGISTERS, FIXTURE_REGISTERS = 12, 28, 28
-"""of a thread beside its particles: without and with gas, and more where there are obstacles"""
+"""Registers of a thread besides those for particles: without gas, with gas, and additional ones for obstacles"""
 PARTICLE_REGISTERS = 24
-"""of a particle, beside its springs"""
+"""Registers for a particle, besides those for its springs"""
 FILM_REGISTERS, QUAD_REGISTERS = 4, 20
-"""more, to measure a face of a membrane, and for each quad that a thread keeps"""
+"""Additional registers to measure a face of a membrane, and for each quad that a thread keeps"""
 MOST_QUADS = 2
-"""that it does"""
+"""Largest number of quads that a thread keeps"""
 SUM_BYTES = 2048
-"""of shared memory of a block, beside tiles"""
+"""Shared memory of a block besides tiles [bytes]"""
 POINT_BYTES = 12
 THREADS_BESIDE = ((416, 72), (384, 80), (256, 80))
-"""of a block whose threads loop over particles, and registers of each, where a multiprocessor has memory for two such
-blocks: those whose last turn is fullest"""
+"""Threads of a block that loop over particles, and registers of each, where a multiprocessor has memory for two such
+blocks; chosen is the one whose last turn is fullest"""
 THREADS_OF_MANY, MANY = (512, 64), 1792
-"""the same for so many particles of one balloon of springs"""
+"""Threads and registers from a number of particles of one balloon of springs"""
 THREADS_NEAR_FIXTURES = 256, 128
-"""the same where particles meet obstacles, which takes more registers"""
+"""Threads and registers where particles touch obstacles, which takes more registers"""
 THREADS_ALONE = 768, 80
-"""where it has not"""
+"""Threads and registers where a multiprocessor has memory for one block only"""
 
 
 def step_of(traits: Traits, layout: Layout) -> Step:
-    """The phases of a scene, in pieces, as a block executes them."""
+    """Return the phases of a scene, in pieces, as a block executes them."""
     step = FILMED if layout.film else FACING if traits.aims_on_the_way else STEP
     return cut(
         phases_of(traits, (*step, check)), traits, look_of(layout, traits.spheres), doubles=True, sums_along=True
@@ -53,7 +53,7 @@ def step_of(traits: Traits, layout: Layout) -> Step:
 
 
 def layout_of(model: Model, traits: Traits) -> Layout:
-    """The layout that lets most worlds run at once on a multiprocessor.
+    """Return the layout that lets most worlds run at once on a multiprocessor.
 
     A thread keeps one particle, or two, if their springs fit in registers; otherwise it loops. Two share what a thread
     does for itself, and their loads overlap; where a multiprocessor has no second block to turn to while it waits, more
@@ -66,7 +66,7 @@ def layout_of(model: Model, traits: Traits) -> Layout:
 
 
 def _held(model: Model, traits: Traits, held: int) -> tuple[Layout, int] | None:
-    """The layout with so many particles a thread, and how many blocks a multiprocessor then runs at once."""
+    """Return the layout with so many particles a thread, and how many blocks a multiprocessor then runs at once."""
     film = film_layout(model, traits)
     if model.device.is_cpu or not (thread_a_particle(model) or film) or traits.gas_flows or traits.corrected:
         return None
@@ -79,7 +79,7 @@ def _held(model: Model, traits: Traits, held: int) -> tuple[Layout, int] | None:
 def _with_quads(
     model: Model, traits: Traits, held: int, film: FilmLayout | None, keeps_quads: bool
 ) -> tuple[Layout, int] | None:
-    """The same whose threads keep quads of membranes, or none."""
+    """Return the layout with threads that keep quads of membranes, or none."""
     threads = _round_up(-(-model.particle_count // held), WARP_THREADS)
     capacity, quads = threads * held, -(-model.face_count // threads) if keeps_quads else 0
     may_keep = film and film.areas and film.triangles == 4 and not traits.viscous and quads <= MOST_QUADS
@@ -111,8 +111,10 @@ def _with_quads(
 
 
 def _looped(model: Model, traits: Traits) -> Layout:
-    """Threads loop over particles; what waits from piece to piece does so in shared memory, as far as two blocks have
-    room for it."""
+    """Return the layout in which threads loop over particles.
+
+    Values that wait from piece to piece do so in shared memory, as far as two blocks have room for them.
+    """
     film = film_layout(model, traits)
     threads, registers = _loop_threads(model, traits, film)
     threads = 1 if model.device.is_cpu else min(_round_up(model.particle_count, WARP_THREADS), threads)
@@ -125,7 +127,7 @@ def _looped(model: Model, traits: Traits) -> Layout:
 
 
 def _loop_threads(model: Model, traits: Traits, film: FilmLayout | None) -> tuple[int, int]:
-    """Threads that loop, and registers of each."""
+    """Return the threads that loop, and registers of each."""
     if 2 * model.particle_count > most_particles(model):
         return THREADS_ALONE
     if traits.stands_on_fixtures:
@@ -136,7 +138,7 @@ def _loop_threads(model: Model, traits: Traits, film: FilmLayout | None) -> tupl
 
 
 def _tiles(model: Model, traits: Traits, layout: Layout) -> tuple[str, ...]:
-    """What of particles stands in shared memory, beside points."""
+    """Return the state of particles in shared memory, besides points."""
     if model.device.is_cpu:
         return ()
     step = step_of(traits, layout)

@@ -1,31 +1,31 @@
-"""How many particles a thread block has room for: in shared memory, and in threads."""
+"""Capacity of a thread block for particles: in shared memory, and in threads."""
 
 from balloon_warp.model import Model
 
 MOST_THREADS = 1024
-"""of a block"""
+"""Largest number of threads of a block"""
 BYTES_PER_PARTICLE = 24
-"""two buffers of points"""
+"""Bytes of a particle: two buffers of points"""
 RESERVED_BYTES = 2048
-"""of shared memory, for spheres and the sums of areas and swellings of a balloon or two"""
+"""Shared memory for spheres and the sums of areas and swellings of a balloon or two [bytes]"""
 CPU_TILE_BYTES = 1 << 18
-"""the CPU stands in for a GPU here: a block of one thread, a tile of a GPU's size"""
+"""Shared memory of the CPU, which emulates a GPU here: a block of one thread, a tile of a GPU's size [bytes]"""
 CAPACITY_STEP = 512
-"""capacities of the streaming kernel are multiples of this, so that few are compiled"""
+"""Granularity of the streaming kernel's capacity, so that few are compiled"""
 
 
 def thread_a_particle(model: Model) -> bool:
-    """Whether a block has a thread for each particle of a world."""
+    """Return whether a block has a thread for each particle of a world."""
     return model.particle_count <= MOST_THREADS
 
 
 def fits_in_block(model: Model) -> bool:
-    """Whether a world's points, in two buffers, fit in the shared memory of a block."""
+    """Return whether a world's points, in two buffers, fit in the shared memory of a block."""
     return model.particle_count <= most_particles(model)
 
 
 def most_particles(model: Model, bytes_per_particle: int = BYTES_PER_PARTICLE) -> int:
-    """Of a world whose points fit in shared memory, with so many bytes of it each."""
+    """Return the largest number of particles whose points fit in shared memory, at a number of bytes each."""
     if model.device.is_cpu:
         return CPU_TILE_BYTES // bytes_per_particle
     sums = 1 << 10  # bytes for each further balloon or sphere, of the most warps

@@ -1,5 +1,8 @@
-"""Worlds whose particles may meet obstacles or each other in a frame: found as it begins, and advanced after those that
-are free, by blocks that know of obstacles, or where balloons touch by launches."""
+"""Worlds whose particles may touch obstacles or each other in a frame.
+
+They are found as it begins, and advanced after those that are free, by blocks that know of obstacles, or where balloons
+touch by launches.
+"""
 
 from typing import Any, Protocol
 
@@ -26,7 +29,7 @@ class BusyFrames(Protocol):
 
     @property
     def crowded(self) -> int:
-        """As of a schedule."""
+        """Number of candidate overflows, as for every schedule."""
         ...
 
     def begin_loading(self) -> None:
@@ -45,7 +48,7 @@ class LaunchedFrames:
 
     @property
     def crowded(self) -> int:
-        """As of a schedule."""
+        """Number of candidate overflows, as for every schedule."""
         return self._gather.crowded
 
     def begin_loading(self) -> None:
@@ -64,7 +67,7 @@ class LaunchedFrames:
 
 
 class BusyWorlds:
-    """Beside a schedule that advances the others."""
+    """Busy worlds beside a schedule that advances the free ones."""
 
     def __init__(self, model: Model, traits: Traits):
         busy = busy_traits(traits)
@@ -89,7 +92,7 @@ class BusyWorlds:
 
     @property
     def crowded(self) -> int:
-        """As of a schedule."""
+        """Number of candidate overflows, as for every schedule."""
         return self._frames.crowded
 
     def begin_loading(self, are_recorded: bool) -> None:
@@ -103,11 +106,14 @@ class BusyWorlds:
             self._frames.begin_loading()
 
     def find(self, state: State) -> None:
-        """Before the free worlds are advanced."""
+        """Find the busy worlds, before the free ones are advanced."""
         self.outlook.look(state)
 
     def advance(self, state: State) -> None:
-        """Once they are: with those that were not free after all; on a GPU in no time if there are none."""
+        """Advance the busy worlds, and those that were not free after all.
+
+        On a GPU this takes no time if there are none.
+        """
         if self._model.device.is_cpu or wp.is_conditional_graph_supported():
             wp.capture_if(self.working.any_busy, self._advance, state=state)
         else:

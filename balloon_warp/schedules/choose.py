@@ -1,4 +1,4 @@
-"""Which schedule simulates a model."""
+"""Choice of the schedule that simulates a model."""
 
 from importlib import import_module
 from typing import Protocol
@@ -16,14 +16,14 @@ class Schedule(Protocol):
 
     name: str
     capturable: bool
-    """whether a frame is nothing but launches, so that it can be recorded once and replayed"""
+    """Whether a frame consists of launches only, so that it can be recorded once and replayed"""
 
     def __init__(self, model: Model):
         """Allocate what it keeps."""
 
     @staticmethod
     def world_bytes(model: Model) -> int:
-        """Device memory that it keeps for each world, beside the state."""
+        """Return the device memory that it keeps for each world, beside the state."""
         ...
 
     @property
@@ -33,12 +33,18 @@ class Schedule(Protocol):
 
     @property
     def crowded(self) -> int:
-        """How often a triangle that a particle may touch had no place in its list since it was made, in all worlds."""
+        """Number of candidate overflows in all worlds.
+
+        An overflow is a triangle that a particle may touch and that has no place in its list.
+        """
         ...
 
     def advance_frame(self, state: State) -> None:
-        """Advance every world by one frame, in place: count it in `state.frame`, and lower `state.first_bad` of a world
-        where a particle or sphere has come to where it cannot be."""
+        """Advance every world by one frame, in place.
+
+        It counts the frame in `state.frame`, and lowers `state.first_bad` of a world where a particle or sphere has
+        come to where it cannot be.
+        """
 
 
 SCHEDULES = {
@@ -48,16 +54,16 @@ SCHEDULES = {
     "lanes": ("lanes", "LanesSchedule"),
     "octets": ("lanes", "OctetsSchedule"),
 }
-"""each in a module, which loads when first needed: Warp takes a while to read its kernels"""
+"""Module and class of each schedule; modules load when first needed, since Warp takes a while to read their kernels"""
 
 LAUNCHED = ("scatter", "gather")
-"""those that launch a kernel for each piece of a substep: in these alone rubber tears"""
+"""Schedules that launch a kernel for each piece of a substep: in these alone rubber tears"""
 FEW_PARTICLES = 3072
-"""that a block moves in the time of the launches for a substep"""
+"""Number of particles that a block moves in the time of the launches for a substep"""
 
 
 def make_schedule(model: Model, name: str = "auto") -> Schedule:
-    """The schedule of that name, or the fastest for the model.
+    """Return the schedule of that name, or the fastest for the model.
 
     Raises:
         InputError: there is no such schedule, or it cannot simulate this model.
@@ -66,7 +72,7 @@ def make_schedule(model: Model, name: str = "auto") -> Schedule:
 
 
 def schedule_named(name: str, model: Model) -> type[Schedule]:
-    """The schedule of that name, or the fastest for the model, not made yet.
+    """Return the schedule of that name, or the fastest for the model, not made yet.
 
     Raises:
         InputError: there is no such schedule, or it cannot simulate this model.
@@ -82,20 +88,22 @@ def schedule_named(name: str, model: Model) -> type[Schedule]:
 
 
 def only_launched(model: Model) -> str | None:
-    """What of a model only schedules do that launch a kernel for each piece of a substep, in words, or None."""
+    """Return the feature of a model that only launched schedules have, in words, or None."""
     if model.bursts:
         return "balloons burst"
     return "balloons tell what presses them" if model.scene.contacts else None
 
 
 def settled_schedule(name: str, model: Model, world_count: int) -> str:
-    """`name`, with `auto` settled for a batch of that many worlds, of which the model may be any part: a world's result
-    does not depend on how many others it is simulated with."""
+    """Return `name`, with `auto` settled for a batch of a number of worlds.
+
+    The model may be any part of the batch: a world's result does not depend on how many others it is simulated with.
+    """
     return fastest_schedule(model, world_count) if name == "auto" else name
 
 
 def fastest_schedule(model: Model, world_count: int) -> str:
-    """By device, size and number of worlds.
+    """Return the fastest schedule by device, size and number of worlds.
 
     On a GPU, a block a world, if it fits in one: where each particle has a thread; where there are enough worlds to
     give each multiprocessor one, with spheres a quarter of them, or where they could be moved in patches half of them,
@@ -127,7 +135,7 @@ def fastest_schedule(model: Model, world_count: int) -> str:
 
 
 def _in_patches(model: Model) -> Traits | None:
-    """What a model has, if `gather` moves it in patches."""
+    """Return the traits of a model if `gather` moves it in patches, or None."""
     if thread_a_particle(model):
         return None  # so that nothing of patches need be imported
     from balloon_warp.schedules.patches import cut_into_patches

@@ -12,12 +12,15 @@ from balloon_warp.model import Model
 from balloon_warp.schedules.membranes import MembraneQuads, membrane_quads
 
 MOST_FACES = 12
-"""at a particle: where there are more, most particles would wait for the few"""
+"""Largest number of faces at a particle: with more at some, most particles would wait for the few"""
 
 
 def film_layout(model: Model, traits: Traits) -> FilmLayout | None:
-    """How; None where there are no membranes, or too many faces at a particle, or springs that give more on the way
-    around a particle."""
+    """Return the layout of films; None without one.
+
+    There is none without membranes, with too many faces at a particle, or with springs that need a loop around a
+    particle anyway.
+    """
     if not traits.membranes or traits.rings:
         return None
     quads = membrane_quads(model)
@@ -32,12 +35,12 @@ def film_layout(model: Model, traits: Traits) -> FilmLayout | None:
 
 
 def film_entries(model: Model, film: FilmLayout) -> int:
-    """What faces write, with the zero that fills up."""
+    """Return the number of entries that faces write, with the zero that pads."""
     return 4 * (film.room or len(membrane_quads(model).corners)) + 1
 
 
 def film_table(model: Model, film: FilmLayout | None) -> Any:
-    """For the layout; empty without one."""
+    """Return the table of films for a layout; empty without one."""
     table = FilmTable()
     if film is None:
         return table
@@ -63,14 +66,14 @@ def film_table(model: Model, film: FilmLayout | None) -> Any:
 
 
 def shapes_of(quads: MembraneQuads) -> np.ndarray:
-    """Of the triangles at rest, see `rest_of_shape`, of what is quads alone, shape (n, 4, 4)."""
+    """Return the rest shapes of the triangles of quads, see `rest_of_shape`, shape (n, 4, 4)."""
     g11, g12, g22, _ = np.moveaxis(quads.rests, -1, 0)
     size = np.sqrt(g11 * g22 - g12 * g12)
     return np.stack([(g11 + g12) / size, (g22 + g12) / size, -g12 / size, size], axis=-1)
 
 
 def sums_of(quads: MembraneQuads) -> np.ndarray:
-    """Of quads alone, see `Sums`, with a k of 1, shape (3, n, 4)."""
+    """Return the rest sums of quads, see `Sums`, with a k of 1, shape (3, n, 4)."""
     by_first, by_second, by_third, last = np.moveaxis(shapes_of(quads), -1, 0)  # each of the triangles at all corners
     along = by_first + np.roll(by_second, -1, axis=1)
     across = by_third + np.roll(by_third, 2, axis=1)
@@ -84,10 +87,10 @@ def sums_of(quads: MembraneQuads) -> np.ndarray:
 
 
 def _particles_and_places(quads: MembraneQuads, room: int) -> tuple[np.ndarray, np.ndarray]:
-    """Of each face at each particle, sorted by particle.
+    """Return particle and place of each face at each particle, sorted by particle.
 
     Args:
-        room: faces that there are places for, if more than there are.
+        room: Number of faces that there are places for, if more than there are.
     """
     count = len(quads.corners)
     there = np.ones((4, count), dtype=bool)

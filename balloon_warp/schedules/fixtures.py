@@ -1,4 +1,4 @@
-"""From obstacles to the table that kernels read."""
+"""Tables of obstacles for kernels."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -15,15 +15,15 @@ from balloon_warp.model.memory import Allocating, Room
 from balloon_warp.model.obstacles import ObstacleShape
 
 NOWHERE = 1.0e18
-"""reach of what has no end [m], whose square is a float32"""
+"""Extent of something infinite [m], whose square is a float32"""
 
 
 def fastest(motion: NDArray[np.floating], reaches: NDArray[np.floating], frame_seconds: float) -> float:
-    """How fast a point of any obstacle may move [m/s].
+    """Return the largest speed of a point of any obstacle [m/s].
 
     Args:
-        motion: shifts and quaternions by frame, shape (frames, obstacle_count, 7).
-        reaches: of the obstacles [m], shape (obstacle_count,).
+        motion: Shifts and quaternions by frame, shape (frames, obstacle_count, 7).
+        reaches: Extents of the obstacles [m], shape (obstacle_count,).
     """
     if len(motion) == 1 or not len(reaches):
         return 0.0
@@ -35,12 +35,11 @@ def fastest(motion: NDArray[np.floating], reaches: NDArray[np.floating], frame_s
 
 
 def fixture_table(model: Model) -> Any:
-    """The obstacles of a model; Warp's meshes live as long as the model does."""
+    """Return the obstacles of a model; Warp's meshes live as long as the model does."""
     table = FixtureTable()
     table.solids = solid_array(model.obstacles, model.obstacle_meshes, model.device)
     table.motion = model.obstacle_motion
     table.positions = model.parameters["obstacle_position"]
-    table.frictions = model.parameters["obstacle_friction"]
     table.restitutions = model.parameters["obstacle_restitution"]
     if model.bodies and model.obstacles:
         _put_samples(table, model)
@@ -51,7 +50,7 @@ def fixture_table(model: Model) -> Any:
 
 
 def solid_array(shapes: Sequence[ObstacleShape], meshes: Sequence[wp.Mesh | None], device: wp.Device) -> wp.array:
-    """Shapes, of which those that are meshes have one of Warp's."""
+    """Return the shapes, of which those that are meshes have one of Warp's."""
     solids = []
     for shape, mesh in zip(shapes, meshes, strict=True):
         solid = Solid()
@@ -71,15 +70,14 @@ def _put_samples(table: Any, model: Model) -> None:
 
 
 def body_table(model: Model) -> Any:
-    """The free bodies of a model; empty where there are none."""
+    """Return the free bodies of a model; empty where there are none."""
     table = BodyTable()
     if not model.bodies:
         return table
     shapes, parameters = model.bodies, model.parameters
     inertias = np.array([shape.inertia for shape in shapes])
     table.solids = solid_array([shape.solid for shape in shapes], model.body_meshes, model.device)
-    table.mass, table.friction = parameters["body_mass"], parameters["body_friction"]
-    table.restitution = parameters["body_restitution"]
+    table.mass, table.restitution = parameters["body_mass"], parameters["body_restitution"]
     table.inertias = wp.array(inertias, dtype=wp.mat33, device=model.device)
     table.eases = wp.array(np.linalg.inv(inertias), dtype=wp.mat33, device=model.device)
     samples = [shape.samples for shape in shapes]
@@ -99,7 +97,7 @@ def _floats(array: wp.array) -> NDArray[np.float32]:
 
 
 def look_arrays(model: Model, room: Room) -> tuple[Any, Any]:
-    """Memory for what particles have seen of obstacles, where there are any."""
+    """Return the memory for what particles have seen of obstacles, where there are any."""
     obstacles, particles = len(model.obstacles), model.particle_count
     return (
         room.array((model.world_count, particles if obstacles else 0), wp.vec4),
@@ -108,7 +106,7 @@ def look_arrays(model: Model, room: Room) -> tuple[Any, Any]:
 
 
 def forget_looks(tables: Any) -> None:
-    """As a frame begins, before which balloons and obstacles may have been put elsewhere."""
+    """Clear cached queries as a frame begins, since balloons and obstacles may have been moved."""
     for seen in (tables.fixtures.looks, tables.fixtures.nearest):
         if seen.size:
             seen.zero_()

@@ -1,4 +1,4 @@
-"""What every schedule does before and after the substeps of a frame."""
+"""Work of every schedule before and after the substeps of a frame."""
 
 from typing import Any
 
@@ -29,7 +29,7 @@ class Framing:
         self._health = HealthCheck(model, tables, particles=looks)
 
     def begin(self, state: State) -> None:
-        """The ramp of what is keyframed, and the forces that the last frame left on spheres."""
+        """Update the ramp of keyframed values, and read the forces that the last frame left on spheres."""
         refresh_ramp(self.model, state)
         weigh_air(self.model, self.traits, self.tables, state)
         forget_looks(self.tables)
@@ -39,8 +39,7 @@ class Framing:
             self._over_spheres(read_sphere_forces, state.sphere_forces, self.working.sphere_quanta)
 
     def end(self, state: State) -> None:
-        """What the last substep leaves on spheres, and the pressures that it had; then the frame is counted, and all
-        are looked at."""
+        """End a frame: store sphere forces and pressures of the last substep, count it, and check all particles."""
         if self.working and self.traits.penalties:
             self._over_spheres(write_sphere_forces, self.working.sphere_quanta, state.sphere_forces)
         note_pressures(self.model, self.traits, state)

@@ -36,8 +36,11 @@ class GatherSchedule(LaunchedSchedule):
 
     @classmethod
     def step_of(cls, model: Model, traits: Traits) -> Step:
-        """The phases of the model, in pieces. Of many particles on a GPU those that meet nothing do not wait for
-        others, nor take as many registers: what stands on something has a launch of its own."""
+        """Return the phases of the model, in pieces.
+
+        Of many particles on a GPU those without contact do not wait for others, nor take as many registers: resting
+        contact has a launch of its own.
+        """
         apart = ("leave",) if traits.stands_on_fixtures and has_many(model) else ()
         if cut_into_patches(model, traits):
             return cut(first_phases(traits), traits, cls.look, shown=("aim",))
@@ -45,12 +48,12 @@ class GatherSchedule(LaunchedSchedule):
 
     @staticmethod
     def allot(model: Model, traits: Traits, room: Room) -> tuple[Any, ...]:
-        """What patches keep."""
+        """Allocate the memory of patches."""
         patches = cut_into_patches(model, traits)
         return (PatchLaunch.arrays(model, traits, patches, room),) if patches else ()
 
     def advance_frame(self, state: State) -> None:
-        """One frame."""
+        """Advance all worlds by a frame."""
         if self._patches is None:
             super().advance_frame(state)
             return

@@ -1,4 +1,4 @@
-"""How a frame ends: it is counted, and every particle and sphere is looked at, on the device."""
+"""End of a frame: counting it, and checking every particle and sphere, on the device."""
 
 from typing import Any
 
@@ -12,15 +12,15 @@ from balloon_warp.launching import launch
 from balloon_warp.model import Model, State
 
 MOST_SPAN = 1.0e5
-"""from one particle of a balloon to another, over its size at the start: float32 then resolves a hundredth of that, and
-no spring's length any more"""
+"""Largest distance between two particles of a balloon over its initial size: float32 then resolves a hundredth of the
+size, and no spring's length any more"""
 FARTHEST = 1.0e7
-"""from the origin, over the size of the largest thing in the world: float32 then resolves no more than that thing as a
-whole. From rest, what is a meter large gets there by falling freely for 24 minutes."""
+"""Largest distance from the origin over the size of the largest thing in the world, which is then float32's resolution.
+From rest, a meter-sized thing gets there by falling freely for 24 minutes."""
 LEAST_SIZE = 1.0
-"""[m], of that largest thing: small balloons may fall or rise as long as large ones"""
+"""Least size of that largest thing [m]: small balloons may fall or rise as long as large ones"""
 LARGEST_ROOT = 1.0e19
-"""whose square is a float32"""
+"""Largest number whose square is a float32"""
 
 
 class HealthCheck:
@@ -77,7 +77,7 @@ class HealthCheck:
 
 
 def _locking_triangles(model: Model) -> tuple[wp.array, wp.array] | None:
-    """Those of rubber that locks, and the face of every triangle; None where there are none."""
+    """Return the triangles of rubber that locks, and the face of every triangle; None where there are none."""
     locks = np.array([balloon.material.law == "gent" for balloon in model.scene.balloon])
     if not locks.any():
         return None
@@ -88,7 +88,7 @@ def _locking_triangles(model: Model) -> tuple[wp.array, wp.array] | None:
 
 
 def health_table(model: Model) -> Any:
-    """How far particles and spheres may be."""
+    """Return the limits on positions of particles and spheres."""
     origins, partners, sizes, farthest = [], [], [LEAST_SIZE], [0.0]
     for shape, first in zip(model.shapes, model.particle_offsets, strict=False):
         corners = shape.mesh.face_vertex_indices

@@ -16,21 +16,21 @@ from balloon_warp.schedules.lane_tables import face_octets, items_of, quad_count
 
 LANES = int(LANE_COUNT)
 FAR_AWAY = 1e16
-"""a coordinate [m] at which a face is nearest to no particle, and whose square is a finite float"""
+"""Coordinate of a face that is nearest to no particle [m], whose square is a finite float"""
 
 
 class LaneMemory(NamedTuple):
     """Arrays by name; what a scene does not need is empty."""
 
     of_kernel: dict[str, Any]
-    """state and values, arguments of their own"""
+    """State and values, as arguments of the kernel"""
     of_tables: dict[str, Any]
     solids: dict[str, Any]
     working: dict[str, Any]
 
 
 def group_count(model: Model, layout: Layout) -> int:
-    """Groups of worlds, or worlds."""
+    """Return the groups of worlds, or worlds."""
     return -(-model.world_count // LANES) if layout.worlds else model.world_count
 
 
@@ -57,7 +57,7 @@ def allot_lanes(model: Model, step: Step, layout: Layout, room: Room) -> LaneMem
 
 
 def _places(layout: Layout, items: int) -> int:
-    """What stands by itself where others look at it: eight worlds', or each of an octet."""
+    """Return the number of entries: of eight worlds, or of each particle of an octet."""
     return items if layout.worlds else LANES * items
 
 
@@ -78,7 +78,7 @@ def _of_kernel(model: Model, step: Step, layout: Layout, room: Room) -> dict[str
 
 
 def put_far_away(arrays: dict[str, Any], layout: Layout) -> None:
-    """The face that octets see where a particle has fewer than others: nearest to none."""
+    """Place the padding face of octets far away, so that it is nearest to no particle."""
     if not layout.worlds and "all_face_center" in arrays:
         centers = arrays["all_face_center"].numpy()
         centers[:, -1] = FAR_AWAY
@@ -96,7 +96,7 @@ def _working(model: Model, traits: Traits, worlds: int, room: Room) -> dict[str,
 
 
 def rows_of(numbers: Any) -> Any:
-    """The same numbers by group, lane and balloon: a row each."""
+    """Return numbers by group, lane and balloon: a row each."""
     groups, balloons, width = numbers.shape
     flat = wp.array(
         ptr=numbers.ptr, shape=(groups, balloons, width, LANES), dtype=wp.float32, device=numbers.device, copy=False

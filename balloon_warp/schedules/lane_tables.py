@@ -1,4 +1,4 @@
-"""From a model to the tables of worlds that are simulated eight lanes at a time."""
+"""Tables of worlds that are simulated eight lanes at a time."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -22,22 +22,22 @@ LANES = int(LANE_COUNT)
 
 @dataclass(frozen=True)
 class Items:
-    """What the lanes hold at once: particles of eight worlds, or octets of particles, each of one balloon."""
+    """Items that the lanes hold at once: particles of eight worlds, or octets of particles, each of one balloon."""
 
     layout: Layout
     offsets: NDArray[np.int64]
-    """where each balloon's items begin, and after the last, where they end"""
+    """Begin of each balloon's items, and the end of the last"""
     particles: NDArray[np.int64]
-    """the particle of each place, -1 where an octet is filled up"""
+    """Particle at each place, -1 where an octet is padded"""
 
     @property
     def count(self) -> int:
-        """of items"""
+        """Number of items."""
         return int(self.offsets[-1])
 
     @property
     def places(self) -> NDArray[np.int64]:
-        """Where each particle stands."""
+        """Place of each particle."""
         of_particle = np.zeros(self.particles.max() + 1, dtype=np.int64)
         filled = self.particles >= 0
         of_particle[self.particles[filled]] = np.flatnonzero(filled)
@@ -45,7 +45,7 @@ class Items:
 
 
 def items_of(model: Model, layout: Layout) -> Items:
-    """The items of a model."""
+    """Return the items of a model."""
     offsets = np.array(model.particle_offsets)
     if layout.worlds:
         return Items(layout, offsets, np.arange(offsets[-1]))
@@ -58,18 +58,18 @@ def items_of(model: Model, layout: Layout) -> Items:
 
 @dataclass(frozen=True)
 class Entries:
-    """What is listed for particles, item by item: an octet lists as much as that of its particles which has most."""
+    """Entries of particles, item by item: an octet lists as many as the particle with most."""
 
     offsets: NDArray[np.int64]
-    """where each item's begin, and after the last, where they end"""
+    """Begin of each item's entries, and the end of the last"""
     sources: NDArray[np.int64]
-    """the entry that each lane has there, -1 if it has none; shape (n,) or (n, 8)"""
+    """Entry of each lane, -1 if it has none; shape (n,) or (n, 8)"""
     owners: NDArray[np.int64]
-    """the place whose entry it is, of the same shape"""
+    """Place that each entry belongs to, of the same shape"""
 
 
 def list_entries(items: Items, particles: NDArray[np.int64], classes: NDArray[np.int64]) -> Entries:
-    """The n-th of a class of each particle's entries, side by side.
+    """Return the n-th of a class of each particle's entries, side by side.
 
     Args:
         particles: of each entry, ascending.
@@ -99,7 +99,7 @@ def list_entries(items: Items, particles: NDArray[np.int64], classes: NDArray[np
 
 
 def make_lane_tables(model: Model, traits: Traits, layout: Layout, tables: Any) -> Any:
-    """The model item by item."""
+    """Return the model item by item."""
     items = items_of(model, layout)
     t = lane_structs(layout).tables()
 
@@ -151,7 +151,7 @@ def _add_springs(t: Any, model: Model, traits: Traits, items: Items, array: Any)
 
 
 def _quads_of(model: Model, layout: Layout) -> MembraneQuads:
-    """Quads and triangles, or eight alike of one balloon, by a last axis of lanes; what fills up has no area."""
+    """Return quads and triangles, or eight alike of one balloon, with a last axis of lanes; padding has no area."""
     quads = membrane_quads(model)
     if layout.worlds:
         return quads
@@ -175,7 +175,7 @@ def _quads_of(model: Model, layout: Layout) -> MembraneQuads:
 
 
 def quad_count(model: Model, layout: Layout) -> int:
-    """Of quads and triangles, or of so many as eight lanes hold."""
+    """Return the number of quads and triangles, or of groups of eight."""
     return len(_quads_of(model, layout).triangles)
 
 
@@ -191,7 +191,7 @@ def _add_membranes(t: Any, model: Model, traits: Traits, items: Items, array: An
 
 
 def _add_fans(t: Any, model: Model, items: Items, array: Any) -> None:
-    """What fills up are faces of a particle alone."""
+    """Add the fans of faces; padding is a face of a particle alone."""
     fans = other_corners(model)
     entries = list_entries(items, fans.particles, fans.sizes)
     lanes = 1 if items.layout.worlds else LANES
@@ -210,7 +210,7 @@ def _add_fans(t: Any, model: Model, items: Items, array: Any) -> None:
 
 
 def _add_faces(t: Any, model: Model, items: Items, array: Any) -> None:
-    """Faces, or eight faces of one balloon with as many corners; what fills up has no area. The last is far away."""
+    """Add faces, or eight faces of one balloon with as many corners; padding has no area, and is far away."""
     begins = np.asarray(model.face_offsets.numpy(), dtype=np.int64)
     corners = items.places[np.asarray(model.face_particles.numpy(), dtype=np.int64)]
     around_offsets = np.asarray(model.particle_face_offsets.numpy(), dtype=np.int64)
@@ -246,7 +246,7 @@ def _add_faces(t: Any, model: Model, items: Items, array: Any) -> None:
 
 
 def face_octets(model: Model) -> list[NDArray[np.int64]]:
-    """Faces of one balloon with as many corners, up to eight at a time."""
+    """Return the faces of one balloon with as many corners, up to eight at a time."""
     alike = np.stack([model.face_balloon.numpy(), np.diff(model.face_offsets.numpy())]).astype(np.int64)
     octets = []
     for kind in np.unique(alike, axis=1).T:

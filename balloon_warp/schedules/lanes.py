@@ -1,5 +1,7 @@
-"""The schedules `lanes` and `octets`: eight worlds, or eight particles of a world, side by side in a CPU core's vector
-registers; worlds are shared out to threads. Bit-reproducible, whatever the number of threads."""
+"""Schedules `lanes` and `octets`: eight worlds, or eight particles of a world, side by side in vector registers.
+
+Worlds are divided among threads of a CPU. Bit-reproducible, whatever the number of threads.
+"""
 
 import os
 from concurrent.futures import ThreadPoolExecutor
@@ -58,16 +60,16 @@ class LanesSchedule:
 
     @classmethod
     def step_of(cls, traits: Traits) -> Step:
-        """The phases of a model, in pieces."""
+        """Return the phases of a model, in pieces."""
         return cut(phases_of(traits, SHARED), traits, LOOKS[cls.layout], sums_along=True, apart=("pull",))
 
     @classmethod
     def source_of(cls, model: Model) -> str:
-        """The source of the kernel that a model gets."""
+        """Return the source of the kernel that a model gets."""
         return source_of(cls.step_of(traits_of(model)), cls.layout)
 
     def _arguments(self, step: Step) -> dict[str, Any]:
-        """What the kernel takes, by name, in order; None for what differs from launch to launch."""
+        """Return the kernel's arguments by name, in order; None for those that differ from launch to launch."""
         t, solids = make_lane_tables(self.model, self._traits, self.layout, self.tables), Solids()
         working, memory = Working(), allot_lanes(self.model, step, self.layout, Allocating(self.model.device))
         put_far_away(memory.of_kernel, self.layout)
@@ -91,7 +93,7 @@ class LanesSchedule:
 
     @classmethod
     def world_bytes(cls, model: Model) -> int:
-        """Device memory that it keeps for each world, beside the state."""
+        """Return the device memory that it keeps for each world, beside the state."""
         room, traits = Counting(), model_traits(model)
         if traits.in_blocks:
             from balloon_warp.schedules.busy_worlds import BusyWorlds
@@ -108,11 +110,14 @@ class LanesSchedule:
 
     @property
     def crowded(self) -> int:
-        """How often a triangle that a particle may touch had no place in its list since it was made, in all worlds."""
+        """Number of candidate overflows in all worlds.
+
+        An overflow is a triangle that a particle may touch and that has no place in its list.
+        """
         return self.busy.crowded if self.busy else 0
 
     def advance_frame(self, state: State) -> None:
-        """One frame: the groups of worlds on as many threads as there are cores."""
+        """Advance all worlds by a frame, the groups of worlds on as many threads as there are cores."""
         begin_loading(self._kernel, self.model.device)
         if self.busy:
             self.busy.begin_loading(self.capturable)
@@ -138,13 +143,16 @@ class LanesSchedule:
 
 
 def traits_of(model: Model) -> Traits:
-    """What its kernel has to do: of worlds that may be busy, the free frames."""
+    """Return the traits of the kernel: of worlds that may be busy, those of free frames."""
     traits = model_traits(model)
     return free_traits(traits) if traits.in_blocks else traits
 
 
 def busy_worlds(model: Model, traits: Traits) -> Any:
-    """Those in which balloons may touch, bodies move or small spheres meet faces; kernels load only where they do."""
+    """Return the worlds in which balloons may touch, bodies move or small spheres meet faces.
+
+    Kernels load only where they do.
+    """
     from balloon_warp.schedules.busy_worlds import BusyWorlds
 
     return BusyWorlds(model, traits)

@@ -9,16 +9,16 @@ from balloon_warp.scene.timeline import frame_at
 
 
 class LateSpheres:
-    """Those of a model that are not there from the start: until they appear, they stay where they will."""
+    """Spheres that appear during the simulation: until then, they stay at their place."""
 
     def __init__(self, model: Model):
         self._model = model
         frames = [frame_at(model.scene, sphere.start) for sphere in model.scene.sphere]
         self._first_frames = wp.array(frames, dtype=wp.int32, device=model.device) if any(frames) else None
-        """at which each sphere appears, shape (sphere_count,); nothing where all are there from the start"""
+        """Frame at which each sphere appears, shape (sphere_count,); None where all exist from the start"""
 
     def hold(self, state: State) -> None:
-        """At the end of a frame, put those back that have not appeared."""
+        """Reset spheres that have not appeared, at the end of a frame."""
         if self._first_frames is None:
             return
         starts = [self._model.parameters[f"initial_sphere_{name}"] for name in ("positions", "velocities", "spins")]

@@ -29,9 +29,9 @@ class LaunchedSchedule(ABC):
     name: ClassVar[str]
     capturable = True
     watchable: ClassVar[bool] = True
-    """whether each substep ends in the state"""
+    """Whether each substep ends in the state"""
     fast_math: ClassVar[bool] = False
-    """whether divisions and roots are a GPU's own, good to the last bits but two"""
+    """Whether divisions and roots are a GPU's own, with errors in the last two bits"""
     phases: ClassVar[Sequence[Phase]] = STEP
     look: ClassVar[Look]
 
@@ -39,7 +39,7 @@ class LaunchedSchedule(ABC):
         self.model, self.traits = model, traits or model_traits(model)
         self.tables = make_tables(model, self.traits)
         self.vectors = self.allot(model, self.traits, room := Allocating(model.device))
-        """its own memory"""
+        """Memory of the schedule's own"""
         step = self.step_of(model, self.traits)
         self.launches = Launches(model, step, self.tables, room, self.own(), fast_math=self.fast_math)
         self._touch = None
@@ -49,11 +49,11 @@ class LaunchedSchedule(ABC):
 
     @classmethod
     def step_of(cls, model: Model, traits: Traits) -> Step:
-        """The phases of the model, in pieces."""
+        """Return the phases of the model, in pieces."""
         return cut(phases_of(traits, cls.phases), traits, cls.look, doubles=not cls.watchable)
 
     def own(self) -> Mapping[str, Own]:
-        """What it does itself of a step, by the names of phases."""
+        """Return the phases that the schedule executes itself, by name."""
         return {"press": self._press}
 
     @property
@@ -63,7 +63,10 @@ class LaunchedSchedule(ABC):
 
     @property
     def crowded(self) -> int:
-        """How often a triangle that a particle may touch had no place in its list since it was made, in all worlds."""
+        """Number of candidate overflows in all worlds.
+
+        An overflow is a triangle that a particle may touch and that has no place in its list.
+        """
         with lock_of(self.model.device):
             return int(self.launches.working.crowded.numpy().sum())
 
@@ -74,7 +77,7 @@ class LaunchedSchedule(ABC):
 
     @classmethod
     def world_bytes(cls, model: Model) -> int:
-        """Device memory that it keeps for each world, beside the state."""
+        """Return the device memory that it keeps for each world, beside the state."""
         room, traits = Counting(), model_traits(model)
         Launches.allot(model, cls.step_of(model, traits), room)
         left_array(model, room)
@@ -84,12 +87,12 @@ class LaunchedSchedule(ABC):
         return room.bytes // model.world_count
 
     def advance_frame(self, state: State) -> None:
-        """One frame."""
+        """Advance all worlds by a frame."""
         for _ in self.substeps(state):
             pass
 
     def substeps(self, state: State) -> Iterator[int]:
-        """One frame that pauses after each substep, with its number from 0."""
+        """Return the one frame that pauses after each substep, with its number from 0."""
         now = kept = (state.points, state.velocities)
         self.launches.begin_loading()
         self.framing.begin(state)
@@ -102,7 +105,7 @@ class LaunchedSchedule(ABC):
         self.framing.end(state)
 
     def _press(self, state: State, substep: int, time_in_frame: float, now: Moving) -> None:
-        """Balloons that touch push each other off; now and then it is found which may."""
+        """Apply contact forces between balloons, and search for contacts now and then."""
         assert self._touch is not None
         self._touch.search(state, substep, *now)
         self._touch.press(state, *now)

@@ -23,16 +23,17 @@ from balloon_warp.schedules.tables import world_state
 from balloon_warp.schedules.touching import touch_arrays
 
 TEAM_THREADS = 256
-"""of a block that does something for a world, or adds up, on a GPU; more would have too few registers"""
+"""Threads of a block for phases of a world and for sums, on a GPU; more would have too few registers"""
 MOST_REGISTERS = 128
-"""of a thread with a particle, so that a multiprocessor has two blocks of 256 where particles meet obstacles, too"""
+"""Registers of a thread with a particle, so that a multiprocessor has two blocks of 256 where particles touch
+obstacles, too"""
 FEW_REGISTERS = 64
-"""where that has a launch of its own: enough for springs, and a multiprocessor has four"""
+"""Registers where contact has a launch of its own: enough for springs, and a multiprocessor has four blocks"""
 LARGE = 2048
-"""particles of a balloon that is summed in parts"""
+"""Number of particles of a balloon above which it is summed in parts"""
 
 Moving = tuple[wp.array, wp.array]
-"""points and velocities, shape (world_count, particle_count), vec3"""
+"""Points and velocities, shape (world_count, particle_count), vec3"""
 Own = Callable[[State, int, float, Moving], None]
 """(state, substep, time in the frame, where particles are): what the host does itself of a step"""
 
@@ -55,10 +56,10 @@ class Launches:
         for name, array in working_arrays(model, step.traits, room).items():
             setattr(self.working, name, array)
         self.values, self._parts, self._second = step_arrays(model, step, room)
-        """what lives from one piece to another, by name"""
+        """Values that live from one piece to another, by name"""
         offsets = np.asarray(tables.correction.color_offsets.numpy())
         self._colors = list(zip(offsets[:-1].tolist(), np.diff(offsets).tolist(), strict=True))
-        """of the springs that are corrected: the first of each, and how many they are"""
+        """First and count of the springs of each color, for correction"""
 
     @staticmethod
     def allot(model: Model, step: Step, room: Room) -> None:

@@ -20,13 +20,13 @@ from balloon_warp.springs.membrane import Membrane
 
 
 def membrane_laws(model: Model) -> tuple[Law, ...]:
-    """Those that balloons of the model have, each once."""
+    """Return the membrane laws of the model's balloons, each once."""
     kinds = {balloon.material.law for balloon in model.scene.balloon}
     return tuple(law for name, law in MEMBRANES.items() if name in kinds)
 
 
 def membrane_table(model: Model) -> Any:
-    """The triangles, each once and from each of its corners."""
+    """Return the triangles, each once and from each of its corners."""
     table = MembraneTable()
     table.corners, table.corner_rests = model.membrane_corners, model.membrane_rests
     if not model.triangle_count:
@@ -56,13 +56,13 @@ def membrane_table(model: Model) -> Any:
 
 
 def left_array(model: Model, room: Room) -> Any:
-    """Memory for what is left of triangles' tensions, where rubber softens or tears."""
+    """Return the memory for what is left of triangles' tensions, where rubber softens or tears."""
     wears = model.softens or model.bursts
     return room.array((model.world_count, model.triangle_count if wears else 0), wp.float32)
 
 
 def membranes_of_world(model: Model, membranes: Any) -> Any:
-    """A batch's table for one of its worlds."""
+    """Return a batch's table for one of its worlds."""
     if not model.softens and not model.bursts:
         return membranes
     table, wear = MembraneTable(), WearTable()
@@ -77,7 +77,7 @@ def membranes_of_world(model: Model, membranes: Any) -> Any:
 
 
 def put_wear_parameters(wear: Any, model: Model) -> None:
-    """Of balloons, as they are in the model's worlds."""
+    """Store the wear parameters of the balloons in the model's worlds."""
     for row in SOFTENING:
         setattr(wear, row.name, model.parameters[row.name])
 
@@ -86,17 +86,17 @@ class CornerTriangles(NamedTuple):
     """The triangles from each of their corners, sorted by particle."""
 
     particles: NDArray[np.int64]
-    """of the corner itself, shape (n,)"""
+    """Particle of the corner itself, shape (n,)"""
     others: NDArray[np.int64]
-    """shape (n, 2)"""
+    """Other two corners, shape (n, 2)"""
     rests: NDArray[np.float64]
-    """with the particle as the first corner, see `MembraneTable`, shape (n, 4)"""
+    """Rest metrics with the particle as the first corner, see `MembraneTable`, shape (n, 4)"""
     numbers: NDArray[np.int64]
-    """of the triangles, shape (n,)"""
+    """Numbers of the triangles, shape (n,)"""
 
 
 def corner_triangles(model: Model) -> CornerTriangles:
-    """Of all balloons."""
+    """Return the triangles at the corners of all balloons."""
     shapes = [shape.membrane for shape in model.shapes]
     triangles = Membrane(
         np.asarray(model.membrane_corners.numpy(), dtype=np.int64),
@@ -114,20 +114,20 @@ class MembraneQuads(NamedTuple):
     """The triangles of membranes by fours, those of a quad, and by ones: of each balloon first those, then these."""
 
     corners: NDArray[np.int64]
-    """of a triangle the first, the second, the first again, and the third; shape (n, 4)"""
+    """Corners; of a triangle the first, the second, the first again, and the third; shape (n, 4)"""
     rests: NDArray[np.float64]
-    """of the triangle at each corner, from there to the next and the last, see `MembraneTable`; of a triangle alone at
-    its first, shape (n, 4, 4)"""
+    """Rest metric of the triangle at each corner, from there to the next and the last, see `MembraneTable`; a triangle
+    has one at its first, shape (n, 4, 4)"""
     triangles: NDArray[np.int64]
     """4 or 1, shape (n,)"""
     numbers: NDArray[np.int64]
-    """of the triangle at each corner, -1 where there is none, shape (n, 4)"""
+    """Number of the triangle at each corner, -1 where there is none, shape (n, 4)"""
     balloons: NDArray[np.int64]
-    """shape (n,)"""
+    """Balloon of each quad, shape (n,)"""
 
 
 def membrane_quads(model: Model) -> MembraneQuads:
-    """Of all balloons."""
+    """Return the membrane quads of all balloons."""
     corners, rests, triangles, places, balloons, begin = [], [], [], [], [], 0
     numbers = np.asarray(model.membrane_corners.numpy(), dtype=np.int64).reshape(-1, 3)
     for balloon, membrane in enumerate(shape.membrane for shape in model.shapes):
@@ -153,7 +153,7 @@ def membrane_quads(model: Model) -> MembraneQuads:
 
 
 def _at_first(rests: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Of triangles alone, shape (n, 4, 4)."""
+    """Return the rest metrics of lone triangles, at their first corner, shape (n, 4, 4)."""
     padded = np.zeros((len(rests), 4, 4))
     padded[:, 0] = rests
     return padded

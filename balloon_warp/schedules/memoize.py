@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 Search = Callable[Concatenate[NDArray[np.int64], ...], NDArray[np.int64]]
 
 LAST = 8
-"""answers that are kept of a search"""
+"""Number of results kept of a function"""
 
 
 def memoized(search: Search) -> Search:
-    """Memoize the last answers of a search of arrays; nobody can write into them."""
+    """Memoize a function of arrays; cached arrays are read-only."""
     answers: OrderedDict[str, NDArray[np.int64]] = OrderedDict()
 
     @wraps(search)

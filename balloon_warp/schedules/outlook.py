@@ -1,5 +1,7 @@
-"""What lies before each world in a frame: whether its particles may meet obstacles or each other at all, so that those
-which cannot are advanced by kernels that know of neither. See `kernels.contact.free_frames`."""
+"""Look ahead of a frame: whether a world's particles may touch obstacles or each other at all.
+
+Worlds in which they cannot are advanced by kernels that know of neither. See `kernels.contact.free_frames`.
+"""
 
 from typing import Any
 
@@ -20,16 +22,16 @@ from balloon_warp.model.memory import Allocating, Room
 from balloon_warp.schedules.tables import world_state
 
 THREADS = 128
-"""of a block that looks around a balloon on a GPU"""
+"""Threads of a block that surveys a balloon on a GPU"""
 
 
 def has_free_frames(traits: Traits) -> bool:
-    """Whether a block leaves worlds to launches, in some frames: not where it does all itself."""
+    """Return whether a block leaves worlds to launches in some frames: not where it does all itself."""
     return traits.touches or traits.meets_solids or (traits.fixtures and not traits.always_busy)
 
 
 def free_traits(traits: Traits) -> Traits:
-    """What kernels have to do in a free frame."""
+    """Return the traits of kernels for free frames."""
     return traits._replace(
         frames="free",
         touches=False,
@@ -42,7 +44,7 @@ def free_traits(traits: Traits) -> Traits:
 
 
 def busy_traits(traits: Traits) -> Traits:
-    """What kernels have to do in any other."""
+    """Return the traits of kernels for other frames."""
     return traits._replace(frames="busy")
 
 
@@ -66,7 +68,7 @@ class Outlook:
             begin_loading(kernel, self.model.device)
 
     def look(self, state: State) -> None:
-        """Before the frame."""
+        """Judge the worlds before the frame."""
         m, threads = self.model, THREADS if self.model.device.is_cuda else 1
         launch_tiled(
             surround_kernel(self._traits),
@@ -78,20 +80,20 @@ class Outlook:
         launch(judge_kernel(self._traits), m.world_count, [self._tables, self.table], device=m.device)
 
     def put_back(self, state: State) -> None:
-        """All of worlds whose frame was not free, once the free frames are over."""
+        """Restore worlds whose frame was not free, once the free frames are over."""
         threads = THREADS if self.model.device.is_cuda else 1
         inputs = [self.table, self._before, threads, world_state(state), self._working.sphere_quanta]
         launch(put_worlds_back, (self.model.world_count, threads), inputs=inputs, device=self.model.device)
 
     def keep_forces(self, state: State) -> None:
-        """On spheres, of worlds whose frame was not free."""
+        """Keep the forces on spheres of worlds whose frame was not free."""
         if self._traits.penalties:
             inputs = [self.table, self._working.sphere_quanta, state.sphere_forces]
             launch(keep_sphere_forces, state.sphere_forces.shape, inputs=inputs, device=self.model.device)
 
 
 def outlook_arrays(model: Model, traits: Traits, room: Room) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The memory of `FreeFrames`, and of what a world was before."""
+    """Return the memory of `FreeFrames`, and of what a world was before."""
     worlds, balloons, spheres = model.world_count, model.balloon_count, model.sphere_count
     gas = (worlds, balloons if traits.gas else 0)
     free = {

@@ -24,18 +24,22 @@ from balloon_warp.schedules.spring_ends import spring_ends
 from balloon_warp.schedules.tables import world_state
 
 BYTES_OF_PLACE = 12
-"""of shared memory: a point"""
+"""Bytes of a point in shared memory"""
 SUM_BYTES = 8192
-"""of it, beside those"""
+"""Shared memory besides points [bytes]"""
 OWN_REGISTERS, SUM_REGISTERS, MEMBRANE_REGISTERS = 56, 24, 32
-"""of a thread, beside its springs: always, where something is summed over balloons, and with membranes"""
+"""Registers of a thread, besides those of its springs: always, where something is summed over balloons, and with
+membranes"""
 FEWER_REGISTERS = 32
-"""that it can do without, in local memory"""
+"""Registers that may be spilled to local memory"""
 
 
 def cut_into_patches(model: Model, traits: Traits) -> Patches | None:
-    """The patches that worlds are moved in, or None where they are not: worlds that fit a block's threads have no need
-    of it, and what needs more of others than where they are goes launch by launch."""
+    """Return the patches that worlds are moved in, or None.
+
+    Worlds that fit a block's threads need none, and models whose particles need more of others than positions go launch
+    by launch.
+    """
     needs_others = (
         traits.looks_at_velocities or traits.wears or traits.has("hinge") or traits.has("face") or traits.in_water
     )
@@ -53,7 +57,7 @@ def cut_into_patches(model: Model, traits: Traits) -> Patches | None:
 
 
 def _registers(model: Model, traits: Traits, patches: Patches) -> int:
-    """Of a thread; 0 if there are too few for it."""
+    """Return the registers of a thread; 0 if there are too few for it."""
     springs = sum(kind_slots(spring_ends(model))) * (3 if traits.springs_vary else 2)
     sums = traits.gas or traits.fresh_normals
     own = OWN_REGISTERS + (SUM_REGISTERS if sums else 0) + (MEMBRANE_REGISTERS if traits.membranes else 0)
@@ -62,8 +66,10 @@ def _registers(model: Model, traits: Traits, patches: Patches) -> int:
 
 
 def worlds_at_once(model: Model, traits: Traits, patches: Patches) -> int:
-    """Worlds that all multiprocessors together have a block for each patch of; each runs at least as many threads as a
-    block may have, whatever GPU it is of."""
+    """Return the number of worlds for which all blocks of patches are co-resident.
+
+    Each multiprocessor runs at least as many threads as a block may have, whatever the GPU.
+    """
     blocks = min(
         REGISTERS // (patches.threads * _registers(model, traits, patches)),
         MOST_THREADS // patches.threads,
@@ -73,28 +79,29 @@ def worlds_at_once(model: Model, traits: Traits, patches: Patches) -> int:
 
 
 def bytes_of_block(patches: Patches) -> int:
-    """Of shared memory."""
+    """Return the shared memory of a block [bytes]."""
     return BYTES_OF_PLACE * (patches.threads + patches.most_of_rim) + SUM_BYTES
 
 
 def step_of_patches(traits: Traits, layout: Layout) -> Step:
-    """What patches execute, in pieces: but for what happens only as a frame begins, which is launched before."""
+    """Return the step that patches execute, in pieces, without phases that happen only as a frame begins."""
     step = FACING if traits.aims_on_the_way else STEP
     phases = [phase for phase in phases_of(traits, step) if phase.light or not phase.once(traits)]
     return cut(phases, traits, look_of(layout, traits.spheres), doubles=False, sums_along=True)
 
 
 def first_phases(traits: Traits) -> tuple[Phase, ...]:
-    """What happens only as a frame begins."""
+    """Return the phases that happen only as a frame begins."""
     return tuple(phase for phase in phases_of(traits) if phase.once(traits) and not phase.light)
 
 
 class PatchLaunch:
-    """Advances all worlds by a frame, as many at a time as there are multiprocessors for: their blocks wait for each
-    other, and so must all run at once.
+    """Launch that advances all worlds by a frame, as many at a time as multiprocessors allow.
+
+    Blocks wait for each other, and so must all be co-resident.
 
     Args:
-        working: what launches keep beside the state.
+        working: Working memory of launches beside the state.
     """
 
     def __init__(
@@ -118,7 +125,7 @@ class PatchLaunch:
 
     @staticmethod
     def arrays(model: Model, traits: Traits, patches: Patches, room: Room) -> dict[str, Any]:
-        """The memory of `PatchMemory`."""
+        """Return the memory of `PatchMemory`."""
         worlds = worlds_at_once(model, traits, patches)
         return {
             "points": room.array((2 * worlds * model.particle_count,), wp.vec4),
@@ -126,7 +133,7 @@ class PatchLaunch:
         }
 
     def advance(self, state: State, aims: wp.array | None) -> None:
-        """The substeps of a frame."""
+        """Run the substeps of a frame."""
         kernel = kernel_of_patches(self._step, self._layout)
         for first in range(0, self.model.world_count, self._at_once):
             worlds = min(self._at_once, self.model.world_count - first)
@@ -145,7 +152,7 @@ class PatchLaunch:
 
 
 def _layout(model: Model, traits: Traits, patches: Patches, rings: bool) -> Layout:
-    """A particle a thread, with a tile for those of the rim, too."""
+    """Return a particle a thread, with a tile for those of the rim, too."""
     return Layout(
         threads=patches.threads,
         capacity=patches.threads + max(patches.most_of_rim, 1),

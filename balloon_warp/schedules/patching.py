@@ -19,7 +19,7 @@ from balloon_warp.schedules.spring_ends import SpringEnds, neighbors_in_slots, s
 from balloon_warp.schedules.tables import volume_origins
 
 LEAST_THREADS = 256
-"""of a block: with fewer particles a patch is mostly rim"""
+"""Least number of threads of a block: with fewer particles a patch is mostly halo"""
 
 
 @dataclass(frozen=True)
@@ -27,35 +27,35 @@ class Patches:
     """The patches of a world."""
 
     threads: int
-    """places of a patch for its own particles"""
+    """Number of places of a patch for its own particles"""
     patch: NDArray[np.int64]
-    """of each particle, shape (particle_count,)"""
+    """Patch of each particle, shape (particle_count,)"""
     place: NDArray[np.int64]
-    """of each particle in its patch, shape (particle_count,)"""
+    """Place of each particle in its patch, shape (particle_count,)"""
     balloons: NDArray[np.int64]
-    """of each patch"""
+    """Balloon of each patch"""
     volumes: bool
-    """each knows where the particle is that its balloon's volume is measured from"""
+    """Whether each patch knows the particle about which its balloon's volume is summed"""
     rim_keys: NDArray[np.int64]
-    """of all rims, patch by patch: patch times the number of particles, plus the particle"""
+    """Keys of all halo particles, patch by patch: patch times the number of particles, plus the particle"""
 
     @property
     def count(self) -> int:
-        """of a world"""
+        """Number of patches of a world."""
         return len(self.balloons)
 
     @property
     def rim_offsets(self) -> NDArray[np.int64]:
-        """where each patch's rim begins, and after the last, where it ends"""
+        """Begin of each patch's halo, and the end of the last."""
         return np.searchsorted(self.rim_keys, np.arange(self.count + 1) * len(self.patch))
 
     @property
     def most_of_rim(self) -> int:
-        """the most particles of a rim"""
+        """Largest number of halo particles of a patch."""
         return int(np.diff(self.rim_offsets).max(initial=0))
 
     def places_of(self, owners: NDArray[np.int64], particles: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Where the patches of the owners have these particles."""
+        """Return the places of particles in the patches of their owners."""
         patch = self.patch[owners]
         rank = np.searchsorted(self.rim_keys, patch * len(self.patch) + particles)
         in_rim = self.threads + rank - self.rim_offsets[patch]
@@ -66,8 +66,11 @@ _CUT: WeakKeyDictionary[Model, Patches | None] = WeakKeyDictionary()
 
 
 def patches_of(model: Model, volumes: bool) -> Patches | None:
-    """The patches of a model, cut once, with as few threads a block as the multiprocessors of its device allow; None if
-    they are too few for it."""
+    """Return the patches of a model, cut once, or None.
+
+    They have as few threads a block as the multiprocessors of its device allow; there are none if the multiprocessors
+    are too few.
+    """
     if model not in _CUT:
         sizes = np.diff(model.particle_offsets)
         fitting = (
@@ -81,7 +84,7 @@ def patches_of(model: Model, volumes: bool) -> Patches | None:
 
 
 def cut(model: Model, threads: int, volumes: bool) -> Patches:
-    """Patches of at most so many particles, which lie close together at rest.
+    """Return the patches of at most so many particles, which lie close together at rest.
 
     Args:
         volumes: whether all of a balloon need the particle that its volume is measured from.
@@ -100,7 +103,7 @@ def cut(model: Model, threads: int, volumes: bool) -> Patches:
 
 
 def _halved(points: NDArray[np.floating], particles: NDArray[np.int64], parts: int) -> list[NDArray[np.int64]]:
-    """So many parts of equal size, each in order of number: cut across where they reach farthest, again and again."""
+    """Return a number of equal parts, each in order of number, by recursive bisection along the longest extent."""
     if parts == 1:
         return [np.sort(particles)]
     fewer = parts // 2
@@ -112,7 +115,7 @@ def _halved(points: NDArray[np.floating], particles: NDArray[np.int64], parts: i
 
 
 def _led_to(model: Model, volumes: bool) -> list[tuple[NDArray[np.int64], NDArray[np.int64]]]:
-    """Particles, and others that their springs and faces lead to, and the volume of their balloon."""
+    """Return the particles, and others that their springs and faces lead to, and the volume of their balloon."""
     springs = model.spring_particles.numpy().astype(np.int64).reshape(-1, 2)
     corners = np.asarray(model.face_particles.numpy(), dtype=np.int64)
     offsets = np.asarray(model.face_offsets.numpy(), dtype=np.int64)
@@ -130,10 +133,10 @@ def _led_to(model: Model, volumes: bool) -> list[tuple[NDArray[np.int64], NDArra
 
 
 def patch_table(model: Model, patches: Patches, measures_faces: bool) -> Any:
-    """For kernels.
+    """Return the table of patches for kernels.
 
     Args:
-        measures_faces: whether they measure faces, which are quads.
+        measures_faces: Whether they measure faces, which are quads.
     """
     count = model.particle_count
     numbers = np.full((patches.count, patches.threads), count)
@@ -160,13 +163,13 @@ def patch_table(model: Model, patches: Patches, measures_faces: bool) -> Any:
 
 
 def _corners_by_patch(model: Model, patches: Patches) -> NDArray[np.int64]:
-    """The corners of all quads, patch by patch: each in that of its first corner."""
+    """Return the corners of all quads, patch by patch: each in that of its first corner."""
     corners = model.face_particles.numpy().astype(np.int64).reshape(-1, 4)
     return corners[np.argsort(patches.patch[corners[:, 0]], kind="stable")]
 
 
 def faces_in_patches(model: Model, patches: Patches) -> Any:
-    """The faces, which are quads, patch by patch: their corners lead to places there."""
+    """Return the faces, which are quads, patch by patch: their corners lead to places there."""
     corners = _corners_by_patch(model, patches)
     places = patches.places_of(np.broadcast_to(corners[:, :1], corners.shape), corners)
     table = FaceTable()
@@ -176,7 +179,7 @@ def faces_in_patches(model: Model, patches: Patches) -> Any:
 
 
 def slots_in_patches(model: Model, patches: Patches, ring: Ring | None) -> Any:
-    """The springs of each particle, which lead to places in its patch.
+    """Return the springs of each particle, which lead to places in its patch.
 
     Args:
         ring: in which structural and shear springs go around each particle, where that matters.
@@ -204,7 +207,7 @@ def slots_in_patches(model: Model, patches: Patches, ring: Ring | None) -> Any:
 
 
 def tables_in_patches(model: Model, patches: Patches, tables: Any, measures_faces: bool = False) -> Any:
-    """The tables, but faces and membranes around a particle lead to places in its patch.
+    """Return the tables, but faces and membranes around a particle lead to places in its patch.
 
     Args:
         measures_faces: whether faces do, too, which are quads then.
@@ -235,7 +238,7 @@ def tables_in_patches(model: Model, patches: Patches, tables: Any, measures_face
 
 
 def _owners(model: Model, slice_offsets: wp.array, entries: wp.array) -> NDArray[np.int64]:
-    """The particle that each entry of slices belongs to."""
+    """Return the particle that each entry of slices belongs to."""
     entry = np.arange(entries.shape[0])
     of_slice = np.searchsorted(slice_offsets.numpy()[1:-1], entry, side="right")
     return np.minimum(SLICE * of_slice + entry % SLICE, model.particle_count - 1)

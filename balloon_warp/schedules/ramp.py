@@ -1,4 +1,4 @@
-"""What of balloons is settled as a frame begins and ends: what is keyframed, and air that moves along."""
+"""Values of balloons at the begin and end of a frame: keyframed values, and added mass."""
 
 from typing import Any
 
@@ -13,7 +13,7 @@ from balloon_warp.schedules.tables import world_state
 
 
 def refresh_ramp(model: Model, state: State) -> None:
-    """The inflation coefficients of the frame that begins."""
+    """Update the inflation coefficients of the frame that begins."""
     launch(
         ramp_inflation,
         (model.world_count, model.balloon_count),
@@ -24,7 +24,7 @@ def refresh_ramp(model: Model, state: State) -> None:
 
 
 def weigh_air(model: Model, traits: Traits, tables: Any, state: State, numbers: wp.array | None = None) -> None:
-    """The air at balloons in the frame that begins, and what of it moves along with them.
+    """Update the air at balloons, and the added mass, for the frame that begins.
 
     Args:
         numbers: of particles in the state, if tables have them in another order.
@@ -35,7 +35,7 @@ def weigh_air(model: Model, traits: Traits, tables: Any, state: State, numbers: 
 
 
 def note_pressures(model: Model, traits: Traits, state: State) -> None:
-    """Those of the last substep, where they are given and no gas's."""
+    """Store the given pressures of the last substep."""
     if traits.pressures and not traits.gas:
         time = (model.substeps - 1) * model.step_seconds
         inputs = [model.inflation_kind, time, world_state(state)]

@@ -18,9 +18,9 @@ from balloon_warp.schedules.tables import make_tables, tables_of_world
 from balloon_warp.schedules.traits import model_traits
 
 PULL, INFLATE = "pull", "inflate"
-"""phases that begin a launch of their own"""
+"""Phases that begin a launch of their own"""
 SHOWN = ("force", "area_vector", "aim", "inflation", "net_force")
-"""what is kept of them"""
+"""Values that are kept of the phases"""
 
 
 class ForceReader:
@@ -41,41 +41,48 @@ class ForceReader:
         self._launches = Launches(model, step, self._tables, Allocating(model.device))
 
     def beside(self, model: Model) -> Self:
-        """A reader of another world of the same batch, which shares its memory with this one."""
+        """Return a reader of another world of the same batch, which shares its memory with this one."""
         other = copy(self)
         other.model, other._tables = model, tables_of_world(model, self._tables)
         other._launches = self._launches.beside(model, other._tables)
         return other
 
     def refresh(self, state: State) -> None:
-        """What a frame begins with: its ramp, such as of k_normal, each particle's aim, and its area vector."""
+        """Update the values at the begin of a frame: the ramp, such as of k_normal, aims and area vectors."""
         refresh_ramp(self.model, state)
         self._execute(state, *self._first)
         if self._traits.measures_areas:
             self._execute(state, PULL)
 
     def inflation_forces(self, state: State, time_in_frame: float = 0.0) -> wp.array:
-        """On each particle [N], shape (world_count, particle_count), vec3, once it is refreshed."""
+        """Return the inflation's force on each particle [N], shape (world_count, particle_count), vec3.
+
+        `refresh` must be called before.
+        """
         self._execute(state, INFLATE, time_in_frame=time_in_frame)
         return self._launches.values["inflation"]
 
     def net_forces(self, state: State) -> wp.array:
-        """On each particle at the start of a frame [N], shape (world_count, particle_count), vec3, once it is
-        refreshed."""
+        """Return the net force on each particle at the start of a frame [N], shape (world_count, particle_count), vec3.
+
+        `refresh` must be called before.
+        """
         self._execute(state, PULL, INFLATE)
         return self._launches.values["net_force"]
 
     def spring_pulls(self, state: State, time: float) -> wp.array:
-        """With which each spring pulls, or if negative pushes [N], shape (world_count, spring_count)."""
+        """Return the tension of each spring, negative if it pushes [N], shape (world_count, spring_count)."""
         return self._measure(spring_measure(self._traits), state, time, 1, self.model.spring_count)[:, 0]
 
     def string_pulls(self, state: State, time: float) -> wp.array:
-        """With which each string pulls [N], shape (world_count, string_count)."""
+        """Return the tension of each string [N], shape (world_count, string_count)."""
         return self._measure(string_measure(self._traits), state, time, 1, self.model.string_count)[:, 0]
 
     def pulls_by_law(self, state: State, time: float) -> dict[str, wp.array]:
-        """Of each law on particles, hinges or faces, and of membranes, the force on each particle [N], shape
-        (world_count, particle_count)."""
+        """Return the force of each law on each particle [N], shape (world_count, particle_count).
+
+        Laws on particles, hinges or faces, and those of membranes.
+        """
         traits, laws = self._traits, [law for law in self._traits.laws if law.kind not in ("spring", "string")]
         alone = {law.name: traits._replace(laws=(law,), membranes=()) for law in laws}
         alone |= {"membrane": traits._replace(laws=())} if traits.membranes else {}
@@ -100,5 +107,5 @@ class ForceReader:
         ]
 
     def _execute(self, state: State, *phases: str, time_in_frame: float = 0.0) -> None:
-        """Pieces that begin with these."""
+        """Execute the pieces that begin with given phases."""
         self._launches.execute(state, 0, time_in_frame, (state.points, state.velocities), phases)

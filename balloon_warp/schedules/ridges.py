@@ -18,9 +18,9 @@ from balloon_warp.model.ridges import Ridges, kept_distance
 from balloon_warp.model.touch import edge_length
 
 MARGIN = 0.15
-"""of an edge, within which ridges are noted until the next search"""
+"""Distance within which ridges are listed until the next search, over an edge"""
 LEAST_PAIRS, PAIRS = 1024, 2
-"""that a world has room for, and for each triangle and edge"""
+"""Least number of pairs that a world has room for, and number for each triangle and edge"""
 
 
 def ridge_table(model: Model) -> Any:
@@ -40,7 +40,7 @@ def ridge_table(model: Model) -> Any:
 
 
 def ridge_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
-    """What of `Working` is for them; empty where faces do not meet ridges."""
+    """Return the arrays of `Working` for ridges; empty where faces do not touch them."""
     worlds = model.world_count if traits.ridges else 0
     pairs = max(LEAST_PAIRS, PAIRS * _feature_count(model)) if traits.ridges else 0
     particles, bodies = model.particle_count, model.body_count
@@ -68,7 +68,7 @@ def _rows(ridges: Ridges) -> list[Any]:
 
 
 def _features_of(model: Model) -> NDArray[np.int32]:
-    """Triangles and edges of all balloons."""
+    """Return the triangles and edges of all balloons."""
     offsets = model.particle_offsets
     rows = []
     for number, shape in enumerate(model.shapes):

@@ -20,15 +20,18 @@ _FOUND: WeakKeyDictionary[Model, Ring | None] = WeakKeyDictionary()
 
 
 def quad_rings(model: Model) -> Ring | None:
-    """The rings, found once for each model, if every particle has one whose neighbors are those of its structural and
-    of its shear springs: on closed surfaces of quads."""
+    """Return the rings of quads around particles, or None, found once for each model.
+
+    Every particle must have one whose neighbors are those of its structural and of its shear springs: on closed
+    surfaces of quads.
+    """
     if model not in _FOUND:
         _FOUND[model] = _rings_of(model)
     return _FOUND[model]
 
 
 def least_valence(ring: Ring) -> int:
-    """How many quads are around each particle at least."""
+    """Return the least number of quads around a particle."""
     return int((ring[STRUCTURAL] >= 0).sum(axis=0).min())
 
 
@@ -62,7 +65,7 @@ def _rings_of(model: Model) -> Ring | None:
 
 
 def _same(ends: SpringEnds, around: NDArray[np.int64], kind: int) -> bool:
-    """Whether these are the particles' neighbors by springs of a kind."""
+    """Return whether these are the particles' neighbors by springs of a kind."""
     count = around.shape[1]
     particle, neighbor = _entries(around)
     of_kind = ends.kind == kind
@@ -70,14 +73,14 @@ def _same(ends: SpringEnds, around: NDArray[np.int64], kind: int) -> bool:
 
 
 def _entries(around: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Each particle and a neighbor of it, sorted by particle and in the order of its ring."""
+    """Return each particle and a neighbor of it, sorted by particle and in the order of its ring."""
     turns = around.T
     particle = np.repeat(np.arange(len(turns)), turns.shape[1]).reshape(turns.shape)
     return particle[turns >= 0], turns[turns >= 0]
 
 
 def ring_table(model: Model, ends: SpringEnds, ring: Ring | None, springs_vary: bool, in_block: bool) -> Any:
-    """The rings as kernels read them.
+    """Return the rings as kernels read them.
 
     Args:
         in_block: for a block, whose worlds have so few particles that 16 bits number them.
@@ -128,8 +131,10 @@ def ring_table(model: Model, ends: SpringEnds, ring: Ring | None, springs_vary: 
 
 
 def _pairs_of(neighbors: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The neighbors in slots, -1 where there are no more, two at a time: particles, and two neighbors of each, shape
-    (pair_count, 2); where there is but one more, the second is the particle itself."""
+    """Return the neighbors in slots two at a time: particles, and two neighbors of each, shape (pair_count, 2).
+
+    -1 marks an empty slot; where there is one neighbor only, the second is the particle itself.
+    """
     slots, count = neighbors.shape
     even = np.concatenate([neighbors, np.full((slots % 2, count), -1)])
     two = even.T.reshape(count, -1, 2)

@@ -1,5 +1,4 @@
-"""The `scatter` schedule: a thread a spring, string, hinge or face, with atomic adds into one force array, and then a
-thread a particle.
+"""Schedule `scatter`: a thread a spring, string, hinge or face, with atomic adds, and then a thread a particle.
 
 The readable reference that every other schedule is tested against.
 """
@@ -26,12 +25,13 @@ class ScatterSchedule(LaunchedSchedule):
     def __init__(self, model: Model):
         super().__init__(model)
         self.forces, area_vectors = self.vectors
-        """of springs, strings, hinges and faces on each particle [N], shape (world_count, particle_count), vec3"""
+        """Forces of springs, strings, hinges and faces on each particle [N], shape (world_count, particle_count),
+        vec3"""
         self.launches.working.forces, self.launches.working.area_vectors = self.forces, area_vectors
 
     @staticmethod
     def allot(model: Model, traits: Traits, room: Room) -> tuple[Any, ...]:
-        """Forces, and area vectors where they are needed."""
+        """Return the forces, and area vectors where they are needed."""
         worlds, particles = model.world_count, model.particle_count
         areas = (worlds, particles if traits.measures_areas else 0)
         return room.array((worlds, particles), wp.vec3), room.array(areas, wp.vec3)

@@ -1,4 +1,4 @@
-"""Where what belongs to particles stands in tables, so that a warp loads it together."""
+"""Places of particles' entries in tables, so that a warp loads them together."""
 
 from dataclasses import dataclass
 
@@ -10,17 +10,17 @@ from balloon_warp.kernels.tables import SLICE
 
 @dataclass(frozen=True)
 class Slices:
-    """Where the entries of particles stand, in slices of 32 particles."""
+    """Places of particles' entries, in slices of 32 particles."""
 
     offsets: NDArray[np.int64]
     places: NDArray[np.int64]
-    """of each entry, sorted by particle"""
+    """Place of each entry, sorted by particle"""
     owners: NDArray[np.int64]
-    """the particle of each place, filled up ones too"""
+    """Particle of each place, padded ones included"""
 
 
 def slices_of(particles: NDArray[np.int64], counts: NDArray[np.int64], step: int) -> Slices:
-    """Each particle's entries filled up to a multiple of the step, and to the most in its slice."""
+    """Return each particle's entries filled up to a multiple of the step, and to the most in its slice."""
     slot = np.arange(len(particles)) - np.repeat(np.cumsum(counts) - counts, counts)
     padded = np.zeros(-(-len(counts) // SLICE) * SLICE, dtype=np.int64)
     padded[: len(counts)] = -(-counts // step) * step

@@ -14,13 +14,13 @@ from balloon_warp.schedules.spring_ends import SpringEnds
 
 
 def kind_slots(ends: SpringEnds) -> tuple[int, int, int]:
-    """The most springs of each kind at a particle."""
+    """Return the most springs of each kind at a particle."""
     structural, shear, flexion = ends.by_kind.max(axis=0).tolist()
     return structural, shear, flexion
 
 
 def slot_table(model: Model, ends: SpringEnds, ring: Ring | None = None) -> Any:
-    """The table; slots that are left over hold a spring of no stiffness from the particle to itself.
+    """Return the table; slots that are left over hold a spring of no stiffness from the particle to itself.
 
     Args:
         ring: in which structural and shear springs go around each particle, where that matters.
@@ -44,7 +44,7 @@ def slot_table(model: Model, ends: SpringEnds, ring: Ring | None = None) -> Any:
 
 
 def _slots_of_kind(ends: SpringEnds, kind: int, ring: NDArray[np.int64] | None) -> tuple[NDArray, NDArray, NDArray]:
-    """Neighbors, scales and rest lengths, each of shape (slot_count, particle_count)."""
+    """Return the neighbors, scales and rest lengths, each of shape (slot_count, particle_count)."""
     counts = ends.by_kind[:, kind]
     shape = counts.max(), len(counts)
     of_kind = ends.kind == kind
@@ -64,8 +64,10 @@ def _slots_of_kind(ends: SpringEnds, kind: int, ring: NDArray[np.int64] | None) 
 
 
 def _in_ring(neighbors: NDArray[np.int64], ring: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The order of each particle's slots, shape (slot_count, particle_count), in which its neighbors are as in the
-    ring; what is left over stays behind them."""
+    """Return the order of each particle's slots that follows the ring, shape (slot_count, particle_count).
+
+    Neighbors that are not in the ring come last.
+    """
     order = np.repeat(np.arange(len(neighbors))[:, None], neighbors.shape[1], axis=1)
     for particle, around in enumerate(ring.T):
         wanted = around[around >= 0]

@@ -13,7 +13,7 @@ from balloon_warp.model.memory import Room
 
 
 def solid_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
-    """What of `Working` is for them, and for spheres that meet each other; empty where a scene does not need it."""
+    """Return the arrays of `Working` for bodies and colliding spheres; empty where a scene does not need them."""
     worlds = model.world_count
     bodies = model.body_count if traits.bodies else 0
     particles = model.particle_count

@@ -16,15 +16,15 @@ class SpringEnds:
     neighbor: NDArray[np.int64]
     kind: NDArray[np.int64]
     scale: NDArray[np.float64]
-    """its constant over that of its kind"""
+    """Spring constant over that of its kind"""
     rest_length: NDArray[np.float64]
-    """[m]"""
+    """Rest length [m]"""
     by_kind: NDArray[np.int64]
-    """springs of each kind at each particle, shape (particle_count, 3)"""
+    """Number of springs of each kind at each particle, shape (particle_count, 3)"""
 
 
 def spring_ends(model: Model) -> SpringEnds:
-    """The model's springs as its particles see them."""
+    """Return the model's springs as its particles see them."""
     ends = model.spring_particles.numpy().astype(np.int64).reshape(-1, 2)
     kind = np.tile(model.spring_kind.numpy().astype(np.int64), 2)
     particle, neighbor = np.concatenate([ends, ends[:, ::-1]]).T
@@ -41,8 +41,10 @@ def spring_ends(model: Model) -> SpringEnds:
 
 
 def neighbors_in_slots(ends: SpringEnds, kind: int) -> NDArray[np.int64]:
-    """The particles at the other ends of each particle's springs of a kind, -1 where there are no more, shape
-    (slot_count, particle_count)."""
+    """Return the particles at the other ends of each particle's springs of a kind, shape (slot_count, particle_count).
+
+    -1 marks an empty slot.
+    """
     counts = ends.by_kind[:, kind]
     of_kind = ends.kind == kind
     particle = ends.particle[of_kind]

@@ -1,4 +1,4 @@
-"""From a model to the tables that kernels read."""
+"""Tables of a model for kernels."""
 
 from typing import Any, NamedTuple
 
@@ -25,6 +25,7 @@ from balloon_warp.kernels.traits import Traits
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.triangles import triangles_of
 from balloon_warp.model import Model, State
+from balloon_warp.model.friction import FRICTION
 from balloon_warp.model.small_spheres import small_spheres
 from balloon_warp.schedules.fixtures import body_table, fixture_table
 from balloon_warp.schedules.health import health_table
@@ -38,7 +39,7 @@ from balloon_warp.springs.coloring import color_springs
 
 
 def make_tables(model: Model, traits: Traits, in_block: bool = False) -> Any:
-    """All that does not change in a frame.
+    """Return all that does not change in a frame.
 
     Args:
         in_block: for the `block` schedule, see `ring_table`.
@@ -67,13 +68,14 @@ def make_tables(model: Model, traits: Traits, in_block: bool = False) -> Any:
     t.correction = _correction(model, traits)
     t.health = health_table(model)
     t.balloon_numbers, t.world_numbers = model.balloon_numbers, model.world_numbers
+    t.friction = model.parameters[FRICTION]
     t.inflation_kind, t.up = model.inflation_kind, model.up
     t.substeps, t.step_seconds, t.frame_seconds = model.substeps, model.step_seconds, model.frame_seconds
     return t
 
 
 def tables_of_world(model: Model, tables: Any) -> Any:
-    """A batch's tables for one of its worlds, whose model has views of its parameters."""
+    """Return a batch's tables for one of its worlds, whose model has views of its parameters."""
     t, strings = Tables(), StringTable()
     for name in Tables.vars:
         setattr(t, name, getattr(tables, name))
@@ -85,11 +87,12 @@ def tables_of_world(model: Model, tables: Any) -> Any:
     t.spheres.small, t.spheres.triangles = tables.spheres.small, tables.spheres.triangles
     t.fixtures, t.bodies = tables.fixtures, body_table(model)
     t.balloon_numbers, t.world_numbers = model.balloon_numbers, model.world_numbers
+    t.friction = model.parameters[FRICTION]
     return t
 
 
 def world_state(state: State) -> Any:
-    """The arrays of a state."""
+    """Return the arrays of a state."""
     worlds = WorldState()
     for name in WorldState.vars:
         setattr(worlds, name, getattr(state, name))
@@ -130,7 +133,7 @@ def _pairs(model: Model) -> Any:
 
 
 def _hinges(model: Model, traits: Traits) -> Any:
-    """The hinges of balloons, where a law acts on them, and the roles of each particle in them."""
+    """Return the hinges of balloons, where a law acts on them, and the roles of each particle in them."""
     hinges = [shape.hinges for shape in model.shapes] if traits.has("hinge") else []
     offsets = model.particle_offsets[:-1]
     empty = np.zeros(0, dtype=np.int64)
@@ -184,27 +187,27 @@ def _faces(model: Model) -> Any:
 
 
 def volume_origins(model: Model) -> NDArray[np.int64]:
-    """The particle of each balloon about which its volume is taken: one of a face, shape (balloon_count,)."""
+    """Return the particle of each balloon about which its volume is taken: one of a face, shape (balloon_count,)."""
     first_faces = np.searchsorted(model.face_balloon.numpy(), np.arange(model.balloon_count))
     corners = np.asarray(model.face_offsets.numpy(), dtype=np.int64)[first_faces]
     return np.append(np.asarray(model.face_particles.numpy(), dtype=np.int64), 0)[corners]
 
 
 class OtherCorners(NamedTuple):
-    """Of every corner of a face, sorted by particle, the face's other corners."""
+    """Other corners of the face at every corner of a face, sorted by particle."""
 
     particles: NDArray[np.int64]
-    """of the corner itself, shape (corner_count,)"""
+    """Particle of the corner itself, shape (corner_count,)"""
     sizes: NDArray[np.int64]
-    """how many others there are, shape (corner_count,)"""
+    """Number of other corners, shape (corner_count,)"""
     begins: NDArray[np.int64]
-    """where they begin, and after the last corner, where they end, shape (corner_count + 1,)"""
+    """Begin of the other corners, and the end of the last, shape (corner_count + 1,)"""
     others: NDArray[np.int64]
-    """their particles in order from it, one corner's after the other"""
+    """Particles of the other corners in order from the corner, one corner's after the other"""
 
 
 def other_corners(model: Model) -> OtherCorners:
-    """The corners that each corner of a face has beside it."""
+    """Return the corners that each corner of a face has beside it."""
     particles = np.asarray(model.face_particles.numpy(), dtype=np.int64)
     offsets = np.asarray(model.face_offsets.numpy(), dtype=np.int64)
     counts, order = np.diff(offsets), np.argsort(particles, kind="stable")
@@ -217,8 +220,10 @@ def other_corners(model: Model) -> OtherCorners:
 
 
 def quads_at_particles(model: Model) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Of every corner of a quad, sorted by particle: the particle, and the corners before, opposite and after, shape
-    (corner_count, 3)."""
+    """Return the corners of quads, sorted by particle: the particle, and the corners before, opposite and after.
+
+    The latter have shape (corner_count, 3).
+    """
     corners = np.asarray(model.face_particles.numpy(), dtype=np.int64).reshape(-1, 4)
     each = np.stack([np.roll(corners, -turn, axis=1) for turn in range(4)], axis=1).reshape(-1, 4)
     each = each[np.argsort(each[:, 0], kind="stable")]
@@ -226,7 +231,7 @@ def quads_at_particles(model: Model) -> tuple[NDArray[np.int64], NDArray[np.int6
 
 
 def _fans(model: Model, traits: Traits) -> Any:
-    """The corners of faces at each particle, where area vectors are needed."""
+    """Return the corners of faces at each particle, where area vectors are needed."""
     table = FanTable()
     count = model.particle_count
     if traits.measures_areas and traits.quads:
@@ -250,7 +255,6 @@ def _spheres(model: Model) -> Any:
     table.mass, table.radius = model.parameters["sphere_mass"], model.parameters["sphere_radius"]
     table.penalty = model.parameters["sphere_penalty"]
     table.restitution = model.parameters["sphere_restitution"]
-    table.friction = model.parameters["sphere_friction"]
     return table
 
 
@@ -261,7 +265,7 @@ def _tubes(model: Model) -> Any:
 
 
 def _pumps(model: Model) -> Any:
-    """Of balloons without, a point without flow."""
+    """Return the pump curves; balloons without one have a point without flow."""
     curves = [balloon.inflation.pump_curve or [(0.0, 0.0)] for balloon in model.scene.balloon]
     longest = max(map(len, curves))
     points = np.array([[*curve, *curve[-1:] * (longest - len(curve))] for curve in curves])
@@ -278,7 +282,7 @@ def _necks(model: Model) -> Any:
 
 
 def _correction(model: Model, traits: Traits) -> Any:
-    """Springs color by color; none where lengths are not corrected."""
+    """Return the springs color by color; none where lengths are not corrected."""
     pairs = np.asarray(model.spring_particles.numpy(), dtype=np.int64).reshape(-1, 2)
     pairs = pairs[: None if traits.corrected else 0]
     colors = color_springs(pairs, np.concatenate([shape.mesh.points for shape in model.shapes]))

@@ -1,4 +1,4 @@
-"""How membranes tear: the tables."""
+"""Tables of tearing membranes."""
 
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -16,16 +16,16 @@ from balloon_warp.model import Model
 from balloon_warp.model.memory import Allocating, Room
 
 BRANCHING_WAY = 0.25
-"""of a balloon's diameter, that a tear runs between two branches"""
+"""Distance between two branchings of a tear, over a balloon's diameter"""
 MOST_TORN = 0.085
-"""part of the skin that tears are to take away at most, being a face wide"""
+"""Largest fraction of the skin that tears, a face wide, are to take away"""
 TEARS_BY_BRANCHINGS = (0.0, 1.5, 2.7, 4.5)
-"""lengths of all tears over the way around a ball, where they never branch, where they begin only, and once or twice
-after"""
+"""Length of all tears over a sphere's circumference, where they never branch, where they branch at their start only,
+and once or twice after"""
 
 
 def tear_arrays(model: Model, room: Room) -> dict[str, Any]:
-    """What is found in a substep; empty where nothing tears."""
+    """Return the arrays of a substep's tears; empty where nothing tears."""
     worlds = model.world_count
     faces = (worlds, model.face_count if model.bursts else 0)
     return {
@@ -39,7 +39,7 @@ def tear_arrays(model: Model, room: Room) -> dict[str, Any]:
 
 
 def tear_table(model: Model) -> Any:
-    """The faces, their triangles, and who is beside them."""
+    """Return the faces, their triangles, and who is beside them."""
     table = TearTable()
     for name, memory in tear_arrays(model, Allocating(model.device)).items():
         setattr(table, name, memory)
@@ -69,7 +69,7 @@ def tear_table(model: Model) -> Any:
 
 
 def tears_of_world(model: Model, tears: Any) -> Any:
-    """A batch's table for one of its worlds."""
+    """Return a batch's table for one of its worlds."""
     table = TearTable()
     for name in TearTable.vars:
         memory = getattr(tears, name)
@@ -79,7 +79,7 @@ def tears_of_world(model: Model, tears: Any) -> Any:
 
 
 def put_tear_parameters(table: Any, model: Model) -> None:
-    """Of balloons, as they are in the model's worlds."""
+    """Store the tear parameters of the balloons in the model's worlds."""
     for row in PARAMETERS:
         setattr(table, row.name, model.parameters[row.name])
 
@@ -88,13 +88,13 @@ class Neighbors(NamedTuple):
     """Pairs of faces that share an edge, each from both, sorted."""
 
     faces: NDArray[np.int64]
-    """shape (n, 2)"""
+    """Two faces of each edge, shape (n, 2)"""
     edges: NDArray[np.int64]
-    """its vertices, shape (n, 2)"""
+    """Vertices of each edge, shape (n, 2)"""
 
 
 def neighbors_of(mesh: PolygonMesh) -> Neighbors:
-    """Who is beside each face."""
+    """Return the neighbors of each face."""
     counts = np.asarray(mesh.face_vertex_counts, dtype=np.int64)
     begins = np.asarray(mesh.face_vertex_indices, dtype=np.int64)
     ends = np.sort(np.stack([begins, begins[next_corners(mesh)]], axis=1), axis=1)
@@ -109,30 +109,30 @@ def neighbors_of(mesh: PolygonMesh) -> Neighbors:
 
 
 def _rests(mesh: PolygonMesh) -> NDArray[np.float64]:
-    """Vertices about their middle, which keeps float32's digits [m]."""
+    """Return the vertices about their middle, which keeps float32's digits [m]."""
     return np.asarray(mesh.points - mesh.points.mean(axis=0), dtype=np.float64)
 
 
 def _centers(mesh: PolygonMesh) -> NDArray[np.float64]:
-    """Of faces [m]."""
+    """Return the centers of faces [m]."""
     corners = _rests(mesh)[mesh.face_vertex_indices]
     offsets = np.cumsum(np.append(0, mesh.face_vertex_counts))
     return np.array([corners[begin:end].mean(axis=0) for begin, end in pairwise(offsets)])
 
 
 def _normals(mesh: PolygonMesh) -> NDArray[np.float64]:
-    """Of faces, of length 1."""
+    """Return the unit normals of faces."""
     vectors = face_vector_areas(mesh)
     return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), np.finfo(float).tiny)
 
 
 def diameter_of(mesh: PolygonMesh) -> float:
-    """Of a ball with as much surface [m]."""
+    """Return the diameter of the sphere of equal area [m]."""
     return float(np.sqrt(total_area(mesh) / np.pi))
 
 
 def share_of_tear(mesh: PolygonMesh) -> float:
-    """The part of the surface that a tear once around a balloon takes away.
+    """Return the part of the surface that a tear once around a balloon takes away.
 
     A line meets a face as often as the face has perimeter, 1 / pi of it times the line's length over all area
     (Cauchy, Crofton).
@@ -145,5 +145,5 @@ def share_of_tear(mesh: PolygonMesh) -> float:
 
 
 def branchings_of(mesh: PolygonMesh) -> int:
-    """How often a tear may branch, so that its gaps, a face wide, leave nine tenths of the skin."""
+    """Return the number of branchings of a tear for which its gaps, a face wide, leave nine tenths of the skin."""
     return int(np.searchsorted(TEARS_BY_BRANCHINGS, MOST_TORN / share_of_tear(mesh), side="right")) - 1

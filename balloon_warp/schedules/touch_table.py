@@ -18,25 +18,25 @@ from balloon_warp.model.sharp_edges import sharp_edges
 from balloon_warp.model.touch import STIFFNESSES, THICKNESS, crowd_of, edge_length
 
 SEARCH_SECONDS = 1.0 / 240.0
-"""between two searches: balloons that meet at 10 m/s come 4 cm nearer meanwhile. In twice the time lists overflow where
-balloons fall into a box, as in `balloon_pit`"""
+"""Time between two searches [s]: balloons that approach at 10 m/s come 4 cm nearer meanwhile. In twice the time lists
+overflow where balloons fall into a box, as in `balloon_pit`"""
 LEAST_SUBSTEPS, LEAST_SUBSTEPS_ITSELF = 2, 4
-"""between two searches, however long they are; more where every particle has to look around on its own balloon, which
-takes as long as five substeps"""
+"""Least number of substeps between two searches; more where every particle has to search its own balloon, which takes
+as long as five substeps"""
 SLACK = 0.1
-"""of an edge, that each of two particles may gain on its way between two searches by accelerating"""
+"""Distance that each of two particles may gain between two searches by accelerating, over an edge"""
 DEPTH = 0.25
-"""of the least extent of a balloon at the start, down to which what is inside is pushed out; foil, which is flat then,
-pushes as deep as an edge is long"""
+"""Depth down to which what is inside is pushed out, over the least initial extent of a balloon; foil, which is flat
+then, pushes as deep as an edge is long"""
 APART = 2.0
-"""edges between parts of a balloon at the start that may touch: farther than neighbors, nearer than what a sharp fold
-brings together"""
+"""Initial distance from which on parts of a balloon may touch, in edges: farther than neighbors, nearer than what a
+sharp fold brings together"""
 TRIANGLES = int(ROOM)
-"""at most of a part that has no others in it"""
+"""Largest number of triangles of a leaf"""
 
 
 def touch_table(model: Model, traits: Traits) -> Any:
-    """The balloons' surfaces; empty where none touch."""
+    """Return the balloons' surfaces; empty where none touch."""
     table = TouchTable()
     if not traits.touches:
         return table
@@ -96,15 +96,15 @@ class Surface(NamedTuple):
     """A mesh as a tree of parts, each halved across its longest extent; numbers count from the mesh's first."""
 
     triangles: NDArray[np.int64]
-    """their vertices, shape (T, 3)"""
+    """Vertices of the triangles, shape (T, 3)"""
     ranges: NDArray[np.int64]
-    """where each part's triangles begin and end, shape (parts, 2)"""
+    """Begin and end of each part's triangles, shape (parts, 2)"""
     ends: NDArray[np.int64]
-    """after each part, the next that is not in it, shape (parts,)"""
+    """Next part outside of each part's subtree, shape (parts,)"""
 
     @property
     def heights(self) -> NDArray[np.int64]:
-        """How many levels of others each part has in it, shape (parts,)."""
+        """Height of each part in the tree, shape (parts,)."""
         heights = np.zeros(len(self.ends), dtype=np.int64)
         for part in reversed(range(len(heights))):
             if self.ends[part] > part + 1:
@@ -113,7 +113,7 @@ class Surface(NamedTuple):
 
 
 def surface_of(mesh: PolygonMesh) -> Surface:
-    """The mesh's triangles, part by part; each part is followed by those in it."""
+    """Return the mesh's triangles, part by part; each part is followed by those in it."""
     triangles = triangles_of(mesh)
     centers = mesh.points[triangles].mean(axis=1)
     order = np.arange(len(triangles))
@@ -137,7 +137,7 @@ def surface_of(mesh: PolygonMesh) -> Surface:
 
 
 def part_count(mesh: PolygonMesh) -> int:
-    """Parts that a mesh has, without looking for them."""
+    """Return the parts that a mesh has, without looking for them."""
     return _parts_of(int(np.maximum(mesh.face_vertex_counts - 2, 0).sum()))
 
 
@@ -148,6 +148,6 @@ def _parts_of(triangles: int) -> int:
 
 
 def substeps_of_search(model: Model) -> int:
-    """Substeps from one search to the next."""
+    """Return the substeps from one search to the next."""
     least = LEAST_SUBSTEPS_ITSELF if model.scene.touches_itself else LEAST_SUBSTEPS
     return max(int(SEARCH_SECONDS / model.step_seconds), least)

@@ -21,11 +21,11 @@ from balloon_warp.schedules.tables import world_state
 from balloon_warp.schedules.touch_table import part_count, substeps_of_search
 
 BOX_THREADS = 128
-"""that go through the particles of a balloon on a GPU"""
+"""Threads that loop over the particles of a balloon on a GPU"""
 MEET_THREADS = 32
-"""that go through the balloons of a world there"""
+"""Threads that loop over the balloons of a world on a GPU"""
 PART_THREADS = 512
-"""that go through the parts of a world there"""
+"""Threads that loop over the parts of a world on a GPU"""
 
 
 class TouchLaunches:
@@ -41,7 +41,7 @@ class TouchLaunches:
         self._list_threads = threads_of_list(model)
 
     def search(self, state: State, substep: int, points: wp.array, velocities: wp.array) -> None:
-        """Who may touch whom, at a frame's first substep; now and then after it, where particles have strayed since."""
+        """Search for contacts, at a frame's first substep, and now and then after it where particles have strayed."""
         if substep % self._interval:
             return
         m, t, working = self.model, self._tables, self._working
@@ -84,7 +84,7 @@ class TouchLaunches:
             launch(take_counts, (m.world_count, particles), [particles, working], device=m.device)
 
     def press(self, state: State, points: wp.array, velocities: wp.array) -> None:
-        """Particles that touch push and are pushed, until the forces are taken."""
+        """Add the contact forces of particles and triangles."""
         self._press(state, points, velocities, only_counts=False)
 
     def _press(self, state: State, points: wp.array, velocities: wp.array, only_counts: bool) -> None:
@@ -95,18 +95,17 @@ class TouchLaunches:
 
 
 def crowding_remarks(crowded: int) -> list[str]:
-    """What is to be said of so many triangles without a place in a list."""
+    """Return the warning for a number of candidate overflows."""
     if not crowded:
         return []
     return [
-        f"touch: {crowded:,} times a particle had more triangles of a balloon near than the {int(MOST_OF_BALLOON)} "
-        f"nearest, which it keeps until the next search, or a sharp edge more than {int(MOST_EDGES)} others; more "
-        "substeps help"
+        f"touch: contacts were too crowded {crowded:,} times and some were ignored: a particle keeps the "
+        f"{int(MOST_OF_BALLOON)} nearest triangles of a balloon, a sharp edge {int(MOST_EDGES)}; more substeps help"
     ]
 
 
 def touch_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
-    """What of `Working` is for balloons that touch."""
+    """Return the arrays of `Working` for balloons that touch."""
     worlds = model.world_count
     balloons, particles = (model.balloon_count, model.particle_count) if traits.touches else (0, 0)
     parts = sum(part_count(shape.mesh) for shape in model.shapes) if traits.touches else 0

@@ -1,4 +1,4 @@
-"""Which physics a model uses, for all its worlds and all its time."""
+"""Features of a model, for all its worlds and all its time."""
 
 import numpy as np
 
@@ -15,24 +15,26 @@ from balloon_warp.schedules.membranes import membrane_laws
 from balloon_warp.schedules.rings import quad_rings
 
 FILLS = ("fill_breaths", "fill_litres", "fill_moles", "fill_to_pressure", "fill_to_diameter")
-"""parameters that ask for more than a pump"""
+"""Parameters of fills that need more than a pump"""
 FINITE_AT_NO_LENGTH = (HOOKE, RUBBER, RUBBER_AT_LIMIT)
-"""laws of springs whose force is none there; of any other, a spring from a particle to itself may make no number"""
+"""Laws of springs whose force is zero at zero length; any other may give NaN for a spring from a particle to itself"""
 CHOOSE_TRAITS = frozenset(
     {"breathing_damping", "added_mass", "leak", "neck_diameter", "sphere_friction", *VARYING, *FILLS}
 )
-"""parameters that kernels are chosen by, and others when they change"""
+"""Parameters that kernels are chosen by, and that replace them when they change"""
 
 
 def choosing_parameters(traits: Traits) -> frozenset[str]:
-    """Parameters that kernels are chosen by, and others when they change: once gas is pumped, it may stop and begin
-    again."""
+    """Return the parameters that kernels are chosen by, and that replace them when they change.
+
+    Once gas is pumped, it may stop and begin again.
+    """
     may_begin = traits.gas and not traits.pumps
     return CHOOSE_TRAITS | ({"keyframe_values"} if may_begin else frozenset())
 
 
 def model_traits(model: Model) -> Traits:
-    """What kernels of the model have to do."""
+    """Return the traits of a model's kernels."""
     kinds = {int(kind) for kind in model.inflation_kind.numpy()}
     scene = model.scene
     laws = acting_laws(model)
@@ -83,21 +85,21 @@ def model_traits(model: Model) -> Traits:
 
 
 def _pumps(model: Model) -> bool:
-    """Whether gas is pumped, in any world at any time, or may be by what changes."""
+    """Return whether gas is pumped, in any world at any time, or may be by changes."""
     at_start, *changed = values_over_time(model, "keyframe_values")
     of_gas = model.inflation_kind.numpy() == int(GAS)
     return bool(at_start[:, of_gas].any()) or any(values.any() for values in changed)
 
 
 def _takes_air_along(model: Model) -> bool:
-    """Whether a balloon with gas has added mass, in any world at any time."""
+    """Return whether a balloon with gas has added mass, in any world at any time."""
     at_start, *changed = values_over_time(model, "added_mass")
     of_gas = model.inflation_kind.numpy() == int(GAS)
     return bool(at_start[:, of_gas].any()) or any(values.any() for values in changed)
 
 
 def _air_varies(model: Model) -> bool:
-    """Whether the air differs from place to place, in any world at any time."""
+    """Return whether the air differs from place to place, in any world at any time."""
     return any(
         (values != np.float32(alike)).any()
         for name, alike in VARYING.items()
@@ -106,16 +108,16 @@ def _air_varies(model: Model) -> bool:
 
 
 def _fills(model: Model) -> bool:
-    """Whether a balloon is filled by more than a pump."""
+    """Return whether a balloon is filled by more than a pump."""
     curves = any(balloon.inflation.pump_curve for balloon in model.scene.balloon)
     return curves or any(_ever(model, name) for name in FILLS)
 
 
 def _ever(model: Model, name: str) -> bool:
-    """Whether a parameter is more than 0 in any world at any time."""
+    """Return whether a parameter is more than 0 in any world at any time."""
     return any(values.any() for values in values_over_time(model, name))
 
 
 def _breathes_on(model: Model) -> bool:
-    """Whether a gas's breathing is damped less than by backward Euler, in any world at any time."""
+    """Return whether a gas's breathing is damped less than by backward Euler, in any world at any time."""
     return any((values != 1.0).any() for values in values_over_time(model, "breathing_damping"))

@@ -1,11 +1,11 @@
-"""What advances a model: a schedule of explicit steps, or the implicit solver that its scene asks for."""
+"""Choice of what advances a model: a schedule of explicit steps, or the implicit solver."""
 
 from balloon_warp.errors import InputError
 from balloon_warp.model import Model
 from balloon_warp.schedules.choose import Schedule, schedule_named, settled_schedule
 
 PROJECTIVE = "projective"
-"""the implicit solver, which loads when first needed"""
+"""Name of the implicit solver, which loads when first needed"""
 
 
 def solver_named(schedule: str, model: Model) -> type[Schedule]:
@@ -26,7 +26,7 @@ def solver_named(schedule: str, model: Model) -> type[Schedule]:
 
 
 def settled_solver(schedule: str, model: Model, world_count: int) -> str:
-    """`schedule`, with `auto` settled for a batch of that many worlds, of which the model may be any part."""
+    """Return `schedule`, with `auto` settled for a batch of that many worlds, of which the model may be any part."""
     if schedule == "auto" and model.scene.solver == PROJECTIVE:
         return PROJECTIVE
     return settled_schedule(schedule, model, world_count)

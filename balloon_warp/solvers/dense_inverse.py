@@ -20,10 +20,10 @@ from balloon_warp.model import Model
 from balloon_warp.solvers.step_matrices import StepMatrices
 
 MANY_WORLDS = 400
-"""that fill a GPU with several rows and worlds a thread: 96 products for each 20 numbers loaded"""
+"""Number of worlds that fill a GPU with several rows and worlds a thread: 96 products for each 20 numbers loaded"""
 ROWS, WORLDS, THREADS = 8, 4, 128
 MOST_PARTICLES = 4096
-"""of a balloon: its inverse takes 64 MiB then, and every iteration reads it"""
+"""Largest number of particles of a balloon: its inverse then takes 64 MiB, and every iteration reads it"""
 
 
 class DenseInverse:
@@ -58,7 +58,7 @@ class DenseInverse:
 
     @staticmethod
     def world_bytes(model: Model, matrices: StepMatrices) -> int:
-        """Memory that it keeps for each world."""
+        """Return the memory that it keeps for each world."""
         return 4 * int((np.diff(model.particle_offsets) ** 2).sum()) * matrices.count // model.world_count
 
     def solve(self, right_sides: wp.array, solutions: wp.array, going: wp.array) -> None:
@@ -77,7 +77,7 @@ class DenseInverse:
 
 
 def _tiles(counts: NDArray[np.integer], rows: int) -> list[tuple[int, int]]:
-    """Balloon and first row of each group of rows that threads beside each other multiply."""
+    """Return the balloon and first row of each group of rows that threads beside each other multiply."""
     tile = rows * int(ROW_THREADS)
     return [(balloon, row) for balloon, count in enumerate(counts) for row in range(0, int(count), tile)]
 

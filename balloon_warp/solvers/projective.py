@@ -37,9 +37,9 @@ from balloon_warp.solvers.sparse_factor import SparseFactor
 from balloon_warp.solvers.step_matrices import FACTORIZED, StepMatrices
 
 ITERATIONS_BETWEEN = 5
-"""two looks whether any world goes on"""
+"""Number of iterations between two tests whether any world goes on"""
 SETTLING_THREADS = 256
-"""that sum what the particles of a world do on a GPU"""
+"""Number of threads that sum over the particles of a world on a GPU"""
 
 
 class ProjectiveSolver(LaunchedSchedule):
@@ -71,7 +71,7 @@ class ProjectiveSolver(LaunchedSchedule):
 
     @staticmethod
     def allot(model: Model, traits: Traits, room: Room) -> tuple[Any, ...]:
-        """Allot six vectors of each particle.
+        """Allocate six vectors for each particle.
 
         They are displacements without springs, those tried, those reached, points tried, residuals, and increments of
         displacements.
@@ -80,7 +80,7 @@ class ProjectiveSolver(LaunchedSchedule):
 
     @classmethod
     def world_bytes(cls, model: Model) -> int:
-        """Device memory that it keeps for each world, beside the state."""
+        """Return the device memory that it keeps for each world, beside the state."""
         return super().world_bytes(model) + _global_step(model).world_bytes(model, StepMatrices(model))
 
     def own(self) -> Mapping[str, Own]:
@@ -88,7 +88,7 @@ class ProjectiveSolver(LaunchedSchedule):
         return {"settle": self._settle}
 
     def _settle(self, state: State, substep: int, time_in_frame: float, now: Moving) -> None:
-        """Local and global steps in turn, until every world has settled."""
+        """Run local and global steps in turn, until every world has converged."""
         free, tried, reached, trials, _, _ = self.vectors
         t, settling, inflations = self.tables, self._settling, self.launches.values["inflation"]
         begin = t, time_in_frame, world_state(state), inflations, settling
@@ -102,7 +102,7 @@ class ProjectiveSolver(LaunchedSchedule):
         self._over_particles(take_displacements, t.step_seconds, reached, *now)
 
     def _iterate(self, state: State, count: int) -> None:
-        """So many iterations in the worlds that go on."""
+        """Run a number of iterations in the worlds that go on."""
         free, tried, reached, trials, residuals, increments = self.vectors
         t, settling, model = self.tables, self._settling, self.model
         settle = settling_kernel(self.traits, inertia_function(self.traits))

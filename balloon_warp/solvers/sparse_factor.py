@@ -57,7 +57,7 @@ class SparseFactor:
 
     @staticmethod
     def world_bytes(model: Model, matrices: StepMatrices) -> int:
-        """Memory that it keeps for each world; for its own factor, an upper bound."""
+        """Return the memory that it keeps for each world; for its own factor, an upper bound."""
         groups = -(-model.world_count // LANE_COUNT)
         entries = 0 if matrices.count == 1 else int(8 * np.log2(model.particle_count + 1)) * model.particle_count
         room = Counting()
@@ -83,10 +83,10 @@ class SparseFactor:
 
 @dataclass(frozen=True)
 class _Layout:
-    """Where the entries of L stand, column by column without the diagonal, whatever they are."""
+    """Places of the entries of L, column by column without the diagonal, independent of their values."""
 
     place: NDArray[np.int32]
-    """the row of each particle"""
+    """Row of each particle"""
     offsets: NDArray[np.int32]
     rows: NDArray[np.int32]
 
@@ -101,7 +101,7 @@ class _Layout:
         return entries, pivots
 
     def _keys(self, offsets: NDArray, rows: NDArray) -> NDArray[np.int64]:
-        """Entries by column, then row, as ascending numbers."""
+        """Return the entries by column, then row, as ascending numbers."""
         columns = np.repeat(np.arange(len(offsets) - 1, dtype=np.int64), np.diff(offsets))
         return columns * len(self.place) + rows
 
@@ -112,7 +112,10 @@ def _lay_out(pattern: Any) -> _Layout:
 
 
 def _factors(matrix: Any, ordering: str) -> tuple[Any, NDArray, NDArray]:
-    """L without its diagonal of ones, as SciPy's CSC matrix, D, and the place of each row, of a symmetric matrix."""
+    """Return the factors of a symmetric matrix: L without its unit diagonal, D, and the place of each row.
+
+    L is SciPy's CSC matrix.
+    """
     from scipy.sparse import tril
     from scipy.sparse.linalg import splu
 

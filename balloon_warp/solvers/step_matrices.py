@@ -9,7 +9,7 @@ from balloon_warp.kernels.laws.hooke import KINDS
 from balloon_warp.model import Model
 
 FACTORIZED = frozenset({"mass", "damping", "structural", "shear", "flexion", "string_stiffness"})
-"""the parameters that the matrices are made of"""
+"""Parameters that the matrices depend on"""
 
 
 class StepMatrices:
@@ -33,7 +33,7 @@ class StepMatrices:
         rows = np.concatenate([np.broadcast_to(part, (worlds, part.shape[1])) for part in parts], axis=1)
         self._rows, of_world = np.unique(rows, axis=0, return_inverse=True)
         self.of_world: NDArray[np.integer] = of_world.reshape(-1)
-        """the matrix of each world, shape (world_count,)"""
+        """Matrix of each world, shape (world_count,)"""
         self._model = model
         self._balloon = np.asarray(model.particle_balloon.numpy(), dtype=np.int64)
         self._share = model.particle_mass_share.numpy().astype(np.float64)
@@ -47,7 +47,7 @@ class StepMatrices:
         return len(self._rows)
 
     def matrix(self, number: int) -> Any:
-        """One of them, as SciPy's CSC array."""
+        """Return one matrix, as SciPy's CSC array."""
         return self._matrix(self._rows[number])
 
     def pattern(self) -> Any:

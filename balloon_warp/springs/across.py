@@ -16,25 +16,25 @@ from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.topology import border_edges, mesh_edges, vertex_components
 
 STRETCH = 0.2
-"""of a thin part across, at the pressure that stretches a ball by `AT`"""
+"""Strain of springs across a thin part, at the pressure that stretches a sphere by `AT`"""
 AT = 0.1
 THIN, THICK = 1.2, 1.9
-"""over the radius of the sphere of a part's area: up to the first, springs bear all of the pressure, and from the
+"""Radii over that of the sphere of a part's area: up to the first, springs bear all of the pressure, and from the
 second on none; a sphere has 2"""
 OPPOSED = -0.3
-"""the most that the product of the normals of opposite walls may be"""
+"""Largest dot product of the normals of opposite walls"""
 OPEN = 0.02
-"""of a part's edges may be on borders, of one that counts as closed"""
+"""Largest fraction of a part's edges on borders, for a part that counts as closed"""
 SPACING = 0.15
-"""of places on walls, over the radius of the sphere of a part's area"""
+"""Spacing of samples on walls, over the radius of the sphere of a part's area"""
 MOST_PARTS = 16
-"""that a side of a large face is divided into"""
+"""Largest number of subdivisions of a side of a large face"""
 LEAST_SHARE = 0.1
-"""of what a corner of a face must bear, for a spring to it"""
+"""Least share of the load at a corner of a face, for a spring to it"""
 MOST_SLANT = 2.0
-"""of a spring's length over the way across that is made up for by its constant"""
+"""Largest length of a spring over the distance across that its constant compensates"""
 LOOKS = 60
-"""along the way inward, at most"""
+"""Largest number of steps along the path inward"""
 
 
 @dataclass(frozen=True)
@@ -42,9 +42,9 @@ class Across:
     """Pairs of particles across thin parts."""
 
     pairs: NDArray[np.int64]
-    """the lower first, in order, shape (n, 2)"""
+    """Pairs of particles, the lower first, in order, shape (n, 2)"""
     loads: NDArray[np.float64]
-    """a spring's constant for each pascal of the pressure at a stretch of `AT` [m], shape (n,)"""
+    """Spring constant per pascal of the pressure at a stretch of `AT` [m], shape (n,)"""
 
 
 @dataclass(frozen=True)
@@ -52,18 +52,19 @@ class _Walls:
     """Places on a surface, so close that no way inward gets past them: vertices, and more on large faces."""
 
     places: NDArray[np.float64]
-    """shape (n, 3)"""
+    """Positions, shape (n, 3)"""
     corners: NDArray[np.int64]
-    """particles that each is between, shape (n, 3); the same one, at a vertex"""
+    """Particles that each sample is between, shape (n, 3); the same one, at a vertex"""
     weights: NDArray[np.float64]
-    """how near it is to each of these, shape (n, 3)"""
+    """Barycentric weights of these particles, shape (n, 3)"""
     normals: NDArray[np.float64]
-    """shape (n, 3)"""
+    """Normals, shape (n, 3)"""
 
 
 def springs_across(mesh: PolygonMesh, between_parts: bool) -> Across:
-    """The pairs of opposite particles of all parts of a mesh that are closed, but for small holes, and of each what it
-    has to bear. Where the opposite wall is amid a large face, its corners share that.
+    """Return pairs of opposite particles of all closed parts of a mesh, and their loads.
+
+    Small holes are ignored. Where the opposite wall is amid a large face, its corners share the load.
 
     Args:
         between_parts: whether the opposite wall may be another part's, as that of a cavity is.
@@ -103,11 +104,12 @@ def _ways_inward(
     spacings: NDArray[np.float64],
     parts: NDArray[np.int64] | None,
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """How far the opposite wall is from each vertex, straight inward [m], infinite where it is far or there is none;
-    and which place on a wall is there; shape (vertex_count,) each.
+    """Return the distance from each vertex straight inward to the opposite wall [m], and the sample there.
+
+    The distance is infinite where the wall is far or missing; shape (vertex_count,) each.
 
     Args:
-        parts: which part each vertex is of, where a part sees its own walls alone.
+        parts: Part of each vertex, where a part only sees its own walls.
     """
     from scipy.spatial import KDTree
 
@@ -138,10 +140,10 @@ def _ways_inward(
 
 
 def _walls(mesh: PolygonMesh, used: NDArray[np.int64], spacings: NDArray[np.float64]) -> _Walls:
-    """Of these vertices and their faces.
+    """Return samples of the walls at these vertices and their faces.
 
     Args:
-        spacings: of places on the faces around each vertex [m], shape (vertex_count,).
+        spacings: Spacings of samples on the faces around each vertex [m], shape (vertex_count,).
     """
     corners, _ = triangulate(mesh)
     corners = corners[np.isin(corners[:, 0], used)].astype(np.int64)

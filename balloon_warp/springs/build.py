@@ -23,7 +23,9 @@ CHUNK_PAIRS = 1 << 22
 
 
 def build_springs(mesh: PolygonMesh) -> Springs:
-    """Structural, shear and flexion springs of a mesh with any valence, face size, borders and non-manifold edges.
+    """Build the springs of a mesh with any valence, face size, borders and non-manifold edges.
+
+    They are structural, shear and flexion springs.
 
     Each pair of particles has at most one spring. Its kind is the first of the three, in that order, whose rule it
     fits. Where a particle has more than `LARGEST_FAN` neighbors, a flexion spring joins each neighbor with the one
@@ -63,7 +65,7 @@ def _keys(first: NDArray[np.int64], second: NDArray[np.int64], count: int) -> ND
 
 
 def _pairs_in_groups(members: NDArray[np.int64], sizes: NDArray, count: int) -> NDArray[np.int64]:
-    """Sorted keys of the pairs of particles that stand together in a group.
+    """Return the sorted keys of the pairs of particles that stand together in a group.
 
     Args:
         members: particles of all groups in order, shape (sizes.sum(),).

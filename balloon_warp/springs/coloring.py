@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 
 def color_springs(pairs: NDArray[np.integer], places: NDArray[np.floating]) -> NDArray[np.int64]:
-    """Each spring's color, shape (spring_count,): the lowest that no spring before it has at its ends.
+    """Return each spring's color, shape (spring_count,): the lowest that no spring before it has at its ends.
 
     Springs are taken in the order of the places of their ends, so that the colors depend neither on the order that they
     are given in nor on how particles are numbered, unless particles coincide. At most 2 n - 1 colors come up where a

@@ -1,4 +1,4 @@
-"""How stiff each spring has to be for all of them together to be an even skin, however a mesh divides it.
+"""Spring constants that make an even skin, however a mesh divides it.
 
 Springs of constant k, rest length L and direction t (a unit vector) make the tension 1/2 sum k L^2 t t^T / A of a
 vertex of area A, for each unit of strain in all directions. A square grid has the same everywhere, K = k_structural +
@@ -15,23 +15,23 @@ from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.springs.springs import Springs
 
 GRID = np.array([1.0, 2.0, 4.0])
-"""squared lengths of the springs of each kind on a square grid, over an edge's, and their parts in its tension"""
+"""Squared lengths of the springs of each kind on a square grid over an edge's, and their shares in its tension"""
 MOST = 30.0
-"""times its kind's constant, and times less, that a spring may get"""
+"""Largest factor on a kind's constant, and largest divisor"""
 ROUNDS = 40
 CLOSE = 0.01
-"""of K is even enough"""
+"""Relative tolerance of K"""
 LEAST = 1.0e-3
-"""of K that a vertex counts as having any way, where no spring leads that way"""
+"""Least stiffness in any direction over K, where no spring leads that way"""
 
 
 def film_tension(constants: NDArray[np.float64]) -> float:
-    """Tension of an even skin for each unit of strain [N/m], from the constants of the kinds, shape (3,)."""
+    """Return the tension of an even skin for each unit of strain [N/m], from the constants of the kinds, shape (3,)."""
     return float(constants @ GRID)
 
 
 def even_scales(mesh: PolygonMesh, springs: Springs, constants: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Each spring's constant over that of its kind, shape (spring_count,).
+    """Return each spring's constant over that of its kind, shape (spring_count,).
 
     A square grid's are 1. Vertices without area, and springs without length, do not count.
 
@@ -69,7 +69,7 @@ def even_scales(mesh: PolygonMesh, springs: Springs, constants: NDArray[np.float
 
 
 def _along_surface(mesh: PolygonMesh, springs: Springs) -> NDArray[np.float64]:
-    """Each spring in the plane that touches the surface at either end, shape (spring_count, 2, 2)."""
+    """Return each spring in the plane that touches the surface at either end, shape (spring_count, 2, 2)."""
     normals = vertex_normals(mesh)
     aside = np.eye(3)[np.abs(normals).argmin(axis=1)]
     first = np.cross(normals, aside)
@@ -80,7 +80,7 @@ def _along_surface(mesh: PolygonMesh, springs: Springs) -> NDArray[np.float64]:
 
 
 def _inverse(tensors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Of symmetric matrices by their components 11, 12 and 22, shape (n, 3)."""
+    """Return the inverses of symmetric matrices by their components 11, 12 and 22, shape (n, 3)."""
     first, between, second = tensors[:, 0] + LEAST, tensors[:, 1], tensors[:, 2] + LEAST
     determinant = np.maximum(first * second - between**2, LEAST**2)
     return np.stack([second, -between, first], axis=1) / determinant[:, None]

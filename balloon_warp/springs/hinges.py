@@ -12,15 +12,17 @@ from balloon_warp.mesh.topology import mesh_edges
 
 @dataclass(frozen=True)
 class Hinges:
-    """The edges of exactly two faces. A face's wing is its corners beside the edge; it stands for the face at their
-    mean."""
+    """Hinges: the edges of exactly two faces.
+
+    A face's wing is its corners beside the edge; their mean represents the face.
+    """
 
     ends: NDArray[np.int64]
-    """the particles of each edge, the lower first, shape (hinge_count, 2)"""
+    """Particles of each edge, the lower first, shape (hinge_count, 2)"""
     wing_offsets: NDArray[np.int64]
-    """hinge n's wings begin at entries 2 n and 2 n + 1, shape (2 hinge_count + 1,)"""
+    """Begin of hinge n's wings at entries 2 n and 2 n + 1, shape (2 hinge_count + 1,)"""
     wing_particles: NDArray[np.int64]
-    """the corners of all wings"""
+    """Corners of all wings"""
 
     @property
     def count(self) -> int:
@@ -28,25 +30,24 @@ class Hinges:
 
     @property
     def wing_sizes(self) -> NDArray[np.int64]:
-        """corners of each wing, shape (hinge_count, 2)"""
+        """Number of corners of each wing, shape (hinge_count, 2)."""
         return np.diff(self.wing_offsets).reshape(-1, 2)
 
     def arms(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-        """The edge, and from its first end the first and the second wing, each of shape (hinge_count, 3)."""
+        """Return the edge, and from its first end the first and the second wing, each of shape (hinge_count, 3)."""
         sums = np.add.reduceat(points[self.wing_particles], self.wing_offsets[:-1], axis=0).reshape(-1, 2, 3)
         wings = sums / self.wing_sizes[..., None] - points[self.ends[:, :1]]
         return points[self.ends[:, 1]] - points[self.ends[:, 0]], wings[:, 0], wings[:, 1]
 
     def angles(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """From the first face's normal to the second's, about the edge [rad], shape (hinge_count,)."""
+        """Return the angle from the first face's normal to the second's about each edge [rad], shape (hinge_count,)."""
         edge, first, second = self.arms(points)
         normals = np.cross(edge, first), np.cross(second, edge)
         lengths = np.linalg.norm(edge, axis=1)
         return np.arctan2((np.cross(*normals) * edge).sum(axis=1) / lengths, (normals[0] * normals[1]).sum(axis=1))
 
     def gradients(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """How fast the angle changes with the places of the edge's ends and of the wings [rad/m], shape
-        (hinge_count, 4)."""
+        """Return the gradients of the angles by the edges' ends and the wings [rad/m], shape (hinge_count, 4)."""
         edge, *wings = self.arms(points)
         lengths = np.maximum(np.linalg.norm(edge, axis=1), 1e-12)
         of_wings, of_ends = [], np.zeros((self.count, 2, 3))
@@ -61,7 +62,7 @@ class Hinges:
 
 
 def build_hinges(mesh: PolygonMesh) -> Hinges:
-    """The hinges of a mesh, in the order of their ends; none at borders and where more than two faces meet."""
+    """Return the hinges of a mesh, in the order of their ends; none at borders and where more than two faces meet."""
     edges, starts, faces = mesh_edges(mesh), face_starts(mesh), corner_faces(mesh)
     ends, wings = [], []
     for edge in np.flatnonzero(edges.face_counts == 2).tolist():

@@ -9,9 +9,9 @@ from balloon_warp.mesh.corners import face_starts
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 
 MOST_FANS = 6
-"""that a face of more corners is covered with"""
+"""Largest number of fans that cover a face of more corners"""
 LEAST_AREA = 1.0e-6
-"""over its squared longest edge; what has less is left out"""
+"""Least area of a triangle over its squared longest edge; smaller ones are left out"""
 
 
 @dataclass(frozen=True)
@@ -19,29 +19,28 @@ class Membrane:
     """Triangles that together cover each face once, with its whole thickness."""
 
     corners: NDArray[np.int64]
-    """shape (T, 3)"""
+    """Corners, shape (T, 3)"""
     areas: NDArray[np.float64]
-    """at rest, times the triangle's part of what covers the face [m^2], shape (T,)"""
+    """Rest areas, times the triangle's share in covering the face [m^2], shape (T,)"""
     edges: NDArray[np.float64]
-    """at rest, from the first corner to the others [m], shape (T, 2, 3)"""
+    """Rest edges from the first corner to the others [m], shape (T, 2, 3)"""
     faces: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    """that each covers a part of, shape (T,)"""
+    """Face that each covers a part of, shape (T,)"""
 
     @property
     def count(self) -> int:
-        """of triangles"""
+        """Number of triangles."""
         return len(self.corners)
 
     def turned(self, turns: int) -> "Membrane":
-        """The same triangles from another of their corners on."""
+        """Return the triangles with another corner first."""
         ends = np.concatenate([np.zeros((self.count, 1, 3)), self.edges], axis=1)
         ends = np.roll(ends, -turns, axis=1)
         return Membrane(np.roll(self.corners, -turns, axis=1), self.areas, ends[:, 1:] - ends[:, :1])
 
     @property
     def rests(self) -> NDArray[np.float64]:
-        """components 11, 12 and 22 of the inverse of the products of the two edges [1/m^2], and the area [m^2], shape
-        (T, 4)"""
+        """Components 11, 12 and 22 of the inverse rest metric [1/m^2], and the area [m^2], shape (T, 4)."""
         first, second = self.edges[:, 0], self.edges[:, 1]
         squares, product = ((first**2).sum(axis=1), (second**2).sum(axis=1)), (first * second).sum(axis=1)
         determinant = (np.cross(first, second) ** 2).sum(axis=1)
@@ -50,14 +49,16 @@ class Membrane:
         )
 
     def part(self, rows: NDArray[np.integer]) -> "Membrane":
-        """Some of the triangles."""
+        """Return some of the triangles."""
         faces = self.faces[rows] if len(self.faces) else self.faces
         return Membrane(self.corners[rows], self.areas[rows], self.edges[rows], faces)
 
     @property
     def quad_rows(self) -> NDArray[np.int64]:
-        """The rows of the triangles of those quads that have all four, (a, b, c), (a, b, d), (a, c, d) and (b, c, d):
-        shape (Q, 4)."""
+        """Rows of the triangles of those quads that have all four, shape (Q, 4).
+
+        They are (a, b, c), (a, b, d), (a, c, d) and (b, c, d).
+        """
         first, second, third, fourth = (self.corners[k : self.count - 3 + k] for k in range(4))
         a, b, c, d = first[:, 0], first[:, 1], first[:, 2], second[:, 2]
         matches = np.ones(len(first), dtype=bool)
@@ -71,16 +72,18 @@ class Membrane:
 
     @property
     def laplacian(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Pairs of particles, shape (3 T, 2), and the half cotangents between them, each times the part of the
-        triangle, shape (3 T,): the squared gradient of what is linear in each triangle, over its area, is the sum of
-        the squared differences times these."""
+        """Pairs of particles, shape (3 T, 2), and their cotangent weights, shape (3 T,).
+
+        Weights are half cotangents times the share of the triangle: the squared gradient of what is linear in each
+        triangle, over its area, is the sum of the squared differences times these.
+        """
         g11, g12, g22, area = self.rests.T
         between = np.stack([g11 + g12, g22 + g12, -g12], axis=1) * area[:, None]
         pairs = self.corners[:, [[0, 1], [0, 2], [1, 2]]]
         return pairs.reshape(-1, 2), between.ravel()
 
     def stretches(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
-        """The larger principal stretch of each triangle where its corners are at these points, shape (T,)."""
+        """Return the larger principal stretch of each triangle where its corners are at these points, shape (T,)."""
         places = np.asarray(points, dtype=np.float64)[self.corners]
         edges = places[:, 1:] - places[:, :1]
         g11, g12, g22, _ = self.rests.T
@@ -91,20 +94,21 @@ class Membrane:
         return np.sqrt(0.5 * (first + second + spread))
 
     def lumps(self, count: int) -> NDArray[np.float64]:
-        """The area that falls to each of so many particles [m^2]."""
+        """Return the area that falls to each of so many particles [m^2]."""
         lumps = np.zeros(count)
         np.add.at(lumps, self.corners, self.areas[:, None] / 3.0)
         return lumps
 
 
 def no_membrane() -> Membrane:
-    """Of a balloon that has none."""
+    """Return an empty membrane."""
     return Membrane(np.zeros((0, 3), dtype=np.int64), np.zeros(0), np.zeros((0, 2, 3)))
 
 
 def build_membrane(mesh: PolygonMesh) -> Membrane:
-    """The membrane of a mesh: each face is the mean of its fans of triangles, one from each corner. A quad has so its
-    four corner triangles, each by half; a face of many corners has fans from a few.
+    """Return the membrane of a mesh: each face is the mean of its fans of triangles, one from each corner.
+
+    A quad has so its four corner triangles, each by half; a face of many corners has fans from a few.
 
     A face of two corners has none, and neither has what is no wider than a line.
     """
@@ -128,8 +132,10 @@ def build_membrane(mesh: PolygonMesh) -> Membrane:
 
 
 def _fans(size: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """The triangles of a face's fans, each once, by the places of its corners in the face, shape (T, 3), and the part
-    of the fans that have it."""
+    """Return the triangles of a face's fans, each once, shape (T, 3), and the fraction of the fans that have it.
+
+    Triangles are given by the places of their corners in the face.
+    """
     tips = np.unique(np.linspace(0, size, min(size, MOST_FANS), endpoint=False).astype(np.int64))
     found = [sorted((tip, (tip + k) % size, (tip + k + 1) % size)) for tip in tips.tolist() for k in range(1, size - 1)]
     places, counts = np.unique(np.array(found), axis=0, return_counts=True)

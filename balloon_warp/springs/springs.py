@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 
 class SpringKind(IntEnum):
-    """What a spring resists (paper, figure 3)."""
+    """Deformation that a spring resists (paper, figure 3)."""
 
     STRUCTURAL = 0
-    """stretch: along an edge of a face"""
+    """Stretch: along an edge of a face"""
     SHEAR = 1
-    """shear: across a face"""
+    """Shear: across a face"""
     FLEXION = 2
-    """bending: over one particle between its ends"""
+    """Bending: past one particle between its ends"""
 
 
 @dataclass(frozen=True)
@@ -24,29 +24,30 @@ class Springs:
     """All springs of a mesh, sorted by kind and then by their ends."""
 
     pairs: NDArray[np.int32]
-    """the particles at the ends, the lower first, shape (spring_count, 2)"""
+    """Particles at the ends, the lower first, shape (spring_count, 2)"""
     kind: NDArray[np.int32]
-    """a `SpringKind`, shape (spring_count,)"""
+    """Kind, a `SpringKind`, shape (spring_count,)"""
     rest_lengths: NDArray[np.float64]
-    """in the unit of the mesh's points, shape (spring_count,)"""
+    """Rest lengths in the unit of the mesh's points, shape (spring_count,)"""
 
     def of_kinds(self, kinds: Collection[SpringKind]) -> "Springs":
-        """Those of some kinds."""
+        """Return the springs of some kinds."""
         kept = np.isin(self.kind, [int(kind) for kind in kinds])
         return Springs(self.pairs[kept], self.kind[kept], self.rest_lengths[kept])
 
     def resting_at(self, points: NDArray[np.float64]) -> "Springs":
-        """The same at rest where particles are at these points, shape (particle_count, 3)."""
+        """Return the springs at rest where particles are at these points, shape (particle_count, 3)."""
         lengths = np.linalg.norm(points[self.pairs[:, 1]] - points[self.pairs[:, 0]], axis=1)
         return Springs(self.pairs, self.kind, lengths)
 
     def with_structural(self, pairs: NDArray[np.integer], points: NDArray[np.float64]) -> "Springs":
-        """With springs of the structural kind between more particles, as long as these are apart; of pairs that have
-        springs already, those stay.
+        """Return the springs with structural ones between more particles, at rest at their distance.
+
+        Pairs that have springs already keep those.
 
         Args:
-            pairs: the lower first, each once, shape (n, 2).
-            points: of the particles, shape (particle_count, 3).
+            pairs: Pairs, the lower particle first, each once, shape (n, 2).
+            points: Points of the particles, shape (particle_count, 3).
         """
         pairs = pairs[~self.has(pairs)]
         if not len(pairs):
@@ -58,7 +59,7 @@ class Springs:
         return Springs(all_pairs[order], kind[order], np.concatenate([self.rest_lengths, lengths])[order])
 
     def has(self, pairs: NDArray[np.integer]) -> NDArray[np.bool_]:
-        """Whether a spring joins each of these pairs of particles, the lower first; shape (n,)."""
+        """Return whether a spring joins each of these pairs of particles, the lower first; shape (n,)."""
         return np.isin(_keys(pairs), _keys(self.pairs))
 
     @property
@@ -79,5 +80,5 @@ class Springs:
 
 
 def _keys(pairs: NDArray[np.integer]) -> NDArray[np.int64]:
-    """A number for each pair."""
+    """Return a number for each pair."""
     return (pairs[:, 0].astype(np.int64) << 32) + pairs[:, 1]

@@ -18,24 +18,25 @@ from balloon_warp.springs.build import build_springs
 from balloon_warp.springs.springs import SpringKind, Springs
 
 TIED = 12
-"""particles of a part that are tied in a round, at most"""
+"""Largest number of particles of a part that are tied in a round"""
 EACH = 4
-"""springs of each of them"""
+"""Number of springs of each tied particle"""
 LEAST_TIED = 4
-"""particles that are tied, however far"""
+"""Least number of particles that are tied, however far"""
 NEAR = 1.25
-"""times the least distance is near"""
+"""Distance that counts as near, over the least distance"""
 FIRM = 0.1
-"""of a spring's constant is what a part must be held with against each motion and turn; else it is braced"""
+"""Least stiffness against each motion and rotation over a spring's constant; below it a part is braced"""
 BRACED = 4
-"""particles on either side of a brace, each joined to each"""
+"""Number of particles on either side of a brace, each joined to each"""
 TOUCHING = 0.1
-"""of the size of the smaller part is as near as touching"""
+"""Distance that counts as touching, over the size of the smaller part"""
 
 
 def balloon_springs(mesh: PolygonMesh, parts: Parts, kinds: Collection[SpringKind] = tuple(SpringKind)) -> Springs:
-    """The springs of a mesh, of these kinds, and, where its parts are held, structural ones between components. A net,
-    whose faces are edges, has none of those.
+    """Return the springs of a mesh, and structural ones between components that are held together.
+
+    A net, whose faces are edges, has none of the latter.
 
     Raises:
         InputError: there would be too many, see `build_springs`.
@@ -47,8 +48,7 @@ def balloon_springs(mesh: PolygonMesh, parts: Parts, kinds: Collection[SpringKin
 
 
 def tie_pairs(mesh: PolygonMesh) -> NDArray[np.int64]:
-    """Pairs of particles of different components, the lower first and in order, that hold all of them together, shape
-    (n, 2)."""
+    """Return pairs of particles that hold all components together, the lower first and in order, shape (n, 2)."""
     used = np.unique(mesh.face_vertex_indices)
     _, labels = np.unique(vertex_components(mesh, mesh_edges(mesh))[used], return_inverse=True)
     points = mesh.points[used]
@@ -68,7 +68,7 @@ def tie_pairs(mesh: PolygonMesh) -> NDArray[np.int64]:
 def nearest_elsewhere(
     points: NDArray[np.float64], labels: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """For each point the nearest one of another label, and how far it is, each of shape (n,).
+    """Return, for each point, the nearest one of another label, and its distance, each of shape (n,).
 
     Two labels differ in some binary digit: for each digit, those with a 0 are asked for among those with a 1, and the
     other way around.
@@ -90,8 +90,10 @@ def nearest_elsewhere(
 
 
 def spread(points: NDArray[np.float64], count: int) -> NDArray[np.int64]:
-    """The first point, and then always the one that is farthest from those before it: so many at most, none at the
-    place of another."""
+    """Return points by farthest-point sampling from the first.
+
+    As many at most, none at the place of another.
+    """
     chosen, away = [0], np.linalg.norm(points - points[0], axis=1)
     while len(chosen) < count and away.max() > 0.0:
         chosen.append(int(away.argmax()))
@@ -100,7 +102,7 @@ def spread(points: NDArray[np.float64], count: int) -> NDArray[np.int64]:
 
 
 def _sizes(points: NDArray[np.float64], labels: NDArray[np.int64]) -> NDArray[np.float64]:
-    """The diagonal of the box around the points of each label."""
+    """Return the diagonal of the box around the points of each label."""
     lowest = np.full((int(labels.max()) + 1, 3), np.inf)
     highest = -lowest
     np.minimum.at(lowest, labels, points)
@@ -114,7 +116,7 @@ def _tied(
     distances: NDArray[np.float64],
     touching: NDArray[np.float64],
 ) -> NDArray[np.int64]:
-    """The particles of each part that are to be tied: some of those that are near, or the nearest."""
+    """Return the particles of each part that are to be tied: some of those that are near, or the nearest."""
     order = np.lexsort((distances, labels))
     tied = []
     for part in np.split(order, np.flatnonzero(np.diff(labels[order])) + 1):
@@ -128,8 +130,10 @@ def _tied(
 def _ties(
     points: NDArray[np.float64], labels: NDArray[np.int64], tied: NDArray[np.int64], reach: NDArray[np.float64]
 ) -> NDArray[np.int64]:
-    """Each tied particle with some of other parts within its reach, or a longer one where that has too few, shape
-    (n, 2)."""
+    """Return pairs of tied particles with some of other parts within reach, shape (n, 2).
+
+    The reach is longer where there are too few.
+    """
     from scipy.spatial import KDTree
 
     tree, farthest = KDTree(points), float(np.linalg.norm(np.ptp(points, axis=0)))
@@ -154,7 +158,7 @@ def _braces(
     distances: NDArray[np.float64],
     ties: NDArray[np.int64],
 ) -> list[NDArray[np.int64]]:
-    """More pairs, each of shape (n, 2), for each part that its ties do not hold firmly to the one nearest to it."""
+    """Return more pairs, each of shape (n, 2), for each part that its ties do not hold firmly to the nearest one."""
     order = np.lexsort((distances, labels))
     closest = order[np.searchsorted(labels[order], np.arange(labels.max() + 1))]
     sizes, at_ends = _sizes(points, labels), labels[ties]
@@ -172,8 +176,10 @@ def _braces(
 
 
 def _is_firm(first: NDArray[np.float64], second: NDArray[np.float64], arm: float) -> bool:
-    """Whether springs from the first to the second ends, each of shape (n, 3), hold rigid parts against every motion,
-    and against every turn, by an angle times an arm, with `FIRM` of a spring's constant."""
+    """Return whether springs between ends, each of shape (n, 3), hold rigid parts against every motion and rotation.
+
+    A rotation is an angle times an arm; the least stiffness is `FIRM` of a spring's constant.
+    """
     lengths = np.linalg.norm(second - first, axis=1)
     long = lengths > 0.0
     if np.count_nonzero(long) < 6:  # motions and turns
@@ -187,7 +193,7 @@ def _is_firm(first: NDArray[np.float64], second: NDArray[np.float64], arm: float
 def _spread_around(
     points: NDArray[np.float64], labels: NDArray[np.int64], middle: int, reach: float
 ) -> NDArray[np.int64]:
-    """Particles of the part that one is in, within a reach of it, that one first, and far from each other."""
+    """Return particles of a part within reach of one, that one first, and far from each other."""
     part = np.flatnonzero(labels == labels[middle])
     away = np.linalg.norm(points[part] - points[middle], axis=1)
     part = part[np.argsort(away, kind="stable")][: np.count_nonzero(away <= reach)]

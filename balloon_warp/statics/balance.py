@@ -1,4 +1,4 @@
-"""Where a balloon comes to rest: the least energy of its skin and of the gas in it, by Newton's method."""
+"""Equilibrium of a balloon: the least energy of its skin and of its gas, by Newton's method."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,24 +14,24 @@ from balloon_warp.statics.volume import SealedGas, Volume
 Values = NDArray[np.float64]
 MOST_STEPS = 100
 STILL = 1.0e-7
-"""of the forces of the gas is what is left of forces at rest"""
+"""Largest residual force at rest over the forces of the gas"""
 FIRST_SHIFT, LEAST_SHIFT, MOST_SHIFT = 1.0e-4, 1.0e-9, 1.0e4
-"""of the mean stiffness, added where the energy is not convex; it also holds what could move along and turn"""
+"""Shifts over the mean stiffness, added where the energy is not convex; they also restrain rigid motion"""
 
 
 class Skin(Protocol):
-    """What pulls: springs or a film."""
+    """Skin of springs or of a film."""
 
     def energy(self, points: Values) -> float:
-        """[J]"""
+        """Return the energy [J]."""
         ...
 
     def forces(self, points: Values) -> Values:
-        """On the particles [N], shape (n, 3)."""
+        """Return the forces on the particles [N], shape (n, 3)."""
         ...
 
     def stiffness(self, points: Values) -> sparse.csc_matrix:
-        """Minus the derivatives of the forces [N/m], shape (3 n, 3 n)."""
+        """Return minus the derivatives of the forces [N/m], shape (3 n, 3 n)."""
         ...
 
 
@@ -44,15 +44,15 @@ class Balance:
     gas: SealedGas
 
     def forces(self, points: Values) -> Values:
-        """Of both on the particles [N], shape (n, 3)."""
+        """Return the forces of skin and gas on the particles [N], shape (n, 3)."""
         return self.skin.forces(points) + self.pressure(points) * self.volume.slopes(points)
 
     def pressure(self, points: Values) -> float:
-        """Of the gas above the air's [Pa]."""
+        """Return the gauge pressure of the gas [Pa]."""
         return self.gas.pressure(self.volume.of(points))
 
     def stiffness(self, points: Values) -> tuple[sparse.csc_matrix, Values, float]:
-        """Minus the derivatives of the forces [N/m]: a sparse matrix plus s g g', where the gas is squeezed.
+        """Return minus the derivatives of the forces [N/m]: a sparse matrix plus s g g', where the gas is squeezed.
 
         Returns:
             The sparse part, shape (3 n, 3 n); g, shape (3 n,); and s.
@@ -62,14 +62,14 @@ class Balance:
         return sparse_part.tocsc(), self.volume.slopes(points).ravel(), self.gas.stiffness(volume)
 
     def left_over(self, points: Values) -> float:
-        """The root mean square of the forces over that of the gas's."""
+        """Return the root mean square of the forces over that of the gas's."""
         of_gas = self.pressure(points) * self.volume.slopes(points)
         return float(np.linalg.norm(self.forces(points)) / max(float(np.linalg.norm(of_gas)), 1.0e-30))
 
     def settle(
         self, points: Values, still: float = STILL, strays: Callable[[Values], bool] = lambda points: False
     ) -> Values | None:
-        """Where it comes to rest, beginning there; None where it finds no rest.
+        """Return the equilibrium reached from a start, or None if none is found.
 
         The center and the turn stay as they are, or nearly so.
 
@@ -90,7 +90,7 @@ class Balance:
         return here if self.left_over(here) < 100.0 * still else None
 
     def _step(self, points: Values, shift: float) -> tuple[Values, float] | None:
-        """The next points, and the next shift; None where no step helps."""
+        """Return the next points, and the next shift; None where no step helps."""
         matrix, slopes, squeeze = self.stiffness(points)
         forces, before = self.forces(points).ravel(), self.volume.of(points)
         resting, unit = self.skin.energy(points), float(np.abs(matrix.diagonal()).mean())
@@ -117,6 +117,6 @@ class Balance:
 
 
 def solver_of(matrix: Any) -> Callable[[Values], Values]:
-    """What solves with a matrix of a symmetric pattern."""
+    """Return a solver of linear systems with a matrix of a symmetric pattern."""
     factor = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.001, options={"SymmetricMode": True})
     return factor.solve

@@ -27,7 +27,7 @@ def of_blocks(parts: Sequence[tuple[Numbers, Numbers, Values]], rows: int, colum
 
 
 def cross_matrices(vectors: Values) -> Values:
-    """The matrices that multiply by a vector from the left, v x u = [v] u, shape (n, 3, 3)."""
+    """Return the matrices that multiply by a vector from the left, v x u = [v] u, shape (n, 3, 3)."""
     matrices = np.zeros((len(vectors), 3, 3))
     matrices[:, 0, 1], matrices[:, 0, 2], matrices[:, 1, 2] = -vectors[:, 2], vectors[:, 1], -vectors[:, 0]
     return matrices - matrices.transpose(0, 2, 1)

@@ -19,11 +19,11 @@ from balloon_warp.statics.blocks import gathered, of_blocks
 
 Values = NDArray[np.float64]
 CORNERS = np.array([[-1.0, -1.0], [1.0, 0.0], [0.0, 1.0]])
-"""how a triangle's two edges change with its corners"""
+"""Derivatives of a triangle's two edges by its corners"""
 TINY = 1.0e-30
-"""an imaginary step"""
+"""Step of complex differentiation"""
 LEAST_SPREAD = 1.0e-24
-"""of squared differences of squared stretches: at none, the root has no slope"""
+"""Least squared difference of squared stretches: at zero, the root has no derivative"""
 
 
 @dataclass(frozen=True)
@@ -32,17 +32,17 @@ class FilmSkin:
 
     law: Law
     numbers: Mapping[str, Any]
-    """the law's parameters by name"""
+    """Parameters of the law by name"""
     corners: NDArray[np.int64]
-    """shape (t, 3)"""
+    """Corners, shape (t, 3)"""
     skins: Values
-    """the thickness that each triangle stands for [m], shape (t,)"""
+    """Thickness that each triangle stands for [m], shape (t,)"""
     rest_edges: Values
-    """from each triangle's first corner to the others where nothing pulls [m], shape (t, 2, 3)"""
+    """Stress-free edges from each triangle's first corner to the others [m], shape (t, 2, 3)"""
     wrinkles: bool = True
 
     def with_mould(self, mould: Values) -> "FilmSkin":
-        """The same film, at rest where the particles are there, shape (n, 3)."""
+        """Return the film with another stress-free shape, shape (n, 3)."""
         return replace(self, rest_edges=self._edges(mould))
 
     def with_weights(self, weights: Values) -> "FilmSkin":
@@ -50,25 +50,25 @@ class FilmSkin:
         return replace(self, skins=self.skins * weights[self.corners].mean(axis=1))
 
     def energy(self, points: Values) -> float:
-        """[J]"""
+        """Return the energy [J]."""
         now, rest = metric_of(self._edges(points)), metric_of(self.rest_edges)
         invariants, *_, slack = self._state(now, rest)
         density = _called(self.law.energy, {**self.numbers, **invariants})
         return float((np.where(slack, 0.0, density) * 0.5 * np.sqrt(determinant(rest)) * self.skins).sum())
 
     def forces(self, points: Values) -> Values:
-        """On the particles [N], shape (n, 3)."""
+        """Return the forces on the particles [N], shape (n, 3)."""
         return gathered(self.corners.ravel(), self._pulls(points).reshape(-1, 3), len(points))
 
     def _pulls(self, points: Values) -> Values:
-        """Of each triangle on its corners [N], shape (t, 3, 3)."""
+        """Return the forces of each triangle on its corners [N], shape (t, 3, 3)."""
         edges = self._edges(points)
         tensions = self.tensions(metric_of(edges), metric_of(self.rest_edges))
         pulls = np.einsum("tij,tjx->tix", _square(tensions), edges)
         return np.einsum("ai,tix->tax", -CORNERS, pulls)
 
     def stiffness(self, points: Values) -> sparse.csc_matrix:
-        """Minus the derivatives of the forces by the points [N/m], shape (3 n, 3 n)."""
+        """Return minus the derivatives of the forces by the points [N/m], shape (3 n, 3 n)."""
         edges, rest = self._edges(points), metric_of(self.rest_edges)
         now = metric_of(edges)
         slopes = _slopes(lambda metric: self.tensions(metric, rest), now)
@@ -77,7 +77,7 @@ class FilmSkin:
         return self._assembled(blocks, len(points))
 
     def forces_by_mould(self, points: Values) -> sparse.csc_matrix:
-        """The derivatives of the forces by the shape at rest [N/m], shape (3 n, 3 n)."""
+        """Return the derivatives of the forces by the shape at rest [N/m], shape (3 n, 3 n)."""
         edges, flat = self._edges(points), self.rest_edges
         now = metric_of(edges)
         slopes = _slopes(lambda metric: self.tensions(now, metric), metric_of(flat))
@@ -93,11 +93,11 @@ class FilmSkin:
         return sparse.csc_matrix((values.ravel(), (rows, columns)), shape=(3 * len(points), len(points)))
 
     def tensions(self, now: Any, rest: Any) -> Any:
-        """Along the edges, T11, T12 and T22 of each triangle [N/m], shape (t, 3).
+        """Return the tensions along the edges, T11, T12 and T22 of each triangle [N/m], shape (t, 3).
 
         Args:
-            now: the products of its two edges, 11, 12 and 22 [m^2], shape (t, 3).
-            rest: the same at rest.
+            now: Dot products of its two edges, 11, 12 and 22 [m^2], shape (t, 3).
+            rest: Dot products at rest.
         """
         invariants, major, spread, taut, slack = self._state(now, rest)
         by_trace, by_det = _called(self.law.force, {**self.numbers, **invariants})
@@ -112,13 +112,16 @@ class FilmSkin:
         return volume[:, None] * (first[:, None] * inverse + (second / size)[:, None] * _adjugate(now))
 
     def wrinkled(self, points: Values) -> NDArray[np.bool_]:
-        """Which triangles have given way there, shape (t,)."""
+        """Return a mask of the wrinkled triangles, shape (t,)."""
         *_, taut, _ = self._state(metric_of(self._edges(points)), metric_of(self.rest_edges))
         return ~taut
 
     def _state(self, now: Any, rest: Any) -> tuple[dict[str, Any], Any, Any, Any, Any]:
-        """The invariants that the law is asked at; the larger squared stretch, and by how much it is larger; whether
-        the triangle is taut, and whether slack."""
+        """Return the invariants of the relaxed state, and of the actual one.
+
+        They are those that the law is evaluated at; the larger squared stretch, and the difference; whether the
+        triangle is taut, and whether it is slack.
+        """
         size = determinant(rest)
         mixed = (rest[:, 2] * now[:, 0] - 2.0 * rest[:, 1] * now[:, 1] + rest[:, 0] * now[:, 2]) / size
         det = np.maximum(determinant(now) / size, LEAST_DET)
@@ -136,25 +139,25 @@ class FilmSkin:
         return invariants, major, spread, taut, (major.real <= 1.0) & self.wrinkles & ~taut
 
     def _edges(self, points: Values) -> Values:
-        """From the first corner to the others, shape (t, 2, 3)."""
+        """Return the edges from the first corner to the others, shape (t, 2, 3)."""
         places = points[self.corners]
         return places[:, 1:] - places[:, :1]
 
     def _assembled(self, blocks: Values, count: int) -> sparse.csc_matrix:
-        """The matrix of what edges do to edges, shape (t, 2, 2, 3, 3)."""
+        """Return the matrix of what edges do to edges, shape (t, 2, 2, 3, 3)."""
         at_corners = np.einsum("ai,tijxy,bj->abtxy", CORNERS, blocks, CORNERS)
         parts = [(self.corners[:, a], self.corners[:, b], at_corners[a, b]) for a in range(3) for b in range(3)]
         return of_blocks(parts, count, count)
 
 
 def metric_of(edges: Values) -> Values:
-    """The products of two edges, 11, 12 and 22, shape (t, 3)."""
+    """Return the products of two edges, 11, 12 and 22, shape (t, 3)."""
     first, second = edges[:, 0], edges[:, 1]
     return np.stack([(first * first).sum(1), (first * second).sum(1), (second * second).sum(1)], axis=1)
 
 
 def determinant(metric: Any) -> Any:
-    """The squared double area, shape (t,)."""
+    """Return the squared double area, shape (t,)."""
     return metric[:, 0] * metric[:, 2] - metric[:, 1] ** 2
 
 
@@ -163,25 +166,25 @@ def _adjugate(metric: Any) -> Any:
 
 
 def _square(three: Values) -> Values:
-    """Components 11, 12 and 22 as matrices, shape (t, 2, 2)."""
+    """Return the components 11, 12 and 22 as matrices, shape (t, 2, 2)."""
     return three[:, [[0, 1], [1, 2]]]
 
 
 def _of_tensions(edges: Values) -> Values:
-    """How an edge's pull changes with the three tensions, shape (t, 2, 3, 3)."""
+    """Return the derivatives of an edge's force by the three tensions, shape (t, 2, 3, 3)."""
     first, second, none = edges[:, 0], edges[:, 1], np.zeros_like(edges[:, 0])
     return np.stack([np.stack([first, second, none], axis=2), np.stack([none, first, second], axis=2)], axis=1)
 
 
 def _of_metric(edges: Values) -> Values:
-    """How the three products change with an edge, shape (t, 2, 3, 3)."""
+    """Return the derivatives of the metric by an edge, shape (t, 2, 3, 3)."""
     first, second, none = edges[:, 0], edges[:, 1], np.zeros_like(edges[:, 0])
     by_first = np.stack([2.0 * first, second, none], axis=1)
     return np.stack([by_first, np.stack([none, first, 2.0 * second], axis=1)], axis=1)
 
 
 def _slopes(of: Callable[[Any], Any], metric: Values) -> Values:
-    """How three numbers of each triangle change with three, shape (t, 3, 3), by complex steps."""
+    """Return the derivatives of three numbers of each triangle by three, shape (t, 3, 3), by complex steps."""
     columns = []
     for part in range(3):
         aside = metric.astype(complex)
@@ -192,6 +195,6 @@ def _slopes(of: Callable[[Any], Any], metric: Values) -> Values:
 
 
 def _called(function: Any, told: Mapping[str, Any]) -> Any:
-    """What a law says of arrays, called with what its arguments name."""
+    """Call a law with arrays of the arguments that it names."""
     plain = on_arrays(function)
     return plain(**{name: told[name] for name in plain.__code__.co_varnames[: plain.__code__.co_argcount]})

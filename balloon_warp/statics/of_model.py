@@ -21,7 +21,7 @@ Values = NDArray[np.float64]
 
 
 def springs_of(shape: BalloonShape, constants: Values) -> SpringSkin:
-    """The springs of a balloon.
+    """Return the springs of a balloon.
 
     Args:
         constants: of the three kinds [N/m].
@@ -33,7 +33,7 @@ def springs_of(shape: BalloonShape, constants: Values) -> SpringSkin:
 
 
 def film_of(scene: Scene, number: int, shape: BalloonShape, parameters: Any) -> FilmSkin:
-    """The membrane of a balloon of rubber or film.
+    """Return the membrane of a balloon of rubber or film.
 
     Args:
         parameters: of one world, by name, each of shape (1, balloon_count, ...).
@@ -54,12 +54,12 @@ class WholeSkin:
         self._skins = skins
 
     def stiffness(self, points: Values) -> Any:
-        """Minus the derivatives of the forces [N/m], shape (3 n, 3 n)."""
+        """Return minus the derivatives of the forces [N/m], shape (3 n, 3 n)."""
         return sum(skin.stiffness(points) for skin in self._skins)
 
 
 def stiffness_in(model: Model, frame: Frame, world: int, balloon: int) -> LinearOperator:
-    """`stiffness_operator` of a balloon in a frame.
+    """Return `stiffness_operator` of a balloon in a frame.
 
     Raises:
         InputError: there is no such balloon.
@@ -71,12 +71,14 @@ def stiffness_in(model: Model, frame: Frame, world: int, balloon: int) -> Linear
 
 
 def stiffness_operator(model: Model, points: Values, pressure: float, world: int, number: int) -> LinearOperator:
-    """Minus the derivatives of the forces of springs, film, pressure and gas on a balloon's particles by their places
-    [N/m], shape (3 n, 3 n), symmetric. Those of gas are a product of two vectors, so that the matrix is not sparse.
+    """Return the stiffness operator of a balloon [N/m], shape (3 n, 3 n), symmetric.
+
+    It is minus the derivative of the forces of springs, film, pressure and gas by the particles' positions. The gas's
+    part is a product of two vectors, so that the matrix is not sparse.
 
     Args:
-        points: of the balloon's particles [m], shape (n, 3).
-        pressure: in it, above the air's [Pa].
+        points: Positions of the balloon's particles [m], shape (n, 3).
+        pressure: Gauge pressure [Pa].
     """
     shape, scene = model.shapes[number], model.scene
     rows = {name: values.numpy() for name, values in model.parameters.items()}

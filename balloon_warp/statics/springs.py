@@ -17,32 +17,32 @@ class SpringSkin:
     """Hooke's springs between particles."""
 
     pairs: NDArray[np.int64]
-    """shape (m, 2)"""
+    """Pairs of particles, shape (m, 2)"""
     rest_lengths: Values
-    """[m], shape (m,)"""
+    """Rest lengths [m], shape (m,)"""
     constants: Values
-    """[N/m], shape (m,)"""
+    """Spring constants [N/m], shape (m,)"""
 
     def with_lengths(self, rest_lengths: Values) -> "SpringSkin":
-        """The same springs of other rest lengths."""
+        """Return the springs with other rest lengths."""
         return replace(self, rest_lengths=rest_lengths)
 
     def lengths(self, points: Values) -> Values:
-        """As long as they are there [m], shape (m,)."""
+        """Return the lengths [m], shape (m,)."""
         return np.linalg.norm(points[self.pairs[:, 1]] - points[self.pairs[:, 0]], axis=1)
 
     def energy(self, points: Values) -> float:
-        """[J]"""
+        """Return the energy [J]."""
         return float(0.5 * (self.constants * (self.lengths(points) - self.rest_lengths) ** 2).sum())
 
     def forces(self, points: Values) -> Values:
-        """On the particles [N], shape (n, 3)."""
+        """Return the forces on the particles [N], shape (n, 3)."""
         directions, lengths = self._directions(points)
         pulls = (self.constants * (lengths - self.rest_lengths))[:, None] * directions
         return gathered(self._ends, np.concatenate([pulls, -pulls]), len(points))
 
     def stiffness(self, points: Values) -> sparse.csc_matrix:
-        """Minus the derivatives of the forces by the points [N/m], shape (3 n, 3 n)."""
+        """Return minus the derivatives of the forces by the points [N/m], shape (3 n, 3 n)."""
         directions, lengths = self._directions(points)
         along = self.constants * self.rest_lengths / lengths
         blocks = along[:, None, None] * directions[:, :, None] * directions[:, None, :]
@@ -51,7 +51,7 @@ class SpringSkin:
         return of_blocks([(a, a, blocks), (b, b, blocks), (a, b, -blocks), (b, a, -blocks)], n, n)
 
     def forces_by_lengths(self, points: Values) -> sparse.csc_matrix:
-        """The derivatives of the forces by the rest lengths [N/m], shape (3 n, m)."""
+        """Return the derivatives of the forces by the rest lengths [N/m], shape (3 n, m)."""
         directions, _ = self._directions(points)
         values = self.constants[:, None] * directions
         rows = 3 * self.pairs[:, :, None] + np.arange(3)
@@ -65,7 +65,7 @@ class SpringSkin:
         return np.concatenate([self.pairs[:, 0], self.pairs[:, 1]])
 
     def _directions(self, points: Values) -> tuple[Values, Values]:
-        """From the first end to the second, and how far; ends at one place pull nowhere."""
+        """Return unit vectors from the first end to the second, and lengths; coincident ends give a zero vector."""
         away = points[self.pairs[:, 1]] - points[self.pairs[:, 0]]
         lengths = np.maximum(np.linalg.norm(away, axis=1), 1.0e-30)
         return away / lengths[:, None], lengths

@@ -22,11 +22,11 @@ class Volume:
     mesh: PolygonMesh
 
     def of(self, points: NDArray[np.float64]) -> float:
-        """The volume with the corners there."""
+        """Return the volume with the corners there."""
         return float(face_volumes(replace(self.mesh, points=points)).sum())
 
     def slopes(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The gradient [m^2], shape (n, 3): times a pressure, the forces."""
+        """Return the gradient [m^2], shape (n, 3): times a pressure, the forces."""
         corners, weights = self._triangles
         places = (points - points.mean(axis=0))[corners]
         after, last = np.roll(places, -1, axis=1), np.roll(places, -2, axis=1)
@@ -34,7 +34,7 @@ class Volume:
         return gathered(corners.ravel(), parts.reshape(-1, 3), len(points))
 
     def curvature(self, points: NDArray[np.float64]) -> sparse.csc_matrix:
-        """The second derivatives [m], shape (3 n, 3 n)."""
+        """Return the second derivatives [m], shape (3 n, 3 n)."""
         corners, weights = self._triangles
         places = points - points.mean(axis=0)
         parts = []
@@ -57,7 +57,7 @@ class Volume:
 
 
 def _fans(size: int) -> tuple[NDArray[np.int64], float]:
-    """The triangles whose mean is a fan about the center, by the corners' places in the face."""
+    """Return the triangles whose mean is a fan about the center, by the corners' places in the face."""
     if size == 3:
         return np.array([[0, 1, 2]]), 1.0
     if size == 4:
@@ -71,27 +71,27 @@ class SealedGas:
     """An amount of gas that stays as warm as the air."""
 
     amount: float
-    """[mol]"""
+    """Amount of gas [mol]"""
     temperature: float
-    """[K]"""
+    """Temperature [K]"""
     air_pressure: float
-    """[Pa]"""
+    """Pressure of the air [Pa]"""
 
     def pressure(self, volume: float) -> float:
-        """Above the air's [Pa]."""
+        """Return the gauge pressure [Pa]."""
         return self.amount * GAS_CONSTANT * self.temperature / volume - self.air_pressure
 
     def stiffness(self, volume: float) -> float:
-        """How fast its pressure falls with its volume [Pa/m^3]."""
+        """Return the derivative of the pressure by the volume [Pa/m^3]."""
         return self.amount * GAS_CONSTANT * self.temperature / volume**2
 
     def energy(self, volume: float, before: float) -> float:
-        """What it takes to bring it from one volume to another [J]."""
+        """Return the work to bring the gas from one volume to another [J]."""
         work = self.amount * GAS_CONSTANT * self.temperature * np.log1p((volume - before) / before)
         return float(self.air_pressure * (volume - before) - work)
 
     @classmethod
     def of(cls, pressure: float, volume: float, temperature: float = 293.15, air_pressure: float = 101325.0) -> Self:
-        """The gas that presses so much more than the air in this volume."""
+        """Return the gas that presses so much more than the air in this volume."""
         amount = (air_pressure + pressure) * volume / (GAS_CONSTANT * temperature)
         return cls(amount, temperature, air_pressure)

@@ -34,49 +34,49 @@ from balloon_warp.sweep.task import BatchTask, Outcome
 @described
 @dataclass(frozen=True)
 class BatchSummary(Shown):
-    """What was done, how much, and how fast."""
+    """Summary of a batch: its output, amounts and speed."""
 
     output: str
-    """the folder that was written"""
+    """Output folder"""
     table: list[str]
-    """the files that have a row for each world and frame"""
+    """Files with a row for each world and frame"""
     worlds_table: list[str]
-    """those that have a row for each world"""
+    """Files with a row for each world"""
     stage: str | None
-    """of the exported worlds"""
+    """Stage of the exported worlds"""
     manifest: str
-    """hashes of the files, and all it takes to make them again"""
+    """Manifest: hashes of the files, and all that reproduction takes"""
     removed_stage: str | None
-    """of an earlier batch in the same folder, where this one exports no worlds"""
+    """Stage of an earlier batch in the same folder, removed because this one exports no worlds"""
     scene: str
     device: str
     schedule: str
     workers: int
-    """processes that simulated: 1 without a cluster"""
+    """Number of processes that simulated: 1 without a cluster"""
     worlds: int
     exported_worlds: int
     unhealthy_worlds: int
-    """worlds that blew up; their rows stay at the last good frame"""
+    """Number of worlds that blew up; their rows stay at the last good frame"""
     restarted_worlds: int
-    """worlds that blew up, and did not with shorter steps"""
+    """Number of worlds that blew up, and did not with shorter steps"""
     blow_ups: list[str]
-    """why the first few worlds blew up"""
+    """Reasons why the first few worlds blew up"""
     bad_endings: list[BadEnding]
-    """balloons that came apart, fell for ever, collapsed or folded over by the last frame, in exported worlds; of many
-    a few are looked at, spread evenly"""
+    """Balloons that came apart, fell forever, collapsed or folded over by the last frame, in exported worlds; of many a
+    few are examined, spread evenly"""
     particles: int
-    """in all worlds"""
+    """Number of particles in all worlds"""
     springs: int
-    """in all worlds"""
+    """Number of springs in all worlds"""
     frames: int
     frames_per_second: float
-    """that the stage plays"""
+    """Frame rate of the stage [1/s]"""
     substeps: int
-    """in one frame"""
+    """Number of substeps in a frame"""
     resumed: float
-    """the part of the work that an earlier batch had done, from 0, without `resume`, to 1"""
+    """Fraction of the work that an earlier batch had done, from 0, without `resume`, to 1"""
     wall_seconds: float
-    """of simulating and writing, once there are workers"""
+    """Duration of simulating and writing, once there are workers [s]"""
     particle_substeps_per_second: float
 
     def as_json(self) -> dict[str, Any]:
@@ -198,7 +198,7 @@ def _simulate(
     on_begin: Callable[[Beginning], None],
     on_frame: Callable[[int], None],
 ) -> Outcome:
-    """On the cluster's workers, or here."""
+    """Simulate on the cluster's workers, or here."""
     if not cluster:
         return simulate_locally(task, device, checkpoints, on_begin, on_frame)
     from balloon_warp.sweep.distribute import distribute_batch  # only this needs the extra
@@ -207,7 +207,7 @@ def _simulate(
 
 
 def _remarks(outcome: Outcome) -> list[str]:
-    """Say what is to be said at the end."""
+    """Return the remarks at the end of a batch."""
     ends, worlds = ending_sentences(outcome.bad_endings), remark_sentences(outcome.remarks)
     return [*ends, *worlds, *crowding_remarks(outcome.crowded)]
 

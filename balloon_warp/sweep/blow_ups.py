@@ -18,27 +18,27 @@ from balloon_warp.sweep.groups import Group
 from balloon_warp.sweep.recorder import Record, Recorder
 
 MOST_REPORTED = 3
-"""worlds of a batch that are simulated again to see why they blew up"""
+"""Number of worlds of a batch that are replayed to explain their blow-ups"""
 RESTARTED = 2
-"""the health of a world that blew up and, begun again in shorter steps, did not"""
+"""Health of a world that blew up and, restarted with shorter steps, did not"""
 
 Rows = NDArray[np.integer]
 Replace = Callable[[Rows, Rows, Record], None]
-"""puts a record in the place of what was recorded of some worlds: their rows in the group, the places of those of them
-whose shape is wanted among all such worlds of the group, and a frame of theirs"""
+"""Function that replaces the record of some worlds: their rows in the group, the places of those whose shape is
+exported among all exported worlds of the group, and one of their frames"""
 
 
 @dataclass
 class Failures:
-    """What became of worlds that blew up."""
+    """Outcomes of worlds that blew up."""
 
     reports: list[BlowUp] = field(default_factory=list)
-    """of the first few, in their order"""
+    """Reports of the first few, in their order"""
     restarted: dict[int, int] = field(default_factory=dict)
-    """worlds that are good with shorter steps, and how many substeps a frame that took at the start"""
+    """Worlds that are good with shorter steps, and their initial number of substeps a frame"""
 
     def add(self, others: "Failures") -> None:
-        """Those of another part of the batch."""
+        """Add the failures of another part of the batch."""
         self.reports = sorted([*self.reports, *others.reports], key=lambda report: report.world)[:MOST_REPORTED]
         self.restarted = dict(sorted({**self.restarted, **others.restarted}.items()))
 
@@ -55,11 +55,11 @@ def require_health(simulator: Simulator, group: Group, record: Record) -> None:
 
 
 def report_failures(simulator: Simulator, group: Group, health: NDArray[np.integer]) -> list[BlowUp]:
-    """Why the first few bad worlds of a group blew up.
+    """Explain the blow-ups of the first few bad worlds of a group.
 
     Args:
-        simulator: that simulated it.
-        health: as in `Record`, of all frames, shape (frame_count, world_count).
+        simulator: Simulator of the group.
+        health: Health as in `Record`, of all frames, shape (frame_count, world_count).
     """
     bad = np.flatnonzero(health[-1] == 0)[:MOST_REPORTED]
     frames = np.argmax(health[:, bad] == 0, axis=0)

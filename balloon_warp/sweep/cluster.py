@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     from distributed import Client, SpecCluster
 
 CONNECT_SECONDS = 10.0
-"""within which a scheduler answers"""
+"""Time within which a scheduler must answer [s]"""
 WORKER_SECONDS = 30.0
-"""within which it has a worker"""
+"""Time within which a scheduler must have a worker [s]"""
 EXAMPLE = "tcp://192.168.0.1:8786"
 LOOPBACK = "127.0.0.1"
 SETTINGS = {
@@ -34,20 +34,20 @@ SETTINGS = {
 
 @dataclass(frozen=True)
 class Cluster:
-    """Which workers simulate a batch: one of `address`, `gpus` and `workers` is given.
+    """Workers that simulate a batch: one of `address`, `gpus` and `workers` is given.
 
     Raises:
         InputError: none or several are, the address is none, or a number is below 1.
     """
 
     address: str | None = None
-    """of a running scheduler, such as `EXAMPLE`"""
+    """Address of a running scheduler, such as `EXAMPLE`"""
     gpus: int | None = None
-    """how many GPUs of this machine, a worker each"""
+    """Number of GPUs of this machine, a worker each"""
     workers: int | None = None
-    """how many processes on this machine's CPU"""
+    """Number of processes on this machine's CPU"""
     prepare: Callable[[], None] | None = None
-    """called in each worker before it does anything, such as to set up Warp's messages"""
+    """Function called in each worker before anything else, for instance to set up Warp's messages"""
 
     def __post_init__(self) -> None:
         if sum(choice is not None for choice in (self.address, self.gpus, self.workers)) != 1:
@@ -66,7 +66,7 @@ class Cluster:
         return f"--gpus {self.gpus}" if self.gpus else f"--workers {self.workers}"
 
     def device(self, asked: str | None) -> str | None:
-        """Which device each worker takes.
+        """Return the device of each worker.
 
         Raises:
             InputError: a device is asked for besides this machine's GPUs or CPU.
@@ -136,7 +136,7 @@ async def _identify(address: str) -> None:
 
 
 def worker_environments(cluster: Cluster) -> list[dict[str, str]]:
-    """Of each worker to start: which GPU it sees."""
+    """Return the environment of each worker to start: the GPU that it sees."""
     if not cluster.gpus:
         return [{}] * (cluster.workers or 0)
     import warp as wp

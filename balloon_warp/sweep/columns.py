@@ -1,4 +1,4 @@
-"""What the columns of a batch's tables are, with their units: it stands in the manifest."""
+"""Meaning and unit of the columns of a batch's tables, for the manifest."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any, cast
@@ -30,7 +30,7 @@ OF_ROWS = {
     ),
     "last_frame": ("1", "the last good frame"),
 }
-"""unit and meaning of the columns that every table has"""
+"""Unit and meaning of the columns that every table has"""
 MEASURED = {
     "volume": ("m^3", "that all balloons enclose"),
     "area": ("m^2", "of all balloons"),
@@ -44,7 +44,7 @@ MEASURED = {
     "mean_stretch": ("1", "root of the area over that at the start"),
     "thrust": ("N", "of the jets of all necks"),
 }
-"""the same of what is measured"""
+"""Unit and meaning of measured columns"""
 KEYFRAMED_UNITS = {"k_normal": "100 N", "pressure": "Pa", "pump": "mol/s"}
 
 

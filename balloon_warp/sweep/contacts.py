@@ -20,7 +20,7 @@ COLUMNS = {
     "area_max": ("m^2", "contact area of {pair}: the largest of any frame"),
     "pressure_max": ("Pa", "largest pressure of {pair} on a particle: the largest of any frame"),
 }
-"""what a pair's columns end in, in the order in which a `Recorder` keeps them; their units and meanings"""
+"""Suffixes of a pair's columns, in the order in which a `Recorder` keeps them, with units and meanings"""
 
 
 class Pair(NamedTuple):
@@ -29,9 +29,9 @@ class Pair(NamedTuple):
     balloon: int
     thing: int
     label: str
-    """what the names of its columns begin with: "floor_on_ball" """
+    """Prefix of the pair's columns: "floor_on_ball" """
     sentence: str
-    """of whom on whom: "floor on ball" """
+    """Phrase for the pair: "floor on ball" """
 
 
 def contacts_shape(plan: ModelPlan) -> tuple[int, int]:

@@ -32,20 +32,20 @@ if TYPE_CHECKING:
     from distributed import Client, Future
 
 REPORT_SECONDS = 0.1
-"""between two words of a worker about the frame that it is at"""
+"""Time between two reports of a worker on its current frame [s]"""
 LOOK_SECONDS = 0.5
-"""after which we look up from waiting"""
+"""Time after which the wait for workers is interrupted [s]"""
 ALONE_SECONDS = 60.0
-"""after which workers that all ended are not waited for any more: Dask may not have started them again"""
+"""Time after which ended workers are not waited for any more [s]: Dask may not have restarted them"""
 AHEAD = 2
-"""shares that are out, for each worker: one at work and one that follows; more would only fill the memory"""
+"""Number of shares that are out, for each worker: one at work and one that follows; more would only fill the memory"""
 
 LOADING = """
 from balloon_warp.garbage import without_collecting
 with without_collecting():
     import {}
 """
-"""what a worker does with a module that it needs"""
+"""Code by which a worker loads a module"""
 
 _one_at_a_time = threading.Lock()  # a worker may have many threads, but it has one device
 
@@ -119,7 +119,7 @@ def distribute_batch(
 
 
 def _write_table(task: BatchTask, output: BatchOutput) -> None:
-    """Once all shares are there: a row of the text has the worlds of one frame, whichever share they are in."""
+    """Write the table once all shares are there: a row of the text has the worlds of one frame, from all shares."""
     for _ in range(task.scene.frames + 1):
         output.end_frame()
 
@@ -223,7 +223,7 @@ def _run_shares(
 
 
 def _has_workers(client: "Client") -> bool:
-    """Whether any are there; a scheduler that is gone tells of itself otherwise."""
+    """Return whether there are any workers; a scheduler that is gone reports itself otherwise."""
     try:
         return bool(client.nthreads())
     except OSError:
@@ -231,7 +231,7 @@ def _has_workers(client: "Client") -> bool:
 
 
 def _result(client: "Client", future: "Future") -> ShareResult:
-    """Of a share that was done; it is done again if the worker that has it ends before it is here."""
+    """Return the result of a share; it is computed again if its worker ends before the result is here."""
     from distributed.scheduler import KilledWorker
 
     seconds = ALONE_SECONDS

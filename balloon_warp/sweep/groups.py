@@ -21,7 +21,7 @@ from balloon_warp.scene import Scene
 from balloon_warp.scene.overrides import override_scene
 
 BatchVary = TypeAliasType("BatchVary", Mapping[str, Any])
-"""a dotted path of the scene, and a number for each world; for the path of a mesh, a mesh or its file for each"""
+"""Dotted paths of the scene, with a number for each world; for the path of a mesh, a mesh or its file for each"""
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Group:
 
     plan: ModelPlan
     worlds: NDArray[np.int64]
-    """their numbers in the batch, ascending"""
+    """Numbers of the worlds in the batch, ascending"""
 
     def part(self, rows: NDArray[np.integer]) -> Self:
         """Return some of its worlds, by their numbers in its plan, ascending."""
@@ -118,7 +118,7 @@ def _own_scene(scene: Scene, values: Mapping[str, Any], world: int) -> Scene:
 
 
 def _identity(value: Any) -> Any:
-    """Tell two values apart: of a mesh that is no file, by which one it is."""
+    """Return a value that identifies a mesh without a file, and other values themselves."""
     return value if isinstance(value, Path | float | int | str) else id(value)
 
 

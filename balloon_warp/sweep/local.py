@@ -91,7 +91,7 @@ def _simulate_frames(
     checkpoints: BatchCheckpoints,
     on_frame: Callable[[int], None],
 ) -> int:
-    """All frames of all groups, which are written meanwhile; the first that was not there already."""
+    """Return all frames of all groups, which are written meanwhile; the first that was not there already."""
     recorders = [
         Recorder(simulator, group.rows_of(task.chosen))
         for simulator, group in zip(simulators, task.groups, strict=True)
@@ -142,7 +142,7 @@ def _take_up(
 
 
 def _arrays(simulator: Simulator, recorder: Recorder) -> Iterator[tuple[str, NDArray]]:
-    """All that a frame depends on of those before it; one at a time is on the host."""
+    """Return all that a frame depends on of those before it; one at a time is on the host."""
     for name, array in {**vars(simulator.state), **recorder.changing}.items():
         with lock_of(array.device):
             values = array.numpy()
@@ -150,7 +150,7 @@ def _arrays(simulator: Simulator, recorder: Recorder) -> Iterator[tuple[str, NDA
 
 
 def _report_all(task: BatchTask, output: BatchOutput, simulators: Sequence[Simulator]) -> Failures:
-    """Why worlds blew up."""
+    """Explain why worlds blew up."""
     failures = Failures()
     for number, each in enumerate(zip(simulators, task.groups, strict=True)):
         failures.add(Failures(report_failures(*each, output.health_of(number))))

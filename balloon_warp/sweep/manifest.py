@@ -1,4 +1,4 @@
-"""What was simulated, with what, and what came out: `manifest.json`, enough to repeat a batch."""
+"""Manifest of a batch, `manifest.json`: its inputs, versions and outputs, enough to reproduce it."""
 
 import json
 import platform

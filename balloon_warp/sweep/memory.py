@@ -1,4 +1,4 @@
-"""What a batch takes besides its models, and whether all fits, before anything is allocated."""
+"""Memory of a batch besides its models, checked before anything is allocated."""
 
 from collections.abc import Collection, Sequence
 
@@ -17,9 +17,9 @@ from balloon_warp.sweep.groups import Group
 from balloon_warp.sweep.recorder import columns_of, contact_bytes, picked_bytes, record_bytes
 
 MANY = 50_000
-"""worlds whose values take longer to make than it takes to see how large one world is"""
+"""Number of worlds whose values take longer to make than the size of one world takes to find"""
 SOME = 64
-"""worlds of which one takes no more than of many: schedules lay out several side by side"""
+"""Number of worlds at which one takes no more memory than with many: schedules lay out several side by side"""
 
 
 def require_room(
@@ -90,5 +90,5 @@ def require_batch_memory(
 
 
 def table_bytes(scene: Scene) -> int:
-    """Host memory of a world's rows of the table: its measures and its health in every frame."""
+    """Return the host memory of a world's rows of the table: its measures and its health in every frame."""
     return 4 * (scene.frames + 1) * (len(columns_of(scene)) + 1)

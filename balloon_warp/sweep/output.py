@@ -1,4 +1,4 @@
-"""What a batch leaves behind: the tables of all worlds, and the stage of the chosen ones."""
+"""Outputs of a batch: the tables of all worlds, and the stage of the exported ones."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 STAGE_NAME = "worlds.usdc"
 MOST_LOOKED_AT = 16
-"""worlds of the stage whose ends are looked at: one takes some hundredths of a second"""
+"""Number of worlds of the stage whose endings are examined: one takes some hundredths of a second"""
 
 
 class BatchOutput:
@@ -55,11 +55,11 @@ class BatchOutput:
         self.table = TableWriter(folder, scene.frames + 1, scene.frames_per_second, varied, columns_of(scene), worlds)
         self._plan = groups[0].plan
         self.contacts = np.zeros((worlds, *contacts_shape(self._plan), len(COLUMNS)), dtype=np.float32)
-        """how hard each pair pressed, as a `Recorder` has it, of all worlds"""
+        """Contact measures of each pair, as in `Recorder`, of all worlds"""
         self._endings: dict[int, str] = {}
         self.stage_path = folder / STAGE_NAME
         self.removed_stage = False
-        """whether the stage of an earlier batch was there and this one has none"""
+        """Whether the stage of an earlier batch was there and this one has none"""
         self.stage = None
         if len(chosen):
             from balloon_warp.outputs.usd.grid import GridWriter  # loads USD: only for a stage
@@ -94,13 +94,13 @@ class BatchOutput:
             self.stage.write(record.number, group, *record.shapes)
 
     def replace(self, group: int, rows: NDArray[np.integer], places: NDArray[np.integer], record: Record) -> None:
-        """Put a record in the place of what was recorded of some worlds of a group in its frame.
+        """Replace the record of some worlds of a group in its frame.
 
-        In the table's text that is once `rewrite_table` is called.
+        The table's text changes once `rewrite_table` is called.
 
         Args:
-            rows: the worlds, by their numbers in the group.
-            places: of those of them that are chosen, among the group's chosen worlds.
+            rows: Numbers of the worlds in the group.
+            places: Places of those of them that are exported, among the group's exported worlds.
         """
         self._put(self.groups[group].worlds[rows], record)
         if self.stage:
@@ -148,11 +148,11 @@ class BatchOutput:
             write_worlds(npz, text, self.table, self._endings, dict(pair_columns(self.pairs, self.contacts)))
 
     def health_of(self, group: int) -> NDArray[np.int32]:
-        """Of the worlds of a group in all frames, shape (frame_count, world_count)."""
+        """Return the health of a group's worlds in all frames, shape (frame_count, world_count)."""
         return self.table.health[:, self.groups[group].worlds]
 
     def end_frame(self) -> None:
-        """Of the next frame all groups are there."""
+        """Start the next frame, once all groups of this one are there."""
         self.table.write_frame()
 
     def __exit__(

@@ -1,4 +1,4 @@
-"""What is read from a batch after each frame: a row of measures for each world, and the shape of the chosen ones."""
+"""Recording of a batch after each frame: a row of measures for each world, and the shapes of exported ones."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -21,11 +21,11 @@ from balloon_warp.sweep.contacts import COLUMNS, contacts_shape
 from balloon_warp.warp_lock import PROCESS_LOCK, lock_of
 
 LANES = 32
-"""threads that sum a balloon; the same everywhere, so that a world's sums do not depend on its batch"""
+"""Number of threads that sum a balloon; constant, so that a world's sums do not depend on its batch"""
 MEASURES = ("volume", "area", "pressure", "center_height", "largest_stretch", "kinetic_energy")
-"""[m^3], [m^2], [Pa], [m], length over rest length, [J]"""
+"""Names of the measures: [m^3], [m^2], [Pa], [m], length over rest length, [J]"""
 OF_GAS = ("moles", "mean_stretch", "thrust")
-"""[mol], root of the area over that at the start, [N]; of scenes with gas"""
+"""Names of the measures of scenes with gas: [mol], root of the area over that at the start, [N]"""
 
 
 def columns_of(scene: Scene) -> list[str]:
@@ -48,20 +48,20 @@ class Record:
 
     number: int
     measures: NDArray[np.float32]
-    """as `columns_of` says, shape (world_count, columns)"""
+    """Measures in the order of `columns_of`, shape (world_count, columns)"""
     healthy: NDArray[np.int32]
     """1, or 0 from the frame on in which the world blew up, shape (world_count,)"""
     points: NDArray[np.float32]
-    """of the chosen worlds [m], shape (chosen, particle_count, 3)"""
+    """Points of the exported worlds [m], shape (chosen, particle_count, 3)"""
     sphere_positions: NDArray[np.float32]
-    """of the chosen worlds [m], shape (chosen, sphere_count, 3)"""
+    """Positions of spheres in the exported worlds [m], shape (chosen, sphere_count, 3)"""
     body_poses: NDArray[np.float32]
-    """of the chosen worlds, as `Frame.body_poses`, shape (chosen, body_count, 7)"""
+    """Poses of bodies in the exported worlds, as `Frame.body_poses`, shape (chosen, body_count, 7)"""
     torn: NDArray[np.int8]
-    """of the chosen worlds: 1 of faces that are torn, shape (chosen, face_count), or (chosen, 0) where none may be"""
+    """Mask of torn faces in the exported worlds, shape (chosen, face_count), or (chosen, 0) where none may tear"""
     contacts: NDArray[np.float32] | None = None
-    """of the last frame alone: how hard each pair pressed in all of them, shape (world_count, *contacts_shape(plan),
-    len(COLUMNS))"""
+    """Contact measures of each pair over all frames, in the last frame alone, shape (world_count,
+    *contacts_shape(plan), len(COLUMNS))"""
 
     @property
     def shapes(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.int8]]:
@@ -70,7 +70,7 @@ class Record:
 
 
 SHAPES = ("points", "sphere_positions", "body_poses", "torn")
-"""what of a record is of the chosen worlds alone"""
+"""Fields of a record that only exported worlds have"""
 
 
 class Recorder:
@@ -141,7 +141,7 @@ class Recorder:
 
     @property
     def changing(self) -> dict[str, wp.array]:
-        """What it keeps from frame to frame, by names that are none of the simulator's: the last good frame."""
+        """Arrays that it keeps from frame to frame, by names that are none of the simulator's: the last good frame."""
         kept = ("measures", "healthy", "points", "sphere_positions", "body_positions", "body_turns", "torn")
         kept += ("contact_means", "contact_peaks")
         return {f"recorded_{name}": getattr(self, f"_{name}") for name in kept}
@@ -216,18 +216,18 @@ class Recorder:
 
 
 def record_bytes(plan: ModelPlan) -> int:
-    """Device memory that a world takes for its measures."""
+    """Return the device memory that a world takes for its measures."""
     return 40 * LANES * len(plan.shapes) + 4 * len(columns_of(plan.scene)) + contact_bytes(plan)
 
 
 def contact_bytes(plan: ModelPlan) -> int:
-    """Memory that a world takes for how hard its pairs press, on the device and on the host."""
+    """Return the memory of a world's contact measures, on the device and on the host."""
     balloons, things = contacts_shape(plan)
     return 4 * len(COLUMNS) * balloons * things
 
 
 def picked_bytes(plan: ModelPlan) -> int:
-    """Device memory that a chosen world takes."""
+    """Return the device memory that a chosen world takes."""
     may_tear = any(balloon.material.strength is not None for balloon in plan.scene.balloon)
     faces = sum(shape.mesh.face_count for shape in plan.shapes) if may_tear else 0
     particles = sum(shape.mesh.vertex_count for shape in plan.shapes)
@@ -235,7 +235,7 @@ def picked_bytes(plan: ModelPlan) -> int:
 
 
 def _copy(array: wp.array) -> Any:
-    """On the host; on the CPU `numpy()` alone is a view of what goes on changing."""
+    """Copy an array to the host; on the CPU `numpy()` alone is a view of memory that goes on changing."""
     if not array.size:
         width = {wp.vec3: (3,), wp.vec4: (4,), wp.quat: (4,)}.get(array.dtype, ())
         return np.zeros((*array.shape, *width), dtype=np.float32)

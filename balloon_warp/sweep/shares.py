@@ -20,16 +20,16 @@ from balloon_warp.sweep.memory import require_batch_memory
 from balloon_warp.sweep.recorder import SHAPES, Record, Recorder
 
 SHARES = 64
-"""into how many shares a large batch is cut, about: enough to keep many workers busy to the end"""
+"""Approximate number of shares of a large batch: enough to keep many workers busy to the end"""
 
 
 class Grain(NamedTuple):
-    """What a share has at least, enough to fill a device and to be worth its beginning."""
+    """Least size of a share: enough to fill a device and to be worth its overhead."""
 
     worlds: int
     particles: int
     particle_substeps: int = 0
-    """in all its frames; but no more than `MOST_PARTICLES` for that"""
+    """Number of particle-substeps in all its frames, unless that takes more than `MOST_PARTICLES`"""
 
     def particles_of(self, plan: ModelPlan) -> float:
         """Find how many particles a share has at least, of worlds of a plan."""
@@ -38,23 +38,23 @@ class Grain(NamedTuple):
 
 
 MOST_PARTICLES = 2**21
-"""of a share that has more than fill a device: so many fit into the memory of any"""
+"""Largest number of particles of a share that more than fills a device: as many fit into the memory of any"""
 GRAIN = {"cpu": Grain(LANE_COUNT, 2**11), "cuda": Grain(1, 2**18, 2**35)}
-"""by the kind of device; on a CPU `lanes` takes as long for one world as for eight; a GPU does that work in a third of
-a second, and a share takes a tenth to begin"""
+"""Least sizes by the kind of device; on a CPU `lanes` takes as long for one world as for eight; a GPU does that work in
+a third of a second, and a share has an overhead of a tenth"""
 
 
 @dataclass(frozen=True)
 class ShareResult:
-    """What a worker hands back."""
+    """Result of a share from a worker."""
 
     records: list[Record]
-    """a frame each, the start among them"""
+    """Records of all frames, including the start"""
     schedule: str
     failures: Failures
     remarks: list[Remark]
     crowded: int
-    """as schedules count it"""
+    """Number of candidate overflows, as schedules count them"""
 
 
 def cut_into_shares(groups: Sequence[Group], device_kind: str) -> list[Group]:

@@ -1,4 +1,4 @@
-"""What a batch is to do, and what came of it, wherever it is simulated."""
+"""Task of a batch and its outcome, wherever it is simulated."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,16 +21,16 @@ class BatchTask:
     """Worlds to simulate, and where their files go."""
 
     scene: Scene
-    """what all worlds have in common"""
+    """Scene that all worlds have in common"""
     groups: list[Group]
     vary: BatchVary
     chosen: NDArray[np.int64]
-    """worlds of the stage, ascending"""
+    """Worlds of the stage, ascending"""
     folder: Path
     schedule: str = "auto"
-    """as asked for"""
+    """Schedule as asked for"""
     on_blowup: str = "freeze"
-    """as in `run_batch`"""
+    """Action after a blow-up, as in `run_batch`"""
 
     @property
     def laws(self) -> tuple[Law, ...]:
@@ -47,7 +47,7 @@ class BatchTask:
         return sum(len(group.worlds) * group.plan.particle_count for group in self.groups)
 
     def beginning(self, device: str, schedule: str, workers: int = 1) -> Beginning:
-        """Say what is simulated, where, and how."""
+        """Return what is simulated, where, and how."""
         return Beginning(
             worlds=self.world_count,
             particles=self.particle_count,
@@ -62,24 +62,24 @@ class BatchTask:
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a task was done."""
+    """Outcome of a task."""
 
     device: str
     schedule: str
     workers: int
-    """processes that simulated"""
+    """Number of processes that simulated"""
     healthy_worlds: int
     failures: Failures
     bad_endings: list[BadEnding]
-    """in worlds of the stage"""
+    """Bad endings in worlds of the stage"""
     pairs: list[Pair]
-    """of things that pressed each other, which have columns"""
+    """Pairs of things in contact that have columns"""
     remarks: list[Remark]
     crowded: int
-    """as schedules count it, since this batch began or went on"""
+    """Number of candidate overflows, as schedules count them, since this batch began or resumed"""
     seconds: float
-    """of simulating and writing"""
+    """Duration of simulating and writing [s]"""
     resumed: float
-    """the part of the work that an earlier batch had done, 0 to 1"""
+    """Fraction of the work that an earlier batch had done, 0 to 1"""
     removed_stage: bool
-    """whether the folder had the stage of an earlier batch, and this batch has none"""
+    """Whether the folder had the stage of an earlier batch, and this batch has none"""

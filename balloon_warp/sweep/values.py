@@ -21,7 +21,7 @@ class Range:
 
 
 Choice = Range | list[float] | list[str]
-"""a range, sampled; or a list, cycled"""
+"""Range, which is sampled; or list, which is cycled"""
 
 
 def parse_vary(text: str, scene_source: str = "") -> tuple[str, Choice]:
@@ -105,7 +105,7 @@ def parse_export(text: str, world_count: int) -> list[int]:
 
 
 def _grid_sides(range_count: int, world_count: int) -> Sequence[int]:
-    """As many points on each range as give a product of at most `world_count`, the first ones getting more."""
+    """Return the number of points on each range, whose product is at most `world_count`; the first ones get more."""
     if not range_count:
         return []
     sides = [max(int(world_count ** (1.0 / range_count)) - 1, 1)] * range_count  # a root may be rounded up

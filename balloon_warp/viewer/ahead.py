@@ -23,7 +23,7 @@ from balloon_warp.viewer.playground import Playground
 from balloon_warp.warp_logging import quiet_warp
 
 NICENESS = 15
-"""of the process: the simulation and the browser come first"""
+"""Niceness of the process: the simulation and the browser come first"""
 
 
 class Ahead:
@@ -35,12 +35,14 @@ class Ahead:
 
     @property
     def busy(self) -> bool:
-        """whether it compiles"""
+        """Whether it compiles."""
         return self._process is not None and self._process.poll() is None
 
     def begin(self, scene: Scene, device: str, laws: Sequence[Law] = ()) -> None:
-        """Compile what playing with a scene takes; what another scene takes no longer. Nothing is done where all was
-        compiled before, or where only this process knows the laws."""
+        """Compile the kernels that playing with a scene takes, and stop compiling those of another scene.
+
+        Nothing is done where all was compiled before, or where only this process knows the laws.
+        """
         self.end()
         task = _task(scene, device, laws)
         if task is None or _mark(scene, device, laws).exists():
@@ -68,12 +70,12 @@ class Ahead:
 
 
 def _kernels() -> Path:
-    """Where Warp keeps them."""
+    """Return the folder of Warp's kernel cache."""
     return Path(str(wp.config.kernel_cache_dir))
 
 
 def _task(scene: Scene, device: str, laws: Sequence[Law]) -> bytes | None:
-    """For the process, or nothing where it would not know the laws."""
+    """Return the task for the process, or None where it would not know the laws."""
     if any(law.force.func.__module__ == "__main__" for law in laws):
         return None
     try:
@@ -83,7 +85,7 @@ def _task(scene: Scene, device: str, laws: Sequence[Law]) -> bytes | None:
 
 
 def _mark(scene: Scene, device: str, laws: Sequence[Law]) -> Path:
-    """A file that says, beside the kernels in Warp's cache, that all that playing with a scene takes are there."""
+    """Return the path of a file that marks, beside Warp's kernel cache, that a scene's kernels are complete."""
     what = json.dumps([device, describe_simulation(scene, laws, 0)], sort_keys=True, default=str)
     return _kernels() / f"balloon_warp_ahead_{hashlib.sha256(what.encode()).hexdigest()[:16]}"
 
@@ -107,7 +109,7 @@ def _tidy(process: int) -> None:
 
 
 def rehearse(playground: Playground) -> None:
-    """Do what people do first, a frame each: what they do later finds its kernels."""
+    """Rehearse common actions, a frame each, so that later actions find their kernels."""
 
     def throw() -> None:
         above = playground.points.mean(axis=0) + 2.0 * playground.size * np.array(playground.live.up)
@@ -129,7 +131,7 @@ def rehearse(playground: Playground) -> None:
 
 
 def _end_with_the_page() -> None:
-    """Whoever asked is gone, however it ended: the pipe is closed."""
+    """End when the pipe is closed, however the page's process ended."""
     sys.stdin.buffer.read(1)
     _tidy(os.getpid())
     os._exit(0)

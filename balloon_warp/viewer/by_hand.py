@@ -1,4 +1,4 @@
-"""What changes in a scene when somebody inflates it by hand, or lets a wind blow."""
+"""Changes of a scene by inflating it by hand, or by wind."""
 
 from typing import Any
 
@@ -10,7 +10,7 @@ SPHERE_DRAG = 0.47
 
 
 def inflating(scene: Scene, value: float) -> list[tuple[str, Any]]:
-    """Paths and values for what is keyframed of all balloons that are inflated as the first one is.
+    """Return the paths and values for what is keyframed of all balloons that are inflated as the first one is.
 
     What the scene itself would go on to blow in does not come any more.
 
@@ -28,7 +28,10 @@ def inflating(scene: Scene, value: float) -> list[tuple[str, Any]]:
 
 
 def blowing(scene: Scene, wind: list[float]) -> list[tuple[str, Any]]:
-    """Paths and values for a wind [m/s]; balloons without any drag in air get a sphere's, or they would not feel it."""
+    """Return paths and values for a wind [m/s].
+
+    Balloons without any drag in air get a sphere's, or they would not feel it.
+    """
     slippery = [number for number, balloon in enumerate(scene.balloon) if balloon.drag_coefficient == 0.0]
     drag = [(f"balloon.{number}.drag_coefficient", SPHERE_DRAG) for number in slippery]
     return [*drag, ("atmosphere.wind", wind)]

@@ -11,7 +11,7 @@ from balloon_warp.scene import Scene
 Color = tuple[int, int, int]
 
 SPRINGS: dict[str, Color] = {"structural": (20, 20, 20), "shear": (30, 80, 220), "flexion": (20, 150, 60)}
-"""the paper's black, blue and green (figure 3)"""
+"""Black, blue and green of the paper (figure 3)"""
 WIRE: Color = (60, 30, 30)
 NORMALS: Color = (230, 140, 20)
 FORCES: Color = (0, 130, 70)
@@ -21,10 +21,10 @@ HAND: Color = (250, 200, 40)
 GROUND: Color = (228, 222, 212)
 GRID: Color = (214, 207, 196)
 PAPER: Color = (255, 255, 255)
-"""below a print"""
+"""Color below a print"""
 BRAND: Color = (200, 40, 36)
 STRAIN_BOUNDS = (0.85, 0.97, 1.03, 1.15, 1.4, 1.8)
-"""length over rest length between the bands of color"""
+"""Bounds of the color bands, length over rest length"""
 STRAIN: tuple[Color, ...] = (
     (35, 40, 140),
     (60, 110, 210),
@@ -37,34 +37,34 @@ STRAIN: tuple[Color, ...] = (
 
 
 def balloon_color(scene: Scene, number: int, mesh: PolygonMesh) -> Color:
-    """As in the stage; one for all of a mesh that has several of its own."""
+    """Return a balloon's color as in the stage; a single one for a mesh with several colors."""
     return _encoded(mean_color(mesh, scene.balloon[number], material.balloon_color(scene, number)))
 
 
 def sphere_color(number: int, own: tuple[float, float, float] | None) -> Color:
-    """As in the stage: its own, or the palette's."""
+    """Return a sphere's color as in the stage: its own, or the palette's."""
     return _encoded(own or SPHERE_COLORS[number % len(SPHERE_COLORS)])
 
 
 def obstacle_color(scene: Scene, number: int, mesh: PolygonMesh | None) -> Color:
-    """As in the stage: the scene's, the mesh's own, or gray."""
+    """Return an obstacle's color as in the stage: the scene's, the mesh's own, or gray."""
     said = scene.obstacle[number]
     return _encoded(said.color or mean_color(mesh, said, OBSTACLE_COLOR))
 
 
 def body_color(scene: Scene, number: int, mesh: PolygonMesh | None) -> Color:
-    """As in the stage: the scene's, the mesh's own, or the palette's."""
+    """Return a body's color as in the stage: the scene's, the mesh's own, or the palette's."""
     said = scene.body[number]
     return _encoded(said.color or mean_color(mesh, said, BODY_COLORS[number % len(BODY_COLORS)]))
 
 
 def water_color() -> Color:
-    """As in the stage."""
+    """Return the water's color as in the stage."""
     return _encoded(material.WATER_COLOR)
 
 
 def linear(color: Color) -> tuple[float, float, float]:
-    """A color of the page as scenes have it, in linear RGB."""
+    """Return a color of the page as scenes have it, in linear RGB."""
     values = np.clip(np.asarray(color, float) / 255.0, 0.0, 1.0)
     r, g, b = (float(value) for value in np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4))
     return r, g, b

@@ -19,7 +19,7 @@ CHOICES = {
     field: {name.replace("_", " "): name for name in get_args(Scene.model_fields[field].annotation)}
     for field in ("solver", "normals", "correction", "contact")
 }
-"""of the scene, by what they are called in the panel"""
+"""Choices of scene fields by their labels in the panel"""
 
 
 class Controls:
@@ -80,7 +80,7 @@ class Controls:
         self.status.content, self.details.content = status_line(picture), details(picture)
 
     def wait(self, picture: Picture, busy_seconds: float) -> None:
-        """Say that what was asked for takes some time."""
+        """Report that a request takes some time."""
         self.status.content = status_line(picture, busy_seconds)
 
     def _add_trouble(self) -> None:
@@ -98,13 +98,13 @@ class Controls:
         gui.add_command("Cut all strings", hotkey="C").on_trigger(lambda _: self._cut())
 
     def _plain_slider(self, label: str, numbers: tuple[float, float, float, float], hint: str) -> Any:
-        """One that nobody hears before a sphere is thrown; from, to, in steps of, at first."""
+        """Return a slider that has no effect before a sphere is thrown; arguments are from, to, step and start."""
         slider = self.server.gui.add_slider(label, *numbers, hint=hint)
         on_slide(slider, lambda _: None, self.session.tell)
         return slider
 
     def _add_dials(self, name: str, values: list[Value]) -> None:
-        """A folder; what does nothing in a scene is not seen."""
+        """Add a folder of sliders; those without effect in a scene are hidden."""
         gui = self.server.gui
         with gui.add_folder(name, expand_by_default=False) as folder:
             dials = [self._dial(value) for value in values]
@@ -193,7 +193,7 @@ class Controls:
         self.session.ask(change, key="stable")
 
     def _bind(self, picture: Picture) -> None:
-        """Values and ranges as the scene has them now."""
+        """Set values and ranges to the scene's current ones."""
         scene, fresh = picture.scene, self._bound[0] != picture.load
         self.hands_on.bind(picture, fresh)
         for _, dials in self._folders:

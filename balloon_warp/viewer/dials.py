@@ -10,9 +10,9 @@ from viser._messages import GuiSliderMark
 from balloon_warp.viewer.sliders import WIDER, Value
 
 FACTOR = 10.0
-"""how many times as much as the scene says a slider reaches, and as little"""
+"""Range of a slider over the scene's value, upward and downward"""
 END = 1.0
-"""where a slider ends to the right, and to the left with the other sign: in between, 0 is the scene's own value"""
+"""End of a slider to the right, and to the left with the other sign: the scene's value is at 0"""
 DIGITS = "{:.4g}"
 
 
@@ -38,7 +38,7 @@ class Dial:
 
     @property
     def visible(self) -> bool:
-        """whether it is seen"""
+        """Whether it is visible."""
         return self.box.visible
 
     @visible.setter
@@ -47,8 +47,10 @@ class Dial:
             self.box.visible = self.slider.visible = visible
 
     def reach(self, number: float) -> None:
-        """Range around a number that a scene says: by factors of it down to a tenth, and then 0; or evenly from 0,
-        where it is 0 or may have either sign."""
+        """Set the range around a scene's value.
+
+        By factors of it down to a tenth, and then 0; or evenly from 0, where it is 0 or may have either sign.
+        """
         row = self.value.row
         self._base, self._by_factors = number, number > 0.0 and not self.value.signed
         if self._by_factors:
@@ -93,8 +95,10 @@ class Dial:
 
 
 def on_change(handle: Any, act: Callable[[Any], None]) -> None:
-    """Act on what somebody sets in a page, not on what we put there. At once, on the thread that heard it: later there
-    might be another value, that we put there."""
+    """Act on values set in a page, not on values that the server sets.
+
+    It acts at once, on the thread that received the value: later the server might have set another.
+    """
 
     @handle.on_update
     async def _(event: Any) -> None:
@@ -103,7 +107,7 @@ def on_change(handle: Any, act: Callable[[Any], None]) -> None:
 
 
 def on_slide(slider: Any, act: Callable[[float], None], tell: Callable[[str], None]) -> None:
-    """As `on_change`, with what is typed beside a slider kept within its ends."""
+    """Act on slider values as `on_change`, with typed values kept within the slider's ends."""
 
     def heard(number: float) -> None:
         within = clamped(slider.label, number, slider.min, slider.max, tell)
@@ -115,7 +119,7 @@ def on_slide(slider: Any, act: Callable[[float], None], tell: Callable[[str], No
 
 
 def clamped(label: str, number: float, least: float, most: float, tell: Callable[[str], None]) -> float:
-    """The number, or the end of its range that it is beyond, which is then told."""
+    """Return a number, or the end of its range that it is beyond, which is then reported."""
     within = min(max(number, least), most)
     if within != number:
         end = "most" if number > most else "least"

@@ -1,4 +1,4 @@
-"""What is added to viser's page: a style sheet, scripts and a sheet of keys."""
+"""Additions to viser's page: a style sheet, scripts and a list of keys."""
 
 import functools
 import gzip
@@ -9,13 +9,13 @@ from websockets.http11 import Response
 from balloon_warp.viewer.status import key_sheet
 
 CHARSET = b'<meta charset="utf-8" />'
-"""how the page is encoded, which must be said among its first bytes: what is ours comes behind it"""
+"""Declaration of the page's encoding, which must be among its first bytes: additions come behind it"""
 
 FILES = ("page.css", "look.js", "panel.js", "wait.js", "origin.js")
 
 
 def dress(response: Response) -> None:
-    """Put what is ours before viser's own in the page; any other file stays as it is."""
+    """Insert our additions before viser's own in the page; other files are unchanged."""
     if "html" in response.headers.get("Content-Type", "") and response.body:
         response.body = _dressed(bytes(response.body), response.headers.get("Content-Encoding") == "gzip")
         del response.headers["Content-Length"]

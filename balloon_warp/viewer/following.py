@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 HELD_SECONDS = 0.4
-"""for which a camera that somebody turns is left alone, or it would be pulled back"""
+"""Time for which a camera that a user turns is left alone [s], so that it is not pulled back"""
 TURNED = 1e-3
-"""part of the distance by which a camera is elsewhere than it was, where somebody turned it"""
+"""Displacement of a camera over its distance from which on a user has turned it"""
 AWAY = 1.1
-"""how far a camera stands from what it sees, in sizes of that: it fills most of the view"""
+"""Distance of a camera from its target, over the target's size: it fills most of the view"""
 NARROW = 0.75
-"""width over height of a window in which what fills its height is as wide as it"""
+"""Width over height of a window in which what fills its height is as wide as it"""
 
 
 class Follower:
@@ -21,10 +21,10 @@ class Follower:
 
     def __init__(self) -> None:
         self._following: dict[int, tuple[NDArray[np.float64], float]] = {}
-        """by window: where its camera stood, from what it looks at [m], and until when it is left alone"""
+        """Vector to each window's camera from its target [m], and the time until which it is left alone"""
 
     def follows(self, window: Any) -> bool:
-        """Whether a window's camera does."""
+        """Return whether a window's camera follows."""
         return window.client_id in self._following
 
     def begin(self, window: Any) -> None:
@@ -32,7 +32,7 @@ class Follower:
         self._following[window.client_id] = _away(window), 0.0
 
     def end(self, window: Any) -> None:
-        """Stay."""
+        """End following; the camera stays where it is."""
         self._following.pop(window.client_id, None)
 
     def follow(self, windows: dict[int, Any], center: NDArray[np.floating]) -> None:
@@ -59,7 +59,7 @@ def look_at(window: Any, center: NDArray[np.floating], away: NDArray[np.floating
 
 
 def go_home(camera: Any, position: NDArray[np.floating], middle: NDArray[np.floating]) -> None:
-    """Put a camera where it sees everything, farther away where its window is narrow; shape (3,) each [m]."""
+    """Move a camera to where it sees everything, farther away in a narrow window; shape (3,) each [m]."""
     width, height = getattr(camera, "image_width", 1), getattr(camera, "image_height", 1)
     away = (position - middle) * max(NARROW * height / max(width, 1), 1.0)
     camera.position, camera.look_at = tuple((middle + away).tolist()), tuple(middle.tolist())
@@ -68,12 +68,12 @@ def go_home(camera: Any, position: NDArray[np.floating], middle: NDArray[np.floa
 def home_of(
     points: NDArray[np.floating], up: NDArray[np.floating], side: NDArray[np.floating]
 ) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-    """Where a camera stands that sees points, from a side and a little above, and what it looks at; shape (3,) each."""
+    """Return a camera's place to see points from a side and a little above, and its target; shape (3,) each."""
     low, high = points.min(axis=0), points.max(axis=0)
     center, size = (low + high) / 2, float((high - low).max())
     return center + AWAY * size * (side / np.linalg.norm(side)) + 0.4 * size * up, center
 
 
 def _away(window: Any) -> NDArray[np.float64]:
-    """From what a camera looks at to where it stands [m], shape (3,)."""
+    """Return the vector from a camera's target to the camera [m], shape (3,)."""
     return np.array(window.camera.position, float) - np.array(window.camera.look_at, float)

@@ -1,4 +1,4 @@
-"""What is drawn of a model, made from its points."""
+"""Geometry that is drawn of a model, computed from its points."""
 
 from dataclasses import replace
 
@@ -12,7 +12,7 @@ from balloon_warp.viewer.colors import SPRINGS, STRAIN_BOUNDS
 from balloon_warp.viewer.picture import Picture
 
 Lines = NDArray[np.float32]
-"""segments [m], shape (count, 2, 3)"""
+"""Line segments [m], shape (count, 2, 3)"""
 
 
 class Drawing:
@@ -21,11 +21,11 @@ class Drawing:
     def __init__(self, model: Model):
         self.model = model
         self.triangles, self.triangle_faces = zip(*(triangulate(shape.mesh) for shape in model.shapes), strict=True)
-        """of each balloon, and the face that each is of"""
+        """Triangles of each balloon, and the face of each triangle"""
         self.all_triangles = np.concatenate(
             [part + offset for part, offset in zip(self.triangles, model.particle_offsets, strict=False)]
         )
-        """of all balloons together"""
+        """Triangles of all balloons together"""
         springs = [shape.springs for shape in model.shapes]
         ends = [each.pairs + offset for each, offset in zip(springs, model.particle_offsets, strict=False)]
         rest_lengths = np.concatenate([each.rest_lengths for each in springs])
@@ -33,7 +33,7 @@ class Drawing:
         self._rest_lengths = rest_lengths[rest_lengths > 0.0]
 
     def springs(self, picture: Picture, kind: str) -> Lines:
-        """All springs of one kind."""
+        """Return all springs of one kind."""
         number = list(SPRINGS).index(kind)
         parts = []
         for shape, points in zip(self.model.shapes, picture.frame.points, strict=True):
@@ -41,7 +41,7 @@ class Drawing:
         return np.concatenate(parts)
 
     def normals(self, picture: Picture, length: float) -> Lines:
-        """Of every particle."""
+        """Return the normals of all particles."""
         parts = []
         for shape, points in zip(self.model.shapes, picture.frame.points, strict=True):
             normals = vertex_normals(replace(shape.mesh, points=points.astype(np.float64)))
@@ -49,14 +49,14 @@ class Drawing:
         return np.concatenate(parts).astype(np.float32)
 
     def net_forces(self, picture: Picture, length: float) -> Lines:
-        """On every particle; the largest twentieth is drawn `length` long."""
+        """Return the net forces on all particles; the largest twentieth is drawn `length` long."""
         points, forces = np.concatenate(picture.frame.points), np.concatenate(picture.frame.net_forces)
         sizes = np.linalg.norm(forces, axis=1, keepdims=True)
         longest = max(float(np.percentile(sizes, 95.0)), 1e-12)
         return np.stack([points, points + forces * (length / np.maximum(sizes, longest))], axis=1).astype(np.float32)
 
     def strain_bands(self, picture: Picture, number: int) -> list[NDArray[np.int32]]:
-        """The triangles of one balloon, in as many groups as there are bands of strain."""
+        """Return the triangles of one balloon, in as many groups as there are bands of strain."""
         shape, points = self.model.shapes[number], picture.frame.points[number]
         structural = shape.springs.kind == 0
         pairs, rest = shape.springs.pairs[structural], shape.springs.rest_lengths[structural]
@@ -70,7 +70,7 @@ class Drawing:
         return [self.triangles[number][band == which] for which in range(len(STRAIN_BOUNDS) + 1)]
 
     def string_curves(self, picture: Picture) -> dict[int, NDArray[np.float32]]:
-        """Points along the strings that are there [m], by their numbers."""
+        """Return the points along the strings that are there [m], by their numbers."""
         model, points = self.model, np.concatenate(picture.frame.points)
         ground = picture.scene.ground.height if picture.scene.ground else -np.inf
         strong = picture.model.parameters["string_stiffness"].numpy()[0] > 0.0
@@ -83,7 +83,7 @@ class Drawing:
 
     @staticmethod
     def strings(picture: Picture, drawn: dict[int, NDArray[np.float32]]) -> tuple[Lines, NDArray[np.bool_]]:
-        """The segments of strings, and which of them are hands'.
+        """Return the segments of strings, and which of them are hands'.
 
         Args:
             drawn: points along them, by their numbers.
@@ -95,7 +95,10 @@ class Drawing:
         return np.concatenate(curves), np.concatenate(hands)
 
     def measures(self, picture: Picture) -> dict[str, float]:
-        """Volume [m^3] and pressure [Pa] of all balloons, and the largest stretch, of springs or of a membrane."""
+        """Return volume [m^3] and pressure [Pa] of all balloons, and the largest stretch.
+
+        The stretch is that of springs or of a membrane.
+        """
         frame = picture.frame
         points = np.concatenate(frame.points).astype(np.float64)
         corners = points[self.all_triangles]
@@ -119,11 +122,12 @@ class Drawing:
 
 
 def string_reach(model: Model, up: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Where strings let their balloons come to: the anchors, and as far above them as a string and its balloon are
-    long, or below where they hang; shape (2 string_count, 3).
+    """Return the reach of strings: the anchors, and the highest places of their balloons, shape (2 string_count, 3).
+
+    A balloon rises above the anchor by the lengths of its string and itself, or hangs as far below.
 
     Args:
-        up: unit vector, shape (3,).
+        up: Unit vector, shape (3,).
     """
     anchors = model.parameters["string_anchor"].numpy()[0].reshape(-1, 3)
     lengths = model.parameters["string_length"].numpy()[0]

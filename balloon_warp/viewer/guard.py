@@ -1,4 +1,4 @@
-"""Who may talk to the page, and how: the one place where bytes from outside meet the server.
+"""Guard of the page's server: who may connect, and which messages it accepts.
 
 viser checks neither where a connection comes from nor what it says. Any site that somebody visits could so open a web
 socket to the page on this machine, play with it and read it; and one message that is none would fill the terminal with
@@ -26,11 +26,11 @@ from balloon_warp.viewer.messages import MOST_BYTES, understood
 from balloon_warp.viewer.origins import Origins
 
 MOST_CONNECTIONS = 128
-"""at one time: a browser takes six to load the page, and one to stay"""
+"""Largest number of simultaneous connections: a browser takes six to load the page, and one to stay"""
 FRAMED = "frame-ancestors 'self' http://localhost:* http://127.0.0.1:* vscode-webview:"
-"""which pages may show the page within them: those of this machine, such as notebooks"""
+"""Pages that may embed the page: those of this machine, such as notebooks"""
 MOST_NONSENSE = 100
-"""messages that are none, until a connection is closed"""
+"""Number of invalid messages after which a connection is closed"""
 
 _log = logging.getLogger("balloon_warp.viewer.connections")
 _log.propagate = False  # what strangers send is no news to whoever sits at the terminal
@@ -41,17 +41,17 @@ Handler = Callable[[ServerConnection], Awaitable[None]]
 
 @contextlib.contextmanager
 def guarded(host: str, control: Callable[[str], Any], origins: Origins) -> Iterator[None]:
-    """While a `ViserServer` is made in it, that server listens guarded.
+    """Guard a `ViserServer` that is made within this context.
 
     viser leaves no opening for this, so for that moment its way to listen, `websockets.asyncio.server.serve`, is ours.
 
     Args:
-        host: the address that it listens on.
-        control: the control of the panel that has an id, or None.
-        origins: that may talk to it.
+        host: Address that it listens on.
+        control: Returns the control of the panel that has an id, or None.
+        origins: Origins that may connect.
 
     Raises:
-        RuntimeError: the server listens in another way. It is guarded or it is not there.
+        RuntimeError: The server listens in another way. It is guarded or it does not start.
     """
     plain, listening = websockets.asyncio.server.serve, []
 
@@ -78,15 +78,19 @@ def guarded(host: str, control: Callable[[str], Any], origins: Origins) -> Itera
 
 
 def names_of(host: str) -> set[str]:
-    """What this machine may be called, beside its addresses, by whoever asks for the page: a name that somebody else
-    lets point here (DNS rebinding) is none."""
+    """Return the names of this machine, besides its addresses, in requests for the page.
+
+    A name that somebody else lets point here (DNS rebinding) is none.
+    """
     own = socket.gethostname()
     return {name.lower() for name in ("localhost", host, own, f"{own}.local", socket.getfqdn())}
 
 
 def is_ours(authority: str, names: set[str]) -> bool:
-    """Whether a `Host` header means this machine: one of its names, or an address, which nobody can let point
-    elsewhere."""
+    """Return whether a `Host` header means this machine.
+
+    That is one of its names, or an address, which nobody can let point elsewhere.
+    """
     try:
         name = urlsplit(f"//{authority}").hostname or ""
     except ValueError:
@@ -99,7 +103,7 @@ def is_ours(authority: str, names: set[str]) -> bool:
 def _admit(
     names: set[str], trusted: Origins, serve_file: Any, connection: ServerConnection, request: Request
 ) -> Response | None:
-    """A refusal, a file of the page, or nothing, where a web socket opens."""
+    """Return a refusal, a file of the page, or nothing, where a web socket opens."""
     hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
     if len(hosts) != 1 or not is_ours(hosts[0], names | trusted.hosts):
         for host in hosts[:1]:
@@ -157,5 +161,5 @@ def _connection(control: Callable[[str], Any], *arguments: Any, **options: Any) 
 
 
 def _note(_: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-    """What goes wrong while a message is handled ends that message alone."""
+    """Log an error in the handling of a message, which ends that message alone."""
     _log.error(context["message"], exc_info=context.get("exception"))

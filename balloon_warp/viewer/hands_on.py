@@ -18,9 +18,9 @@ from balloon_warp.viewer.status import row_of
 
 SPEEDS = ("0.1", "0.25", "0.5", "1", "2")
 NUDGE = 0.04
-"""part of the inflation slider that a key or a press moves it by"""
+"""Fraction of the inflation slider's range that a key or a press moves it by"""
 HELD_NUDGE = 0.01
-"""the same, a tenth of a second, while a button is held"""
+"""Fraction of the inflation slider's range that a held button moves it by every tenth of a second"""
 INFLATIONS = {"k_normal": "inflation (k_normal)", "pressure": "pressure [Pa]", "pump": "pump [mol/s]"}
 
 
@@ -42,7 +42,7 @@ class HandsOn:
         self._add_scene()
 
     def follow(self, picture: Picture) -> None:
-        """Say what time does, and let the slider go where a scene, or a key, inflates to."""
+        """Show the time, and move the inflation slider along with the scene or with keys."""
         label, icon = ("Pause", viser.Icon.PLAYER_PAUSE) if picture.running else ("Run", viser.Icon.PLAYER_PLAY)
         if self.run.label != label:
             self.run.label, self.run.icon = label, icon
@@ -53,7 +53,7 @@ class HandsOn:
             put(slider, picture.inflation)
 
     def bind(self, picture: Picture, fresh: bool) -> None:
-        """Values and ranges as a scene has them, where it is a fresh one its ranges, too."""
+        """Set values to a scene's, and for a new scene the ranges, too."""
         scene = picture.scene
         if fresh:
             inflation = scene.balloon[0].inflation
@@ -157,7 +157,7 @@ def put(slider: Any, value: float) -> None:
 
 
 def span(slider: Any, most: float, signed: bool) -> None:
-    """From 0, or as far below it, up to a value with two digits."""
+    """Set a slider's range from 0, or as far below it, up to a value with two digits."""
     digit = 10.0 ** (math.floor(math.log10(most)) - 1)
     most = float(f"{math.ceil(most / digit - 1e-9) * digit:.2g}")
     slider.min, slider.max = -most if signed else 0.0, most

@@ -1,4 +1,4 @@
-"""What was done to a simulation, frame by frame: the scene that replays it."""
+"""Journal of the changes to a simulation, frame by frame: the scene that replays it."""
 
 from typing import Any
 
@@ -7,26 +7,26 @@ from balloon_warp.scene import Change, Scene, Sphere, String
 from balloon_warp.scene.timeline import frame_at
 
 LONGEST = 20_000
-"""entries; a journal that would grow beyond is closed, so that a long session does not fill the memory"""
+"""Largest number of entries, so that a long session does not fill the memory; then the journal is closed"""
 
 
 class Journal:
-    """Of one simulation, from its start.
+    """Journal of one simulation, from its start.
 
     Args:
-        scene: what it started from.
+        scene: Scene that it started from.
     """
 
     def __init__(self, scene: Scene):
         self.base = scene
         self.spheres, self.strings = list(scene.sphere), list(scene.string)
         self.changes: dict[int, dict[str, Any]] = {}
-        """by frame, the new values by their paths"""
+        """New values by their paths, by frame"""
         self.length = 0
         self.closed = False
 
     def copy(self) -> "Journal":
-        """As it is now; what is written later goes into one of the two."""
+        """Return a copy of the journal as it is now; later entries go into one of the two."""
         other = Journal(self.base)
         other.spheres, other.strings = list(self.spheres), list(self.strings)
         other.changes = {frame: dict(values) for frame, values in self.changes.items()}
@@ -34,29 +34,29 @@ class Journal:
         return other
 
     def change(self, frame: int, path: str, value: Any) -> None:
-        """A value changes at the start of a frame; of several in one frame the last counts."""
+        """Change a value at the start of a frame; of several in one frame the last counts."""
         if not self._full():
             self.changes.setdefault(frame, {})[path] = value
 
     def add_sphere(self, frame: int, sphere: Sphere) -> int:
-        """It appears at the start of a frame; returns its number in the scene that replays."""
+        """Add a sphere at the start of a frame, and return its number in the scene that replays."""
         if not self._full():
             self.spheres.append(sphere.model_copy(update={"start": self._time(frame)}))
         return len(self.spheres) - 1
 
     def add_string(self, frame: int, string: String) -> int:
-        """It is tied at the start of a frame; returns its number in the scene that replays."""
+        """Add a string at the start of a frame, and return its number in the scene that replays."""
         if not self._full():
             self.strings.append(string.model_copy(update={"start": self._time(frame)}))
         return len(self.strings) - 1
 
     def end(self, bodies: list[Any], number: int, frame: int) -> None:
-        """A sphere or string of this journal ends at the start of a frame."""
+        """End a sphere or string of this journal at the start of a frame."""
         if not self.closed:
             bodies[number] = bodies[number].model_copy(update={"end": self._time(frame)})
 
     def forget_what_was_planned(self, frame: int) -> None:
-        """What the scene itself would have done from a frame on does not happen."""
+        """Cancel the changes that the scene itself had planned from a frame on."""
         kept = [change for change in self.base.change if frame_at(self.base, change.time) < frame]
         self.base = self.base.model_copy(update={"change": kept})
         kinds: tuple[list[Any], list[Any]] = (self.spheres, self.strings)
@@ -68,7 +68,7 @@ class Journal:
                     bodies[number] = body.model_copy(update={"end": None})
 
     def scene(self, frames: int) -> Scene:
-        """The scene that replays it.
+        """Return the scene that replays the journal.
 
         Raises:
             InputError: too much was done to be kept.

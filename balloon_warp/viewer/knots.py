@@ -14,12 +14,12 @@ ROOT = "/knots"
 
 
 class KnotLayer:
-    """Those of a scene, whose strings may be tied and cut."""
+    """Knots of a scene, whose strings may be tied and cut."""
 
     def __init__(self, server: viser.ViserServer):
         self._server = server
         self._tied: list[tuple[int, int, int]] = []
-        """strings that have a knot, and the balloon and the particle that each holds"""
+        """Strings that have a knot, with the balloon and the particle that each holds"""
         self._knots: list[tuple[Knot, Any]] = []
         self._painted: list[Any] = []
 

@@ -1,4 +1,4 @@
-"""What is drawn in the page: a layer for each thing, which can be shown and hidden."""
+"""Layers of the page: one for each kind of thing, which can be shown and hidden."""
 
 from collections.abc import Callable
 from typing import Any
@@ -33,7 +33,7 @@ LAYERS = {
     "contacts": "contact forces",
     "shadow": "shadow",
 }
-"""and how they are called"""
+"""Layers and their labels"""
 AT_START = ("balloon", "contacts", "shadow")
 LINES = {
     "wire": colors.WIRE,
@@ -42,9 +42,9 @@ LINES = {
     "forces": colors.FORCES,
 }
 LIGHT = 2.8
-"""of the studio's key light; where it stands and what its shadow covers the page finds itself (page_files/look.js)"""
+"""Intensity of the studio's key light; the page finds its place and its shadow itself (page_files/look.js)"""
 SLOWER = 3
-"""pictures from one drawing of what is large to the next"""
+"""Number of pictures between two drawings of what is large"""
 
 
 class Layers:
@@ -60,7 +60,7 @@ class Layers:
         self.shown = {name: name in AT_START for name in LAYERS}
         self._load, self._count = 0, 0
         self._coming: tuple[viser.IcosphereHandle, int] | None = None
-        """a sphere that was asked for, and by which wish"""
+        """Sphere that was asked for, and the number of its wish"""
         server.scene.configure_default_lights(enabled=False)
         self._key_light = server.scene.add_light_directional("/light", intensity=LIGHT, cast_shadow=True)
 
@@ -99,11 +99,11 @@ class Layers:
 
     @property
     def drawing(self) -> Drawing:
-        """Of the model that is shown."""
+        """Drawing of the model that is shown."""
         return self._drawing
 
     def _build(self, picture: Picture) -> None:
-        """Everything anew, for another model."""
+        """Rebuild everything for another model."""
         scene, self._load, self._coming = self.server.scene, picture.load, None
         for name in ("/balloons", "/strain", "/lines", "/spheres", "/strings", LEVELS, KNOTS, OBSTACLES):
             scene.remove_by_name(name)
@@ -154,7 +154,7 @@ class Layers:
         self._spheres: dict[int, viser.IcosphereHandle] = {}
 
     def _add_balloon(self, picture: Picture, number: int, points: NDArray[np.float32]) -> Any:
-        """Its surface, with its print if it has one."""
+        """Add a balloon's surface, with its print if it has one."""
         mesh = picture.model.shapes[number].mesh
         name, surface, color = (
             f"/balloons/{number}",
@@ -203,7 +203,7 @@ class Layers:
         return self.shown["contacts"] and picture.model.scene.contacts
 
     def _hide_torn(self, picture: Picture, number: int, balloon: Any) -> None:
-        """The triangles of faces that are torn are not shown; they are sent when others are than before."""
+        """Hide the triangles of torn faces; they are sent only when they change."""
         if picture.frame.torn:
             surface = self._surfaces[number]
             whole = ~picture.frame.torn[number][surface.triangle_faces]
@@ -261,6 +261,6 @@ class Layers:
 
 
 def _see(handle: Any, visible: bool) -> None:
-    """Say only what changes."""
+    """Send visibility only if it changes."""
     if handle.visible != visible:
         handle.visible = visible

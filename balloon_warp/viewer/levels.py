@@ -12,17 +12,17 @@ from balloon_warp.viewer.picture import Picture
 
 ROOT = "/levels"
 GRID_SIZES = 14.0
-"""from the middle of the ground to where it has faded away, as a multiple of the balloons' size"""
+"""Distance from the middle of the ground to where it has faded out, over the balloons' size"""
 
 
 class LevelLayer:
-    """Those of a scene.
+    """Ground and water of a scene.
 
     Args:
-        server: of the page.
-        picture: the first of the scene.
-        center: of the balloons at the start [m], shape (3,).
-        size: of the balloons [m].
+        server: Server of the page.
+        picture: First picture of the scene.
+        center: Center of the balloons at the start [m], shape (3,).
+        size: Size of the balloons [m].
     """
 
     def __init__(self, server: viser.ViserServer, picture: Picture, center: NDArray[np.floating], size: float):
@@ -31,7 +31,7 @@ class LevelLayer:
         self._middle = center - (center @ self._up) * self._up
         server.scene.add_frame(ROOT, show_axes=False)
         self._planes: dict[str, Any] = {}
-        """by the field of a frame that is their height"""
+        """Planes by the field of a frame with their height"""
         if picture.scene.ground:
             self._planes[PLANES["ground"].height] = self._add_ground(size)
         if picture.scene.water:
@@ -45,7 +45,7 @@ class LevelLayer:
                 plane.position = position
 
     def _add_ground(self, size: float) -> Any:
-        """A plane to throw shadows on, with a grid half a balloon's size wide."""
+        """Return a plane to throw shadows on, with a grid half a balloon's size wide."""
         wide = GRID_SIZES * size
         return self._server.scene.add_grid(
             f"{ROOT}/ground",
@@ -63,7 +63,7 @@ class LevelLayer:
         )
 
     def _add_water(self, half: float) -> Any:
-        """A square that one looks through.
+        """Return a square that one looks through.
 
         Args:
             half: half its side [m].

@@ -1,4 +1,4 @@
-"""What a window may say: six kinds of messages, of numbers and words within bounds. Nothing else is heard."""
+"""Messages that a window may send: six kinds, of numbers and words within bounds. All else is ignored."""
 
 from collections.abc import Callable
 from typing import Annotated, Any, Literal
@@ -6,10 +6,10 @@ from typing import Annotated, Any, Literal
 import msgspec
 
 MOST_BYTES = 1 << 16
-"""of a message; what a browser sends has a few hundred"""
+"""Largest size of a message [bytes]; those of a browser have a few hundred"""
 
 Real = Annotated[float, msgspec.Meta(ge=-1e12, le=1e12)]
-"""as in the scene; neither NaN nor infinite"""
+"""Number as in the scene; neither NaN nor infinite"""
 Word = Annotated[str, msgspec.Meta(max_length=300)]
 Pixel = tuple[Real, Real]
 Place = tuple[Real, Real, Real]
@@ -21,7 +21,7 @@ class Said(msgspec.Struct, tag=True, tag_field="type", forbid_unknown_fields=Tru
 
 
 class ViewerCameraMessage(Said):
-    """Where a window's camera is."""
+    """Place of a window's camera."""
 
     wxyz: tuple[Real, Real, Real, Real]
     position: Place
@@ -60,7 +60,7 @@ class SceneNodeDragMessage(Said):
 
 
 class Updates(msgspec.Struct, forbid_unknown_fields=True):
-    """Of a control nothing changes but its value."""
+    """Update of a control, of which only the value may change."""
 
     value: bool | Real | Word | Few
 
@@ -96,7 +96,7 @@ _decoder = msgspec.msgpack.Decoder(
 
 
 def understood(raw: bytes, control: Callable[[str], Any]) -> bytes | None:
-    """A message as it was understood, encoded anew so that nothing else is in it; nothing, if it makes no sense.
+    """Return a message as it was understood, encoded anew so that nothing else is in it; nothing, if it makes no sense.
 
     Args:
         raw: as it came, in MessagePack.
@@ -112,7 +112,7 @@ def understood(raw: bytes, control: Callable[[str], Any]) -> bytes | None:
 
 
 def _takes(control: Any, value: object) -> bool:
-    """Whether a control can have a value: one of its options, or one like that which it has."""
+    """Return whether a control can have a value: one of its options, or one of its value's type."""
     if control is None:
         return False
     if hasattr(control, "options"):

@@ -23,5 +23,5 @@ class Moment:
 
     @property
     def extent(self) -> float:
-        """of all balloons together [m]"""
+        """Extent of all balloons together [m]."""
         return float(np.ptp(self.state["points"][0], axis=0).max())

@@ -6,10 +6,10 @@ from balloon_warp.viewer.moment import Moment
 from balloon_warp.viewer.playground import Playground
 
 APART_SECONDS = 0.5
-"""of simulated time between two"""
+"""Simulated time between two kept moments [s]"""
 MOST = 12
 SWOLLEN = 3.0
-"""times as large as at the first of them is no shape to go back to"""
+"""Size over that at the first moment, above which a shape is not worth returning to"""
 
 
 class Moments:
@@ -28,8 +28,10 @@ class Moments:
             self._kept.append(playground.moment())
 
     def go_back(self, playground: Playground) -> bool:
-        """Go back to the last good moment, and the next time to the one before; returns whether there was one. It is at
-        least half of the time between two ago, and before it swelled past recognition."""
+        """Go back to the last good moment, and the next time to the one before; return whether there was one.
+
+        It is at least half of the time between two ago, and before it swelled past recognition.
+        """
         kept, apart = self._kept, _frames_apart(playground)
         while len(kept) > 1 and (
             playground.frame - kept[-1].frame < apart / 2 or kept[-1].extent > SWOLLEN * kept[0].extent

@@ -17,20 +17,20 @@ from balloon_warp.viewer.picture import Picture
 from balloon_warp.viewer.rays import hit_distance
 
 Surface = tuple[NDArray[np.float64], NDArray[np.integer[Any]]]
-"""points [m], shape (n, 3), and triangles, shape (m, 3)"""
+"""Points [m], shape (n, 3), and triangles, shape (m, 3)"""
 ROUND = 32
-"""corners of a circle"""
+"""Number of corners of a circle"""
 ROOT = "/obstacles"
 
 
 class ObstacleLayer:
-    """Those of a scene.
+    """Obstacles and bodies of a scene.
 
     Args:
-        server: of the page.
-        picture: the first of the scene.
-        center: of the balloons at the start [m], shape (3,).
-        size: of the balloons [m].
+        server: Server of the page.
+        picture: First picture of the scene.
+        center: Center of the balloons at the start [m], shape (3,).
+        size: Size of the balloons [m].
     """
 
     def __init__(self, server: viser.ViserServer, picture: Picture, center: NDArray[np.floating], size: float):
@@ -51,7 +51,7 @@ class ObstacleLayer:
             if np.ptp(points, axis=0).max() <= BACKDROP * size:
                 seen.append(Rotation.from_quat(pose[3:]).apply(points) + pose[:3])
         self.seen = np.concatenate(seen)
-        """points of those that are to be seen as a whole, where they are at first [m], shape (n, 3)"""
+        """Points of those that are to be seen as a whole, at their first place [m], shape (n, 3)"""
         self._shown: list[NDArray[np.float64] | None] = [None] * len(self._meshes)
 
     def draw(self, picture: Picture) -> None:
@@ -63,7 +63,7 @@ class ObstacleLayer:
                 self._shown[number] = pose
 
     def hit_distance(self, origin: NDArray[np.floating], direction: NDArray[np.floating]) -> float | None:
-        """How far along a ray the nearest of them is, where they were drawn last, or nothing if it meets none."""
+        """Return the distance along a ray to the nearest of them, where they were drawn last, or None."""
         hits = []
         for (points, triangles), pose in zip(self._surfaces, self._shown, strict=True):
             if pose is not None:
@@ -73,19 +73,19 @@ class ObstacleLayer:
 
 
 def _poses(picture: Picture) -> NDArray[np.float64]:
-    """Of all that has one, shape (n, 7)."""
+    """Return the poses of all that have one, shape (n, 7)."""
     return np.concatenate([picture.frame.obstacle_poses, picture.frame.body_poses.astype(np.float64)])
 
 
 def surface_of(
     shape: ObstacleShape, up: tuple[float, float, float], below: NDArray[np.floating], half: float
 ) -> Surface:
-    """What is drawn of a shape, about its own origin.
+    """Return the surface that is drawn of a shape, about its own origin.
 
     Args:
-        up: unit vector of the up axis.
-        below: a point over the middle of what is drawn of a plane [m], shape (3,).
-        half: half the side of that [m].
+        up: Unit vector of the up axis.
+        below: Point over the middle of what is drawn of a plane [m], shape (3,).
+        half: Half its side [m].
     """
     if shape.mesh is not None:
         return shape.mesh.points, triangulate(shape.mesh)[0]

@@ -1,4 +1,4 @@
-"""Where the page may be shown from, such as a proxy's address: beside its own address, what is named."""
+"""Origins that may show the page besides its own address, such as a reverse proxy."""
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -7,13 +7,13 @@ from urllib.parse import parse_qs, unquote, urlsplit
 from balloon_warp.errors import InputError
 
 MOST_TOLD = 20
-"""origins of which the terminal is told that they are refused"""
+"""Largest number of refused origins that are reported on the terminal"""
 QUESTION = "/may-i"
-"""what the page asks for, to learn whether its own address is one that may talk to the server"""
+"""Path that the page requests to learn whether its own address may connect to the server"""
 
 
 class Origins:
-    """Tells origins that may talk to the page from others: scheme, host and port, as a browser says where it is.
+    """Trusted origins of the page: scheme, host and port, as a browser sends them.
 
     Args:
         trusted: those that may, beside the page's own address.
@@ -34,21 +34,23 @@ class Origins:
         return {str(urlsplit(origin).hostname) for origin in self.trusted}
 
     def admit(self, origin: str, host: str) -> bool:
-        """Whether an `Origin` header may come with a `Host` header. If not, the terminal is told."""
+        """Return whether an `Origin` header may come with a `Host` header; if not, report it on the terminal."""
         if origin.lower() in self.trusted or origin.partition("://")[2] == host:
             return True
         self.refuse(origin)
         return False
 
     def refuse(self, origin: str) -> None:
-        """Tell the terminal, once."""
+        """Report a refused origin on the terminal, once."""
         if origin not in self._told and len(self._told) < MOST_TOLD and origin.isprintable():
             self._told.add(origin)
             self._on_refused(refusal(origin))
 
     def answer(self, path: str, host: str) -> str | None:
-        """What is said to a page that asks whether its own address may talk to the server: nothing if it may, and None
-        if it is not asked."""
+        """Return the answer to a page that asks whether its own address may connect.
+
+        Empty if it may, and None if the request is another.
+        """
         parts = urlsplit(path)
         if parts.path != QUESTION:
             return None
@@ -57,7 +59,7 @@ class Origins:
 
 
 def refusal(origin: str) -> str:
-    """Say what is refused, and how it would not be."""
+    """Return a sentence on what is refused, and how to permit it."""
     return (
         f"a page at {origin} is refused; if you opened it there, through a proxy of yours, start the page with "
         f"--origin {origin}, in Python origins=['{origin}']"

@@ -3,31 +3,31 @@
 from collections import deque
 
 MOST_BEHIND = 0.25
-"""seconds that the simulation may lag and still catch up; what is more is given up: time runs slower instead"""
+"""Largest lag of the simulation that it can catch up [s]; beyond it, time runs slower instead"""
 WINDOW = 1.0
-"""seconds over which the rate is taken"""
+"""Window over which the rate is averaged [s]"""
 
 
 class Pace:
-    """When each frame is due, and how fast simulated time really runs.
+    """Pace of simulated time: when each frame is due, and how fast time really runs.
 
     Args:
-        speed: simulated seconds a second of the wall's clock.
+        speed: Simulated seconds a second of the wall's clock.
     """
 
     def __init__(self, speed: float = 1.0):
         self.speed = speed
         self._due: float | None = None
         self._passed: deque[tuple[float, float]] = deque()
-        """when frames were done, and what each simulated"""
+        """Times at which frames were done, and what each simulated"""
 
     def rest(self) -> None:
-        """Time stands still until the next frame."""
+        """Stop time until the next frame."""
         self._due = None
         self._passed.clear()
 
     def wait(self, now: float, frame_seconds: float) -> float:
-        """Seconds until the next frame is due; counts on it being simulated then."""
+        """Return the seconds until the next frame is due; counts on it being simulated then."""
         if self._due is None or now > self._due + MOST_BEHIND:
             self._due = now
         wait = max(self._due - now, 0.0)
@@ -35,14 +35,14 @@ class Pace:
         return wait
 
     def passed(self, now: float, frame_seconds: float) -> None:
-        """A frame is done."""
+        """Record that a frame is done."""
         self._passed.append((now, frame_seconds))
         while now - self._passed[0][0] > WINDOW:
             self._passed.popleft()
 
     @property
     def rate(self) -> float:
-        """simulated seconds over the wall's, lately; 0 until there are two frames"""
+        """Simulated seconds over the wall's, lately; 0 until there are two frames."""
         if len(self._passed) < 2:
             return 0.0
         simulated = sum(seconds for _, seconds in list(self._passed)[1:])

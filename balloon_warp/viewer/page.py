@@ -21,9 +21,9 @@ from balloon_warp.viewer.server import address_of, close, guarded_server
 from balloon_warp.viewer.session import SHOWN_SECONDS, Session
 
 BUSY_SECONDS = 0.4
-"""that what was asked for may take before the panel says so"""
+"""Time that a request may take before the panel says so [s]"""
 PANEL_SECONDS = 0.2
-"""between two updates of the panel and the plots"""
+"""Time between two updates of the panel and the plots [s]"""
 
 
 class Page:
@@ -63,7 +63,7 @@ class Page:
 
     @property
     def address(self) -> str:
-        """where to look"""
+        """Address of the page."""
         return address_of(self.server)
 
     def start(self) -> None:
@@ -83,7 +83,7 @@ class Page:
         close(self.server)
 
     def _show(self) -> None:
-        """The thread that draws: the newest picture, whenever there is one and somebody looks."""
+        """Draw the newest picture, whenever there is one and somebody looks; runs in the drawing thread."""
         drawn, panel_at, prepared = None, 0.0, 0
         np.seterr(over="ignore", invalid="ignore")  # on this thread: the page says what blew up, not the terminal
         while not self._stop.wait(SHOWN_SECONDS / 2):
@@ -129,9 +129,9 @@ class Page:
 
     @staticmethod
     def _center(picture: Picture) -> np.ndarray:
-        """Of all balloons [m], shape (3,)."""
+        """Return the center of all balloons [m], shape (3,)."""
         return np.concatenate(picture.frame.points).mean(axis=0, dtype=np.float64)
 
     async def _farewell(self, client: viser.ClientHandle) -> None:
-        """Whoever leaves lets go."""
+        """Release what a window holds when it leaves."""
         self.session.ask(lambda playground: playground.release(client.client_id))

@@ -1,4 +1,4 @@
-"""What is to be seen of a session, which whoever draws it takes as a whole."""
+"""Snapshot of a session for drawing."""
 
 from dataclasses import dataclass
 
@@ -9,34 +9,34 @@ from balloon_warp.scene import Scene
 
 @dataclass(frozen=True)
 class Picture:
-    """What is to be seen of a session at one time."""
+    """Snapshot of a session at one time."""
 
     load: int
-    """how many scenes were loaded until now: another number, another model"""
+    """Number of scenes loaded until now: another number, another model"""
     revision: int
-    """changes whenever values of the scene changed otherwise than by being set"""
+    """Number that changes whenever values of the scene changed otherwise than by being set"""
     granted: int
-    """how many wishes it shows; what was asked since, it does not"""
+    """Number of wishes that it shows; later ones it does not"""
     name: str
     model: Model
     scene: Scene
     frame: Frame
     seconds: float
     sphere_numbers: tuple[int, ...]
-    """of the spheres that are there, over the whole simulation"""
+    """Numbers of the spheres that exist, over the whole simulation"""
     hands: frozenset[int]
-    """strings that are hands"""
+    """Strings that are a user's hands"""
     inflation: float
     running: bool
     speed: float
     rate: float
-    """simulated seconds over the wall's"""
+    """Simulated seconds over the wall's"""
     step_seconds: float
-    """of the wall's clock, for a frame"""
+    """Wall-clock time for a frame [s]"""
     schedule: str
     trouble: str
-    """what happened, if it blew up or failed, in a sentence; else nothing"""
+    """Blow-up or failure, in a sentence; empty without one"""
     why: str
-    """more of that, where more is known"""
+    """Further explanation, where more is known"""
     recorded_seconds: float | None
-    """of the recording that goes on"""
+    """Length of the recording in progress [s]"""

@@ -26,9 +26,9 @@ from balloon_warp.viewer.moment import Moment
 from balloon_warp.viewer.restyled import painted
 
 MOST_SUBSTEPS = 1000
-"""in a frame, of what is played with"""
+"""Largest number of substeps in a frame of the page"""
 MOST_THROWN = 8
-"""spheres that are about at one time; the next one takes the place of the oldest"""
+"""Largest number of thrown spheres at one time; the next one replaces the oldest"""
 
 
 class Playground:
@@ -50,22 +50,22 @@ class Playground:
         # settled, so that it stays, whatever else is changed
         self.start = with_settled_pressure(self._first_model.scene, plan.parameters)
         self.keep_stable = True
-        """whether every change takes as many substeps as it needs"""
+        """Whether every change takes as many substeps as it needs"""
         self.size = float(max(np.ptp(shape.mesh.points, axis=0).max() for shape in self._first_model.shapes))
-        """of the largest balloon at the start [m]"""
+        """Size of the largest balloon at the start [m]"""
         self.reset()
 
     def reset(self) -> None:
-        """Back to the start of the scene, as it was given."""
+        """Go back to the start of the scene, as it was given."""
         self.simulator = Simulator.of_model(self._first_model)
         self.live = self.start
-        """the scene as it is now, but for what it has planned; once anything is touched, exactly as it is"""
+        """Scene as it is now, but for what it has planned; once anything is touched, exactly as it is"""
         self.journal = Journal(self.start.model_copy(update={"substeps": self.simulator.model.substeps}))
         self.numbers = list(range(len(self.live.sphere))), list(range(len(self.live.string)))
-        """of the spheres and strings that are there, in the journal"""
+        """Numbers of the current spheres and strings in the journal"""
         self._untouched = True
         self.hands: dict[object, int] = {}
-        """by who holds it, the string in the live scene that is a hand"""
+        """String in the live scene that is a hand, by who holds it"""
 
     @property
     def frame(self) -> int:
@@ -73,17 +73,17 @@ class Playground:
 
     @property
     def seconds(self) -> float:
-        """simulated since the start [s]"""
+        """Simulated time since the start [s]."""
         return self.frame * self.simulator.model.frame_seconds
 
     @property
     def inflation(self) -> float:
-        """what is keyframed of the first balloon, now"""
+        """Current keyframed value of the first balloon."""
         times, values = np.array(self.live.balloon[0].inflation.keyframes).T
         return float(np.interp(self.seconds, times, values))
 
     def step(self) -> None:
-        """One frame.
+        """Simulate one frame.
 
         Raises:
             BlowUpError: the simulation blew up.
@@ -103,7 +103,7 @@ class Playground:
         self._set(inflating(self.live, value))
 
     def blow(self, wind: list[float]) -> None:
-        """A wind [m/s]; balloons without any drag in air get a sphere's, or they would not feel it."""
+        """Set the wind [m/s]; balloons without any drag in air get a sphere's, or they would not feel it."""
         self._set(blowing(self.live, wind))
 
     def paint(self, color: tuple[float, float, float]) -> None:
@@ -112,7 +112,7 @@ class Playground:
         self.journal.base = painted(self.journal.base, color)
 
     def throw(self, position: NDArray, velocity: NDArray, radius: float, mass: float) -> None:
-        """A sphere appears, and flies.
+        """Throw a sphere.
 
         Raises:
             InputError: it is too small, too heavy, or somewhere that cannot be.
@@ -182,17 +182,17 @@ class Playground:
             self.journal.change(self.frame, f"string.{self.numbers[1][self.hands[who]]}.anchor", anchor)
 
     def release(self, who: object) -> None:
-        """Let go."""
+        """Release what a window holds."""
         if who in self.hands:
             self.cut(self.hands[who])
 
     @property
     def points(self) -> NDArray[np.float32]:
-        """of all balloons [m], shape (particle_count, 3)"""
+        """Points of all balloons [m], shape (particle_count, 3)."""
         return self.simulator.state.points.numpy()[0]
 
     def moment(self) -> Moment:
-        """All that it takes to come back here."""
+        """Return all that it takes to come back here."""
         return Moment(
             frame=self.frame,
             scene=self.live,
@@ -217,7 +217,7 @@ class Playground:
             self.release(who)
 
     def _set(self, changes: list[tuple[str, Any]]) -> None:
-        """All of them or none, and the model is planned once."""
+        """Set all of the values or none, and plan the model once."""
         override_scene(self.live, changes)
         self._take_over()
         scene = override_scene(self.live, changes)
@@ -234,7 +234,7 @@ class Playground:
             self.journal.change(self.frame, "substeps", substeps)
 
     def _take_over(self) -> None:
-        """From the first touch on, what the scene itself had planned does not happen."""
+        """Cancel what the scene itself had planned, from the first interaction on."""
         if not self._untouched:
             return
         self._untouched = False
@@ -255,7 +255,7 @@ class Playground:
         self._rebuild(self.live, there[0])
 
     def _plan(self, scene: Scene) -> ModelPlan:
-        """With as many substeps as it needs.
+        """Plan a scene with as many substeps as it needs.
 
         Raises:
             InputError: it needs too many.
@@ -270,7 +270,7 @@ class Playground:
         return replace(plan, parameters=parameters, substeps=max(plan.substeps, self._least_substeps))
 
     def _asked_substeps(self, scene: Scene) -> int | Literal["auto"]:
-        """As many as stability asks; as they are where somebody wants to see what is unstable."""
+        """Return the substeps to ask for: "auto", or the current ones where a user wants to see instability."""
         unstable = scene.solver == "forward_euler" and not self.keep_stable
         return self.simulator.model.substeps if unstable else "auto"
 

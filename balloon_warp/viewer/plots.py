@@ -16,11 +16,11 @@ CURVES = {
     "stretch": ("largest stretch", "#14963c", 1.0),
     "frame": ("a frame takes [ms]", "#e08a10", 1000.0),
 }
-"""label, color, and what the measure is multiplied by"""
+"""Label, color, and factor on the measure"""
 LEAST_SPAN = 0.02
-"""of what a plot shows from bottom to top, to the largest value: nothing that changes less is drawn as if it did"""
+"""Least range of a plot over the largest value, so that small changes are not magnified"""
 STEPS = 0.02
-"""between the least and the most that are shown: the plots have three digits behind the point, and about five ticks"""
+"""Least difference between ticks: the plots have three decimals and about five ticks"""
 
 
 class Plots:
@@ -47,7 +47,7 @@ class Plots:
         }
 
     def add(self, picture: Picture, measures: dict[str, float]) -> None:
-        """One more sample of each; time that ran backward begins the curves anew."""
+        """Add a sample of each measure; time that ran backward restarts the curves."""
         if picture.load != self._load or (self._samples and picture.seconds < self._samples[-1][0]):
             self._load = picture.load
             self._samples.clear()
@@ -64,7 +64,7 @@ class Plots:
 
 
 def span_of(curve: NDArray[np.floating]) -> tuple[float, float]:
-    """What a plot shows of values, from bottom to top: so much that its ticks differ."""
+    """Return the range of a plot of values, such that its ticks differ."""
     low, high = float(curve.min()), float(curve.max())
     least = max(LEAST_SPAN * max(abs(low), abs(high)), STEPS)
     middle, half = (low + high) / 2, max(0.55 * (high - low), least / 2)

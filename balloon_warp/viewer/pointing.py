@@ -1,4 +1,4 @@
-"""What a pointer does in the view: it throws, ties and pulls."""
+"""Actions of a pointer in the view: throwing, tying and pulling."""
 
 from typing import Any
 
@@ -14,7 +14,8 @@ from balloon_warp.viewer.rays import ground_distance, hit_distance, nearest_part
 from balloon_warp.viewer.session import Session
 
 NEAREST = 0.4
-"""part of the way to what a click points at, from the camera, before which no sphere starts: it would fill the view"""
+"""Least distance of a sphere's start from the camera, over the distance to its target, so that it does not fill the
+view"""
 
 
 class Pointing:
@@ -41,8 +42,10 @@ class Pointing:
             self.session.ask(lambda playground: self._tie(playground, origin, direction))
 
     def _throw(self, origin: np.ndarray, direction: np.ndarray) -> None:
-        """A sphere that flies from before the camera to what the click points at, in what is seen. It is drawn at once,
-        and simulated as soon as it can be."""
+        """Throw a sphere from before the camera to what the click points at.
+
+        It is drawn at once, and simulated as soon as possible.
+        """
         picture, size = self.session.picture, self.session.playground.size
         points, scene = np.concatenate(picture.frame.points), picture.scene
         radius = self.controls.radius.value * size
@@ -65,7 +68,7 @@ class Pointing:
         self.layers.foresee(start, radius, color, self.session.asked)
 
     def _tie(self, playground: Playground, origin: np.ndarray, direction: np.ndarray) -> None:
-        """A string from the ground, or from below, to the particle that the click points at."""
+        """Tie a string from the ground, or from below, to the particle that the click points at."""
         scene, points = playground.live, playground.points
         hit = hit_distance(origin, direction, points, self.layers.drawing.all_triangles)
         if hit is None:

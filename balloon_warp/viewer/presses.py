@@ -12,16 +12,15 @@ from balloon_warp.viewer.picture import Picture
 
 ROOT = "/contacts"
 LONGEST = 0.4
-"""the arrow of the strongest force, over the balloons' size"""
+"""Length of the arrow of the strongest force, over the balloons' size"""
 LEAST = 0.02
-"""part of the strongest force below which a force has no arrow"""
+"""Fraction of the strongest force below which a force has no arrow"""
 FADING = 0.99
-"""how much of the strongest force until now counts as the strongest, a picture later: a blow does not dwarf what
-follows for long"""
+"""Decay factor of the strongest force from picture to picture, so that an impact does not dwarf later ones"""
 THIN = 0.012
-"""radius of the shafts, over the balloons' size"""
+"""Radius of the shafts, over the balloons' size"""
 CLEAR = 0.45
-"""how opaque balloons are in which arrows are seen"""
+"""Opacity of balloons while arrows are shown"""
 
 
 class PressLayer:
@@ -35,10 +34,11 @@ class PressLayer:
     def __init__(self, server: viser.ViserServer, size: float):
         server.scene.remove_by_name(ROOT)
         self._size, self._strongest = size, 0.0
-        shape = {"shaft_radius": THIN * size, "head_radius": 2.5 * THIN * size, "head_length": 6.0 * THIN * size}
+        nothing, thin = np.zeros((1, 2, 3), np.float32), THIN * size
         self._arrows: Any = server.scene.add_arrows(
-            ROOT, np.zeros((1, 2, 3), np.float32), colors.CONTACTS, visible=False, **shape
-        )
+            ROOT, nothing, colors.CONTACTS, visible=False,
+            shaft_radius=thin, head_radius=2.5 * thin, head_length=6.0 * thin,
+        )  # fmt: skip
 
     def draw(self, picture: Picture, shown: bool) -> None:
         """Show what a picture's contacts do to its balloons."""

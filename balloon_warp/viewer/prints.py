@@ -19,7 +19,7 @@ from balloon_warp.scene import Balloon
 from balloon_warp.viewer.smooth import Plain, Smooth
 
 LARGEST = 1024
-"""texels to a side: a larger image is made smaller"""
+"""Largest side of an image [texels]: a larger one is scaled down"""
 
 
 class Printed:
@@ -37,19 +37,19 @@ class Printed:
         self._surface, self._points = surface, kept[:, 0].astype(np.int64)
         _, firsts, points = np.unique(self._points, return_index=True, return_inverse=True)
         self.triangles = numbers.reshape(-1, 3)
-        """shape (n, 3)"""
+        """Triangles, shape (n, 3)"""
         self.triangle_faces = surface.triangle_faces
-        """the face of the mesh that each is of, shape (n,)"""
+        """Face of the mesh of each triangle, shape (n,)"""
         self.places = np.column_stack([kept[:, 1:], firsts[points]]).astype(np.float32)
-        """right, up and twin of each point, shape (n, 3)"""
+        """Texture coordinates to the right and up, and twin of each point, shape (n, 3)"""
 
     def points(self, points: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Of the surface, from those of the mesh; shape (n, 3)."""
+        """Return the points of the surface from those of the mesh; shape (n, 3)."""
         return self._surface.points(points)[self._points]
 
 
 def only_picture(mesh: PolygonMesh, said: Balloon) -> io.BytesIO | None:
-    """The image of a mesh's file, where it is on all of its faces and the scene says no color."""
+    """Return the image of a mesh's file, where it is on all of its faces and the scene says no color."""
     looks = looks_of_file(mesh, said)
     if looks is None or len(looks.pictures) != len(looks.materials) or len(looks.materials) != 1:
         return None
@@ -57,7 +57,7 @@ def only_picture(mesh: PolygonMesh, said: Balloon) -> io.BytesIO | None:
 
 
 def image_of(file: Path | io.BytesIO | None) -> NDArray[np.uint8] | None:
-    """A print as the page gets it, shape (height, width, 3); None where there is none, or it cannot be read."""
+    """Return a print as the page gets it, shape (height, width, 3); None where there is none, or it cannot be read."""
     if file is None:
         return None
     try:
@@ -69,10 +69,10 @@ def image_of(file: Path | io.BytesIO | None) -> NDArray[np.uint8] | None:
 
 
 def hang(scene: viser.SceneApi, balloon: str, surface: Printed, image: NDArray[np.uint8]) -> list[Any]:
-    """Put a print below a balloon's node, too small to be hit by a pointer.
+    """Add a print below a balloon's node, too small to be hit by a pointer.
 
     Args:
-        balloon: name of its node.
+        balloon: Name of its node.
     """
     nothing = np.zeros((1, 3), np.uint32)
     return [

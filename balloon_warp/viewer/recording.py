@@ -1,4 +1,4 @@
-"""What is recorded while it is played: a stage, and the scene that replays it."""
+"""Recording of a session: a stage, and the scene that replays it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -17,7 +17,7 @@ from balloon_warp.scene.write import scene_toml
 from balloon_warp.viewer.journal import Journal
 
 MOST_BYTES = 1 << 29
-"""of frames that wait in memory to be written; a recording that gets there ends"""
+"""Largest memory of frames that wait to be written [bytes]; a recording that gets there ends"""
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Recorded:
     frames: list[Frame]
     journal: Journal
     bodies: list[tuple[list[int], list[int]]]
-    """of each frame, the spheres and strings that were there, by their numbers in the journal"""
+    """Spheres and strings in each frame, by their numbers in the journal"""
 
 
 class Recording:
@@ -43,7 +43,7 @@ class Recording:
         return self.bytes > MOST_BYTES
 
     def add(self, frame: Frame, bodies: tuple[list[int], list[int]]) -> None:
-        """One more frame; one that was recorded already, and undone since, is replaced, and what came after it."""
+        """Add a frame; one that was recorded already, and undone since, is replaced, and so are those after it."""
         while self.frames and self.frames[-1].number >= frame.number:
             self.frames.pop()
             self.bodies.pop()
@@ -52,7 +52,7 @@ class Recording:
         self.bytes += 3 * sum(points.nbytes for points in frame.points)
 
     def end(self, journal: Journal) -> Recorded:
-        """No more frames."""
+        """End the recording, and return it."""
         return Recorded(self.frames, journal.copy(), self.bodies)
 
 
@@ -80,14 +80,14 @@ def write_recording(recorded: Recorded, folder: Path, name: str, laws: Sequence[
 
 
 def free_number(folder: Path, name: str, number: int) -> int:
-    """The first from a number on for which there is no file NAME_NUMBER yet."""
+    """Return the first number from one on for which there is no file NAME_NUMBER yet."""
     while any((folder / f"{name}_{number}{suffix}").exists() for suffix in (".usdc", ".toml")):
         number += 1
     return number
 
 
 def _with_all_bodies(frame: Frame, bodies: tuple[list[int], list[int]], model: Model) -> Frame:
-    """The frame with all the spheres and strings of the journal; those that are not there rest where they start."""
+    """Return the frame with all spheres and strings of the journal; absent ones rest where they start."""
     positions = model.parameters["initial_sphere_positions"].numpy()[0].reshape(-1, 3).copy()
     velocities = np.zeros_like(positions)
     anchors = model.parameters["string_anchor"].numpy()[0].reshape(-1, 3).copy()

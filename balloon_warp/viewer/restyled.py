@@ -3,23 +3,25 @@
 from balloon_warp.scene import Balloon, Inflation, Material, Scene, Stiffness
 
 MATERIALS = ("springs", "latex", "foil", "nylon")
-"""that the page's menu has"""
+"""Materials in the page's menu"""
 FILMS = {"foil": 5.0, "nylon": 3.0}
-"""played as springs so many times as stiff, which bend freely, as the bundled foil letters are: real film takes
-thousands of substeps a frame"""
+"""Films, simulated as springs of a multiple of the stiffness, which bend freely, as the bundled foil letters are: real
+film takes thousands of substeps a frame"""
 FILM_STRETCH = 0.05
-"""of a film's skin, as it is inflated"""
+"""Stretch of an inflated film's skin"""
 
 
 def material_of(scene: Scene) -> str:
-    """The name of what the first balloon is made of."""
+    """Return the name of what the first balloon is made of."""
     balloon = scene.balloon[0]
     return balloon.material.preset or (balloon.look == "foil" and "foil") or balloon.material.law
 
 
 def made_of(scene: Scene, name: str) -> Scene:
-    """The scene with all balloons of another material. What they are filled with is theirs where it is a gas; else it
-    is what stretches that material as is usual: a pressure that springs bear is none to foil.
+    """Return the scene with all balloons of another material.
+
+    A gas stays; other inflations become the usual pressure of that material: a pressure that springs bear is too low
+    for foil.
 
     Raises:
         InputError: it cannot be simulated so.
@@ -50,6 +52,6 @@ def _stiffer(stiffness: Stiffness, factor: float) -> Stiffness:
 
 
 def painted(scene: Scene, color: tuple[float, float, float]) -> Scene:
-    """The scene with all balloons of a color, in linear RGB."""
+    """Return the scene with all balloons of a color, in linear RGB."""
     balloons = [balloon.model_copy(update={"color": color}) for balloon in scene.balloon]
     return scene.model_copy(update={"balloon": balloons})

@@ -13,7 +13,7 @@ from balloon_warp.viewer.recording import Recorded, write_recording
 from balloon_warp.warp_logging import quiet_warp
 
 NICENESS = 10
-"""of the process: the simulation comes first"""
+"""Niceness of the process: the simulation comes first"""
 
 
 class Done(str):
@@ -21,7 +21,9 @@ class Done(str):
 
 
 def save_recording(recorded: Recorded, folder: Path, name: str, laws: Sequence[Law] = ()) -> list[Path]:
-    """As `write_recording`, beside what this process does. Laws that only this process knows keep it here.
+    """Write a recording as `write_recording` in another process.
+
+    Laws that only this process knows keep it here.
 
     Raises:
         InputError: nothing was recorded, a file cannot be written, or too much was done to be replayed.

@@ -27,7 +27,7 @@ def guarded_server(
     made: list[viser.ViserServer] = []
 
     def control(uuid: str) -> Any:
-        """The control of the panel that has an id."""
+        """Return the control of the panel that has an id."""
         return made[0].gui._gui_input_handle_from_uuid.get(uuid) if made else None
 
     trusted = Origins(origins, on_refused)
@@ -43,7 +43,7 @@ def guarded_server(
 
 
 def address_of(server: viser.ViserServer) -> str:
-    """Where to look."""
+    """Return the address of the page."""
     host = server.get_host()
     host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)
     return f"http://{f'[{host}]' if ':' in host else host}:{server.get_port()}"
@@ -56,7 +56,7 @@ def close(server: viser.ViserServer) -> None:
 
 
 def free_port(host: str, port: int | None) -> int:
-    """A port that can be listened on: that one, or the first free one from `DEFAULT_PORT` on.
+    """Return a port that can be listened on: the given one, or the first free one from `DEFAULT_PORT` on.
 
     Raises:
         InputError: there is no such address, or the port is taken.

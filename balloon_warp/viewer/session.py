@@ -1,5 +1,7 @@
-"""The thread that advances the simulation. It waits for nobody: what it is asked it does between two frames, and what
-is to be seen it leaves where whoever shows it can take it."""
+"""Thread that advances the simulation, and waits for nobody.
+
+It grants requests between two frames, and leaves pictures where others can take them.
+"""
 
 import threading
 import time
@@ -25,7 +27,7 @@ from balloon_warp.viewer.wishes import Wish, Wishes
 from balloon_warp.warp_lock import PROCESS_LOCK, lock_of
 
 SHOWN_SECONDS = 1.0 / 30.0
-"""between two pictures of the state"""
+"""Time between two pictures of the state [s]"""
 
 
 @dataclass
@@ -49,11 +51,11 @@ class Session:
     folder: Path = Path()
     laws: Sequence[Law] = ()
     notices: deque[str] = field(default_factory=lambda: deque(maxlen=20))
-    """sentences for whoever watches, oldest first"""
+    """Notices for the viewer, oldest first"""
     watched: bool = False
-    """whether anybody looks; time stands still while nobody does"""
+    """Whether anybody looks; time stands still while nobody does"""
     wants_forces: bool = False
-    """whether net forces are to be seen"""
+    """Whether net forces are shown"""
 
     def __post_init__(self) -> None:
         with PROCESS_LOCK:
@@ -61,12 +63,12 @@ class Session:
         self.pace = Pace()
         self.running, self.trouble, self.why = True, "", ""
         self._is_back = False
-        """whether the state is a good one again, after trouble"""
+        """Whether the state is good again, after trouble"""
         self.recording: Recording | None = None
         self.writer: threading.Thread | None = None
-        """of the last recording that ended"""
+        """Thread that writes the last recording"""
         self.saved: tuple[Path, ...] = ()
-        """the files of the last recording that was written"""
+        """Files of the last recording that was written"""
         self._load, self._revision, self._step_seconds = 1, 1, 0.0
         self._is_new = True
         self._busy_since: float | None = None
@@ -78,7 +80,7 @@ class Session:
         self._thread = threading.Thread(target=self._run, name="simulation", daemon=True)
 
     def begin_at(self, state: Mapping[str, NDArray]) -> None:
-        """Before the start: go on from a state, as `Simulator.restore` takes it. A reset goes to the scene's start."""
+        """Start from a state, as `Simulator.restore` takes it; a reset goes to the scene's start."""
         self.playground.simulator.restore(state)
         self._show()
 
@@ -97,22 +99,21 @@ class Session:
             self.writer.join()
 
     def ask(self, wish: Wish, key: object = None) -> None:
-        """Do something to the playground before the next frame. From any thread; returns at once.
+        """Queue a wish for the playground before the next frame; returns at once, from any thread.
 
         Args:
-            key: of several wishes with the same key that wait, only the last is done.
+            key: Of several waiting wishes with the same key, only the last is done.
         """
         self._wishes.add(wish, key)
 
     @property
     def asked(self) -> int:
-        """how many wishes there were until now"""
+        """Number of wishes until now."""
         return self._wishes.asked
 
     @property
     def busy_seconds(self) -> float:
-        """how long by now what was asked for takes, or the first frame after it, whose kernels may have to be
-        compiled; 0 while frames come as usual"""
+        """Time that the current request, or the first frame after it, takes so far; else 0 [s]."""
         since = self._busy_since
         return time.perf_counter() - since if since else 0.0
 
@@ -204,7 +205,7 @@ class Session:
                 self._stop.wait(0.25)
 
     def _go_on(self) -> None:
-        """Grant what was asked for, and simulate a frame, if time goes on."""
+        """Grant wishes, and simulate a frame, if time goes on."""
         with lock_of(self.playground.simulator.model.device):
             self._busy_since = time.perf_counter()
             self._is_new |= self._wishes.grant(lambda: self.playground)
@@ -232,7 +233,7 @@ class Session:
             self.picture = self._take_picture()
 
     def tell(self, sentence: str) -> None:
-        """Say something to whoever watches."""
+        """Send a sentence to the viewer."""
         self.notices.append(sentence)
 
     def _refuse(self, sentence: str) -> None:
@@ -240,7 +241,7 @@ class Session:
         self._revision += 1  # whoever asked sees what holds
 
     def _advance(self) -> None:
-        """One frame."""
+        """Simulate one frame."""
         playground, began = self.playground, time.perf_counter()
         self._moments.note(playground)
         try:

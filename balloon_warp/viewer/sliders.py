@@ -1,4 +1,4 @@
-"""Which parameters have a slider in the panel."""
+"""Sliders of the panel: which parameters have one."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -18,16 +18,16 @@ class Value:
     row: Parameter
     label: str
     least_reach: float
-    """of its range, where the scene's own value is 0 or small"""
+    """Least range, where the scene's own value is 0 or small"""
     signed: bool = False
 
     @property
     def path(self) -> str:
-        """of the scene"""
+        """Path in the scene."""
         return self.row.path if self.row.of == "world" else f"balloon.{self.row.path}"
 
     def read(self, scene: Scene) -> float:
-        """Now; of the first balloon."""
+        """Return Now; of the first balloon."""
         return float(value_of(scene if self.row.of == "world" else scene.balloon[0], self.row))
 
 
@@ -39,7 +39,7 @@ VALUES = (
     Value(PARAMETERS["shear"], "shear springs", 1.0),
     Value(PARAMETERS["flexion"], "flexion springs", 1.0),
 )
-"""that every scene has"""
+"""Values that every scene has"""
 SPRINGS = ("structural", "shear", "flexion")
 TABLES = {
     "Contacts": ("touch", "ground", "friction"),
@@ -47,17 +47,17 @@ TABLES = {
     "Air and water": ("atmosphere", "water", "drag_coefficient", "face_drag", "face_friction"),
     "Gas": ("inflation", "neck"),
 }
-"""what the panel has folders for, and the tables, or single values, of a scene or balloon that are in it"""
+"""Folders of the panel, and the tables, or single values, of a scene or balloon in them"""
 MUCH = {"m": 0.1, "N/m": 10.0, "m^2": 1e-5, "Pa s": 1e4}
-"""by unit, how far a slider reaches at least, where 1 is out of proportion"""
+"""Least range of a slider by unit, where 1 is out of proportion"""
 SET_ONCE = ("fill_", "molar_mass", "neck_opens", "neck_closes", "gust_seed", "most_stretch", "wrinkling", "air_lapse")
-"""how names of parameters begin that say how a scene starts, or that are no amounts"""
+"""Prefixes of parameters that set the start of a scene, or that are no amounts"""
 WIDER = 5.0
-"""how far a slider reaches, in times the default, where the scene says nothing"""
+"""Range of a slider over the default, where the scene has no value"""
 
 
 def of_tables() -> dict[str, list[Value]]:
-    """Sliders for the numbers in the tables that not every scene has, by their folders, made from the rows."""
+    """Return sliders for the numbers in tables that not every scene has, by their folders, from the rows."""
     return {
         folder: [
             _value_of_row(row)
@@ -69,13 +69,13 @@ def of_tables() -> dict[str, list[Value]]:
 
 
 IN_WIND = ("wind_shear", "wind_height", "roughness", "gusts", "gust_length")
-"""how names of parameters end that do nothing in calm air"""
+"""Suffixes of parameters without effect in calm air"""
 OF_AIR = ("air_pressure", "air_temperature")
-"""that do nothing to balloons without drag or gas"""
+"""Parameters without effect on balloons without drag or gas"""
 
 
 def does_something(scene: Scene, row: Parameter) -> bool:
-    """Whether a parameter of a scene, or of its first balloon, is there, and changes anything as things are."""
+    """Return whether a parameter of a scene, or of its first balloon, exists, and has an effect at present."""
     if not stands_in(scene, row):
         return False
     if row.name in SPRINGS:
@@ -95,8 +95,10 @@ def _feels_air(balloon: Balloon) -> bool:
 
 
 def stands_in(scene: Scene, row: Parameter) -> bool:
-    """Whether a scene, or its first balloon, has the table that a row stands in, what it is for, and says a number: one
-    that it leaves to us follows from others, and is no slider's."""
+    """Return whether a scene, or its first balloon, has a row's table, a use for it, and a number in it.
+
+    A value of "auto" follows from others, and has no slider.
+    """
     table: Any = scene if row.of == "world" else scene.balloon[0]
     for name in row.path.split(".")[:-1]:
         table = getattr(table, name, None)
@@ -119,12 +121,12 @@ def _value_of_row(row: Parameter) -> Value:
 
 
 def _reach(row: Parameter) -> float:
-    """Of a slider, where the scene says nothing or little."""
+    """Return the range of a slider, where the scene has no value or a small one."""
     return row.most if row.most < FAR else max(WIDER * abs(row.default), MUCH.get(row.unit, 1.0))
 
 
 def values_of(laws: Sequence[Law]) -> Iterator[Value]:
-    """Sliders for the parameters of laws of one's own; vectors have none."""
+    """Return the sliders for the parameters of laws of one's own; vectors have none."""
     for row in dict.fromkeys(row for law in laws for row in law.parameters):
         if row.size == 1 and row.name not in PARAMETERS:
             yield Value(row, f"{row.name} [{row.unit}]", _reach(row), signed=row.least < 0.0)

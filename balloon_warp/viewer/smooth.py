@@ -12,7 +12,8 @@ from balloon_warp.mesh.geometry import triangulate
 from balloon_warp.model import Model
 
 MOST_PARTICLES = 5000
-"""of all balloons together: a finer surface has four times as many points, which are sent to the page"""
+"""Largest number of particles of all balloons for smooth surfaces: a finer surface has four times as many points to
+send"""
 
 
 class Plain:
@@ -28,14 +29,14 @@ class Plain:
         self._corners, _ = triangulate(replace(mesh, face_vertex_indices=corners, texture_coordinates=None))
 
     def points(self, points: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Those of the mesh."""
+        """Return the points of the mesh."""
         return points
 
     def spread(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """At the corners of the triangles, from those of the mesh's faces.
+        """Return values at the corners of the triangles from those of the mesh's faces.
 
         Args:
-            values: shape (corner_count, k).
+            values: Values, shape (corner_count, k).
 
         Returns:
             Shape (n, 3, k).
@@ -44,7 +45,7 @@ class Plain:
 
 
 def surfaces_of(model: Model) -> "list[Plain | Smooth]":
-    """What is drawn of each balloon: smooth, unless that would be too much to send."""
+    """Return the surface to draw of each balloon: smooth, unless that would be too much to send."""
     kind = Smooth if model.particle_count <= MOST_PARTICLES else Plain
     return [kind(shape.mesh) for shape in model.shapes]
 
@@ -77,23 +78,24 @@ class Smooth:
         self._matrix: Any = vstack([smooth_points, smooth_edges, centers]).tocsr().astype(np.float32)
         quads = np.stack([corners, n_points + edges, n_points + n_edges + faces, n_points + before], axis=1)
         self.triangles = quads[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
-        """of the finer surface, shape (n, 3)"""
+        """Triangles of the finer surface, shape (n, 3)"""
         self.triangle_faces = np.repeat(faces, 2)
-        """the face of the mesh that each is of, shape (n,)"""
+        """Face of the mesh of each triangle, shape (n,)"""
         self._beside = after, firsts + (number - 1) % counts[faces]
-        """of each corner the next and the one before in its face"""
+        """Next and previous corner of each corner in its face"""
         self._means = _rows(faces, np.arange(len(corners)), 1.0 / counts[faces], (len(counts), len(corners)))
 
     def points(self, points: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Of the finer surface, from those of the mesh; shape (n, 3)."""
+        """Return the points of the finer surface from those of the mesh; shape (n, 3)."""
         return self._matrix @ points
 
     def spread(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """At the corners of the triangles, from those of the mesh's faces: straight between them, so that an image is
-        cut where the mesh cuts it.
+        """Return values at the corners of the triangles from those of the mesh's faces.
+
+        They are interpolated linearly, so that an image is cut where the mesh cuts it.
 
         Args:
-            values: shape (corner_count, k).
+            values: Values, shape (corner_count, k).
 
         Returns:
             Shape (n, 3, k).
@@ -112,8 +114,11 @@ def _points(
     means: tuple[Any, Any],
     count: int,
 ) -> Any:
-    """The rows for the mesh's own points: (mean of faces + 2 mean of edges + (n - 3) point) / n, n the edges there; on
-    a border half the point, and half the mean of the border's two edges there."""
+    """Return the matrix rows for the mesh's own points (Catmull-Clark).
+
+    (mean of faces + 2 mean of edges + (n - 3) point) / n, n the edges there; on a border half the point, and half the
+    mean of the border's two edges there.
+    """
     centers, middles = means
     here = ends.ravel()
     at_edges = np.repeat(np.arange(len(ends)), 2)
@@ -138,5 +143,5 @@ def _rows(rows: Any, columns: Any, values: Any, shape: tuple[int, int]) -> Any:
 
 
 def _scaled(factors: NDArray[np.floating], matrix: Any) -> Any:
-    """A matrix, each row times a factor."""
+    """Return a matrix, each row times a factor."""
     return csr_matrix(matrix.multiply(np.asarray(factors, dtype=np.float64)[:, None]))

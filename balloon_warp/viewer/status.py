@@ -1,4 +1,4 @@
-"""What the panel says in a line, and what its keys are."""
+"""Status line of the panel, and the list of keys."""
 
 from html import escape
 
@@ -16,19 +16,19 @@ KEYS = (
     ("F", "follows the balloon; again, stays"),
     ("?", "shows this, and hides it"),
 )
-"""what a person does, and what it does"""
+"""Actions of a user and their effects"""
 COMPILING = "what is new here needs kernels that are being compiled; they are kept, so that it is quick the next time"
-"""why time stands for some seconds"""
+"""Reason why time stands for some seconds"""
 KEPT_UP = 0.95
-"""part of the speed asked for that counts as kept"""
+"""Fraction of the requested speed that counts as kept"""
 KEYS_BUTTON = '<div class="bw-keys"><button class="bw-keys-button" title="keys">?</button></div>'
-"""at the end of the line of status, which is written anew while somebody presses"""
+"""Button at the end of the status line, which is rewritten while a user presses it"""
 NEARLY_ALL = 0.9
-"""part of the time of a frame that simulating it takes, where nothing else is to blame"""
+"""Fraction of a frame's time from which on simulation alone limits the speed"""
 
 
 def status_line(picture: Picture, busy_seconds: float = 0.0) -> str:
-    """Time and pace, in one line however long they are.
+    """Return the time and pace, in one line however long they are.
 
     Args:
         busy_seconds: how long what was asked for takes by now, if it takes long.
@@ -44,17 +44,17 @@ def status_line(picture: Picture, busy_seconds: float = 0.0) -> str:
 
 
 def row_of(count: int, large: bool = False) -> str:
-    """What says that so many buttons that follow stand side by side; see page_files/page.css."""
+    """Return the markup that puts a number of following buttons side by side; see page_files/page.css."""
     return f'<div class="bw-row-{count}{" bw-large" if large else ""}"></div>'
 
 
 def trouble_line(picture: Picture) -> str:
-    """What went wrong; more of it where a pointer rests."""
+    """Return what went wrong; more of it is shown where a pointer rests."""
     return f'<div class="bw-trouble" role="alert" title="{escape(picture.why)}">{escape(picture.trouble)}</div>'
 
 
 def _pace(picture: Picture) -> tuple[str, str]:
-    """How fast time runs, and why where it is slower than asked."""
+    """Return the speed of time, and why it is slower than asked."""
     if not picture.running:
         return "stands still", ""
     if picture.rate == 0.0:
@@ -69,7 +69,7 @@ def _pace(picture: Picture) -> tuple[str, str]:
 
 
 def details(picture: Picture) -> str:
-    """What is simulated, by what."""
+    """Return what is simulated, and by what."""
     model = picture.model
     return (
         f'<div class="bw-details">{model.particle_count:,} particles, {model.spring_count:,} springs, '
@@ -78,13 +78,13 @@ def details(picture: Picture) -> str:
 
 
 def key_sheet() -> str:
-    """The keys, as a table."""
+    """Return the keys, as a table."""
     rows = "".join(f"<tr><th>{escape(key)}</th><td>{escape(does)}</td></tr>" for key, does in KEYS)
     return f'<template id="bw-keys"><table>{rows}</table></template>'
 
 
 def strain_legend() -> str:
-    """What the bands of strain mean: length over rest length."""
+    """Return the legend of the strain bands: length over rest length."""
     bounds = ["", *(f"{bound:g}" for bound in colors.STRAIN_BOUNDS)]
     cells = "".join(
         f'<div style="flex:1;border-top:0.6em solid rgb{color};padding-right:0.2em">{bound}</div>'

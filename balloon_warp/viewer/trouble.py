@@ -1,4 +1,4 @@
-"""Why a simulation that is played with blew up, in a sentence for whoever plays."""
+"""Sentence for a user on why a simulation blew up."""
 
 from balloon_warp.blow_ups import BlowUp
 from balloon_warp.errors import BlowUpError
@@ -6,7 +6,7 @@ from balloon_warp.scene import Scene
 
 
 def sentence_of(failure: BlowUpError, scene: Scene) -> str:
-    """Say what was too much, as in "Too much pressure for these springs."."""
+    """Return the cause of a failure, as in "Too much pressure for these springs."."""
     skin = "this skin" if any(balloon.material.is_membrane for balloon in scene.balloon) else "these springs"
     report = failure.report
     if not isinstance(report, BlowUp):

@@ -1,4 +1,4 @@
-"""What is asked of a simulation from other threads, until the one that advances it does it between two frames."""
+"""Wishes from other threads, queued until the simulation's thread grants them between two frames."""
 
 import threading
 import time
@@ -9,9 +9,9 @@ from balloon_warp.errors import InputError
 from balloon_warp.viewer.playground import Playground
 
 MOST_ASKED = 1000
-"""wishes that wait at one time; more are not heard"""
+"""Largest number of waiting wishes; more are ignored"""
 GRANTING_SECONDS = 0.1
-"""that wishes may take before a frame is simulated again"""
+"""Time that wishes may take before a frame is simulated again [s]"""
 
 Wish = Callable[[Playground], None]
 
@@ -25,17 +25,17 @@ class Wishes:
 
     def __init__(self, refused: Callable[[str], None]):
         self.came = threading.Event()
-        """set when there are wishes"""
+        """Event that is set when there are wishes"""
         self.asked, self.granted = 0, 0
-        """how many came until now, and how many until nobody waited any more"""
+        """Number of wishes so far, and number of those granted"""
         self._refused = refused
         self._waiting: dict[object, Wish] = {}
         self._lock = threading.Lock()
         self._failures: set[type[Exception]] = set()
-        """that the terminal was told about"""
+        """Failures that the terminal was told about"""
 
     def add(self, wish: Wish, key: object = None) -> None:
-        """One more; of several with the same key that wait, only the last is granted. From any thread."""
+        """Add a wish; of several waiting with the same key, only the last is granted. From any thread."""
         with self._lock:
             if len(self._waiting) < MOST_ASKED:
                 key = key if key is not None else object()
@@ -45,10 +45,10 @@ class Wishes:
         self.came.set()
 
     def grant(self, playground: Callable[[], Playground]) -> bool:
-        """Do what was asked for. Whoever asks for much does not stop time: the rest waits for the next frame.
+        """Grant the waiting wishes; where there are many, the rest waits for the next frame.
 
         Args:
-            playground: the one that is played with now; a wish may bring another.
+            playground: Current playground; a wish may bring another.
 
         Returns:
             Whether anything was asked for.
@@ -79,7 +79,7 @@ class Wishes:
             self._refused("this did not work; the terminal says why")
 
     def fail(self, mistake: Exception) -> None:
-        """Say on the terminal what went wrong that should not; once of each kind, so that it does not fill it."""
+        """Report an unexpected failure on the terminal; once of each kind, so that it does not fill it."""
         if type(mistake) not in self._failures:
             self._failures.add(type(mistake))
             traceback.print_exception(mistake)

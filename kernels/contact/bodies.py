@@ -1,12 +1,13 @@
-"""Free rigid bodies and the particles that they meet, where each piece of a substep is a launch: a block a world, which
-goes through its particles in the same order every time."""
+"""Contact of free rigid bodies and particles, a block a world.
+
+Each piece of a substep is a launch, which loops over the particles in the same order every time.
+"""
 
 from functools import cache
 from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.laws.contact import friction_on
 from balloon_warp.kernels.laws.impulse import MOST_TURNS, shift_of_body
 from balloon_warp.kernels.laws.rigid import (
     Change,
@@ -23,9 +24,10 @@ from balloon_warp.kernels.laws.rigid import (
     rub_on,
 )
 from balloon_warp.kernels.loops.bodies import Rigid, body_at, pushed_on, put_body, stop_function
+from balloon_warp.kernels.loops.friction import friction_on, number_of_body
 from balloon_warp.kernels.loops.inertia import inertia_function
 from balloon_warp.kernels.own import own_functions
-from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
+from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.warps import block_barrier
 from balloon_warp.kernels.working import Working
@@ -33,11 +35,10 @@ from balloon_warp.kernels.working import Working
 
 @cache
 def bodies_function(traits: Traits) -> Any:
-    """The function by which bodies and particles exchange momentum, body by body, once all have moved."""
+    """Return the function by which bodies and particles exchange momentum, body by body, once all have moved."""
     _, read_own = own_functions(traits.columns, traits.balloons)
     inertia = inertia_function(traits)
     stop_at = stop_function(traits)
-    friction_column = traits.columns.places["balloon_friction"]
 
     @wp.func
     def pass_of_thread(
@@ -53,8 +54,7 @@ def bodies_function(traits: Traits) -> Any:
         points: wp.array[wp.vec3],
         velocities: wp.array[wp.vec3],
     ):
-        """How the particles that are a thread's push a body that changes as in the last pass; or they take what they
-        gain by a change. One function does both, as what tells whether they meet is long."""
+        """Return the push of a thread's particles on a body with the last change, or apply a change to them."""
         part = Push()
         solid = t.bodies.solids[rigid.number]
         for particle in range(thread, points.shape[0], wp.block_dim()):
@@ -94,9 +94,8 @@ def bodies_function(traits: Traits) -> Any:
         points: wp.array[wp.vec3],
         velocities: wp.array[wp.vec3],
     ):
-        """Friction on those that are pressed; the impulse on the body [N s], and its torque's [N m s]."""
+        """Return the impulse of a thread's pressed particles on a body by friction [N s], and the torque's [N m s]."""
         total = wp.spatial_vector()
-        its = t.bodies.friction[row_of_world(world, t.bodies.friction.shape[0]), rigid.number]
         center = rigid.end - t.step_seconds * rigid.velocity
         for particle in range(thread, points.shape[0], wp.block_dim()):
             pushed = working.body_pushes[world, particle]
@@ -106,7 +105,7 @@ def bodies_function(traits: Traits) -> Any:
                 velocity = velocities[particle]
                 arm = points[particle] - t.step_seconds * velocity - center
                 beside = velocity - rigid.velocity - wp.cross(rigid.spin, arm)
-                friction = friction_on(own.n[friction_column], its)
+                friction = friction_on(t, world, own.balloon, number_of_body(t, rigid.number))
                 rubbed = rub_on(beside, pushed, mass, share, friction)
                 velocities[particle] = velocity + rubbed / mass
                 points[particle] = points[particle] + (t.step_seconds / mass) * rubbed
@@ -123,7 +122,7 @@ def bodies_function(traits: Traits) -> Any:
         points: wp.array[wp.vec3],
         velocities: wp.array[wp.vec3],
     ):
-        """Of a world, by all threads of a block."""
+        """Resolve contacts of bodies with particles of a world, by all threads of a block."""
         for body in range(state.body_positions.shape[1]):
             rigid = body_at(t, state, working.body_starts, working.body_start_turns, world, body)
             tensor = rigid.mass * inertia_in_world(rigid.start_turn, t.bodies.inertias[body])

@@ -15,21 +15,22 @@ from balloon_warp.kernels.working import Working
 wp.set_module_options(OPTIONS)
 
 LOWER, UPPER, PACE = wp.constant(0), wp.constant(1), wp.constant(2)
-"""what of a box stands where"""
+"""Rows of a box"""
 SPEED, STRAYED = wp.constant(0), wp.constant(1)
-"""the highest speed [m/s], and whether a particle has strayed, see `Sweep`"""
+"""Entries of `PACE`: the highest speed [m/s], and whether a particle has strayed, see `Sweep`"""
 APART, WAS_NEAR, ARE_NEAR, STILL_NEAR = wp.constant(0), wp.constant(1), wp.constant(2), wp.constant(3)
-"""what there is to do in a world: nothing, to forget what was near, to look, or to go on with what was found"""
+"""Work in a world: none, clear the lists of near balloons, search, or reuse what was found"""
 ALONE, KNOWN, LOOKS = wp.constant(0), wp.constant(1), wp.constant(2)
-"""what a balloon's particles do then: nothing, as none is near; go on with what they found; or look"""
+"""Work of a balloon's particles: none, since no balloon is near; reuse what they found; or search"""
 SPARE = wp.constant(0.25)
-"""of a balloon's slack, that its particles may move before they are looked for again. As another may move as much, and
-both as much before as after one of them was looked for, half of the slack is left for what they gain by accelerating"""
+"""Fraction of a balloon's slack that its particles may move before a new search. Another balloon may move as much, and
+both as much before as after one of them was searched; so half of the slack is left for what they gain by
+accelerating"""
 
 
 @wp.struct
 class Sweep:
-    """What particles sweep until the next search."""
+    """Bounds on particles until the next search."""
 
     lower: wp.vec3  # corners of the box around it [m]
     upper: wp.vec3
@@ -47,10 +48,10 @@ def sweep_of(
     velocities: wp.array[wp.vec3],
     sought: wp.array[wp.vec3],
 ):
-    """Of each so-manyth particle of a balloon.
+    """Return the bounds on every n-th particle of a balloon.
 
     Args:
-        sought: where they were at the last search [m].
+        sought: Positions at the last search [m].
     """
     sweep = Sweep()
     sweep.lower = wp.vec3(1.0e30)
@@ -67,17 +68,17 @@ def sweep_of(
 
 @wp.func
 def is_known(working: Working, world: wp.int32):
-    """Whether it was found who is near whom, and not forgotten since."""
+    """Return whether the lists of near balloons are valid."""
     before = working.near_balloons[world, working.balloon_boxes.shape[1]]
     return before >= ARE_NEAR
 
 
 @wp.func
 def put_sweep(t: Tables, working: Working, world: wp.int32, balloon: wp.int32, sweep: Sweep, is_first: bool):
-    """Of all its particles.
+    """Store the bounds of a balloon's particles.
 
     Args:
-        is_first: whether a frame begins, with a state that may be another's.
+        is_first: Whether a frame begins, with a state that may be another's.
     """
     strayed = is_first or not is_known(working, world) or sweep.strayed > SPARE * t.touch.slack[balloon]
     working.balloon_boxes[world, balloon, LOWER] = sweep.lower
@@ -96,7 +97,7 @@ def box_balloons(
     # in and out
     working: Working,
 ):
-    """A block a (world, balloon): what its particles sweep until the next search."""
+    """Compute the bounds that the particles of a balloon sweep until the next search; a block a (world, balloon)."""
     world, balloon, thread = wp.tid()
     own = sweep_of(t, balloon, thread, wp.block_dim(), points[world], velocities[world], working.sought[world])
     sweep = Sweep()
@@ -116,20 +117,23 @@ def box_balloons(
 
 @wp.func
 def boxes_meet(lower: wp.vec3, upper: wp.vec3, other_lower: wp.vec3, other_upper: wp.vec3, pad: float):
-    """Whether they come as near as that in each direction [m]."""
+    """Return whether two boxes are within a distance in each direction [m]."""
     gap = wp.max(lower - other_upper, other_lower - upper)
     return wp.max(gap) <= pad
 
 
 @wp.func
 def squared_distance_to_box(point: wp.vec3, lower: wp.vec3, upper: wp.vec3):
-    """[m^2]"""
+    """Return the squared distance of a point to a box [m^2]."""
     return wp.length_sq(wp.max(wp.max(lower - point, point - upper), wp.vec3()))
 
 
 @cache
 def pad_function(traits: Traits) -> Any:
-    """The function that says how near two balloons' particles and triangles have to be, beside what they sweep [m]."""
+    """Return the function for the distance at which particles and triangles of two balloons are near [m].
+
+    The distance excludes what they sweep.
+    """
     thickness_between, _ = skin_functions(traits)
 
     @wp.func
@@ -141,7 +145,7 @@ def pad_function(traits: Traits) -> Any:
 
 @cache
 def nearing_function(traits: Traits) -> Any:
-    """The function that says whether a particle may meet a balloon until the next search."""
+    """Return the function that returns whether a particle may touch a balloon until the next search."""
     pad_between = pad_function(traits)
 
     @wp.func
@@ -154,7 +158,7 @@ def nearing_function(traits: Traits) -> Any:
         point: wp.vec3,
         velocity: wp.vec3,
     ):
-        """By the box around what the balloon sweeps."""
+        """Return whether a particle may come near another balloon, by the box that the balloon sweeps."""
         end = point + t.touch.seconds * velocity
         return boxes_meet(
             wp.min(point, end),
@@ -169,13 +173,13 @@ def nearing_function(traits: Traits) -> Any:
 
 @wp.func
 def has_strayed(working: Working, world: wp.int32, balloon: wp.int32):
-    """Whether its particles may have come further than lists allow for."""
+    """Return whether a balloon's particles may have moved farther than its lists allow."""
     return working.balloon_boxes[world, balloon, PACE][STRAYED] > 0.0
 
 
 @cache
 def meet_function(traits: Traits) -> Any:
-    """The function that notes which balloons one may meet, and says what its particles do."""
+    """Return the function that records the balloons that one may touch, and returns the work of its particles."""
     pad_between = pad_function(traits)
 
     @wp.func
@@ -204,11 +208,11 @@ def meet_function(traits: Traits) -> Any:
 
 @wp.func
 def decide(working: Working, world: wp.int32, near: bool, strayed: bool):
-    """What there is to do in a world; lists are forgotten where others will be made.
+    """Decide the work in a world, and clear lists where others will be made.
 
     Args:
-        near: whether any of its balloons are near each other.
-        strayed: whether any has strayed.
+        near: Whether any of its balloons are near each other.
+        strayed: Whether any balloon has strayed.
     """
     now = wp.where(is_known(working, world), WAS_NEAR, APART)
     if near:
@@ -221,12 +225,12 @@ def decide(working: Working, world: wp.int32, near: bool, strayed: bool):
 
 @cache
 def meeting_function(traits: Traits) -> Any:
-    """The function by which the threads of a block note which balloons of a world may meet, and what there is to do."""
+    """Return the function by which a block notes which balloons of a world may touch, and what there is to do."""
     meet = meet_function(traits)
 
     @wp.func
     def meet_all(t: Tables, working: Working, world: wp.int32, thread: wp.int32):
-        """Whether any may meet."""
+        """Find which balloons may touch, and return whether any may."""
         near = bool(False)
         strayed = bool(False)
         for balloon in range(thread, working.balloon_boxes.shape[1], wp.block_dim()):
@@ -245,7 +249,7 @@ def meeting_function(traits: Traits) -> Any:
 
 @cache
 def meet_kernel(traits: Traits) -> Any:
-    """The kernel that says which balloons may meet."""
+    """Return the kernel that finds the balloons that may touch."""
     meet_all = meeting_function(traits)
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
@@ -255,7 +259,7 @@ def meet_kernel(traits: Traits) -> Any:
         # in and out
         working: Working,
     ):
-        """A block a world."""
+        """Find the balloons that may touch; a block a world."""
         world, thread = wp.tid()
         meet_all(t, working, world, thread)
 
@@ -264,6 +268,6 @@ def meet_kernel(traits: Traits) -> Any:
 
 @wp.func
 def is_searched(working: Working, world: wp.int32):
-    """Whether there are lists to make, or to forget."""
+    """Return whether there are lists to make, or to clear."""
     what = working.near_balloons[world, working.balloon_boxes.shape[1]]
     return what > APART and what < STILL_NEAR

@@ -1,5 +1,8 @@
-"""Sharp edges that meet, where each piece of a substep is a launch: a block a world. Now and then it is found which
-edges are near each other; those push each other apart, one pair after the other, in the same order every time."""
+"""Contact of sharp edges, a block a world.
+
+Each piece of a substep is a launch. A search now and then finds edges that are near each other; these push each other
+apart, one pair after the other, in the same order every time.
+"""
 
 from functools import cache
 from typing import Any
@@ -20,26 +23,27 @@ from balloon_warp.kernels.laws.edges import (
     sliding_at,
     weights_of,
 )
+from balloon_warp.kernels.loops.friction import friction_of_balloons
 from balloon_warp.kernels.loops.inertia import ease_function
-from balloon_warp.kernels.loops.meeting import pair_friction_function, skin_functions
+from balloon_warp.kernels.loops.meeting import skin_functions
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.working import Working
 
 MOST_EDGES = wp.constant(16)
-"""that an edge keeps: of too many the nearest"""
+"""Largest number of edges that an edge keeps: the nearest"""
 PAIRS = wp.constant(2)
-"""of edges that may meet: where their number stands, beside the lengths of lists of particles"""
+"""Index of the number of edge pairs, after the lengths of lists of particles"""
 MOST_SWEEPS = wp.constant(16)
-"""over all pairs in a substep; where none comes too near any more it ends sooner"""
+"""Largest number of sweeps over all pairs in a substep; it ends sooner where none comes too near"""
 SETTLED = wp.constant(0.01)
-"""of what edges keep between them, by which they may come nearer in a substep: the next one sees to that"""
+"""Fraction of the distance between edges by which they may come nearer in a substep, left to the next one"""
 
 
 @wp.func
 def edge_box(t: Tables, edge: wp.int32, points: wp.array[wp.vec3], velocities: wp.array[wp.vec3]):
-    """Around what an edge sweeps until the next search [m]."""
+    """Return the box that an edge sweeps until the next search [m]."""
     ends = t.touch.edges[edge]
     a = points[ends[0]]
     b = points[ends[1]]
@@ -51,12 +55,12 @@ def edge_box(t: Tables, edge: wp.int32, points: wp.array[wp.vec3], velocities: w
 
 @cache
 def finding_edges_function(traits: Traits) -> Any:
-    """The function that finds the edges that an edge may meet, of its balloon's number and above."""
+    """Return the function that finds the edges that an edge may touch, of its balloon's number and above."""
     pad_between = pad_function(traits)
 
     @wp.func
     def may_meet(t: Tables, own: wp.int32, edge: wp.int32, other: wp.int32):
-        """Of one balloon only what was apart at the start."""
+        """Return whether two edges may touch: on one balloon, only those that were apart at the start."""
         apart = t.touch.apart[own]
         for end in range(2):
             for far in range(2):
@@ -110,7 +114,7 @@ def finding_edges_function(traits: Traits) -> Any:
 
 @cache
 def find_edges_kernel(traits: Traits) -> Any:
-    """The kernel that finds which edges may meet."""
+    """Return the kernel that finds the edges that may touch."""
     find_edges = finding_edges_function(traits)
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
@@ -124,7 +128,7 @@ def find_edges_kernel(traits: Traits) -> Any:
         # out
         working: Working,
     ):
-        """Some threads a world."""
+        """Find the edges near each edge, by some threads a world."""
         world, thread = wp.tid()
         if is_searched(working, world):
             for edge in range(thread, t.touch.edges.shape[0], threads):
@@ -135,10 +139,9 @@ def find_edges_kernel(traits: Traits) -> Any:
 
 @cache
 def edges_function(traits: Traits) -> Any:
-    """The function by which edges push each other apart, once all particles have moved."""
+    """Return the function by which edges push each other apart, once all particles have moved."""
     ease_of_moving = ease_function(traits)
     thickness_between, _ = skin_functions(traits)
-    pair_friction = pair_friction_function(traits)
 
     @wp.func
     def push_pair(
@@ -150,7 +153,7 @@ def edges_function(traits: Traits) -> Any:
         points: wp.array[wp.vec3],
         velocities: wp.array[wp.vec3],
     ):
-        """Two edges push each other. Whether the others have to be looked at again."""
+        """Push two edges apart, and return whether the other pairs have to be tested again."""
         ends = wp.vec4i(
             t.touch.edges[first][0], t.touch.edges[first][1], t.touch.edges[second][0], t.touch.edges[second][1]
         )
@@ -173,7 +176,8 @@ def edges_function(traits: Traits) -> Any:
         for end in range(4):
             gains[end] = (eases[end] * weights[end] * push) * crossing.normal
         if crosses(crossing):
-            most = push * pair_friction(t, world, t.particles.balloon[ends[0]], t.particles.balloon[ends[2]])
+            own = t.particles.balloon[ends[0]]
+            most = push * friction_of_balloons(t, world, own, t.particles.balloon[ends[2]])
             slide = sliding_at(crossing, weights, moving + gains)
             shares = rub_shares(crossing, weights, wp.normalize(slide))
             rub = friction_of_edges(wp.length(slide), shares, eases, most)
@@ -194,7 +198,7 @@ def edges_function(traits: Traits) -> Any:
         points: wp.array[wp.vec3],
         velocities: wp.array[wp.vec3],
     ):
-        """Of a world, by the first thread of a block."""
+        """Resolve contacts of the edges of a world, by the first thread of a block."""
         if thread == 0 and working.list_lengths[world, PAIRS] > 0:
             pushed = bool(True)
             sweep = wp.int32(0)

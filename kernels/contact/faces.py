@@ -1,9 +1,9 @@
-"""Spheres that meet faces, where each piece of a substep is a launch: a block a world, which takes what meets first,
-again and again, until nothing meets any more.
+"""Contact of small spheres with faces, a block a world: the earliest contact first, until none is left.
 
-Between faces that are folded around a sphere that takes long. Then the sphere and the corners of all faces that it
-meets from there on become a lump, which goes on with its mean velocity: that keeps momentum and takes energy, and where
-nothing moves beside the sphere, nothing comes through (Provot 1997, *Collision and self-collision handling in cloth*).
+Each piece of a substep is a launch. Between faces that are folded around a sphere this takes long. Then the sphere and
+the corners of all faces that it meets from there on become a lump, which moves with its mean velocity: this conserves
+momentum and takes energy, and where nothing moves relative to the sphere, nothing passes through (Provot 1997,
+*Collision and self-collision handling in cloth*).
 """
 
 from functools import cache
@@ -13,32 +13,32 @@ import warp as wp
 
 from balloon_warp.kernels.contact.boxes import boxes_meet
 from balloon_warp.kernels.laws.collision import NEVER
-from balloon_warp.kernels.laws.contact import friction_on
 from balloon_warp.kernels.laws.face_contact import facing_of, impact, part_until_contact
 from balloon_warp.kernels.laws.sliding import spin_by
+from balloon_warp.kernels.loops.friction import friction_on, number_of_sphere
 from balloon_warp.kernels.loops.inertia import ease_function, inertia_function
 from balloon_warp.kernels.own import own_functions
-from balloon_warp.kernels.tables import Tables, WorldState, sphere_friction, sphere_mass, sphere_radius
+from balloon_warp.kernels.tables import Tables, WorldState, sphere_mass, sphere_radius
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.warps import block_barrier
 from balloon_warp.kernels.working import Working
 
 MOST_MEETINGS = wp.constant(16)
-"""of a sphere with faces in a step, before they become a lump: a few do, as a rule"""
+"""Largest number of a sphere's contacts with faces in a step before they become a lump; a few usually suffice"""
 MOST_LUMPED = wp.constant(48)
-"""meetings more, each with another face"""
+"""Largest number of additional contacts of a lump, each with another face"""
 SHRINKING, LEAST_PART = wp.constant(0.03), wp.constant(0.5)
-"""by how much of its radius a sphere may come nearer after each meeting, so that they come to an end; and how far"""
+"""Fraction of its radius by which a sphere may come nearer after each contact, so that contacts end; and its limit"""
 MOST_IN_LUMP = wp.constant(128)
-"""particles"""
+"""Largest number of particles in a lump"""
 MOST_SWEEPS = wp.constant(4)
-"""over all spheres"""
+"""Largest number of sweeps over all spheres"""
 NONE = wp.constant(2147483647)
 
 
 @wp.func
 def corner_rows(points: wp.array[wp.vec3], corners: wp.vec3i):
-    """What three particles have, row by row."""
+    """Return the vectors of three particles, row by row."""
     return wp.matrix_from_rows(points[corners[0]], points[corners[1]], points[corners[2]])
 
 
@@ -53,7 +53,7 @@ def part_until_face(
     starts: wp.array[wp.vec3],
     points: wp.array[wp.vec3],
 ):
-    """The part of the step after which a sphere meets a triangle; `NEVER` if it does not.
+    """Return the fraction of the step after which a sphere meets a triangle; `NEVER` if it does not.
 
     Args:
         nearest: part of the radius to which the center may come.
@@ -82,7 +82,7 @@ def find_soonest(
     nearest: float,
     points: wp.array[wp.vec3],
 ):
-    """Of the triangles that are a thread's, which a sphere meets first, and after which part of the step."""
+    """Find the triangle that a sphere meets first, and the fraction of the step, among those of a thread."""
     start = working.sphere_starts[world, sphere]
     end = state.sphere_positions[world, sphere]
     soonest = float(NEVER)
@@ -97,10 +97,9 @@ def find_soonest(
 
 @cache
 def faces_function(traits: Traits) -> Any:
-    """The function by which spheres that are small beside faces meet these, once all have moved."""
+    """Return the function that resolves contacts of small spheres with faces, once all have moved."""
     _, read_own = own_functions(traits.columns, traits.balloons)
     inertia, ease_of_moving = inertia_function(traits), ease_function(traits)
-    friction_column = traits.columns.places["balloon_friction"]
 
     @wp.func
     def meet_face(
@@ -114,7 +113,7 @@ def faces_function(traits: Traits) -> Any:
         points: wp.array[wp.vec3],
         velocities: wp.array[wp.vec3],
     ):
-        """What a sphere and a triangle exchange after a part of the step."""
+        """Exchange momentum between a sphere and a triangle after a fraction of the step."""
         corners = t.spheres.triangles[triangle]
         radius = sphere_radius(t.spheres, world, sphere)
         end = state.sphere_positions[world, sphere]
@@ -133,9 +132,7 @@ def faces_function(traits: Traits) -> Any:
         friction = float(0.0)
         if wp.static(traits.spheres_rub):
             spin = state.sphere_spins[world, sphere]
-            friction = friction_on(
-                read_own(t, world, corners[0]).n[friction_column], sphere_friction(t.spheres, world, sphere)
-            )
+            friction = friction_on(t, world, t.particles.balloon[corners[0]], number_of_sphere(t, sphere))
         met = impact(facing, part, velocity, corner_rows(velocities, corners), eases, spin, friction, t.step_seconds)
         gain = met.gains[0] * met.normal
         shift = met.shifts[0] * met.normal
@@ -160,7 +157,7 @@ def faces_function(traits: Traits) -> Any:
 
     @wp.func
     def add_to_lump(lump: wp.array[wp.int32], count: wp.int32, corners: wp.vec3i):
-        """How many particles are in it then."""
+        """Add corners to a lump, and return its number of particles."""
         for corner in range(3):
             known = bool(False)
             for place in range(count):
@@ -181,7 +178,7 @@ def faces_function(traits: Traits) -> Any:
         points: wp.array[wp.vec3],
         velocities: wp.array[wp.vec3],
     ):
-        """Sphere and lump by their mean way, with their mean velocity; nowhere, where one of them is fixed."""
+        """Move a sphere and its lump by their mean displacement and velocity; not at all if one of them is fixed."""
         mass = sphere_mass(t.spheres, world, sphere)
         way = mass * (state.sphere_positions[world, sphere] - working.sphere_starts[world, sphere])
         momentum = mass * state.sphere_velocities[world, sphere]
@@ -211,7 +208,7 @@ def faces_function(traits: Traits) -> Any:
         points: wp.array[wp.vec3],
         velocities: wp.array[wp.vec3],
     ):
-        """Of a world, by all threads of a block."""
+        """Resolve contacts of small spheres with faces in a world, by all threads of a block."""
         moved = bool(True)
         sweep = wp.int32(0)
         while moved and sweep < MOST_SWEEPS:

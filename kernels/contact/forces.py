@@ -1,5 +1,8 @@
-"""What contacts do to particles, and how many each has: added up by whoever finds them, in any order, and taken by the
-particles. Forces are whole numbers, which add up to the same in any order."""
+"""Contact forces on particles, and the number of contacts of each.
+
+The threads that find contacts add to both in any order, and the particles take them. Forces are integers in fixed
+point, whose sums do not depend on the order.
+"""
 
 from typing import Any
 
@@ -14,10 +17,10 @@ from balloon_warp.kernels.working import Working
 wp.set_module_options(OPTIONS)
 
 CONTACTS = wp.constant(3)
-"""the sum of a particle's that counts them, after its forces'"""
+"""Index of the number of contacts among a particle's sums, after the forces"""
 UNTOUCHED, TOUCHED, COUNTED = wp.constant(wp.int8(0)), wp.constant(wp.int8(1)), wp.constant(wp.int8(2))
-"""what contacts have to do with a particle: nothing; they push or soon will, or it is a corner of what they do to; or
-did so in the substep before, of which their number is left"""
+"""Role of a particle in contacts: none; pushing or soon to push, or a corner that is pushed; or so in the previous
+substep, of which the number of contacts is left"""
 
 
 @wp.func
@@ -30,7 +33,7 @@ def add_pushes(
     b: wp.vec3,
     c: wp.vec3,
 ):
-    """Forces [N] on a triangle's corners, and on a particle what makes their sum nothing, to the last bit."""
+    """Add forces [N] to a triangle's corners, and to a particle the exact opposite of their sum."""
     for axis in range(3):
         first = quanta(a[axis])
         second = quanta(b[axis])
@@ -43,7 +46,7 @@ def add_pushes(
 
 @wp.func
 def add_contact(working: Working, world: wp.int32, particle: wp.int32, corners: wp.vec3i, counts: wp.vec3):
-    """To how many contacts each has: one to the particle, and to a triangle's corners their counts."""
+    """Count a contact: one for the particle, and its corners' counts for a triangle."""
     wp.atomic_add(working.push_quanta, world, particle, CONTACTS, quanta(1.0))
     working.touched[world, particle] = TOUCHED
     for corner in range(3):
@@ -62,7 +65,7 @@ def tell_push(working: Working, world: wp.int32, particle: wp.int32, other: wp.i
 
 @wp.func
 def take_pushes(working: Working, world: wp.int32, particle: wp.int32):
-    """What contacts do to a particle [N], and nothing is left of it; and how many they are, for the next substep."""
+    """Take the contact forces on a particle [N], and store its number of contacts for the next substep."""
     force = wp.vec3()
     mark = byte_in(working.touched, world, particle)
     if mark != UNTOUCHED:
@@ -79,7 +82,7 @@ def take_counts(
     # in and out
     working: Working,
 ):
-    """Some threads a world."""
+    """Store the numbers of contacts, by some threads a world."""
     world, thread = wp.tid()
     for particle in range(thread, working.contacts.shape[1], threads):
         take_pushes(working, world, particle)
@@ -87,7 +90,7 @@ def take_counts(
 
 @wp.func
 def pushed(working: Working, own: Any, gain: float, velocity: wp.vec3):
-    """A particle's velocity once contacts have pushed it, too.
+    """Return a particle's velocity once contacts have pushed it, too.
 
     Args:
         gain: see `response`.

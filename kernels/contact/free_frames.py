@@ -21,41 +21,40 @@ from balloon_warp.kernels.traits import Traits
 wp.set_module_options(OPTIONS)
 
 FREE, BUSY, HURRIED = wp.constant(0), wp.constant(1), wp.constant(2)
-"""of a world's frame: nothing can be met, something may be, or a particle went further than was free"""
+"""Verdict on a world's frame: nothing can touch, something may, or a particle went farther than was free"""
 LOWER, UPPER = wp.constant(0), wp.constant(1)
-"""what of a box stands where"""
+"""Rows of a box"""
 CLEARANCE, SPEED = wp.constant(0), wp.constant(1)
-"""what of a balloon stands where: how far it is from obstacles in this frame [m], and its highest speed [m/s]"""
+"""Entries of a balloon: its distance to obstacles in this frame [m], and its highest speed [m/s]"""
 FASTER = wp.constant(2.0)
-"""over its speed as a frame begins: a particle is believed to stay slower in it"""
+"""Bound on a particle's speed in a frame, over its speed as the frame begins"""
 GAINED = wp.constant(10.0)
-"""and what any may gain in it by accelerating [m/s^2]"""
+"""Bound on a particle's acceleration in a frame [m/s^2]"""
 
 
 Extent = wp.types.vector(length=7, dtype=wp.float32)
-"""of a balloon: upper corner of its box, the lower one with the other sign [m], and its highest speed, squared
-[m^2/s^2]"""
+"""Extent of a balloon: upper corner of its box, negated lower corner [m], and its highest squared speed [m^2/s^2]"""
 
 
 @wp.struct
 class FreeFrames:
-    """What is known of each world's frame."""
+    """Bounds and verdicts of each world's frame."""
 
     boxes: wp.array3d[wp.vec3]
-    """around each balloon as the frame begins: lower and upper corner [m]"""
+    """Box of each balloon as the frame begins: lower and upper corner [m]"""
     alone: wp.array3d[float]
-    """of each balloon, see `CLEARANCE`"""
+    """Clearance and speed of each balloon, see `CLEARANCE`"""
     ways: wp.array[float]
-    """of each world, how far each of its particles may go in the frame [m]"""
+    """Distance that each particle of a world may travel in the frame [m]"""
     verdicts: wp.array[wp.int32]
-    """of each world, see `FREE`"""
+    """Verdict on each world, see `FREE`"""
     any_busy: wp.array[wp.int32]
-    """whether any world is not free"""
+    """Whether any world is not free"""
 
 
 @wp.func
 def copy_world(source: WorldState, target: WorldState, world: wp.int32, thread: wp.int32, threads: wp.int32):
-    """What of a world substeps change in the state, by so many threads."""
+    """Copy the part of a world's state that substeps change, by a number of threads."""
     for particle in range(thread, target.points.shape[1], threads):
         target.points[world, particle] = source.points[world, particle]
         target.velocities[world, particle] = source.velocities[world, particle]
@@ -79,13 +78,13 @@ def copy_world(source: WorldState, target: WorldState, world: wp.int32, thread: 
 
 @wp.func
 def larger_extent(a: Extent, b: Extent):
-    """Of two."""
+    """Return the union of two extents."""
     return wp.max(a, b)
 
 
 @cache
 def surround_kernel(traits: Traits) -> Any:
-    """The kernel that sees how far each balloon is from obstacles."""
+    """Return the kernel that finds the distance of each balloon to obstacles."""
     free_ball = free_ball_function(traits) if traits.fixtures else None
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
@@ -98,7 +97,10 @@ def surround_kernel(traits: Traits) -> Any:
         free: FreeFrames,
         before: WorldState,
     ):
-        """A block a (world, balloon). The first of a world remembers what was before."""
+        """Compute the extent of each balloon; a block a (world, balloon).
+
+        The first block of a world copies the world's state.
+        """
         world, balloon, thread = wp.tid()
         if balloon == 0:
             copy_world(state, before, world, thread, wp.block_dim())
@@ -128,12 +130,12 @@ def surround_kernel(traits: Traits) -> Any:
 
 @cache
 def judge_kernel(traits: Traits) -> Any:
-    """The kernel that says which worlds have a free frame before them."""
+    """Return the kernel that decides which worlds have a free frame ahead."""
     thickness_between = skin_functions(traits)[0] if traits.touches else None
 
     @wp.func
     def halfway(t: Tables, free: FreeFrames, world: wp.int32, balloon: wp.int32, other: wp.int32):
-        """How far the particles of two balloons may go until they might touch [m]."""
+        """Return the distance that particles of two balloons may travel before they could touch [m]."""
         lower = free.boxes[world, balloon, LOWER] - free.boxes[world, other, UPPER]
         upper = free.boxes[world, other, LOWER] - free.boxes[world, balloon, UPPER]
         between = wp.length(wp.max(wp.max(lower, upper), wp.vec3()))
@@ -146,7 +148,7 @@ def judge_kernel(traits: Traits) -> Any:
         # in and out
         free: FreeFrames,
     ):
-        """A thread a world."""
+        """Judge which worlds have a free frame; a thread a world."""
         world = wp.tid()
         way = float(FAR_AWAY)
         fastest = float(0.0)
@@ -179,7 +181,7 @@ def put_worlds_back(
     # out
     sphere_quanta: wp.array3d[wp.int64],
 ):
-    """A thread a (world, thread): a world whose frame was not free is as it was before."""
+    """Restore worlds whose frame was not free to their earlier state; a thread a (world, thread)."""
     world, thread = wp.tid()
     if free.verdicts[world] != FREE:
         copy_world(before, state, world, thread, threads)
@@ -195,7 +197,7 @@ def keep_sphere_forces(
     # out
     sphere_forces: wp.array2d[wp.vec3],
 ):
-    """A thread a (world, sphere): of worlds whose frame was not free, from whole numbers to newtons."""
+    """Convert sphere forces of worlds whose frame was not free to newtons; a thread a (world, sphere)."""
     world, sphere = wp.tid()
     if free.verdicts[world] != FREE:
         sphere_forces[world, sphere] = total_newtons(sphere_quanta, world, sphere)
@@ -209,7 +211,7 @@ def keep_busy(
     # out
     target: wp.array2d[wp.vec3],
 ):
-    """A thread a (world, particle): of worlds whose frame was not free."""
+    """Keep the results of worlds whose frame was not free; a thread a (world, particle)."""
     world, particle = wp.tid()
     if verdicts[world] != FREE:
         target[world, particle] = source[world, particle]

@@ -1,6 +1,7 @@
-"""Which triangles each particle may touch, looked for every few substeps, where each piece of a substep is a launch.
+"""Narrow phase: triangles that each particle may touch, searched every few substeps.
 
-Boxes lead it to them, see `contact.boxes`, in the same order every time, and in each world by itself.
+Each piece of a substep is a launch. Bounding boxes lead a particle to the triangles, see `contact.boxes`, in the same
+order every time, and in each world by itself.
 """
 
 from functools import cache
@@ -31,18 +32,18 @@ from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.working import Working
 
 MOST_TRIANGLES = wp.constant(40)
-"""that a particle keeps"""
+"""Largest number of triangles that a particle keeps"""
 MOST_OF_BALLOON = wp.constant(24)
-"""of them, of one balloon"""
+"""Largest number of triangles of one balloon that a particle keeps"""
 Distances = wp.types.vector(length=24, dtype=wp.float32)
 ROOM = wp.constant(8)
-"""for triangles that may be near, and as much for those of one more part, before they are looked at"""
+"""Buffer size for triangles that may be near, and for those of one more part, before they are tested"""
 Queue = wp.types.vector(length=16, dtype=wp.int32)
 
 
 @wp.func
 def slot_for(working: Working, world: wp.int32, kept: Distances, squared: float, count: wp.int32, most: wp.int32):
-    """Where among a balloon's a triangle goes: after the others, or in the place of the farthest; -1 if that is it."""
+    """Return the slot of a triangle among a balloon's: the next one, or the farthest one's; -1 if none is farther."""
     slot = count
     if count >= most:
         wp.atomic_add(working.crowded, world, 1)
@@ -57,7 +58,7 @@ def slot_for(working: Working, world: wp.int32, kept: Distances, squared: float,
 
 @wp.struct
 class Nearby:
-    """What is found near a particle."""
+    """Triangles found near a particle."""
 
     nearest: wp.int32  # triangle; -1 if there is none
     place: Place  # beside that
@@ -66,7 +67,7 @@ class Nearby:
 
 @cache
 def nearby_function(traits: Traits, lists: bool) -> Any:
-    """The function that goes through the triangles of a balloon that a particle may touch.
+    """Return the function that loops over the triangles of a balloon that a particle may touch.
 
     Args:
         lists: whether it puts them into the particle's list, of too many the nearest; else it finds the nearest.
@@ -74,7 +75,7 @@ def nearby_function(traits: Traits, lists: bool) -> Any:
 
     @wp.func
     def may_touch(t: Tables, particle: wp.int32, own: wp.int32, other: wp.int32, triangle: wp.int32):
-        """A particle touches its own balloon only where that was apart at the start."""
+        """Return whether a particle may touch a triangle of its own balloon: only if they were apart at the start."""
         if wp.static(traits.touches_itself):
             if own == other:
                 here = t.touch.rest_points[particle]
@@ -96,7 +97,7 @@ def nearby_function(traits: Traits, lists: bool) -> Any:
         point: wp.vec3,
         squared: float,
     ):
-        """Whether a part may have triangles within a distance, given squared [m^2], that the particle may touch."""
+        """Return whether a part may have triangles within a squared distance [m^2] that the particle may touch."""
         low = lower_of_part(working, world, part)
         high = upper_of_part(working, world, part)
         lower = wp.vec3(low[0], low[1], low[2])
@@ -122,14 +123,14 @@ def nearby_function(traits: Traits, lists: bool) -> Any:
         behind: bool,
         count: wp.int32,
     ):
-        """Of another balloon, or of its own, within a distance [m].
+        """Find triangles of another balloon, or of the particle's own, within a distance [m].
 
-        In two steps, which the threads of a warp take together: the boxes of parts and of triangles say what is looked
-        at, and what has been found is looked at then.
+        In two steps, which the threads of a warp take together: boxes of parts and of triangles select candidates,
+        which are then tested.
 
         Args:
-            behind: whether the particle is behind them, for the list.
-            count: triangles that are in it already.
+            behind: Whether the particle is behind them, for the list.
+            count: Number of triangles in the list already.
         """
         point = vector_at(points, particle)
         first = count
@@ -182,7 +183,7 @@ def nearby_function(traits: Traits, lists: bool) -> Any:
 
 @cache
 def finding_functions(traits: Traits) -> Any:
-    """The function that puts the triangles of a balloon that a particle may touch into its list."""
+    """Return the function that puts the triangles of a balloon that a particle may touch into its list."""
     pad_between = pad_function(traits)
     thickness_between, _ = skin_functions(traits)
     nearest_of = nearby_function(traits, lists=False)
@@ -202,10 +203,10 @@ def finding_functions(traits: Traits) -> Any:
         may_be_deep: bool,
         count: wp.int32,
     ):
-        """How many there are in the list then.
+        """Add triangles of a balloon to a particle's list, and return its length.
 
         Args:
-            may_be_deep: whether the particle may be deep in the other balloon since the start.
+            may_be_deep: Whether the particle may be deep in the other balloon since the start.
         """
         hold = state.holds[world, particle][3]
         velocity = vector_at(velocities, particle)

@@ -1,5 +1,4 @@
-"""Which particles may touch a sphere, noted by threads of any order: a mark for every few particles, and one for the
-world."""
+"""Particles that may touch a sphere, marked by threads in any order: a mark for every few, and one for the world."""
 
 from functools import cache
 from typing import Any
@@ -15,7 +14,7 @@ PARTICLES_A_MARK = wp.constant(8)
 
 
 def mark_count(particle_count: int) -> int:
-    """Marks of a world; the last is that of the world."""
+    """Return the number of marks of a world; the last is that of the world itself."""
     return -(-particle_count // PARTICLES_A_MARK) + 1
 
 
@@ -27,7 +26,7 @@ def are_noted(working: Working, world: wp.int32):
 
 @cache
 def noting_function(traits: Traits, sphere_at: Any) -> Any:
-    """The function that notes a particle.
+    """Return the function that marks a particle.
 
     Args:
         sphere_at: the function that gives a sphere's center, velocity and radius.
@@ -44,7 +43,10 @@ def noting_function(traits: Traits, sphere_at: Any) -> Any:
         point: wp.vec3,
         velocity: wp.vec3,
     ):
-        """Whether it may touch, which is then noted. All who write a mark write the same."""
+        """Return whether a particle may touch a sphere, and mark it.
+
+        All threads that write a mark write the same.
+        """
         noted = bool(False)
         for sphere in range(spheres_there):
             center, motion, radius = sphere_at(t, spheres, world, sphere)

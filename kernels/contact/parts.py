@@ -14,26 +14,29 @@ wp.set_module_options(OPTIONS)
 
 @wp.func
 def lower_of_part(working: Working, world: wp.int32, part: wp.int32):
-    """A corner of its box [m]; the fourth is nothing."""
+    """Return the lower corner of a part's box [m]; the fourth component is unused."""
     return four_in(working.part_boxes, world, 2 * part)
 
 
 @wp.func
 def upper_of_part(working: Working, world: wp.int32, part: wp.int32):
-    """The corner opposite [m]."""
+    """Return the upper corner of a part's box [m]."""
     return four_in(working.part_boxes, world, 2 * part + 1)
 
 
 @wp.func
 def put_box_of_part(working: Working, world: wp.int32, part: wp.int32, lower: wp.vec4, upper: wp.vec4):
-    """Both."""
+    """Store both corners of a part's box."""
     put_four_in(working.part_boxes, world, 2 * part, lower)
     put_four_in(working.part_boxes, world, 2 * part + 1, upper)
 
 
 @wp.func
 def is_boxed(working: Working, world: wp.int32, node: wp.vec4i):
-    """Whether a part's balloon may meet any. What has no faces, but edges, has no triangles."""
+    """Return whether a part's balloon may touch any.
+
+    Balloons without faces, but with edges, have no triangles.
+    """
     return node[2] > node[1] and working.near_balloons[world, node[3]] != ALONE
 
 
@@ -46,7 +49,7 @@ def box_whole_part(
     points: wp.array[wp.vec3],
     velocities: wp.array[wp.vec3],
 ):
-    """The box around a part that has no others in it."""
+    """Build the box of a leaf."""
     lower = wp.vec3(1.0e30)
     upper = wp.vec3(-1.0e30)
     own = int_pair_at(t.touch.part_particles, part)
@@ -64,7 +67,7 @@ def box_whole_part(
 
 @wp.func
 def box_both_halves(working: Working, world: wp.int32, part: wp.int32, second: wp.int32):
-    """The box around a part that has two in it; the first is the next."""
+    """Build the box of a part from those of its two children; the first is the next part."""
     put_box_of_part(
         working, world, part,
         wp.min(lower_of_part(working, world, part + 1), lower_of_part(working, world, second)),
@@ -82,8 +85,10 @@ def box_parts(
     points: wp.array[wp.vec3],
     velocities: wp.array[wp.vec3],
 ):
-    """Boxes around the parts of balloons that may meet others, by all threads of a block: level by level from the parts
-    that have no others in them."""
+    """Build boxes around the parts of balloons that may touch others, by all threads of a block.
+
+    It goes level by level from the leaves.
+    """
     for level in range(t.touch.levels.shape[0] - 1):
         for place in range(t.touch.levels[level] + thread, t.touch.levels[level + 1], threads):
             part = t.touch.parts_by_level[place]
@@ -106,7 +111,7 @@ def box_parts_of_worlds(
     # out
     working: Working,
 ):
-    """A block a world."""
+    """Build the boxes of parts; a block a world."""
     world, thread = wp.tid()
     if working.near_balloons[world, working.balloon_boxes.shape[1]] == ARE_NEAR:
         box_parts(t, working, world, thread, wp.block_dim(), points[world], velocities[world])

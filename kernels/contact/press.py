@@ -14,6 +14,7 @@ from balloon_warp.kernels.contact.triangles import (
     side_of,
     triangle_of,
 )
+from balloon_warp.kernels.loops.friction import friction_of_balloons
 from balloon_warp.kernels.loops.meeting import (
     FARTHEST,
     SOON,
@@ -24,7 +25,6 @@ from balloon_warp.kernels.loops.meeting import (
     faced,
     is_clear,
     is_nearer,
-    pair_friction_function,
     place_beside,
     skin_functions,
     touch,
@@ -45,19 +45,19 @@ from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.working import Working
 
 PRESS_REGISTERS = 96
-"""of a thread: a multiprocessor has 20 warps then, which wait for memory in turns, and 12 without a limit"""
+"""Registers of a thread: a multiprocessor then has 20 warps, whose memory latencies overlap, and 12 without a limit"""
 
 
 @wp.func
 def ease_of_moving(t: Tables, mass_of_balloon: float, particle: wp.int32):
-    """1 over its mass [1/kg], 0 if it is fixed."""
+    """Return the inverse mass of a particle [1/kg], 0 if it is fixed."""
     mass = float_at(t.particles.mass_share, particle) * mass_of_balloon
     return wp.where(mass > 0.0, 1.0 / mass, 0.0)
 
 
 @wp.func
 def contacts_at(working: Working, world: wp.int32, particle: wp.int32, ease: float):
-    """Of a particle; none if it is fixed."""
+    """Return the contacts of a particle; none if it is fixed."""
     return wp.where(ease > 0.0, float_in(working.contacts, world, particle), 0.0)
 
 
@@ -71,11 +71,10 @@ def press_function(traits: Traits, point_at: Any) -> Any:
     rows = rows_function(point_at)
     thickness_between, stiffness_between = skin_functions(traits)
     mass_column = traits.columns.places["mass"]
-    pair_friction = pair_friction_function(traits)
 
     @wp.func
     def mass_of(t: Tables, world: wp.int32, balloon: wp.int32):
-        """A balloon's [kg]."""
+        """Return a balloon's mass [kg]."""
         return t.balloon_numbers[row_of_world(world, t.balloon_numbers.shape[0]), balloon, mass_column]
 
     @wp.func
@@ -92,7 +91,7 @@ def press_function(traits: Traits, point_at: Any) -> Any:
         first: bool,
         hold: wp.vec4,
     ):
-        """What the particle's hold is then; zero if it does not touch."""
+        """Press a particle against a triangle, and return its hold; zero if they do not touch."""
         corners = triple_at(t.touch.triangles, triangle_of(candidate))
         own = int_at(t.particles.balloon, particle)
         other = int_at(t.particles.balloon, corners[0])
@@ -119,7 +118,7 @@ def press_function(traits: Traits, point_at: Any) -> Any:
             add_contact(working, world, particle, corners, corner_counts(place, places))
         if told.overlap > 0.0 and wp.max(told.masses) > 0.0 and not only_counts:
             told.stiffness = stiffness_between(t, world, own, other)
-            told.friction = pair_friction(t, world, own, other)
+            told.friction = friction_of_balloons(t, world, own, other)
             told.first = first
             its_contacts = wp.max(
                 wp.max(
@@ -144,7 +143,7 @@ def press_function(traits: Traits, point_at: Any) -> Any:
 
 @cache
 def pressing_function(traits: Traits, point_at: Any) -> Any:
-    """The function by which a particle touches the triangles that were found near it.
+    """Return the function that presses a particle against the triangles found near it.
 
     Args:
         point_at: as in `press_function`.
@@ -162,10 +161,10 @@ def pressing_function(traits: Traits, point_at: Any) -> Any:
         velocities: wp.array[wp.vec3],
         only_counts: bool,
     ):
-        """Of each balloon that it is near to, it touches the nearest triangle.
+        """Press a particle against the nearest triangle of each balloon that is near.
 
         Args:
-            only_counts: whether nothing is pushed, but only counted what touches.
+            only_counts: Whether contacts are only counted, without forces.
         """
         count = working.candidate_counts[world, particle]
         point = point_at(points, particle)
@@ -190,10 +189,11 @@ def pressing_function(traits: Traits, point_at: Any) -> Any:
                         nearest = candidate
                         found = place
                     at += 1
-            first = after[3] == 0.0
-            kept = press(t, working, world, particle, nearest, found, points, velocities, only_counts, first, hold)
-            if first:
-                after = kept
+            if nearest >= 0:  # a point that is not a number is near nothing
+                first = after[3] == 0.0
+                kept = press(t, working, world, particle, nearest, found, points, velocities, only_counts, first, hold)
+                if first:
+                    after = kept
         if not only_counts and (count > 0 or hold[3] != 0.0):
             state.holds[world, particle] = after
 
@@ -202,7 +202,7 @@ def pressing_function(traits: Traits, point_at: Any) -> Any:
 
 @cache
 def press_kernel(traits: Traits, fast_math: bool = False) -> Any:
-    """The kernel by which particles touch the triangles that were found near them."""
+    """Return the kernel that presses particles against the triangles found near them."""
     press_particle = pressing_function(traits, vector_at)
 
     @wp.kernel(
@@ -224,10 +224,10 @@ def press_kernel(traits: Traits, fast_math: bool = False) -> Any:
         # out
         working: Working,
     ):
-        """Some threads a world.
+        """Press the particles of a world, by some threads a world.
 
         Args:
-            only_counts: whether nothing is pushed, but only counted what touches.
+            only_counts: Whether contacts are only counted, without forces.
         """
         world, thread = wp.tid()
         for place in range(thread, working.list_lengths[world, TOUCHING], threads):

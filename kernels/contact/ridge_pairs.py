@@ -1,5 +1,4 @@
-"""One pair of a balloon's feature and a ridge: where they are, how fast they come together, and what an impulse between
-them does, see `laws.ridges`."""
+"""Contact of one feature of a balloon with a ridge: geometry, approach speed and response, see `laws.ridges`."""
 
 from functools import cache
 from typing import Any
@@ -7,11 +6,12 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.contact.catch import Catch
-from balloon_warp.kernels.contact.ridge_poses import pair_friction_function, placing_function
+from balloon_warp.kernels.contact.ridge_poses import placing_function
 from balloon_warp.kernels.contact.ridge_search import corners_of, near_in, start_in
 from balloon_warp.kernels.contact.ridge_sums import add_impulse, add_to_body, take_impulse, take_of_body
 from balloon_warp.kernels.laws.rigid import spin_of
 from balloon_warp.kernels.loops.bodies import body_at, body_mass, pushed_on, put_body
+from balloon_warp.kernels.loops.friction import friction_on
 from balloon_warp.kernels.loops.inertia import ease_function
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
@@ -20,16 +20,15 @@ from balloon_warp.kernels.working import Working
 
 @cache
 def catching_function(traits: Traits) -> Any:
-    """The function that measures a pair as a substep begins."""
+    """Return the function that measures a pair as a substep begins."""
     place_of = placing_function(traits)
-    friction_with = pair_friction_function(traits)
 
     @wp.func
     def catch_of(
         t: Tables, state: WorldState, working: Working, world: wp.int32, pair: wp.vec3i, end: float,
         points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
     ):  # fmt: skip
-        """Of a pair: feature, ridge and solid."""
+        """Return the contact of a pair: feature, ridge and solid."""
         catch = Catch()
         feature = t.ridges.features[pair[0]]
         placed = place_of(t, state, working, world, pair[2], end)
@@ -46,7 +45,7 @@ def catching_function(traits: Traits) -> Any:
             inside = near.weights[0] * a + near.weights[1] * b + near.weights[2] * c
             catch.arm = wp.quat_rotate(placed.turn, inside)
             catch.moving = placed.velocity + wp.cross(placed.spin, catch.arm)
-            catch.friction = friction_with(t, world, catch.corners[0], placed.friction)
+            catch.friction = friction_on(t, world, t.particles.balloon[catch.corners[0]], placed.thing)
         return catch
 
     return catch_of
@@ -54,15 +53,14 @@ def catching_function(traits: Traits) -> Any:
 
 @cache
 def pushing_functions(traits: Traits) -> tuple[Any, Any, Any]:
-    """The functions that say how fast a pair comes together, how much lighter it is than its impulse, and that let it
-    push."""
+    """Return functions for the approach speed of a pair, for its inverse effective mass, and for its impulse."""
     ease_of_moving = ease_function(traits)
 
     @wp.func
     def beside(
         t: Tables, state: WorldState, working: Working, world: wp.int32, catch: Catch, velocities: wp.array[wp.vec3]
     ):
-        """How the balloon moves there, beside the solid [m/s]."""
+        """Return the balloon's velocity at the contact, relative to the solid [m/s]."""
         moving = wp.vec3()
         for corner in range(3):
             moving += catch.weights[corner] * velocities[catch.corners[corner]]
@@ -77,7 +75,7 @@ def pushing_functions(traits: Traits) -> tuple[Any, Any, Any]:
 
     @wp.func
     def gain_along(t: Tables, working: Working, world: wp.int32, catch: Catch, along: wp.vec3):
-        """How much faster the balloon's part moves there beside the solid's by 1 N s along a unit vector [1/kg]."""
+        """Return the inverse effective mass of the balloon's part and the solid along a unit vector [1/kg]."""
         ease = float(0.0)
         for corner in range(3):
             particle = catch.corners[corner]
@@ -112,7 +110,7 @@ def pushing_functions(traits: Traits) -> tuple[Any, Any, Any]:
 
 @cache
 def sharing_functions(traits: Traits) -> tuple[Any, Any]:
-    """The functions that count the contacts of particles and bodies, and that move these by all impulses."""
+    """Return the functions that count the contacts of particles and bodies, and that apply all impulses to them."""
     ease_of_moving = ease_function(traits)
 
     @wp.func

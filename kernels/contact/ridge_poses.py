@@ -5,11 +5,11 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.laws.contact import friction_on
 from balloon_warp.kernels.laws.rigid import spin_of, turned_by
 from balloon_warp.kernels.loops.bodies import body_mass
 from balloon_warp.kernels.loops.fixture_poses import pose_function
-from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
+from balloon_warp.kernels.loops.friction import number_of_body, number_of_obstacle
+from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.working import Working
 
@@ -23,17 +23,17 @@ class Placed:
     velocity: wp.vec3
     spin: wp.vec3  # [rad/s]
     reach: float  # of its farthest point [m]
-    friction: float
+    thing: wp.int32  # its number, as friction has it
 
 
 @cache
 def placing_function(traits: Traits) -> Any:
-    """The function that says where a solid with ridges is: an obstacle, or a body, which come after these."""
+    """Return the function that returns the pose of a solid with ridges: an obstacle, or a body, numbered after them."""
     pose_at = pose_function(traits) if traits.fixtures else None
 
     @wp.func
     def place_of(t: Tables, state: WorldState, working: Working, world: wp.int32, number: wp.int32, end: float):
-        """In a substep that ends at a time."""
+        """Return the pose of a solid in a substep that ends at a time."""
         placed = Placed()
         fixtures = t.fixtures.solids.shape[0]
         if wp.static(traits.fixtures):
@@ -44,7 +44,7 @@ def placing_function(traits: Traits) -> Any:
                 placed.velocity = pose.velocity
                 placed.spin = pose.spin
                 placed.reach = t.fixtures.solids[number].reach
-                placed.friction = t.fixtures.frictions[row_of_world(world, t.fixtures.frictions.shape[0]), number]
+                placed.thing = number_of_obstacle(number)
         if wp.static(traits.bodies > 0):
             if number >= fixtures:
                 body = number - fixtures
@@ -54,20 +54,7 @@ def placing_function(traits: Traits) -> Any:
                 mass = body_mass(t, world, body)
                 placed.spin = spin_of(placed.turn, t.bodies.eases[body], mass, state.body_momenta[world, body])
                 placed.reach = t.bodies.solids[body].reach
-                placed.friction = t.bodies.friction[row_of_world(world, t.bodies.friction.shape[0]), body]
+                placed.thing = number_of_body(t, body)
         return placed
 
     return place_of
-
-
-@cache
-def pair_friction_function(traits: Traits) -> Any:
-    """The function that gives Coulomb's coefficient between a solid and a particle's balloon."""
-    own_column = traits.columns.places["balloon_friction"]
-
-    @wp.func
-    def friction_with(t: Tables, world: wp.int32, particle: wp.int32, its: float):
-        row = row_of_world(world, t.balloon_numbers.shape[0])
-        return friction_on(t.balloon_numbers[row, t.particles.balloon[particle], own_column], its)
-
-    return friction_with

@@ -1,4 +1,4 @@
-"""Which features of balloons are near ridges: found anew whenever something may have come nearer than was noted."""
+"""Broad phase of ridges: features of balloons near ridges, searched again once anything may have come nearer."""
 
 from functools import cache
 from typing import Any
@@ -13,27 +13,27 @@ from balloon_warp.kernels.warps import block_barrier
 from balloon_warp.kernels.working import Working
 
 FAR_OFF = wp.constant(1.0e18)
-"""from everything [m]"""
+"""Distance beyond all others [m]"""
 FAST = wp.constant(2.0)
-"""substeps of the fastest way that a search is good for, at least"""
+"""Least number of substeps that a search is valid for, at the highest speed"""
 
 
 @wp.func
 def corners_of(feature: wp.vec4i, corner: wp.int32):
-    """A feature's particle; of an edge the first once more in place of its third."""
+    """Return a feature's particles; an edge has its first again in place of a third."""
     return wp.where(feature[corner] < 0, feature[0], feature[corner])
 
 
 @wp.func
 def start_in(t: Tables, placed: Placed, particle: wp.int32, points: wp.array[wp.vec3], velocities: wp.array[wp.vec3]):
-    """Where a particle was as the substep began, as seen from a solid."""
+    """Return the position of a particle at the begin of the substep, relative to a solid."""
     start = points[particle] - t.step_seconds * velocities[particle]
     return wp.quat_rotate_inv(placed.turn, start - placed.center)
 
 
 @wp.func
 def near_in(ridge: Ridge, feature: wp.vec4i, a: wp.vec3, b: wp.vec3, c: wp.vec3):
-    """Where a feature of a balloon is nearest to a ridge."""
+    """Return the closest points of a balloon's feature and a ridge."""
     if feature[2] < 0:
         return edge_near(ridge, a, b)
     return face_near(ridge, a, b, c)
@@ -41,7 +41,7 @@ def near_in(ridge: Ridge, feature: wp.vec4i, a: wp.vec3, b: wp.vec3, c: wp.vec3)
 
 @wp.func
 def note_pair(working: Working, world: wp.int32, feature: wp.int32, ridge: wp.int32, solid: wp.int32):
-    """Put a feature and a ridge of a solid on the list."""
+    """Append a feature and a ridge of a solid to the list of pairs."""
     place = wp.atomic_add(working.ridge_counts, world, 0, 1)
     if place < working.ridge_pairs.shape[1]:
         working.ridge_pairs[world, place] = wp.vec3i(feature, ridge, solid)
@@ -79,7 +79,7 @@ def look_around(
 
 @cache
 def fastest_function(traits: Traits) -> Any:
-    """The function that says how fast anything moves."""
+    """Return the function that returns the highest speed of anything."""
     place_of = placing_function(traits)
 
     @wp.func
@@ -87,7 +87,7 @@ def fastest_function(traits: Traits) -> Any:
         t: Tables, state: WorldState, working: Working, world: wp.int32, thread: wp.int32, end: float,
         velocities: wp.array[wp.vec3],
     ):  # fmt: skip
-        """How fast anything moves, of what is a thread's [m/s]."""
+        """Return the highest speed among the items of a thread [m/s]."""
         squared = float(0.0)
         for particle in range(thread, velocities.shape[0], wp.block_dim()):
             squared = wp.max(squared, wp.length_sq(velocities[particle]))
@@ -103,7 +103,7 @@ def fastest_function(traits: Traits) -> Any:
 
 @cache
 def ridge_search_function(traits: Traits) -> Any:
-    """The function that keeps the list of features and ridges that are near each other."""
+    """Return the function that keeps the list of features and ridges that are near each other."""
     place_of = placing_function(traits)
     fastest_of_thread = fastest_function(traits)
 
@@ -112,7 +112,10 @@ def ridge_search_function(traits: Traits) -> Any:
         t: Tables, state: WorldState, working: Working, world: wp.int32, thread: wp.int32, end: float,
         points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
     ):  # fmt: skip
-        """How many pairs are near each other in a substep that ends at a time, and how far anything goes in it [m]."""
+        """Return the number of near pairs in a substep and the largest distance moved in it [m].
+
+        The substep ends at a given time.
+        """
         mine = fastest_of_thread(t, state, working, world, thread, end, velocities)
         way = t.step_seconds * wp.tile_max(wp.tile(mine))[0]
         left = working.ridge_budgets[world] - way

@@ -3,19 +3,19 @@
 import warp as wp
 
 QUANTA = wp.constant(wp.float64(2.0**40))
-"""of 1 N s, of 1 N m s, or of 1 kg m: a range of 8e6, and a particle of 1 mg is told to 1e-6 m/s"""
+"""Quanta in 1 N s, in 1 N m s, or in 1 kg m: a range of 8e6, and a resolution of 1e-6 m/s for a particle of 1 mg"""
 ONE = wp.constant(wp.float64(2.0**-40))
 
 
 @wp.func
 def whole(amount: float):
-    """An amount as a whole number."""
+    """Return an amount as a whole number."""
     return wp.int64(wp.float64(amount) * QUANTA)
 
 
 @wp.func
 def taken(sums: wp.array3d[wp.int64], world: wp.int32, item: wp.int32, axis: wp.int32):
-    """What has been added up, which is nothing then."""
+    """Return a sum, and clear it."""
     total = sums[world, item, axis]
     sums[world, item, axis] = wp.int64(0)
     return float(wp.float64(total) * ONE)
@@ -38,13 +38,13 @@ def add_to_body(sums: wp.array3d[wp.int64], world: wp.int32, body: wp.int32, imp
 
 @wp.func
 def take_impulse(sums: wp.array3d[wp.int64], world: wp.int32, item: wp.int32):
-    """What a particle has got [N s]."""
+    """Take the impulse on a particle [N s]."""
     return wp.vec3(taken(sums, world, item, 0), taken(sums, world, item, 1), taken(sums, world, item, 2))
 
 
 @wp.func
 def take_of_body(sums: wp.array3d[wp.int64], world: wp.int32, body: wp.int32):
-    """The impulse that a body has got [N s], and the angular momentum [N m s]."""
+    """Take the impulse on a body [N s], and the angular momentum [N m s]."""
     impulse = take_impulse(sums, world, body)
     twist = wp.vec3(taken(sums, world, body, 3), taken(sums, world, body, 4), taken(sums, world, body, 5))
     return impulse, twist

@@ -1,5 +1,8 @@
-"""Faces and edges of balloons that meet ridges of obstacles and free bodies, where each piece of a substep is a launch:
-a block a world. Those that are near push each other apart, all at once, a few times a substep, see `laws.ridges`."""
+"""Contact of faces and edges of balloons with ridges of obstacles and free bodies, a block a world.
+
+Each piece of a substep is a launch. Pairs that are near push each other apart, all at once, a few times a substep, see
+`laws.ridges`.
+"""
 
 from functools import cache
 from typing import Any
@@ -16,16 +19,16 @@ from balloon_warp.kernels.warps import block_barrier
 from balloon_warp.kernels.working import Working
 
 MOST_SWEEPS = wp.constant(24)
-"""in a substep; where nothing comes too near any more it ends sooner"""
+"""Largest number of sweeps in a substep; it ends sooner where nothing comes too near"""
 CAUGHT = wp.constant(1)
-"""where the number of pairs stands that may meet in this substep, beside that of all that are near"""
+"""Index of the number of pairs that may touch in this substep, after the number of all that are near"""
 SETTLED = wp.constant(0.02)
-"""of the distance that is kept, by which they may come nearer in a substep"""
+"""Fraction of the distance to ridges by which features may come nearer in a substep"""
 
 
 @cache
 def sweeping_functions(traits: Traits) -> tuple[Any, Any]:
-    """The functions that find pairs that come together too fast, and that let these push and rub."""
+    """Return the functions that find pairs that approach too fast, and that apply their impulses and friction."""
     beside, gain_along, push_pair = pushing_functions(traits)
     count_in, _ = sharing_functions(traits)
 
@@ -34,7 +37,7 @@ def sweeping_functions(traits: Traits) -> tuple[Any, Any]:
         t: Tables, state: WorldState, working: Working, world: wp.int32, thread: wp.int32, count: wp.int32,
         velocities: wp.array[wp.vec3],
     ):  # fmt: skip
-        """How much too fast a pair comes together, of those that are a thread's, at most [m/s]; each is counted."""
+        """Return the largest excess approach speed of the pairs of a thread [m/s], and count these pairs."""
         worst = float(0.0)
         for pair in range(thread, count, wp.block_dim()):
             catch = working.catches[world, pair]
@@ -51,7 +54,7 @@ def sweeping_functions(traits: Traits) -> tuple[Any, Any]:
         t: Tables, state: WorldState, working: Working, world: wp.int32, thread: wp.int32, count: wp.int32,
         velocities: wp.array[wp.vec3],
     ):  # fmt: skip
-        """Let those that are a thread's push, and rub."""
+        """Apply impulses and friction of the pairs of a thread."""
         for pair in range(thread, count, wp.block_dim()):
             catch = working.catches[world, pair]
             if catch.push > 0.0:
@@ -72,13 +75,13 @@ def sweeping_functions(traits: Traits) -> tuple[Any, Any]:
 
 @cache
 def parting_functions(traits: Traits) -> tuple[Any, Any, Any]:
-    """The functions that find pairs that are too near, that let these part, and that move all by what pairs do."""
+    """Return functions that find pairs that are too near, that part them, and that apply the displacements."""
     _, gain_along, push_pair = pushing_functions(traits)
     count_in, move_by_impulses = sharing_functions(traits)
 
     @wp.func
     def find_overlaps(t: Tables, working: Working, world: wp.int32, thread: wp.int32, count: wp.int32):
-        """How far those that are a thread's are to be moved apart, at most [m]; each is counted."""
+        """Return the largest displacement that overlaps of a thread's pairs need [m], and count these pairs."""
         worst = float(0.0)
         for pair in range(thread, count, wp.block_dim()):
             catch = working.catches[world, pair]
@@ -113,7 +116,7 @@ def parting_functions(traits: Traits) -> tuple[Any, Any, Any]:
 
 @cache
 def ridges_function(traits: Traits) -> Any:
-    """The function by which faces leave ridges, once all have moved."""
+    """Return the function that resolves contacts of faces with ridges, once all have moved."""
     search_ridges = ridge_search_function(traits)
     catch_of = catching_function(traits)
     find_pushed, push_apart = sweeping_functions(traits)
@@ -124,7 +127,7 @@ def ridges_function(traits: Traits) -> Any:
         t: Tables, state: WorldState, working: Working, world: wp.int32, thread: wp.int32, end: float,
         points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
     ):  # fmt: skip
-        """Of a world, by all threads of a block; soon done where nothing is near."""
+        """Resolve contacts with ridges in a world, by all threads of a block; soon done where nothing is near."""
         near, way = search_ridges(t, state, working, world, thread, end, points, velocities)
         if near > 0:
             if thread == 0:

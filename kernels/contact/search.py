@@ -1,5 +1,7 @@
-"""Which particles look for triangles at all, and which have found some: two lists of a world, so that threads have
-something to do one beside the other. In which order they stand in them does not matter."""
+"""Lists of the particles of a world that search for triangles, and of those that have found some.
+
+With lists adjacent threads all have work. The order in a list does not matter.
+"""
 
 from functools import cache
 from typing import Any
@@ -23,21 +25,21 @@ from balloon_warp.kernels.warps import next_place
 from balloon_warp.kernels.working import Working
 
 LOOKING, TOUCHING = wp.constant(0), wp.constant(1)
-"""the two lists"""
+"""Indices of the two lists"""
 FIND_REGISTERS = 64
-"""of a thread that looks, so that more threads wait for memory in turns"""
+"""Registers of a searching thread, so that more threads overlap their memory latencies"""
 
 
 @wp.func
 def put_on_list(working: Working, world: wp.int32, which: wp.int32, particle: wp.int32):
-    """By any thread in any order."""
+    """Append a particle to a list, by any thread in any order."""
     place = next_place(working.list_lengths, world, which)
     working.particle_lists[world, which, place] = particle
 
 
 @cache
 def looking_function(traits: Traits) -> Any:
-    """The function that puts a particle on the list of those that look around."""
+    """Return the function that appends a particle to the list of those that search."""
     is_nearing = nearing_function(traits)
 
     @wp.func
@@ -50,7 +52,7 @@ def looking_function(traits: Traits) -> Any:
         points: wp.array[wp.vec3],
         velocities: wp.array[wp.vec3],
     ):
-        """Whether it may meet a balloon, or touched one until now."""
+        """Return whether a particle may touch a balloon, or has touched one until now."""
         own = t.particles.balloon[particle]
         used = t.faces.particle_offsets[particle + 1] > t.faces.particle_offsets[particle]
         if used and working.near_balloons[world, own] != ALONE:
@@ -72,7 +74,7 @@ def looking_function(traits: Traits) -> Any:
         points: wp.array[wp.vec3],
         velocities: wp.array[wp.vec3],
     ):
-        """If it does; and where it is, if that was too long ago."""
+        """Append a particle that searches to its list, and store its position if the last search is outdated."""
         own = t.particles.balloon[particle]
         if has_strayed(working, world, own):
             working.sought[world, particle] = points[particle]
@@ -86,7 +88,7 @@ def looking_function(traits: Traits) -> Any:
 
 @cache
 def listing_function(traits: Traits) -> Any:
-    """The function that makes the list of triangles of a particle that looks around."""
+    """Return the function that builds the list of triangles of a particle that searches."""
     find_of_balloon, is_nearing = finding_functions(traits), nearing_function(traits)
 
     @wp.func
@@ -99,10 +101,10 @@ def listing_function(traits: Traits) -> Any:
         points: wp.array[wp.vec3],
         velocities: wp.array[wp.vec3],
     ):
-        """Of all balloons that it may touch, if what it has found does not do.
+        """Find the triangles of all balloons that a particle may touch, if its current ones do not suffice.
 
-        A particle is looked for in the depth of others, too, where it may have started or was pressed so far in; not
-        wherever it has come behind a surface, as in what crumples, which there is nothing to come out of.
+        The search extends to the depth of other balloons where a particle may have started, or was pressed in so far;
+        not wherever it has come behind a surface, as in crumpled skin, out of which there is no way.
         """
         own = t.particles.balloon[particle]
         point = vector_at(points, particle)
@@ -133,7 +135,7 @@ def listing_function(traits: Traits) -> Any:
 
 @cache
 def looking_kernel(traits: Traits) -> Any:
-    """The kernel that finds the particles that look around."""
+    """Return the kernel that finds the particles that search."""
     note_looking = looking_function(traits)
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
@@ -148,7 +150,7 @@ def looking_kernel(traits: Traits) -> Any:
         # out
         working: Working,
     ):
-        """Some threads a world."""
+        """Find the particles that search, by some threads a world."""
         world, thread = wp.tid()
         if is_searched(working, world):
             for particle in range(thread, points.shape[1], threads):
@@ -159,7 +161,7 @@ def looking_kernel(traits: Traits) -> Any:
 
 @cache
 def find_kernel(traits: Traits, fast_math: bool = False) -> Any:
-    """The kernel that finds the triangles that each of them may touch."""
+    """Return the kernel that finds the triangles that each searching particle may touch."""
     list_triangles = listing_function(traits)
 
     @wp.kernel(
@@ -180,7 +182,7 @@ def find_kernel(traits: Traits, fast_math: bool = False) -> Any:
         # out
         working: Working,
     ):
-        """Some threads a world."""
+        """Find the triangles near each particle, by some threads a world."""
         world, thread = wp.tid()
         if is_searched(working, world):
             for place in range(thread, working.list_lengths[world, LOOKING], threads):

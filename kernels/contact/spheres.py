@@ -1,5 +1,7 @@
-"""Spheres and particles that exchange momentum, where each piece of a substep is a launch: a block a world, which goes
-through the particles that were noted, in the same order every time."""
+"""Exchange of momentum between spheres and particles, a block a world.
+
+Each piece of a substep is a launch, which loops over the marked particles in the same order every time.
+"""
 
 from functools import cache
 from typing import Any
@@ -8,6 +10,7 @@ import warp as wp
 
 from balloon_warp.kernels.contact.near import PARTICLES_A_MARK
 from balloon_warp.kernels.laws.impulse import MOST_TURNS, Press, is_met, is_settled
+from balloon_warp.kernels.loops.friction import friction_on, number_of_sphere
 from balloon_warp.kernels.loops.inertia import inertia_function
 from balloon_warp.kernels.loops.obstacles import around_function, standing_function
 from balloon_warp.kernels.loops.touching import (
@@ -30,18 +33,19 @@ from balloon_warp.kernels.working import Working
 
 @cache
 def marked_functions(traits: Traits, at: Any, put: Any) -> tuple[Any, Any, Any]:
-    """The functions that go through the particles at a mark: what they press a sphere with, how they answer it, which
-    gives how they rub on it, and, when all have, how they stand on the ground and on obstacles. `at` reads a point
-    or velocity, `put` writes it."""
+    """Return functions for the particles of a mark: their pressing, response and friction, and their support.
+
+    The first returns what they press a sphere with, the second applies the response and returns the friction, the last
+    puts them on the ground and on obstacles. `at` reads a point or velocity, `put` writes it.
+    """
     _, read_own = own_functions(traits.columns, traits.balloons)
     inertia = inertia_function(traits)
     stand = standing_function(traits)
     around_own = around_function(traits)
-    friction_column = traits.columns.places["balloon_friction"]
 
     @wp.func
     def end_of_mark(mark: wp.int32, count: wp.int32):
-        """Where its particles end."""
+        """Return the end of a mark's particles."""
         return wp.min((mark + 1) * PARTICLES_A_MARK, count)
 
     @wp.func
@@ -69,6 +73,7 @@ def marked_functions(traits: Traits, at: Any, put: Any) -> tuple[Any, Any, Any]:
         working: Working,
         world: wp.int32,
         mark: wp.int32,
+        sphere: wp.int32,
         ball: Any,
         press: Press,
         last: wp.vec3,
@@ -86,7 +91,8 @@ def marked_functions(traits: Traits, at: Any, put: Any) -> tuple[Any, Any, Any]:
                 if wp.static(traits.spheres_rub):
                     own = read_own(t, world, particle)
                     mass = inertia(working, own)
-                    rub = rub_on_ball(t, ball, press, last, change, mass, own.n[friction_column], start, speed)
+                    friction = friction_on(t, world, own.balloon, number_of_sphere(t, sphere))
+                    rub = rub_on_ball(t, ball, press, last, change, mass, friction, start, speed)
                     total += rub
                     point, velocity = rubbed_point(t, rub, mass, point, velocity)
                 put(points, particle, point)
@@ -107,8 +113,7 @@ def marked_functions(traits: Traits, at: Any, put: Any) -> tuple[Any, Any, Any]:
 
 @cache
 def spheres_function(traits: Traits, at: Any, put: Any, total_of: Any) -> Any:
-    """The function by which spheres and particles exchange momentum, sphere by sphere. `at` reads a point
-    or velocity, `put` writes it, `total_of` adds up what threads have."""
+    """Return the function that exchanges momentum between spheres and particles; `total_of` sums over threads."""
     ball_at = ball_function(traits, sphere_at)
     press_at_mark, answer_at_mark, stand_at_mark = marked_functions(traits, at, put)
 
@@ -123,7 +128,7 @@ def spheres_function(traits: Traits, at: Any, put: Any, total_of: Any) -> Any:
         points: Any,
         velocities: Any,
     ):
-        """By the particles whose marks are a thread's."""
+        """Return the pressing of the particles in a thread's marks."""
         part = Press()
         for mark in range(thread, working.near.shape[1] - 1, wp.block_dim()):
             if working.near[world, mark] > 0:
@@ -141,8 +146,7 @@ def spheres_function(traits: Traits, at: Any, put: Any, total_of: Any) -> Any:
         points: Any,
         velocities: Any,
     ):
-        """Of a world, by all threads of a block; nothing if no particle of it was noted, and then all marks are taken
-        away."""
+        """Exchange momentum with the marked particles of a world, by all threads of a block, and clear marks."""
         marks = working.near.shape[1] - 1
         if working.near[world, marks] > 0:
             for sphere in range(t.spheres.radius.shape[1]):
@@ -164,7 +168,7 @@ def spheres_function(traits: Traits, at: Any, put: Any, total_of: Any) -> Any:
                     for mark in range(thread, marks, wp.block_dim()):
                         if working.near[world, mark] > 0:
                             mine += answer_at_mark(
-                                t, working, world, mark, ball, press, last, change, shift, points,
+                                t, working, world, mark, sphere, ball, press, last, change, shift, points,
                                 velocities,
                             )  # fmt: skip
                     center, motion, force = answer_of_ball(t, ball, change, shift)

@@ -13,36 +13,36 @@ from balloon_warp.kernels.tables import Tables
 
 @wp.func
 def candidate_of(triangle: wp.int32, is_behind: bool, is_first: bool):
-    """What a list says of a triangle.
+    """Return the list entry of a triangle.
 
     Args:
-        is_behind: whether the particle is.
-        is_first: whether it stands before all others of its balloon.
+        is_behind: Whether the particle is behind the triangle.
+        is_first: Whether the entry is the first of its balloon.
     """
     return 4 * triangle + wp.where(is_first, 2, 0) + wp.where(is_behind, 1, 0)
 
 
 @wp.func
 def triangle_of(candidate: wp.int32):
-    """Which it is."""
+    """Return the triangle of a list entry."""
     return candidate >> 2
 
 
 @wp.func
 def is_first_of_balloon(candidate: wp.int32):
-    """Whether another balloon's begin with it."""
+    """Return whether a list entry is the first of its balloon."""
     return (candidate & 2) != 0
 
 
 @wp.func
 def side_of(candidate: wp.int32):
-    """1 where the particle is in front of it, -1 behind."""
+    """Return 1 where the particle is in front of the triangle, -1 behind."""
     return 1.0 - 2.0 * float(candidate & 1)
 
 
 @cache
 def rows_function(at: Any) -> Any:
-    """The function that gives the vectors of a triangle's corners, row by row.
+    """Return the function for the vectors of a triangle's corners, row by row.
 
     Args:
         at: the function that reads one.
@@ -60,21 +60,21 @@ rows_at = rows_function(vector_at)
 
 @wp.func
 def triangle_beside(t: Tables, points: wp.array[wp.vec3], triangle: wp.int32, point: wp.vec3):
-    """Where a particle stands beside it."""
+    """Return the position of a particle relative to a triangle."""
     corners = rows_at(points, triple_at(t.touch.triangles, triangle))
     return place_beside(point, corners[0], corners[1], corners[2])
 
 
 @wp.func
 def faced_triangle(t: Tables, points: wp.array[wp.vec3], triangle: wp.int32, place: Place):
-    """The same with normal and gap."""
+    """Return the position of a particle relative to a triangle, with normal and gap."""
     corners = rows_at(points, triple_at(t.touch.triangles, triangle))
     return faced(place, corners[0], corners[1], corners[2])
 
 
 @wp.func
 def squared_distance_to_triangle(t: Tables, points: wp.array[wp.vec3], triangle: wp.int32, point: wp.vec3):
-    """No more than that to the triangle, and sooner found: to its box [m^2]."""
+    """Return a lower bound of the squared distance to a triangle, that to its box [m^2], which is faster."""
     corners = triple_at(t.touch.triangles, triangle)
     a = vector_at(points, corners[0])
     b = vector_at(points, corners[1])
@@ -84,7 +84,7 @@ def squared_distance_to_triangle(t: Tables, points: wp.array[wp.vec3], triangle:
 
 @wp.func
 def relative_speed(t: Tables, velocities: wp.array[wp.vec3], triangle: wp.int32, velocity: wp.vec3):
-    """Of a particle beside a triangle's center [m/s]."""
+    """Return the speed of a particle relative to a triangle's center [m/s]."""
     corners = rows_at(velocities, triple_at(t.touch.triangles, triangle))
     mean = (corners[0] + corners[1] + corners[2]) / 3.0
     return wp.length(velocity - mean)

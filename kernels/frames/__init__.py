@@ -1,1 +1,1 @@
-"""What happens once a frame, beside the list of phases."""
+"""Kernels that run once a frame, besides the list of phases."""

@@ -1,5 +1,7 @@
-"""The air at balloons, and what of it moves along with them: found as a frame begins, since neither a balloon's height
-nor its volume changes much in one."""
+"""Air at balloons, and the added mass of it, updated as a frame begins.
+
+Neither a balloon's height nor its volume changes much in a frame.
+"""
 
 from functools import cache
 from typing import Any
@@ -19,7 +21,7 @@ from balloon_warp.kernels.traits import Traits
 
 @cache
 def air_kernel(traits: Traits) -> Any:
-    """The kernel that finds it."""
+    """Return the kernel that updates added mass and air at balloons."""
     read_numbers = numbers_reader(traits.columns)
     call = call_of(air_along, "air_along", ["height", "pressure", "free_volume"], traits.columns)
     source = f"def air_of(height: float, pressure: float, free_volume: float, n: Any):\n    return {call}\n"
@@ -36,7 +38,7 @@ def air_kernel(traits: Traits) -> Any:
         # state in and out
         state: WorldState,
     ):
-        """A thread a (world, balloon).
+        """Compute the added mass and the air at each balloon; a thread a (world, balloon).
 
         Args:
             of_places: numbers of particles in the state, if tables have them in another order; empty otherwise.

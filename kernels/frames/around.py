@@ -1,6 +1,7 @@
-"""What every schedule needs around its frames.
+"""Kernels that every schedule needs around its frames.
 
-One module without adjoints: every module and every adjoint adds to the time that a user waits for a first frame.
+They share one module without adjoints: every module and every adjoint adds to the time that a user waits for a first
+frame.
 """
 
 import warp as wp
@@ -18,7 +19,7 @@ wp.set_module_options({**OPTIONS, "enable_backward": False})
 def keyframed_value(
     times: wp.array2d[float], values: wp.array3d[float], world: wp.int32, balloon: wp.int32, time: float
 ):
-    """Piecewise linear through the keyframes, constant before the first and after the last."""
+    """Interpolate keyframes linearly, constant before the first and after the last."""
     row = row_of_world(world, values.shape[0])
     value = values[row, balloon, 0]
     for key in range(times.shape[1] - 1):
@@ -41,8 +42,10 @@ def ramp_inflation(
     # state out
     inflation_ramp: wp.array2d[wp.vec2],
 ):
-    """A thread a (world, balloon): what is keyframed, such as k_normal, at the start of the frame, and its
-    slope [1/s] over the frame."""
+    """Compute keyframed values, such as k_normal, at the start of the frame, and their slope over the frame [1/s].
+
+    A thread a (world, balloon).
+    """
     world, balloon = wp.tid()
     begin = float(frame[0]) * frame_seconds
     first = keyframed_value(keyframe_times, keyframe_values, world, balloon, begin)
@@ -58,7 +61,7 @@ def note_given_loads(
     # state in and out
     state: WorldState,
 ):
-    """A thread a (world, balloon): the pressures of the last substep of a frame, where they are given."""
+    """Store given pressures of the last substep of a frame; a thread a (world, balloon)."""
     world, balloon = wp.tid()
     if inflation_kind[balloon] != NORMAL_FORCE:
         given = ramp_at(state, world, balloon, time_in_frame)
@@ -82,9 +85,11 @@ def place_balloons(
     every: wp.array2d[wp.vec3],
     velocities: wp.array2d[wp.vec3],
 ):
-    """A thread a (world, particle): its place, its balloon turned about the mesh's origin and shifted, and its velocity
-    there, its balloon's and that of the spin about its center; none if it is fixed. In double precision, so that the
-    place is what the host would place there."""
+    """Place particles: rotate each balloon about the mesh's origin, shift it, and set the velocities.
+
+    A thread a (world, particle). The velocity is the balloon's plus that of its spin about its center; zero if the
+    particle is fixed. In double precision, so that the place is what the host would place there.
+    """
     world, particle = wp.tid()
     balloon = particle_balloon[particle]
     arm = points[particle] - origins[balloon]
@@ -112,8 +117,11 @@ def end_frame(
     frame: wp.array[wp.int32],
     first_bad: wp.array[wp.int32],
 ):
-    """A thread a (world, thread), which takes each so-manyth particle and sphere: the look at what a frame wrote, of
-    the particles that are to be seen. One of all counts the frames that have passed."""
+    """Check what a frame wrote, of the particles that are to be seen, and count the frame.
+
+    A thread a (world, thread), which takes every n-th particle and sphere. A single thread counts the frames that have
+    passed.
+    """
     world, thread = wp.tid()
     for particle in range(thread, seen, threads):
         balloon = particles.balloon[particle]

@@ -1,4 +1,4 @@
-"""What waits for its time."""
+"""Times at which things start and end."""
 
 import warp as wp
 
@@ -21,7 +21,7 @@ def hold_spheres(
     velocities: wp.array2d[wp.vec3],
     spins: wp.array2d[wp.vec3],
 ):
-    """A thread a (world, sphere), at the end of a frame: until its first frame, a sphere stays where it will appear."""
+    """Hold spheres at their place until their first frame, at the end of a frame; a thread a (world, sphere)."""
     world, sphere = wp.tid()
     if frame[0] <= first_frames[sphere]:
         positions[world, sphere] = initial_positions[world % initial_positions.shape[0], sphere]

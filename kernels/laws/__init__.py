@@ -18,10 +18,11 @@ from balloon_warp.kernels.laws.torsion import TORSION
 from balloon_warp.kernels.laws.water import WATER
 
 LAWS: tuple[Law, ...] = (WEIGHT, DAMPING, HOOKE, RUBBER, RUBBER_AT_LIMIT, STRING, TORSION, WATER, AIR_DRAG, FACE_AIR)
-"""in the order in which their forces are added"""
+"""Laws of the core, in the order in which their forces are added"""
 PARAMETERS: dict[str, Parameter] = {row.name: row for row in columns_of(LAWS).rows}
-"""all that every scene has, by name: of these laws, and of springs, inertia, gas and the ground"""
+"""Parameters that every scene has, by name: those of these laws, and of springs, inertia, gas and the ground"""
 TAKEN: dict[str, Parameter] = PARAMETERS | {row.name: row for row in (*SOFTENING, *TEARING)}
-"""whose names laws of one's own cannot give to something else: those, and what only few scenes have"""
+"""Reserved names, which user-defined laws cannot give to other parameters: `PARAMETERS`, and those that only few scenes
+have"""
 
 __all__ = ["LAWS", "PARAMETERS", "TAKEN", "Given", "Law", "Parameter"]

@@ -28,7 +28,7 @@ ADDED_MASS = Parameter(
 
 @wp.func
 def volume_of_gas(pressure: float, free_volume: float, gamma: float, air_pressure: float):
-    """Volume of a gas whose pressure above the air's is known [m^3]: what `gas_pressure` takes."""
+    """Return the volume of a gas from its gauge pressure [m^3], for `gas_pressure`."""
     return volume_at(free_volume, wp.max(air_pressure + pressure, THINNEST * STANDARD_PRESSURE), gamma)
 
 
@@ -45,7 +45,7 @@ def air_along(
     air_lapse: float,
     gravity: float,
 ):
-    """Mass of the air that moves along with a balloon at a height [kg]."""
+    """Return the mass of the air that moves along with a balloon at a height [kg]."""
     air = air_of_height(height, air_pressure, air_temperature, air_density, air_lapse, gravity)
     there = free_volume_there(free_volume, gamma, air[1] / air_temperature)
     return added_mass * air[2] * volume_of_gas(pressure, there, gamma, air[0])

@@ -9,30 +9,30 @@ from balloon_warp.kernels.laws.gusts import gusts as gusts_at
 from balloon_warp.kernels.laws.law import TINY, Law, Parameter
 
 GAS_CONSTANT = 8.314462618
-"""[J/(mol K)]"""
+"""Molar gas constant R [J/(mol K)]"""
 DRY_AIR_MOLAR_MASS = 0.0289652
-"""[kg/mol]"""
+"""Molar mass of dry air [kg/mol]"""
 OF_DRY_AIR = -1.0
-"""stands for the density of dry air as an ideal gas"""
+"""Marker: density of dry air as an ideal gas"""
 ALIKE = -1.0
-"""stands for air that is the same at all heights"""
+"""Marker: uniform air, without a lapse rate"""
 HIGHEST = 0.9
-"""what of its temperature the air loses at most with height"""
+"""Largest fraction of its temperature that the air loses with height"""
 MOST_GROWTH = 10.0
-"""up to how many times `wind_height` the wind grows"""
+"""Largest height for the wind's growth, over `wind_height`"""
 SMOOTHEST = 0.99
-"""of `wind_height` is the most that counts of a roughness length, which is less than that"""
+"""Upper limit of the roughness length, as a fraction of `wind_height`"""
 
 
 @wp.func
 def molar_volume(air_pressure: float, air_temperature: float):
-    """Of any gas that is as cold and as dense as the air [m^3/mol]: R T / p."""
+    """Return the molar volume of an ideal gas at the air's temperature and pressure, R T / p [m^3/mol]."""
     return GAS_CONSTANT * air_temperature / air_pressure
 
 
 @wp.func
 def density_of_air(air_pressure: float, air_temperature: float, air_density: float):
-    """Given, or of dry air as an ideal gas where that is negative [kg/m^3]."""
+    """Return the given density of the air, or that of dry air as an ideal gas where it is negative [kg/m^3]."""
     if air_density < 0.0:
         return DRY_AIR_MOLAR_MASS / molar_volume(air_pressure, air_temperature)
     return air_density
@@ -47,7 +47,7 @@ def air_of_height(
     air_lapse: float,
     gravity: float,
 ):
-    """Pressure [Pa], temperature [K] and density [kg/m^3] at a height, of those at 0.
+    """Return pressure [Pa], temperature [K] and density [kg/m^3] of the air at a height, from those at 0.
 
     The air is at rest, dp/dz = -density g, and as much colder with height as its lapse L says [K/m]:
 
@@ -77,13 +77,13 @@ def density_at(
     air_lapse: float,
     gravity: float,
 ):
-    """Of the air at a place [kg/m^3]."""
+    """Return the density of the air at a place [kg/m^3]."""
     return air_of_height(wp.dot(place, up), air_pressure, air_temperature, air_density, air_lapse, gravity)[2]
 
 
 @wp.func
 def wind_alike(wind: wp.vec3):
-    """Velocity of the air where it is the same at all places and times [m/s]."""
+    """Return the velocity of uniform, steady air [m/s]."""
     return wind
 
 
@@ -118,7 +118,7 @@ def wind_at(
     gust_length: float,
     gust_seed: float,
 ):
-    """Velocity of the air at a place and time [m/s]: of the wind, as it grows with height, and of gusts in it."""
+    """Return the velocity of the air at a place and time, with the wind's profile and gusts [m/s]."""
     velocity = growth_of_wind(wp.dot(place, up), wind_shear, wind_height, wind_roughness) * wind
     if gusts > 0.0:
         carried = (place - time * wind) / gust_length
@@ -127,9 +127,9 @@ def wind_at(
 
 
 AIR_ALIKE = (wind_alike, density_of_air)
-"""functions that give velocity and density of the air, where it is the same at all places and times"""
+"""Functions for velocity and density of uniform, steady air"""
 AIR_THAT_VARIES = (wind_at, density_at)
-"""and where it is not"""
+"""Functions for velocity and density of air that varies with place and time"""
 
 
 @wp.func
@@ -180,7 +180,7 @@ AIR = (
     ),
 )
 STATE_OF_AIR = AIR[:3]
-"""pressure, temperature and density"""
+"""Parameters for pressure, temperature and density of the air"""
 WIND = (
     Parameter("wind", "m/s", of="world", path="atmosphere.wind", size=3, meaning="Wind velocity"),
     Parameter(
@@ -243,9 +243,9 @@ WIND = (
     ),
 )
 VARYING = {"air_lapse": ALIKE, "wind_shear": 0.0, "wind_roughness": 0.0, "gusts": 0.0}
-"""what makes the air differ from place to place, and what it is where none does"""
+"""Parameters that make the air vary from place to place, with their neutral values"""
 LARGEST_GUST = 4.0
-"""over the root mean square of one component, that the step allows for"""
+"""Largest gust that the step allows for, over the root mean square of one component"""
 
 
 def drag_bound(
@@ -261,7 +261,7 @@ def drag_bound(
     wind_roughness: Any,
     gusts: Any,
 ) -> Any:
-    """Density C_d A u [N s/m], the derivative of the drag at the speed u through the air."""
+    """Return density C_d A u [N s/m], the derivative of the drag at the speed u through the air."""
     density = density_of_given_air(air_pressure, air_temperature, air_density)
     share = wind_roughness / wind_height
     share = 0.5 * (share + SMOOTHEST - abs(share - SMOOTHEST))  # the lesser of both, of arrays, too

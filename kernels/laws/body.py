@@ -7,19 +7,19 @@ from balloon_warp.kernels.laws.law import TINY, Law, Parameter
 
 @wp.func
 def weight(mass: float, up: wp.vec3, gravity: float, helium: float):
-    """Gravity [m/s^2] and helium's lift [N/kg] along the up axis [N]."""
+    """Return the force of gravity [m/s^2] and helium's lift [N/kg] along the up axis [N]."""
     return (mass * (helium - gravity)) * up
 
 
 @wp.func
 def weight_energy(position: wp.vec3, mass: float, up: wp.vec3, gravity: float, helium: float):
-    """Potential energy of the weight, -F . x [J]."""
+    """Return the potential energy of the weight, -F . x [J]."""
     return -wp.dot(weight(mass, up, gravity, helium), position)
 
 
 @wp.func
 def damping(velocity: wp.vec3, mass_share: float, damping: float):
-    """Drag against the velocity [N], of a particle's share of the balloon's damping [N s/m]."""
+    """Return the drag against the velocity [N], of a particle's share of the balloon's damping [N s/m]."""
     return (-mass_share * damping) * velocity
 
 

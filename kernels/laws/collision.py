@@ -16,14 +16,14 @@ from balloon_warp.kernels.laws.contact import way_out
 from balloon_warp.kernels.laws.impulse import way_apart
 
 NEVER = wp.constant(2.0)
-"""part of a way that is more than all of it"""
+"""Marker: time of impact, as a fraction of the step, that is never reached"""
 SLOW = wp.constant(2.0)
-"""steps of gravity: what meets no faster does not rebound, so that what lies on something comes to rest"""
+"""Approach speed below which nothing rebounds, in steps of gravity, so that what lies on something comes to rest"""
 
 
 @wp.func
 def part_until(start: wp.vec3, way: wp.vec3, reach: float):
-    """Part of a way that leads to a distance of `reach` from the origin.
+    """Return the fraction of a path at which its distance from the origin is `reach`.
 
     It is 0 where the way begins nearer, and `NEVER` where it does not lead there.
     """
@@ -45,7 +45,7 @@ def part_until(start: wp.vec3, way: wp.vec3, reach: float):
 
 @wp.func
 def mean_restitution(first: float, second: float):
-    """Of two that meet: the geometric mean, so that it is that of two alike, and nothing if one does not rebound."""
+    """Return the geometric mean of two coefficients of restitution: zero if one of them is zero."""
     return wp.sqrt(first * second)
 
 
@@ -87,5 +87,5 @@ def collision(
 
 @wp.func
 def share_of(own: float, other: float):
-    """Of what two bodies gain beside each other, the part that falls to one of them; their masses [kg]."""
+    """Return one body's share of the relative velocity change of two bodies, from their masses [kg]."""
     return other / (own + other)

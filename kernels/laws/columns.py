@@ -1,4 +1,4 @@
-"""Where the parameters of laws stand in memory: a row of numbers for each balloon, and one for each world."""
+"""Layout of the parameters of laws in memory: a row of numbers for each balloon, and one for each world."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ class Columns:
 
     @property
     def rows(self) -> tuple[Parameter, ...]:
-        """Of balloons, and then of the world."""
+        """Parameters of balloons, then those of the world."""
         return (*self.balloon, *self.world)
 
     @property
@@ -49,7 +49,7 @@ class Columns:
 
     @property
     def width(self) -> int:
-        """Of the whole row."""
+        """Width of the whole row."""
         return self.balloon_width + self.world_width
 
 

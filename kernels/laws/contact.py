@@ -16,7 +16,7 @@ from balloon_warp.kernels.laws.law import Parameter
 
 @wp.func
 def way_out(point: wp.vec3, center: wp.vec3, up: wp.vec3):
-    """Direction from a sphere's center to a particle, a unit vector; up where they coincide."""
+    """Return the direction from a sphere's center to a particle, a unit vector; up where they coincide."""
     arm = point - center
     if wp.length_sq(arm) > 0.0:
         return inverse_root(squared_length(arm)) * arm
@@ -25,7 +25,7 @@ def way_out(point: wp.vec3, center: wp.vec3, up: wp.vec3):
 
 @wp.func
 def without_approach(velocity: wp.vec3, obstacle_velocity: wp.vec3, normal: wp.vec3):
-    """Velocity without its part into the obstacle."""
+    """Return the velocity without its component into the obstacle."""
     return velocity - wp.min(wp.dot(velocity - obstacle_velocity, normal), 0.0) * normal
 
 
@@ -43,24 +43,6 @@ def leave_sphere(
         point = center + radius * outward
         velocity = without_approach(velocity, sphere_velocity, outward)
     return point, velocity, outward
-
-
-@wp.func
-def own_friction(own: float, otherwise: float):
-    """Return a balloon's own coefficient of friction; where it does not say it, what else would be."""
-    return wp.where(own < 0.0, otherwise, own)
-
-
-@wp.func
-def friction_between(first: float, second: float):
-    """Coulomb's coefficient of two surfaces: the geometric mean of theirs, so that two alike have their own."""
-    return wp.where(first == second, first, wp.sqrt(first * second))
-
-
-@wp.func
-def friction_on(own: float, its: float):
-    """Return the friction of a balloon on what is no balloon."""
-    return friction_between(own_friction(own, its), its)
 
 
 @wp.func
@@ -99,7 +81,7 @@ def leave_ground(point: wp.vec3, velocity: wp.vec3, up: wp.vec3, height: float, 
 
 @wp.func
 def out_of_sphere(point: wp.vec3, normal: wp.vec3, center: wp.vec3, radius: float, up: wp.vec3):
-    """Where a sphere lets a point go, and the obstacle's normal there; both as they are if it is outside."""
+    """Project a point out of a sphere, and return it with the contact normal; unchanged if it is outside."""
     if wp.length_sq(point - center) < radius * radius:
         normal = way_out(point, center, up)
         point = center + radius * normal
@@ -115,13 +97,13 @@ def penalty_force(penalty: float, inflation: wp.vec3, outward: wp.vec3):
 
 @wp.func
 def stop_of(velocity: wp.vec3, surface_velocity: wp.vec3, normal: wp.vec3, restitution: float):
-    """By how much meeting a surface changes a sphere's velocity along the normal [m/s]."""
+    """Return the change of a sphere's velocity along the normal when it meets a surface [m/s]."""
     return -(1.0 + restitution) * wp.min(wp.dot(velocity - surface_velocity, normal), 0.0)
 
 
 @wp.func
 def bounced(velocity: wp.vec3, surface_velocity: wp.vec3, normal: wp.vec3, restitution: float):
-    """Velocity of a sphere that has met a surface: it leaves with the speed of its approach times the restitution."""
+    """Return the velocity of a sphere after contact: it leaves with its approach speed times the restitution."""
     return velocity + stop_of(velocity, surface_velocity, normal, restitution) * normal
 
 
@@ -137,7 +119,7 @@ def move_sphere(
     ground_restitution: float,
     step_seconds: float,
 ):
-    """Position and velocity of a sphere after a step, and what the ground has changed that velocity by [m/s].
+    """Return a sphere's position and velocity after a step, and the velocity change by the ground [m/s].
 
     Gravity, the ground and the acceleration by contacts move it.
     """
@@ -153,7 +135,7 @@ def move_sphere(
 
 
 AS_OTHERS = -1.0
-"""friction of a balloon that does not say its own"""
+"""Marker: a balloon without a friction coefficient of its own"""
 FRICTION = Parameter(
     "balloon_friction",
     "1",
@@ -164,7 +146,7 @@ FRICTION = Parameter(
     "other thing's coefficient counts alone, and between balloons `touch.friction`",
 )
 NO_GROUND = -1.0e30
-"""height [m] of a ground that is not there"""
+"""Marker: ground height of a scene without ground [m]"""
 GROUND = (
     Parameter("ground_height", "m", of="world", path="ground.height", absent=NO_GROUND, meaning="Height of the ground"),
     Parameter(

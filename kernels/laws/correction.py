@@ -18,7 +18,7 @@ import warp as wp
 
 @wp.func
 def excess(d: wp.vec3, rest_length: float, limit: float):
-    """How much of d, from one end of a spring to the other, is beyond its longest [m]; zero if it is short enough."""
+    """Return the part of d, the vector along a spring, beyond the longest length allowed [m]; zero if shorter."""
     longest = (1.0 + limit) * rest_length
     squared = wp.length_sq(d)
     if squared <= longest * longest:
@@ -28,7 +28,7 @@ def excess(d: wp.vec3, rest_length: float, limit: float):
 
 @wp.func
 def share_of_correction(mass_share: float, mass_share_of_other: float):
-    """Part of a correction that one end makes: half, or all beside a fixed end, or nothing if fixed itself."""
+    """Return one end's share of a correction: half, all beside a fixed end, or zero if it is fixed."""
     if mass_share == 0.0:
         return 0.0
     return wp.where(mass_share_of_other > 0.0, 0.5, 1.0)
@@ -36,7 +36,7 @@ def share_of_correction(mass_share: float, mass_share_of_other: float):
 
 @wp.func
 def moves_of_ends(mass_share_p: float, mass_share_q: float, too_long: wp.vec3):
-    """How a spring's two ends move to make good for an excess [m]."""
+    """Return the displacements of a spring's two ends that remove an excess length [m]."""
     move_p = share_of_correction(mass_share_p, mass_share_q) * too_long
     move_q = -share_of_correction(mass_share_q, mass_share_p) * too_long
     return move_p, move_q

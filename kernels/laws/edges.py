@@ -19,18 +19,18 @@ import warp as wp
 from balloon_warp.kernels.laws.touch import LEAST, across
 
 KEPT = wp.constant(0.5)
-"""d, of the skin's thickness: what lies on each other keeps more, see `laws.touch`"""
+"""Distance d that edges keep, over the skin's thickness; surfaces at rest on each other keep more, see `laws.touch`"""
 PARALLEL = wp.constant(1.0e-4)
-"""square of the sine between edges that are taken to be parallel"""
+"""Squared sine of the angle below which edges count as parallel"""
 CROSSED = wp.constant(0.3)
-"""sine below which there is no friction: its couples would be out of all proportion"""
+"""Sine of the angle below which there is no friction, whose couples would be excessively large"""
 FOUR = wp.types.matrix(shape=(4, 3), dtype=wp.float32)
-"""of the ends of two edges, row by row"""
+"""Positions of the four ends of two edges, row by row"""
 
 
 @wp.struct
 class Crossing:
-    """Where two edges are nearest."""
+    """Closest points of two edges."""
 
     parts: wp.vec2  # of the way along each
     first: wp.vec3  # edge, from its start to its end [m]
@@ -41,12 +41,12 @@ class Crossing:
 
 @wp.func
 def nearest_parts(start: wp.vec3, first: wp.vec3, second: wp.vec3):
-    """Of the way along two edges, where they are nearest (Ericson 2004, section 5.1.9).
+    """Return the closest points of two edges as fractions of each edge (Ericson 2004, section 5.1.9).
 
     Args:
-        start: of the first edge, from that of the second [m].
-        first: from the start of the first edge to its end [m].
-        second: of the second.
+        start: Start of the first edge relative to the start of the second [m].
+        first: Vector from the start of the first edge to its end [m].
+        second: Vector from the start of the second edge to its end [m].
     """
     a = wp.max(wp.length_sq(first), LEAST)
     e = wp.max(wp.length_sq(second), LEAST)
@@ -64,7 +64,7 @@ def nearest_parts(start: wp.vec3, first: wp.vec3, second: wp.vec3):
 
 @wp.func
 def crossing_of(a: wp.vec3, b: wp.vec3, c: wp.vec3, d: wp.vec3):
-    """Of the edges from a to b, and from c to d."""
+    """Return the closest points of the edges from a to b and from c to d."""
     crossing = Crossing()
     crossing.first = b - a
     crossing.second = d - c
@@ -77,19 +77,19 @@ def crossing_of(a: wp.vec3, b: wp.vec3, c: wp.vec3, d: wp.vec3):
 
 @wp.func
 def weights_of(parts: wp.vec2):
-    """Of the four ends, in what the second edge does beside the first."""
+    """Return the weights of the four ends in the second edge's velocity relative to the first."""
     return wp.vec4(parts[0] - 1.0, -parts[0], 1.0 - parts[1], parts[1])
 
 
 @wp.func
 def ease_along(weights: wp.vec4, eases: wp.vec4):
-    """How much faster the edges part by 1 N s along their normal [1/kg]."""
+    """Return the inverse effective mass of the two edges along their normal [1/kg]."""
     return wp.dot(wp.cw_mul(weights, weights), eases)
 
 
 @wp.func
 def push_apart(parting: float, gap: float, kept: float, ease: float, step_seconds: float):
-    """Impulse along n that keeps two edges apart [N s].
+    """Return the impulse along n that keeps two edges apart [N s].
 
     Args:
         parting: n . (u_q - u_p) [m/s].
@@ -102,7 +102,7 @@ def push_apart(parting: float, gap: float, kept: float, ease: float, step_second
 
 @wp.func
 def crosses(crossing: Crossing):
-    """Whether there is friction: between the ends of both, where they are not nearly parallel."""
+    """Return whether friction acts: closest points are inside both edges, which are not nearly parallel."""
     s = crossing.parts[0]
     t = crossing.parts[1]
     least = CROSSED * wp.length(crossing.first) * wp.length(crossing.second)
@@ -112,7 +112,7 @@ def crosses(crossing: Crossing):
 
 @wp.func
 def couples(crossing: Crossing, along: wp.vec3):
-    """Couples a and b of 1 N s of friction along a unit vector across n."""
+    """Return the couples a and b of 1 N s of friction along a unit vector across n."""
     scale = crossing.gap / wp.dot(wp.cross(crossing.first, crossing.second), crossing.normal)
     return wp.vec2(
         scale * wp.dot(wp.cross(along, crossing.second), crossing.normal),
@@ -122,10 +122,10 @@ def couples(crossing: Crossing, along: wp.vec3):
 
 @wp.func
 def sliding_at(crossing: Crossing, weights: wp.vec4, moving: FOUR):
-    """How the second edge slides along the first, where they cross [m/s].
+    """Return the sliding velocity of the second edge along the first at their closest points [m/s].
 
     Args:
-        moving: the velocities of the four ends.
+        moving: Velocities of the four ends [m/s].
     """
     scale = crossing.gap / wp.dot(wp.cross(crossing.first, crossing.second), crossing.normal)
     rise = scale * wp.dot(moving[1] - moving[0], crossing.normal)
@@ -149,7 +149,7 @@ def rub_shares(crossing: Crossing, weights: wp.vec4, along: wp.vec3):
 
 @wp.func
 def friction_of_edges(speed: float, shares: FOUR, eases: wp.vec4, most: float):
-    """Impulse against what slides at a speed [N s], no more than `most`."""
+    """Return the friction impulse at a sliding speed [N s], no more than `most`."""
     ease = float(0.0)
     for end in range(4):
         ease += eases[end] * wp.length_sq(shares[end])

@@ -5,16 +5,16 @@ import warp as wp
 from balloon_warp.kernels.laws.air import molar_volume
 
 COLLAPSING = wp.constant(0.5)
-"""part of its volume that a balloon has left at the end of a step, below which the step is no first order's"""
+"""Fraction of a balloon's volume that remains after a step, below which the step is not first-order accurate"""
 EMPTY = wp.constant(0.02)
-"""part of what a mesh encloses that is left to a balloon when it is flat, which no pump or opening takes out"""
+"""Fraction of the mesh's volume that stays in a flat balloon, which no pump or opening takes out"""
 EMPTIEST = wp.constant(1.0e-6)
-"""part of a volume that stands for none"""
+"""Least volume fraction"""
 
 
 @wp.func
 def end_of_collapse(volume: float, held: float, air_pressure: float):
-    """Volume at the end of a step [m^3] of a gas that would lose most of it in the step.
+    """Return the volume at the end of a step [m^3] of a gas that would lose most of it in the step.
 
     There the pressure is p_a (V_a / x - 1) at the volume x of the end, V_a that at the air's pressure, and K the rise
     of the volume in the step with a pressure [m^3/Pa]: x = B + K p_a (V_a / x - 1). The larger root is never below 0,
@@ -34,5 +34,5 @@ def end_of_collapse(volume: float, held: float, air_pressure: float):
 
 @wp.func
 def amount_when_flat(mesh_volume: float, air: wp.vec3):
-    """Amount of gas left in a balloon whose walls lie on each other [mol], in air of a pressure and temperature."""
+    """Return the amount of gas in a flat balloon [mol], in air of a pressure and temperature."""
     return EMPTY * wp.max(mesh_volume, 0.0) / molar_volume(air[0], air[1])

@@ -39,7 +39,7 @@ def face_air_bound(
     face_drag: Any,
     face_friction: Any,
 ) -> Any:
-    """Density C A u [N s/m], C the larger coefficient, or as much as their sum."""
+    """Return density C A u [N s/m], where C is the larger coefficient, or at most their sum."""
     both = face_drag + face_friction
     given = (wind, wind_shear, wind_height, wind_roughness, gusts)
     return drag_bound(area, velocity, air_pressure, air_temperature, air_density, both, *given)

@@ -24,21 +24,21 @@ from balloon_warp.kernels.laws.sliding import ease_of_ball, friction_impulse
 from balloon_warp.kernels.laws.touch import nearest_weights, weighted
 
 MOST_LOOKS = wp.constant(256)
-"""at a sphere's way beside a triangle; where they do not reach the end, it stops"""
+"""Largest number of steps of conservative advancement of a sphere beside a triangle; if exceeded, the sphere stops"""
 BAND = wp.constant(1.0e-3)
-"""of the radius, within which a sphere is at a triangle"""
+"""Distance at which a sphere counts as touching a triangle, over the radius"""
 FREE = wp.constant(0.2)
-"""of the radius, by which they may overlap before they are moved apart: that strains springs"""
+"""Overlap that is tolerated before it is resolved, over the radius, since resolving it strains springs"""
 KEPT = wp.constant(0.5)
-"""of how near they are, which they keep at least, whatever has moved them"""
+"""Least fraction of the current distance that is kept after any displacement"""
 SAME_WAY = wp.constant(0.5)
-"""cosine between a normal on straight ways and on those that an impact has bent"""
+"""Least cosine between normals on straight and on deflected paths"""
 LITTLE = wp.constant(1.0e-4)
-"""of the radius, by which it may come nearer in a step"""
+"""Largest decrease of the distance in a step, over the radius"""
 ROUNDING = wp.constant(5.0e-7)
-"""of a coordinate, that a few operations round"""
+"""Relative rounding error of a coordinate after a few operations"""
 LEAST_RADIUS = wp.constant(1.0e-3)
-"""of a triangle's size: float32 tells no distances that are much less"""
+"""Least radius of a sphere over a triangle's size, by the resolution of float32"""
 
 
 @wp.struct
@@ -71,7 +71,7 @@ class Impact:
 
 @wp.func
 def facing_of(start: wp.vec3, end: wp.vec3, radius: float, starts: wp.mat33, ends: wp.mat33):
-    """Of where center and corners are before a step and after it."""
+    """Return the configuration of center and corners before and after a step."""
     facing = Facing()
     facing.start = start
     facing.way = end - start
@@ -85,7 +85,7 @@ def facing_of(start: wp.vec3, end: wp.vec3, radius: float, starts: wp.mat33, end
 
 @wp.func
 def seen_at(facing: Facing, part: float):
-    """After a part of the step, the weights of the nearest point, and the arm from there to the center."""
+    """Return the closest point's weights and the arm from it to the center, after a fraction of the step."""
     corners = facing.starts + part * facing.ways
     center = facing.start + part * facing.way
     weights = nearest_weights(center, corners[0], corners[1], corners[2])
@@ -94,13 +94,13 @@ def seen_at(facing: Facing, part: float):
 
 @wp.func
 def way_beside(facing: Facing, weights: wp.vec3):
-    """Of the center beside the triangle's point of these weights."""
+    """Return the center's displacement relative to the triangle's point of these weights."""
     return facing.way - weighted(weights, facing.ways[0], facing.ways[1], facing.ways[2])
 
 
 @wp.func
 def part_until_contact(facing: Facing, radius: float):
-    """Part of the step after which they come nearer than a radius; `NEVER` if they do not."""
+    """Return the fraction of the step after which they come nearer than a radius; `NEVER` if they do not."""
     longest = wp.max(
         wp.max(wp.length(facing.way - facing.ways[0]), wp.length(facing.way - facing.ways[1])),
         wp.length(facing.way - facing.ways[2]),

@@ -8,12 +8,12 @@ from balloon_warp.kernels.laws.air import GAS_CONSTANT, molar_volume
 from balloon_warp.kernels.laws.law import Parameter
 
 BREATH = 3.5e-3
-"""[m^3] of an adult's deep breath: from rest to the full lungs, the inspiratory capacity (Hall, *Guyton and Hall
-Textbook of Medical Physiology*, "pulmonary volumes and capacities")"""
+"""Volume of an adult's deep breath [m^3], the inspiratory capacity (Hall, *Guyton and Hall Textbook of Medical
+Physiology*, "pulmonary volumes and capacities")"""
 LITRE = 1.0e-3
-"""[m^3]"""
+"""Litre [m^3]"""
 SHORTEST = 1.0e-6
-"""[s] in which anything is blown in"""
+"""Shortest time of a fill [s]"""
 
 
 def _filled(name: str, unit: str, meaning: str, default: float = 0.0) -> Parameter:
@@ -68,7 +68,7 @@ def blown_in(
     time: float,
     step_seconds: float,
 ):
-    """In a step [mol], exactly so much over all of the time."""
+    """Return the amount blown in during a step [mol]; over all steps exactly the given amount."""
     volume = fill_litres * LITRE + fill_breaths * BREATH
     amount = fill_moles + volume / molar_volume(air_pressure, air_temperature)
     during = wp.clamp(fill_time - time, 0.0, step_seconds)
@@ -77,7 +77,7 @@ def blown_in(
 
 @wp.func
 def breath_in(fill_time: float, air_pressure: float, air_temperature: float, step_seconds: float):
-    """In a step [mol], a breath in each `fill_time`."""
+    """Return the amount blown in during a step at one breath per `fill_time` [mol]."""
     return BREATH / molar_volume(air_pressure, air_temperature) * step_seconds / fill_time
 
 

@@ -11,38 +11,38 @@ Distances of box and capsule: Quilez, *3D signed distance functions* (iquilezles
 import warp as wp
 
 BOX, CAPSULE, PLANE, MESH = wp.constant(0), wp.constant(1), wp.constant(2), wp.constant(3)
-"""kinds of shapes"""
+"""Kinds of shapes"""
 SHAPES = ("box", "capsule", "plane", "mesh")
-"""the same, by their numbers"""
+"""Names of the kinds of shapes, by their numbers"""
 FAR_AWAY = wp.constant(1.0e30)
-"""distance of a mesh that was not found within what was asked for [m]"""
+"""Distance of a mesh that a query did not find within its range [m]"""
 MOST_LOOKS = wp.constant(32)
-"""at a way that may come into something"""
+"""Largest number of distance queries along a path that may enter a solid"""
 BALL_LOOKS = wp.constant(256)
-"""the same, of a ball beside a mesh"""
+"""Largest number of distance queries along a sphere's path beside a mesh"""
 MOST_TURNS = wp.constant(4)
-"""of all that is in a way, in a step, of which one moves the end of that into another"""
+"""Largest number of passes over all solids in a path in a step, as one may push the path's end into another"""
 SETTLED = wp.constant(1.0e-3)
-"""of a way: what moves its end by less is next to nothing"""
+"""Displacement of a path's end below which it counts as settled, over the path's length"""
 MOST_SLIDES = wp.constant(3)
-"""of a particle along a mesh in a step, each from where the one before comes to the mesh again"""
+"""Largest number of slides of a particle along a mesh in a step"""
 UNSEEN = wp.constant(0.02)
-"""part of a mesh's skin that a way may come in between looks"""
+"""Depth of entry that may be missed between queries, over a mesh's skin"""
 BLURRED = wp.constant(3.0e-5)
-"""of a mesh's reach: nearer to its surface, float32 does not tell in which direction that is"""
+"""Distance to a mesh's surface, over the mesh's extent, below which float32 does not resolve the direction"""
 LEAST_STEP = wp.constant(2.0e-6)
-"""on a way, over its length: what float32 tells apart"""
+"""Shortest step along a path, over its length, that float32 resolves"""
 
 
 @wp.func
 def is_settled(start: wp.vec3, end: wp.vec3, point: wp.vec3):
-    """Whether what is in a way has hardly moved its end, to a point."""
+    """Return whether solids in a path have hardly moved the path's end."""
     return wp.length(point - end) <= SETTLED * wp.length(end - start) + LEAST_STEP * wp.length(point)
 
 
 @wp.func
 def toward(arm: wp.vec3, otherwise: wp.vec3):
-    """Direction of an arm, a unit vector; `otherwise` where there is none."""
+    """Return the direction of an arm, a unit vector; `otherwise` where there is none."""
     if wp.length_sq(arm) > 0.0:
         return wp.normalize(arm)
     return otherwise
@@ -50,7 +50,7 @@ def toward(arm: wp.vec3, otherwise: wp.vec3):
 
 @wp.func
 def box_surface(point: wp.vec3, half: wp.vec3):
-    """Distance to a box [m], and its normal; half its edges are given."""
+    """Return the distance to a box [m], and its normal; half its edges are given."""
     beyond = wp.vec3(wp.abs(point[0]) - half[0], wp.abs(point[1]) - half[1], wp.abs(point[2]) - half[2])
     signs = wp.vec3(
         wp.where(point[0] < 0.0, -1.0, 1.0), wp.where(point[1] < 0.0, -1.0, 1.0), wp.where(point[2] < 0.0, -1.0, 1.0)
@@ -69,7 +69,7 @@ def box_surface(point: wp.vec3, half: wp.vec3):
 
 @wp.func
 def capsule_surface(point: wp.vec3, radius: float, half_length: float, up: wp.vec3):
-    """Distance to a capsule along the up axis [m], and its normal."""
+    """Return the distance to a capsule along the up axis [m], and its normal."""
     arm = point - wp.clamp(wp.dot(point, up), -half_length, half_length) * up
     across = wp.vec3(up[1], up[2], up[0])
     return wp.length(arm) - radius, toward(arm, across)
@@ -77,7 +77,7 @@ def capsule_surface(point: wp.vec3, radius: float, half_length: float, up: wp.ve
 
 @wp.func
 def mesh_normal(arm: wp.vec3, face_normal: wp.vec3, side: float, reach: float):
-    """Direction of the arm from the nearest place of a mesh to a point, a unit vector, turned to a side.
+    """Return the direction of the arm from the nearest place of a mesh to a point, a unit vector, turned to a side.
 
     It is that face's normal where float32 would tell no direction.
     """
@@ -88,7 +88,7 @@ def mesh_normal(arm: wp.vec3, face_normal: wp.vec3, side: float, reach: float):
 
 @wp.func
 def mesh_surface(mesh: wp.uint64, closed: wp.int32, point: wp.vec3, farthest: float, reach: float, blur: float):
-    """Distance to a mesh [m], and its normal; `FAR_AWAY` where there is nothing within `farthest`.
+    """Return the distance to a mesh [m], and its normal; `FAR_AWAY` where there is nothing within `farthest`.
 
     A sheet has two sides: its normal is on that of the point.
     """

@@ -22,11 +22,11 @@ from balloon_warp.kernels.laws.empty import COLLAPSING, EMPTIEST, end_of_collaps
 from balloon_warp.kernels.laws.law import Parameter
 
 HELIUM_MOLAR_MASS = 0.0040026
-"""[kg/mol]"""
+"""Molar mass of helium [kg/mol]"""
 STANDARD_PRESSURE = 101325.0
-"""p_0, one atmosphere [Pa]"""
+"""Standard pressure p_0, one atmosphere [Pa]"""
 THINNEST = 1.0e-3
-"""to how little of itself a pressure may fall at once, which bounds what follows from it"""
+"""Largest drop of a pressure in one step, as the remaining fraction, which bounds the response"""
 PARAMETERS = (
     Parameter(
         "gamma",
@@ -54,7 +54,7 @@ PARAMETERS = (
 )
 
 Swelling = Five
-"""How a balloon swells, summed over its particles: see the numbers below."""
+"""Moments of a balloon's swelling, summed over its particles: see the numbers below."""
 VOLUME = wp.constant(0)  # [m^3]
 RESPONSE = wp.constant(1)  # to a pressure in a step: sum h |a|^2 / m [m^3/s/Pa], a the area vectors, along obstacles
 RATE = wp.constant(2)  # sum a . v [m^3/s], v the velocities at the end of the step, without pressure
@@ -64,7 +64,7 @@ RESPONSE_HEIGHT = wp.constant(4)  # sum h |a|^2 height / m [m^4/s/Pa]
 
 @wp.func
 def free_along(area_vector: Any, normal: Any):
-    """Part of an area vector that a particle can follow beside an obstacle of this normal; zero if none.
+    """Return the part of an area vector that a particle can follow beside an obstacle of this normal; zero if none.
 
     The particle is pressed against the obstacle.
     """
@@ -73,7 +73,7 @@ def free_along(area_vector: Any, normal: Any):
 
 @wp.func
 def rate_beside_obstacles(area_vector: Any, free: Any, velocity: Any, gain: Any, push: Any):
-    """Rate of swelling at a particle without pressure [m^3/s], beside obstacles.
+    """Return the rate of swelling at a particle without pressure [m^3/s], beside obstacles.
 
     They let it move at a velocity that the old pressure has a part in.
 
@@ -87,7 +87,7 @@ def rate_beside_obstacles(area_vector: Any, free: Any, velocity: Any, gain: Any,
 
 @wp.func
 def swelling_of_particle(arm: Any, area_vector: Any, free: Any, rate: Any, gain: Any, share: Any, height: Any):
-    """Part of a particle in its balloon's swelling.
+    """Return a particle's contribution to its balloon's swelling.
 
     Args:
         arm: from a point of the balloon's own, about which its volume is taken, which keeps float32's digits.
@@ -104,13 +104,13 @@ def swelling_of_particle(arm: Any, area_vector: Any, free: Any, rate: Any, gain:
 
 @wp.func
 def weight_of_end(breathing_damping: float):
-    """w of the pressures over a step, see `gas_load`: 1 backward Euler, 1/4 the trapezoidal rule."""
+    """Return the weight w of pressures over a step, see `gas_load`: 1 backward Euler, 1/4 the trapezoidal rule."""
     return 0.25 + 0.75 * breathing_damping
 
 
 @wp.func
 def memory_of_rate(breathing_damping: float):
-    """Part k that the old rate of swelling has beside the new one, see `gas_load`.
+    """Return the weight k of the old rate of swelling relative to the new one, see `gas_load`.
 
     It is 0 in backward Euler, 1 in the trapezoidal rule.
     """
@@ -128,7 +128,7 @@ def memory_of_rate(breathing_damping: Lanes):  # noqa: F811 - an overload
 
 @wp.func
 def gas_pressure(air_pressure: float, free_volume: float, volume: float, gamma: float):
-    """Pressure of a gas above the air's [Pa]: p_0 (V_0 / V)^gamma - p_a. For gamma = 1 this is n R T / V - p_a."""
+    """Return the gauge pressure of a gas, p_0 (V_0 / V)^gamma - p_a [Pa]; with gamma = 1, n R T / V - p_a."""
     squeezed = free_volume / volume
     if gamma != 1.0:  # or else a power is rounded, and later
         squeezed = wp.pow(squeezed, gamma)
@@ -137,20 +137,20 @@ def gas_pressure(air_pressure: float, free_volume: float, volume: float, gamma: 
 
 @wp.func
 def volume_at(free_volume: float, pressure: float, gamma: float):
-    """Volume of a gas at a pressure in full [Pa], or a mole's by its free volume: V_0 (p_0 / p)^(1 / gamma)."""
+    """Return the volume of a gas, or of a mole of it, at an absolute pressure, V_0 (p_0 / p)^(1 / gamma)."""
     return free_volume * wp.pow(STANDARD_PRESSURE / pressure, 1.0 / gamma)
 
 
 @wp.func
 def free_volume_of(volume: float, pressure: float, gamma: float, warmth: float):
-    """Of a gas that has a volume at a pressure in full [m^3], where the air is warmer than at height 0 by a factor."""
+    """Return the free volume of a gas [m^3]; `warmth` is the air's temperature over that at height 0."""
     free_volume = volume * wp.pow(pressure / STANDARD_PRESSURE, 1.0 / gamma)
     return wp.where(gamma == 1.0, free_volume / warmth, free_volume)
 
 
 @wp.func
 def gas_energy(air_pressure: float, free_volume: float, volume: float, gamma: float):
-    """Energy of a gas and the air around it [J], 0 where both are in balance.
+    """Return the energy of a gas and the air around it [J], 0 in equilibrium.
 
     Its negative slope by the volume is the pressure above the air's.
     """
@@ -164,7 +164,7 @@ def gas_energy(air_pressure: float, free_volume: float, volume: float, gamma: fl
 
 @wp.func
 def free_volume_there(free_volume: float, gamma: float, warmth: float):
-    """Of a gas that is as warm as the air around it, where that is warmer than at height 0 by a factor [m^3]."""
+    """Return the free volume of a gas at the air's temperature [m^3], where it depends on that."""
     return wp.where(gamma == 1.0, free_volume * warmth, free_volume)
 
 
@@ -183,7 +183,7 @@ def gas_load(
     air_lapse: float,
     gravity: float,
 ):
-    """Pressure of a gas above the air's [Pa], its rise with height [Pa/m], and how both rise with more gas.
+    """Return the gauge pressure of a gas [Pa], its gradient with height [Pa/m], and how both rise with more gas.
 
     The pressure is that at the center of mass, at height 0; how it and its rise would grow is for each m^3 of free
     volume.
@@ -252,7 +252,7 @@ def pumped_gas(
     air_temperature: float,
     temperature_here: float,
 ):
-    """Amount [mol] and free volume [m^3] of a gas when so much is pumped in, or if negative let out.
+    """Return the amount [mol] and free volume [m^3] of a gas after an amount is pumped in, or if negative let out.
 
     What comes in is as warm as the air here, and goes through a valve to the `pressure` in there, in full [Pa]; what
     leaves takes its part of the free volume along, as long as there is more than `least` [mol]. Where heat passes, that
@@ -272,7 +272,7 @@ def pumped_gas(
 
 @wp.func
 def tube_flow(conductance: float, flow: float, difference: float, softness: float, step_seconds: float):
-    """Correction of a tube's flow [mol/s] that makes it conductance times the difference of pressures.
+    """Return the correction of a tube's flow [mol/s] that makes it conductance times the difference of pressures.
 
     These are the pressures at its ends [Pa] at the end of a step, where they fall by `softness` [Pa/mol] with all that
     flows.
@@ -288,7 +288,7 @@ def molar_free_volume(gas: wp.vec2d):
 
 @wp.func
 def gas_through_tube(source: wp.vec2d, sink: wp.vec2d, moles: float, pressures: wp.vec2, gamma: float):
-    """Amounts [mol] and free volumes [m^3] of two gases when so much goes from one to the other.
+    """Return the amounts [mol] and free volumes [m^3] of two gases after an amount flows from one to the other.
 
     `pressures` are theirs, in full [Pa]. What leaves takes its part of the free volume along, and is throttled.
     """

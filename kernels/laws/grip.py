@@ -1,4 +1,4 @@
-"""What holds a point of a free rigid body out of something: an impulse along the normal n, and Coulomb's friction.
+"""Contact of a point of a free rigid body: a normal impulse and Coulomb friction.
 
 With u the point's velocity beside what it meets and g its gap, the impulse P n is the least that makes
 
@@ -16,24 +16,24 @@ import warp as wp
 from balloon_warp.kernels.laws.collision import SLOW
 
 OUT_IN_STEP = wp.constant(0.2)
-"""of an overlap, which a step undoes"""
+"""Fraction of an overlap that a step removes"""
 FASTEST_OUT = wp.constant(3.0)
-"""at which it does, at most [m/s]"""
+"""Largest speed at which an overlap is removed [m/s]"""
 AGREED = wp.constant(3.0e-5)
-"""of the fastest approach, or of a step of gravity: what a sweep may still change when points agree"""
+"""Largest change in a sweep at convergence, over the fastest approach or a step of gravity"""
 LEAST_SWEEPS, MOST_SWEEPS, MOST_PUSHES = wp.constant(50), wp.constant(1000), wp.constant(100_000)
-"""over all points that touch, in a step, so that they all together push no more often than that, but for the least;
-one or two sweeps do where things rest"""
+"""Bounds on sweeps over all touching points in a step, and on their product, the number of point updates; one or two
+sweeps suffice where things rest"""
 BLURRED_SIZE = wp.constant(1.0e-5)
-"""of how far a body reaches: gaps and overlaps that are less are none"""
+"""Gap or overlap that counts as zero, over a body's extent"""
 BLURRED_PLACE = wp.constant(4.0e-7)
-"""the same of how far it is from the origin, where float32 does not tell more"""
+"""Gap or overlap that counts as zero, over the distance to the origin, by the resolution of float32"""
 MOST_SWEEPS_OUT = wp.constant(16)
-"""the same, where they undo overlaps"""
+"""Largest number of sweeps that remove overlaps"""
 APART = wp.constant(0.01)
-"""of the deepest overlap: what a sweep may still change there"""
+"""Largest change of an overlap in a sweep at convergence, over the deepest overlap"""
 ROUNDING = wp.constant(4.0e-6)
-"""of an impulse, below which float32 does not tell more"""
+"""Relative resolution of an impulse in float32"""
 
 
 @wp.struct
@@ -59,7 +59,9 @@ class Grip:
 
 @wp.func
 def rebound_speed(gap: float, approach: float, restitution: float, pull: float, step_seconds: float):
-    """At which something goes back that a step of gravity would bring to a surface [m/s]; it turns where it is.
+    """Return the speed at which a body rebounds from a surface that it would reach in a step [m/s].
+
+    The body turns around where it is, not at the surface.
 
     The step's own energy, v^2 / 2 + a g + a h v / 2 of a point that is g away and comes at v, is kept to the last bit
     by symplectic Euler. Here it becomes e^2 of what it was: so no energy is gained, and heights are e^2 of those
@@ -78,7 +80,7 @@ def rebound_speed(gap: float, approach: float, restitution: float, pull: float, 
 
 @wp.func
 def least_speed(gap: float, approach: float, restitution: float, pull: float, slow: float, step_seconds: float):
-    """Least n . u [m/s] of what is `gap` away and comes at `approach` before gravity acts.
+    """Return the least n . u [m/s] at a given `gap`, for an `approach` before gravity acts.
 
     Args:
         pull: the acceleration by which it comes faster [m/s^2].
@@ -93,13 +95,13 @@ def least_speed(gap: float, approach: float, restitution: float, pull: float, sl
 
 @wp.func
 def slowest_rebound(gravity: float, step_seconds: float):
-    """Speed [m/s] up to which nothing rebounds."""
+    """Return the speed [m/s] up to which nothing rebounds."""
     return SLOW * step_seconds * wp.abs(gravity)
 
 
 @wp.func
 def clear_gap(gap: float, reach: float, place: wp.vec3):
-    """Gap [m], or none where it is too small to count.
+    """Return the gap [m], or none where it is too small to count.
 
     So what rests is not moved by how places are rounded. What is larger closes all the way, and does not stay at the
     edge of that.
@@ -110,7 +112,7 @@ def clear_gap(gap: float, reach: float, place: wp.vec3):
 
 @wp.func
 def way_out_of(gap: float, step_seconds: float):
-    """How much the gap is to grow in a step [m]: of an overlap, a part of it; what does not overlap may close."""
+    """Return the growth of a gap in a step [m]: a fraction of an overlap; an open gap may close."""
     if gap < 0.0:
         return wp.min(-OUT_IN_STEP * gap, FASTEST_OUT * step_seconds)
     return -gap
@@ -118,7 +120,7 @@ def way_out_of(gap: float, step_seconds: float):
 
 @wp.func
 def grip_impulse(grip: Grip, beside: wp.vec3, friction_ease: float, friction: float):
-    """Impulse that is added at a grip [N s].
+    """Return the increment of the impulse at a grip [N s].
 
     Args:
         beside: u, with the impulse so far [m/s].
@@ -137,17 +139,17 @@ def grip_impulse(grip: Grip, beside: wp.vec3, friction_ease: float, friction: fl
 
 @wp.func
 def most_sweeps(count: wp.int32):
-    """Over so many points."""
+    """Return the largest number of sweeps over a number of points."""
     return wp.clamp(MOST_PUSHES // wp.max(count, 1), LEAST_SWEEPS, MOST_SWEEPS)
 
 
 @wp.func
 def has_agreed(grip: Grip, allowed: float):
-    """Whether the last sweep has changed no more than a speed [m/s], or than float32 tells."""
+    """Return whether the last sweep changed no more than a speed [m/s], or than float32 resolves."""
     return wp.length(grip.added) * grip.ease <= allowed + ROUNDING * wp.length(grip.impulse) * grip.ease
 
 
 @wp.func
 def going_on(age: float):
-    """Which part of what has changed between two sweeps all go on by, so many sweeps after they last began anew."""
+    """Return the momentum factor of Nesterov's acceleration, by the number of sweeps since its restart."""
     return wp.max(age - 1.0, 0.0) / (age + 2.0)

@@ -23,21 +23,21 @@ import warp as wp
 
 SHELLS = 16
 OCTAVES = 12.75
-"""of wavelengths, from 28 times the length of gusts to a 240th of it, and to a 300th within the last shell"""
+"""Octaves of wavelengths, from 28 times the gust length to a 240th of it, and to a 300th within the last shell"""
 LONGEST = 0.3
-"""k l of the first shell"""
+"""Dimensionless wave number k l of the first shell"""
 OVER_LENGTH = 1.339
-"""l over L, of von Karman's spectrum"""
+"""Ratio l / L of von Karman's spectrum"""
 SQUARED_WAVE = 0.50033
-"""mean of the square of `wave`"""
+"""Mean square of `wave`"""
 
 
 AT_ONCE = 8
-"""waves that a CPU adds up at once"""
+"""Number of waves that a CPU sums at once"""
 
 
 def _turned(draw: random.Random) -> list[tuple[float, float, float]]:
-    """Three unit vectors at right angles, turned at random: the columns of a unit quaternion's matrix."""
+    """Return three unit vectors at right angles, turned at random: the columns of a unit quaternion's matrix."""
     parts = [draw.gauss(0.0, 1.0) for _ in range(4)]
     w, x, y, z = (part / math.hypot(*parts) for part in parts)
     return [
@@ -48,7 +48,7 @@ def _turned(draw: random.Random) -> list[tuple[float, float, float]]:
 
 
 def _waves() -> list[tuple[list[float], list[float]]]:
-    """k in turns for each L, and a: each component of their sum has a mean square of 1."""
+    """Return wave vectors k L and amplitudes a of all waves, with a mean square of 1 for each component of the sum."""
     draw = random.Random(1)
     step = OCTAVES / (SHELLS - 1)
     lengths = [LONGEST * 2.0 ** (step * shell) for shell in range(SHELLS)]
@@ -80,7 +80,7 @@ def _table_by_number() -> str:
 
 
 def _hash(state: int) -> int:
-    """Warp's `rand_pcg`."""
+    """Return the hash of a number, Warp's `rand_pcg`."""
     mixed = (state * 747796405 + 2891336453) % 2**32
     mixed = ((mixed >> ((mixed >> 28) + 4)) ^ mixed) * 277803737 % 2**32
     return (mixed >> 22) ^ mixed
@@ -146,5 +146,5 @@ def _written() -> str:
 
 @wp.func_native(_written())
 def gusts(place: wp.vec3, seed: wp.int32) -> wp.vec3:
-    """Velocity over the root mean square of each of its components, at a place over L."""
+    """Return the velocity over the root mean square of each of its components, at a place over L."""
     ...

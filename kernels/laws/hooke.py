@@ -17,7 +17,7 @@ def hooke(squared_length: float, stiffness: float, stiffness_times_length: float
 
 @wp.func
 def hooke_energy(squared_length: float, rest_length: float, stiffness: float):
-    """Energy of a spring, 1/2 k (|d| - L)^2 [J]."""
+    """Return the energy of a spring, 1/2 k (|d| - L)^2 [J]."""
     strain = wp.sqrt(squared_length) - rest_length
     return 0.5 * stiffness * strain * strain
 
@@ -41,6 +41,6 @@ KINDS = (
         meaning="Spring constant k past one particle, against bending",
     ),
 )
-"""spring constants of the three kinds of springs (paper, figure 3), which the loops over springs look up"""
+"""Spring constants of the three kinds of springs (paper, figure 3), which the loops over springs look up"""
 
 HOOKE = Law("spring", hooke, energy=hooke_energy, stiffness=lambda stiffness: stiffness)

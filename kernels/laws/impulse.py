@@ -32,40 +32,42 @@ Press = wp.types.vector(length=18, dtype=wp.float32)
 """Summed over particles. Of those that a body presses: m n n^T [kg], its six different numbers, and m a n [kg m/s]. Of
 those that overlap it: the same, and m n times how far each is to be moved out [kg m]"""
 PRESSED, OVERLAPPING = wp.constant(0), wp.constant(9)
-"""where their numbers begin"""
+"""Offsets of the two sets of numbers in `Press`"""
 MOST_TURNS = wp.constant(16)
-"""of Newton's method; two or three do, as a rule"""
+"""Largest number of Newton iterations; two or three usually suffice"""
 NEAR = wp.constant(65.0 / 64.0)
-"""of a body's radius, within which particles are looked at though they may not reach it"""
+"""Radius within which particles are considered, over a body's radius"""
 APART_RATE = wp.constant(10.0)
-"""at which an overlap vanishes [1/s]"""
+"""Rate at which an overlap decays [1/s]"""
 MOST_APART = wp.constant(0.2)
-"""of an overlap in a step"""
+"""Largest fraction of an overlap that is removed in a step"""
 FREE = wp.constant(-1.0e30)
-"""by how much a particle comes too fast that is not near [m/s]"""
+"""Marker: excess speed of a particle that is not near [m/s]"""
 GROUND_MASS = wp.constant(wp.float64(1.0e6))
-"""of the ground, over all that moves"""
+"""Mass of the ground over the total mass of all that moves"""
 
 
 @wp.func
 def excess_speed(gap: float, approach: float, step_seconds: float):
-    """By how much two things come nearer too fast [m/s], of which `approach` is allowed that closes the gap."""
+    """Return the excess approach speed of two things [m/s], beyond the speed that closes the gap in a step."""
     return approach - wp.max(gap, 0.0) / step_seconds
 
 
 @wp.func
 def way_apart(gap: float, step_seconds: float):
-    """How far two things that overlap are moved apart in a step [m]."""
+    """Return the distance by which two overlapping things are moved apart in a step [m]."""
     return wp.max(-gap, 0.0) * wp.min(APART_RATE * step_seconds, MOST_APART)
 
 
 @wp.func
 def comes_near(start: wp.vec3, way: wp.vec3, radius: float):
-    """Whether a particle may meet a sphere in a step: on its way, twice as long, it comes to a sphere a little larger.
+    """Return whether a particle may meet a sphere in a step.
+
+    The test doubles the particle's path and enlarges the sphere a little.
 
     Args:
-        start: from the sphere's center, before the step.
-        way: in the step, beside the sphere.
+        start: Position relative to the sphere's center before the step [m].
+        way: Displacement relative to the sphere in the step [m].
     """
     nearest = start + wp.clamp(-wp.dot(start, way) / squared_length(way), 0.0, 2.0) * way
     return wp.length_sq(nearest) < (NEAR * radius) * (NEAR * radius)
@@ -73,7 +75,7 @@ def comes_near(start: wp.vec3, way: wp.vec3, radius: float):
 
 @wp.func
 def meet_sphere(start: wp.vec3, way: wp.vec3, radius: float, up: wp.vec3, step_seconds: float):
-    """Direction from a sphere to a particle, how much too fast that comes, and how far it is to be moved out.
+    """Return the direction from a sphere to a particle, the excess approach speed, and the displacement out.
 
     Args:
         start: from the sphere's center, before the step.
@@ -92,13 +94,13 @@ def meet_sphere(start: wp.vec3, way: wp.vec3, radius: float, up: wp.vec3, step_s
 
 @wp.func
 def is_pressed(outward: wp.vec3, excess: float, change: wp.vec3):
-    """Whether a body whose velocity changes so presses a particle."""
+    """Return whether a body with a given velocity change presses a particle."""
     return wp.dot(outward, change) + excess > 0.0
 
 
 @wp.func
 def put_part(press: Press, first: wp.int32, mass: float, outward: wp.vec3, rest: float):
-    """m n n^T and m `rest` n, into nine numbers."""
+    """Store m n n^T and m `rest` n as nine numbers."""
     towards = mass * outward
     lost = rest * towards
     press[first] = towards[0] * outward[0]
@@ -115,7 +117,7 @@ def put_part(press: Press, first: wp.int32, mass: float, outward: wp.vec3, rest:
 
 @wp.func
 def press_of_particle(mass: float, outward: wp.vec3, excess: float, out: float, change: wp.vec3):
-    """Its part of `Press`, beside a body whose velocity changes so."""
+    """Return a particle's contribution to `Press`, beside a body with a given velocity change."""
     press = Press()
     if is_pressed(outward, excess, change):
         press = put_part(press, PRESSED, mass, outward, excess)
@@ -126,19 +128,22 @@ def press_of_particle(mass: float, outward: wp.vec3, excess: float, out: float, 
 
 @wp.func
 def mass_in(press: Press, first: wp.int32):
-    """Of the particles in nine numbers [kg], the trace of their sum."""
+    """Return the mass of the pressing particles from nine numbers [kg], the trace of the sum of m n n^T."""
     return press[first] + press[first + 3] + press[first + 5]
 
 
 @wp.func
 def is_met(press: Press):
-    """Whether any particle presses a body or overlaps it."""
+    """Return whether any particle presses a body or overlaps it."""
     return mass_in(press, PRESSED) + mass_in(press, OVERLAPPING) > 0.0
 
 
 @wp.func
 def common_gain(press: Press, first: wp.int32, mass: float, ground: wp.float64, up: wp.vec3, sinking: float):
-    """D of (M I + sum m n n^T) D = -sum m a n, of nine numbers, and of the ground as one more particle of that mass."""
+    """Return the solution D of (M I + sum m n n^T) D = -sum m a n.
+
+    The sums are nine numbers; the ground counts as one more particle of its own mass.
+    """
     m = wp.float64(mass)
     xy = wp.float64(press[first + 1])
     xz = wp.float64(press[first + 2])
@@ -155,11 +160,11 @@ def common_gain(press: Press, first: wp.int32, mass: float, ground: wp.float64, 
 
 @wp.func
 def change_of_body(press: Press, mass: float, up: wp.vec3, sinking: float, change: wp.vec3):
-    """How the velocity of a body changes by what it presses [m/s].
+    """Return the change of a body's velocity by the particles that it presses [m/s].
 
     Args:
-        sinking: by how much it comes too fast to the ground, see `excess_speed`.
-        change: by which those were found that it presses; the ground is asked here.
+        sinking: Excess approach speed toward the ground [m/s], see `excess_speed`.
+        change: Velocity change for which the pressed particles were found; the ground's contact is found here.
     """
     ground = wp.float64(0.0)
     if is_pressed(-up, sinking, change):
@@ -169,7 +174,7 @@ def change_of_body(press: Press, mass: float, up: wp.vec3, sinking: float, chang
 
 @wp.func
 def push_of_ground(press: Press, mass: float, up: wp.vec3, change: wp.vec3):
-    """Impulse by which the ground keeps up a body that particles press to it [N s]: what both gain by it."""
+    """Return the impulse of the ground on a body that particles press to it [N s]."""
     lost = wp.vec3(press[PRESSED + 6], press[PRESSED + 7], press[PRESSED + 8])
     of_particles = wp.vec3(
         press[PRESSED] * change[0] + press[PRESSED + 1] * change[1] + press[PRESSED + 2] * change[2],
@@ -181,19 +186,19 @@ def push_of_ground(press: Press, mass: float, up: wp.vec3, change: wp.vec3):
 
 @wp.func
 def shift_of_body(press: Press, mass: float, up: wp.vec3):
-    """How far a body is moved out of what overlaps it [m]."""
+    """Return the displacement of a body out of what overlaps it [m]."""
     return common_gain(press, OVERLAPPING, mass, wp.float64(0.0), up, 0.0)
 
 
 @wp.func
 def is_settled(change: wp.vec3, last: wp.vec3):
-    """Whether solving again has changed nothing."""
+    """Return whether another iteration changed nothing."""
     return wp.length_sq(change - last) <= 1.0e-12 * wp.length_sq(change)
 
 
 @wp.func
 def gain_of_particle(outward: wp.vec3, excess: float, change: wp.vec3):
-    """Velocity [m/s] that a pressed particle gains when the body's changes so.
+    """Return the velocity change of a pressed particle for that of its body [m/s].
 
     Or how far one is moved out of an overlap [m], beside a body that is moved itself.
     """
@@ -211,7 +216,9 @@ def fall(
     ground_restitution: float,
     step_seconds: float,
 ):
-    """Position and velocity of a sphere after a step of gravity beside the ground, and what the ground changed [m/s].
+    """Return a sphere's position and velocity after a step of gravity beside the ground.
+
+    Also the velocity change by the ground [m/s].
 
     It has not met particles yet.
 
@@ -234,6 +241,6 @@ def fall(
 def sinking_of_sphere(
     position: wp.vec3, velocity: wp.vec3, radius: float, up: wp.vec3, ground_height: float, step_seconds: float
 ):
-    """By how much a sphere that has moved in a step comes too fast to the ground [m/s]: no more than nothing."""
+    """Return the excess approach speed of a moved sphere toward the ground [m/s], at most 0."""
     start = position - step_seconds * velocity
     return excess_speed(wp.dot(start, up) - radius - ground_height, -wp.dot(velocity, up), step_seconds)

@@ -1,4 +1,4 @@
-"""What blows a balloon up pushes each of its particles along a vector: its *aim*, or its area vector.
+"""Inflation: a force on each particle along its *aim*, or along its area vector.
 
 - Normal forces, the paper's: F = 100 k_normal (A_p / A_total) n (paper, "Particle Simulation"). A_p is the area of the
   incident face whose center is nearest to the particle, n the particle's Gouraud normal: the mean of the unit normals
@@ -14,7 +14,7 @@ NORMAL_FORCE = wp.constant(0)
 PRESSURE = wp.constant(1)
 GAS = wp.constant(2)
 FAR = wp.constant(1.0e30)
-"""a squared distance [m^2] beyond all others"""
+"""Squared distance beyond all others [m^2]"""
 
 
 @wp.func
@@ -25,18 +25,18 @@ def normal_push(k_normal: Any):
 
 @wp.func
 def nearer_area(nearest: wp.vec2, point: wp.vec3, center: wp.vec3, area_vector: wp.vec3):
-    """Squared distance and area of the face whose center is nearest so far, or of this one if it is nearer."""
+    """Return squared distance and area of the nearer of two faces, the nearest so far and this one."""
     squared_distance = wp.length_sq(center - point)
     return wp.where(squared_distance < nearest[0], wp.vec2(squared_distance, wp.length(area_vector)), nearest)
 
 
 @wp.func
 def facing_of(normal_sum: wp.vec3, nearest: wp.vec2):
-    """A_p n from the sum of the unit normals around a particle, and its nearest face [m^2]."""
+    """Return A_p n from the sum of the unit normals around a particle, and its nearest face [m^2]."""
     return nearest[1] * wp.normalize(normal_sum)
 
 
 @wp.func
 def aim_of(facing: wp.vec3, total_area: float):
-    """(A_p / A_total) n from A_p n."""
+    """Return (A_p / A_total) n from A_p n."""
     return facing / wp.max(total_area, 1.0e-20)

@@ -1,7 +1,7 @@
-"""What a law is, and what it may ask for.
+"""Laws, and the quantities that their functions may take.
 
-A law is a function of Warp that gives a force. It names what it needs: each of its arguments is one of the things that
-its kind of law is told (below), or one of its own parameters. What no law of a scene names is not computed.
+A law is a Warp function that gives a force. Each of its arguments names a quantity given to its kind of law (below), or
+one of its own parameters. A quantity that no law of a scene names is not computed.
 """
 
 import sys
@@ -15,7 +15,7 @@ Kind = Literal["particle", "spring", "string", "hinge", "face", "membrane"]
 
 
 class Given(NamedTuple):
-    """Something that laws of a kind are told."""
+    """Quantity given to laws of a kind."""
 
     name: str
     type: str
@@ -77,13 +77,13 @@ RESULT: Mapping[Kind, str] = {
     "face": "vec3",  # the force on the face [N], which its corners share alike
     "membrane": "two",  # slopes of the energy by trace and determinant [Pa]
 }
-"""what a law of each kind returns"""
+"""Return type of a law of each kind"""
 
 
 FAR = 1.0e12
-"""beyond all numbers of a scene"""
+"""Number larger in magnitude than all numbers of a scene"""
 TINY = 1.0e-12
-"""the least of what is divided by: its square does not vanish in float32"""
+"""Least divisor, whose square does not vanish in float32"""
 
 
 @dataclass(frozen=True)
@@ -97,20 +97,19 @@ class Parameter:
     name: str
     unit: str
     default: float = 0.0
-    """where the scene does not say it"""
+    """Default value"""
     least: float = -FAR
     most: float = FAR
     of: Literal["world", "balloon", "sphere", "string", "obstacle", "body", "tube"] = "balloon"
     meaning: str = ""
     path: str = ""
-    """where it stands in a scene, or in a balloon of it; of a law, when empty, in the table `law.NAME` of that law"""
+    """Path in a scene, or in a balloon of it; when empty, the parameter is in the table `law.NAME` of its law"""
     size: int = 1
     """3 for a vector"""
     absent: float | None = None
-    """where the scene does not have the table that it stands in; the default, when missing"""
+    """Value where the scene lacks the table of the parameter; the default, when missing"""
     domain: tuple[float, float] | None = None
-    """between which values are usual: tests draw from there; when missing, from about the default, or from within the
-    bounds"""
+    """Range of usual values, from which tests draw; when missing, values about the default, or within the bounds"""
 
 
 _OF_PARTICLE_AT_REST = (
@@ -127,7 +126,7 @@ GIVEN_TO_BOUNDS: Mapping[Kind, tuple[Given, ...]] = {
     "membrane": (),
     "face": _OF_PARTICLE_AT_REST,  # which a face's bound is shared out to, in proportion to the area
 }
-"""what the bounds of each kind are told, beside all parameters"""
+"""Quantities given to the bounds of each kind, besides all parameters"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,25 +141,26 @@ class Law:
 
     kind: Kind
     force: Any
-    """a `wp.func`; see `GIVEN` for its arguments and `RESULT` for what it returns"""
+    """Force, a `wp.func`; see `GIVEN` for its arguments and `RESULT` for its return type"""
     parameters: tuple[Parameter, ...] = ()
-    """its rows, each with a path"""
+    """Rows of the law's parameters, each with a path"""
     name: str = ""
-    """the function's own, when empty"""
+    """Name of the law; the function's name, when empty"""
     energy: Any = None
-    """a `wp.func` of what the force names [J], whose negative gradient the force is; None if there is none"""
+    """Energy [J], a `wp.func` of the force's arguments, whose negative gradient is the force; None if there is none"""
     linear: bool = False
-    """of a membrane, whether its energy is a number times I1 - 3: the slope by the trace is the same in every state,
-    and that by the determinant is minus this over det^2"""
+    """Whether a membrane's energy is linear in I1 - 3: the derivative by the trace is then constant, and that by the
+    determinant is minus this over det^2"""
     neutral: Mapping[str, float] = field(default_factory=dict)
-    """the law does nothing while all these parameters have these values: then it is left out"""
+    """Values of parameters at which the law vanishes and is left out"""
     wants: Callable[[Any], bool] | None = None
-    """of a scene, whether the law belongs to it; to all, when missing"""
+    """Predicate of a scene, whether the law belongs to it; all scenes, when missing"""
     stiffness: Callable[..., Any] | None = None
-    """bound of the force's derivative by the place [N/m], of a pair's force by the distance; at a hinge, of its moment
-    by the angle [N m/rad]; 0 when missing"""
+    """Bound on the derivative of the force by position [N/m], of a pair's force by distance, of a hinge's moment by
+    angle [N m/rad]; 0 when missing"""
     drag: Callable[..., Any] | None = None
-    """bound of the force's derivative by the velocity [N s/m], of a pair's by how fast it lengthens; 0 when missing"""
+    """Bound on the derivative of the force by velocity [N s/m], of a pair's force by its rate of lengthening; 0 when
+    missing"""
 
     def __post_init__(self) -> None:
         if not self.name:
@@ -169,7 +169,7 @@ class Law:
         object.__setattr__(self, "parameters", tuple(placed))
 
     def __reduce__(self) -> tuple[Callable[..., Any], tuple[str, str]]:
-        """To another process a law goes as its name in the module of its function."""
+        """Pickle a law as its name in the module of its function."""
         module = self.force.func.__module__
         names = [name for name, value in vars(sys.modules[module]).items() if value is self]
         if not names or module == "__main__":

@@ -80,34 +80,38 @@ OGDEN_EXPONENTS = Parameter(
     meaning='Exponents alpha of the three terms of "ogden"',
 )
 OF_EVERY_MEMBRANE = (THICKNESS, WRINKLING, MOST_STRETCH, FILM_VISCOSITY)
-"""parameters that all laws have, and who goes around triangles asks for"""
+"""Parameters of all membrane laws, needed wherever triangles are looped over"""
 
 LEAST_ROOM = wp.constant(1.0e-3)
-"""of the limit is left at a Gent material's most stretch, or more: float32 resolves what is left to a ten-thousandth"""
+"""Least margin to the limit at a Gent material's largest stretch, over the limit; float32 resolves it to a
+ten-thousandth"""
 NEARLY_ALIKE = wp.constant(0.12)
-"""below it, times 6 and the square of an exponent's half, a series is taken for the quotient of an Ogden material: what
-is left out is 4e-7 of it, and the quotient loses some 8e-7 from there on"""
+"""Threshold of an Ogden material's series, over 6 and the square of half an exponent. Below it a series replaces the
+quotient: its truncation error is 4e-7, and the quotient loses some 8e-7 from there on"""
 NEVER_ZERO = wp.constant(1.0e-12)
-"""below all differences of squared stretches that count, so that it can be divided by"""
+"""Least divisor, below all differences of squared stretches that count"""
 OVER_6, OVER_20 = wp.constant(1.0 / 6.0), wp.constant(1.0 / 20.0)
 
 
 @wp.func
 def neo_hookean(det: float, shear_modulus: float):
-    """W = mu/2 (I1 - 3), I1 = tr + 1/det: slopes by trace and determinant [Pa] (Treloar 1943)."""
+    """Return the slopes of W = mu/2 (I1 - 3) by trace and determinant [Pa] (Treloar 1943); I1 = tr + 1/det."""
     half = 0.5 * shear_modulus
     return half, -half / (det * det)
 
 
 @wp.func
 def neo_hookean_energy(trace: float, det: float, shear_modulus: float):
-    """Energy of a neo-Hookean film [J/m^3]."""
+    """Return the energy of a neo-Hookean film [J/m^3]."""
     return 0.5 * shear_modulus * (trace + 1.0 / det - 3.0)
 
 
 @wp.func
 def mooney_rivlin(trace: float, det: float, shear_modulus: float, mooney_ratio: float):
-    """W = C1 (I1 - 3) + C2 (I2 - 3), I2 = det + tr/det, and 2 (C1 + C2) the shear modulus (Rivlin 1948)."""
+    """Return the slopes of W = C1 (I1 - 3) + C2 (I2 - 3) (Rivlin 1948).
+
+    I2 = det + tr/det, and 2 (C1 + C2) is the shear modulus.
+    """
     first = 0.5 * shear_modulus / (1.0 + mooney_ratio)
     second = mooney_ratio * first
     inverse = 1.0 / det
@@ -116,14 +120,14 @@ def mooney_rivlin(trace: float, det: float, shear_modulus: float, mooney_ratio: 
 
 @wp.func
 def mooney_rivlin_energy(trace: float, det: float, shear_modulus: float, mooney_ratio: float):
-    """Energy of Mooney and Rivlin's film [J/m^3]."""
+    """Return the energy of Mooney and Rivlin's film [J/m^3]."""
     first = 0.5 * shear_modulus / (1.0 + mooney_ratio)
     return first * (trace + 1.0 / det - 3.0 + mooney_ratio * (det + trace / det - 3.0))
 
 
 @wp.func
 def locking_room(gent_limit: float, most_stretch: float):
-    """Room that is left to a Gent material's limit at its most stretch, both ways, and I1 there."""
+    """Return the margin to a Gent material's limit at its largest equibiaxial stretch, and I1 there."""
     squared = most_stretch * most_stretch
     least = wp.max(gent_limit + 3.0 - 2.0 * squared - 1.0 / (squared * squared), LEAST_ROOM * gent_limit)
     return least, gent_limit + 3.0 - least
@@ -131,7 +135,7 @@ def locking_room(gent_limit: float, most_stretch: float):
 
 @wp.func
 def gent(trace: float, det: float, shear_modulus: float, gent_limit: float, most_stretch: float):
-    """Slopes of W = -mu J/2 ln(1 - (I1 - 3) / J) (Gent 1996), up to the I1 = M of the most stretch, both ways.
+    """Return the slopes of W = -mu J/2 ln(1 - (I1 - 3) / J) (Gent 1996), clamped at the I1 of the largest stretch.
 
     From there on, in place of a pole that no step could follow, a tension rises on with the root of I1, as it begins to
     there:
@@ -151,7 +155,7 @@ def gent(trace: float, det: float, shear_modulus: float, gent_limit: float, most
 
 @wp.func
 def gent_energy(trace: float, det: float, shear_modulus: float, gent_limit: float, most_stretch: float):
-    """Energy of Gent's film [J/m^3]."""
+    """Return the energy of Gent's film [J/m^3]."""
     least, most = locking_room(gent_limit, most_stretch)
     first = trace + 1.0 / det
     s = wp.sqrt(wp.max(first / most, 1.0))
@@ -163,7 +167,9 @@ def gent_energy(trace: float, det: float, shear_modulus: float, gent_limit: floa
 
 @wp.func
 def ogden(trace: float, det: float, spread: float, ogden_moduli: wp.vec3, ogden_exponents: wp.vec3):
-    """W = sum of mu/alpha (l1^alpha + l2^alpha + (l1 l2)^-alpha - 3) (Ogden 1972), l1 and l2 the stretches.
+    """Return the slopes of W = sum of mu/alpha (l1^alpha + l2^alpha + (l1 l2)^-alpha - 3) (Ogden 1972).
+
+    l1 and l2 are the stretches.
 
     With k = alpha/2 the slope by the trace is the sum of mu/2 (a^k - b^k) / (a - b). Where both are nearly alike, a
     series takes the place of this quotient: with a = g e^t and b = g e^-t it is g^(k-1) sinh(k t) / sinh(t), and
@@ -201,7 +207,7 @@ def ogden(trace: float, det: float, spread: float, ogden_moduli: wp.vec3, ogden_
 
 @wp.func
 def ogden_energy(trace: float, det: float, spread: float, ogden_moduli: wp.vec3, ogden_exponents: wp.vec3):
-    """Energy of Ogden's film [J/m^3]."""
+    """Return the energy of Ogden's film [J/m^3]."""
     root = wp.sqrt(det)
     major = wp.max(0.5 * (trace + spread), root)
     energy = float(0.0)
@@ -224,7 +230,7 @@ MEMBRANES: Mapping[str, Law] = {
         Law("membrane", gent, (SHEAR_MODULUS, GENT_LIMIT, MOST_STRETCH), energy=gent_energy),
     )
 }
-"""by the names that scenes have for them; each balloon has one of them, or springs"""
+"""Membrane laws by their names in scenes; each balloon has one of them, or springs"""
 PARAMETERS: tuple[Parameter, ...] = tuple(
     dict.fromkeys((*OF_EVERY_MEMBRANE, *(row for law in MEMBRANES.values() for row in law.parameters)))
 )

@@ -21,9 +21,9 @@ from balloon_warp.kernels.laws.gas import STANDARD_PRESSURE, THINNEST, throttled
 from balloon_warp.kernels.laws.law import FAR, Parameter
 
 LEAST_FLOW = 1.0e-30
-"""what is divided by where nothing flows"""
+"""Least divisor where nothing flows"""
 NEVER = 1.0e9
-"""[s]"""
+"""Time that is never reached [s]"""
 SHARP_EDGE = wp.constant(math.pi / (math.pi + 2.0))
 """C_d of a hole with one"""
 PARAMETERS = (
@@ -69,14 +69,14 @@ PARAMETERS = (
 
 @wp.func
 def neck_opening(neck_diameter: float, neck_discharge: float, neck_opens: float, neck_closes: float, time: float):
-    """C_d A of a neck [m^2], 0 while it is shut."""
+    """Return C_d A of a neck [m^2], 0 while it is shut."""
     area = wp.static(0.25 * math.pi) * neck_diameter * neck_diameter
     return wp.where(time >= neck_opens and time < neck_closes, neck_discharge * area, 0.0)
 
 
 @wp.func
 def thrust(opening: float, pressure: float):
-    """2 C_d A p [N]; none of what is drawn in."""
+    """Return 2 C_d A p [N]; none of what is drawn in."""
     return 2.0 * opening * wp.max(pressure, 0.0)
 
 
@@ -84,7 +84,7 @@ def thrust(opening: float, pressure: float):
 def orifice_flow(
     opening: float, density: float, molar_volume: float, pressure: float, softness: float, step_seconds: float
 ):
-    """Flow [mol/s] from a pressure p >= 0 above that beyond [Pa], such that the step's end gives it.
+    """Return the flow through an opening [mol/s] from a gauge pressure p >= 0 [Pa], by an implicit step.
 
     The pressure at the end of the step is p less `softness` [Pa/mol] for all that has flowed:
 
@@ -117,7 +117,7 @@ def vent_flow(
     air_temperature: float,
     air_density: float,
 ):
-    """Flow out of a balloon [mol/s], negative if air comes in, by the pressure at the end of the step.
+    """Return the flow out of a balloon [mol/s], negative if air comes in, by the pressure at the end of the step.
 
     Then how much faster free volume leaves by that [m^3/s] than by the flow that was believed before.
 

@@ -25,13 +25,13 @@ from balloon_warp.kernels.laws.edges import crossing_of
 from balloon_warp.kernels.laws.touch import LEAST, nearest_weights
 
 ABOVE = wp.constant(0.6)
-"""cosine between n and a side of the solid from which on a balloon counts as above that"""
+"""Cosine between n and a side of the solid above which a balloon counts as on that side"""
 LITTLE = wp.constant(0.5)
-"""of the distance that is kept: where less is left they are moved apart"""
+"""Fraction of the minimum distance below which features are moved apart"""
 PARTED = wp.constant(0.2)
-"""of what is missing there, in a step"""
+"""Fraction of the missing distance that is restored in a step"""
 AT_END = wp.constant(1.0e-4)
-"""part of an edge that counts as its end"""
+"""Fraction of an edge's length that counts as its end"""
 
 
 @wp.struct
@@ -48,7 +48,7 @@ class Ridge:
 
 @wp.struct
 class Near:
-    """Where a feature of a balloon is nearest to a ridge, as seen from the solid."""
+    """Closest points of a balloon's feature and a ridge, relative to the solid."""
 
     weights: wp.vec3  # of the feature's corners
     normal: wp.vec3  # from the ridge, zero where they do not meet
@@ -57,13 +57,13 @@ class Near:
 
 @wp.func
 def is_outside(ridge: Ridge, normal: wp.vec3):
-    """Whether a direction leads above none of the solid's sides beside a ridge."""
+    """Return whether a direction leaves the solid beside a ridge, above none of its sides."""
     return wp.dot(normal, ridge.inward) <= ABOVE and wp.dot(normal, ridge.other_inward) <= ABOVE
 
 
 @wp.func
 def near_of(ridge: Ridge, arm: wp.vec3, weights: wp.vec3):
-    """Say what there is where the arm from a ridge to a balloon is shortest."""
+    """Return the contact of the shortest arm from a ridge to a balloon."""
     near = Near()
     near.gap = wp.length(arm) - ridge.radius
     near.weights = weights
@@ -75,7 +75,10 @@ def near_of(ridge: Ridge, arm: wp.vec3, weights: wp.vec3):
 
 @wp.func
 def edge_near(ridge: Ridge, a: wp.vec3, b: wp.vec3):
-    """Of an edge between two particles. At its ends particles meet the solid themselves."""
+    """Return the closest points of an edge between two particles and a ridge.
+
+    Particles at the edge's ends meet the solid themselves.
+    """
     crossing = crossing_of(ridge.begin, ridge.end, a, b)
     part = crossing.parts[1]
     arm = crossing.gap * crossing.normal
@@ -88,10 +91,10 @@ def edge_near(ridge: Ridge, a: wp.vec3, b: wp.vec3):
 
 @wp.func
 def tip_near(ridge: Ridge, tip: wp.vec3, away: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3):
-    """Of a face, seen from a tip of a ridge.
+    """Return the closest points of a face and a tip of a ridge.
 
     Args:
-        away: from the tip along the ridge.
+        away: Vector from the tip along the ridge.
     """
     weights = nearest_weights(tip, a, b, c)
     arm = weights[0] * a + weights[1] * b + weights[2] * c - tip
@@ -111,7 +114,7 @@ def nearer(first: Near, second: Near):
 
 @wp.func
 def face_near(ridge: Ridge, a: wp.vec3, b: wp.vec3, c: wp.vec3):
-    """Of a face, seen from the tips of a ridge that are its own."""
+    """Return the closest points of a face and those tips of a ridge that belong to it."""
     near = Near()
     if (ridge.tips & 1) != 0:
         near = tip_near(ridge, ridge.begin, ridge.end - ridge.begin, a, b, c)
@@ -122,13 +125,13 @@ def face_near(ridge: Ridge, a: wp.vec3, b: wp.vec3, c: wp.vec3):
 
 @wp.func
 def approach_allowed(gap: float, kept: float, step_seconds: float):
-    """How fast they may come nearer [m/s]."""
+    """Return the approach speed that is allowed [m/s]."""
     return wp.max(gap - kept, 0.0) / step_seconds
 
 
 @wp.func
 def way_to_part(gap: float, kept: float):
-    """How far they are moved apart in a step, without speed, where little is left of the distance that is kept [m]."""
+    """Return the displacement that restores the distance in a step where little of it is left [m], without speed."""
     return PARTED * wp.max(LITTLE * kept - gap, 0.0)
 
 

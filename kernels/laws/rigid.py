@@ -37,15 +37,15 @@ FORWARD, TURNING, MIXED, LOST, OVERLAPS = (
     wp.constant(21),
     wp.constant(27),
 )
-"""where their numbers begin"""
+"""Offsets of the sets of numbers in `Push`"""
 
 
 @wp.func
 def spin_of(turn: wp.quat, ease: wp.mat33, mass: float, momentum: wp.vec3):
-    """w [rad/s] of a body so turned, with an angular momentum [kg m^2/s].
+    """Return the angular velocity w [rad/s] of a body from its orientation and angular momentum [kg m^2/s].
 
     Args:
-        ease: inverse of the inertia tensor of 1 kg [1/m^2].
+        ease: Inverse of the inertia tensor of 1 kg [1/m^2].
     """
     return wp.quat_rotate(turn, ease * wp.quat_rotate_inv(turn, momentum)) / mass
 
@@ -61,28 +61,28 @@ def turned_by(turn: wp.quat, way: wp.vec3):
 
 @wp.func
 def turned(turn: wp.quat, ease: wp.mat33, mass: float, momentum: wp.vec3, step_seconds: float):
-    """How a body is turned after a step."""
+    """Return a body's orientation after a step."""
     middle = turned_by(turn, (0.5 * step_seconds) * spin_of(turn, ease, mass, momentum))
     return turned_by(turn, step_seconds * spin_of(middle, ease, mass, momentum))
 
 
 @wp.func
 def inertia_in_world(turn: wp.quat, inertia: wp.mat33):
-    """Inertia in the world, R J R^T."""
+    """Return the inertia in the world, R J R^T."""
     matrix = wp.quat_to_matrix(turn)
     return matrix * inertia * wp.transpose(matrix)
 
 
 @wp.func
 def ease_along(turn: wp.quat, ease: wp.mat33, mass: float, arm: wp.vec3, normal: wp.vec3):
-    """How much faster a body's point becomes along n by an impulse of 1 N s along it [1/kg]."""
+    """Return the inverse effective mass of a body's point along n [1/kg]."""
     torque = wp.cross(arm, normal)
     return 1.0 / mass + wp.dot(torque, spin_of(turn, ease, mass, torque))
 
 
 @wp.struct
 class Change:
-    """What a body gains."""
+    """Change of a body's velocity and angular momentum."""
 
     velocity: wp.vec3  # [m/s]
     spin: wp.vec3  # [rad/s]
@@ -90,17 +90,17 @@ class Change:
 
 @wp.func
 def gain_at(change: Change, arm: wp.vec3, normal: wp.vec3):
-    """Gain along n of the body's point at an arm: c . D [m/s]."""
+    """Return the gain along n of the body's point at an arm: c . D [m/s]."""
     return wp.dot(normal, change.velocity + wp.cross(change.spin, arm))
 
 
 @wp.func
 def push_of_particle(mass: float, arm: wp.vec3, normal: wp.vec3, excess: float, out: float, last: Change):
-    """Its part of `Push`, beside a body that changes so.
+    """Return a particle's contribution to `Push`, beside a body with a given change.
 
     Args:
-        excess: a, by how much it comes too fast [m/s].
-        out: how far it is to be moved out of an overlap [m].
+        excess: Excess approach speed a [m/s].
+        out: Displacement out of an overlap [m].
     """
     push = Push()
     if gain_at(last, arm, normal) + excess > 0.0:
@@ -126,7 +126,7 @@ def push_of_particle(mass: float, arm: wp.vec3, normal: wp.vec3, excess: float, 
 
 @wp.func
 def overlap_of(push: Push):
-    """Its numbers of what overlaps, as `laws.impulse` has them."""
+    """Return the overlap numbers of `Push` in the layout of `laws.impulse`."""
     press = Press()
     for number in range(9):
         press[OVERLAPPING + number] = push[OVERLAPS + number]
@@ -135,13 +135,13 @@ def overlap_of(push: Push):
 
 @wp.func
 def pressed_mass(push: Push):
-    """Of the particles that press a body [kg], the trace of m n n^T."""
+    """Return the mass of the particles that press a body [kg], the trace of m n n^T."""
     return push[FORWARD] + push[FORWARD + 3] + push[FORWARD + 5]
 
 
 @wp.func
 def is_pushed(push: Push):
-    """Whether any particle presses a body or overlaps it."""
+    """Return whether any particle presses a body or overlaps it."""
     return pressed_mass(push) + push[OVERLAPS] + push[OVERLAPS + 3] + push[OVERLAPS + 5] > 0.0
 
 
@@ -159,7 +159,7 @@ def symmetric(push: Push, first: wp.int32):
 
 @wp.func
 def change_of_rigid(push: Push, mass: float, inertia: wp.mat33):
-    """D, of the body's mass [kg] and its inertia tensor in the world's axes [kg m^2]."""
+    """Return D, of the body's mass [kg] and its inertia tensor in the world's axes [kg m^2]."""
     forward = symmetric(push, FORWARD) + wp.float64(mass) * wp.identity(n=3, dtype=wp.float64)
     turning = symmetric(push, TURNING) + wp.mat33d(inertia)
     mixed = wp.mat33d()
@@ -189,7 +189,7 @@ def friction_share(mass: float, ease: wp.mat33, reach: float, pressed: float):
 
 @wp.func
 def rub_on(beside: wp.vec3, pushed: wp.vec3, mass: float, share: float, friction: float):
-    """Impulse of friction on a particle [N s].
+    """Return the impulse of friction on a particle [N s].
 
     Args:
         beside: its velocity beside the body's point there.
@@ -200,6 +200,6 @@ def rub_on(beside: wp.vec3, pushed: wp.vec3, mass: float, share: float, friction
 
 @wp.func
 def is_same(change: Change, last: Change, reach: float):
-    """Whether solving again has changed nothing that shows at the body's surface."""
+    """Return whether another iteration changed nothing visible at the body's surface."""
     differs = wp.length(change.velocity - last.velocity) + reach * wp.length(change.spin - last.spin)
     return differs <= 1.0e-6 * (wp.length(change.velocity) + reach * wp.length(change.spin))

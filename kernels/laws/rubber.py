@@ -8,13 +8,14 @@ from balloon_warp.kernels.laws.hooke import hooke
 from balloon_warp.kernels.laws.law import Law, Parameter
 
 NEVER_YIELDS = 1.0e9
-"""the stretch at which springs yield that do not yield: 1 - 1 / stretch is 1 in float32"""
+"""Yield stretch of springs that do not yield: 1 - 1 / stretch is 1 in float32"""
 GIVING_WAY = wp.constant(0.008)
-"""of its longest, over which a spring's pull comes to its end"""
+"""Width over which a spring's force drops to zero at its longest length, over that length"""
 NEVER_ZERO = wp.constant(1.0e-30)
-"""[N/m], below all spring constants that count, so that it can be divided by"""
+"""Least divisor, below all spring constants that count [N/m]"""
 AT_LIMIT = wp.constant(0.999)
-"""of its longest, from which on a spring counts as at its limit: correction leaves it there but for rounding"""
+"""Fraction of its longest length above which a spring counts as at its limit; position correction leaves it there but
+for rounding"""
 
 
 @wp.func
@@ -26,7 +27,7 @@ def rubber(
     viscosity: float,
     yield_stretch: float,
 ):
-    """Addition to Hooke's coefficient [N/m]: t k (d . d') / |d|^2, t the viscosity.
+    """Return the addition to Hooke's coefficient [N/m]: t k (d . d') / |d|^2, t the viscosity.
 
     From the yield stretch on, it takes the whole pull away.
     """
@@ -46,7 +47,7 @@ def rubber_at_limit(
     yield_stretch: float,
     correction_limit: float,
 ):
-    """Addition to Hooke's coefficient [N/m] where springs do not pull at the length that correction gives them, either.
+    """Return the addition to Hooke's coefficient [N/m] that removes the force at the corrected length.
 
     Just below it their pull comes to its end gradually: many are there, and rounding is not to decide which of them
     pull.
@@ -89,7 +90,7 @@ CORRECTION_LIMIT = Parameter(
 
 
 def dashpot(stiffness: Any, viscosity: Any) -> Any:
-    """Damping constant of a spring along it [N s/m]."""
+    """Return the damping constant of a spring along it [N s/m]."""
     return viscosity * stiffness
 
 

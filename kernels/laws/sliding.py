@@ -22,12 +22,12 @@ than the root of the product of both e. Impulses act where things meet: momentum
 import warp as wp
 
 TURNING = wp.constant(2.5)
-"""of a solid ball, M R^2 / I"""
+"""M R^2 / I of a solid ball"""
 
 
 @wp.func
 def friction_impulse(beside: wp.vec3, normal: wp.vec3, ease: float, most: float):
-    """J [N s].
+    """Return J [N s].
 
     Args:
         beside: u [m/s].
@@ -44,7 +44,7 @@ def friction_impulse(beside: wp.vec3, normal: wp.vec3, ease: float, most: float)
 
 @wp.func
 def ease_of_ball(mass: float, radius: float, arm: wp.vec3):
-    """How much faster a sphere becomes, at an arm across that, by 1 N s [1/kg]."""
+    """Return the inverse effective mass of a sphere at an arm, perpendicular to the arm [1/kg]."""
     return (1.0 + TURNING * wp.length_sq(arm) / (radius * radius)) / mass
 
 
@@ -58,7 +58,7 @@ def spin_by(mass: float, radius: float, torque: wp.vec3):
 def rubbed(
     velocity: wp.vec3, spin: wp.vec3, moving: wp.vec3, normal: wp.vec3, stopped: float, radius: float, friction: float
 ):
-    """Gain of a sphere's velocity [m/s] and spin [rad/s] by friction on something that gives way to nothing.
+    """Return the gain of a sphere's velocity [m/s] and spin [rad/s] by friction on something immovable.
 
     Args:
         moving: how fast the other moves there [m/s].

@@ -20,21 +20,21 @@ PARAMETERS = (
     Parameter("softening_energy", "Pa", 1.0e5, least=TINY, path="material.softening_energy"),
     Parameter("softening_share", "1", 0.3, least=0.0, most=10.0, path="material.softening_share"),
 )
-"""of the balloon; no columns of the laws', for few have them"""
+"""Parameters of the balloon; they have no columns among the laws', since few balloons have them"""
 
 
 @wp.func
 def softened(energy: float, peak: float, softening: float, softening_energy: float, softening_share: float):
-    """eta: what is left of the stress, from 1 - softening to 1.
+    """Return the factor eta on the stress, from 1 - softening to 1.
 
     Args:
-        energy: density [Pa], at most the peak.
+        energy: Energy density [Pa], at most the peak.
     """
     return 1.0 - softening * wp.erf((peak - energy) / (softening_energy + softening_share * peak))
 
 
 def steepening(energy: Any, softening: Any, softening_energy: Any, softening_share: Any) -> Any:
-    """Fall of eta for each pascal by which the energy density falls below its peak, at most [1/Pa].
+    """Return the largest derivative of eta by the energy density below its peak [1/Pa].
 
     That is right at the peak. It makes rubber stiffer as it begins to give way. For the host.
     """

@@ -14,7 +14,7 @@ def string(squared_length: float, stiffness: float, stiffness_times_length: floa
 
 @wp.func
 def string_energy(squared_length: float, rest_length: float, stiffness: float):
-    """Energy of a spring while taut [J]."""
+    """Return the energy of a spring while taut [J]."""
     return wp.where(
         squared_length > rest_length * rest_length, hooke_energy(squared_length, rest_length, stiffness), 0.0
     )

@@ -16,20 +16,20 @@ import warp as wp
 from balloon_warp.kernels.laws.law import FAR, TINY, Parameter
 
 NEVER = 1.0e9
-"""[s]"""
+"""Time that is never reached [s]"""
 RAYLEIGH = 0.955
-"""speed of waves on a surface over that of shear waves inside, of what is incompressible"""
+"""Ratio of the speeds of Rayleigh waves and shear waves in an incompressible solid"""
 TEARING, BRANCHING = 0.3, 0.5
-"""of the strength are the stress ahead of it that a tear needs to go on, and that from which on it branches, where
-nobody says"""
+"""Defaults, over the strength, of the stress ahead of a tear that it needs to advance, and of the stress above which it
+branches"""
 WHOLE = wp.constant(-1.0)
-"""of a face, instead of how far a tear may have run from it"""
+"""Marker: an intact face, in place of a tear's distance beyond it"""
 TINY_LENGTH = wp.constant(1.0e-12)
-"""[m]"""
+"""Least length [m]"""
 EVEN = wp.constant(0.05)
-"""difference of the squares of two stretches over their sum, below which a tension has no direction"""
+"""Difference of two squared stretches over their sum below which a tension has no direction"""
 OPEN = wp.constant(0.25)
-"""part of its surface of now that a balloon's hole may be, before nothing encloses its gas any more"""
+"""Area of a balloon's hole over its current surface area above which it no longer encloses gas"""
 PARAMETERS = (
     Parameter("film_strength", "Pa", FAR, least=TINY, path="material.strength"),
     Parameter("tear_strength", "Pa", float("nan"), least=TINY, path="material.tear_strength"),
@@ -37,18 +37,18 @@ PARAMETERS = (
     Parameter("tear_speed", "m/s", float("nan"), least=TINY, path="material.tear_speed"),
     Parameter("needle_time", "s", NEVER, least=0.0, path="material.needle_time"),
 )
-"""of the balloon; NaN is settled once all is known"""
+"""Parameters of the balloon; NaN stands for a default that depends on other values"""
 
 
 @wp.func
 def true_stress(by_trace: float, by_det: float, major: float, minor: float):
-    """Larger principal true stress [Pa], l dW/dl, of the slopes of the relaxed energy and the squared stretches."""
+    """Return the larger principal true stress l dW/dl [Pa], from slopes of the energy and squared stretches."""
     return 2.0 * major * (by_trace + by_det * minor)
 
 
 @wp.func
 def across_tension(first_rest: wp.vec3, second_rest: wp.vec3, first: wp.vec3, second: wp.vec3):
-    """Direction of the larger stretch on the unstretched skin; that of the first edge where both are alike.
+    """Return the direction of the larger stretch on the unstretched skin; that of the first edge where both are alike.
 
     Args:
         first_rest: two edges of a triangle, unstretched [m].
@@ -70,7 +70,7 @@ def across_tension(first_rest: wp.vec3, second_rest: wp.vec3, first: wp.vec3, se
 
 @wp.func
 def plane_through(normal: wp.vec3, point: wp.vec3):
-    """Its normal, and how far it is from the origin along that."""
+    """Return the plane through a point as its unit normal and its distance from the origin."""
     return wp.vec4(normal[0], normal[1], normal[2], wp.dot(normal, point))
 
 
@@ -82,18 +82,18 @@ def normal_of(plane: wp.vec4):
 
 @wp.func
 def cuts(plane: wp.vec4, one: wp.vec3, other: wp.vec3):
-    """Whether a plane is between two points; what it goes through lies on its front."""
+    """Return whether a plane separates two points; a point on the plane counts as in front."""
     normal = normal_of(plane)
     return (wp.dot(normal, one) >= plane[3]) != (wp.dot(normal, other) >= plane[3])
 
 
 @wp.func
 def branch_plane(heading: wp.vec3, step: wp.vec3, face_normal: wp.vec3, point: wp.vec3):
-    """Of a tear that leaves another to a side, halfway between the two, through a point.
+    """Return the plane of a branch of a tear through a point, halfway between the tear's direction and a side.
 
     Args:
-        heading: unit vector along the other; zero where it begins.
-        step: to that side.
-        face_normal: of the skin there.
+        heading: Unit vector along the other tear; zero where it begins.
+        step: Direction to the side.
+        face_normal: Normal of the skin there.
     """
     return plane_through(wp.normalize(wp.cross(face_normal, heading + wp.normalize(step))), point)

@@ -1,20 +1,20 @@
-"""What a membrane's law becomes where it wrinkles, see `laws.membrane`, and the damping of its material.
+"""Tension field of wrinkling membranes, see `laws.membrane`, and the viscosity of their material.
 
-What is measured of a triangle are the products of its edges, the metric M; at rest its inverse is G. Stresses are those
-of Piola and Kirchhoff (the second), along the edges: none needs a frame of the triangle's own.
+The metric M of a triangle holds the dot products of its edges; at rest its inverse is G. Stresses are second
+Piola-Kirchhoff stresses along the edges: none needs a local frame of the triangle.
 """
 
 import warp as wp
 
 NEVER_ZERO = wp.constant(1.0e-12)
-"""below all squared stretches that count, so that it can be divided by"""
+"""Least divisor, below all squared stretches that count"""
 LEAST_DET = wp.constant(0.01)
-"""of what does not wrinkle: squeezed further, a triangle resists as there"""
+"""Least determinant where nothing wrinkles: a triangle squeezed further resists as there"""
 
 
 @wp.func
 def mixed_stretch(metric: wp.vec3, rest: wp.vec4):
-    """G M, row by row: its trace, determinant and eigenvalues are those of C.
+    """Return G M, row by row: its trace, determinant and eigenvalues are those of C.
 
     Args:
         metric: of M, the products d1 . d1, d1 . d2 and d2 . d2 of a triangle's edges.
@@ -42,20 +42,20 @@ def invariants_of(mixed: wp.vec4):
 
 @wp.func
 def squared_size(rest: wp.vec4):
-    """det G [1/m^4]."""
+    """Return det G [1/m^4]."""
     return rest[0] * rest[2] - rest[1] * rest[1]
 
 
 @wp.func
 def trace_and_det(metric: wp.vec3, rest: wp.vec4):
-    """Of G M, where its eigenvalues are not asked for: sooner."""
+    """Return trace and determinant of G M, without its eigenvalues, which take longer."""
     trace = rest[0] * metric[0] + 2.0 * rest[1] * metric[1] + rest[2] * metric[2]
     return trace, squared_size(rest) * (metric[0] * metric[2] - metric[1] * metric[1])
 
 
 @wp.func
 def rest_of_shape(shape: wp.vec4, part: float):
-    """G of a triangle, and its area times the part of the thickness that it has.
+    """Return G of a triangle, and its area times the part of the thickness that it has.
 
     Args:
         shape: the triangle at rest by its angles: the cotangents of those opposite its first, its second and its third
@@ -68,7 +68,7 @@ def rest_of_shape(shape: wp.vec4, part: float):
 
 @wp.func
 def products_at_angles(metric: wp.vec3):
-    """Dot products of the two edges at the angles opposite the first, the second and the third edge [m^2].
+    """Return the dot products of the two edges at the angles opposite the first, the second and the third edge [m^2].
 
     Each is the cotangent of its angle times twice the triangle's area.
     """
@@ -77,11 +77,11 @@ def products_at_angles(metric: wp.vec3):
 
 @wp.func
 def trace_and_det_of_shape(metric: wp.vec3, products: wp.vec3, shape: wp.vec4):
-    """Of G M.
+    """Return trace and determinant of G M from products of edges.
 
     Args:
-        products: see `products_at_angles`.
-        shape: see `rest_of_shape`.
+        products: Products, see `products_at_angles`.
+        shape: Shape, see `rest_of_shape`.
     """
     third = products[0] + products[1]  # the square of the third edge
     trace = shape[3] * (shape[0] * metric[0] + shape[1] * metric[2] + shape[2] * third)
@@ -90,7 +90,7 @@ def trace_and_det_of_shape(metric: wp.vec3, products: wp.vec3, shape: wp.vec4):
 
 @wp.func
 def is_taut(det: float, stretch: float, wrinkling: float):
-    """Whether there are tensions both ways, or what does not wrinkle: b >= 1 / sqrt(a) is a b >= sqrt(a).
+    """Return whether there is tension both ways, b >= 1 / sqrt(a), that is a b >= sqrt(a), or no wrinkling.
 
     Args:
         stretch: sqrt(a), at least 1.
@@ -100,7 +100,7 @@ def is_taut(det: float, stretch: float, wrinkling: float):
 
 @wp.func
 def tautness(trace: float, det: float):
-    """If it is positive, there are tensions both ways, told without a root: (a b)^2 is more than a + b."""
+    """Return a number that is positive where there is tension both ways: (a b)^2 > a + b, which needs no root."""
     return det * det - trace
 
 
@@ -113,7 +113,7 @@ def how_surely_taut(metric: wp.vec3, rest: wp.vec4):
 
 @wp.func
 def relaxed(by_trace: float, by_det: float, major: float, spread: float, across: float, taut: bool, wrinkling: float):
-    """Slopes of the relaxed energy by trace and determinant [Pa], of those of the law.
+    """Return the slopes of the relaxed energy by trace and determinant [Pa], from those of the law.
 
     In wrinkles the energy is a function of the larger squared stretch a alone, whose slopes are a / (a - b) by the
     trace and -1 / (a - b) by the determinant.
@@ -132,7 +132,7 @@ def relaxed(by_trace: float, by_det: float, major: float, spread: float, across:
 
 @wp.func
 def compliance_of(rest: wp.vec4, metric: wp.vec3):
-    """det G times the adjugate of M: det C times the inverse of M, components 11, 12 and 22."""
+    """Return det G times the adjugate of M, which is det C times the inverse of M: components 11, 12 and 22."""
     return squared_size(rest) * wp.vec3(metric[2], -metric[1], metric[0])
 
 
@@ -148,7 +148,7 @@ def viscous_tension(
     wrinkling: float,
     viscosity: float,
 ):
-    """Viscous stress along the edges, which is added to the elastic one (Kelvin and Voigt) [Pa/m^2].
+    """Return the viscous stress along the edges, which is added to the elastic one (Kelvin and Voigt) [Pa/m^2].
 
     It is that of an incompressible Newtonian fluid in the same place. Cauchy's is 2 eta (d + tr d 1), and 3 eta along
     the tension in wrinkles.
@@ -183,7 +183,7 @@ def viscous_tension(
 
 @wp.func
 def elastic_tension(metric: wp.vec3, rest: wp.vec4, by_trace: float, by_det: float, double_volume: float):
-    """Elastic tensions along the edges, times the volume at rest, components 11, 12, 22 [N/m].
+    """Return the elastic tensions along the edges, times the volume at rest, components 11, 12, 22 [N/m].
 
     The tensions are 2 (dW/dtr G + dW/ddet det C M^-1).
 
@@ -201,7 +201,7 @@ def elastic_tension(metric: wp.vec3, rest: wp.vec4, by_trace: float, by_det: flo
 
 @wp.func
 def elastic_stiffness(shape: wp.vec4, by_trace: float, by_det: float, skin: float):
-    """Elastic tension of a triangle as two numbers [N/m, N/m^3].
+    """Return the elastic tension of a triangle as two numbers [N/m, N/m^3].
 
     An edge pulls its ends together, over its vector, with the first times the cotangent at rest of the angle opposite,
     plus the second times the product there.

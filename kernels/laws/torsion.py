@@ -16,7 +16,7 @@ SECOND_WING = wp.constant(3)
 
 @wp.func
 def angle_beyond(a: wp.vec3, b: wp.vec3, first: wp.vec3, second: wp.vec3, rest_angle: float):
-    """Angle between the two faces beyond the rest angle, from -pi to pi [rad]."""
+    """Return the angle between the two faces beyond the rest angle, from -pi to pi [rad]."""
     edge = b - a
     first_normal = wp.cross(edge, first - a)
     second_normal = wp.cross(second - a, edge)
@@ -57,7 +57,7 @@ def torsion(role: wp.int32, a: wp.vec3, b: wp.vec3, first: wp.vec3, second: wp.v
 
 @wp.func
 def torsion_energy(bend: float, torsion: float):
-    """Energy of a hinge, 1/2 constant angle^2 [J]."""
+    """Return the energy of a hinge, 1/2 constant angle^2 [J]."""
     return 0.5 * torsion * bend * bend
 
 

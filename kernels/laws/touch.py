@@ -26,7 +26,7 @@ import warp as wp
 from balloon_warp.kernels.laws.law import Parameter
 
 FROM_THE_MESH = -1.0
-"""a thickness or stiffness that the scene does not say"""
+"""Marker: thickness or stiffness that follows from the mesh"""
 TOUCH = (
     Parameter(
         "touch_friction",
@@ -57,25 +57,25 @@ TOUCH = (
     ),
 )
 DAMPING_RATIO = wp.constant(0.2)
-"""z, of what is critical: a particle that meets a wall leaves it with about half of its speed"""
+"""Damping ratio z, relative to critical damping: a particle that meets a wall leaves it with about half of its speed"""
 LEAST = wp.constant(1.0e-30)
-"""of what is divided by"""
+"""Least divisor"""
 NEAR = wp.constant(1.0e-3)
-"""to a triangle's edge, over its size"""
+"""Distance to a triangle's edge that counts as on the edge, over the triangle's size"""
 STEEPEST = wp.constant(0.3)
-"""cosine between n and a triangle's normal below which, beside an edge, there is no friction: its arm would need forces
-out of all proportion"""
+"""Cosine between n and a triangle's normal below which there is no friction beside an edge, since its arm would need
+excessively large forces"""
 
 
 @wp.func
 def quotient(part: float, whole: float):
-    """part / whole; 0 where the whole is no more than nothing, as on an edge without length."""
+    """Return part / whole, or 0 where the whole is zero or less, as on an edge without length."""
     return wp.where(whole > LEAST, part / wp.max(whole, LEAST), 0.0)
 
 
 @wp.func
 def nearest_weights(point: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3):
-    """Barycentric weights of a triangle's point that is nearest to another (Ericson 2004, section 5.1.5)."""
+    """Return the barycentric weights of a triangle's point that is nearest to another (Ericson 2004, section 5.1.5)."""
     ab = b - a
     ac = c - a
     d1 = wp.dot(ab, point - a)
@@ -110,13 +110,13 @@ def nearest_weights(point: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3):
 
 @wp.func
 def weighted(weights: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3):
-    """Mean of the corners' vectors by their weights."""
+    """Return the mean of the corners' vectors by their weights."""
     return weights[0] * a + weights[1] * b + weights[2] * c
 
 
 @wp.func
 def facing(arm: wp.vec3, weights: wp.vec3, area_vector: wp.vec3):
-    """Direction n of the arm from the nearest point to the particle, outward, a unit vector; zero if there is none.
+    """Return the unit vector n of the arm from the nearest point to the particle, outward; zero if there is none.
 
     Inside the triangle it is the normal, and so it is so near to an edge or a corner that the arm's direction is
     rounding.
@@ -129,17 +129,17 @@ def facing(arm: wp.vec3, weights: wp.vec3, area_vector: wp.vec3):
 
 @wp.func
 def share_of_contact(crowd: float):
-    """How much of its stiffness and of its damping a contact keeps where more meet than the step allows for.
+    """Return the factor on a contact's stiffness and damping where more meet than the step allows for.
 
     Args:
-        crowd: the contacts of the busiest of its particles, over those that are allowed for.
+        crowd: Number of contacts of its busiest particle, over the number that the step allows for.
     """
     return 1.0 / wp.max(crowd, 1.0)
 
 
 @wp.func
 def touch_damping(stiffness: float, mass: float):
-    """c [N s/m] of a contact, of the reduced mass [kg]."""
+    """Return the damping c [N s/m] of a contact with a reduced mass [kg]."""
     return 2.0 * DAMPING_RATIO * wp.sqrt(stiffness * mass)
 
 
@@ -157,19 +157,19 @@ def touch_push(overlap: float, approach: float, stiffness: float, mass: float):
 
 @wp.func
 def touch_energy(overlap: float, stiffness: float):
-    """Energy of a contact, k o^2 / 2 [J]."""
+    """Return the energy of a contact, k o^2 / 2 [J]."""
     return 0.5 * stiffness * wp.max(overlap, 0.0) * wp.max(overlap, 0.0)
 
 
 @wp.func
 def across(vector: wp.vec3, normal: wp.vec3):
-    """Part of a vector that is not along the normal."""
+    """Return the tangential part of a vector."""
     return vector - wp.dot(vector, normal) * normal
 
 
 @wp.func
 def touch_friction(slip: wp.vec3, slide: wp.vec3, most: float, stiffness: float, mass: float):
-    """Friction on the particle [N], no more than `most`, and what of the slip is left [m].
+    """Return the friction on the particle [N], no more than `most`, and the remaining slip [m].
 
     Args:
         slip: across n, from where the particle took hold [m].
@@ -183,7 +183,7 @@ def touch_friction(slip: wp.vec3, slide: wp.vec3, most: float, stiffness: float,
 
 @wp.func
 def reach_gradient(normal: wp.vec3, edge: wp.vec3, area_vector: wp.vec3):
-    """G of a corner [1/m], from the edge opposite, counter-clockwise; nothing where the triangle is too steep.
+    """Return G of a corner [1/m], from the edge opposite, counter-clockwise; nothing where the triangle is too steep.
 
     Args:
         area_vector: twice the triangle's area along its normal.

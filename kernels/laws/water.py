@@ -13,7 +13,7 @@ from balloon_warp.kernels.laws.law import TINY, Law, Parameter
 
 @wp.func
 def corner_shares(depths: wp.vec3):
-    """Shares of the corners in the piece that the surface cuts off a triangle at its first corner.
+    """Return the shares of the corners in the piece that the surface cuts off a triangle at its first corner.
 
     That corner alone is wet, or alone is dry. They are the integrals of depth times each barycentric coordinate [m],
     and of each coordinate, over the triangle's area.
@@ -51,7 +51,7 @@ def from_corner(numbers: wp.vec3, corner: wp.int32):
 
 @wp.func
 def wet_shares(depths: wp.vec3):
-    """Shares of the corners in the wetted part of a triangle with these depths at its corners [m].
+    """Return the shares of the corners in the wetted part of a triangle with these depths at its corners [m].
 
     They are the integrals of depth times each barycentric coordinate [m], and of each coordinate, over the triangle's
     area.
@@ -73,14 +73,14 @@ def wet_shares(depths: wp.vec3):
 
 @wp.struct
 class TriangleLoad:
-    """What the corners of a triangle take of its wetted part."""
+    """Loads of a triangle's wetted part on its corners."""
 
     area_vector: wp.vec3
-    """of the whole triangle [m^2]"""
+    """Area vector of the whole triangle [m^2]"""
     moments: wp.vec3
-    """by corner, times the area vector: the integral of depth [m]"""
+    """Integral of depth by corner; times the area vector [m]"""
     areas: wp.vec3
-    """by corner: the wetted area [m^2]"""
+    """Wetted area by corner [m^2]"""
 
 
 @wp.func
@@ -96,13 +96,13 @@ def triangle_load(a: wp.vec3, b: wp.vec3, c: wp.vec3, level: float, up: wp.vec3)
 
 @wp.func
 def corner_load(load: TriangleLoad, moment: float, area: float):
-    """Depth times area vector of a corner, and its wetted area, as one vector."""
+    """Return depth times area vector of a corner, and its wetted area, as one vector."""
     return wp.vec4(moment * load.area_vector[0], moment * load.area_vector[1], moment * load.area_vector[2], area)
 
 
 @wp.func
 def drag_in_water(density: float, drag: float, wet_area: float, velocity: wp.vec3, mass: float, step_seconds: float):
-    """Drag against the velocity in water [N], as it is on average over a step.
+    """Return the drag against the velocity in water [N], as it is on average over a step.
 
     It is 1/2 density drag A |v| v; in a step in which nothing else acts 1/v grows evenly: a light particle in a dense
     liquid stops, and does not turn back.
@@ -122,14 +122,14 @@ def water(
     water_density: float,
     water_drag: float,
 ):
-    """Hydrostatic pressure and drag on a particle [N], from its load."""
+    """Return the hydrostatic pressure and drag on a particle [N], from its load."""
     pressure = (-water_density * gravity) * wp.vec3(water_load[0], water_load[1], water_load[2])
     drag = drag_in_water(water_density, water_drag, water_load[3], velocity, mass, step_seconds)
     return pressure + drag
 
 
 NO_WATER = -1.0e30
-"""level [m] of a liquid that is not there"""
+"""Marker: level of a scene without liquid [m]"""
 WATER_LEVEL = Parameter(
     "water_level", "m", of="world", path="water.level", meaning="Height of the surface", absent=NO_WATER
 )

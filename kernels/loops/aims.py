@@ -13,7 +13,7 @@ from balloon_warp.kernels.tables import FaceTable
 
 @cache
 def aim_loop(at: Any) -> Any:
-    """The function that aims a particle.
+    """Return the function that aims a particle.
 
     Args:
         at: the function that reads a face's center or area vector.
@@ -23,7 +23,7 @@ def aim_loop(at: Any) -> Any:
     def aim_of_particle(
         faces: FaceTable, centers: Any, area_vectors: Any, particle: wp.int32, point: wp.vec3, total_area: float
     ):
-        """(A_p / A_total) n"""
+        """Return the aim (A_p / A_total) n of a particle."""
         normal = wp.vec3()
         nearest = wp.vec2(FAR, 0.0)
         for incidence in range(faces.particle_offsets[particle], faces.particle_offsets[particle + 1]):
@@ -38,7 +38,7 @@ def aim_loop(at: Any) -> Any:
 
 @cache
 def aim_loop_of_eight(at: Any) -> Any:
-    """The function that aims eight particles.
+    """Return the function that aims eight particles.
 
     Args:
         at: the function that reads centers or area vectors of eight faces.
@@ -46,7 +46,7 @@ def aim_loop_of_eight(at: Any) -> Any:
 
     @wp.func
     def aims_of_eight(faces: Any, centers: Any, area_vectors: Any, eight: wp.int32, points: Lanes3, total_areas: Lanes):
-        """(A_p / A_total) n of each."""
+        """Return (A_p / A_total) n of each."""
         normals = Lanes3()
         squared_distances = Lanes(FAR)
         areas = Lanes()
@@ -75,13 +75,16 @@ def aim_loop_of_eight(at: Any) -> Any:
 
 @wp.func
 def see_quad(normal: wp.vec3, nearest: wp.vec2, before: wp.vec3, across: wp.vec3, along: wp.vec3):
-    """The sum of the unit normals around a particle, and its nearest face, with one more quad, from the vectors to its
-    other corners. Distances are four times as long, and areas twice as large as they are."""
+    """Add a quad to the sum of unit normals around a particle, and update its nearest face.
+
+    The arguments are the vectors to the quad's other corners. Distances are four times as long, and areas twice as
+    large as they are.
+    """
     area_vector = cross_product(across, before - along)
     return normal + wp.normalize(area_vector), nearer_area(nearest, wp.vec3(), before + across + along, area_vector)
 
 
 @wp.func
 def facing_of_quads(normal: wp.vec3, nearest: wp.vec2):
-    """A_p n, when all quads around a particle have been seen [m^2]."""
+    """Return A_p n, when all quads around a particle have been seen [m^2]."""
     return 0.5 * facing_of(normal, nearest)

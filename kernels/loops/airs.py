@@ -13,7 +13,7 @@ from balloon_warp.kernels.traits import Traits
 
 @cache
 def air_function(traits: Traits) -> Any:
-    """The function that gives the air at a balloon: pressure [Pa], temperature [K] and density [kg/m^3]."""
+    """Return the function for the air at a balloon: pressure [Pa], temperature [K] and density [kg/m^3]."""
     of_world = [traits.columns.places[row.name] - traits.columns.balloon_width for row in STATE_OF_AIR]
     pressure_column, temperature_column, density_column = of_world
 
@@ -34,8 +34,10 @@ def air_function(traits: Traits) -> Any:
 
 @cache
 def warmth_function(traits: Traits) -> Any:
-    """The function that makes free volumes of a balloon's gas what they are in the air there, see
-    `laws.gas.free_volume_there`."""
+    """Return the function that corrects free volumes of gas by the air's temperature at the balloon.
+
+    See `laws.gas.free_volume_there`.
+    """
     temperature_column = traits.columns.places["air_temperature"] - traits.columns.balloon_width
     gamma_column = traits.columns.places["gamma"]
 

@@ -17,8 +17,9 @@ from balloon_warp.kernels.tables import SLICE, FanTable, Tables, first_entry
 
 @wp.func
 def cross_at_quad_corner(before: Any, opposite: Any, after: Any):
-    """Over `CROSSES`, what a quad adds to the area vector of one of its corners [m^2], from the vectors to the others
-    [m].
+    """Return a quad's contribution to the area vector of one of its corners [m^2], over `CROSSES`.
+
+    The arguments are the vectors to the other corners [m].
 
     The formula above with c = (b + o + d) / 4 and A = 1/2 o x (b - d), where (d - b) x d = (d - b) x b.
     """
@@ -27,7 +28,7 @@ def cross_at_quad_corner(before: Any, opposite: Any, after: Any):
 
 @wp.func
 def plus_cross(v: wp.vec3, a: wp.vec3, b: wp.vec3):
-    """v + a x b, in two instructions a component: each adds a product."""
+    """Return v + a x b, in two instructions a component: each adds a product."""
     return wp.vec3(
         v[0] + a[1] * b[2] - a[2] * b[1],
         v[1] + a[2] * b[0] - a[0] * b[2],
@@ -37,14 +38,16 @@ def plus_cross(v: wp.vec3, a: wp.vec3, b: wp.vec3):
 
 @wp.func
 def plus_cross_at_quad_corner(crosses: wp.vec3, before: wp.vec3, opposite: wp.vec3, after: wp.vec3):
-    """The crosses of quads so far and that of one more, see `cross_at_quad_corner`."""
+    """Return the sum of quads' cross products with one more, see `cross_at_quad_corner`."""
     return plus_cross(crosses, after - before, before + opposite)
 
 
 @wp.func
 def crosses_at_quad_corners(ab: wp.vec3, bc: wp.vec3, da: wp.vec3, ac: wp.vec3, bd: wp.vec3):
-    """The same for all four corners, from edges and diagonals [m]: sooner, since the crosses of opposite corners' edges
-    add up to that of the diagonals."""
+    """Return a quad's contributions to the area vectors of all four corners, over `CROSSES`, from edges and diagonals.
+
+    It is faster than corner by corner, since the crosses of opposite corners' edges add up to that of the diagonals.
+    """
     both = wp.cross(ac, bd)
     at_a = plus_cross(both, da, ab)
     at_b = plus_cross(both, ab, bc)
@@ -52,18 +55,18 @@ def crosses_at_quad_corners(ab: wp.vec3, bc: wp.vec3, da: wp.vec3, ac: wp.vec3, 
 
 
 CROSSES = wp.constant(1.0 / 12.0)
-"""area vector over the sum of the crosses at the corners of quads"""
+"""Area vector over the sum of the crosses at the corners of quads"""
 
 
 @wp.func
 def area_vector_of_quad(before: Any, opposite: Any, after: Any):
-    """Area times unit normal of a quad, flat or not [m^2], from the vectors from one corner to the others [m]."""
+    """Return the area vector of a quad, flat or not [m^2], from the vectors from one corner to the others [m]."""
     return scaled(cross_product(opposite, before - after), 0.5)
 
 
 @wp.func
 def area_vector_between(points: Any, corners: wp.vec4i):
-    """The same of a quad by its corners, whose points are in a tile."""
+    """Return a quad's contribution to the area vector of its first corner, whose points are in a tile."""
     point = in_tile(points, corners[0])
     return area_vector_of_quad(
         in_tile(points, corners[3]) - point, in_tile(points, corners[2]) - point, in_tile(points, corners[1]) - point
@@ -72,19 +75,19 @@ def area_vector_between(points: Any, corners: wp.vec4i):
 
 @wp.func
 def area_vector_of_corner(double_area: Any, chord: Any, arms: Any, corners: float):
-    """What a face adds to the area vector of one of its corners [m^2].
+    """Return a face's contribution to the area vector of one of its corners [m^2].
 
     Args:
         double_area: 2 A [m^2].
         chord: d - b [m].
-        arms: from x to all corners, their sum [m]: n (c - x).
+        arms: Sum of the vectors from x to all corners, n (c - x) [m].
     """
     return scaled(double_area + cross_product(chord, arms), 0.5 / (3.0 * corners))
 
 
 @cache
 def area_loop(quads: bool, at: Any) -> Any:
-    """The function that sums a particle's area vector over its faces, or those of eight particles.
+    """Return the function that sums a particle's area vector over its faces, or those of eight particles.
 
     Args:
         at: the function that reads a point.
@@ -92,7 +95,7 @@ def area_loop(quads: bool, at: Any) -> Any:
 
     @wp.func
     def area_vector_in_quads(fans: FanTable, points: Any, particle: wp.int32, point: Any):
-        """[m^2]"""
+        """Return the area vector of a particle whose faces are all quads [m^2]."""
         area_vector = scaled(point, 0.0)
         begin = first_entry(fans.slice_offsets, particle)
         for entry in range(begin, begin + SLICE * fans.counts[particle], SLICE):
@@ -104,7 +107,7 @@ def area_loop(quads: bool, at: Any) -> Any:
 
     @wp.func
     def area_vector_in_faces(fans: Any, points: Any, particle: wp.int32, point: Any):
-        """[m^2]"""
+        """Return the area vector of a particle with faces of any number of corners [m^2]."""
         area_vector = scaled(point, 0.0)
         for corner in range(fans.offsets[particle], fans.offsets[particle + 1]):
             begin = fans.begins[corner]
@@ -126,11 +129,11 @@ def area_loop(quads: bool, at: Any) -> Any:
 
 @cache
 def face_measures(at: Any) -> tuple[Any, Any]:
-    """The functions that give a face's center and its area vector, or those of eight faces."""
+    """Return the functions that give a face's center and its area vector, or those of eight faces."""
 
     @wp.func
     def center_of_face(faces: Any, points: Any, face: wp.int32):
-        """Mean of a face's corners [m]."""
+        """Return the mean of a face's corners [m]."""
         begin = faces.offsets[face]
         end = faces.offsets[face + 1]
         total = at(points, faces.particles[begin])
@@ -140,7 +143,7 @@ def face_measures(at: Any) -> tuple[Any, Any]:
 
     @wp.func
     def area_vector_of_face(faces: Any, points: Any, face: wp.int32, center: Any):
-        """Area times unit normal of a polygon, flat or not: half the sum of (a - c) x (b - c) over its edges a b."""
+        """Return the area vector of a polygon, flat or not: half the sum of (a - c) x (b - c) over its edges a b."""
         begin = faces.offsets[face]
         end = faces.offsets[face + 1]
         arm = at(points, faces.particles[begin]) - center
@@ -156,11 +159,11 @@ def face_measures(at: Any) -> tuple[Any, Any]:
 
 @cache
 def hole_loop(at: Any) -> Any:
-    """The function that sums a particle's area vector over its torn faces alone."""
+    """Return the function that sums a particle's area vector over its torn faces alone."""
 
     @wp.func
     def area_vector_of_holes(t: Any, points: Any, world: wp.int32, particle: wp.int32, point: wp.vec3):
-        """[m^2]"""
+        """Return the area vector of a particle's holes [m^2]."""
         area_vector = wp.vec3()
         gone = t.membranes.wear.tears.gone
         for place in range(t.faces.particle_offsets[particle], t.faces.particle_offsets[particle + 1]):
@@ -189,5 +192,5 @@ def hole_loop(at: Any) -> Any:
 
 @wp.func
 def volume_origin(t: Tables, balloon: wp.int32):
-    """The particle of a balloon about which its volume is taken."""
+    """Return the particle of a balloon about which its volume is taken."""
     return fixed_int_at(t.faces.volume_origins, balloon)

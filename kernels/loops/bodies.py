@@ -13,7 +13,7 @@ from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
 from balloon_warp.kernels.traits import Traits
 
 STRAIGHT = wp.constant(0.99)
-"""product of two unit vectors along one line, but for rounding"""
+"""Dot product of two unit vectors above which they count as parallel"""
 
 
 @wp.struct
@@ -34,7 +34,7 @@ class Rigid:
 
 @wp.func
 def body_mass(t: Tables, world: wp.int32, body: wp.int32):
-    """[kg]"""
+    """Return the mass of a body [kg]."""
     return t.bodies.mass[row_of_world(world, t.bodies.mass.shape[0]), body]
 
 
@@ -47,7 +47,7 @@ def body_at(
     world: wp.int32,
     body: wp.int32,
 ):
-    """A body that has moved, from where it was."""
+    """Return a body that has moved, from where it was."""
     rigid = Rigid()
     rigid.number = body
     rigid.start = starts[world, body]
@@ -64,7 +64,7 @@ def body_at(
 
 @wp.func
 def pushed_on(t: Tables, rigid: Rigid, gain: wp.vec3, twist: wp.vec3, shift: wp.vec3):
-    """A body that gains velocity [m/s] and angular momentum [kg m^2/s] at the start of the step, and is moved."""
+    """Return a body after a change of velocity [m/s] and angular momentum [kg m^2/s] at the start of the step."""
     ease = t.bodies.eases[rigid.number]
     rigid.velocity += gain
     rigid.momentum += twist
@@ -76,7 +76,7 @@ def pushed_on(t: Tables, rigid: Rigid, gain: wp.vec3, twist: wp.vec3, shift: wp.
 
 @wp.func
 def put_body(state: WorldState, world: wp.int32, rigid: Rigid):
-    """Where it is after the step, and how it moves."""
+    """Store a body's pose and velocities after the step."""
     state.body_positions[world, rigid.number] = rigid.end
     state.body_turns[world, rigid.number] = rigid.end_turn
     state.body_velocities[world, rigid.number] = rigid.velocity
@@ -85,7 +85,7 @@ def put_body(state: WorldState, world: wp.int32, rigid: Rigid):
 
 @wp.struct
 class Stop:
-    """What a body does to a particle that comes to it."""
+    """Response of a body to a particle that touches it."""
 
     normal: wp.vec3  # out of the body, zero where they do not meet
     arm: wp.vec3  # from the center of mass to the particle, at the start of the step [m]
@@ -95,7 +95,7 @@ class Stop:
 
 @cache
 def stop_function(traits: Traits) -> Any:
-    """The function by which a body stops a particle, or a ball."""
+    """Return the function by which a body stops a particle, or a ball."""
     let_through = way_function(traits.body_meshes)
 
     @wp.func
@@ -109,7 +109,7 @@ def stop_function(traits: Traits) -> Any:
         velocity: wp.vec3,
         radius: float,
     ):
-        """Of a way in the step."""
+        """Return the body's response to a particle's path in the step."""
         stop = Stop()
         stop.excess = float(FREE)
         stop.arm = start - rigid.start

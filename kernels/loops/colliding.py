@@ -6,13 +6,13 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.laws.collision import collision, mean_restitution, share_of
-from balloon_warp.kernels.laws.contact import bounced, friction_between, stop_of
+from balloon_warp.kernels.laws.contact import bounced, stop_of
 from balloon_warp.kernels.laws.sliding import ease_of_ball, friction_impulse, spin_by
+from balloon_warp.kernels.loops.friction import friction_between, number_of_sphere
 from balloon_warp.kernels.loops.rolling import Course, course_of, ground_rubbing_function, leaving_function
 from balloon_warp.kernels.tables import (
     Tables,
     row_of_world,
-    sphere_friction,
     sphere_mass,
     sphere_radius,
     sphere_restitution,
@@ -20,9 +20,9 @@ from balloon_warp.kernels.tables import (
 from balloon_warp.kernels.traits import Traits
 
 MOST_SWEEPS = wp.constant(24)
-"""over all pairs, in a step: a stack of two takes one or two, as a rule"""
+"""Largest number of sweeps over all pairs in a step; a stack of two usually needs one or two"""
 SETTLED = wp.constant(1.0e-6)
-"""of a radius: what moves by less is at rest"""
+"""Displacement below which a sphere counts as at rest, over its radius"""
 
 
 @wp.struct
@@ -45,13 +45,13 @@ def paths_of(starts: wp.array2d[wp.vec3], positions: wp.array2d[wp.vec3], veloci
 
 @wp.func
 def path_in_arrays(t: Tables, paths: Paths, world: wp.int32, sphere: wp.int32):
-    """Where a sphere was before the step, where it is after it, and its velocity."""
+    """Return a sphere's position before the step, its position after it, and its velocity."""
     return paths.starts[world, sphere], paths.positions[world, sphere], paths.velocities[world, sphere]
 
 
 @wp.func
 def put_in_arrays(t: Tables, paths: Paths, world: wp.int32, sphere: wp.int32, position: wp.vec3, velocity: wp.vec3):
-    """A sphere's place and velocity after the step."""
+    """Store a sphere's position and velocity after the step."""
     paths.positions[world, sphere] = position
     paths.velocities[world, sphere] = velocity
 
@@ -93,7 +93,7 @@ def beside_function(traits: Traits, path_at: Any, put_sphere: Any) -> Any:
         sphere: wp.int32,
         course: Course,
     ):
-        """A sphere that another has moved, out of the ground and obstacles."""
+        """Move a sphere that another has pushed out of the ground and obstacles."""
         radius = sphere_radius(t.spheres, world, sphere)
         if wp.static(traits.ground):
             row = row_of_world(world, t.world_numbers.shape[0])
@@ -130,7 +130,7 @@ def pair_rubbing_function(traits: Traits) -> Any:
         pushed: float,
         seconds: float,
     ):
-        """The courses of two that rub on each other, for the rest of the step.
+        """Return the courses of two spheres after friction on each other, for the rest of the step.
 
         Args:
             normal: from the first to the second.
@@ -145,9 +145,7 @@ def pair_rubbing_function(traits: Traits) -> Any:
             other_arm = -other_radius * normal
             beside = other.velocity + wp.cross(other.spin, other_arm) - mine.velocity - wp.cross(mine.spin, arm)
             ease = ease_of_ball(mass, radius, arm) + ease_of_ball(other_mass, other_radius, other_arm)
-            friction = friction_between(
-                sphere_friction(t.spheres, world, first), sphere_friction(t.spheres, world, second)
-            )
+            friction = friction_between(t, world, number_of_sphere(t, first), number_of_sphere(t, second))
             rub = friction_impulse(beside, normal, ease, friction * pushed)
             mine.position -= (seconds / mass) * rub
             mine.velocity -= rub / mass
@@ -170,7 +168,7 @@ def may_meet_function(path_at: Any) -> Any:
 
     @wp.func
     def may_meet(t: Tables, spheres: Any, world: wp.int32, first: wp.int32, second: wp.int32):
-        """Whether two are so near that they may meet in the step."""
+        """Return whether two spheres are so near that they may collide in the step."""
         start, end, _velocity = path_at(t, spheres, world, first)
         other_start, other_end, _other_velocity = path_at(t, spheres, world, second)
         reach = sphere_radius(t.spheres, world, first) + sphere_radius(t.spheres, world, second)
@@ -201,7 +199,7 @@ def pair_meeting_function(traits: Traits, path_at: Any, put_sphere: Any) -> Any:
         first: wp.int32,
         second: wp.int32,
     ):
-        """Two spheres; whether that has moved them."""
+        """Resolve the collision of two spheres, and return whether it has moved them."""
         reach = sphere_radius(t.spheres, world, first) + sphere_radius(t.spheres, world, second)
         start, end, velocity = path_at(t, spheres, world, first)
         other_start, other_end, other_velocity = path_at(t, spheres, world, second)
@@ -247,7 +245,7 @@ def colliding_function(traits: Traits, path_at: Any, put_sphere: Any) -> Any:
 
     @wp.func
     def collide(t: Tables, spheres: Any, spins: wp.array2d[wp.vec3], world: wp.int32, time: float):
-        """At the end of a step [s]. A sphere without size is not there."""
+        """Resolve collisions of spheres at the end of a step [s]; a sphere of zero radius is absent."""
         count = t.spheres.radius.shape[1]
         moving = bool(True)
         sweep = wp.int32(0)

@@ -1,4 +1,4 @@
-"""What a particle may touch beside balloons, numbered: the ground, obstacles, spheres and free bodies."""
+"""Solids that a particle may touch, numbered: the ground, obstacles, spheres and free bodies."""
 
 from functools import cache
 from typing import Any
@@ -14,14 +14,14 @@ from balloon_warp.kernels.traits import Traits
 
 @cache
 def nearest_thing_function(traits: Traits) -> Any:
-    """The function that says which of these is nearest to a particle."""
+    """Return the function that returns the thing nearest to a particle."""
     pose_at = pose_function(traits) if traits.fixtures else None
     surface_at = surface_function(traits.body_meshes or traits.fixture_meshes)
     height = traits.columns.places["ground_height"] - traits.columns.balloon_width
 
     @wp.func
     def nearest_thing(t: Tables, state: WorldState, world: wp.int32, end: float, point: wp.vec3):
-        """At the end of a substep; -1 if there is none."""
+        """Return the number of the nearest solid at the end of a substep; -1 if there is none."""
         nearest = float(FAR_AWAY)
         thing = wp.int32(-1)
         if wp.static(traits.ground):

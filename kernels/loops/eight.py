@@ -23,19 +23,19 @@ from balloon_warp.kernels.traits import Traits
 
 @wp.func
 def is_self(end: wp.int32, own: wp.int32, lane: wp.int32):
-    """Whether a spring leads from a particle to itself."""
+    """Return whether a spring leads from a particle to itself."""
     return end == own
 
 
 @wp.func
 def is_self(end: Any, own: wp.int32, lane: wp.int32):  # noqa: F811 - an overload
-    """Whether a spring leads from a particle of an octet to itself."""
+    """Return whether a spring leads from a particle of an octet to itself."""
     return end[lane] == LANE_COUNT * own + lane
 
 
 @cache
 def spring_loop_of_eight(traits: Traits, at: Any) -> Any:
-    """The function that sums the springs of eight particles.
+    """Return the function that sums the springs of eight particles.
 
     Args:
         at: the function that reads eight points.
@@ -47,7 +47,7 @@ def spring_loop_of_eight(traits: Traits, at: Any) -> Any:
     def pull_of_springs(
         t: Any, points: Any, velocities: Any, own: Any, springs: Any, point: Lanes3, velocity: Lanes3, time: float
     ):
-        """Net force of the springs [N]."""
+        """Return the net force of the springs [N]."""
         force = Lanes3()
         for entry in range(t.spring_offsets[own.number], t.spring_offsets[own.number + 1]):
             end = entry_at(t.spring_ends, entry)
@@ -77,7 +77,7 @@ def spring_loop_of_eight(traits: Traits, at: Any) -> Any:
 
 @cache
 def area_loop_of_eight(traits: Traits, at: Any) -> Any:
-    """The function that sums the area vectors of eight particles.
+    """Return the function that sums the area vectors of eight particles.
 
     Args:
         at: the function that reads eight points.
@@ -86,7 +86,7 @@ def area_loop_of_eight(traits: Traits, at: Any) -> Any:
 
     @wp.func
     def area_vector(t: Any, points: Any, own: Any, springs: Any, point: Lanes3):
-        """[m^2]"""
+        """Return the area vectors of eight particles [m^2]."""
         if wp.static(not traits.quads):
             return area_vector_in_faces(t.fans, points, own.number, point)
         else:
@@ -105,7 +105,7 @@ def area_loop_of_eight(traits: Traits, at: Any) -> Any:
 
 @cache
 def laws_of_eight(traits: Traits) -> Any:
-    """The function that adds the laws on particles."""
+    """Return the function that adds the laws on particles."""
     laws_in_lane = traits.laws_in_lane_on("particle")
 
     @wp.func
@@ -122,7 +122,7 @@ def laws_of_eight(traits: Traits) -> Any:
         time: float,
         n: wp.array[Lanes],
     ):
-        """The force with theirs [N]."""
+        """Return the force with that of the laws on particles [N]."""
         force = Lanes3()
         for lane in range(LANE_COUNT):
             of_one = laws_in_lane(
@@ -138,7 +138,7 @@ def laws_of_eight(traits: Traits) -> Any:
 
 @cache
 def loops_of_eight(traits: Traits, at: Any, take: Any, view_of: Any, own_of_one: Any) -> Loops:
-    """The loops for eight particles at a time.
+    """Return the loops for eight particles at a time.
 
     Args:
         at: the function that reads eight points, or of a view of one world one.
@@ -153,7 +153,7 @@ def loops_of_eight(traits: Traits, at: Any, take: Any, view_of: Any, own_of_one:
 
     @wp.func
     def pulls_on_one(t: Any, points: Any, velocities: Any, one: Any, point: wp.vec3, velocity: wp.vec3, time: float):
-        """Of strings and faces [N]."""
+        """Return the forces of strings and faces on one of eight particles [N]."""
         pull = wp.vec3()
         if wp.static(sum_strings is not None):
             pull += sum_strings(t.all.strings, one.world, one.number, point, velocity, one.n, t.step_seconds, time)
@@ -163,7 +163,7 @@ def loops_of_eight(traits: Traits, at: Any, take: Any, view_of: Any, own_of_one:
 
     @wp.func
     def pulls_one_by_one(t: Any, points: Any, velocities: Any, own: Any, point: Lanes3, velocity: Lanes3, time: float):
-        """Of strings and faces [N]."""
+        """Return the forces of strings and faces on eight particles, one by one [N]."""
         pulls = Lanes3()
         for lane in range(t.lane_count):
             pull = pulls_on_one(
@@ -175,7 +175,7 @@ def loops_of_eight(traits: Traits, at: Any, take: Any, view_of: Any, own_of_one:
 
     @wp.func
     def other_pulls(t: Any, points: Any, velocities: Any, own: Any, point: Lanes3, velocity: Lanes3, time: float):
-        """Net force of strings, faces, and of what hinges and membranes have added up [N]; nothing of that is left."""
+        """Take the net force of strings and faces, and the sums of hinges and membranes [N], which are cleared."""
         force = Lanes3()
         if wp.static(bool(traits.membranes) or traits.has("hinge")):
             force += take(t, own)
@@ -188,7 +188,7 @@ def loops_of_eight(traits: Traits, at: Any, take: Any, view_of: Any, own_of_one:
 
     @wp.func
     def water_load(t: Any, points: Any, own: Any):
-        """Depth times area vector [m^3], and wetted area [m^2]."""
+        """Return depth times area vector [m^3], and wetted area [m^2]."""
         loads = Lanes4()
         levels = own.n[level]
         for lane in range(t.lane_count):

@@ -20,8 +20,11 @@ from balloon_warp.kernels.traits import Traits
 
 @wp.func
 def products_of(ab: Any, bc: Any, cd: Any, da: Any):
-    """Of the edges at each corner, the first's with itself and with the one before: a row a corner. A local array would
-    have its address and strides written for every quad."""
+    """Return the dot products of edges at each corner, a row a corner.
+
+    Of the first edge with itself and with the one before. A local array would have its address and strides written for
+    every quad.
+    """
     squares = Lanes4()
     mixed = Lanes4()
     squares[0] = dot_product(ab, ab)
@@ -37,7 +40,7 @@ def products_of(ab: Any, bc: Any, cd: Any, da: Any):
 
 @wp.func
 def rates_of(ab: Any, bc: Any, cd: Any, da: Any, a: Any, b: Any, c: Any, d: Any):
-    """How these change; a to d is how the corners move."""
+    """Return the rates of change of `products_of`, where a to d are the velocities of the corners."""
     squares = Lanes4()
     mixed = Lanes4()
     squares[0] = 2.0 * dot_product(ab, b - a)
@@ -53,7 +56,7 @@ def rates_of(ab: Any, bc: Any, cd: Any, da: Any, a: Any, b: Any, c: Any, d: Any)
 
 @cache
 def tensions_function(traits: Traits, surely_taut: bool) -> Any:
-    """The function that gives the tensions of the triangles of a quad, as `pulls_on_corners` takes them.
+    """Return the function for the tensions of the triangles of a quad, as `pulls_on_corners` takes them.
 
     Args:
         surely_taut: whether all are known to be taut, see `how_surely_taut`, so that it takes less.
@@ -63,7 +66,7 @@ def tensions_function(traits: Traits, surely_taut: bool) -> Any:
 
     @wp.func
     def tensions(t: Any, own: Any, d11: Lanes4, d12: Lanes4, r11: Lanes4, r12: Lanes4):
-        """From the products of the quad's edges, and how they change."""
+        """Return the tensions of a quad from the dot products of its edges and their rates."""
         material = material_of(t.all.membranes, own.balloon)
         along, mixed, back = Lanes4(), Lanes4(), Lanes4()
         for corner in range(t.quad_triangles[own.number]):
@@ -95,7 +98,7 @@ def tensions_function(traits: Traits, surely_taut: bool) -> Any:
 
 @wp.func
 def are_surely_taut(t: Any, own: Any, d11: Lanes4, d12: Lanes4):
-    """Whether all triangles of a quad are, in all lanes."""
+    """Return whether all triangles of a quad are surely taut, in all lanes."""
     surely = bool(True)
     for corner in range(t.quad_triangles[own.number]):
         e11 = d11[corner]
@@ -112,7 +115,7 @@ def are_surely_taut(t: Any, own: Any, d11: Lanes4, d12: Lanes4):
 
 @cache
 def wearing_function(traits: Traits, world_of: Any) -> Any:
-    """The function that makes tensions what is left of them, and notes how far triangles have been stretched.
+    """Return the function that reduces tensions by wear, and stores the peak stretch of triangles.
 
     Args:
         world_of: the function that gives the world in a lane.
@@ -121,7 +124,7 @@ def wearing_function(traits: Traits, world_of: Any) -> Any:
 
     @wp.func
     def worn(t: Any, own: Any, d11: Lanes4, d12: Lanes4, along: Lanes4, mixed: Lanes4, back: Lanes4):
-        """By the products of the quad's edges."""
+        """Return the worn tensions of a quad from the dot products of its edges."""
         material = material_of(t.all.membranes, own.balloon)
         for corner in range(t.quad_triangles[own.number]):
             e11 = d11[corner]
@@ -149,7 +152,7 @@ def wearing_function(traits: Traits, world_of: Any) -> Any:
 
 @cache
 def quad_pull(traits: Traits, at: Any, world_of: Any) -> Any:
-    """The function that gives what quads do to their corners.
+    """Return the function for the forces of quads on their corners.
 
     Args:
         at: the function that reads eight points.
@@ -160,7 +163,7 @@ def quad_pull(traits: Traits, at: Any, world_of: Any) -> Any:
 
     @wp.func
     def pull_of_quad(t: Any, points: Any, velocities: Any, own: Any):
-        """Forces on the four corners of each [N]."""
+        """Return the forces on the four corners of each [N]."""
         corners = 4 * own.number
         first = entry_at(t.quads, corners)
         second = entry_at(t.quads, corners + 1)

@@ -1,4 +1,4 @@
-"""Which balloons have gas of their own, and how much of it may leave."""
+"""Gas of balloons: which have their own, and how much of it may leave."""
 
 from functools import cache
 from typing import Any
@@ -13,14 +13,14 @@ from balloon_warp.kernels.traits import Traits
 
 @wp.func
 def most_that_leaves(t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32, air: wp.vec3):
-    """A balloon's gas in a substep, before it is flat [mol/s]."""
+    """Return the largest flow of gas out of a balloon in a substep, up to which it is not flat [mol/s]."""
     spare = float(state.gas_amounts[world, balloon]) - amount_when_flat(t.faces.volumes[balloon], air)
     return wp.max(spare, 0.0) / t.step_seconds
 
 
 @cache
 def holding_function(traits: Traits) -> Any:
-    """The function that says whether a balloon has gas of its own: one that has burst does, until it is open."""
+    """Return the test whether a balloon has gas of its own: one that has burst does, until it is open."""
 
     @wp.func
     def holds_gas(t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32):

@@ -12,14 +12,14 @@ from balloon_warp.kernels.traits import Traits
 
 @cache
 def face_push(traits: Traits, at: Any, velocity_at: Any) -> Any:
-    """The function that gives what a corner of a face gets."""
+    """Return the function for the force on a corner of a face."""
     laws = traits.laws_on("face")
     center_of_face, area_vector_of_face = face_measures(at)
     moving = traits.needs("face", "velocity")
 
     @wp.func
     def push_at_corner(t: Tables, points: Any, velocities: Any, world: wp.int32, face: wp.int32, n: Any, time: float):
-        """Of the force on a face, the share of one of its corners [N]; none where it is torn."""
+        """Return one corner's share of the force on a face [N]; zero where it is torn."""
         if wp.static(traits.bursts):
             if t.membranes.wear.tears.gone[world, face] == wp.int8(1):
                 return wp.vec3()
@@ -39,14 +39,14 @@ def face_push(traits: Traits, at: Any, velocity_at: Any) -> Any:
 
 @cache
 def face_loop(traits: Traits, at: Any, velocity_at: Any) -> Any:
-    """The function that sums what a particle gets of its faces."""
+    """Return the function that sums the forces of its faces on a particle."""
     push_at_corner = face_push(traits, at, velocity_at)
 
     @wp.func
     def push_of_faces(
         t: Tables, points: Any, velocities: Any, world: wp.int32, particle: wp.int32, n: Any, time: float
     ):
-        """Net force of the faces around a particle [N]."""
+        """Return the net force of the faces around a particle [N]."""
         force = wp.vec3()
         for incidence in range(t.faces.particle_offsets[particle], t.faces.particle_offsets[particle + 1]):
             face = t.faces.around_particles[incidence]

@@ -1,4 +1,4 @@
-"""How particles see membranes whose faces are measured once: beside their springs, by what these leave for them."""
+"""Access of particles to the forces of membranes whose faces are measured once."""
 
 from functools import cache
 from typing import Any, NamedTuple
@@ -24,7 +24,7 @@ class FilmFunctions(NamedTuple):
     collect: Any
     loops: Loops
     keeps: Any
-    """the function that reads what a thread keeps of faces as a frame begins, if it does"""
+    """Function that reads what a thread keeps of faces as a frame begins, if it keeps any"""
 
 
 @cache
@@ -52,8 +52,10 @@ def kept_springs(traits: Traits, film: FilmLayout, slots: Slots) -> tuple[Any, A
 
 @cache
 def skin_functions(traits: Traits, film: FilmLayout, slots: Slots | None) -> tuple[Any, Any, Any]:
-    """Return the function that collects what faces do to a particle, and those by which it counts beside its springs:
-    of the force, and of the area vector."""
+    """Return functions that collect membrane forces on a particle, and add them and area vectors to its springs' sums.
+
+    The first collects, the second adds to the force, and the third returns the area vector.
+    """
     take = films_of(traits, film).take
     kept_type: Any = springs_reader(traits, slots)[0] if slots else wp.int32
     pull_of_springs = slot_loop(traits, slots) if slots else spring_loop(traits, in_tile)
@@ -61,7 +63,7 @@ def skin_functions(traits: Traits, film: FilmLayout, slots: Slots | None) -> tup
 
     @wp.struct
     class Skin:
-        """What faces do to a particle, and what it has beside them."""
+        """Membrane forces on a particle, and its springs."""
 
         springs: kept_type
         pull: wp.vec3
@@ -88,7 +90,7 @@ def skin_functions(traits: Traits, film: FilmLayout, slots: Slots | None) -> tup
     def pull_of_skin(
         t: Tables, points: Any, velocities: Any, own: Any, skin: Any, point: wp.vec3, velocity: wp.vec3, time: float
     ):
-        """Net force of springs and faces [N]."""
+        """Return the net force of springs and faces [N]."""
         if wp.static(has_springs):
             return pull_of_springs(t, points, velocities, own, skin.springs, point, velocity, time) + skin.pull
         else:
@@ -96,7 +98,7 @@ def skin_functions(traits: Traits, film: FilmLayout, slots: Slots | None) -> tup
 
     @wp.func
     def area_vector_of_skin(t: Tables, points: Any, own: Any, skin: Any, point: wp.vec3):
-        """[m^2]"""
+        """Return the area vector of a particle [m^2]."""
         return skin.area_vector
 
     return collect_kept if slots else collect, pull_of_skin, area_vector_of_skin

@@ -1,4 +1,4 @@
-"""Where what a face of a membrane does to its corners waits for those who have the particles."""
+"""Storage of a membrane face's forces on its corners, until the threads of the particles read them."""
 
 from functools import cache
 from typing import Any, NamedTuple
@@ -8,9 +8,9 @@ import warp as wp
 from balloon_warp.kernels.memory import in_tile, put_in_array, vector_at
 
 VECTOR_BYTES = 12
-"""of a point"""
+"""Bytes of a point"""
 PLACE_BYTES = 8
-"""of what waits in entries of two words; of those of four it is twice as much"""
+"""Bytes of an entry of two words; those of four words take twice as many"""
 
 
 class FilmPlaces(NamedTuple):
@@ -31,37 +31,37 @@ class FilmLayout(NamedTuple):
     """Hold how a block goes through the faces of membranes."""
 
     slots: int
-    """the most faces at a particle"""
+    """Largest number of faces at a particle"""
     triangles: int
-    """the most at a face"""
+    """Largest number of triangles at a face"""
     mixed: bool
-    """some have fewer"""
+    """Whether some faces have fewer triangles"""
     areas: bool
-    """area vectors come of them, too: they are all the faces that there are"""
+    """Whether area vectors are stored, too: the membrane's faces are then all faces"""
     quads: int = 0
-    """that each thread keeps in registers; 0 where all are read in every substep"""
+    """Number of quads that each thread keeps in registers; 0 where all are read in every substep"""
     tile: int = 0
-    """places that a tile has for what they do; 0 where it waits in memory"""
+    """Number of entries in shared memory; 0 where forces are stored in global memory"""
     capacity: int = 0
-    """points that a tile has"""
+    """Number of points in a tile"""
     room: int = 0
-    """faces that threads have room for, where they keep them"""
+    """Number of faces that threads have room for, where they keep them"""
 
 
 def film_places(film: FilmLayout) -> FilmPlaces:
-    """For a layout that has films."""
+    """Return the storage of a layout with faces of membranes."""
     return in_tiles(film.tile, film.capacity, film.areas) if film.tile else in_arrays()
 
 
 def put_words(count: int) -> str:
-    """The code that writes an entry of 2 or 4 words: on a GPU by one instruction, which Warp's own would not be."""
+    """Return code that writes an entry of 2 or 4 words: on a GPU in one instruction, unlike Warp's own."""
     words = ", ".join(f"v[{n}]" for n in range(count))
     entry = entry_of(count)
     return gpu_or_cpu(f"*(float{count}*){entry} = make_float{count}({words});", f"*(wp::vec{count}*){entry} = v;")
 
 
 def get_words(count: int) -> str:
-    """The code that reads it."""
+    """Return code that reads an entry of 2 or 4 words."""
     words = ", ".join(f"v.{axis}" for axis in "xyzw"[:count])
     entry = entry_of(count)
     read = f"const float{count} v = *(const float{count}*){entry}; return wp::vec{count}({words});"
@@ -69,24 +69,25 @@ def get_words(count: int) -> str:
 
 
 def entry_of(count: int) -> str:
-    """The address of an entry of so many words in a tile, at a place that counts two words."""
+    """Return the address of an entry of a number of words in a tile, from a place in units of two words."""
     return f"((char*)tile.data.ptr + {count // 2}u * (unsigned int)place)"
 
 
 def gpu_or_cpu(gpu: str, cpu: str) -> str:
-    """Code of either."""
+    """Return code for a GPU and for a CPU."""
     return f"\n#if defined(__CUDA_ARCH__)\n    {gpu}\n#else\n    {cpu}\n#endif\n"
 
 
 @cache
 def in_tiles(places: int, capacity: int, areas: bool) -> FilmPlaces:
-    """In shared memory, in entries of four and of two words, so that each takes one instruction: a pull and the first
-    component of the area vector, and the other two.
+    """Return storage in shared memory, in entries of four and of two words, each read by one instruction.
+
+    The first has the force and the first component of the area vector, the second the other two.
 
     Args:
-        places: that there are.
-        capacity: points that a tile holds.
-        areas: whether area vectors wait, too.
+        places: Number of entries.
+        capacity: Number of points that a tile holds.
+        areas: Whether area vectors are stored, too.
     """
     Points = wp.tile(dtype=wp.vec3, shape=(capacity,), storage="shared")  # noqa: N806 - types
     Fours = wp.tile(dtype=wp.vec4, shape=(places,), storage="shared")  # noqa: N806
@@ -106,12 +107,12 @@ def in_tiles(places: int, capacity: int, areas: bool) -> FilmPlaces:
 
     @wp.func_native("return *(const wp::vec3*)((const char*)tile.data.ptr + (unsigned int)byte);")
     def point_at(tile: Points, byte: wp.int32) -> wp.vec3:
-        """Of a tile that holds so many, by where the point begins in it."""
+        """Return a point of a tile, from the offset of its first byte."""
         ...
 
     @wp.func_native("return *(const wp::vec3*)((const char*)velocities.data + (unsigned int)byte);")
     def velocity_at(velocities: wp.array[wp.vec3], byte: wp.int32) -> wp.vec3:
-        """Of an array, in which a velocity begins where its particle's point does in the tile."""
+        """Return a velocity of an array, whose offset is that of its particle's point in the tile."""
         ...
 
     @wp.func
@@ -133,7 +134,7 @@ def in_tiles(places: int, capacity: int, areas: bool) -> FilmPlaces:
 
 @cache
 def in_arrays() -> FilmPlaces:
-    """In memory, pulls alone."""
+    """Return storage in global memory, for forces alone."""
 
     @wp.func
     def put(pulls: Any, area_vectors: Any, place: wp.int32, pull: wp.vec3, area_vector: wp.vec3):

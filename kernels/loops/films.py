@@ -1,5 +1,4 @@
-"""Membranes face by face: each is measured once, and what that does to its corners waits there, in a place of its own
-for each corner, for those who have the particles."""
+"""Membranes face by face: each face is measured once, and its forces are stored for the threads of its corners."""
 
 from functools import cache
 from typing import Any, NamedTuple
@@ -23,25 +22,27 @@ from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
 
 OF_TRIANGLE = wp.constant(1.0 / 6.0)
-"""area vector of a corner over the cross of its edges, from the one before and to the one after"""
+"""Area vector of a corner over the cross product of its edges, from the one before and to the one after"""
 
 
 @wp.func
 def rest_of(films: FilmTable, face: wp.int32, corner: wp.int32):
-    """Of the triangle at a corner of a face."""
+    """Return the rest metric of the triangle at a corner of a face."""
     return four_floats_at(films.rests, corner * films.corners.shape[0] + face)
 
 
 @wp.func
 def is_there(corner: wp.int32, rest: wp.vec4):
-    """Whether a face has a triangle at a corner: where some have four and some one, what is not there has no
-    area."""
+    """Return whether a face has a triangle at a corner.
+
+    Where some faces have four triangles and some one, a triangle that is absent has no area.
+    """
     return corner == 0 or rest[3] > 0.0
 
 
 @wp.func
 def metric_at(corner: wp.int32, d11: wp.vec4, d12: wp.vec4):
-    """Products of the two edges that begin at a corner, or how they change."""
+    """Return the dot products of the two edges that begin at a corner, or their rates."""
     return wp.vec3(d11[corner], d12[corner], d11[(corner + 3) % 4])
 
 
@@ -61,14 +62,14 @@ class Films(NamedTuple):
 
 @cache
 def tensions_of(traits: Traits, film: FilmLayout) -> Any:
-    """Return the function that gives the tensions of a face's triangles."""
+    """Return the function for the tensions of a face's triangles."""
     tension, taut_tension = tension_function(traits), taut_tension_function(traits)
     material_of, left_of = material_reader(traits), wear_reader(traits)
     triangles, mixed, viscous = film.triangles, film.mixed, traits.viscous
 
     @wp.func
     def are_surely_taut(films: FilmTable, face: wp.int32, d11: wp.vec4, d12: wp.vec4):
-        """Whether all triangles of a face are, so that they need no more than `pulls_if_taut`."""
+        """Return whether all triangles of a face are surely taut, so that `pulls_if_taut` suffices."""
         least = float(1.0)
         for corner in range(triangles):
             rest = rest_of(films, face, corner)
@@ -80,7 +81,7 @@ def tensions_of(traits: Traits, film: FilmLayout) -> Any:
 
     @wp.func
     def what_is_left(t: Tables, world: wp.int32, face: wp.int32, corner: wp.int32, rest: wp.vec4, pulls: wp.vec3):
-        """Of the tensions of a triangle that is worn, or that is none."""
+        """Return the tensions that are left of a triangle that is worn, or absent."""
         if wp.static(traits.wears):
             pulls *= left_of(t.membranes, world, t.membranes.films.numbers[face][corner])
         if wp.static(mixed):
@@ -91,8 +92,11 @@ def tensions_of(traits: Traits, film: FilmLayout) -> Any:
     def stretch_face(
         t: Tables, world: wp.int32, face: wp.int32, n: Any, d11: wp.vec4, d12: wp.vec4, r11: wp.vec4, r12: wp.vec4
     ):
-        """The tensions of its triangles: along the edges that begin at each corner, mixed, and along those that end
-        there, as of the corner that they begin at [N/m]."""
+        """Return the tensions of a face's triangles [N/m].
+
+        Along the edges that begin at each corner, mixed, and along those that end there, as for the corner that they
+        begin at.
+        """
         films = t.membranes.films
         material = material_of(t.membranes, films.balloons[face])
         along = wp.vec4()
@@ -133,7 +137,7 @@ def face_function(traits: Traits, film: FilmLayout) -> Any:
     def measure_face(
         t: Tables, world: wp.int32, face: wp.int32, n: Any, points: Any, velocities: Any, pulls: Any, area_vectors: Any
     ):
-        """By one thread."""
+        """Store the forces of a face on its corners, by one thread."""
         count = t.membranes.films.corners.shape[0]
         corners = four_ints_at(t.membranes.films.corners, face)
         a = point_at(points, corners[0])
@@ -187,7 +191,7 @@ def face_function(traits: Traits, film: FilmLayout) -> Any:
 
 @cache
 def films_of(traits: Traits, film: FilmLayout) -> Films:
-    """For a layout that has films."""
+    """Return the functions of films for a layout that has them."""
     step, put, get, _, _ = film_places(film)
     measure_face, read_numbers = face_function(traits, film), numbers_reader(traits.columns)
     triangles, slots, room, fours = film.triangles, film.slots, film.room, -(-film.slots // 4)
@@ -195,7 +199,7 @@ def films_of(traits: Traits, film: FilmLayout) -> Films:
 
     @wp.func
     def nothing(films: FilmTable):
-        """The place where that stands."""
+        """Return the place of an entry that is always zero."""
         if wp.static(room > 0):
             return wp.static(step * 4 * room)
         else:
@@ -213,7 +217,7 @@ def films_of(traits: Traits, film: FilmLayout) -> Films:
 
     @wp.func
     def clear(t: Tables, pulls: Any, area_vectors: Any):
-        """Where a particle has fewer faces than others, it reads what is always zero."""
+        """Clear the entries that particles with fewer faces than others read."""
         put(pulls, area_vectors, nothing(t.membranes.films), wp.vec3(), wp.vec3())
 
     @wp.func
@@ -225,7 +229,7 @@ def films_of(traits: Traits, film: FilmLayout) -> Films:
 
     @wp.func
     def take(t: Tables, own: Any, kept: wp.vec4i, pulls: Any, area_vectors: Any):
-        """In the order of its faces."""
+        """Sum the forces on a particle in the order of its faces."""
         first = kept
         if wp.static(keeps_places):
             for slot in range(4):

@@ -1,4 +1,4 @@
-"""Where a straight way comes into a solid first, as seen from the solid, at any speed and angle."""
+"""First contact of a straight path with a solid, in the solid's frame, at any speed and angle."""
 
 from functools import cache
 from typing import Any
@@ -10,12 +10,12 @@ from balloon_warp.kernels.laws.fixture import BALL_LOOKS, LEAST_STEP, MESH, MOST
 from balloon_warp.kernels.loops.solids import surface_function
 
 DEEPER = wp.constant(4.0)
-"""times what float32 tells: as deep a way is to come in that touches, and does not slide along a side"""
+"""Depth above which a path that touches enters the solid, and does not slide along a side, over float32's resolution"""
 
 
 @wp.struct
 class Touch:
-    """What a solid does to a straight way."""
+    """Contact of a straight path with a solid."""
 
     normal: wp.vec3  # of its surface where the way comes in, zero if it does not
     place: wp.vec3  # on the surface there
@@ -34,8 +34,11 @@ def convex_function(meshes: bool) -> Any:
 
     @wp.func
     def touch_convex(solid: Solid, up: wp.vec3, start: wp.vec3, way: float, ahead: wp.vec3, radius: float):
-        """Along a line the distance to a convex solid is a convex function. So Newton's method comes to where it first
-        vanishes, and never past that, at any angle. A way that comes to an edge and goes on along a side is outside."""
+        """Return the first contact with a convex solid.
+
+        Along a line the distance to a convex solid is a convex function. So Newton's method converges to its first
+        zero, and never past it, at any angle. A path that comes to an edge and goes on along a side is outside.
+        """
         touch = Touch()
         near = LEAST_STEP * (way + wp.length(start))
         gone = float(0.0)
@@ -80,9 +83,12 @@ def mesh_function() -> Any:
         radius: float,
         farthest: float,
     ):
-        """A ray finds where the center of what moves would pass triangles, and no angle is too small for it. Up to
-        there looks, as far apart as the surface is away (Hart 1996, *Sphere tracing*), but at least half the skin or a
-        part of the way, find where its skin comes in."""
+        """Return the first contact with a mesh.
+
+        A ray finds where the center of what moves would pass triangles, and no angle is too small for it. Up to there
+        distance queries, as far apart as the surface is away (Hart 1996, *Sphere tracing*), but at least half the skin
+        or a fraction of the path, find where its skin comes in.
+        """
         touch = Touch()
         skin = solid.thickness + radius
         near = LEAST_STEP * (way + solid.reach)
@@ -129,7 +135,7 @@ def mesh_function() -> Any:
 
 @cache
 def touch_function(meshes: bool) -> Any:
-    """The function that says where a straight way comes into a solid first, as seen from the solid.
+    """Return the function that returns the first contact of a straight path with a solid, in the solid's frame.
 
     Args:
         meshes: whether any is a mesh.
@@ -139,7 +145,7 @@ def touch_function(meshes: bool) -> Any:
 
     @wp.func
     def touch_at(solid: Solid, up: wp.vec3, start: wp.vec3, end: wp.vec3, radius: float, farthest: float):
-        """Where the way from a start to an end comes in first."""
+        """Return the first contact of the path from a start to an end."""
         way = wp.length(end - start)
         touch = Touch()
         if way > 0.0:

@@ -1,5 +1,8 @@
-"""What a particle saw of obstacles last. Distances are 1-Lipschitz: one look tells for how far it need not look again
-at any, and for how far at none but the nearest."""
+"""Cached distances of a particle to obstacles.
+
+Distances are 1-Lipschitz: one query bounds how far the particle may move without another query of any obstacle, or of
+any but the nearest.
+"""
 
 from functools import cache
 from typing import Any
@@ -11,12 +14,12 @@ from balloon_warp.kernels.memory import four_in, two_in
 from balloon_warp.kernels.tables import Tables
 
 SURELY = wp.constant(0.999)
-"""part of a distance that rounding leaves"""
+"""Fraction of a distance that is safe from rounding"""
 
 
 @wp.struct
 class Look:
-    """Around a particle, at some obstacles, of a step that ends at a time."""
+    """Clearances around a particle at some obstacles, in a step that ends at a time."""
 
     first: wp.int32  # from this one
     last: wp.int32  # up to, not with, this one
@@ -27,20 +30,20 @@ class Look:
 
 @wp.func
 def gone_since(t: Tables, seen: wp.vec4, time: float, place: wp.vec3):
-    """How far a particle and the obstacles may have come nearer since it saw that [m]."""
+    """Return how much nearer a particle and the obstacles may have come since the cached query [m]."""
     return wp.length(place - wp.vec3(seen[0], seen[1], seen[2])) + t.fixtures.fastest * time
 
 
 @wp.func
 def is_free(t: Tables, world: wp.int32, particle: wp.int32, time: float, end: wp.vec3):
-    """Whether no obstacle is in a particle's way to its end, for what it saw last."""
+    """Return whether no obstacle is in a particle's path, by the cached query."""
     seen = four_in(t.fixtures.looks, world, particle)
     return gone_since(t, seen, time, end) < seen[3]
 
 
 @wp.func
 def forget_look(t: Tables, world: wp.int32, particle: wp.int32):
-    """What a particle saw, before another way in the same step."""
+    """Clear the cached query of a particle, before another path in the same step."""
     t.fixtures.looks[world, particle] = wp.vec4()
     if t.fixtures.nearest.shape[1] > 0:
         t.fixtures.nearest[world, particle] = wp.vec2()
@@ -48,7 +51,7 @@ def forget_look(t: Tables, world: wp.int32, particle: wp.int32):
 
 @cache
 def look_functions(several: bool) -> tuple[Any, Any, Any]:
-    """The functions that say which obstacles are looked at, that look at one, and that note what was seen.
+    """Return the functions that begin a query of obstacles, update it with one, and cache its result.
 
     Args:
         several: whether there is more than one.
@@ -56,7 +59,7 @@ def look_functions(several: bool) -> tuple[Any, Any, Any]:
 
     @wp.func
     def begin_look(t: Tables, world: wp.int32, particle: wp.int32, time: float, start: wp.vec3, end: wp.vec3):
-        """At those that may be in a particle's way to its end; often at none."""
+        """Begin a query of the obstacles that may be in a particle's path; often none."""
         look = Look()
         look.last = t.fixtures.solids.shape[0]
         look.free = FAR_AWAY
@@ -74,7 +77,7 @@ def look_functions(several: bool) -> tuple[Any, Any, Any]:
 
     @wp.func
     def look_at(look: Look, fixture: wp.int32, free: float):
-        """With one that is so far away [m]."""
+        """Update a query with the distance to one obstacle [m]."""
         if wp.static(several):
             if free < look.free:
                 look.beyond = look.free
@@ -88,8 +91,10 @@ def look_functions(several: bool) -> tuple[Any, Any, Any]:
     def note_look(
         t: Tables, world: wp.int32, particle: wp.int32, time: float, look: Look, end: wp.vec3, point: wp.vec3
     ):
-        """What was seen from the end of a particle's way, which stands at a point now. If one alone was looked at, the
-        look before tells of the others."""
+        """Cache a query from the end of a particle's path, which is at a given point now.
+
+        If one obstacle alone was queried, the previous query bounds the others.
+        """
         passes = t.fixtures.fastest * time
         free = SURELY * look.free + passes
         if wp.static(several):

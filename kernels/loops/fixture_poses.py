@@ -1,4 +1,4 @@
-"""Where obstacles are that go where they are told, and how they move."""
+"""Poses and velocities of obstacles that move as the scene says."""
 
 from functools import cache
 from typing import Any
@@ -11,7 +11,7 @@ from balloon_warp.kernels.traits import Traits
 
 @wp.struct
 class Pose:
-    """Where an obstacle is, and how it moves."""
+    """Pose and velocities of an obstacle."""
 
     center: wp.vec3
     turn: wp.quat
@@ -21,7 +21,7 @@ class Pose:
 
 @wp.func
 def frame_at(t: Tables, time: float):
-    """The frame of a step that ends at a time, and what part of it has passed then; the last frame is one of rest."""
+    """Return the frame of a step that ends at a time, and the fraction of it then; the last frame is one of rest."""
     last = t.fixtures.motion.shape[0] - 2
     frame = wp.clamp(int((time - 0.5 * t.step_seconds) / t.frame_seconds), 0, last)
     return frame, wp.clamp(time / t.frame_seconds - float(frame), 0.0, 1.0)
@@ -29,11 +29,11 @@ def frame_at(t: Tables, time: float):
 
 @cache
 def center_function(traits: Traits) -> Any:
-    """The function that says where an obstacle's origin is at a time."""
+    """Return the function that returns an obstacle's origin at a time."""
 
     @wp.func
     def center_at(t: Tables, world: wp.int32, fixture: wp.int32, time: float):
-        """[m]; between two frames it goes along a line."""
+        """Return the position of an obstacle [m], linear between two frames."""
         shift = wp.transform_get_translation(t.fixtures.motion[0, fixture])
         if wp.static(traits.fixtures_move):
             frame, part = frame_at(t, time)
@@ -47,12 +47,12 @@ def center_function(traits: Traits) -> Any:
 
 @cache
 def pose_function(traits: Traits) -> Any:
-    """The function that says where an obstacle is at a time."""
+    """Return the function that returns an obstacle's pose at a time."""
     center_at = center_function(traits)
 
     @wp.func
     def pose_at(t: Tables, world: wp.int32, fixture: wp.int32, time: float):
-        """Between two frames it goes along a line, and turns about an axis."""
+        """Return the pose of an obstacle: between two frames it moves along a line, and turns about an axis."""
         pose = Pose()
         pose.center = center_at(t, world, fixture, time)
         if wp.static(traits.fixtures_move):

@@ -5,13 +5,14 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.laws.contact import friction_on, stand_on
+from balloon_warp.kernels.laws.contact import stand_on
 from balloon_warp.kernels.laws.fixture import FAR_AWAY
 from balloon_warp.kernels.loops.fixture_looks import SURELY, look_functions
 from balloon_warp.kernels.loops.fixture_poses import center_function, pose_function
+from balloon_warp.kernels.loops.friction import friction_on, number_of_obstacle
 from balloon_warp.kernels.loops.solids import surface_function
 from balloon_warp.kernels.loops.ways import way_function
-from balloon_warp.kernels.tables import Tables, row_of_world
+from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
 
 
@@ -21,15 +22,14 @@ class Around:
 
     world: wp.int32
     particle: wp.int32
+    balloon: wp.int32
     ground_height: float
-    ground_friction: float  # between it and the particle's balloon
-    friction: float  # of that balloon, negative where it does not say it
     time: float  # [s]
 
 
 @wp.struct
 class Meeting:
-    """What comes of a particle's way beside an obstacle."""
+    """Contact of a particle's path with an obstacle."""
 
     let: wp.vec3  # where it lets the particle go
     normal: wp.vec3  # there, zero if it is not in the way
@@ -40,14 +40,14 @@ class Meeting:
 
 @cache
 def meeting_function(traits: Traits) -> Any:
-    """The function by which a particle, or a ball, meets an obstacle."""
+    """Return the function for the contact of a particle, or a ball, with an obstacle."""
     pose_at = pose_function(traits)
     center_at = center_function(traits)
     let_through = way_function(traits.fixture_meshes)
 
     @wp.func
     def meet(t: Tables, world: wp.int32, fixture: wp.int32, time: float, start: wp.vec3, end: wp.vec3, radius: float):
-        """In a step that ends at a time."""
+        """Return the contact with an obstacle in a step that ends at a time."""
         met = Meeting()
         met.let = end
         arm = end - center_at(t, world, fixture, time)
@@ -82,14 +82,16 @@ def meeting_function(traits: Traits) -> Any:
 
 @cache
 def free_ball_function(traits: Traits) -> Any:
-    """The function that says how far a ball may go in any direction before it meets an obstacle."""
+    """Return the function that returns the clearance of a ball from obstacles."""
     pose_at = pose_function(traits)
     surface_at = surface_function(traits.fixture_meshes)
 
     @wp.func
     def free_ball(t: Tables, world: wp.int32, time: float, center: wp.vec3, radius: float):
-        """No less than that [m], negative where one is in the way already; it is looked for as far as the ball is
-        wide."""
+        """Return a lower bound of the clearance of a ball from obstacles [m].
+
+        Negative where an obstacle is in the way already; the search extends as far as the ball is wide.
+        """
         free = float(FAR_AWAY)
         for fixture in range(t.fixtures.solids.shape[0]):
             pose = pose_at(t, world, fixture, time)
@@ -105,26 +107,20 @@ def free_ball_function(traits: Traits) -> Any:
     return free_ball
 
 
-@wp.func
-def friction_of(t: Tables, around: Around, fixture: wp.int32):
-    """Coulomb's coefficient, between an obstacle and a particle."""
-    its = t.fixtures.frictions[row_of_world(around.world, t.fixtures.frictions.shape[0]), fixture]
-    return friction_on(around.friction, its)
-
-
 @cache
 def fixture_functions(traits: Traits) -> tuple[Any, Any]:
-    """The functions that let a particle leave obstacles, and that foresee where they let it go."""
+    """Return the functions that move a particle out of obstacles, and that foresee its place."""
     meet = meeting_function(traits)
     begin_look, look_at, note_look = look_functions(traits.several_fixtures)
 
     @wp.func
     def leave_fixtures(t: Tables, around: Around, start: wp.vec3, point: wp.vec3, velocity: wp.vec3):
-        """A particle's point and velocity outside of all of them, at the end of a step; then whether one has moved it,
-        and whether more than that one may be in its way.
+        """Return a particle's point and velocity outside of all obstacles, at the end of a step.
+
+        Also whether one has moved it, and whether more than that one may be in its way.
 
         Args:
-            start: where it was before the step.
+            start: Position before the step.
         """
         moved = bool(False)
         crowded = bool(False)
@@ -135,7 +131,7 @@ def fixture_functions(traits: Traits) -> tuple[Any, Any]:
                 met = meet(t, around.world, fixture, around.time, start, point, 0.0)
                 look = look_at(look, fixture, met.free)
                 if wp.length_sq(met.normal) > 0.0:
-                    friction = friction_of(t, around, fixture)
+                    friction = friction_on(t, around.world, around.balloon, number_of_obstacle(fixture))
                     step = met.part * t.step_seconds
                     stood, slowed = stand_on(met.let, velocity, met.moving, met.normal, friction, step)
                     point = stood
@@ -151,14 +147,17 @@ def fixture_functions(traits: Traits) -> tuple[Any, Any]:
     def out_of_fixtures(
         t: Tables, around: Around, start: wp.vec3, end: wp.vec3, velocity: wp.vec3, last_normal: wp.vec3
     ):
-        """Where they let a particle go, and the normal of the last one in the way; `last_normal` if none is."""
+        """Return a position outside of all obstacles, and the normal of the last in the way.
+
+        The normal is `last_normal` if none is in the way.
+        """
         outside = end
         outward = last_normal
         look = begin_look(t, around.world, around.particle, around.time, start, end)
         for fixture in range(look.first, look.last):
             met = meet(t, around.world, fixture, around.time, start, outside, 0.0)
             if wp.length_sq(met.normal) > 0.0:
-                friction = friction_of(t, around, fixture)
+                friction = friction_on(t, around.world, around.balloon, number_of_obstacle(fixture))
                 stood, _slowed = stand_on(
                     met.let, velocity, met.moving, met.normal, friction, met.part * t.step_seconds
                 )

@@ -1,4 +1,4 @@
-"""Over the balloons and tubes of a world: gas that is pumped, flows, leaves, and has mass. By one thread of a world."""
+"""Gas of the balloons and tubes of a world: pumps, flows, leaks and mass, by one thread of a world."""
 
 from functools import cache
 from typing import Any
@@ -28,25 +28,25 @@ from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
 from balloon_warp.kernels.traits import Traits
 
 SWEEPS = 8
-"""through several tubes, whose flows depend on each other"""
+"""Number of sweeps over tubes whose flows depend on each other"""
 
 
 @wp.func
 def gas_in(state: WorldState, world: wp.int32, balloon: wp.int32):
-    """Amount [mol] and free volume [m^3] of the gas in a balloon."""
+    """Return the amount [mol] and free volume [m^3] of the gas in a balloon."""
     return wp.vec2d(state.gas_amounts[world, balloon], state.free_volumes[world, balloon])
 
 
 @wp.func
 def put_gas(state: WorldState, world: wp.int32, balloon: wp.int32, gas: wp.vec2d):
-    """Into a balloon."""
+    """Set amount and free volume of the gas in a balloon."""
     state.gas_amounts[world, balloon] = gas[0]
     state.free_volumes[world, balloon] = gas[1]
 
 
 @cache
 def fill_function(traits: Traits) -> Any:
-    """The function that gives what is blown into a balloon in a substep, beside what is pumped."""
+    """Return the function for the gas blown into a balloon in a substep, besides the pumped gas."""
     columns = traits.columns
     gamma_column = columns.places["gamma"]
     air_at, as_warm_there = air_function(traits), warmth_function(traits)
@@ -69,7 +69,7 @@ def fill_function(traits: Traits) -> Any:
 
     @wp.func
     def curve_flow(t: Tables, balloon: wp.int32, pressure: float):
-        """What a pump gives against a pressure [mol/s]: linear between the points of its curve, nothing beyond them."""
+        """Return the flow of a pump against a pressure [mol/s]: linear between the curve's points, zero beyond them."""
         flow = t.pumps.flows[balloon, 0]
         for point in range(t.pumps.flows.shape[1] - 1):
             begin = t.pumps.pressures[balloon, point]
@@ -81,7 +81,7 @@ def fill_function(traits: Traits) -> Any:
 
     @wp.func
     def fill(t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32, pumped: float, time: float):
-        """[mol]"""
+        """Return the amount of gas that is filled in [mol]."""
         n = read_numbers(t, world, balloon)
         air = air_at(t, state, world, balloon)
         pressure = state.pressures[world, balloon]
@@ -104,7 +104,7 @@ def fill_function(traits: Traits) -> Any:
 
 @cache
 def pump_function(traits: Traits) -> Any:
-    """The function that pumps gas, or lets it out."""
+    """Return the function that pumps gas, or lets it out."""
     columns = traits.columns
     gamma_column = columns.places["gamma"]
     temperature_column = columns.places["air_temperature"] - columns.balloon_width
@@ -114,7 +114,7 @@ def pump_function(traits: Traits) -> Any:
 
     @wp.func
     def pump_gas(t: Tables, state: WorldState, world: wp.int32, time_in_frame: float, time: float):
-        """What comes in a substep, as it begins; `inflation_ramp` has it in mol/s."""
+        """Add the gas that is pumped in during a substep, as it begins; `inflation_ramp` has it in mol/s."""
         of_balloons = row_of_world(world, t.balloon_numbers.shape[0])
         of_world = row_of_world(world, t.world_numbers.shape[0])
         for balloon in range(t.inflation_kind.shape[0]):
@@ -137,7 +137,7 @@ def pump_function(traits: Traits) -> Any:
 
 @wp.func
 def raise_pressure(state: WorldState, world: wp.int32, balloon: wp.int32, free_volume: float):
-    """By what so much more free volume would do within the substep [m^3]."""
+    """Raise the pressure by the effect of additional free volume within the substep [m^3]."""
     by = state.pressure_slopes[world, balloon] * free_volume
     load = state.inflation_loads[world, balloon]
     state.pressures[world, balloon] = state.pressures[world, balloon] + by
@@ -146,8 +146,10 @@ def raise_pressure(state: WorldState, world: wp.int32, balloon: wp.int32, free_v
 
 @cache
 def vent_function(traits: Traits) -> tuple[Any, Any]:
-    """The functions that let gas flow out of a balloon, or air in: that find how much, once the pressures are known
-    that were without, and that take it."""
+    """Return functions that find and take the gas that flows out of a balloon, or the air that flows in.
+
+    The first needs the pressures without the flow.
+    """
     columns = traits.columns
     gamma_column, leak_column, temperature_column = (
         columns.places[name] for name in ("gamma", "leak", "air_temperature")
@@ -163,7 +165,7 @@ def vent_function(traits: Traits) -> tuple[Any, Any]:
 
     @wp.func
     def find_vent(t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32, time: float):
-        """By the pressure at the end of the substep, which changes by that."""
+        """Find the flow out of a balloon by the pressure at the end of the substep, which the flow changes."""
         n = read_numbers(t, world, balloon)
         opening = opening_of_neck(time, n) + n[leak_column]
         if wp.static(traits.bursts):
@@ -181,7 +183,7 @@ def vent_function(traits: Traits) -> tuple[Any, Any]:
 
     @wp.func
     def take_vented(t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32, time: float):
-        """Of the balloon's gas; and what its jet pushes with."""
+        """Take vented gas from a balloon, and store the thrust of its jet."""
         n = read_numbers(t, world, balloon)
         air = air_at(t, state, world, balloon)
         state.thrusts[world, balloon] = thrust(opening_of_neck(time, n), state.pressures[world, balloon])
@@ -196,7 +198,7 @@ def vent_function(traits: Traits) -> tuple[Any, Any]:
 
 @cache
 def flows_function(traits: Traits) -> Any:
-    """The function that lets gas flow through tubes and out of balloons, once the loads are known that were without."""
+    """Return the function that exchanges gas through tubes and openings, from the loads without flow."""
     columns = traits.columns
     gamma_column = columns.places["gamma"]
     air_at, as_warm_there = air_function(traits), warmth_function(traits)
@@ -205,7 +207,7 @@ def flows_function(traits: Traits) -> Any:
 
     @wp.func
     def find_flow(t: Tables, state: WorldState, world: wp.int32, conductances: wp.int32, tube: wp.int32):
-        """As the pressures at its ends will be."""
+        """Find the flow of a tube by the pressures at its ends after the step."""
         first = t.tubes.balloons[tube][0]
         second = t.tubes.balloons[tube][1]
         difference = state.pressures[world, first] - state.pressures[world, second]
@@ -225,7 +227,7 @@ def flows_function(traits: Traits) -> Any:
 
     @wp.func
     def find_flows(t: Tables, state: WorldState, world: wp.int32, time: float):
-        """All pressures change with all flows: one by one, several times over."""
+        """Find all flows and pressures, which depend on each other, in several sweeps."""
         count = t.tubes.balloons.shape[0]
         for tube in range(count):
             state.tube_flows[world, tube] = 0.0
@@ -243,7 +245,7 @@ def flows_function(traits: Traits) -> Any:
 
     @wp.func
     def let_gases_flow(t: Tables, state: WorldState, world: wp.int32, time: float):
-        """Pressures, loads and gases of a substep with what flows in it."""
+        """Apply a substep's flows to pressures, loads and gases."""
         find_flows(t, state, world, time)
         of_balloons = row_of_world(world, t.balloon_numbers.shape[0])
         for tube in range(t.tubes.balloons.shape[0]):
@@ -268,12 +270,12 @@ def flows_function(traits: Traits) -> Any:
 
 @cache
 def gas_mass_function(traits: Traits) -> Any:
-    """The function that weighs a balloon's gas, and the air around it that moves along."""
+    """Return the function for the mass of a balloon's gas, with the added mass of the air around it."""
     column = traits.columns.places["molar_mass"]
 
     @wp.func
     def gas_mass(t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32):
-        """[kg]; it moves along with the balloon."""
+        """Return the mass of the gas, which moves along with the balloon [kg]."""
         amount = float(state.gas_amounts[world, balloon])
         if wp.static(traits.bursts):  # air in a balloon that had a pressure until it burst is not weighed before either
             amount = wp.where(t.inflation_kind[balloon] == GAS, amount, 0.0)

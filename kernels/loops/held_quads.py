@@ -1,5 +1,4 @@
-"""Quads of membranes, one or two to a thread, which keeps all that is known of them at rest in its registers for a
-frame."""
+"""Quads of membranes, one or two a thread, whose rest data stays in the thread's registers for a frame."""
 
 from functools import cache
 from typing import Any, NamedTuple
@@ -67,7 +66,7 @@ def quad_measure(traits: Traits, film: FilmLayout) -> Any:
 
     @wp.func
     def measure(t: Tables, n: Any, quad: Quad, face: wp.int32, points: Any, pulls: Any, area_vectors: Any):
-        """By one thread: what a quad does to its corners."""
+        """Store the forces of a quad on its corners, by one thread."""
         a = point_at(points, quad.corners[0])
         b = point_at(points, quad.corners[1])
         c = point_at(points, quad.corners[2])
@@ -95,14 +94,14 @@ def quad_measure(traits: Traits, film: FilmLayout) -> Any:
 
 @cache
 def quads_of(traits: Traits, film: FilmLayout) -> Quads:
-    """For a layout whose membranes are quads that threads keep, and that hand out area vectors, too."""
+    """Return the functions of quads for a layout whose threads keep them, and store area vectors, too."""
     quads, threads = film.quads, film.room // film.quads
     Quad, read_quad = quad_reader(traits)  # noqa: N806 - a type
     measure, read_numbers = quad_measure(traits, film), numbers_reader(traits.columns)
 
     @wp.struct
     class Held:
-        """What a thread holds."""
+        """Rest data of quads that a thread keeps."""
 
         first: Quad
         second: Quad
@@ -119,7 +118,7 @@ def quads_of(traits: Traits, film: FilmLayout) -> Quads:
     def measure_numbered(
         t: Tables, world: wp.int32, n: Any, quad: Quad, face: wp.int32, points: Any, pulls: Any, area_vectors: Any
     ):
-        """The same with the numbers of the quad's balloon."""
+        """Store the forces of a quad on its corners, with the numbers of its balloon."""
         if wp.static(traits.balloons == 1):
             measure(t, n, quad, face, points, pulls, area_vectors)
         else:

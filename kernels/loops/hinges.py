@@ -12,21 +12,21 @@ from balloon_warp.kernels.traits import Traits
 
 @wp.func
 def wing_size(hinges: HingeTable, hinge: wp.int32, wing: wp.int32):
-    """Corners of a hinge's first (0) or second (1) wing."""
+    """Return the corners of a hinge's first (0) or second (1) wing."""
     return hinges.wing_offsets[2 * hinge + wing + 1] - hinges.wing_offsets[2 * hinge + wing]
 
 
 Places = wp.types.matrix(shape=(4, 3), dtype=wp.float32)
-"""a vector for each of a hinge's four places, in the order of their roles, one a row"""
+"""Vector for each of a hinge's four roles, a row each"""
 
 
 @cache
 def place_function(at: Any) -> Any:
-    """The function that finds a hinge's places."""
+    """Return the function that returns the positions of a hinge's ends and wings."""
 
     @wp.func
     def wing_of_hinge(hinges: HingeTable, points: Any, hinge: wp.int32, wing: wp.int32):
-        """Where a wing is: the mean of its corners."""
+        """Return the position of a wing: the mean of its corners."""
         total = wp.vec3()
         for corner in range(hinges.wing_offsets[2 * hinge + wing], hinges.wing_offsets[2 * hinge + wing + 1]):
             total += at(points, hinges.wing_particles[corner])
@@ -34,7 +34,7 @@ def place_function(at: Any) -> Any:
 
     @wp.func
     def places_of_hinge(hinges: HingeTable, points: Any, hinge: wp.int32):
-        """Its ends and its wings [m]."""
+        """Return the positions of a hinge's ends and wings [m]."""
         ends = hinges.ends[hinge]
         return (
             at(points, ends[0]),
@@ -48,7 +48,7 @@ def place_function(at: Any) -> Any:
 
 @cache
 def hinge_force(traits: Traits, at: Any) -> Any:
-    """The function that gives the force at one place of a hinge."""
+    """Return the function for the force at one place of a hinge."""
     laws = traits.laws_on("hinge")
     places_of_hinge = place_function(at)
 
@@ -67,13 +67,13 @@ def hinge_force(traits: Traits, at: Any) -> Any:
 
 @cache
 def hinge_forces(traits: Traits, at: Any) -> Any:
-    """The function that gives the forces at all places of a hinge, whose angle is found once."""
+    """Return the function for the forces at all places of a hinge, whose angle is found once."""
     laws = traits.laws_on("hinge")
     places_of_hinge = place_function(at)
 
     @wp.func
     def forces_of_hinge(hinges: HingeTable, points: Any, hinge: wp.int32, n: Any):
-        """On a particle of each role [N], one a row."""
+        """Return the force on a particle of each role, a row each [N]."""
         a, b, first, second = places_of_hinge(hinges, points, hinge)
         bend = angle_beyond(a, b, first, second, hinges.rest_angles[hinge])
         forces = Places()
@@ -89,12 +89,12 @@ def hinge_forces(traits: Traits, at: Any) -> Any:
 
 @cache
 def hinge_loop(traits: Traits, at: Any) -> Any:
-    """The function that sums a particle's hinges."""
+    """Return the function that sums a particle's hinges."""
     force_at_role = hinge_force(traits, at)
 
     @wp.func
     def pull_of_hinges(hinges: HingeTable, points: Any, particle: wp.int32, n: Any):
-        """Net force of a particle's hinges [N]."""
+        """Return the net force of a particle's hinges [N]."""
         force = wp.vec3()
         for entry in range(hinges.particle_offsets[particle], hinges.particle_offsets[particle + 1]):
             role = hinges.particle_roles[entry]

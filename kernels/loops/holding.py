@@ -1,27 +1,27 @@
-"""Where free rigid bodies touch: a list of points of theirs at what is near, in a world and a step."""
+"""Contacts of free rigid bodies: a list of their points near other things, in a world and a step."""
 
 from functools import cache
 from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.laws.contact import friction_between
 from balloon_warp.kernels.laws.grip import Grip, clear_gap
+from balloon_warp.kernels.loops.friction import friction_between
 from balloon_warp.kernels.loops.nearest import Thing, thing_functions
 from balloon_warp.kernels.loops.settling import ease_at
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
 
 LOOKED_AHEAD = wp.constant(1.5)
-"""steps, as things move before they touch"""
+"""Distance ahead at which contacts are listed, in steps of the current speed"""
 
 
 @wp.func
 def speed_of(t: Tables, state: WorldState, ease: wp.mat33d, world: wp.int32, body: wp.int32, pull: float):
-    """How fast a point of a body may be after gravity has acted [m/s].
+    """Return the largest speed of a point of a body after gravity has acted [m/s].
 
     Args:
-        ease: how much spin 1 N m s gives [1/(kg m^2)].
+        ease: Inverse of the inertia tensor [1/(kg m^2)].
     """
     spin = ease * wp.vec3d(state.body_momenta[world, body])
     speed = wp.length(state.body_velocities[world, body]) + float(wp.length(spin)) * t.bodies.solids[body].reach
@@ -30,8 +30,10 @@ def speed_of(t: Tables, state: WorldState, ease: wp.mat33d, world: wp.int32, bod
 
 @wp.func
 def last_impulse(touches: wp.array[wp.int32], impulses: wp.array[wp.vec3], key: wp.int32, place: wp.int32):
-    """What a point ended with in the step before [N s], zero if it touched nothing then; and where in the list of that
-    step to look for the next."""
+    """Return the warm start of a point: its impulse in the previous step [N s], zero without contact then.
+
+    Also the place in that step's list at which to look for the next point.
+    """
     while place < touches.shape[0] and touches[place] >= 0:
         found = touches[place]
         if found >= key:
@@ -42,7 +44,7 @@ def last_impulse(touches: wp.array[wp.int32], impulses: wp.array[wp.vec3], key: 
 
 @wp.func
 def end_of_samples(t: Tables, body: wp.int32, thing: Thing):
-    """Of those of a body that a thing may touch, if any does."""
+    """Return the end of those of a body's samples that a thing may touch."""
     ends = t.bodies.sample_ends[body]
     if thing.other >= 0:
         return ends[2]
@@ -64,11 +66,11 @@ def hold_point(
     gap: float,
     places: wp.vec2i,
 ):
-    """Put a point at which a body touches a thing into the list.
+    """Append a point at which a body touches a thing to the list.
 
     Args:
-        own: the body.
-        places: how long the list is, and where to look in that of the step before.
+        own: Index of the body.
+        places: Length of the list, and place to look at in that of the previous step.
     """
     grip = Grip()
     grip.key = key
@@ -80,7 +82,7 @@ def hold_point(
     grip.moving = thing.velocity + wp.cross(thing.spin, grip.other_arm)
     grip.gap = clear_gap(gap, own.reach, own.center)
     grip.ease = ease_at(masses, eases, grip, normal)
-    grip.friction = friction_between(own.friction, thing.friction)
+    grip.friction = thing.friction
     grip.restitution = wp.sqrt(own.restitution * thing.restitution)
     impulse, place = last_impulse(touches, impulses, key, places[1])
     grip.impulse = impulse
@@ -107,13 +109,13 @@ def thing_holding_function(traits: Traits) -> Any:
         within: float,
         places: wp.vec2i,
     ):
-        """Put the points at which a body is near a thing into the list: its own, and then those of an obstacle.
+        """Append the points at which a body is near a thing: its own points, and then those of an obstacle.
 
         Args:
-            own: the body.
-            first_key: of the body's first point there.
-            within: what is no nearer is not met [m].
-            places: as in `hold_point`.
+            own: Index of the body.
+            first_key: Key of the body's first point there.
+            within: Distance beyond which there is no contact [m].
+            places: As in `hold_point`.
         """
         first = t.bodies.sample_ends[own.other][0]
         count = end_of_samples(t, own.other, thing) - first
@@ -153,7 +155,7 @@ def holding_function(traits: Traits) -> Any:
 
     @wp.func
     def take_hold(t: Tables, state: WorldState, working: Any, world: wp.int32, time: float, pull: float):
-        """How many points touch something in a step that begins at a time."""
+        """List the contacts in a step that begins at a time, and return their number."""
         bodies = state.body_positions.shape[1]
         touches, impulses, grips = state.body_touches[world], state.body_impulses[world], working.grips[world]
         masses, eases = working.body_masses[world], working.body_eases[world]
@@ -177,6 +179,7 @@ def holding_function(traits: Traits) -> Any:
                         away = wp.dot(own.center - thing.center, t.up)
                     if away - own.reach - thing.reach < within:
                         key = (body * things + number) * most
+                        thing.friction = friction_between(t, world, own.number, thing.number)
                         places = hold_thing(
                             t, touches, impulses, masses, eases, grips, own, thing, key, within, places
                         )  # fmt: skip

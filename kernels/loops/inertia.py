@@ -1,4 +1,4 @@
-"""What a particle moves, gas and all."""
+"""Inertia of a particle, with that of gas and added mass."""
 
 from functools import cache
 from typing import Any
@@ -13,7 +13,7 @@ from balloon_warp.kernels.working import Working
 
 @cache
 def inertia_function(traits: Traits) -> Any:
-    """The function that gives a particle's mass and its share of the gas, which moves along [kg]; 0 if it is fixed."""
+    """Return the function for a particle's mass with its share of the gas and added mass [kg]; 0 if fixed."""
 
     @wp.func
     def inertia(working: Working, own: Any):
@@ -27,7 +27,7 @@ def inertia_function(traits: Traits) -> Any:
 
 @cache
 def ease_function(traits: Traits) -> Any:
-    """The function that gives 1 over what a particle moves [1/kg], 0 if it is fixed."""
+    """Return the function for the inverse effective mass of a particle [1/kg], 0 if it is fixed."""
     _, read_own = own_functions(traits.columns, traits.balloons)
     inertia = inertia_function(traits)
 

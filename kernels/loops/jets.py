@@ -1,4 +1,4 @@
-"""What pushes a balloon whose neck is open, or that is torn: the thrust of its jets, on the particles there."""
+"""Thrust of the jets of a balloon that is open or torn, on the particles at the opening."""
 
 from functools import cache
 from typing import Any
@@ -15,7 +15,7 @@ from balloon_warp.kernels.traits import Traits
 
 @cache
 def opening_function(columns: Columns) -> Any:
-    """The function that gives how far a neck is open at a time, of the row of its balloon's numbers."""
+    """Return the function for a neck's open area at a time, from the row of its balloon's numbers."""
     call = call_of(neck_opening, "neck_opening", ["time"], columns)
     source = f"def opening_of_neck(time: float, n: Any):\n    return {call}\n"
     return function_from("opening_of_neck", source, {"neck_opening": neck_opening})
@@ -23,7 +23,7 @@ def opening_function(columns: Columns) -> Any:
 
 @cache
 def jet_loop(traits: Traits, at: Any) -> Any:
-    """The function that gives a particle's part of its balloon's thrust.
+    """Return the function for a particle's share of its balloon's thrust.
 
     Args:
         at: the function that reads a point.
@@ -65,7 +65,7 @@ def jet_loop(traits: Traits, at: Any) -> Any:
 
 @cache
 def hole_jet_loop(at: Any) -> Any:
-    """The function that gives a particle's part of the thrust of the holes where its balloon is torn.
+    """Return the function for a particle's share of the thrust of holes where its balloon is torn.
 
     Args:
         at: the function that reads a point.

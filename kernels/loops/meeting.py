@@ -1,12 +1,13 @@
-"""A particle beside triangles, of its own balloon or another: where it stands, and what it does to one that it touches.
-See `laws.touch`."""
+"""Contact of a particle with triangles, of its own balloon or another: geometry and forces.
+
+See `laws.touch`.
+"""
 
 from functools import cache
 from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.laws.contact import friction_between, own_friction
 from balloon_warp.kernels.laws.touch import (
     NEAR,
     across,
@@ -23,22 +24,22 @@ from balloon_warp.kernels.tables import Tables, row_of_world
 from balloon_warp.kernels.traits import Traits
 
 AS_NEAR = wp.constant(1.0e-5)
-"""by which part two triangles are as near, at an edge that they share"""
+"""Relative difference of distance below which two triangles count as equally near, at a shared edge"""
 FARTHEST = wp.constant(1.0e30)
-"""square of a distance [m^2] that is nobody's"""
+"""Squared distance beyond all others [m^2]"""
 LITTLE = wp.constant(0.01)
-"""of a weight, by which what is met may be beyond an edge"""
+"""Barycentric weight by which a contact may be beyond an edge"""
 SOON = wp.constant(2.0)
-"""substeps before which what will touch is counted"""
+"""Number of substeps ahead in which a coming contact is counted"""
 CAREFUL = wp.constant(0.99)
-"""of a distance: more than rounding"""
+"""Fraction of a distance that is safe from rounding"""
 APART_RATE = wp.constant(10.0)
-"""at which what overlaps from the start comes apart [1/s]"""
+"""Rate at which an overlap from the start decays [1/s]"""
 
 
 @wp.struct
 class Place:
-    """Where a particle stands beside a triangle."""
+    """Position of a particle relative to a triangle."""
 
     weights: wp.vec3  # of the nearest point
     arm: wp.vec3  # from there to the particle [m]
@@ -50,7 +51,7 @@ class Place:
 
 @wp.func
 def place_beside(point: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3):
-    """Of a particle beside a triangle, without normal and gap."""
+    """Return the position of a particle relative to a triangle, without normal and gap."""
     place = Place()
     place.weights = nearest_weights(point, a, b, c)
     place.arm = point - weighted(place.weights, a, b, c)
@@ -61,7 +62,7 @@ def place_beside(point: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3):
 
 @wp.func
 def faced(place: Place, a: wp.vec3, b: wp.vec3, c: wp.vec3):
-    """The same with normal and gap."""
+    """Return the position of a particle relative to a triangle, with normal and gap."""
     place.normal = facing(place.arm, place.weights, place.area_vector)
     place.gap = wp.dot(place.arm, place.normal)
     # beside an edge, so near that it is taken along the normal: what is met is below it, a little beyond the edge
@@ -78,15 +79,18 @@ def faced(place: Place, a: wp.vec3, b: wp.vec3, c: wp.vec3):
 
 @wp.func
 def steepness(place: Place):
-    """How much of the arm is along the triangle's normal, from 0 to 1."""
+    """Return the cosine between the arm and the triangle's normal, from 0 to 1."""
     rise = wp.abs(wp.dot(place.arm, place.area_vector))
     return quotient(rise, wp.length(place.arm) * wp.length(place.area_vector))
 
 
 @wp.func
 def is_nearer(place: Place, other: Place):
-    """Than another triangle; of two that share the nearest point, the one that faces the particle: it says on which
-    side that is."""
+    """Return whether a triangle is nearer than another.
+
+    Of two that share the nearest point, the one that faces the particle counts as nearer: it says on which side that
+    is.
+    """
     if wp.abs(place.squared - other.squared) <= AS_NEAR * other.squared:
         return steepness(place) > steepness(other)
     return place.squared < other.squared
@@ -94,7 +98,7 @@ def is_nearer(place: Place, other: Place):
 
 @cache
 def skin_functions(traits: Traits) -> tuple[Any, Any]:
-    """The functions that give thickness [m] and stiffness [N/m] between two balloons."""
+    """Return the functions for the contact's thickness [m] and stiffness [N/m] between two balloons."""
     split = traits.columns.balloon_width
     thickness_column = traits.columns.places["touch_thickness"] - split
     stiffness_column = traits.columns.places["touch_stiffness"] - split
@@ -107,7 +111,7 @@ def skin_functions(traits: Traits) -> tuple[Any, Any]:
 
     @wp.func
     def stiffness_between(t: Tables, world: wp.int32, first: wp.int32, second: wp.int32):
-        """Of one after the other, so that two alike are as stiff as each."""
+        """Return the contact stiffness of two skins in series, scaled so that two equal ones are as stiff as each."""
         said = t.world_numbers[row_of_world(world, t.world_numbers.shape[0]), stiffness_column]
         row = row_of_world(world, t.touch.stiffness.shape[0])
         a = t.touch.stiffness[row, first]
@@ -117,27 +121,9 @@ def skin_functions(traits: Traits) -> tuple[Any, Any]:
     return thickness_between, stiffness_between
 
 
-@cache
-def pair_friction_function(traits: Traits) -> Any:
-    """The function that gives Coulomb's coefficient between two balloons."""
-    touch_column = traits.columns.places["touch_friction"] - traits.columns.balloon_width
-    own_column = traits.columns.places["balloon_friction"]
-
-    @wp.func
-    def pair_friction(t: Tables, world: wp.int32, first: wp.int32, second: wp.int32):
-        said = t.world_numbers[row_of_world(world, t.world_numbers.shape[0]), touch_column]
-        row = row_of_world(world, t.balloon_numbers.shape[0])
-        return friction_between(
-            own_friction(t.balloon_numbers[row, first, own_column], said),
-            own_friction(t.balloon_numbers[row, second, own_column], said),
-        )
-
-    return pair_friction
-
-
 @wp.struct
 class Touching:
-    """What a contact is told, beside where it is."""
+    """Parameters of a contact, besides its geometry."""
 
     side: float  # 1 in front of the triangle, -1 behind it
     overlap: float  # [m]
@@ -162,13 +148,13 @@ class Pushes:
 
 @wp.func
 def what_pushes(pushed: float, overlap: float, approach: float, step_seconds: float):
-    """How much of an overlap pushes [m]: what came about by moving, so that it has taken the energy that it gives.
+    """Return the part of an overlap that pushes [m].
 
-    The rest was there at the start, or is there because another triangle, or another side, has become the nearest. It
-    begins to push slowly.
+    It is the part that came about by moving, so that it has taken the energy that it gives. The rest was there at the
+    start, or is there because another triangle, or another side, has become the nearest; it begins to push slowly.
 
     Args:
-        pushed: how much did before [m].
+        pushed: Part that pushed before [m].
     """
     before = wp.min(pushed, overlap)
     rest = overlap - before
@@ -179,8 +165,10 @@ def what_pushes(pushed: float, overlap: float, approach: float, step_seconds: fl
 
 @wp.func
 def reach_of(place: Place, corners: wp.mat33):
-    """G of each corner, row by row [1/m]; nothing where the arm is longer than the triangle is high, which would need
-    forces out of all proportion."""
+    """Return G of each corner, row by row [1/m].
+
+    Zero where the arm is longer than the triangle is high, which would need excessively large forces.
+    """
     first = reach_gradient(place.normal, corners[2] - corners[1], place.area_vector)
     second = reach_gradient(place.normal, corners[0] - corners[2], place.area_vector)
     third = reach_gradient(place.normal, corners[1] - corners[0], place.area_vector)
@@ -192,11 +180,12 @@ def reach_of(place: Place, corners: wp.mat33):
 
 @wp.func
 def is_clear(side: float, place: Place, thickness: float, seconds: float, velocity: wp.vec3, moving: wp.mat33):
-    """Whether a particle is so far in front of its nearest triangle that it does not touch, nor would `comes_at` find
-    that it does soon: which most are that are looked at, and what is cheaper to see than the rest.
+    """Return whether a particle is so far in front of its nearest triangle that there is no contact now or soon.
+
+    Most particles are, and this test costs less than `comes_at`.
 
     Args:
-        seconds: within which it would.
+        seconds: Time within which a contact counts.
     """
     distance = wp.sqrt(place.squared)
     along_arm = place.squared > NEAR * NEAR * wp.length(place.area_vector)  # where the gap is the distance
@@ -207,7 +196,7 @@ def is_clear(side: float, place: Place, thickness: float, seconds: float, veloci
 
 @wp.func
 def comes_at(told: Touching, place: Place, velocity: wp.vec3, moving: wp.mat33):
-    """Whether a particle touches, or does so two substeps later if it goes on: until then it is counted."""
+    """Return whether a particle touches, or will within two substeps at its velocity: such contacts are counted."""
     relative = velocity - weighted(place.weights, moving[0], moving[1], moving[2])
     approach = -told.side * wp.dot(relative, place.normal)
     return told.overlap + SOON * told.step_seconds * wp.max(approach, 0.0) > 0.0
@@ -215,8 +204,10 @@ def comes_at(told: Touching, place: Place, velocity: wp.vec3, moving: wp.mat33):
 
 @wp.func
 def corner_counts(place: Place, corners: wp.mat33):
-    """How much of a contact it is to each corner of a triangle: how much of its forces they bear. To the particle it is
-    a whole one."""
+    """Return the share of each corner of a triangle in a contact's count, by the forces that it bears.
+
+    The particle counts a whole contact.
+    """
     reach = reach_of(place, corners)
     arm = wp.abs(place.gap)
     return place.weights + arm * wp.vec3(wp.length(reach[0]), wp.length(reach[1]), wp.length(reach[2]))
@@ -224,12 +215,12 @@ def corner_counts(place: Place, corners: wp.mat33):
 
 @wp.func
 def touch(told: Touching, place: Place, hold: wp.vec4, velocity: wp.vec3, corners: wp.mat33, moving: wp.mat33):
-    """What a contact does.
+    """Return the forces of a contact.
 
     Args:
-        hold: what the state keeps of the particle, before.
-        corners: of the triangle, row by row [m].
-        moving: their velocities [m/s].
+        hold: State of the particle's contact before.
+        corners: Positions of the triangle's corners, row by row [m].
+        moving: Velocities of the corners [m/s].
     """
     normal = told.side * place.normal
     gap = told.side * place.gap

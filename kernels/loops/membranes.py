@@ -33,7 +33,7 @@ from balloon_warp.kernels.traits import Traits
 
 @wp.func
 def pulls_on_corners(ab: Any, bc: Any, cd: Any, da: Any, along: Any, mixed: Any, back: Any):
-    """The forces on the corners of a quad [N], or those of eight: what the ends of each edge do to each other.
+    """Return the forces on the corners of a quad [N], or of eight quads: those on the ends of each edge are opposite.
 
     Args:
         along: T11 of the triangle at each corner [N/m].
@@ -51,7 +51,7 @@ def pulls_on_corners(ab: Any, bc: Any, cd: Any, da: Any, along: Any, mixed: Any,
 def pulls_between_corners(
     ab: wp.vec3, bc: wp.vec3, cd: wp.vec3, da: wp.vec3, ac: wp.vec3, bd: wp.vec3, along: wp.vec4, across: wp.vec2
 ):
-    """The forces on the corners of a quad [N], which add up to nothing.
+    """Return the forces on the corners of a quad [N], whose sum is zero.
 
     Args:
         along: what edges pull with, over their vectors [N/m].
@@ -65,14 +65,14 @@ def pulls_between_corners(
 
 @cache
 def tension_function(traits: Traits) -> Any:
-    """The function that gives the tensions along a triangle's edges."""
+    """Return the function for the tensions along a triangle's edges."""
     slopes_of_law = choice_of_laws(traits.membranes, traits.columns)
     columns = traits.columns.places
     thickness, wrinkling, damping = (columns[name] for name in ("thickness", "wrinkling", "film_viscosity"))
 
     @wp.func
     def tension(metric: wp.vec3, rate: wp.vec3, rest: wp.vec4, material: wp.int32, n: Any, lane: wp.int32):
-        """T11, T12 and T22 [N/m].
+        """Return T11, T12 and T22 [N/m].
 
         Args:
             metric: d1 . d1, d1 . d2 and d2 . d2 [m^2].
@@ -110,14 +110,16 @@ def tension_function(traits: Traits) -> Any:
 
 @cache
 def taut_tension_function(traits: Traits) -> Any:
-    """The function that gives them of a triangle that is surely taut, sooner; see `how_surely_taut`. It has no damping
-    of its own."""
+    """Return a faster function for the tensions of a triangle that is surely taut, without damping.
+
+    See `how_surely_taut`.
+    """
     slopes_of_law = choice_of_laws(traits.membranes, traits.columns)
     thickness = traits.columns.places["thickness"]
 
     @wp.func
     def taut_tension(metric: wp.vec3, rest: wp.vec4, material: wp.int32, n: Any, lane: wp.int32):
-        """T11, T12 and T22 [N/m]."""
+        """Return T11, T12 and T22 [N/m]."""
         trace, det = trace_and_det(metric, rest)
         _trace, _det, spread = invariants_of(mixed_stretch(metric, rest))  # left out where no law asks for it
         by_trace, by_det = slopes_of_law(trace, det, spread, material, n, lane)
@@ -129,7 +131,7 @@ def taut_tension_function(traits: Traits) -> Any:
 
 @cache
 def taut_stiffness_function(traits: Traits) -> Any:
-    """The function that gives what the edges pull with of a triangle that is surely taut, by its shape at rest."""
+    """Return the function for the edge tensions of a triangle that is surely taut, from its shape at rest."""
     slopes_of_law = choice_of_laws(traits.membranes, traits.columns)
     thickness = traits.columns.places["thickness"]
 
@@ -147,7 +149,7 @@ def taut_stiffness_function(traits: Traits) -> Any:
 
 @cache
 def skin_function(traits: Traits) -> Any:
-    """The function that gives, of laws that are `Law.linear`, their slope by the trace times the thickness [N/m]."""
+    """Return the function for the slope by the trace times the thickness [N/m], for laws that are `Law.linear`."""
     slopes_of_law = choice_of_laws(traits.membranes, traits.columns)
     thickness = traits.columns.places["thickness"]
 
@@ -161,12 +163,12 @@ def skin_function(traits: Traits) -> Any:
 
 @cache
 def triangle_pull(traits: Traits) -> Any:
-    """The function that gives what a triangle does to the corner that its two edges begin at."""
+    """Return the function for a triangle's force on the corner that its two edges begin at."""
     tension = tension_function(traits)
 
     @wp.func
     def pull_of_triangle(d1: wp.vec3, d2: wp.vec3, v1: wp.vec3, v2: wp.vec3, rest: wp.vec4, material: wp.int32, n: Any):
-        """The force on it, and those on the ends of both edges [N].
+        """Return the force on a particle, and those on the ends of both edges [N].
 
         Args:
             d1: the first edge [m].
@@ -186,7 +188,7 @@ def triangle_pull(traits: Traits) -> Any:
 
 @cache
 def material_reader(traits: Traits) -> Any:
-    """The function that reads which of the laws a balloon's membrane has."""
+    """Return the function that reads the number of a balloon's membrane law."""
 
     @wp.func
     def material_of(membranes: MembraneTable, balloon: wp.int32):
@@ -200,7 +202,7 @@ def material_reader(traits: Traits) -> Any:
 
 @cache
 def wear_reader(traits: Traits) -> Any:
-    """The function that reads what is left of a triangle's tension, once `wear` has found it."""
+    """Return the function that reads the factor on a triangle's tension that `wear` has found."""
 
     @wp.func
     def left_of(membranes: MembraneTable, world: wp.int32, triangle: wp.int32):
@@ -211,7 +213,7 @@ def wear_reader(traits: Traits) -> Any:
 
 @cache
 def membrane_loop(traits: Traits, at: Any, velocity_at: Any) -> Any:
-    """The function that sums the triangles of a particle."""
+    """Return the function that sums the triangles of a particle."""
     pull_of_triangle = triangle_pull(traits)
     material_of = material_reader(traits)
     left_of = wear_reader(traits)
@@ -228,7 +230,7 @@ def membrane_loop(traits: Traits, at: Any, velocity_at: Any) -> Any:
         velocity: wp.vec3,
         n: Any,
     ):
-        """Net force of the membrane on a particle [N]."""
+        """Return the net force of the membrane on a particle [N]."""
         force = wp.vec3()
         material = material_of(membranes, balloon)
         begin = first_entry(membranes.slice_offsets, particle)

@@ -27,19 +27,19 @@ class Solids:
 
     centers: wp.array2d[Lanes3]
     motions: wp.array2d[Lanes3]
-    """how fast they move [m/s]"""
+    """Velocities of solids [m/s]"""
     reaches: wp.array2d[Lanes]
-    """how far from their centers something may be met, squared [m^2]"""
+    """Squared distances from their centers within which contact is possible [m^2]"""
 
 
 @cache
 def solid_function(traits: Traits) -> Any:
-    """The function that gives center, velocity and squared reach of a sphere or an obstacle."""
+    """Return the function for center, velocity and squared reach of a sphere or an obstacle."""
     center_at = center_function(traits) if traits.stands_on_fixtures else None
 
     @wp.func
     def solid_at(t: Tables, state: WorldState, world: wp.int32, solid: wp.int32, end: float):
-        """As a step ends."""
+        """Return a solid at the end of a step."""
         spheres = state.sphere_positions.shape[1]
         center = wp.vec3()
         motion = wp.vec3()
@@ -62,7 +62,7 @@ def solid_function(traits: Traits) -> Any:
 
 @cache
 def near_function(traits: Traits) -> Any:
-    """The function that says whether any particle, which has moved at a velocity, may meet something."""
+    """Return the function that returns whether any of the particles, which have velocities, may touch a solid."""
     height = traits.columns.places["ground_height"]
 
     @wp.func
@@ -82,12 +82,12 @@ def near_function(traits: Traits) -> Any:
 
 
 def near_solids(traits: Traits, look: Any) -> Any:
-    """The same, as phases ask it that a particle ends with: of where it has gone."""
+    """Return the near-solid test for phases after a particle has moved."""
     return near_function(traits)
 
 
 def heads_for_solids(traits: Traits, look: Any) -> Any:
-    """The same, as phases ask it that look ahead: of where its course leads."""
+    """Return the near-solid test for phases before a particle moves, by its expected course."""
     is_near = near_function(traits)
 
     @wp.func

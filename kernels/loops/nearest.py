@@ -1,4 +1,4 @@
-"""What a free rigid body may meet: the ground, obstacles and other bodies, numbered in this order."""
+"""Things that a free rigid body may touch: the ground, obstacles and other bodies, numbered in this order."""
 
 from functools import cache
 from typing import Any
@@ -8,6 +8,7 @@ import warp as wp
 from balloon_warp.kernels.contact_tables import Solid
 from balloon_warp.kernels.laws.rigid import turned_by
 from balloon_warp.kernels.loops.fixture_poses import pose_function
+from balloon_warp.kernels.loops.friction import GROUND, number_of_body, number_of_obstacle
 from balloon_warp.kernels.loops.solids import surface_function
 from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
 from balloon_warp.kernels.traits import Traits
@@ -25,19 +26,19 @@ class Thing:
     solid: Solid  # of an obstacle or a body
     velocity: wp.vec3  # if it goes where it is told [m/s]
     spin: wp.vec3  # likewise [rad/s]
-    friction: float
+    number: wp.int32  # among all, as friction has it
+    friction: float  # with the body that is near it
     restitution: float
 
 
 @cache
 def thing_functions(traits: Traits) -> tuple[Any, Any, Any, Any]:
-    """The functions that say how many things there are, what a body and what any is, and how far its surface is from a
-    point."""
+    """Return functions for the number of things, for a body, for any thing, and for its distance to a point."""
     pose_at = pose_function(traits) if traits.fixtures else None
     surface_at = surface_function(traits.body_meshes or traits.fixture_meshes)
     split = traits.columns.balloon_width
-    height, ground_friction, ground_restitution = (
-        traits.columns.places[name] - split for name in ("ground_height", "ground_friction", "ground_restitution")
+    height, ground_restitution = (
+        traits.columns.places[name] - split for name in ("ground_height", "ground_restitution")
     )
 
     @wp.func
@@ -49,7 +50,7 @@ def thing_functions(traits: Traits) -> tuple[Any, Any, Any, Any]:
 
     @wp.func
     def body_in(t: Tables, state: WorldState, world: wp.int32, body: wp.int32):
-        """A body as such a thing."""
+        """Return a body as a thing that bodies may touch."""
         thing = Thing()
         thing.fixture = -1
         thing.other = body
@@ -57,13 +58,13 @@ def thing_functions(traits: Traits) -> tuple[Any, Any, Any, Any]:
         thing.turn = state.body_turns[world, body]
         thing.solid = t.bodies.solids[body]
         thing.reach = thing.solid.reach
-        thing.friction = t.bodies.friction[row_of_world(world, t.bodies.friction.shape[0]), body]
+        thing.number = number_of_body(t, body)
         thing.restitution = t.bodies.restitution[row_of_world(world, t.bodies.restitution.shape[0]), body]
         return thing
 
     @wp.func
     def thing_at(t: Tables, state: WorldState, world: wp.int32, number: wp.int32, time: float):
-        """As it is when a step begins at that time, and as it moves then."""
+        """Return a thing as it is and moves when a step begins at a time."""
         thing = Thing()
         thing.fixture = -1
         thing.other = number - 1
@@ -71,7 +72,7 @@ def thing_functions(traits: Traits) -> tuple[Any, Any, Any, Any]:
             row = row_of_world(world, t.world_numbers.shape[0])
             thing.reach = wp.where(wp.static(traits.ground), wp.inf, -wp.inf)
             thing.center = t.world_numbers[row, height] * t.up
-            thing.friction = t.world_numbers[row, ground_friction]
+            thing.number = GROUND
             thing.restitution = t.world_numbers[row, ground_restitution]
         elif wp.static(traits.fixtures):
             fixture = number - 1
@@ -86,8 +87,7 @@ def thing_functions(traits: Traits) -> tuple[Any, Any, Any, Any]:
                 thing.reach = thing.solid.reach
                 thing.velocity = pose.velocity
                 thing.spin = pose.spin
-                row = row_of_world(world, t.fixtures.frictions.shape[0])
-                thing.friction = t.fixtures.frictions[row, fixture]
+                thing.number = number_of_obstacle(fixture)
                 row = row_of_world(world, t.fixtures.restitutions.shape[0])
                 thing.restitution = t.fixtures.restitutions[row, fixture]
         if thing.other >= 0:
@@ -96,7 +96,7 @@ def thing_functions(traits: Traits) -> tuple[Any, Any, Any, Any]:
 
     @wp.func
     def gap_to(t: Tables, thing: Thing, point: wp.vec3, radius: float, within: float):
-        """From its surface to a point's [m], and the normal there; not measured where it is more than `within`."""
+        """Return the gap from a thing's surface to a point's [m], up to `within`, and the normal there."""
         arm = point - thing.center
         gap = wp.dot(arm, t.up) - radius
         normal = t.up

@@ -20,7 +20,7 @@ from balloon_warp.kernels.traits import Traits
 
 
 class Loops(NamedTuple):
-    """What a particle goes through. The functions take the particle's `own`, one or eight at a time."""
+    """Loops over the forces on a particle; they take the particle's `own`, one or eight at a time."""
 
     around: Any
     """(t, points, velocities, own, springs, point, velocity, time) to the net force of its springs, and where they are
@@ -31,18 +31,19 @@ class Loops(NamedTuple):
     water_load: Any
     """(t, points, own)"""
     particle_laws: Any
-    """the force so far, what laws on a particle are told, and the row of its numbers, to the force with theirs"""
+    """Function from the force so far, the inputs of laws on a particle, and the row of its numbers, to the sum with
+    these laws"""
 
 
 @cache
 def net_force_function(traits: Traits, loops: Loops) -> Any:
-    """The function that sums the forces on a particle."""
+    """Return the function that sums the forces on a particle."""
     others = loops.others is not None
     area_vector_of_holes = hole_loop(vector_at) if traits.bursts and traits.measures_areas else None
 
     @wp.func
     def net_force(t: Any, points: Any, velocities: Any, own: Any, springs: Any, point: Any, velocity: Any, time: float):
-        """The force [N], and where they are needed and found on the way, area vector and A_p n of the particle [m^2].
+        """Return the net force [N], and where they are needed, area vector and A_p n of the particle [m^2].
 
         Args:
             velocities: of all particles, where a law asks for its neighbors'.
@@ -73,7 +74,7 @@ def net_force_function(traits: Traits, loops: Loops) -> Any:
 def one_after_the_other(
     traits: Traits, pull_of_springs: Any, area_vector_of_own: Any, facing_of_own: Any = None
 ) -> Any:
-    """The function that goes through a particle's springs, and then around its faces."""
+    """Return the function that loops over a particle's springs, and then over its faces."""
 
     @wp.func
     def around(t: Any, points: Any, velocities: Any, own: Any, springs: Any, point: Any, velocity: Any, time: float):
@@ -94,7 +95,7 @@ def one_after_the_other(
 def scalar_loops(
     traits: Traits, at: Any, springs: Any = None, area_vector: Any = None, facing: Any = None, aims: bool = False
 ) -> Loops:
-    """The loops for one particle at a time.
+    """Return the loops for one particle at a time.
 
     Args:
         at: the function that reads a point.
@@ -114,7 +115,7 @@ def scalar_loops(
 
     @wp.func
     def other_pulls(t: Tables, points: Any, velocities: Any, own: Any, point: wp.vec3, velocity: wp.vec3, time: float):
-        """Net force of strings, hinges, faces and membranes [N]."""
+        """Return the net force of strings, hinges, faces and membranes [N]."""
         force = wp.vec3()
         if wp.static(traits.has("string")):
             force += sum_strings(t.strings, own.world, own.number, point, velocity, own.n, t.step_seconds, time)
@@ -130,12 +131,12 @@ def scalar_loops(
 
     @wp.func
     def area_vector_of_own(t: Tables, points: Any, own: Any, springs: Any, point: wp.vec3):
-        """[m^2]"""
+        """Return the area vector of a particle [m^2]."""
         return area_vector_of_particle(t.fans, points, own.number, point)
 
     @wp.func
     def water_load_of_own(t: Tables, points: Any, own: Any):
-        """Depth times area vector [m^3], and wetted area [m^2]."""
+        """Return depth times area vector [m^3], and wetted area [m^2]."""
         if wp.static(traits.rings):
             return load_of_particle(t.rings, points, own.number, own.n[level_column], t.up)
         else:

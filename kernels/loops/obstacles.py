@@ -1,20 +1,15 @@
-"""What a particle bumps into: spheres, wherever they are kept, the ground, and what goes where it is told."""
+"""Solids that a particle may touch: spheres, wherever they are kept, the ground, and obstacles."""
 
 from functools import cache
 from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.laws.contact import (
-    friction_on,
-    leave_ground,
-    leave_sphere,
-    out_of_sphere,
-    penalty_force,
-)
+from balloon_warp.kernels.laws.contact import leave_ground, leave_sphere, out_of_sphere, penalty_force
 from balloon_warp.kernels.laws.fixture import MOST_TURNS, is_settled
 from balloon_warp.kernels.loops.fixture_looks import forget_look, is_free
 from balloon_warp.kernels.loops.fixtures import Around, fixture_functions
+from balloon_warp.kernels.loops.friction import GROUND, friction_on
 from balloon_warp.kernels.tables import Tables, sphere_penalty
 from balloon_warp.kernels.traits import Traits
 
@@ -31,7 +26,7 @@ def leave_one_sphere(
     velocity: wp.vec3,
     inflation: wp.vec3,
 ):
-    """The point and velocity of a particle out of a sphere, by the paper's rule, and the force on the sphere [N]."""
+    """Return a particle's point and velocity out of a sphere, by the paper's rule, and the force on the sphere [N]."""
     out, stopped, outward = leave_sphere(point, velocity, center, motion, radius, t.up)
     push = penalty_force(sphere_penalty(t.spheres, world, sphere), inflation, outward)
     return out, stopped, push
@@ -39,20 +34,17 @@ def leave_one_sphere(
 
 @cache
 def around_function(traits: Traits) -> Any:
-    """The function that says what a particle has around it, of what it knows of itself."""
+    """Return the function that returns a particle's surroundings, from its own parameters."""
     height_column = traits.columns.places["ground_height"]
-    ground_column = traits.columns.places["ground_friction"]
-    own_column = traits.columns.places["balloon_friction"]
 
     @wp.func
     def around_own(own: Any, time: float):
-        """At the end of a step [s]."""
+        """Return the surroundings of a particle at the end of a step [s]."""
         around = Around()
         around.world = own.world
         around.particle = own.number
         around.ground_height = own.n[height_column]
-        around.friction = own.n[own_column]
-        around.ground_friction = friction_on(around.friction, own.n[ground_column])
+        around.balloon = own.balloon
         around.time = time
         return around
 
@@ -61,7 +53,7 @@ def around_function(traits: Traits) -> Any:
 
 @cache
 def standing_function(traits: Traits) -> Any:
-    """The function that lets a particle stand on the ground, and on obstacles that go where they are told."""
+    """Return the function that holds a particle out of the ground and obstacles."""
     leave_fixtures = fixture_functions(traits)[0] if traits.stands_on_fixtures else None
 
     @wp.func
@@ -71,8 +63,11 @@ def standing_function(traits: Traits) -> Any:
         point: wp.vec3,
         velocity: wp.vec3,
     ):
-        """Its point and velocity outside; most are above the ground and go on at once. Where one may have moved it
-        into another, all have another turn. If they do not agree, it stays where it was, outside of what rests."""
+        """Return a particle's point and velocity outside of all obstacles.
+
+        Most particles are above the ground and return at once. Where one obstacle may have pushed it into another, all
+        take another turn. If they do not agree, the particle stays at its previous place, outside of what rests.
+        """
         start = point - t.step_seconds * velocity
         turns = wp.int32(0)
         while turns < MOST_TURNS:
@@ -86,9 +81,8 @@ def standing_function(traits: Traits) -> Any:
                 again = moved and crowded
             if wp.static(traits.ground):
                 if wp.dot(point, t.up) < around.ground_height:
-                    stood, after = leave_ground(
-                        point, velocity, t.up, around.ground_height, around.ground_friction, t.step_seconds
-                    )
+                    friction = friction_on(t, around.world, around.balloon, GROUND)
+                    stood, after = leave_ground(point, velocity, t.up, around.ground_height, friction, t.step_seconds)
                     point = stood
                     velocity = after
                     if wp.static(traits.stands_on_fixtures):
@@ -110,7 +104,7 @@ def standing_function(traits: Traits) -> Any:
 
 @cache
 def obstacle_loop(traits: Traits, sphere_at: Any, add_force: Any) -> Any:
-    """The function that lets a particle leave the ground, obstacles, and by the paper's rule spheres.
+    """Return the function that moves a particle out of the ground, obstacles, and by the paper's rule spheres.
 
     Args:
         sphere_at: the function that gives a sphere's center, velocity and radius.
@@ -127,7 +121,10 @@ def obstacle_loop(traits: Traits, sphere_at: Any, add_force: Any) -> Any:
         velocity: wp.vec3,
         inflation: wp.vec3,
     ):
-        """Its point and velocity outside at the end of a step; each sphere gets its force."""
+        """Return a particle's point and velocity outside of all solids at the end of a step.
+
+        Each sphere gets its force.
+        """
         if wp.static(traits.penalties):
             for sphere in range(spheres_there):
                 center, motion, radius = sphere_at(t, spheres, around.world, sphere)
@@ -149,7 +146,7 @@ def obstacle_loop(traits: Traits, sphere_at: Any, add_force: Any) -> Any:
 
 @cache
 def detour_function(traits: Traits, sphere_at: Any) -> Any:
-    """The function that foresees how obstacles turn a particle aside.
+    """Return the function that foresees how obstacles deflect a particle.
 
     Args:
         sphere_at: the function that gives a sphere's center, velocity and radius.
@@ -159,8 +156,10 @@ def detour_function(traits: Traits, sphere_at: Any) -> Any:
 
     @wp.func
     def detour_beside_obstacles(t: Tables, spheres: Any, around: Around, point: wp.vec3, velocity: wp.vec3):
-        """By how much they change the velocity of a particle in a step, and the normal of the last one that it meets;
-        zero if none."""
+        """Return the velocity change of a particle by obstacles in a step, and the normal of the last that it meets.
+
+        Zero if it meets none.
+        """
         end = point + t.step_seconds * velocity
         outside = end
         normal = wp.vec3()
@@ -176,9 +175,8 @@ def detour_function(traits: Traits, sphere_at: Any) -> Any:
             normal = outward
         if wp.static(traits.ground):
             if wp.dot(outside, t.up) < around.ground_height:
-                stood, _slowed = leave_ground(
-                    outside, velocity, t.up, around.ground_height, around.ground_friction, t.step_seconds
-                )
+                friction = friction_on(t, around.world, around.balloon, GROUND)
+                stood, _slowed = leave_ground(outside, velocity, t.up, around.ground_height, friction, t.step_seconds)
                 outside = stood
                 normal = t.up
         return (outside - end) / t.step_seconds, normal

@@ -1,4 +1,4 @@
-"""What a quad of a membrane pulls with along edges and diagonals, by what is known of its four triangles at rest."""
+"""Tensions of a membrane quad along edges and diagonals, from the rest data of its four triangles."""
 
 from functools import cache
 from typing import Any, NamedTuple
@@ -18,14 +18,14 @@ from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
 
 PART = wp.constant(0.5)
-"""of the thickness that each of a quad's four triangles has"""
+"""Fraction of the thickness that each of a quad's four triangles has"""
 
 
 class QuadTensions(NamedTuple):
-    """How quads pull."""
+    """Functions for the tensions of quads."""
 
     rest: Any
-    """what a thread keeps of one, a type"""
+    """Type of the rest data that a thread keeps of a quad"""
     read: Any
     """(t, face, material, n): that, which holds as long as the balloon's numbers do"""
     pulls: Any
@@ -35,7 +35,7 @@ class QuadTensions(NamedTuple):
 
 @wp.struct
 class Shapes:
-    """Of the triangle at each corner of a quad, see `rest_of_shape`."""
+    """Rest shapes of the triangles at each corner of a quad, see `rest_of_shape`."""
 
     a: wp.vec4
     b: wp.vec4
@@ -45,13 +45,13 @@ class Shapes:
 
 @wp.func
 def shape_of(t: Tables, corner: wp.int32, face: wp.int32):
-    """Of one of its triangles."""
+    """Return the rest shape of one of a quad's triangles."""
     return four_floats_at(t.membranes.films.rests, corner * t.membranes.films.corners.shape[0] + face)
 
 
 @wp.func
 def shapes_of(t: Tables, face: wp.int32):
-    """Of a quad."""
+    """Return the rest shapes of a quad."""
     shapes = Shapes()
     shapes.a = shape_of(t, 0, face)
     shapes.b = shape_of(t, 1, face)
@@ -62,28 +62,28 @@ def shapes_of(t: Tables, face: wp.int32):
 
 @wp.struct
 class Sums:
-    """Of a quad whose law is `Law.linear`, with the k that a triangle's pulls are in proportion to [N/m]."""
+    """Rest sums of a quad whose law is `Law.linear`, with the k that its tensions are proportional to [N/m]."""
 
     along: wp.vec4
-    """of each edge the sum of the cotangents opposite, times k"""
+    """Sum of the opposite cotangents of each edge, times k"""
     across: wp.vec2
-    """the same of both diagonals"""
+    """Sum of the opposite cotangents of both diagonals, times k"""
     roots: wp.vec4
-    """of each triangle the root of k / s^3, s the last number of its shape: the square of this over det M is what an
-    edge's pull has less for each product opposite"""
+    """Root of k / s^3 of each triangle, s the last number of its shape: its square over det M, times each opposite
+    product, is subtracted from an edge's tension"""
     steep: wp.vec2
-    """what the squares of two opposite edges add to a triangle's trace at most, over its shape's last number and k"""
+    """Largest contribution of two opposite squared edges to a triangle's trace, over its shape's last number and k"""
 
 
 def quad_tensions(traits: Traits) -> QuadTensions:
-    """For the laws of a scene."""
+    """Return the tensions of quads for the laws of a scene."""
     linear = all(law.linear for law in traits.membranes)
     return tensions_by_sums(traits) if linear else tensions_by_shapes(traits)
 
 
 @cache
 def tensions_whatever(traits: Traits) -> Any:
-    """The function of metrics, shapes, what was before, material and numbers, whatever a quad's state."""
+    """Return the function of metrics, shapes, the sum so far, material and numbers, for any state of a quad."""
     tension = tension_function(traits)
 
     @wp.func
@@ -109,7 +109,7 @@ def tensions_whatever(traits: Traits) -> Any:
 
 @cache
 def tensions_by_shapes(traits: Traits) -> QuadTensions:
-    """For any laws."""
+    """Return the tensions of quads for any laws."""
     taut_stiffness, pulls_whatever = taut_stiffness_function(traits), tensions_whatever(traits)
 
     @wp.func
@@ -135,15 +135,17 @@ def tensions_by_shapes(traits: Traits) -> QuadTensions:
     def along_edge(
         before: float, a: wp.vec2, shape_a: wp.vec4, metric_a: wp.vec3, b: wp.vec2, shape_b: wp.vec4, metric_b: wp.vec3
     ):
-        """What pulls along the edge that is the first of one triangle and the second of another [N/m], and what was
-        found before: product by product, each added by an instruction."""
+        """Return the tension along the edge that is the first of one triangle and the second of another [N/m].
+
+        It is added to `before`, product by product, each with one instruction.
+        """
         first = products_at_angles(metric_a)
         second = products_at_angles(metric_b)
         return before + a[0] * shape_a[0] + a[1] * first[0] + b[0] * shape_b[1] + b[1] * second[1]
 
     @wp.func
     def across_quad(a: wp.vec2, shape_a: wp.vec4, metric_a: wp.vec3, c: wp.vec2, shape_c: wp.vec4, metric_c: wp.vec3):
-        """The same of the diagonal that is the third edge of both."""
+        """Return the tension along the diagonal that is the third edge of both triangles [N/m]."""
         return a[0] * shape_a[2] + a[1] * metric_a[1] + c[0] * shape_c[2] + c[1] * metric_c[1]
 
     @wp.func
@@ -175,7 +177,10 @@ def tensions_by_shapes(traits: Traits) -> QuadTensions:
 
 @cache
 def tensions_by_sums(traits: Traits) -> QuadTensions:
-    """For laws that are `Law.linear`: of a taut quad the parts that no stretch changes are summed up ahead."""
+    """Return the tensions of quads for laws that are `Law.linear`.
+
+    The constant parts of a taut quad are precomputed.
+    """
     skin_of, pulls_whatever = skin_function(traits), tensions_whatever(traits)
 
     @wp.func
@@ -192,7 +197,7 @@ def tensions_by_sums(traits: Traits) -> QuadTensions:
 
     @wp.func
     def taken(metric: wp.vec3, root: float):
-        """For each product at an angle [N/m^3]."""
+        """Return the part that is subtracted for each product at an angle [N/m^3]."""
         each = root / (metric[0] * metric[2] - metric[1] * metric[1])
         return each * each
 

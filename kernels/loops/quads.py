@@ -15,8 +15,10 @@ class Metrics:
 
 @wp.func
 def products_between(ab: wp.vec3, bc: wp.vec3, cd: wp.vec3, da: wp.vec3):
-    """Of a quad's edges [m^2]: of the first edge of the triangle at each corner with itself, with its second, and of
-    that."""
+    """Return the dot products of a quad's edges [m^2].
+
+    At each corner: of the triangle's first edge with itself, with its second, and of the second with itself.
+    """
     squares = wp.vec4(wp.dot(ab, ab), wp.dot(bc, bc), wp.dot(cd, cd), wp.dot(da, da))
     metrics = Metrics()
     metrics.a = wp.vec3(squares[0], -1.0 * wp.dot(ab, da), squares[3])

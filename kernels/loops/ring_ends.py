@@ -11,7 +11,7 @@ from balloon_warp.kernels.tables import RingTable
 
 @cache
 def ring_ends(at: Any) -> Any:
-    """The function that reads the ends of two springs, as the schedule has them that reads points so."""
+    """Return the function that reads the ends of two springs in the schedule's layout."""
     packed = at is in_tile
 
     @wp.func

@@ -17,7 +17,7 @@ from balloon_warp.kernels.traits import Traits
 
 @cache
 def ring_loop(traits: Traits, at: Any, aims: bool = False) -> Any:
-    """The function that goes around a particle, and then through its flexion springs.
+    """Return the function that loops over the quads around a particle, and then over its flexion springs.
 
     Args:
         aims: whether it finds A_p n, too.
@@ -27,7 +27,7 @@ def ring_loop(traits: Traits, at: Any, aims: bool = False) -> Any:
 
     @wp.func
     def scales_of(t: Tables, entry: wp.int32):
-        """Of two springs."""
+        """Return the factors on the constants of two springs."""
         if wp.static(traits.springs_vary):
             return pair_at(t.rings.scales, entry)
         else:
@@ -44,7 +44,7 @@ def ring_loop(traits: Traits, at: Any, aims: bool = False) -> Any:
         velocity: wp.vec3,
         time: float,
     ):
-        """Net force of the springs [N], and where they are needed the area vector and A_p n [m^2]."""
+        """Return the net force of the springs [N], and where they are needed the area vector and A_p n [m^2]."""
         force = wp.vec3()
         crosses = wp.vec3()
         normal = wp.vec3()

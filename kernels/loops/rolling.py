@@ -1,22 +1,23 @@
-"""How a sphere moves in a step, wherever it is kept, before it meets particles."""
+"""Motion of a sphere in a step, wherever its state is kept, before it meets particles."""
 
 from functools import cache
 from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.laws.contact import bounced, friction_between, move_sphere, stop_of
+from balloon_warp.kernels.laws.contact import bounced, move_sphere, stop_of
 from balloon_warp.kernels.laws.fixture import MOST_TURNS, is_settled
 from balloon_warp.kernels.laws.impulse import fall
 from balloon_warp.kernels.laws.sliding import rubbed
 from balloon_warp.kernels.loops.fixtures import meeting_function
-from balloon_warp.kernels.tables import Tables, row_of_world, sphere_friction, sphere_radius
+from balloon_warp.kernels.loops.friction import GROUND, friction_between, number_of_obstacle, number_of_sphere
+from balloon_warp.kernels.tables import Tables, row_of_world, sphere_radius
 from balloon_warp.kernels.traits import Traits
 
 
 @wp.struct
 class Course:
-    """Where a sphere is, and how it moves."""
+    """Position and velocities of a sphere."""
 
     position: wp.vec3
     velocity: wp.vec3
@@ -34,7 +35,7 @@ def course_of(position: wp.vec3, velocity: wp.vec3, spin: wp.vec3):
 
 @cache
 def rubbing_function(traits: Traits) -> Any:
-    """The function by which a sphere rubs on what gives way to nothing."""
+    """Return the function for the friction of a sphere on something immovable."""
 
     @wp.func
     def rub(
@@ -48,19 +49,19 @@ def rubbing_function(traits: Traits) -> Any:
         friction: float,
         seconds: float,
     ):
-        """Its course, once that has stopped it.
+        """Return a sphere's course after friction at a contact that has stopped it.
 
         Args:
-            moving: how fast the other moves there [m/s].
-            stopped: by how much it has changed the sphere's velocity along the normal [m/s].
-            friction: of the other.
-            seconds: of the step, from when they touch.
+            moving: Velocity of the other surface there [m/s].
+            stopped: Change of the sphere's velocity along the normal [m/s].
+            friction: Coulomb friction coefficient of the pair.
+            seconds: Remaining time of the step from the contact [s].
         """
         if wp.static(traits.spheres_rub):
             if stopped > 0.0:
                 gain, more = rubbed(
                     course.velocity, course.spin, moving, normal, stopped, sphere_radius(t.spheres, world, sphere),
-                    friction_between(sphere_friction(t.spheres, world, sphere), friction),
+                    friction,
                 )  # fmt: skip
                 course.position += seconds * gain
                 course.velocity += gain
@@ -72,28 +73,27 @@ def rubbing_function(traits: Traits) -> Any:
 
 @cache
 def ground_rubbing_function(traits: Traits) -> Any:
-    """The function by which a sphere rubs on the ground."""
+    """Return the function for the friction of a sphere on the ground."""
     rub = rubbing_function(traits)
-    friction = traits.columns.places["ground_friction"] - traits.columns.balloon_width
 
     @wp.func
     def rub_on_ground(t: Tables, world: wp.int32, sphere: wp.int32, course: Course, stopped: float):
-        """As `rub`."""
-        row = row_of_world(world, t.world_numbers.shape[0])
-        return rub(t, world, sphere, course, wp.vec3(), t.up, stopped, t.world_numbers[row, friction], t.step_seconds)
+        """Return a sphere's course after friction on the ground, as in `rub`."""
+        friction = friction_between(t, world, number_of_sphere(t, sphere), GROUND)
+        return rub(t, world, sphere, course, wp.vec3(), t.up, stopped, friction, t.step_seconds)
 
     return rub_on_ground
 
 
 @cache
 def leaving_function(traits: Traits) -> Any:
-    """The function by which a sphere leaves obstacles."""
+    """Return the function that moves a sphere out of obstacles."""
     meet = meeting_function(traits)
     rub = rubbing_function(traits)
 
     @wp.func
     def leave_fixtures(t: Tables, world: wp.int32, sphere: wp.int32, time: float, start: wp.vec3, course: Course):
-        """A sphere out of obstacles, which it leaves at the speed it came with times their restitution.
+        """Return a sphere out of obstacles, which it leaves at the speed it came with times their restitution.
 
         Args:
             time: at the end of the step [s].
@@ -113,10 +113,9 @@ def leaving_function(traits: Traits) -> Any:
                     stopped = stop_of(course.velocity, met.moving, met.normal, restitution)
                     course.position = met.let
                     course.velocity = bounced(course.velocity, met.moving, met.normal, restitution)
-                    row = row_of_world(world, t.fixtures.frictions.shape[0])
-                    its = t.fixtures.frictions[row, fixture]
+                    friction = friction_between(t, world, number_of_sphere(t, sphere), number_of_obstacle(fixture))
                     left = met.part * t.step_seconds
-                    course = rub(t, world, sphere, course, met.moving, met.normal, stopped, its, left)
+                    course = rub(t, world, sphere, course, met.moving, met.normal, stopped, friction, left)
             if fixtures == 1 or is_settled(start, end, course.position):
                 turns = MOST_TURNS
             elif wp.static(not traits.fixtures_move):
@@ -129,7 +128,7 @@ def leaving_function(traits: Traits) -> Any:
 
 @cache
 def rolling_function(traits: Traits) -> Any:
-    """The function that moves a sphere under gravity, beside the ground and obstacles."""
+    """Return the function that moves a sphere under gravity, beside the ground and obstacles."""
     leave_fixtures = leaving_function(traits) if traits.fixtures else None
     rub_on_ground = ground_rubbing_function(traits)
 
@@ -137,12 +136,12 @@ def rolling_function(traits: Traits) -> Any:
     def roll(
         t: Tables, world: wp.int32, sphere: wp.int32, time: float, course: Course, pushed: wp.vec3, around: wp.vec3
     ):
-        """Its course after a step.
+        """Return a sphere's course after a step.
 
         Args:
-            time: at the end of the step [s].
-            pushed: its acceleration by particles, where that is the paper's [m/s^2].
-            around: gravity, the ground's height and its restitution.
+            time: Time at the end of the step [s].
+            pushed: Acceleration by particles, by the paper's rule [m/s^2].
+            around: Gravity, the ground's height and its restitution.
         """
         radius = sphere_radius(t.spheres, world, sphere)
         start = course.position

@@ -11,14 +11,14 @@ from balloon_warp.kernels.laws.grip import Grip, going_on, grip_impulse, has_agr
 
 @wp.func
 def ease_of(masses: wp.array[float], eases: wp.array[wp.mat33d], body: wp.int32, arm: wp.vec3, direction: wp.vec3):
-    """How much faster a body's point becomes along a unit vector by 1 N s [1/kg]."""
+    """Return the inverse effective mass of a body's point along a unit vector [1/kg]."""
     torque = wp.vec3d(wp.cross(arm, direction))
     return 1.0 / masses[body] + float(wp.dot(torque, eases[body] * torque))
 
 
 @wp.func
 def ease_at(masses: wp.array[float], eases: wp.array[wp.mat33d], grip: Grip, direction: wp.vec3):
-    """The same of a point beside what it meets [1/kg]."""
+    """Return the inverse effective mass of a contact along a unit vector [1/kg]."""
     ease = ease_of(masses, eases, grip.body, grip.arm, direction)
     if grip.other >= 0:
         ease += ease_of(masses, eases, grip.other, grip.other_arm, direction)
@@ -27,7 +27,7 @@ def ease_at(masses: wp.array[float], eases: wp.array[wp.mat33d], grip: Grip, dir
 
 @wp.func
 def beside_at(eases: wp.array[wp.mat33d], going: wp.array[wp.vec3d], turning: wp.array[wp.vec3d], grip: Grip):
-    """How fast a point moves beside what it meets [m/s]."""
+    """Return the relative velocity at a contact [m/s]."""
     speed = going[grip.body] + wp.cross(eases[grip.body] * turning[grip.body], wp.vec3d(grip.arm))
     speed -= wp.vec3d(grip.moving)
     if grip.other >= 0:
@@ -44,7 +44,7 @@ def push(
     arm: wp.vec3,
     impulse: wp.vec3,
 ):
-    """A body's point [N s]."""
+    """Apply an impulse at a body's point [N s]."""
     whole = wp.vec3d(impulse)
     going[body] = going[body] + whole / wp.float64(masses[body])
     turning[body] = turning[body] + wp.cross(wp.vec3d(arm), whole)
@@ -54,7 +54,7 @@ def push(
 def push_apart(
     masses: wp.array[float], going: wp.array[wp.vec3d], turning: wp.array[wp.vec3d], grip: Grip, impulse: wp.vec3
 ):
-    """By an impulse on the point, and the opposite on what it meets [N s]."""
+    """Apply an impulse at a contact, and the opposite one on the other thing [N s]."""
     push(masses, going, turning, grip.body, grip.arm, impulse)
     if grip.other >= 0:
         push(masses, going, turning, grip.other, grip.other_arm, -impulse)
@@ -62,7 +62,7 @@ def push_apart(
 
 @wp.func
 def added_at(masses: wp.array[float], eases: wp.array[wp.mat33d], grip: Grip, beside: wp.vec3, rubs: bool):
-    """What a point's impulse is to gain, as it moves now [N s]."""
+    """Return the increment of a contact's impulse for the current velocities [N s]."""
     across = grip.ease
     friction = float(0.0)
     if rubs:
@@ -85,17 +85,17 @@ def settle(
     allowed: float,
     most: wp.int32,
 ):
-    """Let the first points of the list push until they agree; how many sweeps it took.
+    """Iterate the contact impulses of a list to convergence, and return the number of sweeps.
 
     Args:
-        masses: of the bodies of a world [kg].
-        eases: of each, how much spin 1 N m s gives [1/(kg m^2)].
-        going: how fast each goes [m/s].
-        turning: the angular momentum of each [kg m^2/s].
-        grips: the list.
-        rubs: whether there is friction.
-        allowed: by how much a sweep may still change a speed then [m/s].
-        most: sweeps.
+        masses: Masses of the bodies of a world [kg].
+        eases: Inverses of their inertia tensors [1/(kg m^2)].
+        going: Their velocities [m/s].
+        turning: Their angular momenta [kg m^2/s].
+        grips: List of contacts.
+        rubs: Whether there is friction.
+        allowed: Largest change of a speed in a sweep at convergence [m/s].
+        most: Largest number of sweeps.
     """
     for number in range(count):
         grip = grips[number]

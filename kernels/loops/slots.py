@@ -23,23 +23,25 @@ class SlotTable:
     """The springs of each particle in a fixed number of slots for each kind, filled up with springs that do nothing."""
 
     neighbors: wp.array2d[wp.int32]
-    """the particle at the other end, shape (slot_count, particle_count)"""
+    """Particle at the other end, shape (slot_count, particle_count)"""
     scales: wp.array2d[float]
-    """a spring's constant over that of its kind, 0 where there is none, shape (slot_count, particle_count)"""
+    """Spring constants over those of their kinds, 0 where there is no spring, shape (slot_count, particle_count)"""
     rest_lengths: wp.array2d[float]
-    """[m], shape (slot_count, particle_count)"""
+    """Rest lengths [m], shape (slot_count, particle_count)"""
     valences: wp.array[wp.int32]
-    """structural springs of each particle, shape (particle_count,)"""
+    """Number of structural springs of each particle, shape (particle_count,)"""
 
 
 Slots = tuple[int, int, int]
-"""the most springs of each kind at a particle"""
+"""Largest number of springs of each kind at a particle"""
 
 
 @cache
 def springs_reader(traits: Traits, kind_slots: Slots) -> tuple[Any, Any]:
-    """Return the type of what a particle keeps of its springs, and the function that reads it: where there is no
-    particle, all springs lead to its place."""
+    """Return the type that holds a particle's springs, and the function that reads it.
+
+    Where a thread has no particle, all springs lead to its place.
+    """
     shear_begin, flexion_begin = kind_slots[0], kind_slots[0] + kind_slots[1]
     slots, lengths_matter = sum(kind_slots), traits.needs("spring", "rest_length")
     Indices = wp.types.vector(length=max(slots, 1), dtype=wp.int32)  # noqa: N806 - a type
@@ -57,7 +59,7 @@ def springs_reader(traits: Traits, kind_slots: Slots) -> tuple[Any, Any]:
 
     @wp.func
     def read_springs(t: Tables, slot_table: SlotTable, own: Any, place: wp.int32, active: bool):
-        """Into registers."""
+        """Read a particle's springs into registers."""
         mine = Springs()
         mine.valence = slot_table.valences[own.number]
         for slot in range(slots):
@@ -79,7 +81,7 @@ def springs_reader(traits: Traits, kind_slots: Slots) -> tuple[Any, Any]:
 
 @cache
 def slot_pull(traits: Traits) -> Any:
-    """Return the function that gives the force of one spring."""
+    """Return the function for the force of one spring."""
     coefficient = traits.laws_on("spring")
     moving = traits.needs("spring", "opening")
     lengths_matter = traits.needs("spring", "rest_length")
@@ -137,7 +139,7 @@ def slot_loop(traits: Traits, kind_slots: Slots) -> Any:
         velocity: wp.vec3,
         time: float,
     ):
-        """Net force of the springs [N]."""
+        """Return the net force of the springs [N]."""
         force = wp.vec3()
         for slot in range(shear_begin):
             force += pull_of_slot(t, points, velocities, own, springs, slot, own.n[0], point, velocity, time)
@@ -152,7 +154,7 @@ def slot_loop(traits: Traits, kind_slots: Slots) -> Any:
 
 @cache
 def ring_area(shear_begin: int, least_valence: int) -> Any:
-    """Return the function that gives a particle's area vector by the quads between its springs.
+    """Return the function for a particle's area vector by the quads between its springs.
 
     Args:
         shear_begin: slots of structural springs.
@@ -161,7 +163,10 @@ def ring_area(shear_begin: int, least_valence: int) -> Any:
 
     @wp.func
     def area_vector_in_ring(t: Tables, points: Any, own: Any, springs: Any, point: wp.vec3):
-        """Area vector of a particle, by the quads around it [m^2]. Slots past its valence hold the particle itself."""
+        """Return the area vector of a particle from the quads around it [m^2].
+
+        Slots past its valence hold the particle itself.
+        """
         crosses = wp.vec3()
         first = in_tile(points, springs.neighbors[0]) - point
         before = first
@@ -181,11 +186,11 @@ def ring_area(shear_begin: int, least_valence: int) -> Any:
 
 @cache
 def ring_facing(shear_begin: int) -> Any:
-    """Return the function that gives A_p n of a particle by the same quads."""
+    """Return the function for A_p n of a particle by the same quads."""
 
     @wp.func
     def facing_in_ring(t: Tables, points: Any, own: Any, springs: Any, point: wp.vec3):
-        """A_p n of a particle, by the quads around it [m^2]."""
+        """Return A_p n of a particle, by the quads around it [m^2]."""
         normal = wp.vec3()
         nearest = wp.vec2(FAR, 0.0)
         first = in_tile(points, springs.neighbors[0]) - point

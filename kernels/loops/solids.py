@@ -18,7 +18,7 @@ from balloon_warp.kernels.laws.fixture import (
 
 @cache
 def surface_function(meshes: bool) -> Any:
-    """The function that measures the distance to a solid's surface.
+    """Return the function that measures the distance to a solid's surface.
 
     Args:
         meshes: whether any is a mesh.
@@ -26,8 +26,10 @@ def surface_function(meshes: bool) -> Any:
 
     @wp.func
     def surface_at(solid: Solid, up: wp.vec3, point: wp.vec3, radius: float, farthest: float):
-        """Signed [m], less the solid's thickness and a radius, and the normal; the point is seen from the solid.
-        Of a mesh, very large beyond `farthest`."""
+        """Return the signed distance to a solid [m], less its thickness and a radius, and the normal.
+
+        The point is in the solid's frame. For a mesh, the distance is very large beyond `farthest`.
+        """
         distance = wp.dot(point, up)
         normal = up
         if solid.kind == BOX:

@@ -14,19 +14,22 @@ from balloon_warp.kernels.traits import Traits
 
 @wp.func
 def constant_of_kind(n: Any, kind: wp.int32):
-    """A spring constant, which stand first among a balloon's numbers; without the memory that an index needs."""
+    """Return a spring constant, which stand first among a balloon's numbers; without the memory that an index needs."""
     return wp.where(kind == 0, n[0], wp.where(kind == 1, n[1], n[2]))
 
 
 @cache
 def pair_pull(traits: Traits) -> Any:
-    """The function that looks at one spring, as the table of pairs has it."""
+    """Return the function that evaluates one spring of the table of pairs."""
     coefficient = traits.laws_on("spring")
     read_numbers = numbers_reader(traits.columns)
 
     @wp.func
     def pull_of_pair(t: Tables, world: wp.int32, spring: wp.int32, points: Any, velocities: Any, time: float):
-        """From its first end to its second [m], and what that is to be multiplied with for the first's force [N/m]."""
+        """Return the vector from a spring's first end to its second [m], and its tension over length [N/m].
+
+        Their product is the force on the first end.
+        """
         p = t.pairs.particles[spring][0]
         q = t.pairs.particles[spring][1]
         n = read_numbers(t, world, t.particles.balloon[p])
@@ -43,7 +46,7 @@ def pair_pull(traits: Traits) -> Any:
 
 @cache
 def spring_pull(traits: Traits) -> Any:
-    """The function that gives what a spring does to the particle at one of its ends."""
+    """Return the function for the force of a spring on the particle at one of its ends."""
     coefficient = traits.laws_on("spring")
     moving = traits.needs("spring", "opening")
 
@@ -59,7 +62,10 @@ def spring_pull(traits: Traits) -> Any:
         velocity: wp.vec3,
         time: float,
     ):
-        """[N]; `d` leads to the other end [m]. What fills up leads to the particle itself, and does nothing."""
+        """Return the force of a spring [N]; `d` leads to the other end [m].
+
+        Padding leads to the particle itself, and has no force.
+        """
         opening = float(0.0)
         if wp.static(moving):
             opening = wp.dot(vector_at(velocities, end) - velocity, d)
@@ -75,7 +81,7 @@ def spring_pull(traits: Traits) -> Any:
 
 @cache
 def spring_loop(traits: Traits, at: Any) -> Any:
-    """The function that sums a particle's springs, read from the table."""
+    """Return the function that sums a particle's springs, read from the table."""
     pull_of_spring = spring_pull(traits)
 
     @wp.func
@@ -89,7 +95,7 @@ def spring_loop(traits: Traits, at: Any) -> Any:
         velocity: wp.vec3,
         time: float,
     ):
-        """Net force of a particle's springs [N]."""
+        """Return the net force of a particle's springs [N]."""
         force = wp.vec3()
         begin = first_entry(t.springs.slice_offsets, own.number)
         for chunk in range(begin, begin + SLICE * int_at(t.springs.valences, own.number), SLICE * CHUNK):

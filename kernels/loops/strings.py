@@ -14,7 +14,7 @@ from balloon_warp.kernels.traits import Traits
 
 @cache
 def string_pull(traits: Traits) -> Any:
-    """The function that gives the pull of one string."""
+    """Return the function for the force of one string."""
     coefficient = traits.laws_on("string")
 
     @wp.func
@@ -41,13 +41,13 @@ def string_pull(traits: Traits) -> Any:
 
 @cache
 def held_string_pull(traits: Traits) -> Any:
-    """The function that gives the pull of one string, in the order of the particles that they hold."""
+    """Return the function for the force of one string, in the order of the particles held."""
     pull_of_string = string_pull(traits)
     read_numbers = numbers_reader(traits.columns)
 
     @wp.func
     def pull_of_held_string(t: Tables, world: wp.int32, held: wp.int32, points: Any, velocities: Any, time: float):
-        """[N]"""
+        """Return the force of a string on the particle that it holds [N]."""
         p = t.strings.particles[held]
         n = read_numbers(t, world, t.particles.balloon[p])
         string = t.strings.order[held]
@@ -58,7 +58,7 @@ def held_string_pull(traits: Traits) -> Any:
 
 @cache
 def string_loop(traits: Traits) -> Any:
-    """The function that sums a particle's strings."""
+    """Return the function that sums a particle's strings."""
     pull_of_string = string_pull(traits)
 
     @wp.func
@@ -72,7 +72,7 @@ def string_loop(traits: Traits) -> Any:
         step_seconds: float,
         time: float,
     ):
-        """Net force of a particle's strings [N]."""
+        """Return the net force of a particle's strings [N]."""
         force = wp.vec3()
         if strings.offsets.shape[0] > 0:
             for held in range(int_at(strings.offsets, particle), int_at(strings.offsets, particle + 1)):

@@ -1,5 +1,4 @@
-"""Spheres and particles that exchange momentum, wherever both are kept: what one particle has to do with a sphere, and
-what the sphere makes of all of them. See `laws.impulse`.
+"""Exchange of momentum between spheres and particles, wherever both are kept, see `laws.impulse`.
 
 A schedule sums `press_on_ball` over the particles until the sphere's change of velocity is settled, then has each
 particle answer.
@@ -10,7 +9,6 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.laws.contact import friction_between, friction_on
 from balloon_warp.kernels.laws.impulse import (
     PRESSED,
     Press,
@@ -27,7 +25,8 @@ from balloon_warp.kernels.laws.impulse import (
 )
 from balloon_warp.kernels.laws.rigid import rub_on
 from balloon_warp.kernels.laws.sliding import ease_of_ball, rubbed, spin_by
-from balloon_warp.kernels.tables import Tables, row_of_world, sphere_friction, sphere_mass
+from balloon_warp.kernels.loops.friction import GROUND, friction_between, number_of_sphere
+from balloon_warp.kernels.tables import Tables, row_of_world, sphere_mass
 from balloon_warp.kernels.traits import Traits
 
 
@@ -41,29 +40,24 @@ class Ball:
     mass: float
     sinking: float  # by how much it comes too fast to the ground, see `laws.impulse`
     spin: wp.vec3  # where it has friction [rad/s]
-    friction: float
-    ground_friction: float  # between it and the ground
+    ground_friction: float  # between it and the ground, likewise
 
 
 @cache
 def ball_function(traits: Traits, sphere_at: Any) -> Any:
-    """The function that reads a sphere.
+    """Return the function that reads a sphere.
 
     Args:
         sphere_at: the function that gives a sphere's center, velocity and radius.
     """
-    height, ground_friction = (
-        traits.columns.places[name] - traits.columns.balloon_width for name in ("ground_height", "ground_friction")
-    )
+    height = traits.columns.places["ground_height"] - traits.columns.balloon_width
 
     @wp.func
     def ball_at(t: Tables, spheres: Any, spins: wp.array2d[wp.vec3], world: wp.int32, sphere: wp.int32):
         ball = Ball()
         if wp.static(traits.spheres_rub):
             ball.spin = spins[world, sphere]
-            ball.friction = sphere_friction(t.spheres, world, sphere)
-            row = row_of_world(world, t.world_numbers.shape[0])
-            ball.ground_friction = friction_between(ball.friction, t.world_numbers[row, ground_friction])
+            ball.ground_friction = friction_between(t, world, number_of_sphere(t, sphere), GROUND)
         center, velocity, radius = sphere_at(t, spheres, world, sphere)
         ball.center = center
         ball.velocity = velocity
@@ -80,14 +74,14 @@ def ball_function(traits: Traits, sphere_at: Any) -> Any:
 def is_near_sphere(
     t: Tables, center: wp.vec3, sphere_velocity: wp.vec3, radius: float, point: wp.vec3, velocity: wp.vec3
 ):
-    """Whether a particle may have met a sphere in this step."""
+    """Return whether a particle may have touched a sphere in this step."""
     way = t.step_seconds * (velocity - sphere_velocity)
     return comes_near(point - center - way, way, radius)
 
 
 @wp.func
 def press_on_ball(t: Tables, ball: Ball, change: wp.vec3, mass: float, point: wp.vec3, velocity: wp.vec3):
-    """A particle's part of what a sphere has to bear whose velocity changes so."""
+    """Return a particle's share of the load on a sphere with a given velocity change."""
     way = t.step_seconds * (velocity - ball.velocity)
     outward, excess, out = meet_sphere(point - ball.center - way, way, ball.radius, t.up, t.step_seconds)
     return press_of_particle(mass, outward, excess, out, change)
@@ -95,7 +89,10 @@ def press_on_ball(t: Tables, ball: Ball, change: wp.vec3, mass: float, point: wp
 
 @wp.func
 def change_of_ball(t: Tables, ball: Ball, press: Press, last: wp.vec3):
-    """How the sphere's velocity changes [m/s], of what pressed when it changed as the last time."""
+    """Return the change of a sphere's velocity [m/s].
+
+    The pressing particles are those of the last estimate of the change.
+    """
     return change_of_body(press, ball.mass, t.up, ball.sinking, last)
 
 
@@ -103,7 +100,7 @@ def change_of_ball(t: Tables, ball: Ball, press: Press, last: wp.vec3):
 def answer_to_ball(
     t: Tables, ball: Ball, last: wp.vec3, change: wp.vec3, shift: wp.vec3, point: wp.vec3, velocity: wp.vec3
 ):
-    """A particle's point and velocity after the contact.
+    """Return a particle's point and velocity after the contact.
 
     Args:
         last: the change of the sphere's velocity before it was settled, which says who is pressed.
@@ -132,12 +129,12 @@ def rub_on_ball(
     point: wp.vec3,
     velocity: wp.vec3,
 ):
-    """The impulse of friction on a particle that is pressed [N s], and its torque about the sphere's center [N m s].
+    """Return friction's impulse on a pressed particle [N s], and its torque about the sphere's center [N m s].
 
     Args:
         press: what the sphere bears.
         last: as in `answer_to_ball`, as is the next.
-        friction: of the particle's balloon, negative where it does not say it.
+        friction: Coulomb's coefficient of both.
         point: of the particle, before its answer.
     """
     way = t.step_seconds * (velocity - ball.velocity)
@@ -148,13 +145,13 @@ def rub_on_ball(
         gain = gain_of_particle(outward, excess, change)
         beside = velocity + gain - ball.velocity - change - wp.cross(ball.spin, arm)
         share = 1.0 / (1.0 + mass_in(press, PRESSED) * ease_of_ball(ball.mass, ball.radius, arm))
-        rub = rub_on(beside, mass * gain, mass, share, friction_on(friction, ball.friction))
+        rub = rub_on(beside, mass * gain, mass, share, friction)
     return wp.spatial_vector(rub, wp.cross(arm, rub))
 
 
 @wp.func
 def rubbed_point(t: Tables, rub: wp.spatial_vector, mass: float, point: wp.vec3, velocity: wp.vec3):
-    """A particle's point and velocity after its answer, once that has acted."""
+    """Return a particle's point and velocity after its response, once friction has acted."""
     gain = wp.spatial_top(rub) / mass
     return point + t.step_seconds * gain, velocity + gain
 
@@ -163,12 +160,13 @@ def rubbed_point(t: Tables, rub: wp.spatial_vector, mass: float, point: wp.vec3,
 def rubbed_ball(
     t: Tables, ball: Ball, press: Press, change: wp.vec3, center: wp.vec3, velocity: wp.vec3, rub: wp.spatial_vector
 ):
-    """The center, velocity and spin of a sphere after its answer, once particles have rubbed on it, and the ground, to
-    which they press it.
+    """Return the center, velocity and spin of a sphere after its response, with friction on particles and the ground.
+
+    Particles press it to the ground.
 
     Args:
-        press: as in `rub_on_ball`, as is the next.
-        rub: on all particles.
+        press: As in `rub_on_ball`, as is the next.
+        rub: Friction on all particles.
     """
     gain = -wp.spatial_top(rub) / ball.mass
     spin = ball.spin - spin_by(ball.mass, ball.radius, wp.spatial_bottom(rub))
@@ -182,12 +180,12 @@ def rubbed_ball(
 
 @wp.func
 def shift_of_ball(t: Tables, ball: Ball, press: Press):
-    """How far the sphere is moved out of overlaps [m]."""
+    """Return the displacement of a sphere out of overlaps [m]."""
     return shift_of_body(press, ball.mass, t.up)
 
 
 @wp.func
 def answer_of_ball(t: Tables, ball: Ball, change: wp.vec3, shift: wp.vec3):
-    """The sphere's center, velocity, and the force that has changed it [N]."""
+    """Return the sphere's center, velocity, and the force that has changed it [N]."""
     center = ball.center + t.step_seconds * change + shift
     return center, ball.velocity + change, (ball.mass / t.step_seconds) * change

@@ -1,12 +1,14 @@
-"""How free rigid bodies move in a step before they meet particles: under gravity, beside the ground, obstacles, each
-other, and then spheres. One thread takes all of a world, in the same order every time."""
+"""Motion of free rigid bodies in a step before they meet particles.
+
+Under gravity, beside the ground, obstacles, each other, and then spheres. One thread takes all of a world, in the same
+order every time.
+"""
 
 from functools import cache
 from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.laws.contact import friction_between
 from balloon_warp.kernels.laws.grip import (
     AGREED,
     APART,
@@ -20,13 +22,13 @@ from balloon_warp.kernels.laws.grip import (
 from balloon_warp.kernels.laws.rigid import ease_along, inertia_in_world, spin_of, turned, turned_by
 from balloon_warp.kernels.laws.sliding import ease_of_ball, friction_impulse, spin_by
 from balloon_warp.kernels.loops.bodies import Rigid, Stop, body_at, body_mass, pushed_on, put_body, stop_function
+from balloon_warp.kernels.loops.friction import friction_between, number_of_body, number_of_sphere
 from balloon_warp.kernels.loops.holding import holding_function
 from balloon_warp.kernels.loops.settling import beside_at, settle
 from balloon_warp.kernels.tables import (
     Tables,
     WorldState,
     row_of_world,
-    sphere_friction,
     sphere_mass,
     sphere_radius,
     sphere_restitution,
@@ -36,7 +38,7 @@ from balloon_warp.kernels.traits import Traits
 
 @wp.func
 def begin(t: Tables, state: WorldState, working: Any, world: wp.int32, body: wp.int32):
-    """What a body is in the step before it moves, and that it is not to be moved out of anything yet."""
+    """Store a body's state before the step, and clear its displacement out of overlaps."""
     mass = body_mass(t, world, body)
     ease = inertia_in_world(state.body_turns[world, body], t.bodies.eases[body])
     working.body_masses[world, body] = mass
@@ -88,8 +90,10 @@ def aim(
     count: wp.int32,
     pull: float,
 ):
-    """Say how fast each point is to leave what it meets, from what it ended with in the step before; and the fastest
-    approach, or a step of gravity [m/s]."""
+    """Set the target speed of each contact from its warm start, and return the fastest approach [m/s].
+
+    Or a step of gravity, if that is faster.
+    """
     slow = slowest_rebound(pull, t.step_seconds)
     fastest = t.step_seconds * wp.abs(pull)
     for number in range(count):
@@ -107,7 +111,7 @@ def aim(
 
 @wp.func
 def move_body(t: Tables, state: WorldState, working: Any, world: wp.int32, body: wp.int32):
-    """By a step."""
+    """Move a body by a step."""
     velocity = wp.vec3(working.body_going[world, body])
     momentum = wp.vec3(working.body_turning[world, body])
     state.body_velocities[world, body] = velocity
@@ -141,7 +145,7 @@ def rub_sphere(
     velocity: wp.vec3,
     push: wp.vec3,
 ):
-    """The impulse of friction on a sphere that a body pushes [N s], which has turned it then."""
+    """Apply friction to a sphere that a body pushes, and return its impulse [N s]."""
     mass = sphere_mass(t.spheres, world, sphere)
     radius = sphere_radius(t.spheres, world, sphere)
     spin = state.sphere_spins[world, sphere]
@@ -153,8 +157,7 @@ def rub_sphere(
     across = beside - wp.dot(beside, stop.normal) * stop.normal
     ease = ease_of_ball(mass, radius, arm)
     ease += ease_along(rigid.start_turn, t.bodies.eases[body], rigid.mass, place, wp.normalize(across))
-    own = t.bodies.friction[row_of_world(world, t.bodies.friction.shape[0]), body]
-    friction = friction_between(own, sphere_friction(t.spheres, world, sphere))
+    friction = friction_between(t, world, number_of_body(t, body), number_of_sphere(t, sphere))
     rub = friction_impulse(beside, stop.normal, ease, friction * wp.length(push))
     state.sphere_spins[world, sphere] = spin + spin_by(mass, radius, wp.cross(arm, rub))
     return rub
@@ -175,7 +178,7 @@ def sphere_meeting_function(traits: Traits) -> Any:
         sphere: wp.int32,
         pull: float,
     ):
-        """A body that has moved and a sphere that has."""
+        """Resolve the collision of a body with a sphere, once both have moved."""
         radius = sphere_radius(t.spheres, world, sphere)
         rigid = body_at(t, state, working.body_starts, working.body_start_turns, world, body)
         velocity = state.sphere_velocities[world, sphere]
@@ -210,7 +213,7 @@ def sphere_meeting_function(traits: Traits) -> Any:
 
 @cache
 def tumbling_function(traits: Traits) -> Any:
-    """The function that moves the bodies of a world by a step."""
+    """Return the function that moves the bodies of a world by a step."""
     take_hold = holding_function(traits)
     meet_sphere = sphere_meeting_function(traits)
     split = traits.columns.balloon_width
@@ -218,7 +221,7 @@ def tumbling_function(traits: Traits) -> Any:
 
     @wp.func
     def tumble(t: Tables, state: WorldState, working: Any, world: wp.int32, time: float):
-        """All bodies, in a step that begins at a time [s]; spheres have moved."""
+        """Move all bodies in a step that begins at a time [s]; spheres have moved."""
         bodies = state.body_positions.shape[1]
         pull = t.world_numbers[row_of_world(world, t.world_numbers.shape[0]), gravity]
         for body in range(bodies):

@@ -12,18 +12,18 @@ from balloon_warp.kernels.loops.first_touch import Touch, touch_function
 from balloon_warp.kernels.loops.solids import surface_function
 
 SAME_SIDE = wp.constant(0.1)
-"""product of the normals at both ends of a way: more on one side of a mesh, as a rule"""
+"""Dot product of the normals at both ends of a path above which both are usually on one side of a mesh"""
 
 
 @wp.func
 def raised(end: wp.vec3, touch: Touch, lift: float):
-    """The end of a way that slides on from where it touches, a little above the surface there [m]."""
+    """Return the end of a path that slides on from its contact, a little above the surface [m]."""
     return end + wp.max(wp.dot(touch.place - end, touch.normal) + lift, 0.0) * touch.normal
 
 
 @wp.func
 def along_both(course: wp.vec3, normal: wp.vec3, before: wp.vec3):
-    """What is left of a course beside a surface; along the crease, where that goes into the one before, too."""
+    """Return the part of a course along a surface; along the crease, where that goes into the previous one, too."""
     aside = without_approach(course, wp.vec3(), normal)
     if wp.dot(aside, before) < 0.0:
         crease = wp.normalize(wp.cross(before, normal))
@@ -33,8 +33,10 @@ def along_both(course: wp.vec3, normal: wp.vec3, before: wp.vec3):
 
 @wp.func
 def beside_both(start: wp.vec3, end: wp.vec3, touch: Touch, before: Touch, lift: float):
-    """The end of a way that slides on from where it touches, off a second surface: along the crease of both, where
-    the first is in the way once more."""
+    """Return the end of a path that slides on from its contact, off a second surface.
+
+    It slides along the crease of both surfaces, where the first is in the way once more.
+    """
     aside = raised(end, touch, lift)
     if wp.dot(before.place - aside, before.normal) > 0.0:
         crease = wp.normalize(wp.cross(before.normal, touch.normal))
@@ -44,17 +46,18 @@ def beside_both(start: wp.vec3, end: wp.vec3, touch: Touch, before: Touch, lift:
 
 @cache
 def slide_function(meshes: bool) -> Any:
-    """The function that says where a way ends that a solid may be in, as seen from the solid."""
+    """Return the function that returns the end of a path that a solid may block, in the solid's frame."""
     surface_at = surface_function(meshes)
     touch_at = touch_function(meshes)
 
     @wp.func
     def slide(solid: Solid, up: wp.vec3, start: wp.vec3, end: wp.vec3, radius: float, farthest: float):
-        """The end of its way, which slides on from where it comes in, as its speed does; then along which unit vector
-        it is held back, zero if it is not; and what part of the way is left to slide.
+        """Return the end of a path that slides on from its contact, as its velocity does.
 
-        Beside a mesh the second way is looked at as the first was. Where it comes in again each time, in a wedge, it
-        ends at the last place that is outside.
+        Also the unit vector along which it is held back, zero if it is not, and the fraction of the path left to slide.
+
+        Beside a mesh the second path is queried as the first was. Where it enters again each time, in a wedge, it ends
+        at the last place that is outside.
         """
         let = end
         outward = wp.vec3()
@@ -97,7 +100,7 @@ def slide_function(meshes: bool) -> Any:
 
 @cache
 def way_function(meshes: bool) -> Any:
-    """The function that says where a solid lets a particle go, as seen from the solid."""
+    """Return the function that returns a particle's place outside of a solid, in the solid's frame."""
     surface_at = surface_function(meshes)
     slide = slide_function(meshes)
 
@@ -112,7 +115,7 @@ def way_function(meshes: bool) -> Any:
         last: float,
         normal: wp.vec3,
     ):
-        """Whether a way passes nothing on the way to the surface at its end.
+        """Return whether a path passes nothing on the way to the surface at its end.
 
         Of a convex solid nothing is above the plane of a side: so where a way begins above that of its end, it passes
         nothing, whichever side it comes in by. What slides from one box to the next, flush one, does so.
@@ -136,8 +139,11 @@ def way_function(meshes: bool) -> Any:
 
     @wp.func
     def let_through(solid: Solid, up: wp.vec3, start: wp.vec3, end: wp.vec3, radius: float):
-        """The end of a particle's way, on the surface if that is in it; then along which unit vector it is held back,
-        or else zero; how far from the end there is nothing for sure; and what part of its way it may slide."""
+        """Return the end of a particle's path, on the surface if that is in the way.
+
+        Also the unit vector along which it is held back, or zero; the clearance at the end; and the fraction of the
+        path that it may slide.
+        """
         way = wp.length(end - start)
         farthest = way + solid.thickness + radius + 0.1 * solid.reach
         let = end

@@ -17,8 +17,10 @@ from balloon_warp.kernels.traits import Traits
 
 @cache
 def wear_of_triangle(traits: Traits) -> Any:
-    """The function that finds what is left of a triangle's tension, the greatest energy density that it ever had, of
-    that until now, and its larger true stress; of the products of its edges, as `loops.membranes` has its tensions."""
+    """Return the function for the wear of a triangle, from the dot products of its edges as in `loops.membranes`.
+
+    It returns the factor on the tension, the greatest energy density so far, and the larger principal true stress.
+    """
     energy_of_law = choice_of_energies(traits.membranes, traits.columns)
     slopes_of_law = choice_of_laws(traits.membranes, traits.columns)
     wrinkling = traits.columns.places["wrinkling"]
@@ -28,7 +30,7 @@ def wear_of_triangle(traits: Traits) -> Any:
         t: Tables, world: wp.int32, balloon: wp.int32, material: wp.int32, metric: wp.vec3, rest: wp.vec4, peak: float,
         n: Any, lane: wp.int32,
     ):  # fmt: skip
-        """Of 1, [Pa] and [Pa]."""
+        """Return the factor on the tension [1], the greatest energy density and the larger stress [Pa]."""
         trace, area_squared, spread = invariants_of(mixed_stretch(metric, rest))
         det = wp.max(area_squared, LEAST_DET)
         major = 0.5 * (trace + spread)
@@ -64,17 +66,17 @@ def wear_of_triangle(traits: Traits) -> Any:
 
 @cache
 def wear_function(traits: Traits, at: Any) -> Any:
-    """The same of where a world's points are.
+    """Return the function for the wear of a triangle from a world's points.
 
     Args:
-        at: the function that reads a point.
+        at: Function that reads a point.
     """
     wear = wear_of_triangle(traits)
     material_of = material_reader(traits)
 
     @wp.func
     def wear_of_points(t: Tables, world: wp.int32, triangle: wp.int32, points: Any, peak: float, n: Any):
-        """Of 1, [Pa] and [Pa]."""
+        """Return the factor on the tension [1], the greatest energy density and the larger stress [Pa]."""
         corners = t.membranes.corners[triangle]
         balloon = t.particles.balloon[corners[0]]
         d1 = at(points, corners[1]) - at(points, corners[0])
@@ -90,5 +92,5 @@ def wear_function(traits: Traits, at: Any) -> Any:
 
 @wp.func
 def of_balloon(values: wp.array2d[float], world: wp.int32, balloon: wp.int32):
-    """A balloon's parameter in a world."""
+    """Return a balloon's parameter in a world."""
     return values[row_of_world(world, values.shape[0]), balloon]

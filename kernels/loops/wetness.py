@@ -1,4 +1,7 @@
-"""What a liquid puts on the faces around a particle, each the fan of triangles about its center, cut at the level."""
+"""Loads of a liquid on the faces around a particle.
+
+Each face is the fan of triangles about its center, cut at the level.
+"""
 
 from functools import cache
 from typing import Any
@@ -14,17 +17,20 @@ from balloon_warp.kernels.tables import SLICE, FaceTable, RingTable
 
 @cache
 def ring_wetness_loop(at: Any) -> Any:
-    """The function that sums a particle's load over the quads that go all around it."""
+    """Return the function that sums a particle's load over the quads that go all around it."""
     ends_at = ring_ends(at)
 
     @wp.func
     def load_through_center(load: TriangleLoad):
-        """What a corner of a quad takes of the center's part."""
+        """Return a quad corner's share of the load on the center."""
         return corner_load(load, 0.25 * load.moments[2], 0.25 * load.areas[2])
 
     @wp.func
     def load_of_quad(before: wp.vec3, across: wp.vec3, along: wp.vec3, level: float, up: wp.vec3):
-        """At one of its corners, from the vectors to the others [m], and the height of the water over it [m]."""
+        """Return the load of a quad on one of its corners.
+
+        The arguments are the vectors to the other corners [m], and the height of the water over the corner [m].
+        """
         here = wp.vec3()
         center = 0.25 * (before + across + along)
         coming = triangle_load(before, here, center, level, up)
@@ -37,7 +43,7 @@ def ring_wetness_loop(at: Any) -> Any:
 
     @wp.func
     def water_load(rings: RingTable, points: Any, particle: wp.int32, water_level: float, up: wp.vec3):
-        """Depth times area vector over the wetted faces around a particle [m^3], and their wetted area [m^2]."""
+        """Return the wetted faces' load on a particle, depth times area vector [m^3], and their area [m^2]."""
         total = wp.vec4()
         place = four_ints_at(rings.places, particle)
         point = at(points, particle)
@@ -58,12 +64,12 @@ def ring_wetness_loop(at: Any) -> Any:
 
 @cache
 def wetness_loop(at: Any) -> Any:
-    """The function that sums a particle's load over its faces."""
+    """Return the function that sums a particle's load over its faces."""
     center_of_face, _ = face_measures(at)
 
     @wp.func
     def is_dry(faces: FaceTable, points: Any, begin: wp.int32, end: wp.int32, level: float, up: wp.vec3):
-        """Whether all corners of a face are above the water: then the face is."""
+        """Return whether all corners of a face, and so the face, are above the water."""
         lowest = wp.dot(at(points, faces.particles[begin]), up)
         for corner in range(begin + 1, end):
             lowest = wp.min(lowest, wp.dot(at(points, faces.particles[corner]), up))
@@ -71,7 +77,7 @@ def wetness_loop(at: Any) -> Any:
 
     @wp.func
     def water_load(faces: FaceTable, points: Any, particle: wp.int32, level: float, up: wp.vec3):
-        """Depth times area vector over the wetted faces around a particle [m^3], and their wetted area [m^2]."""
+        """Return the wetted faces' load on a particle, depth times area vector [m^3], and their area [m^2]."""
         total = wp.vec4()
         for incidence in range(faces.particle_offsets[particle], faces.particle_offsets[particle + 1]):
             face = faces.around_particles[incidence]

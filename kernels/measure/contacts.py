@@ -7,12 +7,12 @@ from balloon_warp.kernels.options import OPTIONS
 wp.set_module_options(OPTIONS)
 
 MEASURES = ("force", "torque", "area", "pressure")
-"""what is told of a pair: magnitudes of the net force [N] and torque [N m], area [m^2], largest pressure [Pa]"""
+"""Measures of a pair in contact: magnitudes of the net force [N] and torque [N m], area [m^2], largest pressure [Pa]"""
 
 
 @wp.struct
 class FaceTable:
-    """Which faces are around each particle, as `Model` has them."""
+    """Faces around each particle, as `Model` has them."""
 
     particle_face_offsets: wp.array[wp.int32]
     particle_faces: wp.array[wp.int32]
@@ -22,20 +22,20 @@ class FaceTable:
 
 @wp.struct
 class PairSums:
-    """What one thing does to particles of one balloon in a frame."""
+    """Contact of one thing with the particles of one balloon, summed over a frame."""
 
     impulse: wp.vec3
-    """[N s]"""
+    """Impulse [N s]"""
     moment: wp.vec3
-    """of the impulses [N m s]"""
+    """Moment of the impulses [N m s]"""
     strength: float
-    """sum of the sizes of all impulses [N s]"""
+    """Sum of the magnitudes of all impulses [N s]"""
     place: wp.vec3
-    """sum of the arms to particles, times the sizes of their impulses [N s m]"""
+    """Sum of the arms to particles, weighted by the magnitudes of their impulses [N s m]"""
     area: float
-    """over time [m^2 s]"""
+    """Integral of the area over time [m^2 s]"""
     pressure: float
-    """over time, the largest of a particle [Pa s]"""
+    """Integral of the pressure over time, the largest of a particle [Pa s]"""
 
 
 @wp.func
@@ -87,7 +87,7 @@ def sum_of_pair(
 
 @wp.func
 def mean_arm(points: wp.array2d[wp.vec3], world: wp.int32, particles: wp.vec2i):
-    """From the first of some points to their mean [m]."""
+    """Return the vector from the first of some points to their mean [m]."""
     origin = points[world, particles[0]]
     total = wp.vec3()
     for particle in range(particles[0], particles[1]):
@@ -111,8 +111,11 @@ def sum_contacts(
     pressures: wp.array3d[float],
     places: wp.array3d[wp.vec3],
 ):
-    """A thread a (world, balloon, thing), balloons the last of the things: these press with particles of their own,
-    too, and the balloon with its own on their triangles."""
+    """Sum the contacts of a pair; a thread a (world, balloon, thing).
+
+    Balloons are the last of the things: these press with particles of their own, too, and the balloon with its own on
+    their triangles.
+    """
     world, balloon, thing = wp.tid()
     own = wp.vec2i(offsets[balloon], offsets[balloon + 1])
     origin = points[world, own[0]]
@@ -149,7 +152,7 @@ def note_contacts(
     means: wp.array3d[wp.vec4],
     peaks: wp.array3d[wp.vec4],
 ):
-    """A thread a (world, balloon, thing): `MEASURES` of all frames, as long as the world is good."""
+    """Store `MEASURES` of each frame, as long as the world is good; a thread a (world, balloon, thing)."""
     world, balloon, thing = wp.tid()
     if healthy[world] == 1 and frame[0] > 0:
         now = wp.vec4(

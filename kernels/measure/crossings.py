@@ -1,4 +1,4 @@
-"""Which triangles of a moment cross, and how deep."""
+"""Triangles that cross at one time, and their penetration depth."""
 
 import warp as wp
 
@@ -8,9 +8,9 @@ from balloon_warp.kernels.options import OPTIONS
 wp.set_module_options(OPTIONS)
 
 DOUBLINGS = wp.constant(24)
-"""of the way that a face is moved until it is free"""
+"""Largest number of doublings of the displacement that frees a face"""
 HALVINGS = wp.constant(8)
-"""of the interval that the way is then known to"""
+"""Number of bisections of the interval that then contains it"""
 
 
 @wp.struct
@@ -18,32 +18,32 @@ class Things:
     """The surfaces of all things at a moment, as triangles."""
 
     tree: wp.uint64
-    """of the boxes around triangles"""
+    """Bounding volume tree of the triangles"""
     points: wp.array[wp.vec3d]
-    """[m]"""
+    """Positions of points [m]"""
     triangles: wp.array[wp.vec3i]
     vertices: wp.array[wp.int32]
-    """of each point the first that is always at its place"""
+    """First point that is always at the same place, for each point"""
     owners: wp.array[wp.int32]
-    """the thing that each triangle is part of"""
+    """Thing that each triangle belongs to"""
     groups: wp.array[wp.int32]
-    """of each thing: those of a group do not meet"""
+    """Group of each thing: those of a group do not touch"""
     soft: wp.array[wp.int32]
-    """whether each thing changes its shape, and so meets itself"""
+    """Whether each thing is deformable, and so touches itself"""
     pad: float
-    """of boxes, for what float32 rounds away [m]"""
+    """Padding of boxes for the rounding of float32 [m]"""
 
 
 @wp.func
 def corners_of(things: Things, triangle: wp.int32):
-    """Where a triangle is."""
+    """Return the corners of a triangle."""
     ends = things.triangles[triangle]
     return wp.matrix_from_rows(things.points[ends[0]], things.points[ends[1]], things.points[ends[2]])
 
 
 @wp.func
 def may_cross(things: Things, first: wp.int32, second: wp.int32):
-    """Whether two triangles should not cross: of things that meet, without a corner of both."""
+    """Return whether two triangles should not cross: of things that touch, without a common corner."""
     own = things.owners[first]
     other = things.owners[second]
     if own != other:
@@ -58,7 +58,7 @@ def may_cross(things: Things, first: wp.int32, second: wp.int32):
 
 @wp.kernel
 def find_boxes(things: Things, lowers: wp.array[wp.vec3], uppers: wp.array[wp.vec3]):
-    """A thread a triangle: the box around it."""
+    """Compute the box around each triangle, a thread each."""
     i = wp.tid()
     lower, upper = spread(corners_of(things, i), things.pad)
     lowers[i] = lower
@@ -67,7 +67,7 @@ def find_boxes(things: Things, lowers: wp.array[wp.vec3], uppers: wp.array[wp.ve
 
 @wp.kernel
 def find_crossings(things: Things, count: wp.array[wp.int32], pairs: wp.array[wp.vec2i]):
-    """A thread a triangle: those of higher numbers that it crosses."""
+    """Find the triangles of higher numbers that each triangle crosses, a thread each."""
     i = wp.tid()
     mine = corners_of(things, i)
     lower, upper = spread(mine, things.pad)
@@ -84,7 +84,7 @@ def find_crossings(things: Things, count: wp.array[wp.int32], pairs: wp.array[wp
 
 @wp.func
 def is_free(things: Things, face: wp.int32, other: wp.int32, moved: wp.vec3d):
-    """Whether a face that is moved crosses nothing of a thing."""
+    """Return whether a displaced face crosses nothing of a thing."""
     mine = corners_of(things, face)
     for corner in range(3):
         mine[corner] = mine[corner] + moved
@@ -101,7 +101,7 @@ def is_free(things: Things, face: wp.int32, other: wp.int32, moved: wp.vec3d):
 
 @wp.func
 def way_out(things: Things, face: wp.int32, other: wp.int32, outward: wp.vec3d, least: wp.float64):
-    """How far a face has to be moved to be free of a thing [m]."""
+    """Return the displacement of a face that frees it from a thing [m]."""
     most = wp.float64(least)
     doubling = wp.int32(0)
     while doubling < DOUBLINGS and not is_free(things, face, other, most * outward):
@@ -125,7 +125,7 @@ def measure_crossings(
     depths: wp.array[wp.float64],
     places: wp.array[wp.vec3d],
 ):
-    """A thread a crossing: how far one of its faces, along its normal, is from being free of the other thing."""
+    """Measure the displacement along its normal that frees one of two crossing faces; a thread a crossing."""
     i = wp.tid()
     face = pairs[i][0]
     far = pairs[i][1]
@@ -147,7 +147,7 @@ def measure_rounds(
     groups: wp.array[wp.int32],
     depths: wp.array2d[wp.float64],
 ):
-    """A thread a triangle and a capsule: how deep one is in the other; negative where they are apart."""
+    """Measure how deep a triangle and a capsule are in each other; negative where apart; a thread a pair."""
     i, k = wp.tid()
     depth = wp.float64(-1.0)
     if groups[k] != things.groups[things.owners[i]]:

@@ -9,19 +9,19 @@ from balloon_warp.kernels.options import OPTIONS
 wp.set_module_options(OPTIONS)
 
 Corners = wp.types.matrix(shape=(3, 3), dtype=wp.float64)
-"""of a triangle, row by row"""
+"""Corners of a triangle, row by row"""
 LEAST = wp.constant(wp.float64(1.0e-60))
 
 
 @wp.func
 def clamped(part: wp.float64):
-    """A number from 0 to 1."""
+    """Return a number clamped to [0, 1]."""
     return wp.clamp(part, wp.float64(0.0), wp.float64(1.0))
 
 
 @wp.func
 def segment_gap(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, d: wp.vec3d):
-    """Distance between the segments ab and cd (Ericson 2004, section 5.1.9)."""
+    """Return the distance between the segments ab and cd (Ericson 2004, section 5.1.9)."""
     first = b - a
     second = d - c
     start = a - c
@@ -41,7 +41,7 @@ def segment_gap(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, d: wp.vec3d):
 
 @wp.func
 def is_over(point: wp.vec3d, tri: Corners, normal: wp.vec3d):
-    """Whether a point's foot on the plane of a triangle is in that."""
+    """Return whether a point's projection on the plane of a triangle is inside the triangle."""
     over = wp.bool(True)
     for corner in range(3):
         begin = tri[corner]
@@ -52,14 +52,16 @@ def is_over(point: wp.vec3d, tri: Corners, normal: wp.vec3d):
 
 @wp.func
 def normal_of(tri: Corners):
-    """A triangle's, as long as twice its area."""
+    """Return a triangle's normal, as long as twice its area."""
     return wp.cross(tri[1] - tri[0], tri[2] - tri[0])
 
 
 @wp.func
 def pierces(p: wp.vec3d, q: wp.vec3d, tri: Corners):
-    """Whether the segment pq goes through a triangle, and where. What is at the
-    plane counts as above it."""
+    """Return whether the segment pq goes through a triangle, and where.
+
+    A point on the plane counts as above it.
+    """
     normal = normal_of(tri)
     before = wp.dot(normal, p - tri[0])
     after = wp.dot(normal, q - tri[0])
@@ -78,7 +80,7 @@ def pierces(p: wp.vec3d, q: wp.vec3d, tri: Corners):
 
 @wp.func
 def triangles_cross(first: Corners, second: Corners):
-    """Whether an edge of one triangle goes through the other, and where."""
+    """Return whether an edge of one triangle goes through the other, and where."""
     found = wp.bool(False)
     place = wp.vec3d()
     for corner in range(3):
@@ -91,7 +93,7 @@ def triangles_cross(first: Corners, second: Corners):
 
 @wp.func
 def depth_of_round(begin: wp.vec3d, end: wp.vec3d, radius: wp.float64, tri: Corners):
-    """How deep a triangle is in a capsule about a segment; negative where it is outside."""
+    """Return the depth of a triangle in a capsule about a segment; negative where it is outside."""
     normal = wp.normalize(normal_of(tri))
     before = wp.dot(begin - tri[0], normal)
     after = wp.dot(end - tri[0], normal)

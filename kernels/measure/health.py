@@ -1,33 +1,35 @@
-"""What is no place for a particle or a sphere, found where places are written."""
+"""Detection of places that no particle or sphere can have, where places are written."""
 
 from typing import Any
 
 import warp as wp
 
 HEALTHY = 2**31 - 1
-"""no particle or sphere of a world is bad"""
+"""Marker: no particle or sphere of a world is bad"""
 
 
 @wp.struct
 class HealthTable:
-    """How far is too far, in squares [m^2]."""
+    """Limits of distance, squared [m^2]."""
 
     near: float
-    """from the world's origin: no balloon or sphere is bad whose parts are all nearer"""
+    """Distance from the world's origin within which nothing is bad"""
     reach: float
-    """from the world's origin"""
+    """Limit of the distance from the world's origin"""
     spans: wp.array[float]
-    """from one particle of a balloon to another"""
+    """Limit of the distance between two particles of a balloon"""
     origins: wp.array[wp.int32]
-    """of each balloon the particle that the others' spans are taken from"""
+    """Particle of each balloon from which the others' distances are measured"""
     partners: wp.array[wp.int32]
-    """and the one that its own span is taken from"""
+    """Particle from which the distance of that particle is measured"""
 
 
 @wp.func
 def is_past(vector: wp.vec3, squared_limit: float):
-    """Whether a vector is longer than a limit, or none. As numbers without a sign, NaN and infinities are past every
-    float; compilers that count on there being none leave this alone."""
+    """Return whether a vector is longer than a limit, or not finite.
+
+    As unsigned integers, NaN and infinities exceed every float; compilers that assume finite numbers leave this alone.
+    """
     return wp.cast(wp.length_sq(vector), wp.uint32) > wp.cast(squared_limit, wp.uint32)
 
 
@@ -42,9 +44,11 @@ def look_at_particle(
     mass_share: float,
     points: Any,
 ):
-    """Lower the world's entry to the particle's number in the model if that is bad: too far from its balloon's origin,
-    or itself that origin and too far from the world's or from its partner. Most are near, which takes no memory to see.
-    A particle without mass stays where it is."""
+    """Lower the world's entry to the particle's number in the model if the particle is bad.
+
+    It is bad if it is too far from its balloon's origin, or is that origin and too far from the world's or from its
+    partner. Most particles are near, which takes no memory to see. A particle without mass stays where it is.
+    """
     point = points[particle]
     if is_past(point, health.near):
         if mass_share > 0.0:

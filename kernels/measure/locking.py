@@ -8,7 +8,7 @@ from balloon_warp.kernels.measure.worlds import is_torn_triangle
 from balloon_warp.kernels.tables import row_of_world
 
 ROUNDED = wp.constant(1.0001)
-"""of I1: what is more is beyond"""
+"""Factor on I1 above which a state counts as beyond the limit"""
 
 
 @wp.kernel(enable_backward=False)
@@ -29,7 +29,7 @@ def note_overstretched(
     # state out
     overstretched: wp.array[wp.int32],
 ):
-    """A thread a (world, triangle of such rubber): the frame, if it is the first."""
+    """Record the first frame of overstretch; a thread a (world, triangle of such rubber)."""
     world, number = wp.tid()
     triangle = triangles[number]
     if overstretched[world] > 0 or is_torn_triangle(torn, triangle_faces, world, triangle):

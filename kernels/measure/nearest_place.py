@@ -15,7 +15,7 @@ def nearest_places(
     triangles: wp.array[int],
     weights: wp.array[wp.vec3],
 ):
-    """A thread a point: the triangle that its nearest place is on, and the weights of its corners there."""
+    """Find the nearest triangle to each point, and the weights of its corners there; a thread a point."""
     i = wp.tid()
     nearest = wp.mesh_query_point_no_sign(mesh, points[i], farthest)
     triangles[i] = nearest.face

@@ -13,7 +13,7 @@ wp.set_module_options(OPTIONS)
 def pick_healthy_worlds(
     every: wp.array2d[Any], healthy: wp.array[wp.int32], chosen: wp.array[wp.int32], picked: wp.array2d[Any]
 ):
-    """A thread a (chosen world, item): a copy of it; of a world that is not healthy, the last good copy stays."""
+    """Copy an item of a chosen world, or keep the last good copy if it is not healthy; a thread a (world, item)."""
     place, item = wp.tid()
     world = chosen[place]
     if healthy[world] == 1:
@@ -24,7 +24,7 @@ def pick_healthy_worlds(
 def pick_torn_faces(
     torn: wp.array2d[float], healthy: wp.array[wp.int32], chosen: wp.array[wp.int32], picked: wp.array2d[wp.int8]
 ):
-    """A thread a (chosen world, face): 1 where it is torn, as above."""
+    """Copy 1 where a face of a chosen world is torn, as `pick_healthy_worlds` does; a thread a (world, face)."""
     place, face = wp.tid()
     world = chosen[place]
     if healthy[world] == 1:

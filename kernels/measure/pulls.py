@@ -1,4 +1,4 @@
-"""How hard each spring, each string and each law pulls, one by one: what a schedule only knows the sum of."""
+"""Force of each spring, each string and each law, of which a schedule only knows the sum."""
 
 from functools import cache
 from typing import Any
@@ -18,7 +18,7 @@ from balloon_warp.kernels.traits import Traits
 
 @cache
 def pull_kernel(measure: Any) -> Any:
-    """The kernel that writes down pulls.
+    """Return the kernel that measures forces.
 
     Args:
         measure: the function that does so, one of those that are made below.
@@ -35,7 +35,7 @@ def pull_kernel(measure: Any) -> Any:
         # out
         pulls: wp.array3d[float],
     ):
-        """A thread a (world, item)."""
+        """Measure the forces of springs, strings and laws; a thread a (world, item)."""
         world, item = wp.tid()
         measure(t, world, item, points[world], velocities[world], time, pulls[world])
 
@@ -44,14 +44,14 @@ def pull_kernel(measure: Any) -> Any:
 
 @cache
 def spring_measure(traits: Traits) -> Any:
-    """The function that measures a spring."""
+    """Return the function that measures a spring."""
     pull_of_pair = pair_pull(traits)
 
     @wp.func
     def measure_spring(
         t: Tables, world: wp.int32, spring: wp.int32, points: Any, velocities: Any, time: float, pulls: Any
     ):
-        """The force with which it pulls, or if negative pushes, its ends [N]."""
+        """Measure the tension of a spring, negative if it pushes [N]."""
         d, coefficient = pull_of_pair(t, world, spring, points, velocities, time)
         pulls[0, spring] = wp.sqrt(squared_length(d)) * coefficient
 
@@ -60,14 +60,14 @@ def spring_measure(traits: Traits) -> Any:
 
 @cache
 def string_measure(traits: Traits) -> Any:
-    """The function that measures a string."""
+    """Return the function that measures a string."""
     pull_of_held_string = held_string_pull(traits)
 
     @wp.func
     def measure_string(
         t: Tables, world: wp.int32, held: wp.int32, points: Any, velocities: Any, time: float, pulls: Any
     ):
-        """The force on its particle [N]."""
+        """Measure the force of a string on its particle [N]."""
         pull = pull_of_held_string(t, world, held, points, velocities, time)
         pulls[0, t.strings.order[held]] = wp.length(pull)
 
@@ -76,7 +76,7 @@ def string_measure(traits: Traits) -> Any:
 
 @cache
 def law_measure(alones: tuple[Traits, ...], number: int = 0) -> Any:
-    """The function that measures what acts on a particle, one by one.
+    """Return the function that measures the laws on a particle, one by one.
 
     Args:
         alones: the traits with one law on particles, hinges or faces alone, or with membranes.
@@ -91,7 +91,7 @@ def law_measure(alones: tuple[Traits, ...], number: int = 0) -> Any:
     def measure_laws(
         t: Tables, world: wp.int32, particle: wp.int32, points: Any, velocities: Any, time: float, pulls: Any
     ):
-        """The force of each [N]."""
+        """Measure the force of each law [N]."""
         own = read_own(t, world, particle)
         point = points[particle]
         force, _area, _facing = net_force(t, points, velocities, own, particle, point, velocities[particle], time)

@@ -16,16 +16,16 @@ class SolidSums:
     """Integrals over a balloon's inside, or a thread's part of it. Places are from one of the balloon's own points."""
 
     volume: wp.float64
-    """of 1 [m^3]"""
+    """Integral of 1 [m^3]"""
     first: wp.vec3d
-    """of x [m^4]"""
+    """Integral of x [m^4]"""
     second: wp.mat33d
-    """of x x^T [m^5]"""
+    """Integral of x x^T [m^5]"""
 
 
 @wp.func
 def add_tetrahedron(sums: SolidSums, a: wp.vec3d, b: wp.vec3d, c: wp.vec3d):
-    """The sums, and the integrals over the tetrahedron of the origin and three points."""
+    """Return the sums with the integrals over the tetrahedron of the origin and three points."""
     corners = a + b + c
     volume = wp.dot(a, wp.cross(b, c)) / wp.float64(6.0)
     products = wp.outer(a, a) + wp.outer(b, b) + wp.outer(c, c) + wp.outer(corners, corners)
@@ -42,7 +42,7 @@ def first_particle(
     face_particles: wp.array[wp.int32],
     balloon: wp.int32,
 ):
-    """The balloon's own point that the places in its sums are from."""
+    """Return the balloon's particle that its sums are taken about."""
     return face_particles[face_offsets[balloon_faces[balloon]]]
 
 
@@ -57,7 +57,7 @@ def sum_solids(
     # out
     sums: wp.array3d[SolidSums],
 ):
-    """A thread a (world, balloon, thread): every so-manyth face of the balloon."""
+    """Sum integrals over every n-th face of a balloon; a thread a (world, balloon, thread)."""
     world, balloon, thread = wp.tid()
     part = SolidSums()
     origin = wp.vec3d(points[world, first_particle(balloon_faces, face_offsets, face_particles, balloon)])
@@ -90,7 +90,7 @@ def measure_solids(
     centers: wp.array2d[wp.vec3d],
     inertias: wp.array2d[wp.mat33d],
 ):
-    """A thread a (world, balloon): volume, center of mass, and inertia tensor about it at a density of 1.
+    """Compute volume, center of mass, and inertia tensor about it at a density of 1; a thread a (world, balloon).
 
     A balloon without volume has its center at its first point, and no inertia.
     """

@@ -1,7 +1,7 @@
-"""What a batch's table says of each world, reduced on the device in a fixed order: every run gives the same bits.
+"""Measures of each world in a batch's table, reduced on the device in a fixed order: every run gives the same bits.
 
-Each balloon is summed by a number of threads that each take every so-manyth face, spring and particle; then a
-thread a world adds up their parts, and the balloons.
+Each balloon is summed by a number of threads that each take every n-th face, spring and particle; then a thread a world
+sums their parts, and the balloons.
 """
 
 import warp as wp
@@ -19,22 +19,22 @@ class BalloonSums:
     """A thread's part of one balloon. Places are from one of the balloon's own points, which keeps float32's digits."""
 
     volume: float
-    """about that point [m^3]"""
+    """Volume about that point [m^3]"""
     area: float
-    """[m^2]"""
+    """Area [m^2]"""
     area_vector: wp.vec3
-    """sum of the faces' area vectors [m^2]; over all threads, zero for a closed balloon"""
+    """Sum of the faces' area vectors [m^2]; over all threads, zero for a closed balloon"""
     corners: wp.vec3
-    """sum of the faces' corners, from that point [m]"""
+    """Sum of the faces' corners, relative to that point [m]"""
     stretch: float
-    """largest length of a spring over its rest length, or principal stretch of a membrane"""
+    """Largest length of a spring over its rest length, or principal stretch of a membrane"""
     kinetic_energy: float
-    """[J]"""
+    """Kinetic energy [J]"""
 
 
 @wp.func
 def is_torn(torn: wp.array2d[float], world: wp.int32, face: wp.int32):
-    """Whether a face is, where any may be."""
+    """Return whether a face is torn, where any may be."""
     found = bool(False)
     if torn.shape[1] > 0:
         found = torn[world, face] >= 0.0
@@ -43,7 +43,7 @@ def is_torn(torn: wp.array2d[float], world: wp.int32, face: wp.int32):
 
 @wp.func
 def is_torn_triangle(torn: wp.array2d[float], faces: wp.array[wp.int32], world: wp.int32, triangle: wp.int32):
-    """Whether a triangle's face is, where any may be."""
+    """Return whether a triangle's face is torn, where any may be."""
     found = bool(False)
     if torn.shape[1] > 0:
         found = torn[world, faces[triangle]] >= 0.0
@@ -73,8 +73,11 @@ def sum_balloons(
     # out
     sums: wp.array3d[BalloonSums],
 ):
-    """A thread a (world, balloon, thread). The `balloon_` arrays say where each balloon's items begin and end. Faces
-    that are torn have no area of their own, and their triangles no stretch."""
+    """Sum the measures of balloons; a thread a (world, balloon, thread).
+
+    The `balloon_` arrays hold the begin and end of each balloon's items. Faces that are torn have no area of their own,
+    and their triangles no stretch.
+    """
     world, balloon, thread = wp.tid()
     threads = sums.shape[2]
     part = BalloonSums()
@@ -119,13 +122,13 @@ def sum_balloons(
 
 @wp.func
 def in_box(place: wp.vec3, lower: wp.vec3, upper: wp.vec3):
-    """1 if it is in it, or else 0."""
+    """Return 1 if a balloon's center is in the box, else 0."""
     return wp.where(wp.min(wp.min(place - lower, upper - place)) >= 0.0, 1.0, 0.0)
 
 
 @wp.func
 def whole_balloon(sums: wp.array3d[BalloonSums], world: wp.int32, balloon: wp.int32):
-    """All threads' parts of one."""
+    """Return the sum of all threads' parts of a balloon."""
     total = BalloonSums()
     for thread in range(sums.shape[2]):
         part = sums[world, balloon, thread]
@@ -140,7 +143,7 @@ def whole_balloon(sums: wp.array3d[BalloonSums], world: wp.int32, balloon: wp.in
 
 @wp.func
 def are_finite(places: wp.array[wp.vec3]):
-    """Whether all of them are."""
+    """Return whether all places are finite."""
     finite = bool(True)
     for place in range(places.shape[0]):
         finite = finite and wp.isfinite(places[place])
@@ -159,7 +162,7 @@ def note_further(
     burst_column: wp.int32,
     bursts: wp.array2d[wp.vec4],
 ):
-    """The columns that not every table has."""
+    """Store the columns that not every table has."""
     for sphere in range(sphere_positions.shape[1]):
         measures[world, 6 + sphere] = wp.dot(sphere_positions[world, sphere], up)
     for body in range(body_positions.shape[1]):
@@ -203,10 +206,10 @@ def measure_worlds(
     measures: wp.array2d[float],
     healthy: wp.array[wp.int32],
 ):
-    """A thread a world: volume, area, pressure, height of the center, largest stretch, kinetic energy, heights of the
-    spheres and of free bodies; and where their columns are not negative, how many balloons are in a box, and how many
-    have burst.
+    """Write the measures of worlds, a thread each.
 
+    They are volume, area, pressure, height of the center, largest stretch, kinetic energy, heights of the spheres and
+    of free bodies; and where their columns are not negative, how many balloons are in a box, and how many have burst.
     A balloon's volume is taken about its own center, the mean of its faces' corners; the world's center is the mean of
     its balloons' by mass, and its pressure that by area, of normal forces 100 k_normal over the area. Of a world that
     left the finite numbers the last good measures stay. A balloon that burst encloses nothing.
@@ -268,7 +271,10 @@ def measure_gas(
     # in and out
     measures: wp.array2d[float],
 ):
-    """A thread a world, once it is measured: moles of gas, mean stretch over the area at the start, and thrust."""
+    """Measure moles of gas, mean stretch and thrust of a measured world; a thread a world.
+
+    The mean stretch is weighted by the area at the start.
+    """
     world = wp.tid()
     if healthy[world] == 1:
         moles = float(0.0)

@@ -32,14 +32,14 @@ def line_functions(traits: Traits) -> tuple[Any, Any]:
     def add_spring(
         t: Tables, world: wp.int32, spring: wp.int32, points: Any, velocities: Any, time: float, forces: Any
     ):
-        """Equal and opposite forces on its two particles."""
+        """Add a spring's equal and opposite forces to its two particles."""
         d, coefficient = pull_of_pair(t, world, spring, points, velocities, time)
         wp.atomic_add(forces, t.pairs.particles[spring][0], d * coefficient)
         wp.atomic_sub(forces, t.pairs.particles[spring][1], d * coefficient)
 
     @wp.func
     def add_string(t: Tables, world: wp.int32, held: wp.int32, points: Any, velocities: Any, time: float, forces: Any):
-        """Its pull on its particle."""
+        """Add a string's force to its particle."""
         pull = pull_of_held_string(t, world, held, points, velocities, time)
         wp.atomic_add(forces, t.strings.particles[held], pull)
 
@@ -85,7 +85,7 @@ def surface_functions(traits: Traits, at: Any) -> tuple[Any, Any]:
 
     @wp.func
     def add_triangle(t: Tables, world: wp.int32, triangle: wp.int32, points: Any, velocities: Any, forces: Any):
-        """Of a membrane, on its three corners."""
+        """Add a membrane triangle's forces to its three corners."""
         corners = t.membranes.corners[triangle]
         p = corners[0]
         balloon = t.particles.balloon[p]
@@ -106,7 +106,7 @@ def surface_functions(traits: Traits, at: Any) -> tuple[Any, Any]:
 
     @wp.func
     def add_face(t: Tables, world: wp.int32, face: wp.int32, points: Any, velocities: Any, time: float, forces: Any):
-        """Its force, shared by its corners."""
+        """Add a face's force to its corners, in equal shares."""
         n = read_numbers(t, world, t.faces.balloon[face])
         share = push_at_corner(t, points, velocities, world, face, n, time)
         for corner in range(t.faces.offsets[face], t.faces.offsets[face + 1]):
@@ -151,7 +151,7 @@ def add_forces(traits: Traits, look: Look) -> Any:
 
 @wp.func
 def add_area_vectors_of_face(t: Tables, working: Working, points: wp.array[wp.vec3], world: wp.int32, face: wp.int32):
-    """Its parts of its particles' area vectors."""
+    """Add a face's contributions to the area vectors of its particles."""
     begin = t.faces.offsets[face]
     end = t.faces.offsets[face + 1]
     count = end - begin

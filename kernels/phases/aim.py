@@ -1,4 +1,4 @@
-"""Where the paper's normal force pushes a particle: (A_p / A_total) n, once the faces have been measured."""
+"""Aim of the paper's normal force on a particle, (A_p / A_total) n, once the faces have been measured."""
 
 from typing import Any
 
@@ -18,7 +18,7 @@ def _aims(traits: Traits) -> bool:
 
 
 def _cached(traits: Traits) -> bool:
-    """Whether a frame keeps the aims with which it begins, as the paper does."""
+    """Return whether a frame keeps the aims from its beginning, as the paper does."""
     return not traits.fresh_normals
 
 

@@ -12,7 +12,7 @@ from balloon_warp.kernels.traits import Traits
 
 @phase("particle", last=True, when=lambda traits: traits.frames == "all")
 def check(traits: Traits, look: Look) -> Any:
-    """Note the first particle that is where none can be."""
+    """Record the first particle at a place that it cannot have."""
 
     @wp.func
     def check(t: Tables, state: WorldState, points: Any, own: Any, particle: wp.int32):

@@ -16,7 +16,7 @@ from balloon_warp.kernels.working import Working
 
 
 def _stays(traits: Traits) -> bool:
-    """Whether the gas is the same in all of a frame."""
+    """Return whether the amount of gas is constant over a frame."""
     return not traits.gas_changes
 
 
@@ -40,7 +40,7 @@ def weigh(traits: Traits, look: Look) -> Any:
 
 @phase("particle", {"inertia": float}, light=True, once=lambda traits: not traits.gas_changes)
 def burden(traits: Traits, look: Look) -> Any:
-    """Find what a particle has to move, with its share of the gas, which moves along [kg]."""
+    """Find the effective mass of a particle, with its share of the gas, which moves along [kg]."""
 
     @wp.func
     def burden(own: Any):
@@ -55,5 +55,5 @@ def burden(traits: Traits, look: Look) -> Any:
 
 @phase("world", when=lambda traits: traits.gas_flows)
 def flow(traits: Traits, look: Look) -> Any:
-    """Let gas flow through tubes, necks and leaks, by the pressures then."""
+    """Exchange gas through tubes, necks and leaks, driven by the current pressures."""
     return flows_function(traits)

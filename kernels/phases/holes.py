@@ -1,4 +1,4 @@
-"""What becomes of balloons that tear: when they burst, how large their holes are, and what is in them."""
+"""Bursting balloons: the area of their holes, and the gas that is left in them."""
 
 from functools import cache
 from typing import Any
@@ -24,13 +24,13 @@ from balloon_warp.kernels.phases.tears import (
 from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
 
 GasColumns = wp.types.vector(length=6, dtype=wp.int32)
-"""where the world's numbers have pressure, temperature, density and lapse of the air, and gravity; and the balloon's
-gamma of its gas"""
+"""Columns of the air's pressure, temperature, density and lapse rate and of gravity in the world's numbers; and of the
+gas's gamma in the balloon's"""
 
 
 @wp.func
 def enclosed(t: Tables, points: wp.array[wp.vec3], balloon: wp.int32):
-    """By a balloon's faces [m^3]."""
+    """Return the volume enclosed by a balloon's faces [m^3]."""
     volume = float(0.0)
     first = t.faces.balloon_offsets[balloon]
     origin = center_of_face(t.faces, points, first)
@@ -44,7 +44,7 @@ def enclosed(t: Tables, points: wp.array[wp.vec3], balloon: wp.int32):
 def seal_air_in(
     t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32, columns: GasColumns, volume: float, height: float
 ):
-    """Seal as much air into a balloon whose pressure was given until now as has its volume [m^3]."""
+    """Seal air of a balloon's volume [m^3] into a balloon with a given pressure."""
     of_world = t.world_numbers[row_of_world(world, t.world_numbers.shape[0])]
     gamma = t.balloon_numbers[row_of_world(world, t.balloon_numbers.shape[0]), balloon, columns[5]]
     air = air_of_height(

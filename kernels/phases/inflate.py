@@ -14,7 +14,7 @@ from balloon_warp.kernels.traits import Traits
 
 @wp.func
 def pressure_at(load: Any, rise: Any, point: Any, up: wp.vec3):
-    """At a place [Pa], see `inflation_of`."""
+    """Return the gauge pressure at a place [Pa], see `inflation_of`."""
     return load + times(rise, reach_along(point, up))
 
 
@@ -51,7 +51,7 @@ def given_load(traits: Traits, look: Look) -> Any:
 
     @wp.func
     def given_load(keyed: Any):
-        """At height 0 [Pa], and its rise [Pa/m]."""
+        """Return the gauge pressure at height 0 [Pa], and its gradient with height [Pa/m]."""
         return pair(keyed, 0.0)
 
     return given_load
@@ -81,7 +81,7 @@ def inflate(traits: Traits, look: Look) -> Any:
 
 @phase("particle", {"net_force": wp.vec3})
 def add_up(traits: Traits, look: Look) -> Any:
-    """Add up all forces [N], for who looks at them."""
+    """Sum all forces [N], for output."""
 
     @wp.func
     def add_up(force: Any, inflation: Any):

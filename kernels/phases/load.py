@@ -41,7 +41,7 @@ def load_function(traits: Traits) -> Any:
         step_seconds: float,
         n: Any,
     ):
-        """`given` is the pressure of what is no gas [Pa]."""
+        """Return the load of a balloon; `given` is the gauge pressure of a balloon without gas [Pa]."""
         if kind == GAS:
             return load_of_gas(swelling, amount, free_volume, step_seconds, n)
         return wp.vec4(given, given, 0.0, 0.0)
@@ -55,7 +55,7 @@ def note_function(traits: Traits) -> Any:
 
     @wp.func
     def note_load(state: WorldState, world: wp.int32, balloon: wp.int32, load: wp.vec4):
-        """By one thread."""
+        """Store the load of a balloon, in one thread."""
         state.pressures[world, balloon] = load[0]
         state.inflation_loads[world, balloon] = wp.vec2(load[1], load[2])
         if wp.static(traits.gas_flows):

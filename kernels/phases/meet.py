@@ -21,7 +21,7 @@ from balloon_warp.kernels.working import Working
 
 @phase("particle", when=lambda traits: traits.small_spheres)
 def keep_start(traits: Traits, look: Look) -> Any:
-    """Keep where a particle was, for the spheres that meet faces."""
+    """Store the position of a particle before it moves, for spheres that touch faces."""
 
     @wp.func
     def keep_start(working: Working, world: wp.int32, particle: wp.int32, point: wp.vec3):
@@ -32,29 +32,29 @@ def keep_start(traits: Traits, look: Look) -> Any:
 
 @phase("team", when=lambda traits: traits.ridges)
 def meet_ridges(traits: Traits, look: Look) -> Any:
-    """Let faces of balloons meet ridges of obstacles and bodies."""
+    """Resolve contacts of balloon faces with ridges of obstacles and bodies."""
     return ridges_function(traits)
 
 
 @phase("team", when=lambda traits: traits.impulses, due=lambda traits: are_noted)
 def meet_spheres(traits: Traits, look: Look) -> Any:
-    """Let spheres and particles exchange momentum."""
+    """Exchange momentum between spheres and particles."""
     return spheres_function(traits, *look.in_team)
 
 
 @phase("team", when=lambda traits: traits.bodies > 0)
 def meet_bodies(traits: Traits, look: Look) -> Any:
-    """Let free bodies and particles exchange momentum."""
+    """Exchange momentum between free bodies and particles."""
     return bodies_function(traits)
 
 
 @phase("team", when=lambda traits: traits.small_spheres)
 def meet_faces(traits: Traits, look: Look) -> Any:
-    """Let spheres meet faces beside which they are small."""
+    """Resolve contacts of small spheres with faces."""
     return faces_function(traits)
 
 
 @phase("team", when=lambda traits: traits.edges_meet)
 def meet_edges(traits: Traits, look: Look) -> Any:
-    """Let sharp edges meet."""
+    """Resolve contacts of sharp edges."""
     return edges_function(traits)

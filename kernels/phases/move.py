@@ -12,7 +12,7 @@ from balloon_warp.kernels.traits import Traits
 
 @wp.func
 def response(mass: float, step_seconds: float):
-    """Velocity gained in a step for each newton [m/s/N]; a particle without mass is fixed."""
+    """Return the velocity gained in a step per newton [m/s/N]; a particle without mass is fixed."""
     return wp.where(mass > 0.0, step_seconds / mass, 0.0)
 
 
@@ -25,25 +25,25 @@ def response(mass: float, step_seconds: float):
     """
 )
 def response(mass: Lanes, step_seconds: float) -> Lanes:  # noqa: F811 - an overload
-    """Of eight particles."""
+    """Return the gains h / m of eight particles."""
     ...
 
 
 @wp.func
 def kick(velocity: Any, force: Any, gain: Any):
-    """v + h F / m; the gain is h / m, see `response`."""
+    """Return the new velocity v + h F / m; the gain is h / m, see `response`."""
     return velocity + scaled(force, gain)
 
 
 @wp.func
 def drift_symplectic(point: Any, old_velocity: Any, velocity: Any, step_seconds: float):
-    """x + h v, v the new velocity: symplectic Euler, in the order of the paper's listing."""
+    """Return x + h v with the new velocity v: symplectic Euler, in the order of the paper's listing."""
     return point + scaled(velocity, step_seconds)
 
 
 @phase("particle", {"gain": float}, light=True, once=lambda traits: not traits.gas_changes)
 def respond(traits: Traits, look: Look) -> Any:
-    """Find the velocity that a force gives it, see `response`."""
+    """Find the velocity that a force gives a particle, see `response`."""
 
     @wp.func
     def respond(t: Any, inertia: Any):
@@ -54,7 +54,7 @@ def respond(traits: Traits, look: Look) -> Any:
 
 @phase("particle", {"free_velocity": wp.vec3}, when=lambda traits: traits.gas)
 def free(traits: Traits, look: Look) -> Any:
-    """Accelerate it by all forces but the inflation's: so the gas finds its pressure."""
+    """Accelerate a particle by all forces except inflation, from which the gas's pressure follows."""
 
     @wp.func
     def free(velocity: Any, force: Any, gain: Any):
@@ -65,7 +65,7 @@ def free(traits: Traits, look: Look) -> Any:
 
 @phase("particle", {"velocity": wp.vec3})
 def push(traits: Traits, look: Look) -> Any:
-    """Accelerate it by all forces."""
+    """Accelerate a particle by all forces."""
 
     @wp.func
     def push(velocity: Any, force: Any, inflation: Any, gain: Any):
@@ -89,11 +89,11 @@ def _move(traits: Traits, look: Look) -> Any:
 
 @phase("particle", {"point": wp.vec3}, when=lambda traits: traits.forward_euler)
 def move_first(traits: Traits, look: Look) -> Any:
-    """Move it by the old velocity: forward Euler."""
+    """Move a particle by the old velocity: forward Euler."""
     return _move(traits, look)
 
 
 @phase("particle", {"point": wp.vec3}, when=lambda traits: not traits.forward_euler)
 def move(traits: Traits, look: Look) -> Any:
-    """Move it by the new velocity: symplectic Euler."""
+    """Move a particle by the new velocity: symplectic Euler."""
     return _move(traits, look)

@@ -8,5 +8,5 @@ from balloon_warp.kernels.traits import Traits
 
 @phase("launches", when=lambda traits: traits.touches)
 def press(traits: Traits, look: Look) -> Any:
-    """Find who may touch whom, now and then, and let them push: launches of their own, see `schedules.touching`."""
+    """Search for contacts now and then, and apply their forces: launches of their own, see `schedules.touching`."""
     return None

@@ -84,7 +84,7 @@ def pull_and_face(traits: Traits, look: Look) -> Any:
 
 @phase("particle", {"force": wp.vec3}, when=lambda traits: traits.touches)
 def take(traits: Traits, look: Look) -> Any:
-    """Add what contacts push it with."""
+    """Add contact forces to a particle."""
 
     @wp.func
     def take(working: Working, own: Any, force: wp.vec3):
@@ -96,7 +96,7 @@ def take(traits: Traits, look: Look) -> Any:
 def _at_neck(traits: Traits, look: Look) -> Any:
     @wp.func
     def is_at_neck(t: Any, own: Any):
-        """Whether any is."""
+        """Return whether any particle of eight is at a neck."""
         return any_positive(t.necks.weights[own.number])
 
     return is_at_neck

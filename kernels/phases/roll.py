@@ -64,7 +64,7 @@ def may_collide(traits: Traits) -> Any:
 
 @phase("world", when=lambda traits: traits.spheres_meet, due=may_collide)
 def collide(traits: Traits, look: Look) -> Any:
-    """Let spheres that have moved meet each other."""
+    """Resolve collisions of spheres that have moved."""
     collide_all = colliding_function(traits, path_in_arrays, put_in_arrays)[0]
 
     @wp.func

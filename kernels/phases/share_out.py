@@ -1,6 +1,6 @@
-"""What membranes and hinges do to their particles, where one thread has all of a world.
+"""Forces of membranes and hinges on their particles, where one thread has a whole world.
 
-Each is looked at once, and what it does waits at the particles.
+Each triangle and hinge is evaluated once, and its forces wait at the particles.
 """
 
 from typing import Any
@@ -17,7 +17,7 @@ from balloon_warp.kernels.traits import Traits
 
 @phase("hinge", when=lambda traits: traits.has("hinge"))
 def bend(traits: Traits, look: Look) -> Any:
-    """Add what a hinge does to its ends and to the corners of its wings [N]."""
+    """Add a hinge's forces to its ends and to the corners of its wings [N]."""
     add_hinge = hinge_function(traits, look.at, look.add)
 
     @wp.func

@@ -16,13 +16,13 @@ def _has_membranes(traits: Traits) -> bool:
 
 @phase("world", when=_has_membranes, once=lambda traits: True)
 def clear(traits: Traits, look: Look) -> Any:
-    """Put nothing where particles look that have fewer faces than others."""
+    """Clear the unused entries of particles that have fewer faces than others."""
     return look.films(traits).clear
 
 
 @phase("film", when=_has_membranes)
 def stretch(traits: Traits, look: Look) -> Any:
-    """Measure a face, and leave there what it does to its corners."""
+    """Measure a face, and store its forces at its corners."""
     if look.films(traits).keeps:
         return look.films(traits).stretch
     stretch_face = look.films(traits).stretch
@@ -42,7 +42,7 @@ def stretch(traits: Traits, look: Look) -> Any:
 
 @phase("particle", {"skin": Any}, when=_has_membranes)
 def collect(traits: Traits, look: Look) -> Any:
-    """Add up what its faces do to a particle."""
+    """Sum the forces of its faces on a particle."""
     return look.films(traits).collect
 
 

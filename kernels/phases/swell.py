@@ -1,4 +1,4 @@
-"""How a balloon would swell in a substep without its gas: by that the gas finds its pressure, see `laws.gas`."""
+"""Swelling of a balloon in a substep without its gas, from which the gas's pressure follows, see `laws.gas`."""
 
 from functools import cache
 from typing import Any
@@ -44,7 +44,7 @@ def _beside(traits: Traits) -> bool:
 
 @phase("particle", {"course": wp.vec3}, when=_beside, light=True)
 def head(traits: Traits, look: Look) -> Any:
-    """Find how fast a particle would go under the load of the substep before [m/s]."""
+    """Find a particle's velocity under the load of the previous substep [m/s]."""
 
     @wp.func
     def head(t: Any, load: Any, gain: Any, point: Any, free_velocity: Any, area_vector: Any):
@@ -56,7 +56,7 @@ def head(traits: Traits, look: Look) -> Any:
 
 @phase("particle", {"detour": wp.vec3, "away": wp.vec3}, when=_beside, light=True, rare=heads_for_solids)
 def foresee(traits: Traits, look: Look) -> Any:
-    """Foresee how obstacles change that [m/s], and in which direction from the last one; zero if there is none."""
+    """Foresee the velocity change by obstacles [m/s], and the direction from the last one; zero if there is none."""
     detour_beside, around_own = detour_function(traits, look.sphere_at), around_function(traits)
 
     @wp.func
@@ -78,7 +78,7 @@ def foresee(traits: Traits, look: Look) -> Any:
 
 @phase("particle", {"swelling": Swelling}, when=lambda traits: traits.gas, sums=True)
 def swell(traits: Traits, look: Look) -> Any:
-    """Sum how the balloon would swell without its gas."""
+    """Sum the swelling of a balloon without its gas."""
     place = traits.columns.places["breathing_damping"]
 
     @wp.func
@@ -91,7 +91,7 @@ def swell(traits: Traits, look: Look) -> Any:
 
     @wp.func
     def of_kind(own: Any, swelling: Any):
-        """Nothing, where a normal force inflates."""
+        """Leave the swelling zero, where a normal force inflates."""
         if wp.static(traits.aims):
             return wp.where(own.kind == NORMAL_FORCE, 0.0 * swelling, swelling)
         else:

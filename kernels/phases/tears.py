@@ -1,7 +1,7 @@
-"""How membranes tear: what each face bears, where tears begin, and how they run on.
+"""Tearing of membranes: stresses of faces, the start of tears, and their propagation.
 
-Before each substep's forces, once the stresses of triangles are known. Each face that is whole looks whether a tear
-comes to it, and tears in a launch of its own: no order of threads matters.
+These phases precede the forces of a substep and follow the stresses of triangles. Each whole face looks for tears that
+arrive, and tears in a launch of its own, so that the order of threads does not matter.
 """
 
 import warp as wp
@@ -21,13 +21,13 @@ from balloon_warp.kernels.tables import Tables, WorldState
 
 LAST_FACE = wp.constant(wp.int64(2**31 - 1))
 SQUARE_MICROMETERS = wp.constant(wp.float64(1.0e12))
-"""of a square meter"""
+"""Square micrometers in a square meter"""
 center_of_face, area_vector_of_face = face_measures(vector_at)
 
 
 @wp.func
 def packed(stress: float, face: wp.int32):
-    """Stress and face as one number: the greatest is that of the greatest stress, or of the first face that has it."""
+    """Return stress and face as one number, whose maximum is the greatest stress, or the first face that has it."""
     bits = wp.int64(wp.cast(wp.max(stress, 0.0), wp.uint32))
     return (bits << wp.int64(32)) + LAST_FACE - wp.int64(face)
 
@@ -77,14 +77,14 @@ def weigh_faces(t: Tables, state: WorldState, world: wp.int32, face: wp.int32, t
 
 @wp.func
 def is_cut(t: Tables, plane: wp.vec4, edge: wp.vec2i):
-    """Whether a tear goes through an edge."""
+    """Return whether a tear's plane cuts an edge."""
     rests = t.membranes.wear.tears.rests
     return cuts(plane, rests[edge[0]], rests[edge[1]])
 
 
 @wp.func
 def middle_of(t: Tables, edge: wp.vec2i):
-    """On the unstretched skin."""
+    """Return the midpoint of an edge on the unstretched skin."""
     rests = t.membranes.wear.tears.rests
     return 0.5 * (rests[edge[0]] + rests[edge[1]])
 
@@ -127,7 +127,7 @@ def tear_across(
     face: wp.int32,
     entry: wp.int32,
 ):
-    """How far a tear that comes from a neighbor has run beyond a face [m], negative if it does not, and its plane."""
+    """Return the distance of a neighbor's tear beyond a face [m], negative if it does not reach it, and its plane."""
     tears = t.membranes.wear.tears
     other = tears.neighbors[entry]
     reach = torn[world, other]
@@ -155,7 +155,7 @@ def tear_across(
 
 @wp.func
 def first_plane(t: Tables, points: wp.array[wp.vec3], face: wp.int32):
-    """Along which a tear runs that begins in a face: across the largest tension."""
+    """Return the plane of a tear that begins in a face: across the largest tension."""
     tears = t.membranes.wear.tears
     a = t.faces.particles[t.faces.offsets[face]]
     b = t.faces.particles[t.faces.offsets[face] + 1]
@@ -168,7 +168,7 @@ def first_plane(t: Tables, points: wp.array[wp.vec3], face: wp.int32):
 
 @wp.func
 def run_tears(t: Tables, state: WorldState, points: wp.array[wp.vec3], world: wp.int32, face: wp.int32):
-    """Whether a tear begins at a face, or comes there."""
+    """Find whether a tear begins at a face, or arrives there."""
     tears = t.membranes.wear.tears
     tears.ahead[world, face] = WHOLE
     if is_gone(state.torn, world, face):
@@ -193,14 +193,14 @@ def run_tears(t: Tables, state: WorldState, points: wp.array[wp.vec3], world: wp
 
 @wp.func
 def area_of(t: Tables, points: wp.array[wp.vec3], face: wp.int32):
-    """Of a face now, in square micrometers."""
+    """Return the current area of a face, in square micrometers."""
     area = wp.length(area_vector_of_face(t.faces, points, face, center_of_face(t.faces, points, face)))
     return wp.int64(wp.float64(area) * SQUARE_MICROMETERS)
 
 
 @wp.func
 def tear_faces(t: Tables, state: WorldState, points: wp.array[wp.vec3], world: wp.int32, face: wp.int32):
-    """Those to which a tear has come are torn, and from others tears run on."""
+    """Tear the faces that a tear has reached, and let other tears advance."""
     tears = t.membranes.wear.tears
     balloon = t.faces.balloon[face]
     gone = is_gone(state.torn, world, face)

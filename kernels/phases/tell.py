@@ -1,6 +1,6 @@
-"""What contacts do to particles, added up over a frame for who asks.
+"""Impulses of contacts on particles, summed over a frame.
 
-It is by how much they change a velocity that all other forces would have left as it was.
+An impulse follows from the change of a velocity that all other forces would have left as it was.
 """
 
 from typing import Any
@@ -17,7 +17,7 @@ from balloon_warp.kernels.working import Working
 
 @phase("particle", {"unhindered": wp.vec3}, when=lambda traits: traits.tells_contacts)
 def note_unhindered(traits: Traits, look: Look) -> Any:
-    """Note how fast a particle would go if nothing were in its way."""
+    """Store a particle's velocity without contacts."""
 
     @wp.func
     def note_unhindered(velocity: wp.vec3):
@@ -28,7 +28,7 @@ def note_unhindered(traits: Traits, look: Look) -> Any:
 
 @phase("particle", when=lambda traits: traits.tells_contacts)
 def tell_contacts(traits: Traits, look: Look) -> Any:
-    """Add up what the thing that is nearest to a particle has done to it."""
+    """Sum the impulse of the thing nearest to a particle."""
     inertia = inertia_function(traits)
     nearest_thing = nearest_thing_function(traits)
 

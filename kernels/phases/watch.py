@@ -19,7 +19,7 @@ def _is_free(traits: Traits) -> bool:
 
 @phase("particle", {"start": wp.vec3}, when=_is_free)
 def set_off(traits: Traits, look: Look) -> Any:
-    """Note where a particle begins its substep."""
+    """Store a particle's position at the begin of its substep."""
 
     @wp.func
     def set_off(point: Any):
@@ -31,7 +31,7 @@ def set_off(traits: Traits, look: Look) -> Any:
 def _hurries(traits: Traits, look: Look) -> Any:
     @wp.func
     def is_faster(t: Any, way: Any, start: Any, point: Any):
-        """Whether any is, perhaps: a little sooner than that counts."""
+        """Return whether any particle of eight may be faster than allowed, with a margin."""
         most = times(way, way) * (0.999 / (float(t.substeps) * float(t.substeps)))
         return not all_positive(most - squared_length(point - start))
 
@@ -40,7 +40,7 @@ def _hurries(traits: Traits, look: Look) -> Any:
 
 @phase("particle", when=_is_free, rare=_hurries)
 def watch(traits: Traits, look: Look) -> Any:
-    """Note a world of which a particle is faster than was believed: its frame does not hold."""
+    """Mark a world with a particle faster than assumed: its frame does not hold."""
 
     @wp.func
     def watch(t: Tables, working: Working, world: wp.int32, start: wp.vec3, point: wp.vec3):

@@ -1,4 +1,4 @@
-"""What becomes of membranes as they are stretched: they soften, and tear."""
+"""Wear of stretched membranes: softening and tearing."""
 
 from functools import cache
 from typing import Any
@@ -41,35 +41,35 @@ def wear_of_state(traits: Traits, at: Any, keeps: bool) -> Any:
 
 @phase("triangle", when=lambda traits: traits.wears)
 def wear(traits: Traits, look: Look) -> Any:
-    """Find what is left of a triangle's tension, and note how far it has been stretched."""
+    """Find the factor on a triangle's tension, and store its peak stretch."""
     return wear_of_state(traits, look.at, True)
 
 
 @phase("triangle", when=lambda traits: traits.wears)
 def look_at_wear(traits: Traits, look: Look) -> Any:
-    """Find what is left of a triangle's tension, and note nothing."""
+    """Find the factor on a triangle's tension, without storing its peak stretch."""
     return wear_of_state(traits, look.at, False)
 
 
 @phase("face", when=lambda traits: traits.bursts)
 def weigh_skin(traits: Traits, look: Look) -> Any:
-    """Find what a face bears; one that is torn pulls no more."""
+    """Find the stress of a face; a torn face has no tension."""
     return weigh_faces
 
 
 @phase("face", when=lambda traits: traits.bursts)
 def run(traits: Traits, look: Look) -> Any:
-    """Find whether a tear begins at a face, or comes there."""
+    """Find whether a tear begins at a face, or arrives there."""
     return run_tears
 
 
 @phase("face", when=lambda traits: traits.bursts)
 def tear(traits: Traits, look: Look) -> Any:
-    """Tear a face to which a tear has come."""
+    """Tear a face that a tear has reached."""
     return tear_faces
 
 
 @phase("balloon", when=lambda traits: traits.bursts)
 def burst(traits: Traits, look: Look) -> Any:
-    """Let a balloon burst, and find how large its hole is then."""
+    """Burst a balloon, and find the area of its hole."""
     return opening_function(traits.columns)

@@ -1,4 +1,4 @@
-"""From light to a picture's bytes."""
+"""Conversion of light to a picture's bytes."""
 
 import warp as wp
 
@@ -7,7 +7,7 @@ from balloon_warp.kernels.pictures.studio import mix
 
 @wp.func
 def tone(light: wp.vec3):
-    """Khronos PBR Neutral (2024), made for product pictures: keeps the colors of things, compresses only highlights."""
+    """Map tones by Khronos PBR Neutral (2024): it keeps the colors of things, and compresses only highlights."""
     low = wp.min(light)
     lifted = wp.where(low < 0.08, low - 6.25 * low * low, 0.04)
     color = light - wp.vec3(lifted)
@@ -20,7 +20,7 @@ def tone(light: wp.vec3):
 
 @wp.func
 def srgb_byte(shown: float):
-    """The sRGB transfer function (IEC 61966-2-1), in 256 steps."""
+    """Return the sRGB transfer function (IEC 61966-2-1), in 256 steps."""
     encoded = 12.92 * shown
     if shown > 0.0031308:
         encoded = 1.055 * wp.pow(wp.min(shown, 1.0), 1.0 / 2.4) - 0.055

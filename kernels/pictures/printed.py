@@ -8,18 +8,18 @@ class Prints:
     """All images, one after the other."""
 
     texels: wp.array[wp.vec3]
-    """linear RGB, row by row from the top"""
+    """Linear RGB, row by row from the top"""
     images: wp.array[wp.vec3i]
-    """the first texel, the width and the height of each"""
+    """First texel, width and height of each image"""
     of_triangle: wp.array[wp.int32]
-    """which image is on each triangle; -1 for none. Empty where there is no image at all"""
+    """Image on each triangle; -1 for none. Empty where there is no image at all"""
     places: wp.array[wp.vec2]
-    """where in it, from 0 to 1 to the right and up and over again beyond; one a corner"""
+    """Texture coordinates of each corner, from 0 to 1 to the right and up, repeating beyond"""
 
 
 @wp.func
 def texel(prints: Prints, image: wp.vec3i, column: wp.int32, row: wp.int32):
-    """One of an image that goes on beyond its edges."""
+    """Return a texel of an image that repeats beyond its edges."""
     x = column % image[1]
     y = row % image[2]
     if x < 0:
@@ -31,7 +31,7 @@ def texel(prints: Prints, image: wp.vec3i, column: wp.int32, row: wp.int32):
 
 @wp.func
 def printed_color(prints: Prints, number: wp.int32, place: wp.vec2):
-    """An image's color at a place, between its four nearest texels."""
+    """Return an image's color at a place, between its four nearest texels."""
     image = prints.images[number]
     x = place[0] * float(image[1]) - 0.5
     y = (1.0 - place[1]) * float(image[2]) - 0.5

@@ -29,23 +29,23 @@ class Camera:
     right: wp.vec3
     up: wp.vec3
     aperture: float
-    """the lens's radius; 0 of a pinhole"""
+    """Radius of the lens; 0 for a pinhole"""
     focus: float
-    """how far away everything is sharp"""
+    """Distance of the plane in focus"""
     transparent: wp.bool
-    """whether there is no backdrop, and of the ground its shadows alone"""
+    """Whether to omit the backdrop, and of the ground all but its shadows"""
 
 
 @wp.func
 def lens_place(camera: Camera, disc: wp.vec2):
-    """A place on the lens."""
+    """Return a place on the lens."""
     across = disc[0] * wp.normalize(camera.right) + disc[1] * wp.normalize(camera.up)
     return camera.eye + camera.aperture * across
 
 
 @wp.func
 def mean_share(summed: wp.vec4):
-    """The share from a weighted sum of shares and weights."""
+    """Return the share from a weighted sum of shares and weights."""
     return wp.vec3(summed[0], summed[1], summed[2]) / wp.max(summed[3], 1.0e-9)
 
 
@@ -72,7 +72,7 @@ def cast_pixels(
     ground_sky: wp.array2d[wp.vec3],
     ground_shares: wp.array2d[float],
 ):
-    """A thread a (row of the band, column). The ground's light goes apart where the picture is transparent."""
+    """Cast the rays of a pixel, a thread each; the ground's light is stored apart in a transparent picture."""
     band_row, column = wp.tid()
     row = band + band_row * band_count
     height = places.shape[0]
@@ -147,7 +147,7 @@ def smooth_light(
     smooth_key: wp.array2d[wp.vec4],
     smooth_sky: wp.array2d[wp.vec4],
 ):
-    """A thread a (row of the band, column): a Gaussian along rows or columns over pixels of the same surface."""
+    """Smooth light by a Gaussian over pixels of the same surface; a thread a (row of the band, column)."""
     band_row, column = wp.tid()
     row = band + band_row * band_count
     sum_key = key_shares[row, column]
@@ -175,7 +175,7 @@ def smooth_light(
 
 @wp.func
 def catch_shadow(key: wp.vec3, sky: wp.vec3, key_share: wp.vec3, sky_share: wp.vec3, ground: float):
-    """Light and opacity of the ground's shadow alone, so that it darkens what it is laid over as it does the ground.
+    """Return light and opacity of the ground's shadow alone, which darken any background as they do the ground.
 
     Pictures are laid over each other by the numbers that are shown: about the power 1/2.2 of the light.
 
@@ -212,7 +212,7 @@ def develop(
     # out
     picture: wp.array3d[wp.uint8],
 ):
-    """A thread a (row of the band, column): light together, tone curve, sRGB bytes; opacity last where it is wanted."""
+    """Convert light to sRGB bytes, with tone curve and opacity; a thread a (row of the band, column)."""
     band_row, column = wp.tid()
     row = band + band_row * band_count
     light = plain[row, column]

@@ -1,17 +1,20 @@
-"""What a thin wall of dyed rubber does with light. One thick, it looks like a party balloon's."""
+"""Light in a thin wall of dyed rubber.
+
+A wall of thickness one looks like a party balloon's.
+"""
 
 import warp as wp
 
 USUAL = wp.constant(0.08)
-"""the transparency, one less the material's opacity, of a wall that is one thick where it is not stretched"""
+"""Transparency, one less the material's opacity, of an unstretched wall of thickness one"""
 CLOUDY = wp.constant(0.8)
-"""how much of the light a wall of thickness one scatters: all but the exponential of the negative"""
+"""Exponent of scattering for a wall of thickness one, which scatters all but exp(-CLOUDY) of the light"""
 DYED = wp.constant(0.56)
-"""the power of its color that a wall of thickness one lets through: two such walls show about the color itself"""
+"""Power of its color that a wall of thickness one transmits: two such walls show about the color itself"""
 PALER = wp.constant(0.6)
-"""the power of the thickness that shows"""
+"""Power of the thickness that shows"""
 DEEPEST = wp.constant(3.4)
-"""how many times as long the way through a wall is at the silhouette, seen edge-on"""
+"""Relative path length through a wall at the silhouette, seen edge-on"""
 
 
 @wp.struct
@@ -19,19 +22,19 @@ class Wall:
     """Shares of the light, by color."""
 
     clear: wp.vec3
-    """goes on as it came"""
+    """Fraction of the light that passes unscattered"""
     back: wp.vec3
-    """is scattered to where it came from"""
+    """Fraction of the light that is scattered back"""
     forth: wp.vec3
-    """is scattered to the other side"""
+    """Fraction of the light that is scattered to the other side"""
 
 
 @wp.func
 def thickness_of(opacity: float, shrunk: float):
-    """Of a wall: thicker the more opaque its material is, and thinner the more it is stretched.
+    """Return the thickness of a wall: it grows with the material's opacity, and falls with stretch.
 
     Args:
-        shrunk: area before over area now. Rubber keeps its volume, so that it is the thickness, too. Its power is a
+        shrunk: Area before over area now. Rubber keeps its volume, so that it is the thickness, too. Its power is a
             matter of looks: walls stretched fourfold both ways would hardly be seen.
     """
     return wp.pow(shrunk, PALER) * USUAL / wp.max(1.0 - opacity, 1.0e-6)
@@ -39,7 +42,10 @@ def thickness_of(opacity: float, shrunk: float):
 
 @wp.func
 def dyed(color: wp.vec3, power: float):
-    """A color to a power, as Beer and Lambert have it; what has none of a color still lets a little of it through."""
+    """Return a color to a power, as in Beer and Lambert's law.
+
+    A color without one component still lets a little of it through.
+    """
     return wp.vec3(
         wp.pow(wp.clamp(color[0], 0.02, 1.0), power),
         wp.pow(wp.clamp(color[1], 0.02, 1.0), power),
@@ -49,7 +55,7 @@ def dyed(color: wp.vec3, power: float):
 
 @wp.func
 def wall_of(color: wp.vec3, thickness: float, facing: float):
-    """A wall that light meets under an angle.
+    """Return a wall that light meets under an angle.
 
     Args:
         facing: the angle's cosine; the way through is the longer, the smaller it is.
@@ -68,12 +74,12 @@ def wall_of(color: wp.vec3, thickness: float, facing: float):
 
 @wp.func
 def passes(wall: Wall):
-    """The share of light that gets through, scattered or not."""
+    """Return the share of light that gets through, scattered or not."""
     return wall.clear + wall.forth
 
 
 @wp.func
 def glow(wall: Wall, key_radiance: wp.vec3):
-    """Light inside a balloon, alike all over, on its wall: what came in and has been thrown about."""
+    """Return the uniform light inside a balloon on its wall, from multiple scattering."""
     entered = wp.cw_mul(passes(wall), 0.5 * key_radiance + wp.vec3(0.6))
     return entered + wp.cw_mul(entered, wall.back)

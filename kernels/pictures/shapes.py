@@ -1,4 +1,4 @@
-"""What rays can hit: triangles, capsules (a sphere is a capsule of no length), ground and water. Y is up."""
+"""Shapes that rays can hit: triangles, capsules (a sphere is a capsule of no length), ground and water. Y is up."""
 
 import warp as wp
 
@@ -10,28 +10,28 @@ class Shapes:
     """All that is drawn, in a frame where the action is about one unit large."""
 
     mesh: wp.uint64
-    """the triangles of all meshes; 0 where there are none"""
+    """Triangles of all meshes; 0 where there are none"""
     corners: wp.array[wp.int32]
-    """vertex numbers, three a triangle"""
+    """Vertex numbers, three a triangle"""
     normals: wp.array[wp.vec3]
-    """unit normals, one a vertex"""
+    """Unit normals, one a vertex"""
     colors: wp.array[wp.vec3]
-    """linear RGB, one a corner: faces that share a vertex may differ there"""
+    """Linear RGB, one a corner: faces that share a vertex may differ there"""
     shrunk: wp.array[float]
-    """area about a vertex before over that now, one a vertex"""
+    """Area about a vertex before over that now, one a vertex"""
     finishes: wp.array[wp.vec4]
-    """roughness, opacity, clearcoat and metallic, one a triangle"""
+    """Roughness, opacity, clearcoat and metallic, one a triangle"""
     prints: Prints
-    """images on triangles, in place of colors"""
+    """Images on triangles, in place of colors"""
     capsules: wp.uint64
-    """the boxes of the capsules; 0 where there are none"""
+    """Boxes of the capsules; 0 where there are none"""
     begins: wp.array[wp.vec3]
     ends: wp.array[wp.vec3]
     radii: wp.array[float]
     capsule_colors: wp.array[wp.vec3]
     capsule_finishes: wp.array[wp.vec4]
     reach: float
-    """how far from the origin triangles and capsules are"""
+    """Distance from the origin within which all triangles and capsules are"""
     has_ground: wp.int32
     ground_height: float
     ground_color: wp.vec3
@@ -42,7 +42,7 @@ class Shapes:
 
 @wp.struct
 class Hit:
-    """Where a ray ends first. `color`, `finish` and `shrunk` are those of the material there."""
+    """First intersection of a ray, with `color`, `finish` and `shrunk` of the material there."""
 
     kind: wp.int32
     distance: float
@@ -54,7 +54,7 @@ class Hit:
 
 
 LEAST_SEEN = wp.constant(0.6)
-"""the least cosine of a smooth normal to the viewer, as a part of its face's own"""
+"""Least cosine of a smooth normal to the viewer, over that of its face's own"""
 NOTHING = wp.constant(0)
 SURFACE = wp.constant(1)
 LINE = wp.constant(2)
@@ -64,7 +64,7 @@ WATER = wp.constant(4)
 
 @wp.func
 def capsule_distance(origin: wp.vec3, direction: wp.vec3, begin: wp.vec3, end: wp.vec3, radius: float):
-    """Distance along a ray of unit direction to a capsule's outside; -1 where it misses or starts inside.
+    """Return the distance along a ray of unit direction to a capsule's outside; -1 where it misses or starts inside.
 
     The cylinder around the axis first, then whichever round cap the ray enters.
     """
@@ -102,7 +102,7 @@ def capsule_distance(origin: wp.vec3, direction: wp.vec3, begin: wp.vec3, end: w
 
 @wp.func
 def nearest_capsule(shapes: Shapes, origin: wp.vec3, direction: wp.vec3, reach: float):
-    """The first capsule along a ray and its distance; number -1 where there is none within `reach`."""
+    """Return the first capsule along a ray and its distance; number -1 where there is none within `reach`."""
     nearest = wp.int32(-1)
     distance = float(reach)
     if shapes.capsules != wp.uint64(0):
@@ -118,7 +118,7 @@ def nearest_capsule(shapes: Shapes, origin: wp.vec3, direction: wp.vec3, reach: 
 
 @wp.func
 def capsule_normal(shapes: Shapes, capsule: wp.int32, point: wp.vec3):
-    """Outward unit normal of a capsule at a point on it."""
+    """Return the outward unit normal of a capsule at a point on it."""
     begin = shapes.begins[capsule]
     axis = shapes.ends[capsule] - begin
     along = wp.dot(point - begin, axis) / wp.max(wp.dot(axis, axis), 1.0e-20)
@@ -127,7 +127,7 @@ def capsule_normal(shapes: Shapes, capsule: wp.int32, point: wp.vec3):
 
 @wp.func
 def turned_to_viewer(smooth: wp.vec3, facing: wp.vec3, direction: wp.vec3):
-    """A smooth normal, bent toward the viewer where its face is seen by much less of a slant than it says.
+    """Return a smooth normal, bent toward the viewer where its face is seen by much less of a slant than it says.
 
     Near the outline of a coarse mesh a smooth normal looks away over a whole polygon, which would be a gray shard: all
     of it mirrors as if it were seen edge-on.
@@ -147,7 +147,10 @@ def turned_to_viewer(smooth: wp.vec3, facing: wp.vec3, direction: wp.vec3):
 
 @wp.func
 def first_hit(shapes: Shapes, origin: wp.vec3, direction: wp.vec3, reach: float):
-    """The first thing along a ray of unit direction, within `reach`. Its normal is smooth and faces the origin."""
+    """Return the first hit along a ray of unit direction, within `reach`.
+
+    Its normal is smooth and faces the origin.
+    """
     hit = Hit()
     hit.kind = NOTHING
     hit.distance = reach
@@ -205,7 +208,7 @@ def first_hit(shapes: Shapes, origin: wp.vec3, direction: wp.vec3, reach: float)
 
 @wp.func
 def water_before(shapes: Shapes, origin: wp.vec3, direction: wp.vec3, hit: Hit):
-    """The surface of the water where a ray meets it before what it hit, else what it hit.
+    """Return the water's surface where a ray meets it first, else the given hit.
 
     Not a part of `first_hit`, since what is under water is lit as if there were none.
     """

@@ -1,4 +1,4 @@
-"""What is seen along one ray: through walls of rubber and water, and by mirrors."""
+"""Light along one ray: through walls of rubber and water, and by mirrors."""
 
 import warp as wp
 
@@ -19,7 +19,7 @@ from balloon_warp.kernels.pictures.surface import (
 )
 
 LAYERS = wp.constant(3)
-"""how many walls and mirrors one looks through"""
+"""Largest number of walls and mirrors that a ray passes"""
 
 
 @wp.struct
@@ -27,33 +27,33 @@ class Sight:
     """Light that comes along a ray."""
 
     plain: wp.vec3
-    """all but the key's and the sky's on what is met first"""
+    """Light without that of key and sky on the first surface"""
     key: wp.vec3
-    """what the key light adds there, where nothing shadows it"""
+    """Light of the key on the first surface, unshadowed"""
     sky: wp.vec3
-    """what the sky adds there, where nothing is near"""
+    """Light of the sky on the first surface, unoccluded"""
     key_share: wp.vec4
-    """the share of the key's light that gets there, weighted, and the weight"""
+    """Weighted share of the key's light that arrives, and the weight"""
     sky_share: wp.vec4
-    """the same of the sky's"""
+    """Weighted share of the sky's light that arrives, and the weight"""
     backdrop: float
-    """the share of the light that is the backdrop's"""
+    """Share of the light that is the backdrop's"""
     place: wp.vec3
-    """what is met first"""
+    """First surface point"""
     normal: wp.vec3
     caught: float
-    """the share of the light that is the ground's, where that only catches shadows"""
+    """Share of the light that is the ground's, where the ground only catches shadows"""
 
 
 @wp.func
 def with_one(share: wp.vec3):
-    """A share and its weight, to be summed."""
+    """Return a share and its weight, to be summed."""
     return wp.vec4(share[0], share[1], share[2], 1.0)
 
 
 @wp.func
 def answer_of(hit: Hit, studio: Studio, direction: wp.vec3, ground_color: wp.vec3, inside: wp.bool):
-    """What a thing of any kind does with the light that reaches it, inside a balloon or not."""
+    """Return the response of a surface to light, inside a balloon or outside."""
     answer = Answer()
     if hit.kind == SURFACE:
         answer = surface_answer(hit, studio, direction, ground_color, inside)
@@ -68,7 +68,10 @@ def answer_of(hit: Hit, studio: Studio, direction: wp.vec3, ground_color: wp.vec
 
 @wp.func
 def light_farther(hit: Hit, inside: wp.bool, weight: wp.vec3, key: wp.vec3, sky: wp.vec3):
-    """The light on what is seen through something. Nobody will miss a shadow there: it gets a share of the light."""
+    """Return the light on what is seen through something.
+
+    It gets a share of the light in place of shadows, which nobody misses there.
+    """
     light = 0.9 * sky + 0.7 * key
     if is_film(hit):
         light = sky + 0.9 * key
@@ -90,13 +93,13 @@ def look_along(
     asks_sky: wp.bool,
     catches: wp.bool,
 ):
-    """What a ray sees.
+    """Return the light along a ray.
 
     Args:
-        behind: the backdrop's light there.
-        disc: where on the lights, and of the sky, it asks how much comes through.
-        asks_key, asks_sky: whether it does.
-        catches: whether nothing is seen of the ground but the shadows on it, and those not through anything.
+        behind: Light of the backdrop there.
+        disc: Sample point on the lights and of the sky whose visibility is tested.
+        asks_key, asks_sky: Whether to test their visibility.
+        catches: Whether of the ground only shadows are seen, and those not through anything.
     """
     seen = Sight()
     start = origin

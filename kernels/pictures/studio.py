@@ -5,37 +5,40 @@ import warp as wp
 
 @wp.struct
 class Studio:
-    """Where the lights are. Directions are unit vectors toward the light; Y is up."""
+    """Lights of the studio. Directions are unit vectors toward the light; Y is up."""
 
     key: wp.vec3
-    """the key softbox"""
+    """Direction of the key softbox"""
     key_right: wp.vec3
     key_up: wp.vec3
     rim: wp.vec3
-    """the strip light"""
+    """Direction of the strip light"""
     rim_right: wp.vec3
     rim_up: wp.vec3
     key_radiance: wp.vec3
-    """what the key light adds to a white surface that faces it"""
+    """Radiance that the key light adds to a white surface facing it"""
     key_spread: float
-    """tangent of the half angle under which the key light casts soft shadows"""
+    """Tangent of the half angle of the key light, for soft shadows"""
 
 
 @wp.func
 def mix(a: wp.vec3, b: wp.vec3, t: float):
-    """From a at 0 to b at 1."""
+    """Interpolate linearly from a at 0 to b at 1."""
     return a + t * (b - a)
 
 
 @wp.func
 def luminance(color: wp.vec3):
-    """Rec. 709 weights."""
+    """Return the luminance of a color, by Rec. 709 weights."""
     return wp.dot(color, wp.vec3(0.2126, 0.7152, 0.0722))
 
 
 @wp.func
 def backdrop(height: float, across: float):
-    """What the camera sees behind everything: a warm paper sweep. Both arguments run from -1 to 1 over the picture."""
+    """Return the light of the backdrop, a warm paper sweep.
+
+    Both arguments run from -1 to 1 over the picture.
+    """
     light = mix(wp.vec3(0.90, 0.86, 0.80), wp.vec3(0.86, 0.83, 0.80), wp.smoothstep(-0.6, 1.3, height))
     corner = across * across + 0.6 * height * height
     return light * (1.0 - 0.12 * wp.smoothstep(0.2, 1.8, corner))
@@ -43,14 +46,17 @@ def backdrop(height: float, across: float):
 
 @wp.func
 def sky_irradiance(normal: wp.vec3, ground_color: wp.vec3):
-    """Diffuse light from all around, softboxes apart, on a surface that nothing shadows."""
+    """Return the diffuse light from all around, softboxes apart, on a surface that nothing shadows."""
     from_sky = mix(wp.vec3(0.26, 0.27, 0.30), wp.vec3(0.36, 0.36, 0.36), 0.5 + 0.5 * normal[1])
     return mix(0.34 * ground_color, from_sky, wp.smoothstep(-1.0, 0.7, normal[1]))
 
 
 @wp.func
 def panel(direction: wp.vec3, toward: wp.vec3, right: wp.vec3, up: wp.vec3, half: wp.vec2, blur: float):
-    """How much of a soft-edged rectangular light is seen along a direction. `half` is its half size at distance one."""
+    """Return the visible fraction of a soft-edged rectangular light along a direction.
+
+    `half` is its half size at distance one.
+    """
     ahead = wp.dot(direction, toward)
     if ahead <= 0.05:
         return 0.0
@@ -64,7 +70,7 @@ def panel(direction: wp.vec3, toward: wp.vec3, right: wp.vec3, up: wp.vec3, half
 
 @wp.func
 def softbox(direction: wp.vec3, toward: wp.vec3, right: wp.vec3, up: wp.vec3, half: wp.vec2, blur: float):
-    """A panel whose cloth is brightest where the lamp behind it is, and whose frame has a bar across the middle."""
+    """Return the light of a softbox, brightest where its lamp is, with a bar across the middle of its frame."""
     light = panel(direction, toward, right, up, half, blur)
     if light > 0.0:
         ahead = wp.max(wp.dot(direction, toward), 0.05)
@@ -79,7 +85,7 @@ def softbox(direction: wp.vec3, toward: wp.vec3, right: wp.vec3, up: wp.vec3, ha
 
 @wp.func
 def mirrored_room(direction: wp.vec3, roughness: float, ground_color: wp.vec3):
-    """What a surface of some roughness mirrors from a direction, the lights apart.
+    """Return the light that a surface of some roughness mirrors from a direction, without the lights.
 
     A floor that is bright near by, a wall that is dark where it meets the floor, and a large white cloth overhead.
     """
@@ -92,7 +98,7 @@ def mirrored_room(direction: wp.vec3, roughness: float, ground_color: wp.vec3):
 
 @wp.func
 def mirrored_lights(studio: Studio, direction: wp.vec3, roughness: float):
-    """What a surface of some roughness mirrors of the two lights."""
+    """Return the light that a surface of some roughness mirrors of the two lights."""
     blur = 0.03 + 0.9 * roughness * roughness
     key = softbox(direction, studio.key, studio.key_right, studio.key_up, wp.vec2(0.34, 0.44), blur)
     rim = panel(direction, studio.rim, studio.rim_right, studio.rim_up, wp.vec2(0.14, 0.70), blur)

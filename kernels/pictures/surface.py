@@ -1,4 +1,4 @@
-"""How surfaces answer the light that reaches them, and how much of it does."""
+"""Response of surfaces to light, and visibility of the lights."""
 
 import warp as wp
 
@@ -15,13 +15,13 @@ from balloon_warp.kernels.pictures.studio import (
 
 FAR = wp.constant(1.0e4)
 EPSILON = wp.constant(1.0e-3)
-"""how far from a surface rays start, in sizes of the action"""
+"""Offset of rays from a surface, in sizes of the action"""
 MURK = wp.constant(0.3)
-"""the part of the light that water sends back"""
+"""Fraction of the light that water reflects diffusely"""
 REACH = wp.constant(0.7)
-"""how far away a thing can be that still dims the sky's light"""
+"""Range of ambient occlusion"""
 WALLS = wp.constant(4)
-"""how many walls of rubber the key light's rays go through"""
+"""Largest number of rubber walls that shadow rays pass"""
 
 
 @wp.struct
@@ -29,26 +29,26 @@ class Answer:
     """Light that a surface sends to the viewer."""
 
     key: wp.vec3
-    """from the key light, where nothing shadows it"""
+    """Light from the key, unshadowed"""
     sky: wp.vec3
-    """from all around, where nothing is near"""
+    """Light from the sky, unoccluded"""
     lights: wp.vec3
-    """mirror images of the lights"""
+    """Mirror images of the lights"""
     through: wp.vec3
-    """the share, by color, of what is behind it, or of what it mirrors"""
+    """Share, by color, of the light behind the surface, or of what it mirrors"""
     mirrors: wp.bool
-    """whether the ray goes on where a mirror sends it"""
+    """Whether the ray goes on by mirror reflection"""
 
 
 @wp.func
 def ground_fade(point: wp.vec3):
-    """How far the ground has turned into the backdrop: a studio's paper sweep has no horizon."""
+    """Return the fraction of the backdrop in the ground's color: a studio's paper sweep has no horizon."""
     return wp.smoothstep(1.0, 6.0, wp.sqrt(point[0] * point[0] + point[2] * point[2]))
 
 
 @wp.func
 def ground_answer(hit: Hit, studio: Studio):
-    """Matte."""
+    """Return the response of the matte ground."""
     answer = Answer()
     answer.key = wp.max(wp.dot(hit.normal, studio.key), 0.0) * wp.cw_mul(hit.color, studio.key_radiance)
     answer.sky = wp.cw_mul(hit.color, sky_irradiance(hit.normal, hit.color))
@@ -77,7 +77,7 @@ def water_answer(hit: Hit, studio: Studio, direction: wp.vec3, ground_color: wp.
 
 @wp.func
 def line_answer(hit: Hit, studio: Studio, direction: wp.vec3, ground_color: wp.vec3):
-    """Too thin to show where its light comes from: an even color reads best."""
+    """Return the response of a line: an even color, since it is too thin for shading."""
     facing = wp.abs(wp.dot(hit.normal, direction))
     light = 0.5 * studio.key_radiance + sky_irradiance(hit.normal, ground_color)
     answer = Answer()
@@ -87,20 +87,20 @@ def line_answer(hit: Hit, studio: Studio, direction: wp.vec3, ground_color: wp.v
 
 @wp.func
 def is_film(hit: Hit):
-    """Whether it is a wall that lets light through."""
+    """Return whether a hit is a translucent wall."""
     return hit.kind == SURFACE and hit.finish[1] < 1.0 and hit.finish[3] == 0.0
 
 
 @wp.func
 def film_at(hit: Hit, direction: wp.vec3):
-    """The wall that a ray has hit."""
+    """Return the wall that a ray has hit."""
     thickness = thickness_of(hit.finish[1], hit.shrunk)
     return wall_of(hit.color, thickness, wp.abs(wp.dot(hit.normal, direction)))
 
 
 @wp.func
 def film_answer(hit: Hit, studio: Studio, direction: wp.vec3, ground_color: wp.vec3, inside: wp.bool):
-    """A wall of dyed rubber with light on both sides.
+    """Return the response of a wall of dyed rubber with light on both sides.
 
     Args:
         direction: of the ray that hit.
@@ -125,7 +125,7 @@ def film_answer(hit: Hit, studio: Studio, direction: wp.vec3, ground_color: wp.v
 
 @wp.func
 def metal_answer(hit: Hit, studio: Studio, direction: wp.vec3, ground_color: wp.vec3):
-    """A tinted mirror, which is a little dull."""
+    """Return the response of a tinted mirror, which is a little dull."""
     answer = Answer()
     grazing = 1.0 + wp.dot(hit.normal, direction)
     dull = 0.1 * hit.color
@@ -138,7 +138,7 @@ def metal_answer(hit: Hit, studio: Studio, direction: wp.vec3, ground_color: wp.
 
 @wp.func
 def surface_answer(hit: Hit, studio: Studio, direction: wp.vec3, ground_color: wp.vec3, inside: wp.bool):
-    """A dyed body under a clear gloss, a thin wall of rubber under one, or metal.
+    """Return the response of a dyed body under a clear gloss, a thin wall of rubber under one, or metal.
 
     Args:
         direction: of the ray that hit.
@@ -169,7 +169,7 @@ def surface_answer(hit: Hit, studio: Studio, direction: wp.vec3, ground_color: w
 
 @wp.func
 def key_share(shapes: Shapes, studio: Studio, hit: Hit, disc: wp.vec2):
-    """The share of the key light, by color, that comes through from one point of it, to the side that it is on."""
+    """Return the share of the key light, by color, that arrives from one point of it, on the side facing it."""
     across = studio.key_spread * (disc[0] * studio.key_right + disc[1] * studio.key_up)
     direction = wp.normalize(studio.key + across)
     side = wp.where(wp.dot(hit.normal, studio.key) < 0.0, -EPSILON, EPSILON)
@@ -190,7 +190,7 @@ def key_share(shapes: Shapes, studio: Studio, hit: Hit, disc: wp.vec2):
 
 @wp.func
 def tangent_frame(normal: wp.vec3):
-    """Two unit vectors across a unit vector."""
+    """Return two unit vectors across a unit vector."""
     helper = wp.where(wp.abs(normal[1]) < 0.9, wp.vec3(0.0, 1.0, 0.0), wp.vec3(1.0, 0.0, 0.0))
     right = wp.normalize(wp.cross(helper, normal))
     return right, wp.cross(normal, right)
@@ -198,7 +198,10 @@ def tangent_frame(normal: wp.vec3):
 
 @wp.func
 def sky_share(shapes: Shapes, hit: Hit, disc: wp.vec2):
-    """The share of the sky's light, by color, along one direction; what stands there adds some of its own color."""
+    """Return the share of the sky's light, by color, along one direction.
+
+    What stands there adds some of its own color.
+    """
     right, forward = tangent_frame(hit.normal)
     up = wp.sqrt(wp.max(1.0 - wp.dot(disc, disc), 0.0))
     direction = wp.normalize(disc[0] * right + disc[1] * forward + up * hit.normal)

@@ -1,1 +1,1 @@
-"""Who computes what, and where places are meanwhile: one module for each schedule. None knows a law."""
+"""Schedules: the work of each thread, and the memory of points meanwhile, a module each; none knows a law."""

@@ -12,15 +12,15 @@ class Piece(NamedTuple):
 
     phases: tuple[Phase, ...]
     once: bool
-    """whether they are for the first substep of a frame only"""
+    """Whether the pieces are for the first substep of a frame only"""
     takes: tuple[str, ...]
-    """values that it reads, which earlier pieces have left"""
+    """Values that the piece reads and earlier pieces have written"""
     leaves: tuple[str, ...]
-    """values that it writes, and later ones read"""
+    """Values that the piece writes and later ones read"""
     moves: tuple[str, ...]
-    """what it writes of a particle's state"""
+    """State of a particle that the piece writes"""
     doubles: tuple[str, ...]
-    """of that, what others look at meanwhile: it has two places, one to read and one to write"""
+    """State that others read meanwhile: it is double-buffered, one buffer to read and one to write"""
 
     @property
     def name(self) -> str:
@@ -52,7 +52,7 @@ class Step(NamedTuple):
     look: Look
     pieces: tuple[Piece, ...]
     light: tuple[Phase, ...]
-    """those that are found again wherever they are read"""
+    """Phases that are recomputed wherever their values are read"""
 
     def owner(self, value: str) -> Item:
         """Return the kind of items that have a value."""

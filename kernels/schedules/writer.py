@@ -1,4 +1,4 @@
-"""What all writers of kernels share: the call of a phase, once all that it reads is at hand."""
+"""Base of all writers of kernels: the call of a phase, once all values that it reads are bound."""
 
 import re
 from abc import ABC, abstractmethod
@@ -20,20 +20,20 @@ SCOPE: Mapping[str, Any] = {
     "ramp_at": ramp_at, "vector_in": vector_in, "put_vector_in": put_vector_in, "two_in": two_in,
     "volume_origin": volume_origin, "spheres_in_state": spheres_in_state,
 }  # fmt: skip
-"""what a source may refer to, beside its phases"""
+"""Names that a source may refer to, besides its phases"""
 
 
 class Writer(ABC):
     """Write phases as source, line by line; a schedule says where it finds what they read."""
 
     aliases: Mapping[str, str] = {}
-    """handles that phases know by another name"""
+    """Handles that phases know by another name"""
 
     def __init__(self, step: Step, known: Iterable[str]):
         self.step = step
         self.lines: list[str] = []
         self.known: set[str] = set(known)
-        """names that a line above has bound"""
+        """Names that a line above has bound"""
         self.indent = "    "
 
     @abstractmethod

@@ -1,1 +1,1 @@
-"""What the implicit solver needs."""
+"""Kernels of the implicit solver."""

@@ -22,16 +22,16 @@ class FactorTable:
     """L without its diagonal of ones, column by column, of P A P^T = L D L^T."""
 
     place: wp.array[wp.int32]
-    """the row of each particle, shape (particle_count,)"""
+    """Row of each particle, shape (particle_count,)"""
     offsets: wp.array[wp.int32]
-    """where each column begins in `rows`, shape (particle_count + 1,)"""
+    """Begin of each column in `rows`, shape (particle_count + 1,)"""
     rows: wp.array[wp.int32]
-    """ascending within a column, shape (entry_count,)"""
+    """Row numbers, ascending within a column, shape (entry_count,)"""
 
 
 @wp.func
 def any_of(going: wp.array[wp.int32], first: wp.int32, count: wp.int32):
-    """Whether any of so many worlds goes on, of those that there are."""
+    """Return whether any world of a group goes on, of those that exist."""
     found = bool(False)
     for world in range(first, wp.min(first + count, going.shape[0])):
         found = found or going[world] != 0
@@ -40,7 +40,7 @@ def any_of(going: wp.array[wp.int32], first: wp.int32, count: wp.int32):
 
 @cache
 def factored_solver(factor_type: Any) -> Any:
-    """The kernel that solves by L D L^T.
+    """Return the kernel that solves by L D L^T.
 
     Args:
         factor_type: `float` where all worlds have the same matrix, `Lanes` where each has its own.
@@ -59,8 +59,10 @@ def factored_solver(factor_type: Any) -> Any:
         work: wp.array2d[Lanes3],
         solutions: wp.array2d[wp.vec3],
     ):
-        """A thread a group of eight worlds, of which one is wanted. `entries` is of L, and with `inverse_pivots` has a
-        row, or one a group."""
+        """Solve for a group of eight worlds a thread, of which at least one is wanted.
+
+        `entries` is of L, and with `inverse_pivots` has a row, or one a group.
+        """
         group = wp.tid()
         if not any_of(going, group * LANE_COUNT, LANE_COUNT):
             return
@@ -96,24 +98,24 @@ class InverseTable:
     """The inverses of the balloons' matrices, one after the other."""
 
     particle_offsets: wp.array[wp.int32]
-    """where each balloon's particles begin, shape (balloon_count + 1,)"""
+    """Begin of each balloon's particles, shape (balloon_count + 1,)"""
     entry_offsets: wp.array[wp.int32]
-    """where each balloon's inverse begins in `entries`, shape (balloon_count,)"""
+    """Begin of each balloon's inverse in `entries`, shape (balloon_count,)"""
     entries: wp.array2d[float]
-    """shape (matrix_count, entry_count)"""
+    """Entries of the inverses, shape (matrix_count, entry_count)"""
     of_world: wp.array[wp.int32]
-    """the matrix of each world, shape (world_count,)"""
+    """Matrix of each world, shape (world_count,)"""
 
 
 ROW_THREADS = wp.constant(32)
-"""threads beside each other, whose rows are, too, so that they load entries together"""
+"""Number of adjacent threads with adjacent rows, which load entries together"""
 PARTS = wp.constant(16)
-"""of every sum, each summed by itself: by several threads, or by one in the same order"""
+"""Number of partial sums of every sum, by several threads, or by one in the same order"""
 
 
 @wp.func
 def part_begin(count: wp.int32, part: wp.int32):
-    """The first term of a part."""
+    """Return the first term of a part."""
     return count * part // PARTS
 
 
@@ -128,7 +130,10 @@ def multiply_own_inverse(
     # state out
     solutions: wp.array2d[wp.vec3],
 ):
-    """A block a (world, tile of 32 rows), a thread a (part, row): for worlds that are few or differ."""
+    """Multiply by inverses of worlds that are few or differ.
+
+    A block a (world, tile of 32 rows), a thread a (part, row).
+    """
     world, tile, thread = wp.tid()
     if going[world] == 0:
         return
@@ -157,7 +162,7 @@ def multiply_own_inverse(
 
 @cache
 def shared_inverse_product(rows: int, worlds: int) -> Any:
-    """The kernel for many worlds that have the same matrix.
+    """Return the kernel for many worlds that have the same matrix.
 
     Args:
         rows: of a thread; each right side that is loaded serves all.
@@ -177,7 +182,10 @@ def shared_inverse_product(rows: int, worlds: int) -> Any:
         # state out
         solutions: wp.array2d[wp.vec3],
     ):
-        """A thread a (group of worlds, tile, thread), which has every 32nd row of the tile."""
+        """Multiply by an inverse that worlds share.
+
+        A thread a (group of worlds, tile, thread), which has every 32nd row of the tile.
+        """
         group, tile, thread = wp.tid()
         if not any_of(going, group * worlds, worlds):
             return

@@ -39,8 +39,10 @@ wp.set_module_options(OPTIONS)
 
 @cache
 def inertia_function(traits: Traits) -> Any:
-    """The function that gives m + h c [kg]: what holds a particle back in a step of h, damping included; 0 for a fixed
-    particle."""
+    """Return the function for the effective mass of a particle in a step h, m + h c [kg], damping included.
+
+    It is 0 for a fixed particle.
+    """
     column = traits.columns.places["damping"]
 
     @wp.func
@@ -52,7 +54,7 @@ def inertia_function(traits: Traits) -> Any:
 
 @cache
 def foreseeing_kernel(traits: Traits) -> Any:
-    """The kernel that foresees displacements."""
+    """Return the kernel that predicts displacements."""
     _, read_own = own_functions(traits.columns, traits.balloons)
     outer = tuple(law for law in traits.of_kind("particle") if law is not DAMPING)
     particle_laws = sum_of_laws("particle", RESULT["particle"], outer, traits.columns, traits.air)
@@ -73,7 +75,7 @@ def foreseeing_kernel(traits: Traits) -> Any:
         reached: wp.array2d[wp.vec3],
         trial_points: wp.array2d[wp.vec3],
     ):
-        """A thread a (world, particle): w, where the iterations begin."""
+        """Predict the displacements w, where the iterations begin; a thread a (world, particle)."""
         world, particle = wp.tid()
         own = read_own(t, world, particle)
         point = state.points[world, particle]
@@ -101,7 +103,7 @@ def foreseeing_kernel(traits: Traits) -> Any:
 
 @cache
 def local_step_kernel(traits: Traits) -> Any:
-    """The kernel of the local step."""
+    """Return the kernel of the local step."""
     _, read_own = own_functions(traits.columns, traits.balloons)
     pull_of_springs = spring_loop(traits, vector_at)
     pull_of_strings = string_loop(traits)
@@ -119,7 +121,10 @@ def local_step_kernel(traits: Traits) -> Any:
         settling: Settling,
         residuals: wp.array2d[wp.vec3],
     ):
-        """A thread a (world, particle): minus h^2 times the slope of g [kg m], in worlds that go on."""
+        """Compute the residuals, minus h^2 times the slope of g [kg m], in worlds that go on.
+
+        A thread a (world, particle).
+        """
         world, particle = wp.tid()
         if world == 0 and particle == 0:
             settling.any_going[0] = 0  # until one says so
@@ -153,7 +158,7 @@ def take_displacements(
     points: wp.array2d[wp.vec3],
     velocities: wp.array2d[wp.vec3],
 ):
-    """A thread a (world, particle): where it is, before contacts."""
+    """Apply the displacements, before contacts; a thread a (world, particle)."""
     world, particle = wp.tid()
     displacement = displacements[world, particle]
     points[world, particle] = points[world, particle] + displacement

@@ -1,4 +1,4 @@
-"""How the iterations of the projective solver hasten, and when they end.
+"""Convergence of the projective solver: acceleration of its iterations, and their end.
 
 An iteration of the solver is a step down g along A^-1 times its slope; A is at least the curvature of g. What a balloon
 does without stretching is only inertia to g, but springs as well to A: it takes some h^2 k / m iterations to settle.
@@ -22,44 +22,45 @@ from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
 
 TOLERANCE = 2.0e-3
-"""of what springs move in a substep: what the last iteration may change"""
+"""Tolerance: change of the last iteration over the change of springs in a substep"""
 WORTH_SAYING = 1.0e-2
-"""of the same: more is told"""
+"""Tolerance above which a warning is given"""
 LEAST_ITERATIONS, MOST_ITERATIONS = 10, 200
-"""in a substep, where the scene leaves it to us"""
+"""Range of the number of iterations in a substep, where the scene says "auto" """
 LEAST_OF_ROUNDED = wp.constant(60)
-"""iterations before a change that float32 does not resolve counts as none"""
+"""Least number of iterations before a change below float32's resolution counts as none"""
 RESOLUTION = wp.constant(3.0e-8)
-"""of coordinates in float32: half of its epsilon, some 1.7 times what changes of settled balloons were seen to be"""
+"""Relative resolution of coordinates in float32: half of its epsilon, some 1.7 times the changes seen in balloons at
+rest"""
 
 
 @wp.struct
 class Settling:
-    """What is known of each world in a substep, and how far it is to go."""
+    """Convergence of each world in a substep, and its limits."""
 
     least: wp.int32
-    """iterations"""
+    """Least number of iterations"""
     most: wp.int32
-    """iterations"""
+    """Largest number of iterations"""
     tolerance: float
     worth_saying: float
     diagonals: wp.array2d[float]
-    """of the matrices A [kg], shape (matrix_count, particle_count)"""
+    """Diagonals of the matrices A [kg], shape (matrix_count, particle_count)"""
     of_world: wp.array[wp.int32]
-    """the matrix of each world, shape (world_count,)"""
+    """Matrix of each world, shape (world_count,)"""
     iterations: wp.array[wp.int32]
-    """made, shape (world_count,), as the next two"""
+    """Number of iterations made, shape (world_count,), as the next two"""
     gathered: wp.array[wp.int32]
-    """of these, in how many momentum was gathered"""
+    """Number of those in which momentum was gathered"""
     going: wp.array[wp.int32]
-    """whether there is more to do"""
+    """Whether a world needs more iterations"""
     any_going: wp.array[wp.int32]
-    """in any world, shape (1,)"""
+    """Whether any world needs more iterations, shape (1,)"""
 
 
 @cache
 def settling_kernel(traits: Traits, inertia: Any) -> Any:
-    """The kernel that takes what the global step found, and looks whether that was the last.
+    """Return the kernel that applies the global step, and tests for convergence.
 
     Args:
         traits: of the model.
@@ -86,7 +87,7 @@ def settling_kernel(traits: Traits, inertia: Any) -> Any:
         trial_points: wp.array2d[wp.vec3],
         unsettled: wp.array[wp.vec2],
     ):
-        """A block a world, summed in the same order every time, whatever other worlds there are."""
+        """Apply the increments of an iteration; a block a world, summed in an order that depends on no other world."""
         world, thread = wp.tid()
         if settling.going[world] == 0:
             return

@@ -21,7 +21,7 @@ bpy.context.scene.render.fps = max(round(float(rate)), 1)
 bpy.context.scene.render.fps_base = bpy.context.scene.render.fps / float(rate)
 bpy.ops.wm.alembic_export(filepath=archive, start=int(first), end=int(last), as_background_job=False)
 """
-"""in a process of its own: Blender brings a USD of its own, which does not go well with another"""
+"""Script for a process of its own: Blender brings a USD of its own, which conflicts with another"""
 
 
 def require_blender() -> None:

@@ -1,4 +1,4 @@
-"""From a stage to a file of another kind.
+"""Export of a stage as a file of another kind.
 
 A simulation's frames always go into a stage first: it is what survives a kill, goes on with `--resume`, and is checked
 by USD's validators. What is exported is made of the stage, and so is the same from `run -o` and, later, from `convert`.
@@ -23,8 +23,8 @@ WRITERS = {
     **dict.fromkeys(HDF5_SUFFIXES, "hdf5.write_hdf5"),
     ".pvd": "vtu.write_series",
 }
-"""what writes a kind of file, loaded when it is first needed: a function of where to, the stage's `Animation`, and
-listeners to notes and to progress"""
+"""Writers by suffix, loaded when first needed: functions of the output path, the stage's `Animation`, and listeners to
+notes and to progress"""
 EXPORT_SUFFIXES = tuple(WRITERS)
 
 

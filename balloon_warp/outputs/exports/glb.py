@@ -20,14 +20,15 @@ from balloon_warp.outputs.exports.parts import Animation, Part
 from balloon_warp.outputs.render.printed import packed_image
 
 MOST_TARGETS = 256
-"""morph targets of a mesh: as many layers as every WebGL 2 has in the texture that three.js keeps them in"""
+"""Largest number of morph targets of a mesh: as many layers as every WebGL 2 has in the texture that three.js keeps
+them in"""
 MOST_BYTES = 256 * 2**20
-"""of the arrays of a file"""
+"""Largest size of a file's arrays [bytes]"""
 VERTEX_BYTES = 24
-"""of a vertex in a morph target: how far its position and its normal are from the first frame's"""
+"""Bytes of a vertex in a morph target: offsets of its position and its normal from the first frame's"""
 OPAQUE = 0.9
-"""opacity from which on a surface is drawn as if nothing were seen through it: viewers draw see-through faces in the
-wrong order, which costs more than the last tenth"""
+"""Opacity from which on a surface is drawn as opaque: viewers draw transparent faces in the wrong order, which costs
+more than the last tenth"""
 
 
 def write_glb(
@@ -51,7 +52,7 @@ def write_glb(
 
 
 def _shown_frames(animation: Animation, vertices: int) -> tuple[range, str]:
-    """The frames that a file has, so that it stays within its bounds, and the end of a sentence if those are not all.
+    """Return the frames that fit into a file, and the end of a sentence if those are not all.
 
     Args:
         vertices: how many move.
@@ -95,10 +96,10 @@ class _Glb:
         self._channels: list[dict[str, Any]] = []
         self._samplers: list[dict[str, Any]] = []
         self._pictures: dict[str, dict[str, Any]] = {}
-        """images by their paths"""
+        """Images by their paths"""
 
     def add(self, part: Part, surface: Surface) -> None:
-        """A node, its mesh and material, and how it moves."""
+        """Add a node, with its mesh, material and motion."""
         node: dict[str, Any] = {"name": part.name, "mesh": len(self._meshes)}
         matrices = [part.matrix(frame) for frame in self.frames]
         baked = part.soft or not all(_is_placed(matrix) for matrix in matrices)
@@ -145,7 +146,7 @@ class _Glb:
         self._show(part, node)
 
     def _image(self, part: Part, number: int) -> int | None:
-        """The number of the texture of a part's material; materials with the same file share it."""
+        """Return the number of the texture of a part's material; materials with the same file share it."""
         texture = part.covering.covers[number].texture
         if texture is None:
             return None
@@ -181,19 +182,22 @@ class _Glb:
     def _shapes(
         self, part: Part, surface: Surface, baked: bool
     ) -> Iterator[tuple[NDArray[np.float32], NDArray[np.float32]]]:
-        """Positions and normals of each frame: in the stage's coordinates where they change, else once, in its own."""
+        """Return positions and normals of each frame.
+
+        In the stage's coordinates where they change, else once, in the part's own.
+        """
         for frame in self.frames if baked else self.frames[:1]:
             yield surface.place(part.points(frame) if baked else part.local_points(frame))
 
     def _animate(self, path: str, values: NDArray[np.float32], interpolation: str = "LINEAR") -> None:
-        """Of the last node."""
+        """Animate the last node."""
         target = {"node": len(self._nodes) - 1, "path": path}
         self._channels.append({"sampler": len(self._samplers), "target": target})
         output = self.buffer.add(values)
         self._samplers.append({"input": self._times, "output": output, "interpolation": interpolation})
 
     def _place(self, node: dict[str, Any], matrices: Sequence[NDArray[np.float64]]) -> None:
-        """Where a rigid node is: at rest, and in each frame if it moves."""
+        """Place a rigid node: at rest, and in each frame if it moves."""
         from scipy.spatial.transform import Rotation  # takes long to load
 
         sizes = np.array([np.linalg.norm(matrix[:3, :3], axis=1) for matrix in matrices])
@@ -208,7 +212,7 @@ class _Glb:
                 self._animate(path, values.astype(np.float32))
 
     def _show(self, part: Part, node: dict[str, Any]) -> None:
-        """What is not there in some frames is as small as nothing in them: glTF has no visibility."""
+        """Hide what is absent in some frames by zero scale: glTF has no visibility."""
         seen = np.array([part.seen(frame) for frame in self.frames])
         if not seen.all():
             size = np.array(node.get("scale", [1.0, 1.0, 1.0]), np.float32)
@@ -218,7 +222,7 @@ class _Glb:
 
 
 def _is_placed(matrix: NDArray[np.float64]) -> bool:
-    """Whether a matrix is a scale, a turn and a shift, as glTF's nodes have them, without shear or mirroring."""
+    """Return whether a matrix is a scale, a rotation and a shift, as in glTF's nodes, without shear or mirroring."""
     rows = matrix[:3, :3]
     sizes = np.linalg.norm(rows, axis=1)
     square = np.allclose(rows @ rows.T, np.diag(sizes**2), atol=1e-6 * sizes.max() ** 2)
@@ -226,11 +230,11 @@ def _is_placed(matrix: NDArray[np.float64]) -> bool:
 
 
 def _material(part: Part, number: int, image: int | None, colored: bool) -> dict[str, Any]:
-    """Of a part's material.
+    """Return the glTF material of a part's material.
 
     Args:
-        image: the number of the texture that takes the place of its color.
-        colored: whether vertices say the color.
+        image: Number of the texture that replaces its color.
+        colored: Whether vertices have the color.
     """
     cover, finish = part.covering.covers[number], part.covering.covers[number].finish
     opacity = 1.0 if finish.opacity >= OPAQUE else finish.opacity

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 VERTICES, CORNERS = 34962, 34963
-"""what an array is for, as glTF numbers it: a vertex's attributes, and the corners of triangles"""
+"""Targets of an array, as glTF numbers them: a vertex's attributes, and the corners of triangles"""
 _COMPONENTS = {np.dtype(np.float32): 5126, np.dtype(np.uint32): 5125}
 _TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
 

@@ -19,19 +19,19 @@ class Surface(NamedTuple):
     """A mesh in triangles, with one normal, one texture coordinate and one color a vertex."""
 
     topology: PolygonMesh
-    """the mesh in vertices of one normal each, whose points do not count"""
+    """Mesh in vertices of one normal each, whose points do not count"""
     points: NDArray[np.integer]
-    """the mesh's point at each of those, shape (topology.vertex_count,)"""
+    """Point of the mesh at each of those, shape (topology.vertex_count,)"""
     vertices: NDArray[np.integer]
-    """which of those each vertex is, shape (vertex_count,)"""
+    """Topology vertex of each vertex, shape (vertex_count,)"""
     triangles: NDArray[np.uint32]
-    """shape (triangle_count, 3)"""
+    """Triangles, shape (triangle_count, 3)"""
     covers: NDArray[np.integer]
-    """the number of the part's material of each triangle, shape (triangle_count,)"""
+    """Number of each triangle's material in the part, shape (triangle_count,)"""
     texture_coordinates: NDArray[np.float32] | None
-    """shape (vertex_count, 2), v down as glTF has it"""
+    """Texture coordinates, shape (vertex_count, 2), v down as glTF has it"""
     colors: NDArray[np.float32] | None
-    """linear RGB, shape (vertex_count, 3), where a material has several"""
+    """Linear RGB, shape (vertex_count, 3), where a material has several colors"""
 
     def place(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return positions and unit normals for the mesh's points, each of shape (vertex_count, 3)."""
@@ -42,7 +42,10 @@ class Surface(NamedTuple):
 
 
 def surface_of(part: Part) -> Surface:
-    """What moves is smooth everywhere: what bends sharply in one frame is round in the next."""
+    """Return the surface of a part.
+
+    Deformable parts are smooth everywhere: what bends sharply in one frame is round in the next.
+    """
     smooth = part.soft or is_round(UsdGeom.Mesh(part.prim))
     cut = leave_whole(part.mesh) if smooth else cut_at_creases(part.mesh, CREASE)
     points, counts = part.mesh.points[cut.vertex_points], part.mesh.face_vertex_counts
@@ -64,7 +67,10 @@ def surface_of(part: Part) -> Surface:
 
 
 def _many_colors(part: Part) -> NDArray[np.float32] | None:
-    """Linear RGB at the corners of a part's faces, white below images; None where each material has one color."""
+    """Return linear RGB at the corners of a part's faces, white below images.
+
+    None where each material has one color.
+    """
     covering = part.covering
     of_corners = np.repeat(covering.of_faces, part.mesh.face_vertex_counts)
     alike, shown = True, np.ones_like(covering.colors)

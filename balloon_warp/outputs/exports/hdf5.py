@@ -21,14 +21,14 @@ from balloon_warp.mesh.geometry import triangulate
 from balloon_warp.outputs.exports.parts import Animation, Part
 
 NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable. "
-"""what netCDF 4 calls a dimension that has a length and no values"""
+"""Name by which netCDF 4 marks a dimension that has a length and no values"""
 PACKED = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
 MEASURES = {"volume": "m^3", "area": "m^2", "pressure": "Pa"}
-"""of our stages' balloons, and their units"""
+"""Measures of our stages' balloons, and their units"""
 
 
 def require_h5py() -> Any:
-    """The module.
+    """Return the module.
 
     Raises:
         MissingExtraError: it is not installed.
@@ -55,7 +55,7 @@ def write_hdf5(
 
 
 class _Group:
-    """What a part is in the file."""
+    """Group of a part in the file."""
 
     def __init__(self, group: Any, animation: Animation):
         self.group, self.animation = group, animation
@@ -107,7 +107,7 @@ class _Group:
         data.attrs["units"] = unit
 
     def _room(self, name: str, shape: tuple[int, ...], dimensions: list[str], unit: str) -> Any:
-        """For float32 numbers that are written frame by frame."""
+        """Create a dataset for float32 numbers that are written frame by frame."""
         data = self.group.create_dataset(name, shape, np.float32, chunks=(1, *shape[1:]), **PACKED)
         data.attrs["units"] = unit
         self._name(data, dimensions)
@@ -123,7 +123,7 @@ class _Group:
 
 
 def edges_of(mesh: PolygonMesh) -> NDArray[np.int32]:
-    """Each pair of vertices that is a side of a face, once, lower first, shape (edge_count, 2)."""
+    """Return each pair of vertices that is a side of a face, once, lower first, shape (edge_count, 2)."""
     corners = mesh.face_vertex_indices
     sides = np.stack([corners, corners[next_corners(mesh)]], axis=1)
     return np.unique(np.sort(sides, axis=1), axis=0).astype(np.int32)

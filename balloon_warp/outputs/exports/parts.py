@@ -1,4 +1,4 @@
-"""What a stage shows, as polygon meshes of fixed topology that move: what every export is made of."""
+"""Visible parts of a stage, as moving polygon meshes of fixed topology, for all exports."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -21,7 +21,7 @@ from balloon_warp.outputs.round_shapes import capsule_mesh, sphere_mesh, tube_po
 from balloon_warp.outputs.usd.presence import is_shown
 
 LEVEL = ("ground", "floor", "water", "pool")
-"""names of level planes: no export has them, as they are far larger than what moves above them"""
+"""Names of level planes: no export has them, as they are far larger than what moves above them"""
 
 
 @dataclass(frozen=True)
@@ -31,26 +31,26 @@ class Part:
     name: str
     prim: Usd.Prim
     mesh: PolygonMesh
-    """at the first frame, in the prim's own coordinates"""
+    """Mesh at the first frame, in the prim's own coordinates"""
     soft: bool
-    """whether its points move in the prim's own coordinates"""
+    """Whether its points move in the prim's own coordinates"""
     local_points: Callable[[float], NDArray[np.float64]]
-    """of a frame, in the prim's own coordinates, shape (vertex_count, 3)"""
+    """Function for the points in a frame, in the prim's own coordinates, shape (vertex_count, 3)"""
     covering: Covering
-    """what its faces look like; images are where `mesh.texture_coordinates` say"""
+    """Look of its faces; images are placed by `mesh.texture_coordinates`"""
 
     @property
     def color(self) -> tuple[float, float, float]:
-        """linear RGB, the mean where it has several"""
+        """Linear RGB, the mean of several colors."""
         red, green, blue = self.covering.colors.mean(axis=0).tolist()
         return red, green, blue
 
     def matrix(self, frame: float) -> NDArray[np.float64]:
-        """From the prim's own coordinates to the stage's, of row vectors, shape (4, 4)."""
+        """Return the matrix from the prim's own coordinates to the stage's, for row vectors, shape (4, 4)."""
         return np.array(UsdGeom.XformCache(Usd.TimeCode(frame)).GetLocalToWorldTransform(self.prim))
 
     def points(self, frame: float) -> NDArray[np.float64]:
-        """Where it is in the stage, in the stage's unit, shape (vertex_count, 3)."""
+        """Return its points in the stage, in the stage's unit, shape (vertex_count, 3)."""
         points = self.local_points(frame)
         if len(points) != self.mesh.vertex_count or not np.isfinite(points).all():
             raise InputError(
@@ -61,7 +61,7 @@ class Part:
         return points @ matrix[:3, :3] + matrix[3, :3]
 
     def velocities(self, frame: float) -> NDArray[np.float64] | None:
-        """How its points move in the stage, a second, shape (vertex_count, 3), where the prim says it."""
+        """Return the velocities of its points in the stage, a second, shape (vertex_count, 3), if the prim has them."""
         prim = UsdGeom.PointBased(self.prim)
         own = prim.GetVelocitiesAttr().Get(frame) if prim else None
         if own is None or len(own) != self.mesh.vertex_count:
@@ -69,7 +69,7 @@ class Part:
         return np.asarray(own, np.float64) @ self.matrix(frame)[:3, :3]
 
     def seen(self, frame: float) -> bool:
-        """Whether it is visible."""
+        """Return whether it is visible."""
         visibility = UsdGeom.Imageable(self.prim).ComputeVisibility(Usd.TimeCode(frame))
         return visibility != UsdGeom.Tokens.invisible
 
@@ -107,11 +107,11 @@ class Animation:
         return str(UsdGeom.GetStageUpAxis(self.stage))
 
     def y_up_meters(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Points of the stage in meters with Y up, as files have them that cannot say otherwise."""
+        """Return the points of the stage in meters with Y up, as files have them that cannot say otherwise."""
         return points @ (Z_TO_Y_UP if self.up_axis == "Z" else np.eye(3)) * self.meters_per_unit
 
     def seconds(self, frame: int) -> float:
-        """When a frame is shown, from the first on."""
+        """Return the time of a frame, from the first on [s]."""
         return (frame - self.frames[0]) / self.frames_per_second
 
     def _find_parts(self) -> list[Part]:
@@ -134,7 +134,7 @@ def _is_level(part: Part) -> bool:
 
 
 def _part_of(prim: Usd.Prim, first: int, name: str) -> Part | None:
-    """Of a prim that is drawn; None where it has no faces."""
+    """Return the part of a prim that is drawn; None where it has no faces."""
     soft, uv, covering = False, None, None
     place: Callable[[float], NDArray[np.float64]]
     if UsdGeom.Mesh(prim):

@@ -18,7 +18,7 @@ SEQUENCE_SUFFIXES = (".obj", ".ply")
 
 
 def frame_path(pattern: Path, frame: int) -> Path:
-    """The file of a frame: its number, with as many digits as the name has `#` at least, in their place.
+    """Return the file of a frame: its number, with as many digits as the name has `#` at least, in their place.
 
     Raises:
         InputError: the name has no place for the number.
@@ -49,7 +49,7 @@ def write_sequence(
 
 
 def _of_no_frame(pattern: Path, animation: Animation) -> list[Path]:
-    """Files of the same name that are of another, longer sequence."""
+    """Return the files of the same name that are of another, longer sequence."""
     before, after = re.split("#+", pattern.name, maxsplit=1)
     form = f"{re.escape(before)}([0-9]+){re.escape(after)}"
     found = ((path, re.fullmatch(form, path.name)) for path in sorted(pattern.parent.iterdir()))
@@ -57,7 +57,7 @@ def _of_no_frame(pattern: Path, animation: Animation) -> list[Path]:
 
 
 def _obj(parts: Sequence[Part], points: Sequence[NDArray[np.float64]]) -> bytes:
-    """Text: an object for each part, smooth, with texture coordinates where it has them."""
+    """Return Text: an object for each part, smooth, with texture coordinates where it has them."""
     text, before, coordinates_before = ["# Balloon Warp: meters, Y up\n"], 1, 1
     for part, places in zip(parts, points, strict=True):
         mesh = part.mesh
@@ -75,12 +75,12 @@ def _obj(parts: Sequence[Part], points: Sequence[NDArray[np.float64]]) -> bytes:
 
 
 def _has_many_kinds(parts: Sequence[Part]) -> bool:
-    """Whether some faces have other numbers of corners than others."""
+    """Return whether faces differ in their number of corners."""
     return len(np.unique(np.concatenate([part.mesh.face_vertex_counts for part in parts]))) > 1
 
 
 def _ply(parts: Sequence[Part], points: Sequence[NDArray[np.float64]], in_triangles: bool) -> bytes:
-    """Binary: all parts in one mesh, with normals and colors at its vertices.
+    """Return Binary: all parts in one mesh, with normals and colors at its vertices.
 
     Args:
         in_triangles: whether faces are cut up: many programs read lists of one length alone.
@@ -113,7 +113,7 @@ def _ply(parts: Sequence[Part], points: Sequence[NDArray[np.float64]], in_triang
 
 
 def _srgb(color: Sequence[float]) -> NDArray[np.uint8]:
-    """Of linear RGB, in 8 bits."""
+    """Return sRGB in 8 bits from linear RGB."""
     linear = np.clip(color, 0.0, 1.0)
     encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1.0 / 2.4) - 0.055)
     return np.rint(255.0 * encoded).astype(np.uint8)

@@ -12,7 +12,7 @@ from balloon_warp.files import whole_file
 from balloon_warp.outputs.exports.parts import Animation, Part
 
 POLYGON, TRIANGLE, QUAD = 7, 5, 9
-"""cells, as VTK numbers them"""
+"""Cell types, as VTK numbers them"""
 _KINDS = {np.dtype(np.float32): "Float32", np.dtype(np.int64): "Int64", np.dtype(np.uint8): "UInt8"}
 
 
@@ -41,7 +41,7 @@ def _file(kind: str, content: str) -> str:
 
 
 def _grid(animation: Animation, frame: int) -> str:
-    """All that is seen, in meters with Y up: velocities at points, the part's number and pressure in cells."""
+    """Return all that is seen, in meters with Y up: velocities at points, the part's number and pressure in cells."""
     parts = [(number, part) for number, part in enumerate(animation.parts) if part.seen(frame)]
     counts = np.concatenate([part.mesh.face_vertex_counts for _, part in parts])
     befores = np.cumsum([0, *(part.mesh.vertex_count for _, part in parts[:-1])])
@@ -64,12 +64,12 @@ def _grid(animation: Animation, frame: int) -> str:
 
 
 def _of_faces(parts: Sequence[tuple[int, Part]], value: Callable[[int, Part], float]) -> NDArray[np.float64]:
-    """A number of each part, at each of its faces."""
+    """Return a number of each part, at each of its faces."""
     return np.concatenate([np.full(part.mesh.face_count, float(value(number, part))) for number, part in parts])
 
 
 def _velocities(part: Part, frame: int) -> NDArray[np.float64]:
-    """0 where nothing says them."""
+    """Return 0 where nothing says them."""
     said = part.velocities(frame)
     return np.zeros((part.mesh.vertex_count, 3)) if said is None else said
 
@@ -80,7 +80,7 @@ def _pressure(part: Part, frame: int) -> float:
 
 
 def _array(name: str, values: NDArray) -> str:
-    """As base64 behind its number of bytes."""
+    """Return an array as base64 behind its number of bytes."""
     columns = f' NumberOfComponents="{values.shape[1]}"' if values.ndim > 1 else ""
     data = np.ascontiguousarray(values).tobytes()
     text = base64.b64encode(np.uint64(len(data)).tobytes() + data).decode()

@@ -13,7 +13,7 @@ from balloon_warp.outputs.render.stage_reader import RenderStage
 def render_alike(
     moments: Sequence[tuple[Path, int]], size: tuple[int, int], samples: int = 4, device: str | None = None
 ) -> Iterator[Picture]:
-    """A picture of each stage, all through the camera that has everything of all of them in the picture.
+    """Return a picture of each stage, all through the camera that has everything of all of them in the picture.
 
     Args:
         moments: stages and the frame of each that is shown.

@@ -9,12 +9,12 @@ from pxr import Usd, UsdGeom, UsdShade
 from balloon_warp.mesh.usd_surfaces import at_corners, bound_surface, constant_of, display_colors
 
 PLAIN_COLOR = (0.55, 0.53, 0.50)
-"""linear RGB of what has no color of its own"""
+"""Linear RGB of prims without a color"""
 
 
 @dataclass(frozen=True)
 class Finish:
-    """How a surface takes light, in UsdPreviewSurface's terms and with its fallback values."""
+    """Finish of a surface, in UsdPreviewSurface's terms and with its fallback values."""
 
     roughness: float = 0.5
     opacity: float = 1.0
@@ -26,7 +26,7 @@ class Finish:
 
 
 def read_finish(prim: Usd.Prim) -> Finish:
-    """The finish of a prim's bound UsdPreviewSurface, or the fallback where it has none."""
+    """Return the finish of a prim's bound UsdPreviewSurface, or the fallback where it has none."""
     surface = bound_surface(prim)
     if surface is None:
         return Finish()
@@ -35,7 +35,7 @@ def read_finish(prim: Usd.Prim) -> Finish:
 
 
 def read_colors(gprim: UsdGeom.Gprim, element_counts: NDArray[np.int32]) -> NDArray[np.float32]:
-    """Linear RGB of each element, shape (len(element_counts), 3).
+    """Return the linear RGB of each element, shape (len(element_counts), 3).
 
     Args:
         gprim: a sphere or curves.
@@ -58,14 +58,14 @@ def read_corner_colors(
     indices: NDArray[np.int32],
     point_count: int,
 ) -> NDArray[np.float32]:
-    """Linear RGB at each corner of a mesh's faces where it has a surface, shape (len(indices), 3)."""
+    """Return the linear RGB at each corner of a mesh's faces where it has a surface, shape (len(indices), 3)."""
     colors, interpolation = _authored_colors(mesh, surface)
     found = at_corners(colors, interpolation, counts, indices, point_count)
     return np.tile(_one_color(colors), (len(indices), 1)) if found is None else found
 
 
 def _authored_colors(gprim: UsdGeom.Gprim, surface: UsdShade.Shader | None) -> tuple[NDArray[np.float32], str]:
-    """The surface's color or else the display colors, shape (n, 3), and how they are laid out."""
+    """Return the surface's color or else the display colors, shape (n, 3), and how they are laid out."""
     diffuse = constant_of(surface, "diffuseColor") if surface is not None else None
     if diffuse is not None:
         return np.asarray([diffuse], np.float32), UsdGeom.Tokens.constant
@@ -73,5 +73,5 @@ def _authored_colors(gprim: UsdGeom.Gprim, surface: UsdShade.Shader | None) -> t
 
 
 def _one_color(colors: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The mean, or the plain color where there are none."""
+    """Return the mean of colors, or the plain color where there are none."""
     return (colors.mean(axis=0) if len(colors) else np.array(PLAIN_COLOR)).astype(np.float32)

@@ -1,4 +1,4 @@
-"""What a prim's faces look like: by the materials that are bound to it and to its subsets, or its display colors."""
+"""Look of a prim's faces, by the materials bound to it and to its subsets, or its display colors."""
 
 from dataclasses import dataclass
 
@@ -18,7 +18,7 @@ class Cover:
     name: str
     finish: Finish
     texture: Texture | None = None
-    """an image, in place of colors"""
+    """Image in place of colors"""
 
 
 @dataclass(frozen=True)
@@ -27,9 +27,9 @@ class Covering:
 
     covers: tuple[Cover, ...]
     of_faces: NDArray[np.int32]
-    """the number of the material of each face, shape (face_count,)"""
+    """Number of the material of each face, shape (face_count,)"""
     colors: NDArray[np.float32]
-    """linear RGB at each corner, shape (corner_count, 3)"""
+    """Linear RGB at each corner, shape (corner_count, 3)"""
 
     @property
     def places(self) -> NDArray[np.float32] | None:

@@ -1,4 +1,4 @@
-"""Where a mesh is sharp, its vertices come apart, so that each side has normals of its own."""
+"""Creases of a mesh: sharp edges split vertices, so that each side has normals of its own."""
 
 from typing import NamedTuple
 
@@ -15,20 +15,20 @@ class Cut(NamedTuple):
     """A mesh in vertices of one normal each."""
 
     corner_vertices: NDArray[np.int32]
-    """the vertex of each corner of the mesh's faces, shape (corner_count,)"""
+    """Vertex of each corner of the mesh's faces, shape (corner_count,)"""
     vertex_points: NDArray[np.integer]
-    """the point that each vertex is at, shape (vertex_count,)"""
+    """Point of each vertex, shape (vertex_count,)"""
     creases: NDArray[np.int32]
-    """sharp edges, a pair of vertices each, lower first, those of both sides, shape (crease_count, 2)"""
+    """Sharp edges, a pair of vertices each, lower first, those of both sides, shape (crease_count, 2)"""
 
 
 def leave_whole(mesh: PolygonMesh) -> Cut:
-    """A vertex for each point."""
+    """Return a vertex for each point."""
     return Cut(mesh.face_vertex_indices, np.arange(mesh.vertex_count), np.empty((0, 2), np.int32))
 
 
 def cut_at_creases(mesh: PolygonMesh, angle: float) -> Cut:
-    """A vertex for each point and each smooth part of the surface about it.
+    """Return a vertex for each point and each smooth part of the surface about it.
 
     Args:
         angle: between two faces' normals, beyond which their edge is sharp [degrees].

@@ -14,11 +14,11 @@ PICTURE_SUFFIXES = (".png", ".webp", ".gif", ".mp4")
 DITHER = 6.0
 """8-bit steps that a color is moved by, at most half of it up or down, before it gets the palette's nearest"""
 WEBP_QUALITY = 82
-"""of 100: what 640x360 pixels of a balloon take is some 10 kB a frame"""
+"""Quality, out of 100: 640x360 pixels of a balloon take some 10 kB a frame"""
 GIF_LONGEST = 655_350
-"""milliseconds that a GIF can show a picture for"""
+"""Longest time that a GIF can show a picture for [ms]"""
 Picture = NDArray[np.uint8]
-"""sRGB, shape (height, width, 3), or with opacity (height, width, 4)"""
+"""Picture in sRGB, shape (height, width, 3), or with opacity (height, width, 4)"""
 _BAYER = (np.array([[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]]) + 0.5) / 16.0
 
 
@@ -52,14 +52,17 @@ def write_webp(path: Path, pictures: Iterable[Picture], frame_seconds: float) ->
 
 
 def _common_palette(pictures: list[Picture]) -> Image.Image:
-    """255 colors for all pictures, from every fourth pixel each way of a dozen of them."""
+    """Return 255 colors for all pictures, from every fourth pixel each way of a dozen of them."""
     some = pictures[:: max(1, len(pictures) // 12)]
     mosaic = np.concatenate([picture[::4, ::4] for picture in some])
     return Image.fromarray(mosaic).quantize(255, method=Image.Quantize.MEDIANCUT, kmeans=2)
 
 
 def _dithered(picture: Picture, palette: Image.Image) -> Image.Image:
-    """A picture in a palette's colors. Ordered dither, unlike error diffusion, leaves alone what does not move."""
+    """Return a picture in a palette's colors.
+
+    Ordered dither, unlike error diffusion, leaves alone what does not move.
+    """
     rows, columns = np.indices(picture.shape[:2]) % len(_BAYER)
     shifted = picture + DITHER * (_BAYER[rows, columns, None] - 0.5)
     return Image.fromarray(shifted.clip(0, 255).astype(np.uint8)).quantize(palette=palette, dither=Image.Dither.NONE)
@@ -86,7 +89,7 @@ def write_mp4(path: Path, pictures: Iterable[Picture], frames_per_second: float)
 
 
 def require_ffmpeg() -> Callable:
-    """imageio-ffmpeg's writer.
+    """Return imageio-ffmpeg's writer.
 
     Raises:
         MissingExtraError: imageio-ffmpeg is not installed.

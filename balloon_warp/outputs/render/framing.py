@@ -1,4 +1,4 @@
-"""What pictures that belong together have in common: where the action is, how large it is, and a camera on it."""
+"""Framing of pictures that belong together: place and size of the action, and a camera on it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,9 +11,9 @@ from balloon_warp.outputs.camera import AZIMUTH, ELEVATION, Camera, CameraFit
 from balloon_warp.outputs.render.stage_reader import RenderStage
 
 MOST_FRAMES = 40
-"""moments that are looked at to find out where the action is"""
+"""Number of moments sampled to find the action"""
 BACKDROP = 12.0
-"""sizes of all soft meshes together, beyond which a rigid one is a floor or a wall"""
+"""Size of a rigid mesh, over that of all soft meshes together, beyond which it is a floor or a wall"""
 
 
 @dataclass(frozen=True)
@@ -21,11 +21,11 @@ class Framing:
     """The union over some moments of everything but ground, water and backdrops, with Y up, in the stage's unit."""
 
     center: NDArray[np.float64]
-    """the middle of its bounding box, shape (3,)"""
+    """Center of its bounding box, shape (3,)"""
     size: float
-    """the longest side of its bounding box"""
+    """Longest side of its bounding box"""
     camera: Camera
-    """a camera that has it all in the picture"""
+    """Camera that has it all in the picture"""
 
 
 def frame_action(
@@ -59,7 +59,7 @@ def frame_action(
 
 
 def _without_backdrops(stage: RenderStage, frame: int) -> list[NDArray[np.float64]]:
-    """The points of each mesh, without rigid ones that are far larger than what moves between them."""
+    """Return the points of each mesh, without rigid ones that are far larger than what moves between them."""
     used = [points[mesh.used] for points, mesh in zip(stage.points(frame), stage.meshes, strict=True)]
     soft = [points for points, mesh in zip(used, stage.meshes, strict=True) if mesh.soft]
     if not soft:

@@ -20,47 +20,49 @@ class Capsules(NamedTuple):
     """Round lines and, where begin and end are one, spheres. In the world, Y up."""
 
     begins: NDArray[np.float64]
-    """shape (n, 3)"""
+    """Begin of each line, shape (n, 3)"""
     ends: NDArray[np.float64]
-    """shape (n, 3)"""
+    """End of each line, shape (n, 3)"""
     radii: NDArray[np.float64]
-    """shape (n,)"""
+    """Radii of lines, shape (n,)"""
 
 
 CORNERS = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-"""of a cube of size 1"""
+"""Corners of a cube of size 1"""
 SIDES = np.array([(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)], np.int32)
-"""the corners of each, as they go around it seen from outside"""
+"""Corners of each side, counter-clockwise from outside"""
 
 
 class SurfaceCover:
-    """What the triangles of a surface look like."""
+    """Look of a surface's triangles."""
 
     def __init__(self, surface: SmoothSurface, covering: Covering):
         self.colors = surface.spread(covering.colors)
-        """at the triangles' corners, three each"""
+        """Colors at the triangles' corners, three each"""
         rows = np.array([cover.finish.as_row() for cover in covering.covers])
         of_triangles = surface.triangles_of(covering.of_faces)
         self.finishes = rows[of_triangles]
-        """one a triangle, shape (n, 4)"""
+        """Finish of each triangle, shape (n, 4)"""
         textures = [cover.texture for cover in covering.covers]
         self.images = [read_texels(texture) for texture in textures if texture]
-        """linear RGB, shape (height, width, 3) each"""
+        """Images in linear RGB, shape (height, width, 3) each"""
         numbers = np.cumsum([texture is not None for texture in textures]) - 1
         own = [number if texture else -1 for number, texture in zip(numbers.tolist(), textures, strict=True)]
         self.image_of_triangle = np.array(own)[of_triangles]
         """-1 where there is none"""
         self.places = surface.spread(covering.places) if covering.places is not None else None
-        """where in an image the triangles' corners are, three each"""
+        """Texture coordinates at the triangles' corners, three each"""
 
 
 SHRUNK = (0.02, 4.0)
-"""least and most of the area before over the area now that shows"""
+"""Range of the area before over the area now that shows"""
 
 
 class MeshPrim:
-    """A UsdGeom.Mesh of fixed topology, but for faces whose corners come to be all at one vertex: these are not
-    drawn."""
+    """Prim of a UsdGeom.Mesh of fixed topology.
+
+    Faces whose corners come to be all at one vertex are not drawn.
+    """
 
     def __init__(self, prim: Usd.Prim, moment: Moment, start: Moment):
         self._mesh = UsdGeom.Mesh(prim)
@@ -77,7 +79,7 @@ class MeshPrim:
         self.point_count = len(points)
         self.used = np.unique(indices[whole])
         self.soft = self._mesh.GetPointsAttr().GetNumTimeSamples() > 0
-        """whether its points move"""
+        """Whether its points move"""
         covering = read_covering(self._mesh, counts, indices, len(points), seen)
         # What is sharp at first stays so, as the seam of foil does, which is two flat sheets then.
         at_first = self.points(start) if self.soft else points
@@ -88,7 +90,7 @@ class MeshPrim:
         self._first_areas = self.surface.vertex_areas(self.points(start)) if self.soft else None
 
     def shrunk(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """How many times as large the area about each of the surface's vertices was at the start."""
+        """Return the initial area around each of the surface's vertices over the current one."""
         if self._first_areas is None:
             return np.ones(self.surface.vertex_count)
         areas = self.surface.vertex_areas(points)
@@ -96,7 +98,7 @@ class MeshPrim:
         return np.clip(np.divide(self._first_areas, areas, out=np.ones_like(areas), where=known), *SHRUNK)
 
     def gone(self, moment: Moment) -> NDArray[np.bool_] | None:
-        """Which of the surface's triangles are not there; None where all always are."""
+        """Return a mask of the surface's triangles that are absent; None where all are always present."""
         attribute = self._mesh.GetFaceVertexIndicesAttr()
         if attribute.GetNumTimeSamples() == 0:
             return None
@@ -106,7 +108,7 @@ class MeshPrim:
         return self.surface.triangles_of(_gathered(self._counts, indices)[self._seen])
 
     def points(self, moment: Moment) -> NDArray[np.float64]:
-        """The mesh's own points, shape (point_count, 3)."""
+        """Return the mesh's own points, shape (point_count, 3)."""
         points = _points(self._mesh, moment)
         _require_count(self._mesh, points, self.point_count, moment)
         return points
@@ -127,11 +129,11 @@ class CubePrim:
         self.cover = SurfaceCover(self.surface, plain_covering(prim, color, len(counts), len(indices)))
 
     def shrunk(self, _: NDArray[np.float64]) -> NDArray[np.float64]:
-        """It does not stretch."""
+        """Return None: a cube does not stretch."""
         return np.ones(self.surface.vertex_count)
 
     def points(self, moment: Moment) -> NDArray[np.float64]:
-        """Its corners, shape (8, 3)."""
+        """Return its corners, shape (8, 3)."""
         placed = moment.place(self._cube.GetPrim(), self._cube.GetSizeAttr().Get(moment.time) * CORNERS)
         return _require_finite(self._cube.GetPrim(), placed, moment)
 
@@ -205,7 +207,7 @@ class CurvesPrim:
         )
 
     def _widths(self, moment: Moment) -> NDArray[np.float64]:
-        """Width at each point, in the prim's unit; without widths the thinnest line that can be seen."""
+        """Return the width at each point, in the prim's unit; without widths the thinnest line that can be seen."""
         widths = np.asarray(self._curves.GetWidthsAttr().Get(moment.time) or [0.0], np.float64)
         if not np.all((widths >= 0.0) & (widths < np.inf)):
             raise InputError(f"{self._curves.GetPath()}: a width is negative or not finite")
@@ -217,7 +219,10 @@ class CurvesPrim:
 
 
 def is_round(mesh: UsdGeom.Mesh) -> bool:
-    """Whether a mesh says that it stands for a smooth surface. USD has it so of all that say nothing: few mean it."""
+    """Return whether a mesh says that it stands for a smooth surface.
+
+    USD has it so for all that say nothing: few mean it.
+    """
     scheme = mesh.GetSubdivisionSchemeAttr() if mesh else None
     return bool(scheme) and scheme.HasAuthoredValue() and scheme.Get() == UsdGeom.Tokens.catmullClark
 
@@ -242,7 +247,7 @@ def _require_count(prim: UsdGeom.PointBased, points: NDArray[np.float64], expect
 
 
 def _gathered(counts: NDArray[np.int32], indices: NDArray[np.int32]) -> NDArray[np.bool_]:
-    """Which faces have all of their corners at one vertex."""
+    """Return a mask of the faces that have all of their corners at one vertex."""
     firsts = np.repeat(np.cumsum(counts) - counts, counts)
     elsewhere = np.bincount(np.repeat(np.arange(len(counts)), counts), indices != indices[firsts], len(counts))
     return (counts > 0) & (elsewhere == 0)

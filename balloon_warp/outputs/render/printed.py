@@ -13,33 +13,33 @@ from balloon_warp.mesh.usd_surfaces import content_of, image_of, places_of
 from balloon_warp.outputs.render.shutter import LINEAR
 
 LARGEST = 2048
-"""texels to a side: a larger image is made smaller"""
+"""Largest side of an image [texels]: a larger one is scaled down"""
 KINDS = {"PNG": "image/png", "JPEG": "image/jpeg"}
-"""of images that glTF takes"""
+"""Kinds of images that glTF takes"""
 UNREADABLE = (OSError, ValueError, Image.DecompressionBombError)
 
 
 @dataclass(frozen=True)
 class Texture:
-    """What a material's image is, before it is read."""
+    """Image of a material, before it is read."""
 
     path: str
-    """as USD resolves it"""
+    """Path as USD resolves it"""
     raw: bool
-    """whether its numbers are light as they are"""
+    """Whether its numbers are linear light"""
     tint: tuple[float, float, float]
-    """linear RGB that they are multiplied by"""
+    """Factor on its linear RGB"""
     places: NDArray[np.float32]
-    """of each corner of a mesh's faces, from 0 to 1 to the right and up, shape (corner_count, 2)"""
+    """Texture coordinates of each corner of a mesh's faces, from 0 to 1 to the right and up, shape (corner_count, 2)"""
     owner: str
-    """path of the mesh's prim"""
+    """Path of the mesh's prim"""
 
     def at(self, places: NDArray[np.float32]) -> "Texture":
-        """The image with other places."""
+        """Return the image with other places."""
         return replace(self, places=places)
 
     def load(self) -> bytes:
-        """The file's content.
+        """Return the file's content.
 
         Raises:
             InputError: there is no image in it.
@@ -50,16 +50,18 @@ class Texture:
         return data
 
     def unreadable(self) -> InputError:
-        """What is said if there is no image in it."""
+        """Return the error for a file without a readable image."""
         return InputError(f"{self.owner}: its texture {self.path} cannot be read; expected an image")
 
 
 def find_texture(mesh: UsdGeom.Mesh, surface: UsdShade.Shader | None, indices: NDArray[np.int32]) -> Texture | None:
-    """What a material has for a mesh; None where it has no image, or the mesh no texture coordinates.
+    """Return the texture of a material for a mesh, or None.
+
+    There is none without an image, or without texture coordinates of the mesh.
 
     Args:
-        surface: a UsdPreviewSurface.
-        indices: the mesh's points at the corners of its faces, shape (corner_count,).
+        surface: A UsdPreviewSurface.
+        indices: Points of the mesh at the corners of its faces, shape (corner_count,).
     """
     image = image_of(surface)
     places = places_of(mesh, image, indices) if image and image.path else None
@@ -69,7 +71,7 @@ def find_texture(mesh: UsdGeom.Mesh, surface: UsdShade.Shader | None, indices: N
 
 
 def read_texels(texture: Texture) -> NDArray[np.float32]:
-    """Linear RGB, rows from the top, shape (height, width, 3).
+    """Return the linear RGB, rows from the top, shape (height, width, 3).
 
     Raises:
         InputError: the image cannot be read.
@@ -84,8 +86,9 @@ def read_texels(texture: Texture) -> NDArray[np.float32]:
 
 
 def packed_image(texture: Texture) -> tuple[bytes, str]:
-    """An image as a file holds it that has others in it, and its kind: the very same, if it is PNG or JPEG and not too
-    large, else PNG.
+    """Return an image as a file's bytes for embedding, and its kind.
+
+    It is unchanged if it is PNG or JPEG and not too large, else PNG.
 
     Raises:
         InputError: it cannot be read.
@@ -103,7 +106,7 @@ def packed_image(texture: Texture) -> tuple[bytes, str]:
 
 
 def _small(texture: Texture) -> Image.Image:
-    """No larger than `LARGEST`."""
+    """Return an image no larger than `LARGEST`."""
     image = Image.open(io.BytesIO(texture.load()))
     image.thumbnail((LARGEST, LARGEST))
     return image

@@ -21,7 +21,7 @@ from balloon_warp.outputs.render.studio import light_studio
 from balloon_warp.warp_lock import lock_of
 
 WIDEST_BLUR = 9
-"""pixels over which the shares of light of four samples or less are smoothed to each side"""
+"""Largest radius of the smoothing of light with four samples or less [pixels]"""
 
 
 class RayCaster:
@@ -88,7 +88,7 @@ class RayCaster:
         self._shapes.ground_height, self._shapes.water_height = heights.tolist()
 
     def picture(self, camera: Camera) -> NDArray[np.uint8]:
-        """sRGB bytes of what the camera sees, shape (height, width, 3); with opacity (height, width, 4)."""
+        """Return sRGB bytes of what the camera sees, shape (height, width, 3); with opacity (height, width, 4)."""
         lens = raycast.Camera()
         lens.eye = wp.vec3(*self._local(camera.eye))
         right, up, backward = camera.axes
@@ -111,7 +111,7 @@ class RayCaster:
             return np.array(self._picture.numpy(), np.uint8)  # a copy: on the CPU the next picture would change a view
 
     def _launch(self, kernel: Any, inputs: list, outputs: list) -> None:
-        """Each band on a thread of its own, since a launch on the CPU uses one core and frees the GIL."""
+        """Launch each band on a thread of its own, since a launch on the CPU uses one core and frees the GIL."""
 
         def launch(band: int) -> None:
             rows = len(range(band, self._height, self._bands))
@@ -156,7 +156,7 @@ class RayCaster:
             self._shapes.water_color = wp.vec3(*water.color.tolist())
 
     def _prints(self) -> Any:
-        """The images that are on meshes."""
+        """Return the images that are on meshes."""
         prints, covers = Prints(), [mesh.cover for mesh in self._stage.meshes]
         images = [image for cover in covers for image in cover.images]
         if images:
@@ -192,7 +192,7 @@ class RayCaster:
         self._pool = ThreadPoolExecutor(self._bands)
 
     def _place_meshes(self, points: list[NDArray[np.float64]], gone: NDArray[np.bool_] | None) -> float:
-        """Tells how far from the origin they are."""
+        """Place the meshes, and return their largest distance from the origin."""
         placed = [mesh.surface.place(each) for mesh, each in zip(self._stage.meshes, points, strict=True)]
         local = self._local(np.concatenate([vertices for vertices, _ in placed]))
         vertices = self._array(local)
@@ -212,7 +212,7 @@ class RayCaster:
         return float(np.linalg.norm(local, axis=1).max())
 
     def _place_capsules(self, capsules: Capsules, least_radius: float) -> float:
-        """Tells how far from the origin they are."""
+        """Place the capsules, and return their largest distance from the origin."""
         begins, ends = self._local(capsules.begins), self._local(capsules.ends)
         radii = np.maximum(capsules.radii, least_radius) / self._size
         lowers = self._array(np.minimum(begins, ends) - radii[:, None])

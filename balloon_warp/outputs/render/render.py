@@ -1,4 +1,4 @@
-"""From a stage to a picture file."""
+"""Rendering of a stage as a picture file."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -22,32 +22,32 @@ from balloon_warp.outputs.render.stage_reader import RenderStage
 from balloon_warp.outputs.render.view import View, check_view
 
 MOST_RATE = {".gif": 20.0, ".webp": 30.0}
-"""pictures a second that such an animation has at most, unless a rate is asked for"""
+"""Largest frame rate of such an animation, unless a rate is asked for [1/s]"""
 MOST_PICTURES = 120
-"""that it has then"""
+"""Largest number of pictures of such an animation"""
 MOST_FRAMES = 1_000_000
-"""in the time that an animation shows"""
+"""Largest number of frames in the time that an animation shows"""
 FRAMES_PER_SECOND = (0.01, 1_000.0)
-"""least and most of a stage that an animation is made of"""
+"""Range of the frame rate of a stage that an animation is made of [1/s]"""
 MOST_PIXELS = 8_192
-"""to a side: a picture of this width and height takes about 9 GB of memory while it is made"""
+"""Largest side of a picture [pixels]: one of this width and height takes about 9 GB of memory while it is made"""
 MOST_SAMPLES = 4_096
 LEAST_LINE_PIXELS = 1.3
-"""lines are drawn no thinner than this in the middle of the action, or they would break up"""
+"""Least width of lines in the middle of the action [pixels], or they would break up"""
 
 
 @dataclass(frozen=True)
 class Film:
-    """What a picture is taken on, and for how long."""
+    """Film of a picture: size, samples and exposure."""
 
     size: tuple[int, int]
-    """width and height in pixels"""
+    """Width and height [pixels]"""
     samples: int
-    """rays a pixel, in each moment"""
+    """Number of rays a pixel, in each moment"""
     shutter: float
-    """how long it is open, in frames"""
+    """Shutter time [frames]"""
     transparent: bool
-    """whether there is no backdrop"""
+    """Whether to omit the backdrop"""
 
 
 def render_stage(

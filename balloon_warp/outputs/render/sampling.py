@@ -1,21 +1,24 @@
-"""Where in a pixel, and where on a light, the samples lie. The same every time, so that pictures are."""
+"""Sample points in a pixel, and on a light.
+
+They are the same every time, so that pictures are.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
 
 TILE = 4
-"""pixels of a TILE x TILE tile share one well-spread set of samples between them"""
+"""Side of a tile whose pixels share one well-spread set of samples [pixels]"""
 
 
 def spread_points(count: int) -> NDArray[np.float64]:
-    """Well-spread points in the unit square, shape (count, 2): a lattice sheared by the golden ratio."""
+    """Return Well-spread points in the unit square, shape (count, 2): a lattice sheared by the golden ratio."""
     numbers = np.arange(count)
     golden = 0.5 * (np.sqrt(5.0) - 1.0)
     return np.stack([(numbers + 0.5) / count, np.modf(0.5 + numbers * golden)[0]], axis=1)
 
 
 def disc_points(samples: int) -> NDArray[np.float32]:
-    """Points in the unit disc for each sample of each pixel of a tile, shape (samples, TILE * TILE, 2).
+    """Return the points in the unit disc for each sample of each pixel of a tile, shape (samples, TILE * TILE, 2).
 
     Concentric map of Shirley and Chiu (1997), which keeps neighbors neighbors.
     """

@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 MOMENTS = 8
-"""within the time that the shutter is open"""
+"""Number of moments within the shutter time"""
 
 
 def moments(frame: int, shutter: float, last_frame: int) -> list[float]:
-    """Evenly in the time that the shutter is open, which begins at the frame, or ends at the last one.
+    """Return evenly spaced times within the shutter time, which begins at the frame, or ends at the last one.
 
     Args:
         shutter: how long that is, in frames.
@@ -22,7 +22,7 @@ def moments(frame: int, shutter: float, last_frame: int) -> list[float]:
 
 
 def one_over_the_other(pictures: Iterable[NDArray[np.uint8]]) -> NDArray[np.uint8]:
-    """The mean of pictures, as light adds up; what is clear adds no light."""
+    """Return the mean of pictures, as light adds up; what is clear adds no light."""
     several = list(pictures)
     total = np.zeros(1)
     for picture in several:
@@ -37,10 +37,10 @@ def one_over_the_other(pictures: Iterable[NDArray[np.uint8]]) -> NDArray[np.uint
 
 
 def _linear(encoded: NDArray[np.floating]) -> NDArray[np.float64]:
-    """The inverse of sRGB's transfer function."""
+    """Return the inverse of sRGB's transfer function."""
     return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
 
 
 LINEAR = _linear(np.arange(256) / 255.0)
-"""light of each byte of sRGB"""
+"""Linear light of each byte of sRGB"""
 _STEPS = _linear((np.arange(255) + 0.5) / 255.0)

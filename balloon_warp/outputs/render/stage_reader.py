@@ -27,7 +27,7 @@ class Plane:
     def __init__(self, mesh: MeshPrim):
         self._mesh = mesh
         self.color = mesh.cover.colors[0]
-        """linear RGB, shape (3,)"""
+        """Linear RGB, shape (3,)"""
 
     def height(self, moment: Moment) -> float:
         return float(self._mesh.points(moment)[0, 1])
@@ -69,7 +69,7 @@ class RenderStage:
 
     @property
     def picture_view(self) -> dict[str, float | tuple[float, float, float]]:
-        """From where a picture is taken, by the names of a scene's fields, where the stage says it."""
+        """Camera settings that the stage has for pictures, by the names of a scene's fields."""
         said = self._said("pictureView")
         view: dict[str, float | tuple[float, float, float]] = {}
         for name, value in said.items() if isinstance(said, dict) else ():
@@ -81,13 +81,13 @@ class RenderStage:
         return view
 
     def _said(self, name: str):
-        """What a stage of ours says of itself."""
+        """Return a value that a stage of ours has about itself."""
         ours = self._stage.GetRootLayer().customLayerData.get("balloonWarp")
         return ours.get(name) if isinstance(ours, dict) else None
 
     @property
     def stage(self) -> Usd.Stage:
-        """what USD has opened"""
+        """Stage that USD has opened."""
         return self._stage
 
     def read_prims(self, frame: float) -> None:
@@ -110,12 +110,12 @@ class RenderStage:
             )
 
     def points(self, frame: float) -> list[NDArray[np.float64]]:
-        """The points of each mesh and cube, shape (point_count, 3) each."""
+        """Return the points of each mesh and cube, shape (point_count, 3) each."""
         moment = Moment(self._stage, frame)
         return [mesh.points(moment) for mesh in self.meshes]
 
     def gone(self, frame: float) -> NDArray[np.bool_] | None:
-        """Which triangles of all meshes are not there; None where all always are."""
+        """Return a mask of the triangles of all meshes that are absent; None where all are always present."""
         moment = Moment(self._stage, frame)
         each = [mesh.gone(moment) if isinstance(mesh, MeshPrim) else None for mesh in self.meshes]
         if all(gone is None for gone in each):
@@ -124,13 +124,13 @@ class RenderStage:
         return np.concatenate([np.zeros(len(m.surface.triangles), bool) if g is None else g for m, g in pairs])
 
     def heights(self, frame: float) -> tuple[float, float]:
-        """Of the ground and the water; minus infinity without one."""
+        """Return the heights of the ground and the water; minus infinity without one."""
         moment = Moment(self._stage, frame)
         ground, water = (plane.height(moment) if plane else -math.inf for plane in (self.ground, self.water))
         return ground, water
 
     def capsules(self, frame: float) -> Capsules:
-        """The spheres, the capsules and all curves' segments."""
+        """Return the spheres, the capsules and all curves' segments."""
         moment = Moment(self._stage, frame)
         each = [
             Capsules(np.empty((0, 3)), np.empty((0, 3)), np.empty(0)),
@@ -139,7 +139,7 @@ class RenderStage:
         return Capsules(*(np.concatenate(arrays) for arrays in zip(*each, strict=True)))
 
     def camera(self, frame: float, aspect: float) -> Camera | None:
-        """The stage's first perspective camera, its view widened to a picture of this aspect; None without one.
+        """Return the stage's first perspective camera, its view widened to a picture of this aspect; None without one.
 
         Raises:
             InputError: the camera has no angle of view or no axes.

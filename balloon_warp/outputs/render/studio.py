@@ -1,4 +1,4 @@
-"""Where the lights stand: over the photographer's left shoulder, and behind the subject on the right."""
+"""Placement of the lights: over the photographer's left shoulder, and behind the subject on the right."""
 
 from typing import Any
 
@@ -10,15 +10,15 @@ from balloon_warp.kernels.pictures.studio import Studio
 from balloon_warp.outputs.camera import Camera
 
 KEY = (-0.62, 1.0, 0.62)
-"""toward the key light: to the right, up, and back toward the camera"""
+"""Direction to the key light: to the right, up, and back toward the camera"""
 RIM = (0.95, 0.28, -0.15)
-"""toward the strip light"""
+"""Direction to the strip light"""
 KEY_RADIANCE = (1.06, 1.02, 0.96)
 KEY_SPREAD = 0.15
 
 
 def light_studio(camera: Camera) -> Any:
-    """The lights for a camera. They turn with it, but only around the vertical."""
+    """Return the lights for a camera. They turn with it, but only around the vertical."""
     studio = Studio()
     for name, toward in (("key", KEY), ("rim", RIM)):
         direction = _unit(np.array(toward) @ camera.level_axes)

@@ -10,11 +10,11 @@ from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.outputs.render.creases import cut_at_creases, leave_whole
 
 MOST_TRIANGLES = 25_000
-"""refine no further than this: beyond it, triangles are small enough in a picture"""
+"""Number of triangles beyond which a surface is not refined, since they are small enough in a picture"""
 
 
 QUARTERS = [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]
-"""a triangle's quarters, of its corners and of the middles of its sides"""
+"""Quarters of a triangle, by its corners and the middles of its sides"""
 
 
 class SmoothSurface:
@@ -51,11 +51,11 @@ class SmoothSurface:
             self._straight.append(straight)
 
     def triangles_of(self, faces: NDArray) -> NDArray:
-        """Values of the mesh's faces, such as whether they are seen, shape (face_count,), at its triangles."""
+        """Return values of the mesh's faces, such as visibility, shape (face_count,), at the surface's triangles."""
         return np.repeat(faces[self._faces], 4 ** len(self._edges))
 
     def spread(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Values at the corners of the mesh's faces, shape (corner_count, k), at those of the triangles, three each.
+        """Return values at the corners of the mesh's faces, shape (corner_count, k), at those of the triangles.
 
         Corners at new vertices have the mean of the two that they are between, within their face.
         """
@@ -66,8 +66,10 @@ class SmoothSurface:
         return spread.reshape(-1, values.shape[1])
 
     def _evened(self, normals: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Normals of vertices, each turned toward those about it as the limit of subdivision turns them: a highlight
-        shows where they change at once. Those at creases stay."""
+        """Return normals of vertices, each turned toward its neighbors' as the limit of subdivision turns them.
+
+        A highlight shows where normals change abruptly. Those at creases stay.
+        """
         counts, corners = self._mesh.face_vertex_counts, self._mesh.face_vertex_indices
         sides = np.repeat(np.add.reduceat(normals[corners], np.cumsum(counts) - counts) / counts[:, None], counts, 0)
         sums = np.stack([np.bincount(corners, side, len(normals)) for side in sides.T], axis=1)
@@ -75,7 +77,7 @@ class SmoothSurface:
         return np.divide(sums, length, out=normals.copy(), where=(length > 1e-12) & ~self._at_crease[:, None])
 
     def vertex_areas(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Of all vertices the area of the mesh's faces about them, that of new ones as between old ones."""
+        """Return the area of the mesh's faces around all vertices; that of new ones is interpolated."""
         mesh = replace(self._mesh, points=points[self._source])
         counts = mesh.face_vertex_counts
         shares = np.repeat(np.linalg.norm(face_vector_areas(mesh), axis=1) / counts, counts)
@@ -85,7 +87,7 @@ class SmoothSurface:
         return areas
 
     def place(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """All vertices for the mesh's points, and their unit normals, each of shape (vertex_count, 3)."""
+        """Return all vertices for the mesh's points, and their unit normals, each of shape (vertex_count, 3)."""
         points = points[self._source]
         normals = self._evened(vertex_normals(replace(self._mesh, points=points)))
         for edges, straight in zip(self._edges, self._straight, strict=True):
@@ -104,13 +106,13 @@ class SmoothSurface:
 
 
 def _among(edges: NDArray[np.int32], some: NDArray[np.integer]) -> NDArray[np.bool_]:
-    """Which edges are among some, shape (len(edges),); pairs of vertices, lower first."""
+    """Return a mask of the edges among some, shape (len(edges),); pairs of vertices, lower first."""
     factor = np.int64(1) << 32
     return np.isin(edges[:, 0] * factor + edges[:, 1], some[:, 0] * factor + some[:, 1])
 
 
 def _split(triangles: NDArray[np.int32], vertex_count: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Each triangle in four: the edges that get a vertex, in order, and the new triangles."""
+    """Return each triangle in four: the edges that get a vertex, in order, and the new triangles."""
     sides = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     edges, side_edge = np.unique(np.sort(sides, axis=1), axis=0, return_inverse=True)
     middle = (vertex_count + side_edge.reshape(-1, 3)).astype(np.int32)

@@ -1,4 +1,4 @@
-"""When the frames of a stage are: whole time codes at which something is sampled.
+"""Timing of a stage's frames: whole time codes at which something is sampled.
 
 Stages of other programs count time in seconds, in 4,800 codes a second, or between codes. Such a stage is looked at
 through another one whose time codes are its frames: USD scales the time of a sublayer by the two rates.
@@ -15,13 +15,13 @@ from pxr import Sdf, Usd, UsdGeom
 from balloon_warp.errors import InputError
 
 SLOWEST, FASTEST = 8.0, 240.0
-"""frames a second of a stage whose time codes are frames"""
+"""Range of the frame rate of a stage whose time codes are frames [1/s]"""
 USUAL_RATE = 24.0
-"""frames a second where a stage does not say"""
+"""Frame rate of a stage that has none [1/s]"""
 NEAR = 1e-3
-"""of a frame: how far from it a sample may be and count as there"""
+"""Largest distance of a sample from a frame to count as there [frames]"""
 EARLIER = 1e-6
-"""of a frame, by which samples are shifted, so that rounding leaves none behind its frame"""
+"""Shift of samples, so that rounding leaves none behind its frame [frames]"""
 
 
 class Timing(NamedTuple):
@@ -29,11 +29,11 @@ class Timing(NamedTuple):
 
     stage: Usd.Stage
     first: int
-    """its first frame"""
+    """Number of the first frame"""
     last: int
-    """its last frame"""
+    """Number of the last frame"""
     rate: float
-    """frames a second"""
+    """Frame rate [1/s]"""
 
 
 def timing_of(stage: Usd.Stage, path: Path) -> Timing:
@@ -61,8 +61,10 @@ def timing_of(stage: Usd.Stage, path: Path) -> Timing:
 
 
 def _range(stage: Usd.Stage, path: Path, samples: NDArray[np.float64]) -> tuple[float, float]:
-    """The first and the last time code: of the range that the stage says, what has samples; all samples where that has
-    none, or nothing is said; one where nothing moves."""
+    """Return the first and the last time code: those samples in the stage's range.
+
+    All samples where the range has none, or is missing; one where nothing moves.
+    """
     spans = (float(samples[0]), float(samples[-1])) if len(samples) else (0.0, 0.0)
     if not stage.HasAuthoredTimeCodeRange():
         return spans
@@ -77,7 +79,7 @@ def _range(stage: Usd.Stage, path: Path, samples: NDArray[np.float64]) -> tuple[
 
 
 def _frame_rate(samples: NDArray[np.float64], rate: float, usual: float) -> float:
-    """Frames a second at which all samples are frames, as many as usual or more; the usual rate where there is none.
+    """Return a frame rate at which all samples are frames, the usual or more; the usual where there is none.
 
     Args:
         samples: time codes, ascending.
@@ -95,7 +97,7 @@ def _frame_rate(samples: NDArray[np.float64], rate: float, usual: float) -> floa
 
 
 def _seen_through(stage: Usd.Stage, rate: float, offset: float) -> Usd.Stage:
-    """A stage with another rate of time codes and an offset in these, that has the same prims at the same seconds."""
+    """Return a stage with another rate of time codes and an offset, with the same prims at the same seconds."""
     root, layer = stage.GetRootLayer(), Sdf.Layer.CreateAnonymous(".usda")
     layer.timeCodesPerSecond = layer.framesPerSecond = rate
     layer.subLayerPaths.append(root.identifier)

@@ -1,4 +1,4 @@
-"""How one looks at a stage: from where, how near, at what, and whether one goes along with it."""
+"""View of a stage: direction, distance, target, and whether the camera follows."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -21,35 +21,37 @@ from balloon_warp.suggestions import did_you_mean
 
 Point = tuple[float, float, float]
 CLEAR = (".png", ".webp")
-"""what can be transparent"""
+"""Formats with transparency"""
 ZOOM = (0.01, 100.0)
-"""least and most"""
+"""Range of the zoom factor"""
 MOST_NAMES = 8
-"""that a sentence lists"""
+"""Largest number of names in a sentence"""
 
 
 @dataclass(frozen=True)
 class View:
-    """What is asked of the camera."""
+    """Requested view."""
 
     azimuth: float | None = None
-    """from the front, +Z, or -Y where Z is up, toward +X [degrees]; `AZIMUTH` when missing"""
+    """Azimuth from the front, +Z, or -Y where Z is up, toward +X [degrees]; `AZIMUTH` when missing"""
     elevation: float | None = None
-    """from level toward above [degrees]; `ELEVATION` when missing"""
+    """Elevation above the horizon [degrees]; `ELEVATION` when missing"""
     zoom: float | None = None
-    """how many times as large everything is; 1 when missing"""
+    """Zoom factor; 1 when missing"""
     look_at: str | Point | None = None
-    """a prim's name, or a point of the stage, that is in the middle; when missing, the middle of the action is"""
+    """Name of a prim, or a point of the stage, in the middle; the middle of the action when missing"""
     follow: bool = False
-    """whether the camera goes along with what it looks at, which are the balloons when nothing is named"""
+    """Whether the camera follows its target, which is the balloons when nothing is named"""
     aperture: float = 0.0
-    """the lens's diameter, in the stage's unit: what is nearer or farther than `focus` is blurred; 0 of a pinhole"""
+    """Diameter of the lens, in the stage's unit: what is nearer or farther than `focus` is blurred; 0 for a pinhole"""
     focus: str | Point | None = None
-    """a prim's name, or a point of the stage, that is sharp; when missing, what is in the middle"""
+    """Name of a prim, or a point of the stage, in focus; the middle of the picture when missing"""
 
     def check(self) -> None:
-        """Raises:
-        InputError: a number makes no sense.
+        """Check that numbers make sense.
+
+        Raises:
+            InputError: A number makes no sense.
         """
         if self.azimuth is not None and not math.isfinite(self.azimuth):
             raise InputError(f"azimuth: {self.azimuth:g} degrees; expected a finite angle")
@@ -71,13 +73,13 @@ class View:
 
     @property
     def from_own_place(self) -> bool:
-        """whether a camera of the stage is passed over"""
+        """Whether the stage's camera is ignored."""
         return (self.azimuth, self.elevation, self.look_at, self.follow) != (None, None, None, False)
 
     def cameras(
         self, stage: RenderStage, frames: Sequence[int], aspect: float
     ) -> tuple[Framing, Callable[[int], Camera]]:
-        """Where the action is at some frames, and the camera of each.
+        """Return the framing of the action at some frames, and the camera of each.
 
         Raises:
             InputError: everything is in one point, or there is nothing of that name.
@@ -86,7 +88,10 @@ class View:
         return self._over(stage.picture_view)._cameras(stage, frames, aspect, own_first)
 
     def _over(self, said: dict[str, Any]) -> "View":
-        """With what a stage says, where nothing is asked. Who follows something goes wherever it goes."""
+        """Return the view with the stage's values where nothing is asked.
+
+        A camera that follows something ignores them.
+        """
         names = ("azimuth", "elevation") if self.follow else ("azimuth", "elevation", "zoom", "look_at")
         return replace(self, **{name: said[name] for name in names if name in said and getattr(self, name) is None})
 
@@ -125,7 +130,7 @@ class View:
         return replace(camera, aperture=self.aperture, focus=float((camera.eye - sharp) @ camera.axes[2]))
 
     def _subject(self, stage: RenderStage, frame: int, named: str | Point | None) -> NDArray[np.float64]:
-        """Points of what is named, Y up, shape (n, 3); of the balloons if nothing is."""
+        """Return the points of what is named, Y up, shape (n, 3); of the balloons if nothing is."""
         if named is None:
             shapes = zip(stage.points(frame), stage.meshes, strict=True)
             soft = [points[mesh.used] for points, mesh in shapes if mesh.soft]
@@ -144,21 +149,21 @@ class View:
         return np.array([boxes[0].GetCorner(corner) for corner in range(8)]) @ turn
 
     def check_names(self, stage: Usd.Stage, path: Path) -> None:
-        """Before anything is simulated.
+        """Check the names of prims before anything is simulated.
 
         Args:
-            stage: with its prims, and perhaps without frames.
-            path: of it.
+            stage: Stage with its prims, and perhaps without frames.
+            path: Path of the stage.
 
         Raises:
-            InputError: it has nothing of a name.
+            InputError: It has nothing of a name.
         """
         for named in (self.look_at, self.focus):
             if isinstance(named, str) and not any(is_called(prim, named) for prim in stage.Traverse()):
                 raise self._unknown(named, stage, path)
 
     def _unknown(self, named: str, stage: Usd.Stage, path: Path) -> InputError:
-        """What is said of a name of nothing that can be seen."""
+        """Return the error for a name of nothing visible."""
         place = "look-at" if named == self.look_at else "focus"
         seen = [prim.GetName() for prim in stage.Traverse() if UsdGeom.Gprim(prim) and is_shown(prim)]
         known = did_you_mean(named, seen) or f"; there are {', '.join(seen[:MOST_NAMES])}"
@@ -166,13 +171,13 @@ class View:
 
 
 def check_view(output: Path, shutter: float = 0.0, transparent: bool = False, **asked: Any) -> View:
-    """What is asked of the camera of a picture, once it is known to make sense.
+    """Return the view of a picture, once it is known to make sense.
 
     Args:
-        asked: fields of a `View`.
+        asked: Fields of a `View`.
 
     Raises:
-        InputError: it does not.
+        InputError: It does not.
     """
     view = View(**asked)
     view.check()
@@ -184,5 +189,5 @@ def check_view(output: Path, shutter: float = 0.0, transparent: bool = False, **
 
 
 def _middle(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Of the bounding box."""
+    """Return the center of the bounding box."""
     return 0.5 * (points.min(axis=0) + points.max(axis=0))

@@ -11,16 +11,16 @@ from balloon_warp.outputs.usd.material import GROUND_COLOR, paint, shine_from_wi
 from balloon_warp.outputs.usd.presence import BACKDROP
 
 RADIUS, BEND, HEIGHT = 9.0, 7.0, 9.0
-"""of the floor, of the curve between floor and wall, and of the wall, in sizes of the subject"""
+"""Radius of the floor, radius of the curve between floor and wall, and height of the wall, in sizes of the subject"""
 OPEN = (-0.6, 0.2)
-"""cosines of the angle from straight behind the subject between which the wall comes down to the floor: there is none
+"""Cosines of the angle from straight behind the subject between which the wall comes down to the floor: there is none
 in front"""
 AROUND, FLAT, CURVED, UPRIGHT = 96, 6, 14, 2
-"""how many faces there are around the subject, and of the floor, the curve and the wall from bottom to top"""
+"""Number of faces around the subject, and of the floor, the curve and the wall from bottom to top"""
 FLOOR_GLOW, WALL_GLOW = 0.18, 0.95
-"""the parts of their color that floor and wall give off by themselves, as if lamps of their own lit them evenly"""
+"""Fractions of their color that floor and wall emit, as if lamps of their own lit them evenly"""
 GLOW_RISES = (0.0, 0.8)
-"""heights between which the one becomes the other, in sizes of the subject"""
+"""Heights between which the one becomes the other, in sizes of the subject"""
 ROUGHNESS = 0.9
 
 
@@ -52,7 +52,7 @@ def define_backdrop(
 
 
 def glow_like_floor(ground: Usd.Prim) -> None:
-    """Have the ground give off light as the sheet below it does, so that nobody sees where one ends."""
+    """Make the ground emit light as the sheet below it does, so that the transition is invisible."""
     material = UsdShade.MaterialBindingAPI(ground).ComputeBoundMaterial()[0]
     shine_from_within(material).Set(FLOOR_GLOW * Gf.Vec3f(*GROUND_COLOR))
 
@@ -67,7 +67,7 @@ def _light_from_within(prim: UsdGeom.Mesh, heights: NDArray[np.float64]) -> None
 
 
 def sweep() -> PolygonMesh:
-    """The sheet for a subject of size 1 above the origin, whose camera looks along -Z."""
+    """Return the sheet for a subject of size 1 above the origin, whose camera looks along -Z."""
     outward, upward = _profile()
     angles = np.linspace(0.0, 2.0 * np.pi, AROUND, endpoint=False)
     rise = _smooth_step(*OPEN, np.cos(angles))[:, None]
@@ -83,7 +83,7 @@ def sweep() -> PolygonMesh:
 
 
 def _profile() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """How far out and how high the sheet goes straight behind the subject."""
+    """Return distance and height of the sheet straight behind the subject."""
     flat = np.linspace(0.0, RADIUS - BEND, FLAT + 1)[1:]
     turn = np.linspace(0.0, 0.5 * np.pi, CURVED + 1)[1:]
     wall = np.linspace(BEND, HEIGHT, UPRIGHT + 1)[1:]

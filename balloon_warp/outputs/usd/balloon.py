@@ -1,5 +1,8 @@
-"""A balloon in the stage: a polygon mesh of fixed topology. Where it may burst, the corners of its faces are written
-anew in each frame: those of a torn face are all at one of its vertices, so that there are as many faces as ever."""
+"""Balloon in the stage: a polygon mesh of fixed topology.
+
+Where it may burst, the corners of its faces are written in each frame: those of a torn face are all at one of its
+vertices, so that the number of faces stays.
+"""
 
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom, Vt
@@ -17,16 +20,18 @@ from balloon_warp.outputs.usd.velocities import author_velocities
 from balloon_warp.scene import Balloon
 
 MEASURES = ("volume", "area", "pressure", "stretch")
-"""per-frame attributes under `userProperties:`, in m^3, m^2 and Pa; the last is the mean over the start"""
+"""Attributes per frame under `userProperties:`, in m^3, m^2 and Pa; the last is the mean over the start"""
 OF_GAS = ("moles", "thrust")
-"""the same of balloons with gas, in mol, and in N that of the jet"""
+"""Attributes of balloons with gas: amount in mol, and thrust of the jet in N"""
 PAINTED = {"roughness": 0.4, "clearcoat": 0.3}
-"""finish of a mesh with looks of its own, through which no light goes"""
+"""Opaque finish of a mesh with looks of its own"""
 
 
 def define_balloon(stage: Usd.Stage, path: Sdf.Path, mesh: PolygonMesh, number: int, balloon: Balloon) -> UsdGeom.Mesh:
-    """The mesh's topology, and its looks: the balloon's color, else those of the mesh's file, else the palette's for
-    its number; no points yet."""
+    """Define the mesh's topology and look; no points yet.
+
+    The look is the balloon's color, else that of the mesh's file, else the palette's for its number.
+    """
     prim = UsdGeom.Mesh.Define(stage, path)
     prim.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(mesh.face_vertex_counts))
     prim.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(mesh.face_vertex_indices))
@@ -97,14 +102,14 @@ class BalloonPrim:
         self._contacts.write(frame)
 
     def _seen(self, frame: Frame) -> Vt.Vec3fArray:
-        """Its points without those that a tear cut off from all faces: they fly far, and nothing of them is seen."""
+        """Return its points without those that a tear cut off from all faces: they fly far, and are invisible."""
         points = frame.points[self.number]
         if frame.torn and frame.torn[self.number].any():
             points = points[beside_faces(self.mesh, frame.torn[self.number])]
         return Vt.Vec3fArray.FromNumpy(points)
 
     def write_velocities(self, number: int, source: Sdf.Layer) -> None:
-        """Those of a frame, from the points that stand in `source`, a layer of the same balloons."""
+        """Write the velocities of a frame, from the points in `source`, a layer of the same balloons."""
         points, velocities = self.prim.GetPointsAttr().GetPath(), self.prim.GetVelocitiesAttr().GetPath()
         author_velocities(self._layer, velocities, source, points, number)
 
@@ -118,7 +123,7 @@ class BalloonPrim:
         return measures
 
     def _pressure(self, frame: Frame, area: float) -> float:
-        """Above the air's [Pa]; of normal forces, their sum over the area."""
+        """Return the gauge pressure [Pa]; for normal forces, their sum over the area."""
         if self._has_pressure:
             return float(frame.pressures[self.number])
         forces = frame.inflation_forces[self.number]

@@ -17,12 +17,12 @@ from balloon_warp.scene import Scene
 
 
 def body_names(scene: Scene, taken: Collection[str] = ()) -> list[str]:
-    """A prim name for each body: its own, or its shape's."""
+    """Return a prim name for each body: its own, or its shape's."""
     return prim_names((body.name or body.shape for body in scene.body), taken)
 
 
 def define_body(stage: Usd.Stage, path: Sdf.Path, scene: Scene, shape: BodyShape, number: int) -> UsdGeom.Gprim:
-    """Its gprim, with ops for place and turn that have no value yet, and how it turns as `UsdPhysics` has it."""
+    """Define a body's gprim, with ops for position and rotation without values, and its `UsdPhysics` properties."""
     body, look = scene.body[number], Look(scene.up_axis, np.zeros(3), 1.0)
     otherwise = BODY_COLORS[number % len(BODY_COLORS)]
     prim = define_obstacle(stage, path, body, shape.solid, np.zeros(7), look, otherwise)
@@ -37,12 +37,12 @@ def define_body(stage: Usd.Stage, path: Sdf.Path, scene: Scene, shape: BodyShape
 
 
 def inertia_of(shape: BodyShape, mass: float) -> Gf.Vec3f:
-    """Moments about its principal axes [kg m^2]."""
+    """Return the moments about its principal axes [kg m^2]."""
     return Gf.Vec3f(*(mass * _principal(shape)[0]).tolist())
 
 
 def _principal(shape: BodyShape) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Moments of 1 kg [m^2], shape (3,), and axes, the columns of a rotation, shape (3, 3)."""
+    """Return the moments of 1 kg [m^2], shape (3,), and axes, the columns of a rotation, shape (3, 3)."""
     moments, axes = np.linalg.eigh(shape.inertia)
     if np.linalg.det(axes) < 0.0:
         axes[:, 0] *= -1.0
@@ -63,7 +63,7 @@ class BodyPrim:
         self._start(model)
 
     def _start(self, model: Model) -> None:
-        """Say where it is and how it moves before there are any frames."""
+        """Write its place and motion before there are any frames."""
         from scipy.spatial.transform import Rotation  # takes long to load
 
         def own(name: str) -> NDArray[np.float32]:
@@ -79,7 +79,7 @@ class BodyPrim:
         move_freely(self.prim.GetPrim(), velocity, spin)
 
     def write(self, frame: Frame) -> None:
-        """Author where it is."""
+        """Write where it is."""
         self._put(frame.body_poses[self.number], Usd.TimeCode(frame.number))
 
     def _put(self, pose: NDArray[np.floating], time: Usd.TimeCode) -> None:

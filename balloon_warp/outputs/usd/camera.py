@@ -9,10 +9,10 @@ from balloon_warp.outputs.moment import Z_TO_Y_UP
 from balloon_warp.scene import Scene
 
 OURS = "balloonWarp"
-"""key of the custom data that tells our camera from a user's: pictures find a better place for each themselves"""
+"""Key of the custom data that tells our camera from a user's: pictures find a better place for each themselves"""
 ASPECT = 16.0 / 9.0
 FOCAL_LENGTH = 0.5
-"""in tenths of the stage's unit, as USD has it: 50 mm where that is a meter"""
+"""Focal length in tenths of the stage's unit, as USD has it: 50 mm where that is a meter"""
 
 
 def fit_for(scene: Scene) -> CameraFit:

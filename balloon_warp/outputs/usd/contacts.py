@@ -14,11 +14,14 @@ KINDS = {
     "area": Sdf.ValueTypeNames.Double,
     "pressure": Sdf.ValueTypeNames.Double,
 }
-"""what is written, as `Contact` has it [N, N m, m^2, Pa], and how"""
+"""Types of the measures, as `Contact` has them [N, N m, m^2, Pa]"""
 
 
 class ContactChannels:
-    """Those of one balloon, `userProperties:contacts:THING:force` and so on; none unless the scene asks for them."""
+    """Contact attributes of one balloon, `userProperties:contacts:THING:force` and so on.
+
+    There are none unless the scene asks for them.
+    """
 
     def __init__(self, prim: Usd.Prim, model: Model, number: int):
         self._attributes: dict[int, dict[str, Usd.Attribute]] = {}
@@ -35,7 +38,7 @@ class ContactChannels:
         self._number = number
 
     def write(self, frame: Frame) -> None:
-        """Author what presses the balloon, and zero of what does not touch it."""
+        """Write what presses the balloon, and zero of what does not touch it."""
         found = {each.thing: each for each in frame.contacts if each.number == self._number} if self._attributes else {}
         for thing, attributes in self._attributes.items():
             contact = found.get(thing)

@@ -23,8 +23,7 @@ Types = Sdf.ValueTypeNames
 
 
 def define_deformable(mesh_prim: UsdGeom.Mesh, model: Model, number: int) -> None:
-    """Say how a balloon rests, what it weighs and is made of, and where and how fast its points are before there are
-    any frames."""
+    """Write a balloon's rest shape, mass, material, and initial points and velocities, before there are any frames."""
     prim, mesh = mesh_prim.GetPrim(), model.shapes[number].mesh
     for name in SCHEMAS:
         prim.AddAppliedSchema(name)
@@ -44,7 +43,10 @@ def define_deformable(mesh_prim: UsdGeom.Mesh, model: Model, number: int) -> Non
 
 
 def _say_masses(prim: Usd.Prim, model: Model, number: int) -> None:
-    """What springs weigh does not follow from a density: all together, and each particle where none is fixed."""
+    """Write masses, which do not follow from a density with springs.
+
+    They are the total, and each particle's where none is fixed.
+    """
     mass = float(model.parameters["mass"].numpy()[0, number])
     _say(prim, "mass", Types.Float, mass)
     shares = model.shapes[number].mass_share
@@ -53,7 +55,7 @@ def _say_masses(prim: Usd.Prim, model: Model, number: int) -> None:
 
 
 def _thicknesses(model: Model, number: int) -> NDArray[np.float64]:
-    """At rest [m]: of each point, or one where all are alike."""
+    """Return rest thicknesses [m]: of each point, or one where all are alike."""
     said = model.scene.balloon[number].material.weights
     weights = vertex_weights(model.shapes[number].mesh, said, "material.weights")
     thicknesses = float(model.parameters["thickness"].numpy()[0, number]) * weights
@@ -61,7 +63,10 @@ def _thicknesses(model: Model, number: int) -> NDArray[np.float64]:
 
 
 def _start_velocities(model: Model, number: int) -> NDArray[np.float32]:
-    """Of a balloon's particles in the first world [m/s]: its own and that of its spin; none of what is fixed."""
+    """Return the initial velocities of a balloon's particles in the first world [m/s]: its own and its spin's.
+
+    Zero where fixed.
+    """
     names = ("initial_velocities", "initial_spins", "initial_centers")
     velocity, spin, center = (model.parameters[name].numpy()[0, number] for name in names)
     shape = model.shapes[number]
@@ -75,14 +80,14 @@ def _say(prim: Usd.Prim, name: str, kind: Sdf.ValueTypeName, value: Any) -> None
 
 
 def _say_each(prim: Usd.Prim, name: str, values: NDArray[np.float64]) -> None:
-    """Values of a geometry's points, or a single one for all of it, and which it is."""
+    """Write values of a geometry's points, or a single one for all of it, with the interpolation."""
     array = Vt.FloatArray.FromNumpy(values.astype(np.float32))
     prim.CreateAttribute(f"physics:{name}", Types.FloatArray, custom=False).Set(array)
     _say(prim, f"{name}:elementType", Types.Token, "constant" if len(values) == 1 else "point")
 
 
 def define_gravity(stage: Usd.Stage, scene: Scene) -> None:
-    """The acceleration that acts on all, as UsdPhysics has it."""
+    """Define the gravity of the stage, as in UsdPhysics."""
     physics = UsdPhysics.Scene.Define(stage, HOME)
     down = -1.0 if scene.gravity >= 0.0 else 1.0
     physics.CreateGravityDirectionAttr(tuple(down * axis for axis in scene.up))

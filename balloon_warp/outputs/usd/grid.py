@@ -23,9 +23,9 @@ from balloon_warp.outputs.usd.planes import SIZES, define_square, planes_of
 from balloon_warp.outputs.usd.prototypes import Prototypes
 
 PIECE = 0.4
-"""half the side of a world's own piece of ground or water, as a part of its cell"""
+"""Half the side of a world's own piece of ground or water, as a fraction of its cell"""
 SAVE_BYTES = 64 * 2**20
-"""time samples that are kept in memory before they are added to the file"""
+"""Size of time samples that are kept in memory before they are added to the file [bytes]"""
 
 
 @dataclass(frozen=True)
@@ -34,11 +34,11 @@ class GridGroup:
 
     plan: ModelPlan
     rows: NDArray[np.integer]
-    """their numbers in the plan, shape (chosen,)"""
+    """Numbers of the worlds in the plan, shape (chosen,)"""
     worlds: NDArray[np.integer]
-    """their numbers in the whole batch, shape (chosen,)"""
+    """Numbers of the worlds in the whole batch, shape (chosen,)"""
     values: Mapping[str, NDArray] = field(default_factory=dict)
-    """what differs between worlds: dotted paths, and numbers or the files of meshes, shape (chosen,)"""
+    """Values that differ between worlds: dotted paths, and numbers or the files of meshes, shape (chosen,)"""
 
 
 class GridWriter:
@@ -54,9 +54,9 @@ class GridWriter:
         self._frame_bytes = [2 * 12 * group.plan.particle_count * len(group.rows) for group in groups]
         self._unsaved_bytes = 0
         self._is_whole = True
-        """whether somebody is to look at it"""
+        """Whether it is complete"""
         self._last: int | None = None
-        """the frame that waits for its velocities"""
+        """Frame that waits for its velocities"""
 
     def __enter__(self) -> Self:
         with ExitStack() as files:
@@ -108,9 +108,10 @@ class GridWriter:
         torn: NDArray[np.int8],
         places: Sequence[int] | None = None,
     ) -> None:
-        """Author a frame of one group: arrays of shape (chosen, particle_count, 3), (chosen, sphere_count, 3),
-        (chosen, body_count, 7) and (chosen, face_count), or (chosen, 0). It follows the one before it, whose
-        velocities are known then.
+        """Write a frame of one group.
+
+        The arrays have shape (chosen, particle_count, 3), (chosen, sphere_count, 3), (chosen, body_count, 7) and
+        (chosen, face_count), or (chosen, 0). It follows the one before it, whose velocities are known then.
 
         Args:
             places: of the worlds that the arrays are of, among the group's; all of them, when missing.
@@ -124,23 +125,26 @@ class GridWriter:
         self._end_frame(number, 2 * points.nbytes)
 
     def last_points(self, group: int, place: int) -> list[list[NDArray[np.float32]]]:
-        """Of a chosen world in its last two frames: for each frame, of each balloon, shape (particle_count, 3)."""
+        """Return the points of a chosen world in its last two frames.
+
+        For each frame, of each balloon, shape (particle_count, 3).
+        """
         assert self._last is not None
         world = self._worlds[group][place]
         return [world.points(self._layer, number) for number in (self._last - 1, self._last)]
 
     def last_torn(self, group: int, place: int) -> list[NDArray[np.bool_]]:
-        """Of a chosen world in its last frame, as `Frame.torn`."""
+        """Return the torn faces of a chosen world in its last frame, as `Frame.torn`."""
         assert self._last is not None
         return self._worlds[group][place].torn(self._layer, self._last)
 
     def last_obstacle_poses(self, group: int, place: int) -> NDArray[np.float64]:
-        """Of a chosen world in its last frame, as `Frame.obstacle_poses`, shape (obstacle_count, 7)."""
+        """Return the obstacle poses of a chosen world in its last frame, as `Frame.obstacle_poses`."""
         assert self._last is not None
         return self._worlds[group][place].obstacles.poses(self._last)
 
     def copy_part(self, path: Path, numbers: range, groups: Sequence[int]) -> None:
-        """Author frames of some groups as they are in a part that a writer of the same groups wrote.
+        """Write frames of some groups as they are in a part that a writer of the same groups wrote.
 
         Raises:
             InputError: it cannot be read.
@@ -176,7 +180,7 @@ class GridWriter:
             pass
 
     def _another(self, path: Path) -> "GridWriter":
-        """A writer of the same worlds into another stage, which nobody is to look at."""
+        """Return a writer of the same worlds into another stage, which nobody is to look at."""
         part = GridWriter(path, self.groups)
         part._is_whole = False
         return part
@@ -188,7 +192,7 @@ class GridWriter:
         groups: Sequence[int],
         write_velocities: Callable[[GridWorld, int], None],
     ) -> None:
-        """In the order in which frames are written; `write_velocities` is told each world and frame."""
+        """Copy frames in the order in which they are written; `write_velocities` gets each world and frame."""
         for number in numbers:
             for group in groups:
                 with Sdf.ChangeBlock():
@@ -198,11 +202,11 @@ class GridWriter:
                 self._end_frame(number, self._frame_bytes[group])
 
     def _write_velocities_before(self, world: GridWorld, number: int) -> None:
-        """Of the frame before one whose points are there."""
+        """Write the velocities of the frame before one whose points are there."""
         world.write_velocities(number - 1, self._layer)
 
     def _end_frame(self, number: int, size: int) -> None:
-        """What is authored may now be saved: when it is depends on the frames alone, so that the bytes do."""
+        """Save what is authored when the size allows: the time depends on the frames alone, so that the bytes do."""
         self._layer.endTimeCode = max(number, self._layer.endTimeCode)
         self._unsaved_bytes += size
         if self._unsaved_bytes > SAVE_BYTES:

@@ -1,4 +1,4 @@
-"""Where each world of a batch stands in the stage: cells of one size, in rows and columns around the origin."""
+"""Layout of a batch's worlds in the stage: cells of one size, in rows and columns around the origin."""
 
 from collections.abc import Sequence
 from math import ceil, sqrt
@@ -13,17 +13,19 @@ from balloon_warp.model.obstacle_motion import obstacle_motion
 from balloon_warp.model.starts import start_of
 
 ROOM = 2.0
-"""a cell's side, as a multiple of the largest world's width at the start"""
+"""Side of a cell, as a multiple of the largest world's width at the start"""
 
 
 def horizontal_axes(up_axis: str) -> tuple[int, int]:
-    """The axes of a row and of a column of worlds."""
+    """Return the axes of a row and of a column of worlds."""
     return (0, 2) if up_axis == "Y" else (0, 1)
 
 
 def world_bounds(plans: Sequence[ModelPlan]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The box [m] around balloons, spheres, free bodies and anchors of every world at the start, and around obstacles
-    wherever they get: its lowest and highest corner."""
+    """Return the lowest and highest corner of the box around every world [m].
+
+    It holds balloons, spheres, free bodies and anchors at the start, and obstacles wherever they get.
+    """
     clouds = []
     for plan in plans:
         for number, shape in enumerate(plan.shapes):
@@ -39,7 +41,7 @@ def world_bounds(plans: Sequence[ModelPlan]) -> tuple[NDArray[np.float64], NDArr
 
 
 def _obstacle_bounds(plan: ModelPlan) -> list[NDArray[np.float64]]:
-    """Corners around each obstacle that has an end, as far as it moves in any world [m], shape (n, 3) each."""
+    """Return corners around each bounded obstacle, over its motion in all worlds [m], shape (n, 3) each."""
     positions, shifts = plan.parameters["obstacle_position"], obstacle_motion(plan.scene)[:, :, :3]
     reaches = np.array([[shape.reach] for shape in plan.obstacles]).reshape(-1, 1)
     lowest = positions.min(axis=0) + shifts.min(axis=0) - reaches
@@ -49,7 +51,7 @@ def _obstacle_bounds(plan: ModelPlan) -> list[NDArray[np.float64]]:
 
 
 def grid_shifts(world_count: int, side: float, up_axis: str) -> NDArray[np.float64]:
-    """How far each world is moved [m]: row by row, the whole grid centered, shape (world_count, 3)."""
+    """Return the shift of each world [m]: row by row, the whole grid centered, shape (world_count, 3)."""
     columns = ceil(sqrt(world_count))
     rows = ceil(world_count / columns)
     column, row = np.arange(world_count) % columns, np.arange(world_count) // columns

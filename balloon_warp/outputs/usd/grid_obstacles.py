@@ -14,12 +14,12 @@ PLACE, TURN = "xformOp:translate", "xformOp:orient"
 
 
 class GridObstacles:
-    """Those of a world.
+    """Obstacles of a world.
 
     Args:
-        prims: the world's, each with an order of ops from its prototype.
-        motion: as `obstacle_motion` makes it.
-        positions: of the world, each from a frame on [m], shape (obstacle_count, 3); see `values_over_time`.
+        prims: Prims of the world, each with an order of ops from its prototype.
+        motion: Motion, as from `obstacle_motion`.
+        positions: Positions in the world, each from a frame on [m], shape (obstacle_count, 3); see `values_over_time`.
     """
 
     def __init__(
@@ -31,7 +31,7 @@ class GridObstacles:
     ):
         self._motion, self._positions = motion, positions
         self._moving: dict[int, tuple[Sdf.Path, Sdf.Path]] = {}
-        """the paths of place and turn of those that move"""
+        """Paths of position and rotation of those that move"""
         poses = self.poses(0)
         for number, prim in enumerate(prims):
             place = Sdf.AttributeSpec(prim, PLACE, Sdf.ValueTypeNames.Double3)
@@ -43,22 +43,22 @@ class GridObstacles:
 
     @property
     def paths(self) -> list[Sdf.Path]:
-        """Of what has time samples."""
+        """Paths with time samples."""
         return [path for paths in self._moving.values() for path in paths]
 
     def samples(self, frame: int) -> list[Gf.Vec3d | Gf.Quatf]:
-        """Their values at a frame, in the order of `paths`."""
+        """Return their values at a frame, in the order of `paths`."""
         poses = self.poses(frame)
         return [value for number in self._moving for value in as_gf(poses[number])]
 
     def poses(self, frame: int) -> NDArray[np.float64]:
-        """Where they are at a frame, as `Frame.obstacle_poses`, shape (obstacle_count, 7)."""
+        """Return their poses at a frame, as `Frame.obstacle_poses`, shape (obstacle_count, 7)."""
         positions = next(positions for begin, positions in reversed(self._positions) if begin <= frame)
         return obstacle_poses(positions, self._motion, frame)
 
 
 def values_over_time(plan: ModelPlan, name: str, row: int) -> list[tuple[int, NDArray[np.float64]]]:
-    """A parameter of a world of a plan, as it is from each frame on at which it is another."""
+    """Return a parameter of a world of a plan, as it is from each frame on at which it is another."""
     rows = plan.parameters[name]
     values = [(0, rows[row % len(rows)])]
     for change in plan.due_changes:

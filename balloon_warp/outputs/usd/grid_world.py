@@ -63,7 +63,7 @@ class GridWorld:
         paths = [path.GetPrimPath() for path, _, _ in self._balloons]
         show_names(self.layer, paths, [shape.name for shape in plan.shapes])
         self._corners = []
-        """of balloons that may burst, whose faces may vanish: their numbers, and the paths of the corners"""
+        """Numbers of balloons that may burst, whose faces may vanish, and paths of their corners"""
         for number, (path, _, _) in enumerate(self._balloons):
             if plan.scene.balloon[number].material.strength is not None:
                 prim = self.layer.GetPrimAtPath(path.GetPrimPath())
@@ -81,13 +81,13 @@ class GridWorld:
             for path in prototypes.strings
         ]
         self._knots = {}
-        """of the strings that have one: how it stands, and the paths of its place and turn"""
+        """Knots of the strings that have one: pose, and paths of position and rotation"""
         for number, path in prototypes.knots.items():
             knot = Knot(plan.shapes[plan.scene.string[number].balloon].mesh, plan.held[number])
             animated = _animated(_referring(world, path.name, path), {PLACE: Types.Double3, TURN: Types.Quatf})
             self._knots[number] = knot, animated
         self._lasting = []
-        """what appears or ends: the path of its visibility, and the sphere or string"""
+        """Things that appear or end: path of the visibility, and the sphere or string"""
         strings = [*zip(prototypes.strings, plan.scene.string, strict=True)]
         strings += [(path, plan.scene.string[number]) for number, path in prototypes.knots.items()]
         for path, body in (*zip(prototypes.spheres, plan.scene.sphere, strict=True), *strings):
@@ -113,7 +113,7 @@ class GridWorld:
         self._string_widths = prototypes.string_widths
 
     def _body(self, world: Sdf.PrimSpec, path: Sdf.Path, number: int, row: int) -> Sdf.PrimSpec:
-        """A free body with what it weighs in this world."""
+        """Return a free body with what it weighs in this world."""
         prim, mass = _referring(world, path.name, path), float(self.plan.of_world("body_mass", row)[number])
         _set(prim, "physics:mass", Types.Float, mass)
         _set(prim, "physics:diagonalInertia", Types.Float3, inertia_of(self.plan.bodies[number], mass))
@@ -127,8 +127,10 @@ class GridWorld:
         body_poses: NDArray[np.float32],
         torn: NDArray[np.int8],
     ) -> None:
-        """Author a frame's samples, from arrays of shape (particle_count, 3), (sphere_count, 3), (body_count, 7) and
-        (face_count,), or (0,); velocities follow, see `write_velocities`."""
+        """Write a frame's samples, without velocities, see `write_velocities`.
+
+        The arrays have shape (particle_count, 3), (sphere_count, 3), (body_count, 7) and (face_count,), or (0,).
+        """
         begin = 0
         for number, (shape, (point_path, _, extent_path)) in enumerate(
             zip(self.plan.shapes, self._balloons, strict=True)
@@ -166,11 +168,11 @@ class GridWorld:
             self.layer.SetTimeSample(path, time, UsdGeom.Tokens.inherited if seen else UsdGeom.Tokens.invisible)
 
     def points(self, source: Sdf.Layer, time: int) -> list[NDArray[np.float32]]:
-        """Of each balloon in a frame that stands in `source`, shape (particle_count, 3)."""
+        """Return the points of each balloon in a frame in `source`, shape (particle_count, 3)."""
         return [np.array(source.QueryTimeSample(path, time)) for path, _, _ in self._balloons]
 
     def torn(self, source: Sdf.Layer, time: int) -> list[NDArray[np.bool_]]:
-        """Of each balloon in a frame that stands in `source`, as `Frame.torn`."""
+        """Return the torn faces of each balloon in a frame in `source`, as `Frame.torn`."""
         found = [np.zeros(shape.mesh.face_count, dtype=bool) for shape in self.plan.shapes] if self._corners else []
         for number, path in self._corners:
             mesh = self.plan.shapes[number].mesh
@@ -179,17 +181,17 @@ class GridWorld:
         return found
 
     def _of_faces(self, values: NDArray, number: int) -> NDArray:
-        """What is a balloon's of values of all faces."""
+        """Return a balloon's part of the values of all faces."""
         first = sum(shape.mesh.face_count for shape in self.plan.shapes[:number])
         return values[first : first + self.plan.shapes[number].mesh.face_count]
 
     def write_velocities(self, time: int, source: Sdf.Layer) -> None:
-        """Those of a frame, from the points that stand in `source`, a layer of the same worlds."""
+        """Write the velocities of a frame, from the points in `source`, a layer of the same worlds."""
         for point_path, velocity_path, _ in self._balloons:
             author_velocities(self.layer, velocity_path, source, point_path, time)
 
     def copy(self, source: Sdf.Layer, time: int) -> None:
-        """Author a frame's samples as they are in another stage of the same worlds, in the order of `write`."""
+        """Write a frame's samples as they are in another stage of the same worlds, in the order of `write`."""
         balloons = ((points, extent) for points, _, extent in self._balloons)
         knots = (paths for _, paths in self._knots.values())
         each = (balloons, self._strings, self._bodies, knots)
@@ -200,13 +202,13 @@ class GridWorld:
             self.layer.SetTimeSample(path, time, source.QueryTimeSample(path, time))
 
     def _held(self, number: int, points: NDArray[np.float32]) -> NDArray[np.float32]:
-        """The points of the balloon that a string holds."""
+        """Return the points of the balloon that a string holds."""
         balloon = self.plan.scene.string[number].balloon
         before = sum(shape.mesh.vertex_count for shape in self.plan.shapes[:balloon])
         return points[before : before + self.plan.shapes[balloon].mesh.vertex_count]
 
     def _string_curve(self, number: int, points: NDArray[np.float32], time: int) -> NDArray[np.float32]:
-        """Of the points of the balloon that it holds."""
+        """Return a string's curve, from the points of the balloon that it holds."""
         end = points[self.plan.held[number]]
         anchors, lengths = (
             next(values for frame, values in reversed(over_time) if frame <= time)
@@ -216,7 +218,7 @@ class GridWorld:
 
 
 def _referring(parent: Sdf.PrimSpec, name: str, prototype: Sdf.Path) -> Sdf.PrimSpec:
-    """A prim that is what the prototype is."""
+    """Return a prim that is what the prototype is."""
     prim = Sdf.PrimSpec(parent, name, Sdf.SpecifierDef)
     prim.referenceList.Prepend(Sdf.Reference(primPath=prototype))
     return prim
@@ -229,8 +231,10 @@ def _set(
 
 
 def _say(prim: Sdf.PrimSpec, path: str, value: float | str) -> None:
-    """A value at a dotted path, of a mesh the file's name, as a user property: `balloon.0.position.1` is
-    `userProperties:balloon_0:position_1`."""
+    """Write a value at a dotted path as a user property; for a mesh, the file's name.
+
+    `balloon.0.position.1` is `userProperties:balloon_0:position_1`.
+    """
     words = re.sub(r"\.(\d+)", r"_\1", path).split(".")
     name = ":".join(["userProperties", *map(identifier, words)])
     kind = Types.String if isinstance(value, str) else Types.Double
@@ -245,5 +249,5 @@ def _translated(prim: Sdf.PrimSpec, shift: NDArray[np.float64]) -> None:
 
 
 def _animated(prim: Sdf.PrimSpec, attributes: dict[str, Sdf.ValueTypeName]) -> list[Sdf.Path]:
-    """Attributes that will get time samples; returns their paths."""
+    """Return the attributes that will get time samples; returns their paths."""
     return [Sdf.AttributeSpec(prim, name, kind).path for name, kind in attributes.items()]

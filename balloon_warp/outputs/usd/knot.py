@@ -13,20 +13,20 @@ from balloon_warp.outputs.usd.obstacle import as_gf
 from balloon_warp.scene import Scene
 
 OPACITY = 0.98
-"""of the rubber there, which is not stretched and lies in folds"""
+"""Opacity of the rubber there, which is not stretched and lies in folds"""
 
 
 def knot_path(string: Sdf.Path) -> Sdf.Path:
-    """Beside the string's."""
+    """Return the path of a knot, beside the string's."""
     return string.ReplaceName(f"{string.name}_Knot")
 
 
 def define_knot(stage: Usd.Stage, path: Sdf.Path, scene: Scene, number: int, held: PolygonMesh) -> UsdGeom.Mesh:
-    """Its mesh in the balloon's color, with ops for place and turn that have no value yet.
+    """Define a knot's mesh in the balloon's color, with ops for position and rotation without values.
 
     Args:
-        number: of the string.
-        held: the balloon's mesh.
+        number: Number of the string.
+        held: Mesh of the balloon.
     """
     mesh = knot_mesh(knot_size(held), scene.up)
     prim = UsdGeom.Mesh.Define(stage, path)
@@ -56,6 +56,6 @@ class KnotPrim:
         self._place, self._turn = self.prim.GetOrderedXformOps()
 
     def write(self, points: NDArray[np.float32], curve: NDArray[np.float32], time: float) -> None:
-        """Author where it is; arguments as `Knot.pose` has them."""
+        """Write where it is; arguments as `Knot.pose` has them."""
         for op, value in zip((self._place, self._turn), as_gf(self._knot.pose(points, curve, self._up)), strict=True):
             op.Set(value, time)

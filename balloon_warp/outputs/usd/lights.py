@@ -13,12 +13,12 @@ class Softbox(NamedTuple):
     """A rectangular lamp that faces the subject. Lengths are in sizes of the subject."""
 
     toward: tuple[float, float, float]
-    """from the subject: to the camera's right, up, and back toward the camera"""
+    """Direction from the subject: to the camera's right, up, and back toward the camera"""
     distance: float
     width: float
     height: float
     power: float
-    """what its intensity is at a subject of size 1: all that it gives, however large it is"""
+    """Intensity at a subject of size 1: the total power, whatever its size"""
     color: Color = (1.0, 1.0, 1.0)
 
 
@@ -28,7 +28,7 @@ SOFTBOXES = {
     "Top": Softbox((0.0, 1.0, 0.0), 6.0, 5.0, 5.0, 8.0),
 }
 SKY, SKY_COLOR = 0.1, (0.90, 0.95, 1.0)
-"""what comes evenly from all around"""
+"""Intensity and color of the uniform sky"""
 
 
 def define_lights(
@@ -59,7 +59,7 @@ def define_lights(
 
 
 def _facing(backward: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Axes of what shines against a direction, a row each: to its right, up and backward."""
+    """Return the axes of what shines against a direction, a row each: to its right, up and backward."""
     straight = abs(backward[1]) > 0.99
     right = np.cross([0.0, 0.0, -1.0] if straight else [0.0, 1.0, 0.0], backward)
     right /= np.linalg.norm(right)

@@ -8,7 +8,7 @@ from pxr import Sdf, Usd, UsdGeom, Vt
 
 
 def define_lines(stage: Usd.Stage, path: Sdf.Path, point_counts: Sequence[int], width: float) -> UsdGeom.BasisCurves:
-    """Curves of `point_counts` points each; `width` in meters."""
+    """Return the curves of `point_counts` points each; `width` in meters."""
     curves = UsdGeom.BasisCurves.Define(stage, path)
     curves.CreateTypeAttr(UsdGeom.Tokens.linear)
     curves.CreateCurveVertexCountsAttr(list(point_counts))
@@ -18,7 +18,7 @@ def define_lines(stage: Usd.Stage, path: Sdf.Path, point_counts: Sequence[int], 
 
 
 def write_lines(curves: UsdGeom.BasisCurves, points: NDArray[np.float32], time: float) -> None:
-    """Points of all curves in order, shape (sum of the curves' point counts, 3), and their extent."""
+    """Write the points of all curves in order, shape (sum of the curves' point counts, 3), and their extent."""
     curves.GetPointsAttr().Set(points, time)
     widths = curves.GetWidthsAttr().Get()
     curves.GetExtentAttr().Set(UsdGeom.Curves.ComputeExtent(Vt.Vec3fArray.FromNumpy(points), widths), time)

@@ -108,7 +108,7 @@ def paint_as_file(prim: UsdGeom.Mesh, mesh: PolygonMesh, looks: Looks, otherwise
 
 
 def _set_display_colors(prim: UsdGeom.Mesh, mesh: PolygonMesh, looks: Looks, otherwise: Color) -> None:
-    """Author one display color, or one a face, or one a corner, whichever is the least."""
+    """Write one display color, or one a face, or one a corner, whichever is the least."""
     colors = looks.color_at_corners(otherwise)
     firsts = colors[face_starts(mesh)]
     if (colors == colors[0]).all():

@@ -16,7 +16,7 @@ BALLOON_COLORS: list[Color] = [
     *[(0.42, 0.10, 0.58), (0.03, 0.52, 0.52), (0.88, 0.16, 0.40), (0.90, 0.72, 0.08)],
 ]
 GOLDEN = 0.618034
-"""the part of the circle of hues between one balloon's and the next's, once these colors are used up"""
+"""Step on the circle of hues from one balloon to the next, once these colors are used up"""
 SPHERE_COLORS: list[Color] = [(0.06, 0.16, 0.45), (0.85, 0.60, 0.05), (0.08, 0.40, 0.35), (0.45, 0.10, 0.35)]
 BODY_COLORS: list[Color] = [(0.50, 0.28, 0.10), (0.30, 0.34, 0.40), (0.42, 0.42, 0.16), (0.40, 0.16, 0.12)]
 STRING_COLOR: Color = (0.25, 0.20, 0.16)
@@ -25,20 +25,20 @@ FORCE_COLOR: Color = (0.02, 0.30, 0.10)
 GROUND_COLOR: Color = (0.72, 0.70, 0.66)
 WATER_COLOR: Color = (0.06, 0.40, 0.52)
 LATEX = {"subsurface_weight": 0.6, "specular_roughness": 0.25, "coat_weight": 0.8, "coat_roughness": 0.08}
-"""of a rubber balloon, as OpenPBR names it: of thin walls, the subsurface's weight is of light that comes through"""
+"""Look of a rubber balloon, as OpenPBR names it: for thin walls, the subsurface's weight is of transmitted light"""
 PLAIN_FINISH = {"roughness": 0.5, "opacity": 1.0, "clearcoat": 0.0}
-"""inputs of UsdPreviewSurface, of what says nothing else"""
+"""Inputs of UsdPreviewSurface by default"""
 
 
 def palette_color(number: int) -> Color:
-    """Of a balloon that says none: each has another."""
+    """Return the palette's color for a number: each balloon has another."""
     if number < len(BALLOON_COLORS):
         return BALLOON_COLORS[number]
     return colorsys.hsv_to_rgb(GOLDEN * number % 1.0, 0.85, 0.75)
 
 
 def balloon_color(scene: Scene, number: int) -> Color:
-    """Of a balloon: its own, or the palette's for its number."""
+    """Return the color of a balloon: its own, or the palette's for its number."""
     return scene.balloon[number].color or palette_color(number)
 
 
@@ -77,7 +77,7 @@ def define_material(
 
 
 def bind(prim: Usd.Prim, material: UsdShade.Material) -> None:
-    """Have a gprim, or a subset of its faces, look as a material says."""
+    """Bind a material to a gprim, or a subset of its faces."""
     UsdShade.MaterialBindingAPI.Apply(prim).Bind(material)
 
 
@@ -87,16 +87,16 @@ def shine_from_within(material: UsdShade.Material) -> UsdShade.Input:
 
 
 def print_on(material: UsdShade.Material, image: Path) -> None:
-    """Put an image in place of the color, where the primvar `st` says. It is named by its whole path."""
+    """Put an image in place of the color, by the primvar `st`; it is named by its whole path."""
     put_image(material, whole_path(image).as_posix())
 
 
 def put_image(material: UsdShade.Material, image: str, tint: Color = (1.0, 1.0, 1.0)) -> None:
-    """Put an image in place of the color, where the primvar `st` says.
+    """Put an image in place of the color, by the primvar `st`.
 
     Args:
-        image: its file, as the stage is to name it.
-        tint: linear RGB that it is multiplied by.
+        image: File of the image, as the stage is to name it.
+        tint: Factor on its linear RGB.
     """
     stage, path = material.GetPrim().GetStage(), material.GetPath()
     places = _reader(material, "Places", "UsdPrimvarReader_float2", "st")
@@ -114,12 +114,12 @@ def put_image(material: UsdShade.Material, image: str, tint: Color = (1.0, 1.0, 
 
 
 def color_from(material: UsdShade.Material, primvar: str, otherwise: Color) -> None:
-    """Have a material take its color from a primvar of what it is on."""
+    """Connect a material's color to a primvar of its prim."""
     take_from_primvar(_color_of(material), primvar, otherwise)
 
 
 def take_from_primvar(color: UsdShade.Input, primvar: str, otherwise: Color) -> None:
-    """Have an input of a surface take its color from a primvar of what it is on."""
+    """Connect an input of a surface to a color primvar of its prim."""
     material = UsdShade.Material(color.GetPrim().GetParent())
     reader = _reader(material, "Colors", "UsdPrimvarReader_float3", primvar)
     reader.CreateInput("fallback", Sdf.ValueTypeNames.Float3).Set(Gf.Vec3f(*otherwise))

@@ -1,4 +1,4 @@
-"""What every stage of ours says of itself."""
+"""Metadata of every stage of ours."""
 
 import json
 from collections.abc import Mapping
@@ -12,9 +12,11 @@ from balloon_warp.scene import Scene
 def describe_stage(
     stage: Usd.Stage, scene: Scene, provenance: Mapping[str, Any] | None = None, view: bool = False
 ) -> None:
-    """The default prim /World, up axis, units and time; in `customLayerData`, as `balloonWarp`, the frame of a picture,
-    from where it is taken if its `view` is wanted, and where the stage comes from: words, numbers and tables of them,
-    and the scene, as JSON."""
+    """Write the default prim /World, up axis, units and time, and `customLayerData`.
+
+    The latter has, as `balloonWarp`, the frame of a picture, its camera if `view` is wanted, and the stage's
+    provenance: words, numbers and tables of them, and the scene, as JSON.
+    """
     stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/World").GetPrim())
     UsdGeom.SetStageUpAxis(stage, scene.up_axis)
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)

@@ -1,4 +1,4 @@
-"""How prims are called: as what they show, in any script, as far as USD takes it."""
+"""Names of prims: as what they show, in any script, as far as USD takes it."""
 
 import itertools
 import unicodedata
@@ -12,12 +12,11 @@ RESERVED = (
     *("Ground", "Floor", "Water", "Pool", "Looks", "Spheres", "Strings", "Obstacles", "NetForces", "Prototypes"),
     *("Studio", "Physics"),
 )
-"""what no balloon is called"""
+"""Names that no balloon gets"""
 
 
 def composed(name: str) -> str:
-    """Return a name whose letters and accents are one character each where Unicode has one: two names that look the
-    same are the same."""
+    """Return a name in Unicode's composed form, so that two names that look the same are the same."""
     return unicodedata.normalize("NFC", legible(name))
 
 
@@ -39,7 +38,7 @@ def prim_names(names: Iterable[str], taken: Collection[str] = ()) -> list[str]:
 
 
 def show_names(layer: Sdf.Layer, paths: Iterable[Sdf.Path], names: Iterable[str]) -> None:
-    """Author the names that programs are to show of prims, where their own are others."""
+    """Write the names that programs are to show of prims, where their own are others."""
     for path, name in zip(paths, map(composed, names), strict=True):
         if name and name != path.name:
             layer.GetPrimAtPath(path).SetInfo("displayName", name)

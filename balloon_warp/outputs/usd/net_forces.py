@@ -40,7 +40,7 @@ class NetForcesPrim:
 
 
 def _largest_inflation(inflation: Inflation, values: NDArray[np.float32], area: float) -> float:
-    """Forces of the inflation added up, whatever their direction, at the start or a keyframe [N]."""
+    """Return the forces of the inflation added up, whatever their direction, at the start or a keyframe [N]."""
     if inflation.kind == "gas":
         return abs(inflation.start_pressure) * area
     per_value = area if inflation.kind == "pressure" else 100.0

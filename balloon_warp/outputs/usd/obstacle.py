@@ -1,5 +1,7 @@
-"""An obstacle in the stage: a gprim of its shape, with a place and a turn that have time samples where it moves, and a
-collider for other simulators."""
+"""Obstacle in the stage: a gprim of its shape, and a collider for other simulators.
+
+Position and rotation have time samples where it moves.
+"""
 
 from collections.abc import Collection
 from typing import NamedTuple
@@ -22,23 +24,23 @@ from balloon_warp.outputs.usd.rigid import SURFACE, be_hit, be_moved
 from balloon_warp.scene import Body, Obstacle, Scene
 
 HALF_SPACE = "balloonWarpHalfSpace"
-"""key of the custom data of a square that stands for all that is below it"""
+"""Key of the custom data of a square that stands for the half space below it"""
 ROUGHNESS = 0.45
-"""as of wood with oil on it, or of painted metal"""
+"""Roughness as of oiled wood, or of painted metal"""
 
 
 class Look(NamedTuple):
-    """What obstacles look like beside their shapes."""
+    """Look of obstacles besides their shapes."""
 
     up_axis: str
     middle: NDArray[np.float64]
-    """of what a plane is to be drawn below [m], shape (3,)"""
+    """Point below which a plane is drawn [m], shape (3,)"""
     half: float
-    """half the side of the square that is drawn of a plane [m]"""
+    """Half the side of the square that is drawn of a plane [m]"""
 
 
 def obstacle_names(scene: Scene, taken: Collection[str] = ()) -> list[str]:
-    """A prim name for each obstacle: its own, or its shape's."""
+    """Return a prim name for each obstacle: its own, or its shape's."""
     return prim_names((obstacle.name or obstacle.shape for obstacle in scene.obstacle), taken)
 
 
@@ -51,11 +53,11 @@ def define_obstacle(
     look: Look,
     otherwise: Color = OBSTACLE_COLOR,
 ) -> UsdGeom.Gprim:
-    """Its gprim and material, with ops for place and turn that have no value yet.
+    """Define an obstacle's gprim and material, with ops for position and rotation without values.
 
     Args:
-        pose: at the start, as `obstacle_poses` has it, shape (7,).
-        otherwise: the color where neither the scene nor the mesh's file says one.
+        pose: Pose at the start, as in `obstacle_poses`, shape (7,).
+        otherwise: Color where neither the scene nor the mesh's file has one.
     """
     if shape.mesh is not None:
         prim = _define_mesh(stage, path, shape.mesh)
@@ -76,7 +78,7 @@ def define_obstacle(
 
 
 def as_gf(pose: NDArray[np.floating]) -> tuple[Gf.Vec3d, Gf.Quatf]:
-    """A pose as its ops have it."""
+    """Return a pose as its ops have it."""
     x, y, z, w = pose[3:].tolist()
     return Gf.Vec3d(*pose[:3].tolist()), Gf.Quatf(w, x, y, z)
 
@@ -108,7 +110,7 @@ class ObstaclePrim:
             be_moved(self.prim.GetPrim())
 
     def write(self, frame: Frame) -> None:
-        """Author where it is, if it moves: what stays has no time samples."""
+        """Write where it is, if it moves: what stays has no time samples."""
         if self._moves:
             self._put(frame.obstacle_poses[self.number], Usd.TimeCode(frame.number))
 
@@ -154,7 +156,7 @@ def _define_capsule(
 
 
 def _define_plane(stage: Usd.Stage, path: Sdf.Path, pose: NDArray[np.float64], look: Look) -> UsdGeom.Mesh:
-    """A square of it, below the middle at the start."""
+    """Return a square of it, below the middle at the start."""
     prim = UsdGeom.Mesh.Define(stage, path)
     from scipy.spatial.transform import Rotation  # takes long to load
 

@@ -14,18 +14,18 @@ from balloon_warp.outputs.usd.rigid import SURFACE, be_hit
 from balloon_warp.scene import Scene
 
 SIZES = 20.0
-"""half the square's side, as a multiple of the scene's size"""
+"""Half the square's side, as a multiple of the scene's size"""
 
 
 class Plane(NamedTuple):
-    """What a level plane is called, and looks like."""
+    """Name and look of a level plane."""
 
     name: str
-    """of its prim"""
+    """Name of its prim"""
     piece: str
-    """of the prims of worlds that each have their own, at their own height"""
+    """Name of the prims of worlds that each have their own, at their own height"""
     height: str
-    """what says its height, in the model and in a frame"""
+    """Name of its height, in the model and in a frame"""
     color: Color
     roughness: float
     opacity: float
@@ -35,11 +35,11 @@ PLANES = {
     "ground": Plane("Ground", "Floor", "ground_height", GROUND_COLOR, roughness=0.9, opacity=1.0),
     "water": Plane("Water", "Pool", "water_level", WATER_COLOR, roughness=0.05, opacity=0.5),
 }
-"""by their tables of the scene"""
+"""Planes by their tables of the scene"""
 
 
 def planes_of(scene: Scene) -> list[Plane]:
-    """Those that the scene has."""
+    """Return the planes that the scene has."""
     return [plane for table, plane in PLANES.items() if getattr(scene, table)]
 
 
@@ -52,7 +52,7 @@ def define_square(
     height: float,
     up_axis: str,
 ) -> UsdGeom.Mesh:
-    """A level square: `half` is half its side [m], `middle` a point above its center."""
+    """Return a level square: `half` is half its side [m], `middle` a point above its center."""
     prim = UsdGeom.Mesh.Define(stage, path)
     square = level_square(middle, half, height, up_axis)
     prim.CreatePointsAttr(square)
@@ -81,7 +81,7 @@ class PlanePrim:
             be_hit(self.prim.GetPrim(), *(float(model.parameters[f"ground_{each}"].numpy()[0]) for each in SURFACE))
 
     def write(self, frame: Frame) -> None:
-        """Author where it is, if the scene moves it: what stays has no time samples."""
+        """Write where it is, if the scene moves it: what stays has no time samples."""
         if self._moves:
             self._place(getattr(frame, self.plane.height), frame.number)
 
@@ -92,7 +92,7 @@ class PlanePrim:
 
 
 def level_square(middle: NDArray[np.float64], half: float, height: float, up_axis: str) -> Vt.Vec3fArray:
-    """Its corners, as they go around it seen from above; arguments as `define_square`."""
+    """Return the square's corners, counter-clockwise from above; arguments as for `define_square`."""
     corners = np.array([(-half, -half), (half, -half), (half, half), (-half, half)])
     if up_axis == "Y":
         square = np.stack([middle[0] + corners[:, 0], np.full(4, height), middle[2] - corners[:, 1]], axis=1)

@@ -1,4 +1,4 @@
-"""What is to be seen in the stage, and when."""
+"""Visibility of prims in the stage."""
 
 from pxr import Usd, UsdGeom
 
@@ -6,22 +6,22 @@ from balloon_warp.scene import Scene, Sphere, String
 from balloon_warp.scene.timeline import is_there
 
 PAIRED = "balloonWarpPair"
-"""key of the custom data of a curve and of the mesh around it: pictures and exports of ours take the curve"""
+"""Key of the custom data of a curve and of the mesh around it: pictures and exports of ours take the curve"""
 BACKDROP = "balloonWarpBackdrop"
-"""key of the custom data of a backdrop: pictures of ours bring their own, and exports have none"""
+"""Key of the custom data of a backdrop: pictures of ours bring their own, and exports have none"""
 SHOWN = (UsdGeom.Tokens.default_, UsdGeom.Tokens.render)
-"""purposes of prims that are there to be seen"""
+"""Purposes of visible prims"""
 
 
 def is_shown(prim: Usd.Prim) -> bool:
-    """Whether a prim is there to be seen by pictures and exports; of a curve and its mesh, the curve."""
+    """Return whether a prim is visible in pictures and exports; of a curve and its mesh, the curve."""
     if prim.HasCustomDataKey(BACKDROP):
         return False
     return (UsdGeom.Imageable(prim).ComputePurpose() in SHOWN) != prim.HasCustomDataKey(PAIRED)
 
 
 def show_while_there(prim: UsdGeom.Imageable, scene: Scene, lasting: Sphere | String, frame: int) -> None:
-    """Author whether a prim is to be seen at a frame, where that changes at all."""
+    """Write whether a prim is to be seen at a frame, where that changes at all."""
     if lasting.start > 0.0 or lasting.end is not None:
         seen = UsdGeom.Tokens.inherited if is_there(scene, lasting, frame) else UsdGeom.Tokens.invisible
         prim.CreateVisibilityAttr().Set(seen, frame)

@@ -1,4 +1,7 @@
-"""What the worlds of a batch share in the stage: topology, materials, widths. Each world refers to it."""
+"""Prototypes that the worlds of a batch share in the stage: topology, materials, widths.
+
+Each world refers to them.
+"""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -23,13 +26,12 @@ HOME = Sdf.Path("/World/Prototypes")
 
 
 class Prototypes:
-    """Abstract prims: one for each balloon's mesh, or each of its meshes, one for each sphere, string, obstacle and
-    free body.
+    """Abstract prims, one for each balloon's mesh, or each of its meshes, sphere, string, obstacle and free body.
 
     Args:
-        plans: of all groups of worlds.
-        middle: of the worlds at the start, before they are put side by side [m], shape (3,).
-        half: half the side of the square that is drawn of an obstacle's plane [m].
+        plans: Plans of all groups of worlds.
+        middle: Middle of the worlds at the start, before they are put side by side [m], shape (3,).
+        half: Half the side of the square that is drawn of an obstacle's plane [m].
     """
 
     def __init__(self, stage: Usd.Stage, plans: Sequence[ModelPlan], middle: NDArray[np.float64], half: float):
@@ -63,7 +65,7 @@ class Prototypes:
             for path, string in zip(self.strings, scene.string, strict=True)
         ]
         self.knots: dict[int, Sdf.Path] = {}
-        """of the strings that have one, by their numbers"""
+        """Knots of the strings that have one, by their numbers"""
         for number, string in enumerate(scene.string):
             if has_knot(string, scene.balloon[string.balloon]):
                 self.knots[number] = knot_path(self.strings[number])
@@ -72,12 +74,15 @@ class Prototypes:
     def define_piece(
         self, stage: Usd.Stage, plane: Plane, middle: NDArray[np.float64], half: float, up_axis: str
     ) -> None:
-        """The piece of a plane of each world, at height 0, where the heights differ; arguments as `define_square`."""
+        """Define the piece of a plane of each world, at height 0, where heights differ.
+
+        Arguments are those of `define_square`.
+        """
         self.pieces[plane] = HOME.AppendChild(plane.piece)
         define_square(stage, self.pieces[plane], plane, middle, half, 0.0, up_axis)
 
     def balloon(self, plan: ModelPlan, number: int) -> Sdf.Path:
-        """The prototype of a balloon of this plan."""
+        """Return the prototype of a balloon of this plan."""
         return self._balloons[_key(plan, number)]
 
 

@@ -1,14 +1,16 @@
-"""Rigid things as other simulators take them up: colliders of `UsdPhysics`, bodies that move freely, and bodies that go
-where time samples put them."""
+"""Rigid things for other simulators: colliders of `UsdPhysics`, free bodies, and kinematic bodies.
+
+Kinematic bodies move by their time samples.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
 from pxr import Gf, Sdf, Usd, UsdPhysics, UsdShade
 
 HOME = Sdf.Path("/World/Physics")
-"""of what is there for simulators alone"""
+"""Path of prims for simulators alone"""
 SURFACE = ("friction", "restitution")
-"""how the names of parameters end that `be_hit` asks for"""
+"""Suffixes of the parameters that `be_hit` takes"""
 
 
 def substance_of(prim: Usd.Prim) -> tuple[Usd.Prim, UsdPhysics.MaterialAPI]:
@@ -20,7 +22,7 @@ def substance_of(prim: Usd.Prim) -> tuple[Usd.Prim, UsdPhysics.MaterialAPI]:
 
 
 def be_hit(prim: Usd.Prim, friction: float, restitution: float) -> None:
-    """Have others collide with a prim. It stays where it is, unless it is a body."""
+    """Make a prim a collider; it stays where it is, unless it is a body."""
     UsdPhysics.CollisionAPI.Apply(prim)
     _, surface = substance_of(prim)
     surface.CreateStaticFrictionAttr(friction)
@@ -29,16 +31,16 @@ def be_hit(prim: Usd.Prim, friction: float, restitution: float) -> None:
 
 
 def be_moved(prim: Usd.Prim) -> None:
-    """Have a prim go where its time samples say, whatever pushes it."""
+    """Make a prim kinematic: it moves by its time samples, whatever pushes it."""
     UsdPhysics.RigidBodyAPI.Apply(prim).CreateKinematicEnabledAttr(True)
 
 
 def move_freely(prim: Usd.Prim, velocity: NDArray[np.floating], spin: NDArray[np.floating]) -> None:
-    """Have a prim move freely.
+    """Make a prim a free body.
 
     Args:
-        velocity: at the start, along the prim's own axes, as UsdPhysics has them [m/s], shape (3,).
-        spin: likewise [rad/s], shape (3,).
+        velocity: Velocity at the start, along the prim's own axes, as in UsdPhysics [m/s], shape (3,).
+        spin: Angular velocity likewise [rad/s], shape (3,).
     """
     body = UsdPhysics.RigidBodyAPI.Apply(prim)
     body.CreateVelocityAttr(Gf.Vec3f(*velocity.tolist()))

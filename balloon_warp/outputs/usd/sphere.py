@@ -11,7 +11,7 @@ from balloon_warp.scene import Sphere
 
 
 def define_sphere(stage: Usd.Stage, path: Sdf.Path, sphere: Sphere, number: int) -> UsdGeom.XformOp:
-    """A sphere and its material; returns the translate that moves it."""
+    """Return a sphere and its material; returns the translate that moves it."""
     prim = UsdGeom.Sphere.Define(stage, path)
     prim.CreateRadiusAttr(sphere.radius)
     prim.CreateExtentAttr([Gf.Vec3f(-sphere.radius), Gf.Vec3f(sphere.radius)])
@@ -31,7 +31,7 @@ class SpherePrim:
             self._start(model)
 
     def _start(self, model: Model) -> None:
-        """Say where it is, what it weighs and how it moves before there are any frames."""
+        """Write its place, mass and motion before there are any frames."""
         names = ("mass", *SURFACE)
         mass, friction, restitution = (
             float(model.parameters[f"sphere_{name}"].numpy()[0, self.number]) for name in names

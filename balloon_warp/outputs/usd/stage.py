@@ -31,8 +31,8 @@ from balloon_warp.warp_lock import lock_of
 STAGE_SUFFIXES = (".usdc", ".usda", ".usd")
 Prim = BalloonPrim | PlanePrim | SpherePrim | ObstaclePrim | BodyPrim | StringPrim | TubePrim | NetForcesPrim
 SAVE_BYTES = 64 * 2**20
-"""time samples that are kept in memory before they are added to the file; when that is depends on the frames alone, and
-so do the bytes"""
+"""Size of time samples that are kept in memory before they are added to the file [bytes]; the time of that depends on
+the frames alone, and so do the bytes"""
 
 
 class StageWriter:
@@ -72,9 +72,9 @@ class StageWriter:
         self._grows = self.path.suffix.lower() != ".usda"
         self._unsaved_bytes = 0
         self._is_whole = True
-        """whether somebody is to look at it"""
+        """Whether it is complete"""
         self._last: int | None = None
-        """the frame that waits for its velocities"""
+        """Frame that waits for its velocities"""
 
     def __enter__(self) -> Self:
         self.stage = Usd.Stage.CreateNew(str(self._file.enter_context(whole_file(self.path))))
@@ -221,7 +221,7 @@ class StageWriter:
 
 
 def _animated_paths(layer: Sdf.Layer) -> list[Sdf.Path]:
-    """Attributes with time samples."""
+    """Return the attributes with time samples."""
     paths: list[Sdf.Path] = []
 
     def look(path: Sdf.Path | str) -> None:

@@ -44,7 +44,7 @@ class Strand:
             prim.GetPrim().SetCustomDataByKey(PAIRED, meaning)
 
     def write(self, points: NDArray[np.float32], time: float) -> None:
-        """Points along the curve, shape (count, 3)."""
+        """Write points along the curve, shape (count, 3)."""
         write_lines(self.curve, points, time)
         around = Vt.Vec3fArray.FromNumpy(points_around(points, self._radius))
         self.mesh.GetPointsAttr().Set(around, time)
@@ -52,7 +52,7 @@ class Strand:
 
 
 def points_around(points: NDArray[np.floating], radius: float) -> NDArray[np.float32]:
-    """`SIDES` points about each point of a curve in a plane, in the order of `tube_topology`.
+    """Return `SIDES` points about each point of a curve in a plane, in the order of `tube_topology`.
 
     Returns:
         shape (SIDES * len(points), 3)

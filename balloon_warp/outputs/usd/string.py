@@ -16,7 +16,7 @@ from balloon_warp.outputs.usd.string_curve import POINT_COUNT, string_curve
 
 
 def define_string(stage: Usd.Stage, path: Sdf.Path, held: PolygonMesh) -> UsdGeom.BasisCurves:
-    """A curve as thin as suits the mesh that it holds; no points yet."""
+    """Return a curve as thin as suits the mesh that it holds; no points yet."""
     curve = define_lines(stage, path, [POINT_COUNT], width=0.008 * float(np.ptp(held.points, axis=0).max()))
     paint(curve, STRING_COLOR, roughness=0.8)
     return curve

@@ -9,7 +9,7 @@ POINT_COUNT = 17
 def string_curve(
     anchor: ArrayLike, end: ArrayLike, length: float, up: ArrayLike, ground_height: float
 ) -> NDArray[np.float32]:
-    """Points along a string: straight when taut, hanging in a parabola of about its length when slack.
+    """Return the points along a string: straight when taut, hanging in a parabola of about its length when slack.
 
     A shallow parabola of sag s over a chord c is 8 s^2 / 3 c longer than the chord. It lies on the ground where it
     would sink below.
@@ -29,7 +29,7 @@ def string_curve(
 
 
 def _across(direction: NDArray[np.float64], wanted: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Unit vector across `direction`, as much along `wanted` as can be."""
+    """Return the unit vector across `direction`, as much along `wanted` as can be."""
     across = wanted - (wanted @ direction) * direction
     if np.linalg.norm(across) < 1e-6:
         across = np.roll(wanted, 1) - (np.roll(wanted, 1) @ direction) * direction

@@ -19,13 +19,13 @@ from balloon_warp.scene import Scene
 HOME = Sdf.Path("/World/Studio")
 GROUND, OBSTACLES = Sdf.Path("/World/Ground"), Sdf.Path("/World/Obstacles")
 MOST_FRAMES = 40
-"""that the subject's place is found from"""
+"""Number of frames sampled to find the subject's place"""
 HOVER = 0.6
-"""how far below the subject the floor is where nothing stands on one, in sizes of the subject"""
+"""Height of the subject above the floor where nothing stands on one, in sizes of the subject"""
 LARGE = 12.0
-"""what an obstacle is, in sizes of the subject, that is a floor or a wall itself"""
+"""Size of an obstacle, in sizes of the subject, from which on it is a floor or a wall itself"""
 BELOW = 1e-3
-"""how far the backdrop lies below what stands on it, in sizes of the subject"""
+"""Depth of the backdrop below what stands on it, in sizes of the subject"""
 
 
 @dataclass
@@ -33,9 +33,9 @@ class Bounds:
     """The box around all points that were taken in, Y up."""
 
     lower: NDArray[np.float64] = field(default_factory=lambda: np.full(3, np.inf))
-    """shape (3,)"""
+    """Lowest corner, shape (3,)"""
     upper: NDArray[np.float64] = field(default_factory=lambda: np.full(3, -np.inf))
-    """shape (3,)"""
+    """Highest corner, shape (3,)"""
 
     def include(self, points: NDArray[np.float64]) -> None:
         """Take in points, shape (n, 3)."""
@@ -44,12 +44,12 @@ class Bounds:
 
     @property
     def center(self) -> NDArray[np.float64]:
-        """shape (3,)"""
+        """Center, shape (3,)."""
         return 0.5 * (self.lower + self.upper)
 
     @property
     def size(self) -> float:
-        """the longest side; not finite without points"""
+        """Longest side; not finite without points."""
         return float((self.upper - self.lower).max())
 
 
@@ -94,14 +94,14 @@ def define_studio(
 
 
 def _obstacles(stage: Usd.Stage, size: float, moments: Sequence[int]) -> Iterator[NDArray[np.float64]]:
-    """The points of those that are no floor or wall themselves, shape (n, 3) each."""
+    """Return the points of those that are no floor or wall themselves, shape (n, 3) each."""
     obstacles = stage.GetPrimAtPath(OBSTACLES)
     paths = [prim.GetPath() for prim in obstacles.GetChildren()] if obstacles else []
     return (points for points in _points(stage, paths, moments) if np.ptp(points, axis=0).max() < LARGE * size)
 
 
 def _points(stage: Usd.Stage, paths: Sequence[Sdf.Path], moments: Sequence[int]) -> Iterator[NDArray[np.float64]]:
-    """The points of each mesh at some frames, and of what is none the corners of its box, Y up, shape (n, 3) each."""
+    """Return the points of each mesh at some frames, or the corners of other prims' boxes, Y up, shape (n, 3) each."""
     purposes = [UsdGeom.Tokens.default_, UsdGeom.Tokens.render, UsdGeom.Tokens.proxy]
     prims = [prim for path in paths if (prim := stage.GetPrimAtPath(path))]
     for frame in moments:
@@ -119,7 +119,7 @@ def _points(stage: Usd.Stage, paths: Sequence[Sdf.Path], moments: Sequence[int])
 
 
 def _seen(mesh: UsdGeom.Mesh, frame: int) -> NDArray[np.float64]:
-    """The points of a mesh at a frame, without those that a tear cut off from all faces, shape (n, 3)."""
+    """Return the points of a mesh at a frame, without those that a tear cut off from all faces, shape (n, 3)."""
     points, corners = np.array(mesh.GetPointsAttr().Get(frame)), mesh.GetFaceVertexIndicesAttr()
     if not corners.GetNumTimeSamples():
         return points

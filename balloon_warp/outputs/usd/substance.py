@@ -1,4 +1,4 @@
-"""What a balloon is made of, as a physics material: the surface deformable's of the AOUSD physics group's proposal."""
+"""Physics material of a balloon: the surface deformable's of the AOUSD physics group's proposal."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -15,8 +15,10 @@ SCHEMA = "PhysicsSurfaceDeformableMaterialAPI"
 
 
 def bind_substance(prim: Usd.Prim, model: Model, number: int) -> None:
-    """Give a balloon's prim a material of its own for the purpose of physics: rubber's and film's moduli and density,
-    or the sheet that springs make, and the friction that the balloon says."""
+    """Give a balloon's prim a physics material of its own.
+
+    It has rubber's and film's moduli and density, or those of the sheet that springs make, and the balloon's friction.
+    """
     parameters = {name: values.numpy() for name, values in model.parameters.items()}
     substance, surface = substance_of(prim)
     substance.AddAppliedSchema(SCHEMA)
@@ -30,7 +32,7 @@ def bind_substance(prim: Usd.Prim, model: Model, number: int) -> None:
 
 
 def _moduli(model: Model, parameters: Mapping[str, NDArray[Any]], number: int) -> dict[str, float]:
-    """By their names in the proposal, in SI, which is the stage's."""
+    """Return the moduli by their names in the proposal, in SI, which is the stage's unit system."""
     if law := law_of(model.scene, number):
         return {"youngsModulus": youngs_modulus(law, parameters, number), "poissonsRatio": INCOMPRESSIBLE}
     sheet = sheet_of_springs(model.shapes[number], parameters, number)

@@ -9,15 +9,17 @@ from pxr import Sdf, Vt
 
 
 def author_velocities(target: Sdf.Layer, velocities: Sdf.Path, source: Sdf.Layer, points: Sdf.Path, frame: int) -> None:
-    """Author the velocities of a frame, if its points are there: their central difference in time [m/s]; where a
-    neighbor is missing, as at the first and the last frame, the difference from or to the other; where both are, 0.
+    """Write the velocities of a frame, if its points are there, as central differences in time [m/s].
+
+    Where a neighbor is missing, as at the first and the last frame, the difference from or to the other; where both
+    are, 0.
 
     Args:
-        target: what they are written to.
-        velocities: an attribute of it.
-        source: where the points of the frames are; it has as many frames a second.
-        points: an attribute of it.
-        frame: number of the frame.
+        target: Layer to write to.
+        velocities: Attribute of it.
+        source: Layer with the points of the frames; it has the same frame rate.
+        points: Attribute of it.
+        frame: Number of the frame.
     """
     here = _points(source, points, frame)
     if here is None:
@@ -31,6 +33,6 @@ def author_velocities(target: Sdf.Layer, velocities: Sdf.Path, source: Sdf.Layer
 
 
 def _points(layer: Sdf.Layer, path: Sdf.Path, frame: int) -> NDArray[np.float32] | None:
-    """Of a frame, shape (point_count, 3)."""
+    """Return the points of a frame, shape (point_count, 3)."""
     value = layer.QueryTimeSample(path, frame)
     return None if value is None else np.asarray(value).reshape(-1, 3)

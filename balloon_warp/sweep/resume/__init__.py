@@ -1,4 +1,6 @@
-"""How a batch outlives a kill, and goes on to the same bytes. The idea, and a run's half: `balloon_warp/resume/`.
+"""Checkpoints of batches: how they survive a kill, and resume to the same bytes.
+
+The idea, and a run's half, is in `balloon_warp/resume/`.
 
 checkpoints   what is safe of a batch: the parts of its table and its stage, and the states that they end with
 parts         a part: some frames of some groups, in files of their own

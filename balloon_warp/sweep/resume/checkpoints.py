@@ -1,4 +1,4 @@
-"""What is safe of a batch that is not finished: parts of its table and its stage, and the state they end with."""
+"""Checkpoints of an unfinished batch: parts of its table and its stage, and the state at their end."""
 
 import time
 import zipfile
@@ -57,20 +57,20 @@ class BatchCheckpoints:
             "versions": installed_versions(),
         }
         self._begun = False
-        """whether the folder is of this batch"""
+        """Whether the folder belongs to this batch"""
         self._begins: list[int] = []
-        """the first frame of each part"""
+        """First frame of each part"""
         self._scene = task.scene
         self._saved_at = time.monotonic()
 
     def take_up(self, output: BatchOutput, **how: Any) -> Iterator[Part]:
-        """Put what is safe into the output, part by part, in the order in which it was saved.
+        """Put the saved parts into the output, one by one, in the order in which they were saved.
 
         Args:
-            how: where and by what schedule the batch is simulated: what its bits depend on beside its description.
+            how: Place and schedule of the simulation, on which its bits depend besides its description.
 
         Raises:
-            InputError: it is of another batch, or is damaged, or something else is in its place.
+            InputError: It is of another batch, or is damaged, or something else is in its place.
         """
         self._job = as_json({**self._job, **how})
         self.folder.require_own()
@@ -120,7 +120,7 @@ class BatchCheckpoints:
 
     @property
     def advice(self) -> str:
-        """To whoever is left without the output."""
+        """Advice to a user without the output."""
         if not self._begun:
             return "nothing was written"
         return f"{self.folder.path} has what there is, and --resume goes on from it"
@@ -154,7 +154,7 @@ class BatchCheckpoints:
         self._saved_at = time.monotonic()  # what takes long to save is saved less often
 
     def remove(self) -> None:
-        """Once the whole output is there; what another batch left stays."""
+        """Remove the checkpoints once the whole output exists; those of another batch stay."""
         if self._begun:
             self.folder.remove()
 
@@ -179,12 +179,12 @@ class BatchCheckpoints:
 
     @property
     def _rows(self) -> Path:
-        """Of the next part."""
+        """Path of the next part's rows."""
         return self.folder.path / f"rows_{len(self._begins):06d}.npz"
 
     @property
     def _stage(self) -> Path:
-        """Of the next part."""
+        """Path of the next part's stage."""
         return self.folder.path / _stage_name(len(self._begins))
 
     def _state(self, frame: int, group: int) -> Path:

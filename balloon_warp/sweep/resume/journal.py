@@ -1,4 +1,4 @@
-"""Which shares of a batch are done, and which of these are safe."""
+"""Journal of the shares of a batch that are done, and of those that are saved."""
 
 from pydantic import TypeAdapter
 
@@ -11,7 +11,7 @@ from balloon_warp.sweep.shares import ShareResult
 from balloon_warp.sweep.task import BatchTask
 
 FAILURES = TypeAdapter(Failures)
-"""to JSON and back"""
+"""Conversion to JSON and back"""
 
 
 class ShareJournal:
@@ -31,12 +31,12 @@ class ShareJournal:
         self._output, self._checkpoints = output, checkpoints
         self._frames = range(task.scene.frames + 1)
         self.schedules: dict[int, str] = {}
-        """of the shares that are done, by their numbers"""
+        """Schedules of the shares that are done, by their numbers"""
         self.failures = Failures()
         self.remarks: list[Remark] = []
-        """on worlds of the shares that this batch has done"""
+        """Remarks on worlds of the shares that this batch has done"""
         self.crowded = 0
-        """as schedules count it, in the shares that this batch has done"""
+        """Candidate overflows in the shares that this batch has done, as schedules count them"""
         self._unsafe: list[int] = []
         self._unsafe_failures = Failures()
         for part in checkpoints.take_up(
@@ -48,7 +48,7 @@ class ShareJournal:
             self.schedules.update(zip(part.groups, part.notes["schedules"], strict=True))
             self.failures.add(FAILURES.validate_python(part.notes["failures"]))
         self.resumed = sum(len(output.groups[number].worlds) for number in self.schedules) / task.world_count
-        """the part of the worlds that an earlier batch had simulated"""
+        """Fraction of the worlds that an earlier batch had simulated"""
         if self.schedules:
             shares = f"{len(self.schedules)} of {len(output.groups)} shares"
             checkpoints.on_note(f"goes on with {shares} done, from {checkpoints.folder.path}")

@@ -17,13 +17,13 @@ from balloon_warp.sweep.output import BatchOutput
 
 @dataclass(frozen=True)
 class Part:
-    """What a part has."""
+    """Part of a batch."""
 
     frames: range
     groups: Sequence[int]
-    """numbers of the groups, or of a cluster's shares"""
+    """Numbers of the groups, or of a cluster's shares"""
     notes: Mapping[str, Any] = field(default_factory=dict)
-    """what is to be known of them beside their rows and shapes, as JSON has it"""
+    """Notes besides rows and shapes, as JSON"""
 
 
 def write_rows(output: BatchOutput, part: Part, rows: Path) -> None:

@@ -1,4 +1,4 @@
-"""What a block does for its world, for balloons, springs, and as a team."""
+"""Code of a block for its world, its balloons, springs, and phases of all threads."""
 
 from itertools import groupby
 
@@ -11,8 +11,10 @@ class GroupsInBlock(ItemsInBlock):
     """Write what one thread does for all, or all do together."""
 
     def _worlds(self, piece: Piece) -> None:
-        """Write what is done for the world and its balloons. Of one balloon all threads find the values, so that none
-        need wait for them."""
+        """Write phases of the world and its balloons.
+
+        With one balloon all threads compute the values, so that none waits for them.
+        """
         for item, phases in groupby(piece.phases, key=lambda phase: phase.item):
             if item == "balloon" and not self.alone:
                 self._over_balloons(tuple(phases))

@@ -1,4 +1,4 @@
-"""What a block does for particles, and other items: each thread for those that it keeps, or in a loop; and sums."""
+"""Code of a block for particles and other items, held by threads or looped over, and for sums."""
 
 import inspect
 from collections.abc import Iterable, Iterator
@@ -16,7 +16,7 @@ COUNTS = {
     "sphere": "t.spheres.radius.shape[1]",
     "film": "t.membranes.films.corners.shape[0]",
 }
-"""items of a world"""
+"""Expressions for the number of items in a world"""
 BALLOON_OF = {"particle": "t.particles.balloon", "face": "t.faces.balloon"}
 
 
@@ -26,10 +26,10 @@ class ItemsInBlock(NamesInBlock):
     def __init__(self, step: Step, layout: Layout, alone: bool | None = None):
         super().__init__(step, layout, step.traits.balloons == 1 if alone is None else alone)
         self.deferred: list[Piece] = []
-        """pieces about spheres, which nobody has asked for since these have moved"""
+        """Pieces about spheres that are deferred until a later piece needs the moved spheres"""
         self.spheres_moved = False
         self.shows_velocities = "velocity" in step.doubled or any(piece.item == "spring" for piece in step.pieces)
-        """whether others look at velocities, or change them"""
+        """Whether other items read velocities, or change them"""
 
     def _is_deferred(self, piece: Piece) -> bool:
         """Return whether a piece is about spheres alone, once they have moved: it may wait until somebody asks."""

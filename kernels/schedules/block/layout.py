@@ -1,4 +1,4 @@
-"""How a world lies on a block of threads."""
+"""Layout of a world on a block of threads."""
 
 from typing import NamedTuple
 
@@ -9,25 +9,25 @@ class Layout(NamedTuple):
     """Hold what a kernel is written for, beside the scene's traits."""
 
     threads: int
-    """of a block"""
+    """Number of threads in a block"""
     capacity: int
-    """points that a tile holds"""
+    """Number of points that a tile holds"""
     held: int = 0
-    """particles that a thread keeps in registers for a frame; 0 where threads loop over all particles"""
+    """Number of particles that a thread keeps in registers for a frame; 0 where threads loop over all particles"""
     slots: tuple[int, int, int] = (0, 0, 0)
-    """the most springs of each kind at a particle, which stay in registers, too"""
+    """Largest number of springs of each kind at a particle, which also stay in registers"""
     rings: int = 0
-    """if area vectors come of the ring of springs around each particle, the fewest quads in one"""
+    """Least number of quads around a particle, if area vectors follow from the ring of springs around it; else 0"""
     tiles: tuple[str, ...] = ()
-    """what of particles stands in shared memory, where threads loop"""
+    """State of particles in shared memory, where threads loop"""
     doubled: bool = True
-    """points may have a second tile, where otherwise a barrier would be needed"""
+    """Whether points may have a second tile in place of a barrier"""
     film: FilmLayout | None = None
-    """how faces of membranes are measured, if each is once"""
+    """Layout of the faces of membranes, if each face is measured once"""
     odd: bool = False
-    """a frame has an odd number of substeps"""
+    """Whether a frame has an odd number of substeps"""
     registers: int = 64
-    """of a thread"""
+    """Registers of a thread"""
 
     @property
     def warps(self) -> int:

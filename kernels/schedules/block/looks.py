@@ -1,4 +1,4 @@
-"""How items see each other where their points stand in the shared memory of a block."""
+"""Access of items to each other where points are in a block's shared memory."""
 
 from collections.abc import Callable
 from functools import cache
@@ -16,13 +16,13 @@ from balloon_warp.kernels.traits import Traits
 
 @cache
 def looping_loops(traits: Traits) -> Loops:
-    """Over what stands in tables."""
+    """Return loops over the entries of tables."""
     return scalar_loops(traits, in_tile, aims=traits.aims_on_the_way)
 
 
 @cache
 def held_loops(slots: tuple[int, int, int], rings: int) -> Callable[[Traits], Loops]:
-    """Over what stays in registers."""
+    """Return loops over springs that are held in registers."""
 
     @cache
     def loops_of(traits: Traits) -> Loops:

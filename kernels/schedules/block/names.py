@@ -1,4 +1,4 @@
-"""Where a block finds what phases name: in registers, in shared memory, or in arrays."""
+"""Places of the values that phases name in a block: registers, shared memory, or arrays."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,7 +11,7 @@ from balloon_warp.kernels.schedules.writer import Writer
 HANDLES = ("t", "slots", "state", "working", "world", "thread", "spheres", "films", "pulls", "area_vectors")
 OF_SUBSTEP = ("time_in_frame", "time", "end")
 OF_BALLOON = ("balloon", "ramp", "keyed", "load", "gas_mass", "origin", "origin_place", "numbers")
-"""what particles of one balloon have in common"""
+"""Values that the particles of a balloon have in common"""
 
 
 class NamesInBlock(Writer):
@@ -21,11 +21,11 @@ class NamesInBlock(Writer):
         super().__init__(step, (*HANDLES, "points", "new_points", "velocities", "new_velocities"))
         self.layout, self.traits = layout, step.traits
         self.alone = alone
-        """whether the block has particles of but one balloon, so that its sums and values are everyone's"""
+        """Whether the block has particles of one balloon only, so that its sums and values hold for all threads"""
         self.place: int | None = None
-        """which of its particles a thread is about"""
+        """Index of the thread's particle at hand"""
         self.points = ("points", "new_points")
-        """where points are read, and written where others still read"""
+        """Tiles from which points are read, and to which they are written while others still read"""
         self.velocities = ("velocities", "new_velocities")
         self._common = {*OF_SUBSTEP, *HANDLES}
         if self.alone:
@@ -126,7 +126,7 @@ class NamesInBlock(Writer):
 
     @contextmanager
     def about(self, place: int) -> Iterator[None]:
-        """Be about one of the particles that a thread keeps."""
+        """Switch to one of the particles that a thread keeps."""
         self.place = place
         yield
         self.place = None

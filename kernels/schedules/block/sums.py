@@ -12,7 +12,7 @@ from balloon_warp.kernels.warp_sums import Five, put_warp_sums, sum_of_warp_sums
 from balloon_warp.kernels.warps import WARP_THREADS, of_thread, put_word, shared_words, warp_sum, word_at
 
 WORDS = 8
-"""that a warp has for a sum"""
+"""Number of words that a warp has for a sum"""
 
 
 class BlockSum(NamedTuple):

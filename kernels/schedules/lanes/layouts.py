@@ -1,8 +1,8 @@
-"""What stands side by side in the eight lanes: eight worlds, or eight particles of one world.
+"""Layouts of the eight lanes: eight worlds, or eight particles of one world.
 
-Either way a balloon is gone through item by item, an item being what the lanes hold at once: a particle of eight
-worlds, or an octet, eight particles of one world. What differs is how neighbors are found: in the same lane of another
-item, or anywhere.
+Either way the loop over a balloon goes item by item, an item being what the lanes hold at once: a particle of eight
+worlds, or an octet, eight particles of one world. The layouts differ in where neighbors are: in the same lane of
+another item, or anywhere.
 """
 
 from functools import cache
@@ -15,10 +15,10 @@ from balloon_warp.kernels.memory import int_at
 
 
 class Layout(NamedTuple):
-    """Of the lanes."""
+    """Layout of the lanes."""
 
     worlds: bool
-    """eight worlds; otherwise eight particles of one"""
+    """Whether lanes are eight worlds; otherwise eight particles of one"""
 
     @property
     def number(self) -> Any:
@@ -49,25 +49,25 @@ WORLDS, OCTETS = Layout(worlds=True), Layout(worlds=False)
 
 @wp.func_native("return vectors.data[(unsigned int)item];")
 def near(vectors: wp.array[Lanes3], item: wp.int32) -> Lanes3:
-    """Of a neighbor. Without what Warp's own indexing allows for, see `kernels.memory`."""
+    """Return the vectors of a neighbor, without the checks of Warp's own indexing, see `kernels.memory`."""
     ...
 
 
 @wp.func_native("return vectors.data[(unsigned int)item];")
 def of_item(vectors: wp.array[Lanes3], item: wp.int32) -> Lanes3:
-    """Of an item."""
+    """Return the vectors of an item."""
     ...
 
 
 @wp.func_native("vectors.data[(unsigned int)item] = value;")
 def put_item(vectors: wp.array[Lanes3], item: wp.int32, value: Lanes3):
-    """Into an item."""
+    """Store the vectors of an item."""
     ...
 
 
 @wp.func
 def of_particle(vectors: wp.array[Lanes3], places: wp.array[wp.int32], particle: wp.int32):
-    """Of one particle of each world."""
+    """Return the vector of one particle of each world."""
     return vectors[particle]
 
 
@@ -90,9 +90,9 @@ def of_particle(vectors: wp.array[Lanes3], places: wp.array[wp.int32], particle:
     """
 )
 def near(vectors: wp.array[wp.vec4], numbers: LaneNumbers) -> Lanes3:  # noqa: F811 - an overload
-    """Of eight neighbors, from wherever they stand.
+    """Return the vectors of eight neighbors, from anywhere in the array.
 
-    Written for the compiler of CPU kernels, which makes eight loads and a few shuffles of it; of the like in Python it
+    Native code, of which the compiler of CPU kernels makes eight loads and a few shuffles; of the same in Python it
     makes a load for each number, and a multiplication for each address.
     """
     ...
@@ -100,7 +100,7 @@ def near(vectors: wp.array[wp.vec4], numbers: LaneNumbers) -> Lanes3:  # noqa: F
 
 @wp.func
 def of_item(vectors: wp.array[wp.vec4], item: wp.int32):  # noqa: F811 - an overload
-    """Of an octet."""
+    """Return the vectors of an octet."""
     numbers = LaneNumbers()
     for lane in range(LANE_COUNT):
         numbers[lane] = LANE_COUNT * item + lane
@@ -115,13 +115,13 @@ def of_item(vectors: wp.array[wp.vec4], item: wp.int32):  # noqa: F811 - an over
     """
 )
 def put_item(vectors: wp.array[wp.vec4], item: wp.int32, value: Lanes3):  # noqa: F811 - an overload
-    """Into an octet."""
+    """Store the vectors of an octet."""
     ...
 
 
 @wp.func
 def of_particle(vectors: wp.array[wp.vec4], places: wp.array[wp.int32], particle: wp.int32):  # noqa: F811 - an overload
-    """Of one particle of the world, in every lane."""
+    """Return the vector of one particle of the world, in every lane."""
     return near(vectors, LaneNumbers(places[particle]))
 
 
@@ -151,19 +151,19 @@ class WorldAlone:
     """
 )
 def column_at(vectors: wp.array[Lanes3], index: wp.int32, lane: wp.int32) -> wp.vec3:
-    """The vector of one lane of an item."""
+    """Return the vector of one lane of an item."""
     ...
 
 
 @wp.func
 def near(world: WorldInLane, particle: wp.int32):  # noqa: F811 - an overload
-    """Of a particle of one of eight worlds."""
+    """Return the index of a particle in one of eight worlds."""
     return column_at(world.vectors, particle, world.lane)
 
 
 @wp.func
 def near(world: WorldAlone, particle: wp.int32):  # noqa: F811 - an overload
-    """Of a particle of the one world."""
+    """Return the index of a particle of the one world."""
     vector = world.vectors[int_at(world.places, particle)]
     return wp.vec3(vector[0], vector[1], vector[2])
 
@@ -188,7 +188,7 @@ def put(world: WorldAlone, particle: wp.int32, vector: wp.vec3):  # noqa: F811 -
 
 @wp.func
 def add(vectors: wp.array[Lanes3], item: wp.int32, more: Lanes3):
-    """To that of an item."""
+    """Add vectors to those of an item."""
     vectors[item] = vectors[item] + more
 
 
@@ -202,19 +202,19 @@ def add(vectors: wp.array[Lanes3], item: wp.int32, more: Lanes3):
     """
 )
 def add(vectors: wp.array[wp.vec4], numbers: LaneNumbers, more: Lanes3):  # noqa: F811 - an overload
-    """To those of eight particles, of which some may be the same."""
+    """Add vectors to those of eight particles, some of which may be the same."""
     ...
 
 
 @wp.func
 def add(world: Any, particle: wp.int32, more: wp.vec3):  # noqa: F811 - an overload
-    """To that of one particle."""
+    """Add a vector to that of one particle."""
     put(world, particle, near(world, particle) + more)
 
 
 @wp.func
 def view_of(vectors: wp.array[Lanes3], lane: wp.int32, places: wp.array[wp.int32]):
-    """The vectors of the world in a lane."""
+    """Return the vectors of the world in a lane."""
     view = WorldInLane()
     view.vectors = vectors
     view.lane = lane
@@ -223,7 +223,7 @@ def view_of(vectors: wp.array[Lanes3], lane: wp.int32, places: wp.array[wp.int32
 
 @wp.func
 def view_of(vectors: wp.array[wp.vec4], lane: wp.int32, places: wp.array[wp.int32]):  # noqa: F811 - an overload
-    """The vectors of the one world."""
+    """Return the vectors of the one world."""
     view = WorldAlone()
     view.vectors = vectors
     view.places = places
@@ -231,7 +231,7 @@ def view_of(vectors: wp.array[wp.vec4], lane: wp.int32, places: wp.array[wp.int3
 
 
 class Places(NamedTuple):
-    """Which world and which particle a lane holds."""
+    """World and particle that a lane holds."""
 
     world: Any
     """(group, lane, world_count) to the world in a lane; lanes that are left over copy the last world"""
@@ -244,12 +244,12 @@ class Places(NamedTuple):
     particle: Any
     """(t, item, lane) to the particle in a lane; what fills up an octet copies the first there"""
     totals: Any
-    """of what has been added up lane by lane to what is each world's"""
+    """Function that reduces sums of lanes to sums of worlds"""
 
 
 @cache
 def places_of(layout: Layout) -> Places:
-    """Of a layout."""
+    """Return the places of lanes in a layout."""
 
     @wp.func
     def world_in_lane(group: wp.int32, lane: wp.int32, world_count: wp.int32):

@@ -1,4 +1,4 @@
-"""How items see each other where eight stand side by side, and one world in a lane of them."""
+"""Access of items to each other in eight lanes, and of one world in a lane of them."""
 
 from functools import cache
 from typing import Any
@@ -28,7 +28,7 @@ from balloon_warp.kernels.traits import Traits
 
 @wp.func
 def take_forces(t: Any, own: Any):
-    """What hinges and membranes have added up on an item [N]; nothing is left."""
+    """Take the forces that hinges and membranes have added to an item [N], and clear them."""
     forces = t.forces[own.group]
     force = of_item(forces, own.number)
     put_item(forces, own.number, Lanes3())
@@ -37,7 +37,7 @@ def take_forces(t: Any, own: Any):
 
 @wp.func
 def itself(part: Any):
-    """What one thread has, which is alone."""
+    """Return the part of the only thread."""
     return part
 
 
@@ -46,7 +46,7 @@ def _look(layout: Layout) -> Look:
 
     @cache
     def loops(traits: Traits) -> Loops:
-        """Over all that acts on an item."""
+        """Return the loops over all forces on an item."""
         _, _, own_of_one = own_functions_of(traits.columns.places["mass"], layout)
         return loops_of_eight(traits, near, take_forces, view_of, own_of_one)
 
@@ -61,4 +61,4 @@ def _look(layout: Layout) -> Look:
 
 
 LOOKS = {WORLDS: _look(WORLDS), OCTETS: _look(OCTETS)}
-"""of eight worlds, and of eight particles of one"""
+"""Access functions for eight worlds, and for eight particles of one"""

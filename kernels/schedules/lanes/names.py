@@ -1,5 +1,7 @@
-"""What phases read where eight stand side by side, and how they are called: eight at once, or one lane or world at a
-time. Where one is rare, it is called once it is known that something in the lanes needs it at all."""
+"""Names that phases read in eight lanes, and their calls: eight at once, or one lane or world at a time.
+
+A rare phase is called only where something in the lanes needs it.
+"""
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -18,10 +20,10 @@ OF_BALLOON: Mapping[str, str] = {
     "forces": "t.forces[group]",
     "origin": "of_particle({points}, t.places, volume_origin(tables, balloon))",
 }
-"""how phases find what is of a balloon, or of all"""
+"""Expressions for values of a balloon, or of all"""
 HANDLES = ("t", "tables", "state", "working", "solids", "spheres", "group", "substep", "time_in_frame", "time", "end")
 SAME = {"state", "working", "spheres", "time_in_frame", "time", "end"}
-"""what a phase for one is handed as it is"""
+"""Names that a phase for one item gets unchanged"""
 
 
 class NamesInLanes(Writer):
@@ -33,17 +35,17 @@ class NamesInLanes(Writer):
         super().__init__(step, (*HANDLES, *STATE.values(), *(f"new_{view}" for view in STATE.values())))
         self.layout = layout
         self.item = "item"
-        """what the loop at hand counts"""
+        """Variable of the loop over items at hand"""
         self.lane = "lane"
-        """and the one over lanes or worlds"""
+        """Variable of the loop over lanes or worlds"""
         self.single: dict[str, str] = {}
-        """variables that hold names for the world at hand alone"""
+        """Variables that hold values of the world at hand alone"""
         self.flips = dict.fromkeys(STATE.values(), 0)
-        """how often what particles keep has gone from one place to the other in this substep"""
+        """Number of times that the state of particles has changed buffers in this substep"""
         self.shown = False
-        """whether the lanes have spheres as they are now"""
+        """Whether the lanes have the current spheres"""
         self.of_balloon: list[str] = []
-        """lines before the loop over a balloon's items"""
+        """Lines before the loop over a balloon's items"""
 
     @property
     def seen(self) -> set[str]:

@@ -32,15 +32,15 @@ OFFSETS: Mapping[Item, str] = {
     "face": "t.faces.balloon_offsets",
     "quad": "t.quad_offsets",
 }
-"""where each balloon's items begin"""
+"""Begin of each balloon's items"""
 COUNTS: Mapping[Item, str] = {
     "sphere": "state.sphere_positions.shape[1]", "triangle": "tables.membranes.corners.shape[0]",
     "hinge": "tables.hinges.ends.shape[0]", "spring": "tables.correction.particles.shape[0]",
     "face": "tables.faces.balloon.shape[0]",
 }  # fmt: skip
-"""how many items a world has that are gone through one by one"""
+"""Number of the items of a world that are looped over one by one"""
 MOVERS: set[Item] = {"sphere", "world", "balloon", "team"}
-"""whose phases may move spheres"""
+"""Items whose phases may move spheres"""
 
 
 class _Writer(NamesInLanes):

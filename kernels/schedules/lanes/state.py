@@ -1,4 +1,4 @@
-"""From the state into the lanes, when a frame begins, and back when it ends; and what is read of it on the way."""
+"""Transfer of the state into the lanes when a frame begins, and back when it ends; and reads meanwhile."""
 
 from functools import cache
 from typing import Any
@@ -21,12 +21,12 @@ from balloon_warp.kernels.working import Working
 
 @cache
 def peaks_functions(traits: Traits, layout: Layout) -> tuple[Any, Any]:
-    """The functions that say whether a world's frame counts, and that exchange how far its triangles were stretched."""
+    """Return functions that decide whether a world's frame counts, and that exchange its peak stretches."""
     LaneTables, places = lane_structs(layout).tables, places_of(layout)  # noqa: N806 - a type
 
     @wp.func
     def counts(working: Working, world: wp.int32):
-        """Whether what has been found of a world counts: not if its frame was not free, and only that counts."""
+        """Return whether the results of a world count: not if its frame was not free, where only free frames count."""
         if wp.static(traits.frames == "free"):
             return working.verdicts[world] == FREE
         else:
@@ -34,7 +34,7 @@ def peaks_functions(traits: Traits, layout: Layout) -> tuple[Any, Any]:
 
     @wp.func
     def exchange_peaks(t: LaneTables, state: WorldState, working: Working, group: wp.int32, writes: bool):
-        """How far triangles have been stretched: out of the state, or into it."""
+        """Load the peak stretches of triangles from the state, or store them there."""
         for entry in range(t.quad_numbers.shape[0]):
             for lane in range(t.lane_count):
                 number = of_lane(t.quad_numbers[entry], lane)
@@ -50,19 +50,19 @@ def peaks_functions(traits: Traits, layout: Layout) -> tuple[Any, Any]:
 
 @cache
 def frame_functions(traits: Traits, layout: Layout) -> tuple[Any, Any]:
-    """The functions that read what a frame begins with, and that write what it ends with."""
+    """Return the functions that read the state as a frame begins, and that write it as it ends."""
     LaneTables, places = lane_structs(layout).tables, places_of(layout)  # noqa: N806 - a type
     split = traits.columns.balloon_width
     counts, exchange_peaks = peaks_functions(traits, layout)
 
     @wp.func
     def end_of(t: LaneTables, group: wp.int32):
-        """Of its worlds."""
+        """Return the end of a group's worlds."""
         return places.first_world(group) + places.worlds(group, t.world_count)
 
     @wp.func
     def read_numbers(t: LaneTables, group: wp.int32):
-        """The parameters of balloons and worlds."""
+        """Read the parameters of balloons and worlds."""
         for lane in range(t.lane_count):
             world = places.world(group, lane, t.world_count)
             of_balloons = row_of_world(world, t.all.balloon_numbers.shape[0])
@@ -75,7 +75,7 @@ def frame_functions(traits: Traits, layout: Layout) -> tuple[Any, Any]:
 
     @wp.func
     def read_frame(t: LaneTables, state: WorldState, working: Working, group: wp.int32, points: Any, velocities: Any):
-        """Numbers, points and velocities, and the forces that the last frame left on spheres."""
+        """Read numbers, points and velocities, and the forces that the last frame left on spheres."""
         read_numbers(t, group)
         if wp.static(traits.softens):
             exchange_peaks(t, state, working, group, False)
@@ -103,7 +103,10 @@ def frame_functions(traits: Traits, layout: Layout) -> tuple[Any, Any]:
         points: Any,
         velocities: Any,
     ):
-        """Forces on spheres; points and velocities, of worlds that had a free frame if only these count."""
+        """Write forces on spheres, points and velocities.
+
+        If only free frames count, of worlds with a free frame.
+        """
         if wp.static(traits.penalties):
             for world in range(places.first_world(group), end_of(t, group)):
                 for sphere in range(state.sphere_forces.shape[1]):
@@ -125,12 +128,12 @@ def frame_functions(traits: Traits, layout: Layout) -> tuple[Any, Any]:
 
 @cache
 def balloon_functions(layout: Layout) -> dict[str, Any]:
-    """The functions that read what is of a balloon, in all lanes, by their names."""
+    """Return the functions that read a balloon's values in all lanes, by their names."""
     LaneTables, places = lane_structs(layout).tables, places_of(layout)  # noqa: N806 - a type
 
     @wp.func
     def ramps_of(t: LaneTables, state: WorldState, group: wp.int32, balloon: wp.int32, time_in_frame: float):
-        """What is keyframed."""
+        """Return the keyframed values of a balloon."""
         ramps = Lanes()
         for lane in range(t.lane_count):
             ramps[lane] = ramp_at(state, places.world(group, lane, t.world_count), balloon, time_in_frame)
@@ -138,7 +141,7 @@ def balloon_functions(layout: Layout) -> dict[str, Any]:
 
     @wp.func
     def loads_of(t: LaneTables, state: WorldState, group: wp.int32, balloon: wp.int32):
-        """Pressures at height 0 [Pa], and their rises with height [Pa/m]."""
+        """Return the pressures at height 0 [Pa], and their rises with height [Pa/m]."""
         loads = Lanes2()
         for lane in range(t.lane_count):
             world = places.world(group, lane, t.world_count)
@@ -147,7 +150,7 @@ def balloon_functions(layout: Layout) -> dict[str, Any]:
 
     @wp.func
     def gas_masses_of(t: LaneTables, working: Working, group: wp.int32, balloon: wp.int32):
-        """[kg]"""
+        """Return the mass of the gas [kg]."""
         masses = Lanes()
         for lane in range(t.lane_count):
             masses[lane] = working.gas_masses[places.world(group, lane, t.world_count), balloon]
@@ -155,7 +158,7 @@ def balloon_functions(layout: Layout) -> dict[str, Any]:
 
     @wp.func
     def ways_of(t: LaneTables, working: Working, group: wp.int32):
-        """How far particles may go in a free frame [m]."""
+        """Return the distance that particles may travel in a free frame [m]."""
         ways = Lanes()
         for lane in range(t.lane_count):
             ways[lane] = working.ways[places.world(group, lane, t.world_count)]
@@ -163,7 +166,7 @@ def balloon_functions(layout: Layout) -> dict[str, Any]:
 
     @wp.func
     def any_free(t: LaneTables, working: Working, group: wp.int32):
-        """Whether any world of a group has a free frame."""
+        """Return whether any world of a group has a free frame."""
         found = bool(False)
         for lane in range(t.lane_count):
             found = found or working.verdicts[places.world(group, lane, t.world_count)] == FREE
@@ -180,7 +183,7 @@ def balloon_functions(layout: Layout) -> dict[str, Any]:
 
 @cache
 def own_functions_of(mass: int, layout: Layout) -> tuple[Any, Any, Any]:
-    """The functions that read what an item knows of itself, or a quad does, and what one particle of it.
+    """Return the functions that read the parameters of an item, of a quad, and of one particle.
 
     Args:
         mass: its column.
@@ -222,13 +225,13 @@ def own_functions_of(mass: int, layout: Layout) -> tuple[Any, Any, Any]:
 
 @cache
 def showing_function(traits: Traits, layout: Layout) -> Any:
-    """The function that shows spheres and obstacles to the lanes."""
+    """Return the function that loads spheres and obstacles into the lanes."""
     LaneTables, places = lane_structs(layout).tables, places_of(layout)  # noqa: N806 - a type
     solid_at = solid_function(traits)
 
     @wp.func
     def show_solids(t: LaneTables, tables: Tables, state: WorldState, solids: Solids, group: wp.int32, end: float):
-        """As they are when a substep ends."""
+        """Store the solids in the lanes as they are at the end of a substep."""
         for solid in range(solids.centers.shape[1]):
             centers, motions, reaches = Lanes3(), Lanes3(), Lanes()
             for lane in range(t.lane_count):

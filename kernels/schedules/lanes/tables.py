@@ -12,7 +12,7 @@ from balloon_warp.kernels.tables import Tables
 
 @cache
 def part_structs(layout: Layout) -> tuple[Any, Any, Any]:
-    """The types of the tables of faces, fans and necks, whose fields are named as those of one world."""
+    """Return the types of the tables of faces, fans and necks, whose fields are named as those of one world."""
     Index, Number = layout.index, layout.number  # noqa: N806 - types
 
     @wp.struct
@@ -20,12 +20,12 @@ def part_structs(layout: Layout) -> tuple[Any, Any, Any]:
         """Faces, or eight at a time, and the faces around each item."""
 
         offsets: wp.array[wp.int32]
-        """where the corners of each begin, and after the last, where they end"""
+        """Begin of each face's corners, and the end of the last"""
         particles: wp.array[Index]
         balloon_offsets: wp.array[wp.int32]
-        """where those of each balloon begin, and after the last, where they end"""
+        """Begin of each balloon's faces, and the end of the last"""
         particle_offsets: wp.array[wp.int32]
-        """where the faces around each item begin in `around_particles`, and after the last, where they end"""
+        """Begin of the faces around each item in `around_particles`, and the end of the last"""
         around_particles: wp.array[Index]
 
     @wp.struct
@@ -33,9 +33,9 @@ def part_structs(layout: Layout) -> tuple[Any, Any, Any]:
         """The corners of the faces at each item, each seen from there."""
 
         offsets: wp.array[wp.int32]
-        """where each item's corners begin in `begins`, and after the last, where they end"""
+        """Begin of each item's corners in `begins`, and the end of the last"""
         begins: wp.array[wp.int32]
-        """where the others of each corner begin, and after the last, where they end"""
+        """Begin of the other particles of each corner, and the end of the last"""
         particles: wp.array[Index]
 
     @wp.struct
@@ -49,12 +49,12 @@ def part_structs(layout: Layout) -> tuple[Any, Any, Any]:
 
 @cache
 def own_structs(layout: Layout) -> tuple[Any, Any]:
-    """The types of what an item knows of itself, and of what one particle of it does."""
+    """Return the types of an item's parameters and indices, and of one particle's."""
     Number = layout.number  # noqa: N806 - a type
 
     @wp.struct
     class LaneOwn:
-        """What an item knows of itself."""
+        """Parameters and indices of an item."""
 
         group: wp.int32
         number: wp.int32
@@ -66,7 +66,7 @@ def own_structs(layout: Layout) -> tuple[Any, Any]:
 
     @wp.struct
     class OneOwn:
-        """What one particle knows of itself."""
+        """Parameters and indices of one particle."""
 
         world: wp.int32
         number: wp.int32
@@ -84,14 +84,14 @@ class LaneStructs(NamedTuple):
 
     tables: Any
     own: Any
-    """what an item knows of itself"""
+    """Function that reads the parameters of an item"""
     one: Any
-    """what one particle of it does"""
+    """Function that reads the parameters of one of its particles"""
 
 
 @cache
 def lane_structs(layout: Layout) -> LaneStructs:
-    """The types of a layout."""
+    """Return the types of a layout."""
     Number, Index, Vector, Four = layout.number, layout.index, layout.vector, layout.four  # noqa: N806 - types
     LaneFaces, LaneFans, LaneNecks = part_structs(layout)  # noqa: N806
 
@@ -106,45 +106,47 @@ def lane_structs(layout: Layout) -> LaneStructs:
         substeps: wp.int32
         lane_count: wp.int32  # 8, as a number that no loop is unrolled for
         item_offsets: wp.array[wp.int32]
-        """where each balloon's items begin, and after the last, where they end"""
+        """Begin of each balloon's items, and the end of the last"""
         shares: wp.array[Number]
-        """of the balloon's mass"""
+        """Share of each item in the balloon's mass"""
         particles: wp.array[wp.int32]
-        """the particle of each place of an octet; of eight worlds, of each item"""
+        """Particle at each place of an octet; for eight worlds, of each item"""
         places: wp.array[wp.int32]
-        """where each particle stands among them"""
+        """Place of each particle among the items"""
         present: wp.array[Lanes]
-        """of each octet, 1 where a particle is, 0 where it is filled up; of eight worlds nothing"""
+        """1 where an octet has a particle, 0 where it is padded; empty for eight worlds"""
         held: wp.array[wp.int32]
-        """of each item, whether a string holds any of its particles"""
+        """Whether a string holds any of an item's particles"""
         spring_offsets: wp.array[wp.int32]
-        """where the springs of each item begin, and after the last, where they end"""
+        """Begin of the springs of each item, and the end of the last"""
         spring_kinds: wp.array[wp.int32]
         spring_ends: wp.array[Index]
         spring_scales: wp.array[Number]
-        """a spring's constant over that of its kind; empty if all are 1"""
+        """Spring constants over those of their kinds; empty if all are 1"""
         spring_lengths: wp.array[Number]
         quad_offsets: wp.array[wp.int32]
-        """where those of each balloon's membrane begin, or eight at a time, and after the last, where they end"""
+        """Begin of the quads of each balloon's membrane, or of eights of them, and the end of the last"""
         quads: wp.array[Index]
-        """their corners, four each; a triangle has its first again as the third"""
+        """Corners of quads, four each; a triangle has its first again as the third"""
         quad_triangles: wp.array[wp.int32]
-        """at how many of their corners they have a triangle: all, or the first alone"""
+        """Number of corners of a quad that have a triangle: all, or the first alone"""
         quad_rests: wp.array[Four]
-        """what the triangles at their corners are at rest, four each, see `kernels.tables.MembraneTable`"""
+        """Rest metrics of the triangles at their corners, four each, see `kernels.tables.MembraneTable`"""
         quad_numbers: wp.array[Index]
-        """of the triangles at their corners, four each, below 0 where there is none; empty unless rubber wears"""
+        """Numbers of the triangles at their corners, four each, below 0 where there is none; empty unless rubber
+        wears"""
         fans: LaneFans
         faces: LaneFaces
         necks: LaneNecks
         numbers: wp.array3d[Lanes]
-        """working memory, a row for each group, as what follows: the parameters of balloons and worlds, see
+        """Working memory, a row for each group, as are the next arrays: parameters of balloons and worlds, see
         `laws.columns`"""
         rows: wp.array4d[float]
-        """the same, by group, lane and balloon"""
+        """Parameters by group, lane and balloon"""
         peaks: wp.array2d[Lanes]
-        """of the triangles at the corners of quads, see `State`, four each; empty unless rubber softens"""
+        """Peak stretches of the triangles at the corners of quads, see `State`, four each; empty unless rubber
+        softens"""
         forces: wp.array2d[Vector]
-        """what hinges and membranes have added up, on each particle [N]"""
+        """Forces of hinges and membranes on each particle [N]"""
 
     return LaneStructs(LaneTables, *own_structs(layout))

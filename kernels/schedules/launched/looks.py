@@ -1,4 +1,4 @@
-"""How items see each other where their state stands in arrays."""
+"""Access of items to each other where the state is in arrays."""
 
 from functools import cache
 from typing import Any
@@ -16,26 +16,26 @@ from balloon_warp.kernels.working import Working
 
 @cache
 def gathering_loops(traits: Traits) -> Loops:
-    """Over all that acts on a particle."""
+    """Return loops over all forces on a particle."""
     return scalar_loops(traits, vector_at)
 
 
 @cache
 def summed_loops(traits: Traits) -> Loops:
-    """What others have added up: forces of springs, strings, hinges and faces, and area vectors."""
+    """Return functions that read sums by other threads: forces of springs, strings, hinges, faces, and area vectors."""
 
     @wp.func
     def summed_force(
         t: Tables, points: Any, velocities: Any, own: Any, working: Working, point: Any, velocity: Any, time: float
     ):
-        """[N]; nothing is left, so that the next substep adds up anew."""
+        """Take the summed force [N], and clear it for the next substep."""
         force = working.forces[own.world, own.number]
         working.forces[own.world, own.number] = wp.vec3()
         return force
 
     @wp.func
     def summed_area_vector(t: Tables, points: Any, own: Any, working: Working, point: Any):
-        """[m^2]; nothing is left."""
+        """Take the summed area vector [m^2], and clear it."""
         area_vector = working.area_vectors[own.world, own.number]
         working.area_vectors[own.world, own.number] = wp.vec3()
         return area_vector
@@ -44,6 +44,6 @@ def summed_loops(traits: Traits) -> Loops:
 
 
 GATHERED = Look(vector_at, sphere_at, gathering_loops)
-"""a particle goes through what acts on it"""
+"""Access where each particle loops over its forces"""
 SUMMED = Look(vector_at, sphere_at, summed_loops, lambda traits: not (traits.in_water or traits.bursts))
-"""others have added that up"""
+"""Access where other threads have summed the forces"""

@@ -13,9 +13,9 @@ from balloon_warp.kernels.schedules.pieces import Piece, Step
 from balloon_warp.kernels.schedules.writer import Writer, head, named_in
 
 ITEMS_OF_PART = wp.constant(512)
-"""of a large balloon, whose items are added up part by part"""
+"""Number of items in a part of a large balloon, whose sums are reduced part by part"""
 Part = Literal["all", "part", "parts"]
-"""of a piece that sums: whether its kernel sums all items of a balloon, the items of a part, or the parts"""
+"""Range that the kernel of a summing piece covers: all items of a balloon, the items of a part, or the parts"""
 HANDLES = ("t", "time_in_frame", "state", "working")
 NAMES: Mapping[str, tuple[str, str]] = {
     "time": ("", "time_of(t, state.frame, time_in_frame)"),
@@ -25,7 +25,7 @@ NAMES: Mapping[str, tuple[str, str]] = {
     "spheres": ("", "spheres_in_state(t, state, working)"),
     "numbers": ("", "read_numbers(t, world, balloon)"),
 }
-"""how a piece finds what phases name: what that takes itself, and the text"""
+"""Expressions for the names that phases read: names that the expression needs, and its text"""
 OF_PARTICLE: Mapping[str, tuple[str, str]] = {
     "own": ("", "read_own(t, world, particle)"),
     "balloon": ("own", "own.balloon"),
@@ -36,9 +36,9 @@ OF_PARTICLE: Mapping[str, tuple[str, str]] = {
     "keyed": ("balloon", "ramp_at(state, world, balloon, time_in_frame)"),
     "load": ("balloon", "two_in(state.inflation_loads, world, balloon)"),
 }
-"""the same of a particle"""
+"""Expressions for names of a particle"""
 OFFSETS = {"particle": "t.particles.offsets", "face": "t.faces.balloon_offsets"}
-"""where each balloon's items begin"""
+"""Begin of each balloon's items"""
 
 
 class _Writer(Writer):
@@ -60,7 +60,7 @@ class _Writer(Writer):
         return "\n".join([*head(self.name, self.arguments(), self._whose()), *self._written(), ""])
 
     def _whose(self) -> str:
-        """Say which thread executes it."""
+        """Return a sentence on the thread that executes the piece."""
         if self.piece.sums:
             return f"A block for each {self.part if self.part == 'part' else 'balloon'}."
         if self.piece.item in ("team", "world", "balloon"):

@@ -15,7 +15,7 @@ def read_sphere_forces(
     # out
     sphere_quanta: wp.array3d[wp.int64],
 ):
-    """A thread a (world, sphere): from newtons to whole numbers."""
+    """Convert sphere forces from newtons to whole numbers; a thread a (world, sphere)."""
     world, sphere = wp.tid()
     set_quanta(sphere_quanta, world, sphere, sphere_forces[world, sphere])
 
@@ -27,6 +27,6 @@ def write_sphere_forces(
     # state out
     sphere_forces: wp.array2d[wp.vec3],
 ):
-    """A thread a (world, sphere): from whole numbers to newtons."""
+    """Convert sphere forces from whole numbers to newtons; a thread a (world, sphere)."""
     world, sphere = wp.tid()
     sphere_forces[world, sphere] = total_newtons(sphere_quanta, world, sphere)

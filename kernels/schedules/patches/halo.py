@@ -1,7 +1,8 @@
-"""What blocks of a GPU that run at once tell each other: in entries of four words, whose last is the round that they
-belong to. An entry is written and read as a whole, so that nobody has to wait for anything else.
+"""Halo exchange between co-resident thread blocks.
 
-Should blocks not run at once after all, the kernel ends with an error after some ten seconds.
+An entry has four words, the last of which is its round. It is written and read as a whole, so that no other
+synchronization is needed. Should blocks not be co-resident after all, the kernel ends with an error after some ten
+seconds.
 """
 
 from typing import Any
@@ -24,14 +25,16 @@ Six = wp.types.vector(length=6, dtype=wp.float32)
 #endif
 """)
 def tell(entries: wp.array[wp.vec4], place: wp.int32, round: wp.int32, v: wp.vec3):
-    """A vector."""
+    """Publish a vector."""
     ...
 
 
 def _listening(count: int) -> str:
-    """To so many entries, one after the other: their vectors, or zeros for a thread that does not listen. The threads
-    of a warp stay together until the last has heard. With a loop for each, which ends sooner for some than for others,
-    a compiler let those go on alone to what only all may do."""
+    """Return the source of a wait for entries, one after the other: their vectors, or zeros for an idle thread.
+
+    The threads of a warp stay together until the last has its entry. With a loop for each, which ends sooner for some
+    than for others, a compiler lets the first ones proceed alone to what only all may do.
+    """
     return f"""
 #if defined(__CUDA_ARCH__)
     unsigned long long low[{count}] = {{}}, high[{count}] = {{}};
@@ -66,26 +69,26 @@ def _listening(count: int) -> str:
 
 @wp.func_native(_listening(1))
 def hear(entries: wp.array[wp.vec4], place: wp.int32, round: wp.int32, listens: bool) -> wp.vec3:
-    """What another block tells in that round, once it does, or in a later one. By all threads of a warp."""
+    """Wait for another block's entry of a round, or of a later one; called by all threads of a warp."""
     ...
 
 
 @wp.func_native(_listening(2))
 def hear_two(entries: wp.array[wp.vec4], place: wp.int32, round: wp.int32, listens: bool) -> Six:
-    """The same of two entries."""
+    """Wait for two entries of another block."""
     ...
 
 
 @wp.func
 def tell_sums(entries: wp.array[wp.vec4], place: wp.int32, round: wp.int32, sums: Five):
-    """Five numbers, in two entries."""
+    """Publish five numbers, in two entries."""
     tell(entries, 2 * place, round, wp.vec3(sums[0], sums[1], sums[2]))
     tell(entries, 2 * place + 1, round, wp.vec3(sums[3], sums[4], 0.0))
 
 
 @wp.func
 def hear_sums(entries: wp.array[wp.vec4], place: wp.int32, round: wp.int32, listens: bool):
-    """Those of another block. By all threads of a warp."""
+    """Wait for the sums of another block; called by all threads of a warp."""
     heard = hear_two(entries, 2 * place, round, listens)
     return Five(heard[0], heard[1], heard[2], heard[3], heard[4])
 
@@ -101,7 +104,7 @@ def exchange(
     points: Any,
     threads: wp.int32,
 ):
-    """After a substep: where particles are in rims, to the blocks around and from them."""
+    """Exchange the positions of halo particles with the blocks around, after a substep."""
     row = ((substep & 1) * seat.slots + seat.slot) * count
     if seat.told:
         tell(memory.points, row + particle, substep + 1, point)

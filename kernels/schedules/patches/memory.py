@@ -1,44 +1,50 @@
-"""How worlds are cut into patches, and what these show each other."""
+"""Patches of worlds, and the memory that they share."""
 
 import warp as wp
 
 
 @wp.struct
 class PatchTable:
-    """The patches of a world, each of one balloon. In a patch's tables and tiles a particle of its own stands at the
-    place of its thread, and one of its rim behind all threads. There are no more of a rim than threads."""
+    """Patches of a world, each of one balloon.
+
+    In a patch's tables and tiles an own particle has the index of its thread, and a halo particle comes after all
+    threads. There are at most as many halo particles as threads.
+    """
 
     numbers: wp.array2d[wp.int32]
-    """the particle of each thread, and their count where there is none, shape (patches, threads)"""
+    """Particle of each thread; the particle count where there is none, shape (patches, threads)"""
     rims: wp.array2d[wp.int32]
-    """the particle of the rim that each thread reads, -1 where there is none, shape (patches, threads)"""
+    """Halo particle that each thread reads, -1 where there is none, shape (patches, threads)"""
     in_rims: wp.array[wp.int32]
     """1 for a particle that is in the rim of another patch"""
     origins: wp.array[wp.int32]
-    """place of the particle that a balloon's volume is measured from"""
+    """Index of the particle about which a balloon's volume is summed"""
     balloons: wp.array[wp.int32]
-    """of each patch"""
+    """Balloon of each patch"""
     firsts: wp.array[wp.int32]
-    """patches of each balloon begin there, and after the last, end"""
+    """Begin of each balloon's patches, and the end of the last"""
     face_offsets: wp.array[wp.int32]
-    """faces of each patch begin there, and after the last, end, where normals are fresh: each is of the patch that
-    its first corner is in"""
+    """Begin of each patch's faces, and the end of the last, where normals are fresh: a face belongs to the patch of its
+    first corner"""
 
 
 @wp.struct
 class PatchMemory:
-    """What patches keep in global memory; arrays that a scene does not need are empty. Even and odd substeps have
-    entries of their own: who tells something has heard what others told in the substep before."""
+    """Global memory of patches; arrays that a scene does not need are empty.
+
+    Even and odd substeps have separate entries: a block that publishes has received what others published in the
+    substep before.
+    """
 
     points: wp.array[wp.vec4]
-    """of particles in rims, of the worlds at work"""
+    """Positions of halo particles of the worlds at work"""
     sums: wp.array[wp.vec4]
-    """of the part of a balloon in each patch, in two entries: how it would swell, or its area"""
+    """Sums over the part of a balloon in each patch, in two entries: its swelling, or its area"""
 
 
 @wp.struct
 class PatchSeat:
-    """Where a thread sits, and whom it listens to."""
+    """Patch of a thread, and the blocks that it listens to."""
 
     slot: wp.int32  # of the world, among those at work
     slots: wp.int32  # how many there are
@@ -53,11 +59,11 @@ class PatchSeat:
 
 @wp.func
 def take_patch(patches: PatchTable, count: wp.int32, slot: wp.int32, patch: wp.int32, thread: wp.int32):
-    """As a frame begins.
+    """Take a patch as a frame begins.
 
     Args:
-        count: of worlds at work.
-        slot: of the world, among these.
+        count: Number of worlds at work.
+        slot: Index of the world among these.
     """
     seat = PatchSeat()
     seat.slot = slot

@@ -14,12 +14,12 @@ from balloon_warp.kernels.warps import WARP_THREADS, block_barrier, shared_words
 
 @cache
 def sums_of(name: str, dtype: Any, warps: int) -> Any:
-    """The function that adds up a number, or five, over a balloon, once a substep."""
+    """Return the function that adds up a number, or five, over a balloon, once a substep."""
     own, others = (shared_words(f"{name} of {each}", WORDS * warps) for each in ("a patch", "patches"))
 
     @wp.func
     def sum_in_balloon(memory: PatchMemory, seat: PatchSeat, substep: wp.int32, part: Five):
-        """By all threads of all its blocks, which get the same to the last bit every time."""
+        """Return the sum over a balloon, which is bitwise reproducible; called by all threads of all its blocks."""
         warp = WORDS * (seat.thread // WARP_THREADS)
         row = ((substep & 1) * seat.slots + seat.slot) * seat.patches
         put_warp_sums(own(), warp, part, False)
@@ -35,7 +35,7 @@ def sums_of(name: str, dtype: Any, warps: int) -> Any:
 
     @wp.func
     def sum_of_number(memory: PatchMemory, seat: PatchSeat, substep: wp.int32, part: float):
-        """The same of a number."""
+        """Return the sum of a number over a balloon; called by all threads of all its blocks."""
         return sum_in_balloon(memory, seat, substep, Five(part, 0.0, 0.0, 0.0, 0.0))[0]
 
     return sum_of_number if dtype is float else sum_in_balloon
