@@ -113,24 +113,24 @@ class ThicknessProblem:
         return self.mould.ruler
 
     def split(self, design: Values) -> tuple[Values, Values]:
-        """The mould, shape (3 n,), and the thickness at its vertices over the least, shape (n,)."""
+        """Split a design into the mould, shape (3 n,), and the thickness at its vertices over the least, shape (n,)."""
         count = 3 * self.mould.mesh.vertex_count
         return design[:count], design[count:]
 
     def balance(self, design: Values) -> Balance:
-        """The balloon of that mould and thickness."""
+        """Return the balance of the balloon of that mould and thickness."""
         mould, weights = self.split(design)
         balance = self.mould.balance(mould)
         return replace(balance, skin=balance.skin.with_weights(weights))
 
     def by_design(self, balance: Balance, points: Values) -> sparse.csc_matrix:
-        """The derivatives of its forces by both."""
+        """Return the derivatives of its forces by both."""
         even = replace(balance.skin, skins=self.mould.film.skins)
         both = [balance.skin.forces_by_mould(points), even.forces_by_weights(points)]
         return sparse.hstack(both, format="csc")
 
     def easily(self, design: Values, stuck: NDArray[np.bool_]) -> sparse.spmatrix:
-        """The mould as it does, and the thickness by a part of itself, likewise together."""
+        """Return the easy changes: of the mould, and of the thickness by a fraction of itself, likewise smooth."""
         mould, weights = self.split(design)
         free = sparse.diags(np.where(self.split(stuck)[1], 0.0, THICKENS * weights))
         return sparse.block_diag([self.mould.easily(mould, stuck), free @ self.mould.together], format="csc")

@@ -63,7 +63,7 @@ def design_of_latex(job: Job) -> Design:
 
 
 def _descended(job: Job, problem: ThicknessProblem, reached: Reached) -> Reached:
-    """The mould as near as it comes by itself; then, where the thickness may vary, both."""
+    """Design the mould alone; then, where the thickness may vary, both."""
     mould, varies = problem.mould, problem.thickest > 1.0
     if len(reached.design) == 3 * mould.mesh.vertex_count:
         reached = descend(mould, reached, job.steps // 2 if varies else job.steps, GOAL, job.on_step)

@@ -46,7 +46,7 @@ class FilmSkin:
         return replace(self, rest_edges=self._edges(mould))
 
     def with_weights(self, weights: Values) -> "FilmSkin":
-        """The same film, as many times as thick at the particles, shape (n,); of a triangle the mean of its corners."""
+        """Return the same film with its thickness multiplied by weights of the particles, shape (n,)."""
         return replace(self, skins=self.skins * weights[self.corners].mean(axis=1))
 
     def energy(self, points: Values) -> float:
@@ -85,7 +85,7 @@ class FilmSkin:
         return -self._assembled(blocks, len(points))
 
     def forces_by_weights(self, points: Values) -> sparse.csc_matrix:
-        """The derivatives of the forces by the weights that this film is given, at 1 [N], shape (3 n, n)."""
+        """Return the derivatives of the forces by the weights of `with_weights`, at 1 [N], shape (3 n, n)."""
         values = np.repeat(self._pulls(points)[:, :, None] / 3.0, 3, axis=2)  # by triangle, corner pulled, and weighed
         rows = 3 * self.corners[:, :, None, None] + np.arange(3)
         columns = self.corners[:, None, :, None]
