@@ -1,6 +1,7 @@
 """How near designs come to their targets, beside their rivals: python -m balloon_warp.benchmarks.design [NAME ...]
 
-A case is its kind, its stretch and its target: springs/any/1.2/pear. Targets are analytic shapes on a ball, bundled
+A case is its kind, its stretch and its target: springs/any/1.2/pear. latex/thickness/2.0/cube lets the thickness vary,
+and foil/panels/8/fine_ball has gores. Targets are analytic shapes on a ball, bundled
 meshes, and those in the folder that `BALLOON_WARP_TEST_MESHES` names. Everything is simulated from rest.
 """
 
@@ -10,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +39,15 @@ CASES = (
     *(f"springs/tension/1.2/{name}" for name in ("toy", "squirrel", "knot", "turtle", "spot_quadrangulated")),
     *(f"latex/tension/{stretch}/{name}" for stretch in (1.3, 2.0, 4.0) for name in ("ellipsoid", "pear")),
     *(f"latex/tension/2.0/{name}" for name in ("peanut", "cube", "toy", "spot_quadrangulated")),
+    *(f"latex/thickness/2.0/{name}" for name in ("cube", "toy")),
+    *(f"foil/panels/{gores}/fine_ball" for gores in (8, 16)),
+    "foil/panels/groups/cylinder",
+    "foil/panels/marked/squirrel",
 )
+
+
+MARKED = Path(__file__).parent / "squirrel_seams.txt"
+"""of 24 panels, along edges of its faces"""
 
 
 @dataclass(frozen=True)
@@ -62,6 +71,8 @@ def target(name: str) -> PolygonMesh | Path:
         InputError: there is none of this name.
     """
     scenes = next(iter(bundled_scenes().values())).parent
+    if name == "cylinder":
+        return cylinder()
     if name in SHAPES:
         ball = load_mesh(scenes / "ball.obj")
         points = ball.points - ball.points.mean(axis=0)
@@ -73,13 +84,53 @@ def target(name: str) -> PolygonMesh | Path:
     raise InputError(f"{name}: no such mesh; BALLOON_WARP_TEST_MESHES may name a folder that has it")
 
 
+def cylinder(around: int = 32, up: int = 8, across: int = 5) -> PolygonMesh:
+    """As high as it is wide by three quarters, of two lids and two halves of its side as groups."""
+    angles = 2.0 * np.pi * np.arange(around) / around
+    ring = np.stack([np.cos(angles), np.zeros(around), np.sin(angles)], axis=1)
+    lid = [ring * (1.0 - k / across) for k in range(across)]
+    low, high = [0.0, -0.75, 0.0], [0.0, 0.75, 0.0]
+    side = [ring + np.array([0.0, 1.5 * k / up - 0.75, 0.0]) for k in range(up + 1)]
+    rings = [each + low for each in lid[:0:-1]] + side + [each + high for each in lid[1:]]
+    points = np.concatenate([*rings, [low], [high]])
+    here = np.arange(around)
+    there, last = np.roll(here, -1), (len(rings) - 1) * around
+    bands = [np.stack([here, here + around, there + around, there], axis=1) + k * around for k in range(len(rings) - 1)]
+    quads, lowest, highest = np.concatenate(bands), len(points) - 2, len(points) - 1
+    ends = [np.stack([here, there, np.full(around, lowest)], axis=1)]
+    ends += [np.stack([there + last, here + last, np.full(around, highest)], axis=1)]
+    first, behind = (across - 1) * around, (across + up) * around
+    on_side = np.arange(first, behind).reshape(-1, around)
+    half = around // 2
+    groups = {
+        "bottom": np.append(np.arange(first + around), lowest),
+        "top": np.append(np.arange(behind - around, last + around), highest),
+        "left": on_side[:, : half + 1].ravel(),
+        "right": np.append(on_side[:, half:], on_side[:, :1], axis=1).ravel(),
+    }
+    return PolygonMesh(
+        points,
+        np.repeat([4, 3], [len(quads), 2 * around]).astype(np.int32),
+        np.concatenate([quads.ravel(), *(each.ravel() for each in ends)]).astype(np.int32),
+        "cylinder",
+        groups={name: np.unique(vertices).astype(np.int32) for name, vertices in groups.items()},
+    )
+
+
+def asked(how: str, number: str) -> dict[str, Any]:
+    """What the second and third word of a case ask for: panels, a range of thickness, or what springs hold."""
+    if how == "panels":
+        return {"panels": MARKED if number == "marked" else number, "thickness": 1.0e-4}
+    of_rubber = {"thickness": (2.0e-4, 8.0e-4)} if how == "thickness" else {"hold": cast(Hold, how)}
+    return {"stretch": float(number), **of_rubber}
+
+
 def run(case: str, steps: int = 30) -> Row:
     """Design a case, and time it."""
     of, hold, stretch, name = case.split("/")
     began, idle = time.perf_counter(), time.process_time()
     try:
-        kind, springs = cast(Of, of), cast(Hold, hold)
-        found = design(target(name), of=kind, hold=springs, stretch=float(stretch), steps=steps, device="cpu")
+        found = design(target(name), of=cast(Of, of), steps=steps, device="cpu", **asked(hold, stretch))
     except InputError as mistake:
         return Row(case, str(mistake), time.perf_counter() - began, time.process_time() - idle)
     said = f"{found.error} | {found.held_error} | {found.plain_error} | {found.stretch:.2f} | {len(found.cannot)}"

@@ -62,6 +62,37 @@ def test_a_design_becomes_the_shape_from_rest(of: str, stretch: float, steps: in
         np.testing.assert_allclose(np.ptp(stl.points, axis=0), 1000.0 * np.ptp(mould.points, axis=0), rtol=1e-5)
 
 
+def boxy() -> PolygonMesh:
+    """Whose sides are nearly flat."""
+    points = BALL.points / np.linalg.norm(BALL.points, axis=1)[:, None]
+    return replace(BALL, points=points / (np.sum(points**4, axis=1) ** 0.15)[:, None], name="box")
+
+
+def test_rubber_that_varies_in_thickness_comes_nearer(tmp_path: Path):
+    """To a box than the half of the steps that the mould has alone; within its bounds, by vertex; and resumed."""
+
+    def stop(stage: str) -> None:
+        if stage.startswith("step 4"):
+            raise KeyboardInterrupt
+
+    asked = {"of": "latex", "stretch": 2.0, "size": 0.2, "device": "cpu"}
+    alone = bw.design(boxy(), **asked, thickness=2e-4, steps=3, folder=tmp_path / "alone")
+    thick = asked | {"thickness": (2e-4, 8e-4), "steps": 6, "folder": tmp_path / "thick"}
+    with pytest.raises(KeyboardInterrupt):
+        bw.design(boxy(), **thick, on_stage=stop)
+    told: list[str] = []
+    both = bw.design(boxy(), **thick, resume=True, on_stage=told.append)
+    assert told[1] == "going on after step 4"
+    assert both.error.mean < 0.9 * alone.error.mean
+    weights = bw.load_scene(tmp_path / "thick" / "balloon.toml").balloon[0].material.weights
+    assert isinstance(weights, list)
+    assert len(weights) == BALL.vertex_count
+    assert min(weights) >= 1.0
+    assert 1.1 < max(weights) <= 4.0
+    report = json.loads((tmp_path / "thick" / "report.json").read_text())
+    assert report["thickness_to"] == pytest.approx(2e-4 * max(weights), rel=1e-3)  # as the scene has it, in four digits
+
+
 def test_springs_that_may_push_hold_what_tension_does_not(tmp_path: Path):
     """And springs that only pull are nowhere longer than in the wanted shape."""
     found = {
@@ -146,6 +177,8 @@ def test_what_touches_itself_along_edges_does_not_cross():
         ({"size": -1.0}, r"size: must be from 0.01 to 100 m \(got -1.0\)"),
         ({"steps": -1}, r"steps: must be a whole number"),
         ({"thickness": 0.0}, r"thickness: must be a number greater than 0"),
+        ({"of": "latex", "thickness": (4e-4, 2e-4)}, r"thickness: must grow from the least to the greatest"),
+        ({"thickness": (2e-4, 4e-4)}, r"thickness: varies by place in latex alone; expected one number for springs"),
     ],
 )
 def test_numbers_that_cannot_be_are_refused(asked: dict, sentence: str, tmp_path: Path):

@@ -177,3 +177,15 @@ def test_panels_of_other_faces_are_refused(tmp_path: Path):
             bw.Simulator(gas_scene(EGG, bw.Material(preset="latex", rest_mesh=tmp_path / "panels.obj")), "cpu")
     with pytest.raises(InputError, match="has 216 vertices; expected the 56 of"):
         bw.Simulator(gas_scene(EGG, bw.Material(rest_mesh=tmp_path / "panels.obj")), "cpu")
+
+
+def test_thicker_rubber_pulls_as_its_derivatives_say():
+    """By central differences of weights; forces are linear in them."""
+    scene = gas_scene(EGG, MATERIALS["latex"])
+    simulator = bw.Simulator(scene, "cpu")
+    rows = {name: values.numpy() for name, values in simulator.model.parameters.items()}
+    film, points = film_of(scene, 0, simulator.model.shapes[0], rows), 1.3 * EGG.points * [1.0, 0.7, 1.1]
+    way = np.random.default_rng(3).uniform(-0.5, 0.5, EGG.vertex_count)
+    felt = film.with_weights(1.0 + way).forces(points) - film.with_weights(1.0 - way).forces(points)
+    told = 2.0 * film.forces_by_weights(points) @ way
+    np.testing.assert_allclose(told, felt.ravel(), atol=1e-12 * np.abs(felt).max() + 1e-15)

@@ -56,8 +56,14 @@ class Wanted:
         typer.Option(metavar="METERS", help="Largest dimension of the target shape.", rich_help_panel=DESIGN),
     ] = 0.3
     thickness: Annotated[
-        float, typer.Option(metavar="METERS", help="Thickness of the latex or foil.", rich_help_panel=DESIGN)
-    ] = 2e-4
+        str,
+        typer.Option(
+            metavar="METERS|LOW:HIGH",
+            help="Thickness of the latex or foil; of latex also a range, in which it varies by place where the mould "
+            "alone does not reach the shape.",
+            rich_help_panel=DESIGN,
+        ),
+    ] = "2e-4"
     panels: Annotated[
         str | None,
         typer.Option(
@@ -107,6 +113,7 @@ def design(
     quiet_warp()
     if view and wanted.of == "foil":
         raise InputError("--view: shows designs of springs and latex (got --of foil)")
+    asked = {**vars(wanted), "thickness": _thickness(wanted.thickness)}
     last = ["before its first step"]
     with watched(view, port, Path(target).name) as watch, stages(Path(target).name) as stage:
 
@@ -116,7 +123,7 @@ def design(
 
         try:
             found = designed(
-                target, **vars(wanted), folder=output, steps=steps, resume=resume, device=device, on_stage=on_stage,
+                target, **asked, folder=output, steps=steps, resume=resume, device=device, on_stage=on_stage,
                 on_step=watch,
             )  # fmt: skip
         except KeyboardInterrupt:
@@ -131,3 +138,14 @@ def _say(found: "Design", output: Path) -> None:
     print(f"simulated from rest: {found.error} of the size off; as designed {found.held_error}", end="")
     print(f"; plain at the same stretch {found.plain_error}" if found.plain_error else "")
     print(f"wrote {output}: balloon-warp run {output / 'balloon.toml'} inflates it")
+
+
+def _thickness(said: str) -> float | tuple[float, float]:
+    """Of a number, or of a range."""
+    try:
+        low, *high = (float(part) for part in said.split(":"))
+    except ValueError:
+        low, high = 0.0, [0.0] * 2
+    if len(high) > 1:
+        raise InputError(f"--thickness: expected a number, or a range such as 2e-4:6e-4 (got {said})")
+    return (low, high[0]) if high else low

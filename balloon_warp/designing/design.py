@@ -33,7 +33,7 @@ def design(
     stretch: float | None = None,
     hold: Hold = "tension",
     size: float = SIZE,
-    thickness: float = THICKNESS,
+    thickness: float | tuple[float, float] = THICKNESS,
     panels: int | str | Path | None = None,
     folder: str | Path | None = None,
     steps: int = STEPS,
@@ -51,7 +51,8 @@ def design(
         stretch: how much its skin is stretched in the wanted shape; 1.2 of springs, 2 of latex, when missing.
         hold: of springs: whether they only pull ("tension"), or may also push ("any").
         size: largest extent of the wanted shape [m].
-        thickness: of latex and foil [m].
+        thickness: of latex and foil [m]; of latex also the least and the greatest, between which it varies by place
+            where the mould alone does not reach the shape.
         panels: of foil, what the shape is sewn of: so many gores around its vertical axis; or it is cut between
             "materials" or "groups" of its mesh, or along the lines of vertices in a file.
         folder: where it is written: balloon.toml, which runs as it is, and its files, error.png and report.json. A
@@ -69,14 +70,19 @@ def design(
         if given not in known:
             raise InputError(f"{name}: must be {' or '.join(known)} (got {given!r})")
     stretch = stretch if stretch is not None else {"springs": STRETCH, "latex": 2.0, "foil": 1.0}[of]
-    for name, number in (("stretch", stretch), ("thickness", thickness)):
+    least, thickest = thickness if isinstance(thickness, tuple) else (thickness, thickness)
+    for name, number in (("stretch", stretch), ("thickness", least), ("thickness", thickest)):
         if not (isinstance(number, int | float) and isfinite(number) and number > 0.0):
             raise InputError(f"{name}: must be a number greater than 0 (got {number})")
+    if thickest < least:
+        raise InputError(f"thickness: must grow from the least to the greatest (got {least:g} to {thickest:g})")
+    if thickest > least and of != "latex":
+        raise InputError(f"thickness: varies by place in latex alone; expected one number for {of}")
     if not isinstance(steps, int) or steps < 0:
         raise InputError(f"steps: must be a whole number, at least 0 (got {steps})")
     place = Path(folder) if folder is not None else None
     if of == "foil" and panels is None:
-        return _of_foil(target, size, thickness, place, steps, device, on_stage)
+        return _of_foil(target, size, least, place, steps, device, on_stage)
     if of != "foil" and panels is not None:
         raise InputError(f"panels: are of foil; expected none of {of} (got {panels})")
 
@@ -84,14 +90,16 @@ def design(
         where = place or _temporary()
         require_folder(where)
         return Job(
-            mesh, of, float(stretch), hold, float(thickness), where, steps, device, resume, on_stage, on_step, options
+            mesh, of, float(stretch), hold, float(least), where, steps, device, resume, on_stage, on_step, options
         )
 
     if panels is not None:
         cut = panels_of(target, panels, size)
         return design_of_panels(job(cut.mesh, {"panels": str(panels)}), cut)
     mesh = target_of(target, size)
-    return {"springs": design_of_springs, "latex": design_of_latex}[of](job(mesh, {}))
+    return {"springs": design_of_springs, "latex": design_of_latex}[of](
+        job(mesh, {"thickest": thickest} if thickest > least else {})
+    )
 
 
 def _of_foil(

@@ -70,7 +70,7 @@ def _conformal(panels: Panels, frames: Values) -> Values:
     count, rows = len(panels.sewn_to), np.arange(len(frames))
     triples = np.repeat(rows, 3), panels.corners.ravel()
     dx, dy = (sparse.csr_matrix((slopes[:, k].ravel(), triples), shape=(len(rows), count)) for k in range(2))
-    both = sparse.bmat([[dx, -dy], [dy, dx]], format="csc")
+    both = sparse.csc_matrix(sparse.bmat([[dx, -dy], [dy, dx]]))
     pinned = np.concatenate([_far_apart(panels, panel) for panel in range(panels.count)])
     values = np.concatenate([np.tile([0.0, 1.0], panels.count), np.zeros(len(pinned))])
     held = np.concatenate([pinned, pinned + count])

@@ -66,6 +66,11 @@ class Job:
     options: Mapping[str, Any] = field(default_factory=dict)
     """Further options of this kind of design"""
 
+    @property
+    def thickest(self) -> float:
+        """How thick the rubber may be somewhere, over how thick it is at least."""
+        return float(self.options.get("thickest", self.thickness)) / self.thickness
+
     @cached_property
     def ruler(self) -> Ruler:
         """Ruler of the target shape."""

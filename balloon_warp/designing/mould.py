@@ -1,4 +1,4 @@
-"""Balloons of latex: the shape of the mould, which is what the rubber is at rest."""
+"""Balloons of latex: the shape of the mould, which is what the rubber is at rest, and how thick it is."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -21,6 +21,9 @@ PASSES, ALONE = 2, 0.05
 """Number of smoothing passes of a change of the mould, and the unsmoothed fraction"""
 FURTHEST = 0.25
 """Largest displacement of a vertex in a step, over the mean edge of the mould"""
+
+THICKENS = 0.25
+"""by which part of it a thickness changes in a step"""
 
 
 @dataclass(frozen=True)
@@ -65,7 +68,7 @@ class MouldProblem:
 
     def easily(self, design: Values, stuck: NDArray[np.bool_]) -> sparse.spmatrix:
         """Return the easy changes: vertices move by fractions of an edge, together with their neighbors."""
-        return self._edge * self._together
+        return self._edge * sparse.kron(self.together, sparse.identity(3)).tocsc()
 
     def allowed(self, design: Values) -> bool:
         """Return whether the mould does not cross itself."""
@@ -79,8 +82,8 @@ class MouldProblem:
         return design + (moves * np.minimum(1.0, most / np.maximum(far, 1e-30))).ravel()
 
     @cached_property
-    def _together(self) -> Any:
-        """Smooth changes, and a fraction of unsmoothed ones, shape (3 n, 3 n)."""
+    def together(self) -> Any:
+        """Smooth changes, and a fraction of unsmoothed ones, shape (n, n)."""
         ends, count = mesh_edges(self.mesh).ends, self.mesh.vertex_count
         both = np.concatenate([ends, ends[:, ::-1], np.stack([np.arange(count)] * 2, axis=1)])
         beside = sparse.coo_matrix((np.ones(len(both)), both.T), shape=(count, count)).tocsr()
@@ -88,9 +91,56 @@ class MouldProblem:
         evened = mean
         for _ in range(PASSES - 1):
             evened = evened @ mean
-        return sparse.kron(evened + ALONE * sparse.identity(count), sparse.identity(3)).tocsc()
+        return (evened + ALONE * sparse.identity(count)).tocsc()
 
     @cached_property
     def _edge(self) -> float:
         ends, points = mesh_edges(self.mesh).ends, self.mesh.points / self.stretch
         return float(np.linalg.norm(points[ends[:, 1]] - points[ends[:, 0]], axis=1).mean())
+
+
+@dataclass(frozen=True)
+class ThicknessProblem:
+    """The places of a mould's vertices, and how thick the rubber is there."""
+
+    mould: MouldProblem
+    thickest: float
+    """over the thickness of its film, which is the least"""
+
+    @property
+    def ruler(self) -> Ruler:
+        """Of the wanted shape."""
+        return self.mould.ruler
+
+    def split(self, design: Values) -> tuple[Values, Values]:
+        """Split a design into the mould, shape (3 n,), and the thickness at its vertices over the least, shape (n,)."""
+        count = 3 * self.mould.mesh.vertex_count
+        return design[:count], design[count:]
+
+    def balance(self, design: Values) -> Balance:
+        """Return the balance of the balloon of that mould and thickness."""
+        mould, weights = self.split(design)
+        balance = self.mould.balance(mould)
+        return replace(balance, skin=balance.skin.with_weights(weights))
+
+    def by_design(self, balance: Balance, points: Values) -> sparse.csc_matrix:
+        """Return the derivatives of its forces by both."""
+        even = replace(balance.skin, skins=self.mould.film.skins)
+        both = [balance.skin.forces_by_mould(points), even.forces_by_weights(points)]
+        return sparse.hstack(both, format="csc")
+
+    def easily(self, design: Values, stuck: NDArray[np.bool_]) -> sparse.spmatrix:
+        """Return the easy changes: of the mould, and of the thickness by a fraction of itself, likewise smooth."""
+        mould, weights = self.split(design)
+        free = sparse.diags(np.where(self.split(stuck)[1], 0.0, THICKENS * weights))
+        return sparse.block_diag([self.mould.easily(mould, stuck), free @ self.mould.together], format="csc")
+
+    def allowed(self, design: Values) -> bool:
+        """Whether the mould does not cross itself."""
+        return self.mould.allowed(self.split(design)[0])
+
+    def changed(self, design: Values, change: Values) -> Values:
+        """Both with a change, within bounds."""
+        (mould, weights), (moves, thicker) = self.split(design), self.split(change)
+        low, high = np.maximum(1.0, (1.0 - THICKENS) * weights), np.minimum(self.thickest, (1.0 + THICKENS) * weights)
+        return np.concatenate([self.mould.changed(mould, moves), np.clip(weights + thicker, low, high)])

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from balloon_warp.designing.descent import Reached, begin, descend
+from balloon_warp.designing.descent import FIRST_DAMPING, Reached, begin, descend
 from balloon_warp.designing.folder import write_stl
 from balloon_warp.designing.job import Job
-from balloon_warp.designing.mould import MouldProblem
+from balloon_warp.designing.mould import MouldProblem, ThicknessProblem
 from balloon_warp.designing.proof import DAMPING_RATE, MORE_FRAMES, common_fields, filled, scene_of
 from balloon_warp.designing.result import Design
 from balloon_warp.errors import InputError
@@ -39,8 +39,12 @@ def design_of_latex(job: Job) -> Design:
     plain = begin(problem, problem.plain)
     if plain is None:
         raise InputError(f"stretch: a plain mould finds no rest at {job.stretch:g}; expected less")
-    reached = descend(problem, job.saved(Reached.load) or plain, job.steps, GOAL, job.on_step)
-    mould = replace(problem.mesh, points=reached.design.reshape(-1, 3))
+    thick = ThicknessProblem(problem, job.thickest)
+    reached = _descended(job, thick, job.saved(Reached.load) or plain)
+    places, weights = thick.split(reached.design)
+    mould = replace(problem.mesh, points=places.reshape(-1, 3))
+    if len(weights):
+        material = material.model_copy(update={"weights": [float(f"{weight:.4g}") for weight in weights]})
     write_obj(job.folder / "balloon.obj", mould)
     write_stl(job.folder / "mould.stl", mould, job.ruler.triangles)
     mass = DENSITY * job.thickness * total_area(mould)
@@ -54,7 +58,21 @@ def design_of_latex(job: Job) -> Design:
     )
     same = replace(problem, stretch=float(np.sqrt(total_area(problem.mesh) / total_area(mould))))
     plain = begin(same, same.plain) or plain
-    return job.proven(scene, reached.points, plain.points, same.stretch)
+    told = {"thickness_to": job.thickness * float(weights.max())} if len(weights) else {}
+    return job.proven(scene, reached.points, plain.points, same.stretch, **told)
+
+
+def _descended(job: Job, problem: ThicknessProblem, reached: Reached) -> Reached:
+    """Design the mould alone; then, where the thickness may vary, both."""
+    mould, varies = problem.mould, problem.thickest > 1.0
+    if len(reached.design) == 3 * mould.mesh.vertex_count:
+        reached = descend(mould, reached, job.steps // 2 if varies else job.steps, GOAL, job.on_step)
+        if not varies or reached.cost < GOAL:
+            return reached
+        job.say("varying the thickness, too")
+        design = np.append(reached.design, np.ones(mould.mesh.vertex_count))
+        reached = replace(reached, design=design, damping=FIRST_DAMPING, done=False)
+    return descend(problem, reached, job.steps, GOAL, job.on_step)
 
 
 def _film(job: Job, material: Material) -> FilmSkin:

@@ -114,7 +114,7 @@ def panels_of(target: str | Path | MeshLike, said: int | str | Path, size: float
     """
     require_size(size)
     read, shape = shape_of(target)
-    gores = said if isinstance(said, int) else int(said) if str(said).isdecimal() else None
+    gores = said if isinstance(said, int) else int(str(said)) if str(said).isdecimal() else None
     if gores is not None:
         return cut_into_panels(*gores_of(centered(shape, size), gores, size / EDGES))
     seams = seams_of(str(said), read, shape)

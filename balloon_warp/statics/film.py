@@ -45,6 +45,10 @@ class FilmSkin:
         """Return the film with another stress-free shape, shape (n, 3)."""
         return replace(self, rest_edges=self._edges(mould))
 
+    def with_weights(self, weights: Values) -> "FilmSkin":
+        """Return the same film with its thickness multiplied by weights of the particles, shape (n,)."""
+        return replace(self, skins=self.skins * weights[self.corners].mean(axis=1))
+
     def energy(self, points: Values) -> float:
         """Return the energy [J]."""
         now, rest = metric_of(self._edges(points)), metric_of(self.rest_edges)
@@ -54,11 +58,14 @@ class FilmSkin:
 
     def forces(self, points: Values) -> Values:
         """Return the forces on the particles [N], shape (n, 3)."""
+        return gathered(self.corners.ravel(), self._pulls(points).reshape(-1, 3), len(points))
+
+    def _pulls(self, points: Values) -> Values:
+        """Return the forces of each triangle on its corners [N], shape (t, 3, 3)."""
         edges = self._edges(points)
         tensions = self.tensions(metric_of(edges), metric_of(self.rest_edges))
         pulls = np.einsum("tij,tjx->tix", _square(tensions), edges)
-        at_corners = np.einsum("ai,tix->tax", -CORNERS, pulls)
-        return gathered(self.corners.ravel(), at_corners.reshape(-1, 3), len(points))
+        return np.einsum("ai,tix->tax", -CORNERS, pulls)
 
     def stiffness(self, points: Values) -> sparse.csc_matrix:
         """Return minus the derivatives of the forces by the points [N/m], shape (3 n, 3 n)."""
@@ -76,6 +83,14 @@ class FilmSkin:
         slopes = _slopes(lambda metric: self.tensions(now, metric), metric_of(flat))
         blocks = np.einsum("tixc,tcd,tjdy->tijxy", _of_tensions(edges), slopes, _of_metric(flat))
         return -self._assembled(blocks, len(points))
+
+    def forces_by_weights(self, points: Values) -> sparse.csc_matrix:
+        """Return the derivatives of the forces by the weights of `with_weights`, at 1 [N], shape (3 n, n)."""
+        values = np.repeat(self._pulls(points)[:, :, None] / 3.0, 3, axis=2)  # by triangle, corner pulled, and weighed
+        rows = 3 * self.corners[:, :, None, None] + np.arange(3)
+        columns = self.corners[:, None, :, None]
+        rows, columns = (np.broadcast_to(each, values.shape).ravel() for each in (rows, columns))
+        return sparse.csc_matrix((values.ravel(), (rows, columns)), shape=(3 * len(points), len(points)))
 
     def tensions(self, now: Any, rest: Any) -> Any:
         """Return the tensions along the edges, T11, T12 and T22 of each triangle [N/m], shape (t, 3).
