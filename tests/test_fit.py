@@ -196,3 +196,22 @@ def test_starts_get_out_of_small_minima(seed: int):
     true = rng.uniform(0.2, 0.8, 2)
     found = search(rippled(true), 0.1 + 0.8 * rng.uniform(size=(8, 2)), ROUNDS, lambda number, misfit: None)
     np.testing.assert_allclose(found.places[found.best], true, atol=1e-3)
+
+
+def test_a_flight_with_a_bounce_gives_back_its_rubber():
+    """As the benchmark, on a mesh of a quarter of the points, which see it half as well."""
+    from balloon_warp.benchmarks.fit import flight
+
+    row = flight(1, cells=2)
+    modulus, *others = row.off.values()
+    assert abs(modulus) < 0.01
+    assert max(map(abs, others)) < 0.002
+    assert row.fit.misfit < 1.02
+
+
+def test_a_hundred_and_fifty_rows_of_a_curve_give_a_hundredth():
+    from balloon_warp.benchmarks.fit import curve
+
+    row = curve("mooney_rivlin", 150, draws=100)
+    assert (row.within < 0.0115).all()  # 1%, and what the 95th of 100 draws strays
+    assert (row.within > 0.8 * row.bound).all()

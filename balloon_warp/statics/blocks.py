@@ -1,6 +1,7 @@
 """Sparse matrices of 3 by 3 blocks."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,53 @@ Values = NDArray[np.float64]
 Numbers = NDArray[np.integer[Any]]
 
 
+@dataclass(frozen=True)
+class BlockPattern:
+    """Where the blocks of a matrix stand, sorted once: matrices of the same blocks are then added up quickly."""
+
+    order: Numbers
+    """of the blocks, by column and row"""
+    firsts: Numbers
+    """in that order, of those that stand at one place"""
+    places: Numbers
+    """of the numbers of each place among those of the matrix"""
+    indices: Numbers
+    pointers: Numbers
+    """of the matrix, compressed by columns"""
+    shape: tuple[int, int]
+
+    @classmethod
+    def of(cls, row: Numbers, column: Numbers, rows: int, columns: int) -> "BlockPattern":
+        """Sort blocks.
+
+        Args:
+            row: of each block, shape (n,).
+            column: likewise.
+            rows: of blocks in the matrix.
+            columns: likewise.
+        """
+        key = np.asarray(column, dtype=np.int64) * rows + row
+        order = np.argsort(key, kind="stable")
+        places, firsts = np.unique(key[order], return_index=True)
+        row, column, three = places % rows, places // rows, np.arange(3)
+        counts = np.bincount(column, minlength=columns)
+        begins = np.cumsum(counts) - counts
+        within = np.arange(len(places)) - begins[column]
+        first = 9 * begins[column] + 3 * within
+        entries = first[:, None, None] + three[:, None] + 3 * counts[column][:, None, None] * three
+        indices = np.empty(9 * len(places), dtype=np.int32)
+        indices[entries.ravel()] = np.broadcast_to(3 * row[:, None, None] + three[:, None], entries.shape).ravel()
+        pointers = np.append((9 * begins[:, None] + 3 * counts[:, None] * three).ravel(), 9 * len(places))
+        return cls(order, firsts, entries.ravel(), indices, pointers.astype(np.int32), (3 * rows, 3 * columns))
+
+    def matrix(self, blocks: Values) -> sparse.csc_matrix:
+        """Add blocks up to a matrix, shape (n, 3, 3)."""
+        values = np.empty(len(self.places))
+        if len(blocks):
+            values[self.places] = np.add.reduceat(blocks[self.order], self.firsts, axis=0).ravel()
+        return sparse.csc_matrix((values, self.indices, self.pointers), shape=self.shape)
+
+
 def of_blocks(parts: Sequence[tuple[Numbers, Numbers, Values]], rows: int, columns: int) -> sparse.csc_matrix:
     """Add blocks up to a matrix.
 
@@ -19,11 +67,8 @@ def of_blocks(parts: Sequence[tuple[Numbers, Numbers, Values]], rows: int, colum
         rows: of blocks in the matrix.
         columns: likewise.
     """
-    three = np.arange(3)
-    row = np.concatenate([np.repeat(3 * np.asarray(r)[:, None] + three, 3) for r, _, _ in parts])
-    column = np.concatenate([np.tile(3 * np.asarray(c)[:, None] + three, (1, 3)).ravel() for _, c, _ in parts])
-    values = np.concatenate([block.ravel() for _, _, block in parts])
-    return sparse.csc_matrix((values, (row, column)), shape=(3 * rows, 3 * columns))
+    row, column, blocks = (np.concatenate([part[place] for part in parts]) for place in range(3))
+    return BlockPattern.of(row, column, rows, columns).matrix(blocks)
 
 
 def cross_matrices(vectors: Values) -> Values:

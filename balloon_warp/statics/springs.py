@@ -7,7 +7,7 @@ import numpy as np
 import scipy.sparse as sparse
 from numpy.typing import NDArray
 
-from balloon_warp.statics.blocks import gathered, of_blocks
+from balloon_warp.statics.blocks import BlockPattern, gathered
 
 Values = NDArray[np.float64]
 
@@ -47,8 +47,9 @@ class SpringSkin:
         along = self.constants * self.rest_lengths / lengths
         blocks = along[:, None, None] * directions[:, :, None] * directions[:, None, :]
         blocks += (self.constants - along)[:, None, None] * np.eye(3)
-        a, b, n = self.pairs[:, 0], self.pairs[:, 1], len(points)
-        return of_blocks([(a, a, blocks), (b, b, blocks), (a, b, -blocks), (b, a, -blocks)], n, n)
+        matrix = self._pattern.matrix(np.concatenate([blocks, blocks, -blocks, -blocks]))
+        matrix.resize(3 * len(points), 3 * len(points))  # the last particles may have no springs
+        return matrix
 
     def forces_by_lengths(self, points: Values) -> sparse.csc_matrix:
         """Return the derivatives of the forces by the rest lengths [N/m], shape (3 n, m)."""
@@ -59,6 +60,12 @@ class SpringSkin:
         signed = np.stack([-values, values], axis=1)
         shape = (3 * len(points), len(values))
         return sparse.csc_matrix((signed.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
+
+    @cached_property
+    def _pattern(self) -> BlockPattern:
+        """Of the stiffness: at both ends, and between them."""
+        a, b, count = *self.pairs.T, int(self.pairs.max()) + 1
+        return BlockPattern.of(np.concatenate([a, b, a, b]), np.concatenate([a, b, b, a]), count, count)
 
     @cached_property
     def _ends(self) -> NDArray[np.int64]:

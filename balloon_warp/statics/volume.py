@@ -12,7 +12,7 @@ from balloon_warp.kernels.laws.air import GAS_CONSTANT
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.corners import face_starts
 from balloon_warp.mesh.geometry import face_volumes
-from balloon_warp.statics.blocks import cross_matrices, gathered, of_blocks
+from balloon_warp.statics.blocks import BlockPattern, cross_matrices, gathered
 
 
 @dataclass(frozen=True)
@@ -36,13 +36,20 @@ class Volume:
     def curvature(self, points: NDArray[np.float64]) -> sparse.csc_matrix:
         """Return the second derivatives [m], shape (3 n, 3 n)."""
         corners, weights = self._triangles
-        places = points - points.mean(axis=0)
-        parts = []
-        for turn in range(3):
-            a, b, c = (corners[:, (turn + k) % 3] for k in range(3))
-            block = cross_matrices(places[c]) * (weights / 6.0)[:, None, None]
-            parts += [(a, b, -block), (b, a, block)]
-        return of_blocks(parts, len(points), len(points))
+        places = (points - points.mean(axis=0))[corners]
+        blocks = [cross_matrices(places[:, last]) * (weights / 6.0)[:, None, None] for last in (2, 0, 1)]
+        return self._pattern.matrix(np.concatenate([part for block in blocks for part in (-block, block)]))
+
+    @cached_property
+    def _pattern(self) -> BlockPattern:
+        """Of the second derivatives: between the corners of each triangle, both ways."""
+        a, b, c = self._triangles[0].T
+        row, column, count = (
+            np.concatenate([a, b, b, c, c, a]),
+            np.concatenate([b, a, c, b, a, c]),
+            len(self.mesh.points),
+        )
+        return BlockPattern.of(row, column, count, count)
 
     @cached_property
     def _triangles(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
