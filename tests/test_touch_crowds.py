@@ -100,7 +100,8 @@ def test_a_batch_tells_it_of_all_worlds(spread, device, tmp_path):
 
     def count(sentences: list[str]) -> int:
         (sentence,) = (each for each in sentences if each.startswith("touch: "))
-        return int(sentence.split()[1].replace(",", ""))
+        (times,) = re.findall(r"too crowded ([0-9,]+) times", sentence)
+        return int(times.replace(",", ""))
 
     scene = load_scene(fast(), {"frames": 4})
     told: list[str] = []

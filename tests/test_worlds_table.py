@@ -80,7 +80,7 @@ def test_the_manifest_has_units_of_all_columns(written: Path, tables: dict[str, 
     assert units["time"] == "s"
     assert (units["volume"], units["volume_max"], units["sphere_0_height_min"]) == ("m^3", "m^3", "m")
     assert (units["balloon.mass"], units["balloon.position.1"]) == ("kg", "m")
-    assert columns["balloon.mass"]["meaning"].startswith("of the whole balloon")
+    assert columns["balloon.mass"]["meaning"].startswith("Mass of the whole balloon")
     assert all(column["meaning"] for column in columns.values())
 
 
