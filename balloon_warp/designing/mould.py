@@ -87,7 +87,7 @@ class MouldProblem:
         ends, count = mesh_edges(self.mesh).ends, self.mesh.vertex_count
         both = np.concatenate([ends, ends[:, ::-1], np.stack([np.arange(count)] * 2, axis=1)])
         beside = sparse.coo_matrix((np.ones(len(both)), both.T), shape=(count, count)).tocsr()
-        mean = sparse.diags(1.0 / np.asarray(beside.sum(axis=1)).ravel()) @ beside
+        mean: Any = sparse.diags(1.0 / np.asarray(beside.sum(axis=1)).ravel()) @ beside
         evened = mean
         for _ in range(PASSES - 1):
             evened = evened @ mean
@@ -127,13 +127,15 @@ class ThicknessProblem:
         """Return the derivatives of its forces by both."""
         even = replace(balance.skin, skins=self.mould.film.skins)
         both = [balance.skin.forces_by_mould(points), even.forces_by_weights(points)]
-        return sparse.hstack(both, format="csc")
+        return sparse.csc_matrix(sparse.hstack(both))
 
     def easily(self, design: Values, stuck: NDArray[np.bool_]) -> sparse.spmatrix:
         """Return the easy changes: of the mould, and of the thickness by a fraction of itself, likewise smooth."""
         mould, weights = self.split(design)
-        free = sparse.diags(np.where(self.split(stuck)[1], 0.0, THICKENS * weights))
-        return sparse.block_diag([self.mould.easily(mould, stuck), free @ self.mould.together], format="csc")
+        count = len(mould)
+        free = sparse.diags(np.where(stuck[count:], 0.0, THICKENS * weights))
+        parts = [self.mould.easily(mould, stuck[:count]), free @ self.mould.together]
+        return sparse.csc_matrix(sparse.block_diag(parts))
 
     def allowed(self, design: Values) -> bool:
         """Whether the mould does not cross itself."""

@@ -1,6 +1,7 @@
 """Design of a latex balloon: from a target shape to its mould, simulated."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -58,7 +59,7 @@ def design_of_latex(job: Job) -> Design:
     )
     same = replace(problem, stretch=float(np.sqrt(total_area(problem.mesh) / total_area(mould))))
     plain = begin(same, same.plain) or plain
-    told = {"thickness_to": job.thickness * float(weights.max())} if len(weights) else {}
+    told: dict[str, Any] = {"thickness_to": job.thickness * float(weights.max())} if len(weights) else {}
     return job.proven(scene, reached.points, plain.points, same.stretch, **told)
 
 

@@ -67,7 +67,8 @@ def of_blocks(parts: Sequence[tuple[Numbers, Numbers, Values]], rows: int, colum
         rows: of blocks in the matrix.
         columns: likewise.
     """
-    row, column, blocks = (np.concatenate([part[place] for part in parts]) for place in range(3))
+    row, column = np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
+    blocks = np.concatenate([part[2] for part in parts])
     return BlockPattern.of(row, column, rows, columns).matrix(blocks)
 
 
