@@ -111,7 +111,7 @@ class Frame(Shown):
 
     @property
     def is_finite(self) -> bool:
-        """Whether all numbers that are written of it are finite."""
+        """Return whether all numbers that are written of it are finite."""
         lists = (self.points, self.velocities, self.net_forces, self.inflation_forces)
         arrays = (self.pressures, self.gas_amounts, self.thrusts)
         arrays += (self.sphere_positions, self.sphere_velocities, self.body_poses)

@@ -27,7 +27,7 @@ class Interrupts:
 
     @property
     def pending(self) -> bool:
-        """Whether a signal has come."""
+        """Return whether a signal has come."""
         return self._come is not None
 
     def deliver(self, message: str = "") -> None:

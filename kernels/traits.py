@@ -123,47 +123,47 @@ class Traits(NamedTuple):
 
     @property
     def gas_flows(self) -> bool:
-        """Whether a substep ends with more or less gas in a balloon, by how its pressure is then."""
+        """Return whether a substep ends with more or less gas in a balloon, by how its pressure is then."""
         return self.tubes or self.vents
 
     @property
     def gas_changes(self) -> bool:
-        """Whether balloons have more or less gas in some substep than in the one before."""
+        """Return whether balloons have more or less gas in some substep than in the one before."""
         return self.pumps or self.gas_flows
 
     @property
     def gas_meets_air(self) -> bool:
-        """Whether what comes into balloons or leaves them knows air that is not the same at all heights."""
+        """Return whether what comes into balloons or leaves them knows air that is not the same at all heights."""
         return self.gas_changes and self.air_varies
 
     @property
     def looks_at_velocities(self) -> bool:
-        """Whether forces on a particle depend on its neighbors' velocities."""
+        """Return whether forces on a particle depend on its neighbors' velocities."""
         return self.viscous or self.needs("spring", "opening") or self.needs("face", "velocity")
 
     @property
     def wears(self) -> bool:
-        """Whether what is left of a membrane's tension is found before each substep's forces."""
+        """Return whether what is left of a membrane's tension is found before each substep's forces."""
         return self.softens or self.bursts
 
     @property
     def measures_areas(self) -> bool:
-        """Whether area vectors are needed."""
+        """Return whether area vectors are needed."""
         return self.pressures or self.needs("particle", "area_vector")
 
     @property
     def aims_on_the_way(self) -> bool:
-        """Whether a block, which has the points at hand, aims as it goes around particles: in every substep."""
+        """Return whether a block, which has the points at hand, aims as it goes around particles: in every substep."""
         return self.rings and self.aims and self.fresh_normals
 
     @property
     def in_water(self) -> bool:
-        """Whether the wetted parts of faces are needed."""
+        """Return whether the wetted parts of faces are needed."""
         return self.needs("particle", "water_load")
 
     @property
     def tells_time(self) -> bool:
-        """Whether a law asks for the time, or something is elsewhere at another, or open, or done."""
+        """Return whether a law asks for the time, or something is elsewhere at another, or open, or done."""
         return (
             any_names(self.laws, "time")
             or self.fixtures_move
@@ -174,7 +174,7 @@ class Traits(NamedTuple):
 
     @property
     def always_busy(self) -> bool:
-        """Whether no frame is free.
+        """Return whether no frame is free.
 
         Particles are then near their own balloon, or are shifted once all have moved, so that the distance that they
         travel has no known bound.
@@ -183,40 +183,40 @@ class Traits(NamedTuple):
 
     @property
     def obstacles(self) -> bool:
-        """Whether there is something to leave."""
+        """Return whether there is something to leave."""
         return self.stands or self.spheres > 0
 
     @property
     def stands(self) -> bool:
-        """Whether particles stand on the ground or on what goes where it is told, which feel nothing of it."""
+        """Return whether particles stand on the ground or on what goes where it is told, which feel nothing of it."""
         return self.ground or self.stands_on_fixtures
 
     @property
     def stands_on_fixtures(self) -> bool:
-        """Whether particles may come to what goes where it is told."""
+        """Return whether particles may come to what goes where it is told."""
         return self.fixtures and self.frames != "free"
 
     @property
     def spheres_meet(self) -> bool:
-        """Whether there are spheres that may meet each other."""
+        """Return whether there are spheres that may meet each other."""
         return self.spheres > 1
 
     @property
     def meets_solids(self) -> bool:
-        """Whether free bodies move, small spheres meet faces, or edges or ridges meet: what launches are left to do."""
+        """Return whether bodies move, small spheres meet faces, or edges or ridges meet: all left to launches."""
         return self.bodies > 0 or self.small_spheres or self.edges_meet or self.ridges
 
     @property
     def in_blocks(self) -> bool:
-        """Whether there is what `lanes` and `octets` leave to the kernels of `block`."""
+        """Return whether there is what `lanes` and `octets` leave to the kernels of `block`."""
         return self.touches or self.meets_solids
 
     @property
     def keeps_starts(self) -> bool:
-        """Whether it is needed where spheres were before a substep."""
+        """Return whether it is needed where spheres were before a substep."""
         return self.spheres_meet or self.small_spheres or (self.bodies > 0 and self.spheres > 0)
 
     @property
     def penalties(self) -> bool:
-        """Whether spheres push particles out one by one, by the paper's rule."""
+        """Return whether spheres push particles out one by one, by the paper's rule."""
         return self.spheres > 0 and not self.impulses

@@ -62,7 +62,7 @@ class CheckReport(Shown):
 
     @property
     def passed(self) -> bool:
-        """Whether nothing crosses."""
+        """Return whether nothing crosses."""
         return not self.crossings
 
 

@@ -77,12 +77,12 @@ class Surface(Thing):
 
     @property
     def soft(self) -> bool:
-        """Whether it is deformable."""
+        """Return whether it is deformable."""
         return self.kind == "balloon"
 
     @property
     def is_closed(self) -> bool:
-        """Whether each edge has one triangle on either side, so that something can be inside."""
+        """Return whether each edge has one triangle on either side, so that something can be inside."""
         ends = self.vertices[self.triangles]
         edges = np.concatenate([ends[:, [0, 1]], ends[:, [1, 2]], ends[:, [2, 0]]])
         across = edges[:, ::-1]

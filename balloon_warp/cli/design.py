@@ -141,7 +141,7 @@ def _say(found: "Design", output: Path) -> None:
 
 
 def _thickness(said: str) -> float | tuple[float, float]:
-    """Of a number, or of a range."""
+    """Parse a thickness, or a range of them."""
     try:
         low, *high = (float(part) for part in said.split(":"))
     except ValueError:

@@ -68,7 +68,7 @@ class Job:
 
     @property
     def thickest(self) -> float:
-        """How thick the rubber may be somewhere, over how thick it is at least."""
+        """Return the largest over the least thickness that the rubber may have."""
         return float(self.options.get("thickest", self.thickness)) / self.thickness
 
     @cached_property

@@ -23,7 +23,7 @@ FURTHEST = 0.25
 """Largest displacement of a vertex in a step, over the mean edge of the mould"""
 
 THICKENS = 0.25
-"""by which part of it a thickness changes in a step"""
+"""Largest relative change of a thickness in a step"""
 
 
 @dataclass(frozen=True)
@@ -105,11 +105,11 @@ class ThicknessProblem:
 
     mould: MouldProblem
     thickest: float
-    """over the thickness of its film, which is the least"""
+    """Largest thickness over that of the film, which is the least"""
 
     @property
     def ruler(self) -> Ruler:
-        """Of the wanted shape."""
+        """Return the ruler of the wanted shape."""
         return self.mould.ruler
 
     def split(self, design: Values) -> tuple[Values, Values]:
@@ -138,11 +138,11 @@ class ThicknessProblem:
         return sparse.csc_matrix(sparse.block_diag(parts))
 
     def allowed(self, design: Values) -> bool:
-        """Whether the mould does not cross itself."""
+        """Return whether the mould does not cross itself."""
         return self.mould.allowed(self.split(design)[0])
 
     def changed(self, design: Values, change: Values) -> Values:
-        """Both with a change, within bounds."""
+        """Return mould and thickness with a change, within bounds."""
         (mould, weights), (moves, thicker) = self.split(design), self.split(change)
         low, high = np.maximum(1.0, (1.0 - THICKENS) * weights), np.minimum(self.thickest, (1.0 + THICKENS) * weights)
         return np.concatenate([self.mould.changed(mould, moves), np.clip(weights + thicker, low, high)])

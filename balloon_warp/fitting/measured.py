@@ -51,7 +51,7 @@ class Measured:
 
     @property
     def noise_known(self) -> bool:
-        """Whether it is, of all that was measured."""
+        """Return whether all measurements have a noise."""
         return set(self.tracks) <= set(self.noises)
 
 

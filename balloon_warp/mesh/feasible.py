@@ -1,4 +1,4 @@
-"""Whether quads can be made of a surface, before that takes long; and whether what came of it has its volume."""
+"""Early test that a surface can be remeshed to quads, and a test that the result has its volume."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,4 +1,4 @@
-"""Whether a mesh stands for another one: closed, with nothing lost and no part of it in pieces."""
+"""Test that a mesh stands for another one: closed, with nothing lost and no part of it in pieces."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -34,7 +34,7 @@ class MeshDistance:
 
     @property
     def has_thin_parts(self) -> bool:
-        """Whether any part counts as a slab."""
+        """Return whether any part counts as a slab."""
         return self._sheets is not None
 
     def __call__(self, points: NDArray[np.float64]) -> NDArray[np.float64]:

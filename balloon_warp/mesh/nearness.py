@@ -1,4 +1,4 @@
-"""Whether a surface comes near itself: parts that face each other across a gap which inflation may close."""
+"""Test for a surface that comes near itself: parts that face each other across a gap which inflation may close."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -66,7 +66,7 @@ class Bounds:
 
     @property
     def has_hinges(self) -> bool:
-        """Whether any law of hinges is stiff in any world."""
+        """Return whether any law of hinges is stiff in any world."""
         return any(np.any(bound(**self._told)) for bound in self._of_kind("hinge", "stiffness"))
 
     def largest(self, bound: Bound, around: Surroundings) -> NDArray[np.float64]:

@@ -211,7 +211,7 @@ class Model:
 
     @property
     def faces_meet(self) -> bool:
-        """Whether faces of balloons touch ridges of obstacles and bodies."""
+        """Return whether faces of balloons touch ridges of obstacles and bodies."""
         return bool(self.ridges)
 
     @property
@@ -244,12 +244,12 @@ class Model:
 
     @property
     def softens(self) -> bool:
-        """Whether a balloon is of rubber that may soften."""
+        """Return whether a balloon is of rubber that may soften."""
         return any(balloon.material.softening is not None for balloon in self.scene.balloon)
 
     @property
     def bursts(self) -> bool:
-        """Whether a balloon may burst."""
+        """Return whether a balloon may burst."""
         return any(balloon.material.strength is not None for balloon in self.scene.balloon)
 
     @property

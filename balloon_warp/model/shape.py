@@ -77,12 +77,12 @@ class BalloonShape:
 
     @cached_property
     def closed(self) -> bool:
-        """Whether no edge of the mesh is on a border."""
+        """Return whether no edge of the mesh is on a border."""
         return is_closed(mesh_edges(self.mesh))
 
     @property
     def flies_off(self) -> bool:
-        """Whether a pressure would drive it away, whatever it pushes: nothing of it is around something, or held."""
+        """Return whether a pressure would drive the balloon away: it encloses nothing, and nothing holds it."""
         return bool(self.slack.all())
 
     @cached_property

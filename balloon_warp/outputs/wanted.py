@@ -61,7 +61,7 @@ class Wanted:
 
     @property
     def is_stage(self) -> bool:
-        """Whether the output is a stage."""
+        """Return whether the output is a stage."""
         return self.output.suffix.lower() in STAGE_SUFFIXES
 
     @property

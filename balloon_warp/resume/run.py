@@ -121,7 +121,7 @@ class Checkpoints:
 
     @property
     def due(self) -> bool:
-        """Whether the last time is long ago."""
+        """Return whether the last time is long ago."""
         return self.seconds > 0.0 and time.monotonic() - self._saved_at >= self.seconds
 
     def save(self) -> None:

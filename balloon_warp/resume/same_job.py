@@ -1,4 +1,4 @@
-"""Whether what was begun and what is asked for are the same job."""
+"""Comparison of a job that was begun with the one that is asked for."""
 
 import json
 from collections.abc import Iterator, Mapping

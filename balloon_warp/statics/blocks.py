@@ -14,17 +14,17 @@ Numbers = NDArray[np.integer[Any]]
 
 @dataclass(frozen=True)
 class BlockPattern:
-    """Where the blocks of a matrix stand, sorted once: matrices of the same blocks are then added up quickly."""
+    """Sparsity pattern of a matrix of blocks, sorted once for all matrices that are assembled with it."""
 
     order: Numbers
-    """of the blocks, by column and row"""
+    """Order of the blocks, by column and row"""
     firsts: Numbers
-    """in that order, of those that stand at one place"""
+    """First block of each place, in that order"""
     places: Numbers
-    """of the numbers of each place among those of the matrix"""
+    """Index of each block's numbers among those of the matrix"""
     indices: Numbers
     pointers: Numbers
-    """of the matrix, compressed by columns"""
+    """Column pointers of the matrix in CSC format"""
     shape: tuple[int, int]
 
     @classmethod

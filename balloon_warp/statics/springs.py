@@ -63,7 +63,7 @@ class SpringSkin:
 
     @cached_property
     def _pattern(self) -> BlockPattern:
-        """Of the stiffness: at both ends, and between them."""
+        """Return the pattern of the stiffness: blocks at both ends of each spring, and between them."""
         a, b, count = *self.pairs.T, int(self.pairs.max()) + 1
         return BlockPattern.of(np.concatenate([a, b, a, b]), np.concatenate([a, b, b, a]), count, count)
 

@@ -42,7 +42,7 @@ class Volume:
 
     @cached_property
     def _pattern(self) -> BlockPattern:
-        """Of the second derivatives: between the corners of each triangle, both ways."""
+        """Return the pattern of the second derivatives: blocks between the corners of each triangle."""
         a, b, c = self._triangles[0].T
         row, column, count = (
             np.concatenate([a, b, b, c, c, a]),

@@ -35,7 +35,7 @@ class Ahead:
 
     @property
     def busy(self) -> bool:
-        """Whether it compiles."""
+        """Return whether it compiles."""
         return self._process is not None and self._process.poll() is None
 
     def begin(self, scene: Scene, device: str, laws: Sequence[Law] = ()) -> None:

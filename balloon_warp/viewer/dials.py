@@ -38,7 +38,7 @@ class Dial:
 
     @property
     def visible(self) -> bool:
-        """Whether it is visible."""
+        """Return whether it is visible."""
         return self.box.visible
 
     @visible.setter

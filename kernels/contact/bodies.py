@@ -34,11 +34,10 @@ from balloon_warp.kernels.working import Working
 
 
 @cache
-def bodies_function(traits: Traits) -> Any:
-    """Return the function by which bodies and particles exchange momentum, body by body, once all have moved."""
+def pass_function(traits: Traits) -> Any:
+    """Return the function by which a thread's particles meet a body in a pass."""
     _, read_own = own_functions(traits.columns, traits.balloons)
-    inertia = inertia_function(traits)
-    stop_at = stop_function(traits)
+    inertia, stop_at = inertia_function(traits), stop_function(traits)
 
     @wp.func
     def pass_of_thread(
@@ -83,6 +82,15 @@ def bodies_function(traits: Traits) -> Any:
                 working.body_pushes[world, particle] = pushed
         return part
 
+    return pass_of_thread
+
+
+@cache
+def rub_function(traits: Traits) -> Any:
+    """Return the function by which a thread's particles rub on a body that they press."""
+    _, read_own = own_functions(traits.columns, traits.balloons)
+    inertia = inertia_function(traits)
+
     @wp.func
     def rub_of_thread(
         t: Tables,
@@ -111,6 +119,14 @@ def bodies_function(traits: Traits) -> Any:
                 points[particle] = points[particle] + (t.step_seconds / mass) * rubbed
                 total -= wp.spatial_vector(rubbed, wp.cross(arm, rubbed))
         return total
+
+    return rub_of_thread
+
+
+@cache
+def bodies_function(traits: Traits) -> Any:
+    """Return the function by which bodies and particles exchange momentum, body by body, once all have moved."""
+    pass_of_thread, rub_of_thread = pass_function(traits), rub_function(traits)
 
     @wp.func
     def touch_bodies(

@@ -95,11 +95,23 @@ def find_soonest(
     return soonest, which
 
 
+@wp.func
+def add_to_lump(lump: wp.array[wp.int32], count: wp.int32, corners: wp.vec3i):
+    """Add corners to a lump, and return its number of particles."""
+    for corner in range(3):
+        known = bool(False)
+        for place in range(count):
+            known = known or lump[place] == corners[corner]
+        if not known and count < MOST_IN_LUMP:
+            lump[count] = corners[corner]
+            count += 1
+    return count
+
+
 @cache
-def faces_function(traits: Traits) -> Any:
-    """Return the function that resolves contacts of small spheres with faces, once all have moved."""
-    _, read_own = own_functions(traits.columns, traits.balloons)
-    inertia, ease_of_moving = inertia_function(traits), ease_function(traits)
+def meet_face_function(traits: Traits) -> Any:
+    """Return the function by which a sphere and a triangle exchange momentum."""
+    ease_of_moving = ease_function(traits)
 
     @wp.func
     def meet_face(
@@ -155,17 +167,14 @@ def faces_function(traits: Traits) -> Any:
             points[particle] = points[particle] + shift
             velocities[particle] = velocities[particle] + gain
 
-    @wp.func
-    def add_to_lump(lump: wp.array[wp.int32], count: wp.int32, corners: wp.vec3i):
-        """Add corners to a lump, and return its number of particles."""
-        for corner in range(3):
-            known = bool(False)
-            for place in range(count):
-                known = known or lump[place] == corners[corner]
-            if not known and count < MOST_IN_LUMP:
-                lump[count] = corners[corner]
-                count += 1
-        return count
+    return meet_face
+
+
+@cache
+def move_lump_function(traits: Traits) -> Any:
+    """Return the function that moves a sphere and its lump as one."""
+    _, read_own = own_functions(traits.columns, traits.balloons)
+    inertia = inertia_function(traits)
 
     @wp.func
     def move_lump(
@@ -197,6 +206,14 @@ def faces_function(traits: Traits) -> Any:
             velocities[particle] = ease * momentum
         state.sphere_positions[world, sphere] = working.sphere_starts[world, sphere] + ease * way
         state.sphere_velocities[world, sphere] = ease * momentum
+
+    return move_lump
+
+
+@cache
+def faces_function(traits: Traits) -> Any:
+    """Return the function that resolves contacts of small spheres with faces, once all have moved."""
+    meet_face, move_lump = meet_face_function(traits), move_lump_function(traits)
 
     @wp.func
     def meet_faces(

@@ -66,12 +66,8 @@ class Nearby:
 
 
 @cache
-def nearby_function(traits: Traits, lists: bool) -> Any:
-    """Return the function that loops over the triangles of a balloon that a particle may touch.
-
-    Args:
-        lists: whether it puts them into the particle's list, of too many the nearest; else it finds the nearest.
-    """
+def may_touch_function(traits: Traits) -> Any:
+    """Return the function that tells whether a particle may touch a triangle of its own balloon."""
 
     @wp.func
     def may_touch(t: Tables, particle: wp.int32, own: wp.int32, other: wp.int32, triangle: wp.int32):
@@ -84,6 +80,13 @@ def nearby_function(traits: Traits, lists: bool) -> Any:
                     if wp.length_sq(t.touch.rest_points[t.touch.triangles[triangle][corner]] - here) < apart * apart:
                         return False
         return True
+
+    return may_touch
+
+
+@cache
+def looks_function(traits: Traits) -> Any:
+    """Return the function that tells whether a part may have triangles that a particle may touch."""
 
     @wp.func
     def looks_into(
@@ -109,6 +112,18 @@ def nearby_function(traits: Traits, lists: bool) -> Any:
                 farthest = wp.max(here - t.touch.rest_boxes[part, LOWER], t.touch.rest_boxes[part, UPPER] - here)
                 looks = wp.length_sq(farthest) >= t.touch.apart[own] * t.touch.apart[own]
         return looks
+
+    return looks_into
+
+
+@cache
+def nearby_function(traits: Traits, lists: bool) -> Any:
+    """Return the function that loops over the triangles of a balloon that a particle may touch.
+
+    Args:
+        lists: whether it puts them into the particle's list, of too many the nearest; else it finds the nearest.
+    """
+    may_touch, looks_into = may_touch_function(traits), looks_function(traits)
 
     @wp.func
     def nearby(

@@ -1,4 +1,4 @@
-"""Whether any of eight particles may come to the ground, a sphere or an obstacle: most do not, which is soon said.
+"""Early test whether any of eight particles may come to the ground, a sphere or an obstacle; most do not.
 
 What is near is then asked one by one, so that this may say yes where nothing is met, but never no where something is.
 """

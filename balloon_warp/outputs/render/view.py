@@ -73,7 +73,7 @@ class View:
 
     @property
     def from_own_place(self) -> bool:
-        """Whether the stage's camera is ignored."""
+        """Return whether the stage's camera is ignored."""
         return (self.azimuth, self.elevation, self.look_at, self.follow) != (None, None, None, False)
 
     def cameras(

@@ -88,17 +88,17 @@ class Inflation(Table):
 
     @property
     def has_keyframes(self) -> bool:
-        """Whether the keyframed field is given as keyframes."""
+        """Return whether the keyframed field is given as keyframes."""
         return isinstance(getattr(self, self.keyframed), list)
 
     @property
     def is_automatic(self) -> bool:
-        """Whether the pressure is "auto"."""
+        """Return whether the pressure is "auto"."""
         return self.kind == "pressure" and self.pressure == "auto"
 
     @property
     def says_how_much(self) -> bool:
-        """Whether an amount of gas, or a flow, is given."""
+        """Return whether an amount of gas, or a flow, is given."""
         return any(getattr(self, field) not in (None, 0.0, []) for field in (*MUCH, *FAST, "start_pressure"))
 
     @property
@@ -114,7 +114,7 @@ class Inflation(Table):
 
     @property
     def names_its_kind(self) -> bool:
-        """Whether the kind was given; otherwise fields of another kind imply that kind."""
+        """Return whether the kind was given; otherwise fields of another kind imply that kind."""
         return "kind" in self.model_fields_set
 
     @model_validator(mode="wrap")

@@ -115,7 +115,7 @@ class Material(Table):
 
     @property
     def is_membrane(self) -> bool:
-        """Whether the material is a membrane, not springs."""
+        """Return whether the material is a membrane, not springs."""
         return self.law != "springs"
 
     @property

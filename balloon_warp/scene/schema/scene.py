@@ -130,19 +130,19 @@ class Scene(Table):
 
     @property
     def touches(self) -> bool:
-        """Whether any surfaces can touch."""
+        """Return whether any surfaces can touch."""
         return self.touches_itself or (self.touch is not None and self.touch.balloons and len(self.balloon) > 1)
 
     @property
     def touches_spheres(self) -> bool:
-        """Whether small spheres touch faces, not only particles."""
+        """Return whether small spheres touch faces, not only particles."""
         if self.touch is not None and self.faces is not True:
             return self.touch.spheres and bool(self.sphere)
         return self.faces_may_meet and bool(self.sphere)
 
     @property
     def faces_may_meet(self) -> bool:
-        """Whether faces of balloons, and not only their particles, meet thin things."""
+        """Return whether faces of balloons, and not only their particles, meet thin things."""
         if self.faces != "auto":
             return self.faces
         bursts = any(balloon.material.strength is not None for balloon in self.balloon)
@@ -150,7 +150,7 @@ class Scene(Table):
 
     @property
     def touches_itself(self) -> bool:
-        """Whether parts of a balloon can touch each other."""
+        """Return whether parts of a balloon can touch each other."""
         return self.touch is not None and self.touch.itself
 
     @model_validator(mode="after")

@@ -115,7 +115,7 @@ class BatchCheckpoints:
 
     @property
     def due(self) -> bool:
-        """Whether the last checkpoint was long ago."""
+        """Return whether the last checkpoint was long ago."""
         return self.seconds > 0.0 and time.monotonic() - self._saved_at >= self.seconds
 
     @property

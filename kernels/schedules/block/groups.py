@@ -110,7 +110,7 @@ class GroupsInBlock(ItemsInBlock):
 
     @property
     def _velocities_wait_elsewhere(self) -> bool:
-        """Whether loops find velocities elsewhere than in the state."""
+        """Return whether loops find velocities elsewhere than in the state."""
         return "velocity" in self.layout.tiles or self.velocities[0] != "velocities"
 
     def _from_arrays(self) -> None:
