@@ -7,6 +7,7 @@ schedule puts a barrier where one looks at what others have written. So a balloo
 
 from collections.abc import Sequence
 
+from balloon_warp.kernels.laws.law import Parameter
 from balloon_warp.kernels.phase import Phase
 from balloon_warp.kernels.phases.add import add_area_vectors, add_forces
 from balloon_warp.kernels.phases.aim import extend, measure, spread, take_aim, turn
@@ -83,4 +84,14 @@ READING = (
 
 def phases_of(traits: Traits, step: Sequence[Phase] = STEP) -> tuple[Phase, ...]:
     """Return the phases of a step that a scene has."""
-    return tuple(phase for phase in step if phase.when(traits))
+    return tuple(phase for phase in step if phase.acts(traits))
+
+
+def asking_phases() -> tuple[Phase, ...]:
+    """Return the phases of which the scene says whether it has them, and those that keep values."""
+    return tuple(phase for phase in STEP if phase.wants or phase.neutral or phase.keeps)
+
+
+def rows_of_phases() -> tuple[Parameter, ...]:
+    """Return the rows of the parameters of all phases."""
+    return tuple(row for phase in STEP for row in phase.rows)

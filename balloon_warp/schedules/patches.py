@@ -21,7 +21,7 @@ from balloon_warp.schedules.patching import Patches, patch_table, patches_of, sl
 from balloon_warp.schedules.rings import quad_rings
 from balloon_warp.schedules.slots import kind_slots
 from balloon_warp.schedules.spring_ends import spring_ends
-from balloon_warp.schedules.tables import world_state
+from balloon_warp.schedules.tables import kept_arguments, world_state
 
 BYTES_OF_PLACE = 12
 """Bytes of a point in shared memory"""
@@ -140,7 +140,8 @@ class PatchLaunch:
             self.memory.points.zero_()
             self.memory.sums.zero_()
             given = {
-                **self._given, "state": world_state(state), "first_world": first, "worlds_at_work": worlds, "aims": aims
+                **self._given, **kept_arguments(state), "state": world_state(state), "first_world": first,
+                "worlds_at_work": worlds, "aims": aims,
             }  # fmt: skip
             launch_tiled(
                 kernel,

@@ -56,7 +56,7 @@ class BlockWriter(GroupsInBlock):
         return {
             "t": "Tables", "slots": "SlotTable", "state": "WorldState", "working": "Working",
             "second_velocities": "wp.array2d[wp.vec3]", "film_pulls": "wp.array2d[wp.vec3]",
-            **{f"all_{value}": f"wp.array2d[{value}_type]" for value in self.step.kept},
+            **{f"all_{value}": f"wp.array2d[{value}_type]" for value in self.step.kept}, **self.kept_arrays,
         }  # fmt: skip
 
     def names(self) -> dict[str, Any]:
@@ -172,6 +172,9 @@ class BlockWriter(GroupsInBlock):
         self.line(f"{b('velocity')} = state.velocities[world, {b('particle')}]")
         self.line(f"put_in_tile(points, {b('place')}, {b('point')})")
         self.known |= {b(name) for name in ("place", "is_there", "particle", "own", "springs", "point", "velocity")}
+        for name in self.kept_of_particles:
+            self.line(f"{b(name)} = kept_{name}[world, {b('particle')}]")
+            self.known.add(b(name))
 
     def _find_particle(self, number: int) -> None:
         """Write which particle a thread takes, and where in the tile."""
@@ -221,6 +224,8 @@ class BlockWriter(GroupsInBlock):
                 self.line(f"if {b('is_there')}:")
                 self.line(f"    state.points[world, {b('particle')}] = {b('point')}")
                 self.line(f"    state.velocities[world, {b('particle')}] = {b('velocity')}")
+                for name in self.kept_of_particles:
+                    self._put_kept(name)
         if not self.layout.held:
             with self._over("particle"):
                 self.line(f"state.points[world, particle] = in_tile({self.points[0]}, particle)")

@@ -20,6 +20,7 @@ from balloon_warp.kernels.schedules.lanes.names import NamesInLanes
 from balloon_warp.kernels.schedules.lanes.state import (
     balloon_functions,
     frame_functions,
+    kept_functions,
     own_functions_of,
     showing_function,
 )
@@ -65,7 +66,7 @@ class _Writer(NamesInLanes):
         states = {view: "Seen" if view in self.seen else "Lanes3" for view in STATE.values()}
         may_be = {
             "t": "LaneTables", "tables": "Tables", "first_group": "wp.int32", "state": "WorldState",
-            "working": "Working", "solids": "Solids",
+            "working": "Working", "solids": "Solids", **self.kept_arrays,
             **{f"all_{view}": f"wp.array2d[{kind}]" for view, kind in states.items()},
             **{f"other_{view}": f"wp.array2d[{kind}]" for view, kind in states.items()},
             **{
@@ -176,6 +177,8 @@ class _Writer(NamesInLanes):
             view = STATE[name]
             target = self.place_of(view, self.flips[view] + self._flips(piece, view))
             self.line(f"put_item({target}, {self.item}, {name})")
+        for name in piece.keeps:
+            self.line(f"put_{name}(t, kept_{name}, group, {self.item}, {name})")
         for name in piece.leaves:
             if self.step.owner(name) == "balloon":
                 continue
@@ -211,7 +214,12 @@ class _Writer(NamesInLanes):
             self.known.add(kind)
             self.single[kind] = kind
             with self.deeper():
-                self._each_world(lambda: self.calls(piece.phases))
+                self._each_world(lambda: (self.calls(piece.phases), self._keep_of_one(piece)))
+
+    def _keep_of_one(self, piece: Piece) -> None:
+        """Write what an item of one world keeps to where it stays."""
+        for name in piece.keeps:
+            self.line(f"{self.kept_at(name)} = {self.single[name]}")
 
     def _each_world(self, body: Callable[[], Any]) -> None:
         """Write a loop over a group's worlds."""
@@ -264,6 +272,7 @@ class _Writer(NamesInLanes):
             "of_item": of_item, "put_item": put_item, "of_particle": of_particle, "view_of": view_of,
             "of_lane": of_lane, "set_lane": set_lane, "scaled": scaled,
             **{f"{name}_lanes": IN_LANES[kind] for name, kind in types.items()},
+            **{name: function for each in traits.keeps for name, function in kept_functions(each, layout).items()},
             **{f"{each.name}_may_act": each.asked(traits, look) for each in (*phases, *step.light) if each.rare},
         }  # fmt: skip
 
