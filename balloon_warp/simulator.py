@@ -18,11 +18,11 @@ from balloon_warp.kernels.measure.health import HEALTHY
 from balloon_warp.model import Model, Vary, build_model, carried_over, fitting, initial_state, world_bytes
 from balloon_warp.model.acting import all_that_act
 from balloon_warp.model.gas import keep_pressures
+from balloon_warp.model.kept import go_on_keeping
 from balloon_warp.model.memory import require_memory
 from balloon_warp.model.planned_changes import PlannedChanges, changed_parameters, with_changed_methods
 from balloon_warp.model.remarks import remarks_in_sentences
 from balloon_warp.model.setting import Setting, plan_setting
-from balloon_warp.model.state import keep_what_acts
 from balloon_warp.model.varied_scene import scene_to_vary
 from balloon_warp.outputs.snapshot import NOTEBOOK_SIZE, snapshot
 from balloon_warp.reading import Reading
@@ -350,7 +350,7 @@ class Simulator(Shown):
         if model.scene.solver != self.model.scene.solver:
             self._asked_schedule = "auto"  # what was asked for may be of the other solver
         self.model = model
-        keep_what_acts(model, self.state)
+        self.state.kept = go_on_keeping(model, self.state.kept)
         self._lay_out(solver_named(self._asked_schedule, self.model))
 
     def _lay_out(self, kind: type[Schedule]) -> None:

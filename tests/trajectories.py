@@ -21,7 +21,7 @@ def after_frames(scene: Scene, schedule: str, device: str, frames: int = 3, worl
 
 
 def arrays(simulator: Simulator) -> dict[str, np.ndarray]:
-    return {name: array.numpy().copy() for name, array in vars(simulator.state).items()}
+    return {name: array.numpy().copy() for name, array in simulator.state.arrays.items()}
 
 
 def advance_both(scene: Scene, schedule: str, device: str, settled: int, frames: int) -> list[dict[str, np.ndarray]]:

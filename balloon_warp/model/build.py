@@ -15,7 +15,7 @@ from balloon_warp.launching import begin_loading
 from balloon_warp.model.model import Model
 from balloon_warp.model.obstacle_motion import obstacle_motion
 from balloon_warp.model.obstacles import warp_mesh
-from balloon_warp.model.packing import pack_balloons, pack_spheres, pack_worlds, views_of
+from balloon_warp.model.packing import pack, views_of
 from balloon_warp.model.plan import ModelPlan, plan_model
 from balloon_warp.model.ridges import ridge_tree
 from balloon_warp.model.rows import all_columns
@@ -80,10 +80,8 @@ def lay_out(plan: ModelPlan, device: str | wp.Device | None = None) -> Model:
     )
     incidence_offsets, incident_faces = _faces_around_particles(face_sizes, face_particles, int(offsets[-1]))
     columns = all_columns(plan.laws)
-    balloon_numbers = array(pack_balloons(columns, plan.parameters), wp.float32)
-    world_numbers = array(pack_worlds(columns, plan.parameters), wp.float32)
-    sphere_numbers = array(pack_spheres(columns, plan.parameters), wp.float32)
-    views = views_of(columns, balloon_numbers, world_numbers, sphere_numbers)
+    packed = pack(columns, plan.parameters, device)
+    views = views_of(columns, **packed)
     others = {
         name: _items(values, DTYPES.get(name, wp.float32), device)
         for name, values in plan.parameters.items()
@@ -134,9 +132,7 @@ def lay_out(plan: ModelPlan, device: str | wp.Device | None = None) -> Model:
         ridge_trees=[ridge_tree(ridges, device) for ridges in plan.ridges],
         obstacle_motion=_items(obstacle_motion(scene), wp.transform, device),
         columns=columns,
-        balloon_numbers=balloon_numbers,
-        world_numbers=world_numbers,
-        sphere_numbers=sphere_numbers,
+        **packed,
         parameters={**views, **others},
     )
 

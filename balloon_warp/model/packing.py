@@ -10,19 +10,10 @@ from balloon_warp.kernels.laws import Parameter
 from balloon_warp.kernels.laws.columns import Columns
 
 
-def pack_balloons(columns: Columns, parameters: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Return the numbers of balloons, shape (W, balloon_count, columns.balloon_width)."""
-    return _beside(columns.balloon, parameters)
-
-
-def pack_worlds(columns: Columns, parameters: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Return the numbers of worlds, shape (W, columns.world_width)."""
-    return _beside(columns.world, parameters)
-
-
-def pack_spheres(columns: Columns, parameters: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Return the numbers of spheres, shape (W, sphere_count, columns.sphere_width)."""
-    return _beside(columns.sphere, parameters)
+def pack(columns: Columns, parameters: Mapping[str, NDArray[np.float64]], device: wp.Device) -> dict[str, wp.array]:
+    """Return the numbers of balloons and spheres, shape (W, count, width), and of worlds, shape (W, width)."""
+    rows = {"balloon_numbers": columns.balloon, "sphere_numbers": columns.sphere, "world_numbers": columns.world}
+    return {name: wp.array(_beside(of, parameters), dtype=wp.float32, device=device) for name, of in rows.items()}
 
 
 def views_of(

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 import warp as wp
@@ -11,8 +11,8 @@ from balloon_warp.kernels.frames.around import place_balloons
 from balloon_warp.kernels.measure.health import HEALTHY
 from balloon_warp.launching import launch
 from balloon_warp.mesh.placement import rotation_matrix
-from balloon_warp.model.acting import kept_values
 from balloon_warp.model.bodies import initial_centers, initial_turns, most_touches
+from balloon_warp.model.kept import kept_arrays, start_kept
 from balloon_warp.model.memory import Allocating, Counting, Room
 from balloon_warp.model.model import Model
 
@@ -140,8 +140,7 @@ class State:
         """Return the state of one world, as views."""
 
         def row(name: str, array: wp.array) -> wp.array:
-            is_shared = name == "frame" or not array.size or array.shape[0] == 1
-            return array if is_shared else array[world : world + 1]
+            return array[world : world + 1] if name != "frame" and array.size and array.shape[0] > 1 else array
 
         return self.made_of(row)
 
@@ -198,28 +197,6 @@ def new_state(model: Model, room: Room) -> State:
     )
 
 
-def kept_arrays(model: Model, room: Room) -> dict[str, Any]:
-    """Return arrays for what items keep, by name."""
-    counts = {"particle": model.particle_count, "face": model.face_count, "triangle": model.triangle_count}
-    return {
-        each.name: room.array((model.world_count, counts[each.item]), wp.float32 if each.type is float else each.type)
-        for each in kept_values(model)
-    }
-
-
-def keep_what_acts(model: Model, state: State) -> None:
-    """Let a state keep what a model's items keep: as it is, or as at the start."""
-    fresh = _started(model, kept_arrays(model, Allocating(model.device)))
-    state.kept = {name: state.kept.get(name, array) for name, array in fresh.items()}
-
-
-def _started(model: Model, kept: dict[str, Any]) -> dict[str, Any]:
-    """Return what items keep, as it is at the start."""
-    for each in kept_values(model):
-        kept[each.name].fill_(each.start)
-    return kept
-
-
 def contact_shape(model: Model) -> tuple[int, int, int]:
     """Return the shape of the contact arrays: worlds, things, particles.
 
@@ -253,7 +230,7 @@ def initial_state(model: Model) -> State:
     ):
         row = parameters[name].numpy()
         array.assign(np.broadcast_to(row, (model.world_count, *row.shape[1:])))
-    _started(model, state.kept)
+    start_kept(model, state.kept)
     state.deep.fill_(1)
     state.torn.fill_(-1.0)
     state.bursts.fill_(wp.vec4(-1.0, 0.0, 0.0, 0.0))

@@ -19,8 +19,8 @@ from balloon_warp.kernels.tables import WorldState
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.launching import begin_loading, launch, launch_tiled
 from balloon_warp.model import Model, State
+from balloon_warp.model.kept import kept_arrays
 from balloon_warp.model.memory import Allocating, Room
-from balloon_warp.model.state import kept_arrays
 from balloon_warp.schedules.tables import world_state
 
 THREADS = 128

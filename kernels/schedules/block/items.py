@@ -97,6 +97,12 @@ class ItemsInBlock(NamesInBlock):
         """Return whether a phase looks at what others keep."""
         return any(name in phase.views(self.traits, self.step.look) for phase in self.phases)
 
+    def _take_kept(self) -> None:
+        """Write how a thread takes what one of its particles keeps."""
+        for name in self.kept_of_particles:
+            self.line(f"{self.bound(name)} = kept_{name}[world, {self.bound('particle')}]")
+            self.known.add(self.bound(name))
+
     def _put_kept(self, name: str) -> None:
         """Write what a particle that a thread has keeps to where it stays."""
         self.line(f"if {self.bound('is_there')}:")

@@ -162,19 +162,16 @@ class BlockWriter(GroupsInBlock):
         """Write how a thread takes one of the particles that it keeps; where there is none, one that does not move."""
         b = self.bound
         self._find_particle(number)
-        first_own = self.own_of_any()
         whose = f"read_own(t, world, {b('particle')})"
         if number and self.alone:
-            whose = f"read_own_beside(t, {first_own}, {b('particle')})"
+            whose = f"read_own_beside(t, {self.own_of_any()}, {b('particle')})"
         self.line(f"{b('own')} = take_place({whose}, {b('is_there')})")
         self.line(f"{b('springs')} = read_springs(t, slots, {b('own')}, {b('place')}, {b('is_there')})")
         self.line(f"{b('point')} = state.points[world, {b('particle')}]")
         self.line(f"{b('velocity')} = state.velocities[world, {b('particle')}]")
         self.line(f"put_in_tile(points, {b('place')}, {b('point')})")
         self.known |= {b(name) for name in ("place", "is_there", "particle", "own", "springs", "point", "velocity")}
-        for name in self.kept_of_particles:
-            self.line(f"{b(name)} = kept_{name}[world, {b('particle')}]")
-            self.known.add(b(name))
+        self._take_kept()
 
     def _find_particle(self, number: int) -> None:
         """Write which particle a thread takes, and where in the tile."""

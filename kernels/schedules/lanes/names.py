@@ -166,6 +166,11 @@ class NamesInLanes(Writer):
         self.need(name)
         return f"of_lane({self.bound(name)}, {lane})"
 
+    def keep_of_one(self, names: Iterable[str]) -> None:
+        """Write what an item of one world keeps to where it stays."""
+        for name in names:
+            self.line(f"{self.kept_at(name)} = {self.single[name]}")
+
     def _lane_by_lane(self, phase: Phase) -> None:
         """Write the call of a phase for one in each lane, if it is rare once it is known that any needs it."""
         traits, look = self.step.traits, self.step.look

@@ -82,9 +82,8 @@ class _Writer(NamesInLanes):
         return [STATE[name] for name in self.step.doubled]
 
     def _frame(self) -> None:
-        step, free = self.step, self.step.traits.frames == "free"
         self.line("group = first_group + wp.tid()")
-        if free:
+        if self.step.traits.frames == "free":
             self.line("if not any_free(t, working, group):")
             self.line("    return")
         if self.step.traits.spheres:
@@ -97,7 +96,7 @@ class _Writer(NamesInLanes):
         self.line("for substep in range(tables.substeps):")
         with self.deeper():
             self._begin_substep()
-            for once, pieces in groupby(step.pieces, key=lambda piece: piece.once):
+            for once, pieces in groupby(self.step.pieces, key=lambda piece: piece.once):
                 if once:
                     self.line("if substep == 0:")
                 with self.deeper(int(once)):
@@ -214,12 +213,7 @@ class _Writer(NamesInLanes):
             self.known.add(kind)
             self.single[kind] = kind
             with self.deeper():
-                self._each_world(lambda: (self.calls(piece.phases), self._keep_of_one(piece)))
-
-    def _keep_of_one(self, piece: Piece) -> None:
-        """Write what an item of one world keeps to where it stays."""
-        for name in piece.keeps:
-            self.line(f"{self.kept_at(name)} = {self.single[name]}")
+                self._each_world(lambda: (self.calls(piece.phases), self.keep_of_one(piece.keeps)))
 
     def _each_world(self, body: Callable[[], Any]) -> None:
         """Write a loop over a group's worlds."""
