@@ -5,7 +5,7 @@ schedule puts a barrier where one looks at what others have written. So a balloo
 `leave` in one go; with it, all particles wait for the pressure in between.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from balloon_warp.kernels.laws.law import Parameter
 from balloon_warp.kernels.phase import Phase
@@ -51,23 +51,17 @@ STEP: tuple[Phase, ...] = (
     meet_spheres, meet_bodies, meet_faces, tell_contacts, meet_edges,
 )  # fmt: skip
 
-SCATTERED = tuple(each for line in STEP for each in ((add_forces, add_area_vectors, line) if line is pull else (line,)))
-"""Step of `scatter`, where springs, strings, hinges, triangles and faces add their forces to particles"""
-FACING = tuple(
-    each
-    for line in STEP
-    if line not in (extend, take_aim)
-    for each in {measure: (spread,), pull: (pull_and_face, turn)}.get(line, (line,))
-)
-"""Step where the loop over a particle's faces also finds the aim of normal forces"""
-FILMED = tuple(
-    each for line in STEP for each in ((clear, stretch, collect, pull_with_skin) if line is pull else (line,))
-)
-"""Step where each face of a membrane is measured once and stores its forces at its corners"""
-SHARED = tuple(
-    each for line in STEP if line is not wear for each in ((bend, share_out, line) if line is pull else (line,))
-)
-"""Step where hinges and membranes have added their forces to particles"""
+Instead = Mapping[Phase, tuple[Phase, ...]]
+"""What a schedule executes instead of some phases of the step"""
+NOTHING: Instead = {}
+SCATTERED: Instead = {pull: (add_forces, add_area_vectors, pull)}
+"""In `scatter` springs, strings, hinges, triangles and faces add their forces to particles"""
+FACING: Instead = {measure: (spread,), extend: (), take_aim: (), pull: (pull_and_face, turn)}
+"""The loop over a particle's faces also finds the aim of normal forces"""
+FILMED: Instead = {pull: (clear, stretch, collect, pull_with_skin)}
+"""Each face of a membrane is measured once and stores its forces at its corners"""
+SHARED: Instead = {wear: (), pull: (bend, share_out, pull)}
+"""Hinges and membranes have added their forces to particles, and rubber has worn on the way"""
 SETTLE = Phase("settle", "launches", lambda traits, look: None, also_reads=("inflation",))
 """Local and global steps in turn, until every world has converged, see `solvers.projective`"""
 PROJECTIVE_STEP = (
@@ -82,9 +76,9 @@ READING = (
 """Phases that find the forces of a state, for output"""
 
 
-def phases_of(traits: Traits, step: Sequence[Phase] = STEP) -> tuple[Phase, ...]:
-    """Return the phases of a step that a scene has."""
-    return tuple(phase for phase in step if phase.acts(traits))
+def phases_of(traits: Traits, step: Sequence[Phase] = (), instead: Instead = NOTHING) -> tuple[Phase, ...]:
+    """Return the phases that a scene has of a list, or of the step."""
+    return tuple(each for line in step or STEP for each in instead.get(line, (line,)) if each.acts(traits))
 
 
 def asking_phases() -> tuple[Phase, ...]:

@@ -62,7 +62,7 @@ class LanesSchedule:
     @classmethod
     def step_of(cls, traits: Traits) -> Step:
         """Return the phases of a model, in pieces."""
-        return cut(phases_of(traits, SHARED), traits, LOOKS[cls.layout], sums_along=True, apart=("pull",))
+        return cut(phases_of(traits, instead=SHARED), traits, LOOKS[cls.layout], sums_along=True, apart=("pull",))
 
     @classmethod
     def source_of(cls, model: Model) -> str:
