@@ -53,7 +53,7 @@ def _scatters_way(same: _Same, device: str, settled: int, frames: int) -> tuple[
 def _from(start: dict[str, np.ndarray], scene: Scene, schedule: str, device: str, frames: int) -> Simulator:
     simulator = Simulator(scene, device, schedule=schedule)
     for name, array in start.items():
-        getattr(simulator.state, name).assign(array)
+        simulator.state.arrays[name].assign(array)
     for _ in range(frames):
         simulator.step_unread()
     return simulator
