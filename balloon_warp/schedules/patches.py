@@ -41,13 +41,17 @@ def cut_into_patches(model: Model, traits: Traits) -> Patches | None:
     by launch.
     """
     needs_others = (
-        traits.looks_at_velocities or bool(traits.acting) or traits.has("hinge") or traits.has("face") or traits.in_water
+        traits.looks_at_velocities
+        or bool(traits.acting)
+        or traits.has("hinge")
+        or traits.has("face")
+        or traits.in_water
     )
     meets_others = traits.spheres > 0 or traits.fixtures or traits.touches or traits.meets_solids
     in_rounds = traits.corrected or traits.gas_changes or (traits.fresh_normals and (traits.gas or not traits.rings))
     if model.device.is_cpu or thread_a_particle(model) or model.substeps < 2:
         return None
-    if needs_others or meets_others or in_rounds or traits.guarded:
+    if needs_others or meets_others or in_rounds or traits.guarded or traits.acting:
         return None
     patches = patches_of(model, traits.gas)
     if patches is None or patches.most_of_rim > patches.threads:
