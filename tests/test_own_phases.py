@@ -134,7 +134,7 @@ def test_a_phase_may_begin_and_end_while_it_is_simulated(listed, device):
 
 def test_worlds_that_are_simulated_again_keep_what_they_had(listed, schedule, device):
     """Beside an obstacle, so near that no frame is free, nothing warms twice."""
-    beside = scene_with(WARMED).model_copy(update={"obstacle": [Obstacle(position=(0.0, -0.95, 0.0), size=(1, 1, 1))]})
+    beside = scene_with(WARMED).model_copy(update={"obstacle": [Obstacle(position=(0.0, -1.01, 0.0), size=(1, 1, 1))]})
     simulator = Simulator(beside, device, schedule=schedule)
     simulator.step()
     left = (0.05 / (0.05 + simulator.model.step_seconds)) ** SCENE.substeps

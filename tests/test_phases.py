@@ -13,6 +13,7 @@ from meshes import cube, quad_sphere
 from method_scenes import SCENES
 
 from balloon_warp.errors import InputError
+from balloon_warp.kernels.algebra import dot_product
 from balloon_warp.kernels.phase import Look, Phase, phase
 from balloon_warp.kernels.schedules.lanes.looks import LOOKS
 from balloon_warp.kernels.schedules.launched.looks import GATHERED, SUMMED
@@ -103,17 +104,66 @@ def heed(traits: Traits, look: Look) -> Any:
     return heed
 
 
+@phase("particle", {"trace": float}, keeps={"trace": 1.0})
+def remember(traits: Traits, look: Look) -> Any:
+    @wp.func
+    def remember(trace: Any, point: Any, velocity: Any):
+        return 0.5 * trace + dot_product(point, velocity)
+
+    return remember
+
+
+@phase("particle", {"seen": wp.vec3})
+def look_at_traces(traits: Traits, look: Look) -> Any:
+    @wp.func
+    def look_at_traces(
+        t: Tables,  # pyright: ignore[reportGeneralTypeIssues] - a struct
+        traces: Any,
+        particle: wp.int32,
+    ):
+        return wp.vec3(traces[(particle + 5) % t.particles.balloon.shape[0]], 0.0, 1.0)
+
+    return look_at_traces
+
+
+@phase("face", {"height": float}, keeps={"height": 2.0})
+def rise(traits: Traits, look: Look) -> Any:
+    at = look.at
+
+    @wp.func
+    def rise(
+        t: Tables,  # pyright: ignore[reportGeneralTypeIssues] - a struct
+        points: Any,
+        face: wp.int32,
+        height: float,
+    ):
+        return 0.5 * height + at(points, t.faces.particles[t.faces.offsets[face]])[1]
+
+    return rise
+
+
+KEEPING = (remember, rise)
+
+
 def sums_of(points: np.ndarray, offsets: np.ndarray) -> np.ndarray:
     """Of each balloon, shape (worlds, balloons, 3)."""
     return np.stack([points[:, a:b].sum(axis=1) for a, b in pairwise(offsets)], axis=1)
 
 
-def by_numpy(name: str, have: Values, offsets: np.ndarray) -> None:
+def by_numpy(name: str, have: Values, offsets: np.ndarray, first: np.ndarray) -> None:
     """What a phase does to all items at once."""
+
+    def seen_traces() -> np.ndarray:
+        trace = np.roll(have["trace"], -5, axis=1)
+        return np.stack([trace, np.zeros_like(trace), np.ones_like(trace)], axis=-1)
+
     each: dict[str, Callable[[], Values]] = {
         "look_aside": lambda: {"seen": np.roll(have["point"], -5, axis=1)},
         "follow": lambda: {"point": 0.75 * have["point"] + 0.25 * have["seen"]},
         "trade": lambda: {"velocity": have["point"], "point": have["velocity"]},
+        "remember": lambda: {"trace": 0.5 * have["trace"] + (have["point"] * have["velocity"]).sum(axis=-1)},
+        "look_at_traces": lambda: {"seen": seen_traces()},
+        "rise": lambda: {"height": 0.5 * have["height"] + have["point"][:, first, 1]},
         "add": lambda: {"total": sums_of(have["point"], offsets)},
         "halve": lambda: {"half": 0.5 * have["total"]},
         "heed": lambda: {"velocity": 0.5 * have["velocity"] + 0.25 * np.repeat(have["half"], np.diff(offsets), axis=1)},
@@ -128,6 +178,8 @@ LISTS: tuple[tuple[Phase, ...], ...] = (
     (add, halve, double, heed, trade),
     (look_aside, follow, add, halve, double, heed, look_aside, trade, follow),
     (look_aside, add, halve, follow, double, heed, add, halve, trade, heed, follow),
+    (remember, look_at_traces, follow, trade),
+    (look_at_traces, remember, follow, rise, look_aside, follow),
 )
 
 
@@ -145,16 +197,26 @@ def at_random(model: Model) -> tuple[State, Values]:
     have: Values = {name: rng.uniform(-1.0, 1.0, shape).astype(np.float32) for name in ("point", "velocity")}
     state = initial_state(model)
     state.points, state.velocities = (wp.array(each, dtype=wp.vec3, device="cpu") for each in have.values())
+    have |= {"trace": np.full(shape[:2], 1.0), "height": np.full((shape[0], model.face_count), 2.0)}
+    state.kept = {name: wp.array(have[name], dtype=wp.float32, device="cpu") for name in ("trace", "height")}
     return state, {name: each.astype(np.float64) for name, each in have.items()}
 
 
-def assert_done(phases: Sequence[Phase], model: Model, have: Values, now: Sequence[wp.array]) -> None:
+def traits_of(model: Model) -> Traits:
+    """Of a model for whose phases items keep something."""
+    return model_traits(model)._replace(keeps=tuple(kept for each in KEEPING for kept in each.kept))
+
+
+def assert_done(
+    phases: Sequence[Phase], model: Model, have: Values, now: Sequence[wp.array], kept: dict[str, wp.array]
+) -> None:
     """Three substeps of them."""
+    first = model.face_particles.numpy()[model.face_offsets.numpy()[:-1]]
     for _ in range(3):
         for each in phases:
             if not each.light:
-                by_numpy(each.name, have, np.asarray(model.particle_offsets))
-    for found, name in zip(now, ("point", "velocity"), strict=True):
+                by_numpy(each.name, have, np.asarray(model.particle_offsets), first)
+    for found, name in zip((*now, *kept.values()), ("point", "velocity", *kept), strict=True):
         size = np.abs(have[name]).max()
         np.testing.assert_allclose(found.numpy(), have[name], atol=4e-6 * size)  # float32, sums of thousands among them
 
@@ -162,7 +224,7 @@ def assert_done(phases: Sequence[Phase], model: Model, have: Values, now: Sequen
 @pytest.mark.parametrize("doubles", [True, False], ids=["two places", "barriers"])
 @pytest.mark.parametrize("phases", LISTS, ids=lambda phases: " ".join(each.name for each in phases))
 def test_a_list_does_what_its_phases_do_one_after_the_other(phases, doubles, model):
-    traits = model_traits(model)
+    traits = traits_of(model)
     step = cut(phases, traits, GATHERED, doubles=doubles)
     assert doubles or not step.doubled
     state, have = at_random(model)
@@ -170,7 +232,7 @@ def test_a_list_does_what_its_phases_do_one_after_the_other(phases, doubles, mod
     for substep in range(3):
         now = launches.substep(state, substep, now or (state.points, state.velocities))
     assert now is not None
-    assert_done(phases, model, have, now)
+    assert_done(phases, model, have, now, state.kept)
 
 
 @pytest.mark.parametrize("schedule", [LanesSchedule, OctetsSchedule], ids=["lanes", "octets"])
@@ -181,13 +243,13 @@ def test_eight_side_by_side_do_the_same(phases, schedule, model):
     class OfPhases(schedule):
         @classmethod
         def step_of(cls, traits: Traits) -> Step:
-            return cut(phases, traits, LOOKS[cls.layout], sums_along=True)
+            return cut(phases, traits_of(model), LOOKS[cls.layout], sums_along=True)
 
     state, have = at_random(model)
     of_phases = OfPhases(model)
     of_phases.tables.substeps = 3
     of_phases.advance_frame(state)
-    assert_done(phases, model, have, (state.points, state.velocities))
+    assert_done(phases, model, have, (state.points, state.velocities), state.kept)
 
 
 def test_what_nothing_writes_is_refused_by_name(model):
