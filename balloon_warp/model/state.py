@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import warp as wp
@@ -126,11 +126,11 @@ class State:
     """Values that phases keep, by their names, see `kernels.phase.Phase.keeps`, shape (world_count, count of items)"""
 
     @property
-    def arrays(self) -> dict[str, wp.array]:
+    def arrays(self) -> dict[str, Any]:
         """All arrays by name."""
         return {name: array for name, array in vars(self).items() if name != "kept"} | self.kept
 
-    def made_of(self, copied: Callable[[str, wp.array], wp.array]) -> Self:
+    def made_of(self, copied: Callable[[str, Any], Any]) -> Self:
         """Return a state of other arrays, each made of the one of that name."""
         kept = {name: copied(name, array) for name, array in self.kept.items()}
         others = {name: copied(name, array) for name, array in vars(self).items() if name != "kept"}
@@ -139,7 +139,7 @@ class State:
     def of_world(self, world: int) -> Self:
         """Return the state of one world, as views."""
 
-        def row(name: str, array: wp.array) -> wp.array:
+        def row(name: str, array: Any) -> Any:
             return array[world : world + 1] if name != "frame" and array.size and array.shape[0] > 1 else array
 
         return self.made_of(row)
