@@ -56,6 +56,7 @@ class BlockWriter(GroupsInBlock):
         return {
             "t": "Tables", "slots": "SlotTable", "state": "WorldState", "working": "Working",
             "second_velocities": "wp.array2d[wp.vec3]", "film_pulls": "wp.array2d[wp.vec3]",
+            "state_numbers": "wp.array[wp.int32]",
             **{f"all_{value}": f"wp.array2d[{value}_type]" for value in self.step.kept},
         }  # fmt: skip
 
@@ -140,9 +141,9 @@ class BlockWriter(GroupsInBlock):
         if not self.layout.held:
             self.line("first = read_own(t, world, wp.min(thread, count - 1))")
             with self._over("particle"):
-                self.line("put_in_tile(points, particle, state.points[world, particle])")
+                self.line(f"put_in_tile(points, particle, state.points[world, {self.number}])")
                 if "velocity" in self.layout.tiles:
-                    self.line("put_in_tile(velocities, particle, state.velocities[world, particle])")
+                    self.line(f"put_in_tile(velocities, particle, state.velocities[world, {self.number}])")
         for place in self.places:
             with self.about(place):
                 self._take_particle(place)
@@ -223,9 +224,9 @@ class BlockWriter(GroupsInBlock):
                 self.line(f"    state.velocities[world, {b('particle')}] = {b('velocity')}")
         if not self.layout.held:
             with self._over("particle"):
-                self.line(f"state.points[world, particle] = in_tile({self.points[0]}, particle)")
+                self.line(f"state.points[world, {self.number}] = in_tile({self.points[0]}, particle)")
                 if self._velocities_wait_elsewhere:
-                    self.line(f"state.velocities[world, particle] = {self.read('velocity')}")
+                    self.line(f"state.velocities[world, {self.number}] = {self.read('velocity')}")
 
     def _write_pieces(self, pieces: Iterable[Piece]) -> None:
         for piece in pieces:
