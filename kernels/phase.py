@@ -34,7 +34,8 @@ Item = Literal[
 ]  # fmt: skip
 """Item that a phase works on: `quad` is a quad or triangle of a membrane, `film` a face of one; `element` a spring,
 string, hinge, triangle or face; `team` all threads of a block, for a world; `launches` the host"""
-VIEWS = {"points": "point", "velocities": "velocity", "face_centers": "face_center", "face_areas": "face_area"}
+VIEWS = {"points": "point", "velocities": "velocity", "face_centers": "face_center", "face_areas": "face_area",
+         "face_pushes": "face_push"}  # fmt: skip
 """Views of all items, and the value that each item has in a view"""
 TIMES = ("time", "end", "time_in_frame")
 """Times that are the same for all items"""

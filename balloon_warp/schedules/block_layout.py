@@ -149,7 +149,7 @@ def _tiles(model: Model, traits: Traits, layout: Layout) -> tuple[str, ...]:
         return ()
     step = step_of(traits, layout)
     kept = [value for value in ("area_vector", "free_velocity", "force", "aim") if value in step.kept]
-    velocities_are_seen = traits.looks_at_velocities or traits.impulses
+    velocities_are_seen = traits.looks_at_velocities or traits.needs("face", "velocity") or traits.impulses
     waiting = [*([] if velocities_are_seen else ["velocity"]), *kept]
     points = 2 if "point" in step.doubled else 1
     room = most_particles(model, POINT_BYTES) // (1 if traits.corrected else 2) // layout.capacity - points

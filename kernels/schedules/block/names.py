@@ -24,6 +24,8 @@ class NamesInBlock(Writer):
         """Whether the block has particles of one balloon only, so that its sums and values hold for all threads"""
         self.place: int | None = None
         """Index of the thread's particle at hand"""
+        self.turn, self.next_turn = "0", "1"
+        """Expressions for the parity of the substep, and of the next"""
         self.points = ("points", "new_points")
         """Tiles from which points are read, and to which they are written while others still read"""
         self.velocities = ("velocities", "new_velocities")

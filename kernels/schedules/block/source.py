@@ -16,6 +16,7 @@ from balloon_warp.kernels.loops.slots import SlotTable
 from balloon_warp.kernels.memory import in_tile, put_in_tile, put_vector, vector_at
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.own import own_beside_function, own_functions
+from balloon_warp.kernels.schedules.block.compaction import compaction
 from balloon_warp.kernels.schedules.block.groups import GroupsInBlock
 from balloon_warp.kernels.schedules.block.layout import Layout
 from balloon_warp.kernels.schedules.block.looks import reader_of_springs
@@ -26,6 +27,9 @@ from balloon_warp.kernels.spheres import shared_spheres
 from balloon_warp.kernels.tables import WorldState
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.warps import WARP_THREADS, any_in_block, block_barrier
+
+TURNS = {"substep": ("substep % 2", "1 - substep % 2"), "2 * pair + 1": ("1", "0")}
+"""Parities of the numbers of substeps that are not 0, and of the next"""
 
 
 class BlockWriter(GroupsInBlock):
@@ -79,11 +83,22 @@ class BlockWriter(GroupsInBlock):
         for phase in self.phases:
             if phase.due:
                 names[f"{phase.name}_is_due"] = phase.due(self.traits)
+            if phase.name in self._compacted:
+                functions = compaction(phase.name, self.layout.capacity)
+                names[f"{phase.name}_may_act"] = phase.asked(self.traits, self.step.look)
+                names |= {f"{verb}_{phase.name}": getattr(functions, verb) for verb in ("clear", "note")}
+                names |= {f"count_of_{phase.name}": functions.count, f"item_of_{phase.name}": functions.at}
             if phase.sums:
                 (value,) = phase.writes
                 functions = block_sum(value, phase.writes[value], self.traits.balloons, self.layout.warps)
                 names |= {f"{verb}_{value}": function for verb, function in functions._asdict().items()}
         return names
+
+    @property
+    def _compacted(self) -> tuple[str, ...]:
+        """Return the names of phases that only those items go through on which they act."""
+        found = ((piece, self.compacted(piece)) for piece in self.step.pieces)
+        return tuple(piece.phases[number].name for piece, number in found if number is not None)
 
     def _written(self) -> list[str]:
         """Return the body's lines, without values that nobody reads."""
@@ -99,6 +114,10 @@ class BlockWriter(GroupsInBlock):
         self._places_of_values()
         self.line("# Particles come from the state.")
         self._take_particles()
+        for name in self._compacted:
+            self.line("if thread == 0:")
+            self.line(f"    clear_{name}(0)")
+            self.line(f"    clear_{name}(1)")
         self.line("block_barrier()")
         self._write_pieces(piece for piece in self.step.pieces if piece.once)
         self._keep_once()
@@ -208,6 +227,7 @@ class BlockWriter(GroupsInBlock):
 
     def _substep(self, number: str) -> None:
         with self.indented():
+            self.turn, self.next_turn = TURNS.get(number, ("0", "1"))
             self.line(f"time_in_frame = float({number}) * t.step_seconds")
             self._write_pieces(piece for piece in self.step.pieces if not piece.once and not piece.last)
 
