@@ -65,6 +65,13 @@ class Job:
     """Callback for each step, and for the final simulation"""
     options: Mapping[str, Any] = field(default_factory=dict)
     """Further options of this kind of design"""
+    held: NDArray[np.bool_] | None = None
+    """Which vertices are held against gravity, shape (n,); None where nothing is"""
+
+    @property
+    def gravity(self) -> float:
+        """Return the gravity under which it is designed [m/s^2]."""
+        return float(self.options.get("gravity", 0.0))
 
     @property
     def thickest(self) -> float:
@@ -74,7 +81,7 @@ class Job:
     @cached_property
     def ruler(self) -> Ruler:
         """Ruler of the target shape."""
-        return Ruler(self.target)
+        return Ruler(self.target, in_place=self.held is not None)
 
     @property
     def _asked(self) -> dict[str, Any]:
