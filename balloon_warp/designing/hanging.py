@@ -20,6 +20,10 @@ Values = NDArray[np.float64]
 DOWN = np.array([0.0, -1.0, 0.0])
 MOST_GRAVITY = 1000.0
 """Largest gravity [m/s^2]"""
+SWING_DAMPING = 4.0
+"""Damping rate over the rate at which it would swing: what is damped more creeps to rest"""
+SLOW_SWING = 2.0e-4
+"""Speed that counts as rest over that of a swing by a size"""
 
 
 @dataclass(frozen=True)
@@ -70,6 +74,11 @@ class Hanging:
         moves = np.where(self.held[:, None], target - mould.points, 0.0)
         moves[free] = spsolve(spread[free][:, free], -(spread[free][:, self.held] @ moves[self.held]))
         return replace(mould, points=mould.points + moves)
+
+
+def swing_rate(gravity: float, size: float) -> float:
+    """Return about how fast what hangs swings [1/s]."""
+    return float(np.sqrt(gravity / size))
 
 
 def require_gravity(gravity: float, fixed: object, of: str) -> None:

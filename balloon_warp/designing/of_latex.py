@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.designing.descent import FIRST_DAMPING, Reached, begin, descend
 from balloon_warp.designing.folder import write_stl
-from balloon_warp.designing.hanging import DOWN, Hanging
+from balloon_warp.designing.hanging import DOWN, SWING_DAMPING, Hanging, swing_rate
 from balloon_warp.designing.job import Job
 from balloon_warp.designing.mould import MouldProblem, ThicknessProblem
 from balloon_warp.designing.proof import DAMPING_RATE, MORE_FRAMES, common_fields, filled, scene_of
@@ -74,10 +74,11 @@ def _written(job: Job, problem: MouldProblem, mould: PolygonMesh, weights: Value
         material["rest_mesh"] = job.folder / "mould.obj"
         of_balloon["fixed"] = np.flatnonzero(problem.hanging.held).tolist()
     write_obj(job.folder / "balloon.obj", start)
+    rate = SWING_DAMPING * swing_rate(job.gravity, job.ruler.size) if problem.hanging else 5.0 * DAMPING_RATE
     mass = DENSITY * job.thickness * total_area(mould)
     balloon = Balloon(
         **common_fields(job.folder / "balloon.obj", inflation), **of_balloon,
-        material=Material(**material), damping=float(f"{5.0 * DAMPING_RATE * mass:.4g}"),
+        material=Material(**material), damping=float(f"{rate * mass:.4g}"),
     )  # fmt: skip
     told = f"A latex balloon that becomes {problem.mesh.name}"
     return scene_of(balloon, told, 240 + MORE_FRAMES, job.gravity)
