@@ -12,6 +12,7 @@ from balloon_warp.kernels.phase import Phase
 from balloon_warp.kernels.phases.add import add_area_vectors, add_forces
 from balloon_warp.kernels.phases.aim import extend, measure, spread, take_aim, turn
 from balloon_warp.kernels.phases.correct import correct
+from balloon_warp.kernels.phases.faces import bear, push_face
 from balloon_warp.kernels.phases.flow import burden, flow, pump, weigh
 from balloon_warp.kernels.phases.inflate import add_up, given_load, inflate
 from balloon_warp.kernels.phases.leave import leave
@@ -21,7 +22,7 @@ from balloon_warp.kernels.phases.move import free, move, move_first, push, respo
 from balloon_warp.kernels.phases.press import press
 from balloon_warp.kernels.phases.pull import jet, jet_of_holes, pull, pull_and_face, take
 from balloon_warp.kernels.phases.roll import collide, roll, tumble
-from balloon_warp.kernels.phases.share_out import bend, share_out
+from balloon_warp.kernels.phases.share_out import bend, blow, share_out
 from balloon_warp.kernels.phases.stretch import clear, collect, pull_with_skin, stretch
 from balloon_warp.kernels.phases.swell import foresee, head, swell
 from balloon_warp.kernels.phases.tell import note_unhindered, tell_contacts
@@ -41,7 +42,7 @@ STEP: tuple[Phase, ...] = (
     # where normal forces push: once a frame, or every substep
     measure, extend, take_aim,
     # forces, what they would do, and the pressure that follows
-    pull, jet, jet_of_holes, take, free, head, foresee, swell, hold, find_load, note, flow,
+    push_face, pull, bear, jet, jet_of_holes, take, free, head, foresee, swell, hold, find_load, note, flow,
     # particles move, by all forces
     set_off, given_load, inflate, move_first, push, move,
     # springs that are too long are shortened; then faces leave ridges of obstacles and bodies, and particles leave
@@ -54,14 +55,14 @@ STEP: tuple[Phase, ...] = (
 Instead = Mapping[Phase, tuple[Phase, ...]]
 """What a schedule executes instead of some phases of the step"""
 NOTHING: Instead = {}
-SCATTERED: Instead = {pull: (add_forces, add_area_vectors, pull)}
+SCATTERED: Instead = {push_face: (), bear: (), pull: (add_forces, add_area_vectors, pull)}
 """In `scatter` springs, strings, hinges, triangles and faces add their forces to particles"""
 FACING: Instead = {measure: (spread,), extend: (), take_aim: (), pull: (pull_and_face, turn)}
 """The loop over a particle's faces also finds the aim of normal forces"""
 FILMED: Instead = {pull: (clear, stretch, collect, pull_with_skin)}
 """Each face of a membrane is measured once and stores its forces at its corners"""
-SHARED: Instead = {wear: (), pull: (bend, share_out, pull)}
-"""Hinges and membranes have added their forces to particles, and rubber has worn on the way"""
+SHARED: Instead = {wear: (), push_face: (), bear: (), pull: (bend, blow, share_out, pull)}
+"""Hinges, faces and membranes have added their forces to particles, and rubber has worn on the way"""
 SETTLE = Phase("settle", "launches", lambda traits, look: None, also_reads=("inflation",))
 """Local and global steps in turn, until every world has converged, see `solvers.projective`"""
 PROJECTIVE_STEP = (
@@ -71,7 +72,7 @@ PROJECTIVE_STEP = (
 AIMING = (measure, extend, take_aim)
 """Phases that find the aims of normal forces"""
 READING = (
-    look_at_wear, weigh_skin, *AIMING, pull, jet, jet_of_holes, given_load, inflate, add_up,
+    look_at_wear, weigh_skin, *AIMING, push_face, pull, bear, jet, jet_of_holes, given_load, inflate, add_up,
 )  # fmt: skip
 """Phases that find the forces of a state, for output"""
 

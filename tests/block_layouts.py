@@ -29,6 +29,11 @@ def looped(*tiles: str) -> Callable[[Model, Traits], Layout]:
     return layout
 
 
+def ordered(model: Model, traits: Traits) -> Layout:
+    layout = looped("area_vector", "free_velocity")(model, traits)
+    return layout._replace(ordered="velocity" in layout.tiles and not (traits.membranes or traits.keeps))
+
+
 def held(model: Model, traits: Traits) -> Layout:
     ring = quad_rings(model) if traits.measures_areas or traits.aims_on_the_way else None
     return Layout(
@@ -40,6 +45,7 @@ def held(model: Model, traits: Traits) -> Layout:
 LAYOUTS: dict[str, tuple[Callable[[Model, Traits], Layout], int]] = {
     "looped": (looped(), 2),
     "looped, in shared memory": (looped("area_vector", "free_velocity"), 2),
+    "looped, in another order": (ordered, 2),
     "held": (held, 1),
 }
 """and cells of balloons: the one thread keeps all particles, whose source is long"""

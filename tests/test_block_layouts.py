@@ -12,7 +12,7 @@ from meshes import quad_sphere
 from balloon_warp.kernels.schedules.block.layout import Layout
 from balloon_warp.kernels.schedules.block.source import source_of_frame
 from balloon_warp.model import build_model, initial_state
-from balloon_warp.scene import Balloon, Ground, Inflation, Material, Scene, Sphere
+from balloon_warp.scene import Balloon, Ground, Inflation, Material, Obstacle, Scene, Sphere
 from balloon_warp.schedules import block_frames
 from balloon_warp.schedules.block_layout import step_of
 from balloon_warp.schedules.choose import make_schedule
@@ -45,6 +45,12 @@ def scenes(cells: int) -> dict[str, Scene]:
         ),
         "impulses": Scene(
             substeps=16, contact="impulse", balloon=[Balloon(mesh=ball, inflation=GAS)], ground=GROUND, sphere=[ABOVE],
+            faces=False,
+        ),
+        "beside obstacles": Scene(
+            substeps=15,
+            balloon=[Balloon(mesh=ball, position=(0.0, 0.57, 0.0), inflation=PAPERS, velocity=(0.5, -1.0, 0.0))],
+            obstacle=[Obstacle(size=(4.0, 0.1, 4.0)), Obstacle(size=(0.1, 4.0, 4.0), position=(0.55, 0.0, 0.0))],
             faces=False,
         ),
         "latex": Scene(
