@@ -177,6 +177,17 @@ def plan_model(
     )
 
 
+def settled_parameters(plan: ModelPlan, vary: Vary) -> Parameters:
+    """Return the parameters that a plan of the same shapes has where other values vary.
+
+    Raises:
+        InputError: as `plan_model`, where a value is wrong.
+    """
+    rows = rows_of(plan.laws)
+    said = vary_parameters(parameters_at(plan.scene, rows, 0), plan.scene, rows, plan.world_count, vary)
+    return _settled(plan.scene, plan.shapes, plan.held, said)
+
+
 def _settled(
     scene: Scene, shapes: Sequence[BalloonShape], held: Sequence[int], said: Mapping[str, NDArray[np.float64]]
 ) -> Parameters:

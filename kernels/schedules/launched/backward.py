@@ -289,7 +289,7 @@ def backward_kernels(step: Step, columns: Sequence[int]) -> tuple[BackwardKernel
         NoAdjointError: a phase of the step has no adjoint.
     """
     traces = traces_of(step)
-    notes = [place for place, trace in enumerate(traces) if "note" in {phase.name for phase in trace.phases}]
+    notes = [place for place, trace in enumerate(traces) if _finds_loads(trace)]
     before_note = traces[: notes[0]] if notes else ()
     sinks = Sinks(any("load" in entry.seen for trace in before_note for entry in trace.entries))
     kernels: list[BackwardKernel] = []
@@ -307,6 +307,12 @@ def backward_kernels(step: Step, columns: Sequence[int]) -> tuple[BackwardKernel
             after = bool(notes) and place > notes[0]
             kernels.append(BackwardKernel(writer.name, trace.item, lines, writer.taken(), names, after))
     return tuple(kernels)
+
+
+def _finds_loads(trace: Trace) -> bool:
+    """Return whether the pressures that particles read are of a trace."""
+    asked = (arguments_of(adjoint) for entry in trace.entries for adjoint in entry.adjoints)
+    return any("load_bar" in names for names in asked)
 
 
 def _cut(trace: Trace) -> list[list[Turn]]:
