@@ -1,5 +1,6 @@
 """Derivatives by a model's parameters, of those by the state at the start and by the numbers of laws."""
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ def keyframe_weights(times: Values, time: float) -> Values:
     """Return the part of each keyframe in the value at a time, shape (keyframe_count,), as kernels interpolate."""
     weights = np.zeros(len(times))
     weights[0] = 1.0
-    for key, (begin, end) in enumerate(zip(times[:-1], times[1:], strict=True)):
+    for key, (begin, end) in enumerate(pairwise(times)):
         if time > begin and end > begin:
             blend = min((time - begin) / (end - begin), 1.0)
             weights[:] = 0.0

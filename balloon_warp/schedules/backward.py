@@ -5,6 +5,7 @@ A frame is computed again from its beginning, and what each substep finds is kep
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.adjoint import NoAdjointError
 from balloon_warp.kernels.frames.backwards import Bars, sum_kernel
+from balloon_warp.kernels.helpers_of_grad import derive_helpers
 from balloon_warp.kernels.phase import STATE
 from balloon_warp.kernels.schedules.launched.backward import BackwardKernel, backward_kernels
 from balloon_warp.kernels.schedules.launched.looks import GATHERED
@@ -121,6 +123,7 @@ class BackwardFrames:
 
     def __init__(self, model: Model, state: State, columns: Sequence[int]):
         self.model, self.columns, traits = model, tuple(columns), model_traits(model)
+        derive_helpers()
         room = Allocating(model.device)
         step = gradient_step(model, traits)
         kernels = kernels_of(step, self.columns)
@@ -162,7 +165,7 @@ class BackwardFrames:
         found = {name: self._arrays[array].numpy().astype(np.float64) for name, array in names.items()}
         loads, offsets = self._arrays["all_load_bar"].numpy().astype(np.float64), self.model.particle_offsets
         found["loads"] = np.stack(
-            [loads[:, a:b].sum(axis=1) for a, b in zip(offsets[:-1], offsets[1:], strict=True)], axis=1
+            [loads[:, a:b].sum(axis=1) for a, b in pairwise(offsets)], axis=1
         )
         return found
 

@@ -10,9 +10,10 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.adjoint import Adjoint
 from balloon_warp.kernels.loops.areas import CROSSES
 from balloon_warp.kernels.memory import triple_at
-from balloon_warp.kernels.tables import SLICE, FanTable, first_entry
+from balloon_warp.kernels.tables import SLICE, FanTable, Tables, first_entry
 
 
 @wp.func
@@ -22,8 +23,8 @@ def cross_slope(before: wp.vec3, opposite: wp.vec3, after: wp.vec3, b: wp.vec3, 
 
 
 @cache
-def area_back(quads: bool, at: Any) -> Any:
-    """Return the function that gathers the bar of a particle's place from bars of area vectors.
+def area_adjoint(quads: bool, at: Any) -> Adjoint:
+    """Return the adjoint that gathers the bar of a particle's place from bars of area vectors.
 
     Args:
         at: the function that reads a vector.
@@ -68,4 +69,12 @@ def area_back(quads: bool, at: Any) -> Any:
             total += (double_area + turned) * (0.5 / (3.0 * float(end - begin + 1)))
         return total
 
-    return back_in_quads if quads else back_in_faces
+    back = back_in_quads if quads else back_in_faces
+
+    @wp.func
+    def areas_adjoint(
+        t: Tables, points: Any, own: Any, point: wp.vec3, area_vector_bar: wp.vec3, area_vector_bars: Any
+    ):
+        return back(t.fans, points, area_vector_bars, own.number, point, area_vector_bar)
+
+    return Adjoint(areas_adjoint, ("point",))

@@ -6,8 +6,8 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.adjoint import Adjoint, NoAdjointError
-from balloon_warp.kernels.adjoints.areas import area_back
-from balloon_warp.kernels.adjoints.springs import spring_back
+from balloon_warp.kernels.adjoints.areas import area_adjoint
+from balloon_warp.kernels.adjoints.springs import spring_adjoint
 from balloon_warp.kernels.memory import vector_at
 from balloon_warp.kernels.own import own_functions
 from balloon_warp.kernels.phase import Look, Phase
@@ -28,8 +28,11 @@ def pull_backwards(phase: Phase, traits: Traits, look: Look) -> Sequence[Adjoint
         raise NoAdjointError(f"the material `{traits.membranes[0].name}`")
     if traits.air_varies and traits.needs("particle", "air"):
         raise NoAdjointError("air that differs from place to place")
-    around = _around(traits)
-    return (_laws(traits), around) if traits.of_kind("particle") else (around,)
+    found = [_laws(traits)] if traits.of_kind("particle") else []
+    found.append(spring_adjoint(traits, vector_at))
+    if traits.measures_areas:
+        found.append(area_adjoint(traits.quads, vector_at))
+    return found
 
 
 def _laws(traits: Traits) -> Adjoint:
@@ -58,35 +61,3 @@ def _laws(traits: Traits) -> Adjoint:
         return by_point, by_velocity, by_area, own_bar
 
     return Adjoint(laws_adjoint, ("point", "velocity", "area_vector", "own"))
-
-
-def _around(traits: Traits) -> Adjoint:
-    """Return the adjoint of springs and area vectors, gathered around a particle."""
-    back_of_springs, back_of_areas = spring_back(traits, vector_at), area_back(traits.quads, vector_at)
-    Own, _ = own_functions(traits.columns, traits.balloons)  # noqa: N806 - a type
-
-    @wp.func
-    def around_adjoint(
-        t: Tables, points: Any, velocities: Any, own: Any, point: wp.vec3, velocity: wp.vec3, time: float,
-        force_bar: wp.vec3, force_bars: Any,
-    ):  # fmt: skip
-        by_point, by_velocity, by_n = back_of_springs(
-            t, points, velocities, force_bars, own, point, velocity, time, force_bar
-        )
-        own_bar = Own()
-        own_bar.n = by_n
-        return by_point, by_velocity, own_bar
-
-    @wp.func
-    def around_adjoint_with_areas(
-        t: Tables, points: Any, velocities: Any, own: Any, point: wp.vec3, velocity: wp.vec3, time: float,
-        force_bar: wp.vec3, force_bars: Any, area_vector_bar: wp.vec3, area_vector_bars: Any,
-    ):  # fmt: skip
-        by_point, by_velocity, own_bar = around_adjoint(
-            t, points, velocities, own, point, velocity, time, force_bar, force_bars
-        )
-        by_area = back_of_areas(t.fans, points, area_vector_bars, own.number, point, area_vector_bar)
-        return by_point + by_area, by_velocity, own_bar
-
-    of = ("point", "velocity", "own")
-    return Adjoint(around_adjoint_with_areas if traits.measures_areas else around_adjoint, of)

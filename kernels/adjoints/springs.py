@@ -10,10 +10,11 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.adjoint import Adjoint
 from balloon_warp.kernels.algebra import squared_length
 from balloon_warp.kernels.loops.springs import constant_of_kind
 from balloon_warp.kernels.memory import float_at, int_at, pair_at, vector_at
-from balloon_warp.kernels.own import numbers_type
+from balloon_warp.kernels.own import own_functions
 from balloon_warp.kernels.tables import CHUNK, SLICE, Tables, first_entry
 from balloon_warp.kernels.traits import Traits
 
@@ -43,21 +44,21 @@ def spring_work(traits: Traits) -> Any:
 
 
 @cache
-def spring_back(traits: Traits, at: Any) -> Any:
-    """Return the function that gathers bars of a particle's place and velocity, and of its balloon's numbers."""
+def spring_adjoint(traits: Traits, at: Any) -> Adjoint:
+    """Return the adjoint that gathers bars of a particle's place and velocity, and of its balloon's numbers."""
     work_of_spring = spring_work(traits)
-    Numbers = numbers_type(traits.columns.width)  # noqa: N806 - a type
+    Own, _ = own_functions(traits.columns, traits.balloons)  # noqa: N806 - a type
     moving = traits.needs("spring", "opening")
     numbered = any(law.parameters for law in traits.of_kind("spring"))
 
     @wp.func
-    def back_of_springs(
-        t: Tables, points: Any, velocities: Any, bars: Any, own: Any, point: wp.vec3, velocity: wp.vec3, time: float,
-        bar: wp.vec3,
+    def springs_adjoint(
+        t: Tables, points: Any, velocities: Any, own: Any, point: wp.vec3, velocity: wp.vec3, time: float,
+        force_bar: wp.vec3, force_bars: Any,
     ):  # fmt: skip
         point_bar = wp.vec3()
         velocity_bar = wp.vec3()
-        numbers_bar = Numbers()
+        own_bar = Own()
         structural = float(0.0)
         shear = float(0.0)
         flexion = float(0.0)
@@ -78,20 +79,20 @@ def spring_back(traits: Traits, at: Any) -> Any:
                         rate = vector_at(velocities, end) - velocity
                     by_d, by_rate, by_stiffness, _length, _step, _time, by_n, _bar = wp.grad(work_of_spring)(
                         at(points, end) - point, rate, constant_of_kind(own.n, kind) * scale, spring[1],
-                        t.step_seconds, time, own.n, bar - at(bars, end),
+                        t.step_seconds, time, own.n, force_bar - at(force_bars, end),
                     )  # fmt: skip
                     point_bar -= by_d
                     if wp.static(moving):
                         velocity_bar -= by_rate
                     if wp.static(numbered):
-                        numbers_bar += 0.5 * by_n
+                        own_bar.n += 0.5 * by_n
                     half = 0.5 * scale * by_stiffness
                     structural += wp.where(kind == 0, half, 0.0)
                     shear += wp.where(kind == 1, half, 0.0)
                     flexion += wp.where(kind == 2, half, 0.0)
-        numbers_bar[0] += structural
-        numbers_bar[1] += shear
-        numbers_bar[2] += flexion
-        return point_bar, velocity_bar, numbers_bar
+        own_bar.n[0] += structural
+        own_bar.n[1] += shear
+        own_bar.n[2] += flexion
+        return point_bar, velocity_bar, own_bar
 
-    return back_of_springs
+    return Adjoint(springs_adjoint, ("point", "velocity", "own"))

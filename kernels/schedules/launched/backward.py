@@ -316,11 +316,11 @@ def _finds_loads(trace: Trace) -> bool:
 
 
 def _cut(trace: Trace) -> list[list[Turn]]:
-    """Return the turns of each kernel: one ends where bars of others are wanted."""
+    """Return the turns of each kernel: one ends where bars of others are wanted, which it may have added to."""
     cuts: list[list[Turn]] = [[]]
     for entry in reversed(trace.entries):
         for adjoint in entry.adjoints:
-            if looks_around(adjoint) and cuts[-1]:
+            if looks_around(adjoint) and not all(each is entry and looks_around(one) for each, one in cuts[-1]):
                 cuts.append([])
             cuts[-1].append((entry, adjoint))
     return [turns for turns in cuts if turns]
