@@ -53,12 +53,20 @@ class NamesInBlock(Writer):
             return self.points[0]
         if name == "velocities":
             return self.velocities[0]
-        numbered = self.place is not None and self.layout.held > 1 and name not in self._common
+        numbered = self.place is not None and self.are_numbered and name not in self._common
         return f"{name}_{self.place}" if numbered else name
+
+    @property
+    def are_numbered(self) -> bool:
+        """Return whether held particles have numbered variables: a thread has several, or other items have the names.
+
+        Those are the faces and balloons of a loop, where there are several balloons.
+        """
+        return self.layout.held > 1 or (self.layout.held == 1 and not self.alone)
 
     def own_of_any(self) -> str:
         """Return the variable of what some particle of a thread knows of itself."""
-        return ("own_0" if self.layout.held > 1 else "own") if self.layout.held else "first"
+        return ("own_0" if self.are_numbered else "own") if self.layout.held else "first"
 
     def forget(self, name: str) -> None:
         """Find a name anew wherever it is read from here on."""
