@@ -133,6 +133,11 @@ class BackwardFrames:
         self._launches = _Remembering(model, step, self._tables, room, self._remembered)
         self._framing = Framing(model, traits, self._tables, self._launches.working)
         self._kernels = [(kernel, kernel.made()) for kernel in kernels]
+        self._carries_loads = any(
+            kernel.item == "particle" and not kernel.after_note and "all_load_bar" in kernel.arguments
+            for kernel in kernels
+        )
+        """Whether the pressure of one substep is read in the next"""
         self._sum_bars = sum_kernel(traits, self.columns)
         self._first_pressures = wp.clone(state.pressures)
         self.bars, self._arrays = _bars(model, step, len(self.columns), room)
@@ -164,6 +169,7 @@ class BackwardFrames:
         names = {"points": "all_point_bar", "velocities": "all_velocity_bar", "pressures": "all_pressure_bar"}
         found = {name: self._arrays[array].numpy().astype(np.float64) for name, array in names.items()}
         loads, offsets = self._arrays["all_load_bar"].numpy().astype(np.float64), self.model.particle_offsets
+        loads *= self._carries_loads
         found["loads"] = np.stack(
             [loads[:, a:b].sum(axis=1) for a, b in pairwise(offsets)], axis=1
         )
