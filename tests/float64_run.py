@@ -55,7 +55,7 @@ class _Motion:
         for frame in range(self.scene.frames):
             mass = self._mass()
             for substep in range(self.plan.substeps):
-                x, v = self._substep(x, v, mass, frame / self.scene.frames_per_second + substep * self.h)
+                x, v = self._substep(x, v, mass, frame, substep / self.plan.substeps)
             found.append((x, v, self.pressure))
         points, velocities, pressures = (np.array(each) for each in zip(*found, strict=True))
         return points, velocities, pressures
@@ -65,13 +65,15 @@ class _Motion:
         if self.gas:
             outside = self.of("air_pressure")
             volume = self.of("initial_free_volumes") * STANDARD_PRESSURE / (outside + self.pressure)
-            mass += self.of("initial_gas_amounts") * self.of("molar_mass") + self.of("added_mass") * self._air() * volume
+            mass += (
+                self.of("initial_gas_amounts") * self.of("molar_mass") + self.of("added_mass") * self._air() * volume
+            )
         return self.share * mass
 
     def _air(self) -> float:
         return density_of_given_air(*(self.of(f"air_{name}") for name in ("pressure", "temperature", "density")))
 
-    def _substep(self, x: Array, v: Array, mass: Array, time: float) -> tuple[Array, Array]:
+    def _substep(self, x: Array, v: Array, mass: Array, frame: int, part: float) -> tuple[Array, Array]:
         gain = (self.h / mass)[:, None]
         force = self._springs(x) + (self.share * self.of("mass") * -self.of("gravity"))[:, None] * self.up
         force -= (self.share * self.of("damping"))[:, None] * v
@@ -82,7 +84,7 @@ class _Motion:
             push = self.load[0] + self.load[1] * (x @ self.up)
             v = free + gain * push[:, None] * area
         else:
-            self.pressure = self._given(time)
+            self.pressure = self._given(frame, part)
             v = v + gain * (force + self.pressure * area)
         return self._leave(x + self.h * v, v)
 
@@ -94,9 +96,13 @@ class _Motion:
         np.add.at(force, self.ends[:, 1], -pull)
         return force
 
-    def _given(self, time: float) -> float:
-        values = self.p["keyframe_values"][0, 0]
-        return float(np.interp(time, [at for at, _ in self.scene.balloon[0].inflation.keyframes], values))
+    def _given(self, frame: int, part: float) -> float:
+        """Linear over a frame, whose ends alone see keyframes."""
+        times, values = [at for at, _ in self.scene.balloon[0].inflation.keyframes], self.p["keyframe_values"][0, 0]
+        first, last = np.interp(
+            [frame / self.scene.frames_per_second, (frame + 1) / self.scene.frames_per_second], times, values
+        )
+        return float(first + part * (last - first))
 
     def _find_load(self, x: Array, area: Array, free: Array, gain: Array) -> None:
         """With gamma 1, in uniform air, and backward Euler in the direction in which the gas is stiff."""

@@ -6,7 +6,7 @@ precision. So differences of two plans tell its slopes.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +17,10 @@ from balloon_warp.model.parameters import is_numbered, parameters_at, places_of
 from balloon_warp.model.plan import settled_parameters
 from balloon_warp.model.rows import rows_of
 from balloon_warp.model.vary import vary_parameters
+from balloon_warp.scene.overrides import override_scene
 
 REACH = 1e-4
-"""Half of the difference, over the value, or of 1 where that is smaller: its error is a hundred millionth"""
+"""Half of the difference, over the value, or over 1 where that is 0: its error is a hundred millionth"""
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ def chains_of(plan: ModelPlan, paths: Sequence[str], vary: Vary) -> list[Chain]:
 
 def _slopes(plan: ModelPlan, path: str, vary: Vary) -> dict[str, NDArray[np.float64]]:
     value = _value(plan, path, vary)
-    reach = REACH * np.maximum(np.abs(value), 1.0 if not value.any() else np.abs(value).max())
+    reach = REACH * np.where(value == 0.0, 1.0, np.abs(value))
     sides = {}
     for sign in (1.0, -1.0, 2.0):
         try:
@@ -76,9 +77,8 @@ def _value(plan: ModelPlan, path: str, vary: Vary) -> NDArray[np.float64]:
     rows = rows_of(plan.laws)
     said = vary_parameters(parameters_at(plan.scene, rows, 0), plan.scene, rows, plan.world_count, vary)
     places = places_of(plan.scene, rows)
-    if path not in places:  # what is wrong with it is said where it would differ between worlds
-        vary_parameters(said, plan.scene, rows, plan.world_count, {path: np.zeros(plan.world_count)})
-        raise InputError(f"{path}: cannot be derived by")
+    if path not in places:
+        _refuse(plan, path)
     columns = []
     for name, index in places[path]:
         values = np.broadcast_to(said[name], (plan.world_count, *said[name].shape[1:]))[(slice(None), *index)]
@@ -90,6 +90,16 @@ def _value(plan: ModelPlan, path: str, vary: Vary) -> NDArray[np.float64]:
     if np.isnan(columns[0]).any():
         raise InputError(f"{path}: the scene leaves it open; expected a value there, or in `vary`")
     return columns[0]
+
+
+def _refuse(plan: ModelPlan, path: str) -> NoReturn:
+    """Raise an error that says what is wrong with a path that leads to no parameter."""
+    try:
+        override_scene(plan.scene, [(path, 1.0)])
+    except InputError as mistake:
+        if "unknown" in str(mistake) or "there is no" in str(mistake):
+            raise
+    raise InputError(f"{path}: cannot be derived by; expected the path of a number, such as balloon.mass")
 
 
 def _numbered(path: str) -> str:

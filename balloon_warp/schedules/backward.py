@@ -170,9 +170,7 @@ class BackwardFrames:
         found = {name: self._arrays[array].numpy().astype(np.float64) for name, array in names.items()}
         loads, offsets = self._arrays["all_load_bar"].numpy().astype(np.float64), self.model.particle_offsets
         loads *= self._carries_loads
-        found["loads"] = np.stack(
-            [loads[:, a:b].sum(axis=1) for a, b in pairwise(offsets)], axis=1
-        )
+        found["loads"] = np.stack([loads[:, a:b].sum(axis=1) for a, b in pairwise(offsets)], axis=1)
         return found
 
     def _frame(self) -> None:
@@ -229,9 +227,11 @@ def _bars(model: Model, step: Step, count: int, room: Room) -> tuple[Any, dict[s
     bars.number_totals = room.array((*balloons, count), wp.float64)
     bars.gas_totals, bars.keyed_totals = room.array(balloons, wp.vec2d), room.array(balloons, wp.vec2d)
     values = {
-        f"all_{value}_bar": room.array(balloons if step.owner(value) == "balloon" else particles, wp.float32 if dtype is float else dtype)
+        f"all_{value}_bar": room.array(
+            balloons if step.owner(value) == "balloon" else particles, wp.float32 if dtype is float else dtype
+        )
         for value, dtype in values_of(step).items()
-    }  # fmt: skip
+    }
     arrays = values | {
         "all_point_bar": bars.points, "all_velocity_bar": room.array(particles, wp.vec3),
         "all_pressure_bar": bars.pressures, "all_load_bar": room.array(particles, wp.vec2),

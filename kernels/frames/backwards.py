@@ -1,4 +1,4 @@
-"""What happens once a frame, when a scene runs backwards: bars are added up by balloon, in the same order every time."""
+"""What happens once a frame when a scene runs backwards: bars are added up by balloon, in the same order every time."""
 
 from functools import cache
 from typing import Any
