@@ -18,9 +18,8 @@ def derive_helpers() -> None:
     from warp._src.context import ModuleBuilder
 
     before = getattr(ModuleBuilder, HOOK)
-    if getattr(before, "derives_helpers", False):
-        return
-    setattr(ModuleBuilder, HOOK, _and_helpers(before))
+    if before.__name__ != _and_helpers.__name__:
+        setattr(ModuleBuilder, HOOK, _and_helpers(before))
 
 
 def _and_helpers(before: Callable[[Any], None]) -> Callable[[Any], None]:
@@ -33,5 +32,5 @@ def _and_helpers(before: Callable[[Any], None]) -> Callable[[Any], None]:
                     helper.adj.force_adjoint_codegen = True
                     asked.append(helper.adj)
 
-    propagate.derives_helpers = True  # pyright: ignore[reportFunctionMemberAccess]
+    propagate.__name__ = _and_helpers.__name__
     return propagate

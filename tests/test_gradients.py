@@ -43,7 +43,7 @@ def scene(
         "stiffness": {"structural": 100.0, "shear": 50.0, "flexion": 20.0},
     }  # fmt: skip
     on = {"ground": {"height": 0.0, "friction": 0.3}} if ground else {}
-    return bw.Scene(frames=frames, frames_per_second=rate, substeps=substeps, balloon=[balloon | more], **on)  # pyright: ignore
+    return bw.Scene(frames=frames, frames_per_second=rate, substeps=substeps, balloon=[balloon | more], **on)
 
 
 def far(moved: Trajectories) -> tuple[np.ndarray, dict[str, Any]]:
@@ -85,11 +85,10 @@ def differences(of: bw.Scene, paths: list[str]) -> dict[str, float]:
 
 CASES = {
     "pressure": (scene(), [*SPRINGS, *MOTION, "balloon.0.inflation.pressure.0.1", "balloon.0.inflation.pressure.1.1"]),
-    "a substep": (scene(rate=1200.0, substeps=1), MOTION),
+    "a substep": (scene(rate=1200.0, substeps=1), [*SPRINGS, *MOTION]),
     "frames": (scene(frames=4), [*SPRINGS, *MOTION]),
     "triangles": (scene(mesh=TRIANGLES), [*SPRINGS[::2], *MOTION]),
     "gas": (scene("gas", frames=2), [*SPRINGS, *MOTION, *GAS]),
-    "gas in triangles": (scene("gas", mesh=TRIANGLES), [*SPRINGS[::2], *GAS]),
     "ground": (scene(ground=True, frames=2), [*SPRINGS, *MOTION, "ground.height"]),
     "gas on the ground": (scene("gas", ground=True, frames=2), [*SPRINGS, *MOTION, *GAS, "ground.height"]),
 }
@@ -97,13 +96,13 @@ CASES = {
 
 @pytest.mark.parametrize("case", CASES)
 def test_gradients_are_the_slopes_of_a_run_in_double_precision(case: str):
-    """To 1e-4 of what the largest value at hand makes of the loss: places are float32, and forces cancel."""
+    """To 2e-4: states are float32, and forces cancel. Springs at rest pull nothing in a single substep."""
     of, paths = CASES[case]
     found = bw.gradient(of, of=paths, loss=far, device="cpu")
     assert found.loss[0] == pytest.approx(far_in_float64(of, {}), rel=1e-5)
     told = differences(of, paths)
     for path in paths:
-        assert found.gradients[path][0] == pytest.approx(told[path], rel=2e-4), path
+        assert found.gradients[path][0] == pytest.approx(told[path], rel=2e-4, abs=1e-6), path
     ahead = np.random.default_rng(5).normal(size=len(paths)) * [max(abs(value_at(of, path)), 1.0) for path in paths]
     along, told_along = (sum(a * each[path] for a, path in zip(ahead, paths, strict=True)) for each in (
         {path: values[0] for path, values in found.gradients.items()}, told,
@@ -118,21 +117,22 @@ def center(moved: Trajectories) -> tuple[Any, dict[str, Any]]:
     return moved.points[0][..., -1, :, 0].mean(axis=-1), {"points": [slopes]}
 
 
-@pytest.mark.parametrize("kind", ["pressure", "gas"])
-def test_what_flies_freely_gets_as_far_as_it_is_fast(kind: str):
-    """Forces within a balloon have no sum: whatever they are, its center goes on as it began."""
-    free = scene(kind, frames=3, damping=0.0)
-    found = bw.gradient(free, of=["balloon.velocity.0", "balloon.position.0"], loss=center, device="cpu").gradients
-    assert found["balloon.velocity.0"][0] == pytest.approx(3.0 / 60.0, rel=1e-5)
+def test_the_center_of_what_flies_goes_on_as_it_began():
+    """Forces within a balloon have no sum: whatever they are, only damping slows its center."""
+    of = ["balloon.velocity.0", "balloon.position.0"]
+    found = bw.gradient(CASES["frames"][0], of=of, loss=center, device="cpu").gradients
+    step, kept = 1.0 / 60.0 / 32.0, 1.0 - 0.05 / 0.05 / 60.0 / 32.0
+    way = step * sum(kept**number for number in range(1, 4 * 32 + 1))
+    assert found["balloon.velocity.0"][0] == pytest.approx(way, rel=1e-5)
     assert found["balloon.position.0"][0] == pytest.approx(1.0, rel=1e-5)
 
 
-VARIED = {"balloon.mass": [0.05, 0.06, 0.08], "balloon.velocity.1": [-1.0, 0.5, -2.0]}
+VARIED = {"balloon.mass": np.array([0.05, 0.06, 0.08]), "balloon.velocity.1": np.array([-1.0, 0.5, -2.0])}
 
 
 @pytest.mark.parametrize("kind", ["pressure", "gas"])
 def test_a_world_in_a_batch_has_the_gradients_that_it_has_alone(kind: str):
-    together, paths = scene(kind, ground=True, frames=2), [*SPRINGS, "balloon.mass", "balloon.velocity.0"]
+    together, paths = CASES["ground" if kind == "pressure" else "gas on the ground"]
     found = bw.gradient(together, of=paths, loss=far, world_count=3, vary=VARIED, device="cpu")
     for world in range(3):
         alone = {path: values[world : world + 1] for path, values in VARIED.items()}
@@ -143,8 +143,8 @@ def test_a_world_in_a_batch_has_the_gradients_that_it_has_alone(kind: str):
 
 
 def test_frames_are_those_without_gradients():
-    of = scene("gas", ground=True, frames=3)
-    found = bw.gradient(of, of=["balloon.mass"], loss=far, device="cpu").trajectories
+    of, paths = CASES["gas on the ground"]
+    found = bw.gradient(of, of=paths, loss=far, device="cpu").trajectories
     told = bw.simulate(of, device="cpu", schedule="gather")
     for name in ("points", "velocities"):
         np.testing.assert_array_equal(getattr(found, name)[0], getattr(told, name)[0])
@@ -175,19 +175,13 @@ def float32_slope(of: bw.Scene, path: str, value: float, laws: tuple = ()) -> fl
     return float(total / (2.0 * h))
 
 
-@pytest.mark.parametrize(
-    ("path", "value", "more", "laws"),
-    [
-        ("balloon.stiffness.viscosity", 0.003, {"stiffness": {"structural": 100.0, "viscosity": 0.003}}, ()),
-        ("balloon.drag_coefficient", 0.5, {"drag_coefficient": 0.5}, ()),
-        ("balloon.law.blow.blowing", 0.2, {}, (OWN,)),
-    ],
-)
-def test_laws_that_the_run_in_double_precision_does_not_know(path, value, more, laws):
-    """To 1%, which is what rounding leaves of these differences."""
-    of = scene(frames=2, **more)
-    found = bw.gradient(of, of=[path], loss=far, device="cpu", laws=laws).gradients[path][0]
-    assert found == pytest.approx(float32_slope(of, path, value, laws), rel=0.01)
+def test_laws_that_the_run_in_double_precision_does_not_know():
+    """To 1%, which is what rounding leaves of these differences: viscosity, drag, and a law of one's own."""
+    of = scene(frames=2, drag_coefficient=0.5, stiffness={"structural": 100.0, "viscosity": 0.003})
+    values = {"balloon.stiffness.viscosity": 0.003, "balloon.drag_coefficient": 0.5, "balloon.law.blow.blowing": 0.2}
+    found = bw.gradient(of, of=list(values), loss=far, device="cpu", laws=(OWN,)).gradients
+    for path, value in values.items():
+        assert found[path][0] == pytest.approx(float32_slope(of, path, value, (OWN,)), rel=0.01), path
 
 
 def nothing(moved: Trajectories) -> tuple[Any, dict[str, Any]]:
@@ -200,7 +194,6 @@ REFUSED: dict[str, tuple[dict[str, Any], list[str], Any, str]] = {
     "unknown": ({}, ["balloon.mas"], far, "balloon.0.mas: unknown field; did you mean mass?"),
     "a text": ({}, ["balloon.name"], far, "balloon.name: cannot be derived by; expected the path of a number"),
     "no list": ({}, "balloon.mass", far, "of: expected a list of paths"),
-    "left out": ({"damping": 0.0}, ["balloon.damping"], far, "balloon.damping: no path leads from it to the loss"),
     "no number a world": ({}, SPRINGS, lambda moved: ([1.0, 2.0], {}), "loss: expected a number for each of 1 worlds"),
     "a number alone": ({}, SPRINGS, lambda moved: 1.0, "loss: expected two things"),
     "unknown slopes": ({}, SPRINGS, lambda moved: (1.0, {"areas": 0.0}), "loss: has no derivatives by areas"),
@@ -223,6 +216,12 @@ def test_a_scene_with_spheres_is_refused_by_the_phase():
         bw.gradient(of, of=SPRINGS, loss=far, device="cpu")
 
 
+def test_what_has_no_effect_is_refused():
+    """Far above the ground."""
+    with pytest.raises(bw.InputError, match=r"ground\.height: no path leads from it to the loss"):
+        bw.gradient(scene(ground=True, position=(0.0, 9.0, 0.0)), of=CASES["ground"][1], loss=far, device="cpu")
+
+
 def test_a_loss_without_slopes_has_gradients_of_zero():
-    found = bw.gradient(scene(), of=SPRINGS, loss=nothing, device="cpu")
+    found = bw.gradient(scene(), of=CASES["pressure"][1], loss=nothing, device="cpu")
     assert all((values == 0.0).all() for values in found.gradients.values())

@@ -79,13 +79,14 @@ def _one(slopes: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> NDArra
 
 
 def _of_balloons(slopes: Mapping[str, Any], name: str, tracks: Sequence[NDArray]) -> NDArray[np.float64]:
-    """Return derivatives by all particles, of a list by balloon."""
+    """Return derivatives by all particles, of a list by balloon; those of balloons that it lacks are 0."""
     if name not in slopes:
         return np.concatenate([np.zeros(track.shape) for track in tracks], axis=-2)
     given = slopes[name]
-    if not isinstance(given, list | tuple) or len(given) != len(tracks):
+    if not isinstance(given, list | tuple) or len(given) > len(tracks):
         raise InputError(f"loss: its derivatives by {name} must be a list of {len(tracks)}, an array for each balloon")
-    arrays = [_one({name: each}, name, track.shape) for each, track in zip(given, tracks, strict=True)]
+    arrays = [_one({name: each}, name, track.shape) for each, track in zip(given, tracks, strict=False)]
+    arrays += [np.zeros(track.shape) for track in tracks[len(arrays) :]]
     return np.concatenate(arrays, axis=-2)
 
 

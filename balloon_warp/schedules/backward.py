@@ -17,7 +17,7 @@ from balloon_warp.kernels.adjoint import NoAdjointError
 from balloon_warp.kernels.frames.backwards import Bars, sum_kernel
 from balloon_warp.kernels.helpers_of_grad import derive_helpers
 from balloon_warp.kernels.phase import STATE
-from balloon_warp.kernels.schedules.launched.backward import BackwardKernel, backward_kernels
+from balloon_warp.kernels.schedules.launched.backward import BackwardKernel, backward_kernels, made_kernels
 from balloon_warp.kernels.schedules.launched.looks import GATHERED
 from balloon_warp.kernels.schedules.pieces import Piece, Step, cut, values_of
 from balloon_warp.kernels.substep import phases_of
@@ -84,7 +84,7 @@ def gradient_step(model: Model, traits: Traits) -> Step:
     return cut(phases, traits, GATHERED, shown=shown)
 
 
-def kernels_of(step: Step, columns: Sequence[int]) -> tuple[BackwardKernel, ...]:
+def kernels_of(step: Step, columns: tuple[int, ...]) -> tuple[BackwardKernel, ...]:
     """Return the kernels of a step backwards.
 
     Raises:
@@ -132,7 +132,7 @@ class BackwardFrames:
         self._remembered = _Remembered(model, step, self._state, room)
         self._launches = _Remembering(model, step, self._tables, room, self._remembered)
         self._framing = Framing(model, traits, self._tables, self._launches.working)
-        self._kernels = [(kernel, kernel.made()) for kernel in kernels]
+        self._kernels = list(zip(kernels, made_kernels(step, self.columns), strict=True))
         self._carries_loads = any(
             kernel.item == "particle" and not kernel.after_note and "all_load_bar" in kernel.arguments
             for kernel in kernels
