@@ -11,6 +11,7 @@ from meshes import mesh_of, quad_sphere
 
 import balloon_warp as bw
 from balloon_warp.mesh.triangles import triangles_of
+from balloon_warp.model import plan_model
 from balloon_warp.statics.volume import Volume
 from balloon_warp.trajectories import Trajectories
 
@@ -60,7 +61,7 @@ def far(moved: Trajectories) -> tuple[np.ndarray, dict[str, Any]]:
 
 def far_in_float64(of: bw.Scene, values: dict[str, float]) -> float:
     points, velocities, _ = motion(of, values)
-    volume = Volume(of.balloon[0].mesh)  # pyright: ignore[reportArgumentType]
+    volume = Volume(plan_model(of).shapes[0].mesh)
     sizes = [volume.of(each) ** 2 for each in points[1:]]
     return float((WEIGHTS * (points[-1] - TARGET) ** 2).sum() + 0.1 * (velocities[1] ** 2).sum() + sum(sizes))
 
