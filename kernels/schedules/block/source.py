@@ -9,23 +9,20 @@ from collections.abc import Iterable
 from functools import cache
 from typing import Any
 
-import warp as wp
-
 from balloon_warp.kernels.codegen import kernel_from
 from balloon_warp.kernels.loops.slots import SlotTable
 from balloon_warp.kernels.memory import in_tile, put_in_tile, put_vector, vector_at
 from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.own import own_beside_function, own_functions
+from balloon_warp.kernels.own import own_beside_function
 from balloon_warp.kernels.schedules.block.compaction import compaction
 from balloon_warp.kernels.schedules.block.groups import GroupsInBlock
 from balloon_warp.kernels.schedules.block.layout import Layout
 from balloon_warp.kernels.schedules.block.looks import reader_of_springs
+from balloon_warp.kernels.schedules.block.start import load_in, place_function
 from balloon_warp.kernels.schedules.block.sums import block_sum
 from balloon_warp.kernels.schedules.pieces import Piece, Step
 from balloon_warp.kernels.schedules.writer import head, named_in
 from balloon_warp.kernels.spheres import shared_spheres
-from balloon_warp.kernels.tables import WorldState
-from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.warps import WARP_THREADS, any_in_block, block_barrier
 
 TURNS = {"substep": ("substep % 2", "1 - substep % 2"), "2 * pair + 1": ("1", "0")}
@@ -278,28 +275,6 @@ def _read_ones(lines: list[str]) -> list[str]:
     unread = {word for word in set(words) if words.count(word) == 1}
     kept = [line for line in lines if not ((m := re.match(r"\s*(\w+) = ", line)) and m[1] in unread)]
     return kept if len(kept) == len(lines) else _read_ones(kept)
-
-
-@wp.func
-def load_in(state: WorldState, world: wp.int32, balloon: wp.int32):
-    """Return what a balloon's gas presses with, as the state has it: see `laws.gas.gas_load`."""
-    load = state.inflation_loads[world, balloon]
-    return wp.vec4(state.pressures[world, balloon], load[0], load[1], 0.0)
-
-
-@cache
-def place_function(traits: Traits) -> Any:
-    """Return the function that makes a particle what a thread has: where there is none, one that does not move."""
-    Own, _ = own_functions(traits.columns, traits.balloons)  # noqa: N806 - a type
-
-    @wp.func
-    def take_place(own: Own, there: bool):
-        if not there:
-            own.share = 0.0
-            own.mass = 0.0
-        return own
-
-    return take_place
 
 
 @cache
