@@ -1,6 +1,9 @@
 """Phases that the package does not know go in by a line of the list: their rows are the scene's, and every schedule
 runs them and carries what their items keep."""
 
+import re
+from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,6 +23,17 @@ from balloon_warp.scene.overrides import override_scene
 from balloon_warp.schedules import block_frames
 from balloon_warp.simulator import Simulator
 
+PAGE = Path(__file__).parent.parent / "docs" / "ARCHITECTURE.md"
+IMPORTS = """
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.laws import Parameter
+from balloon_warp.kernels.phase import Look, phase
+from balloon_warp.kernels.tables import Tables, sphere_number
+from balloon_warp.kernels.traits import Traits
+"""
 SCENE = Scene(
     balloon=[Balloon(mesh=quad_sphere(3, 0.5), inflation=Inflation(k_normal=0.2))],
     sphere=[Sphere(position=(0.0, 9.0, 0.0)), Sphere(position=(0.0, 0.9, 0.0), radius=0.1)],
@@ -73,6 +87,21 @@ def test_temperatures_follow_the_air_s(listed, schedule, device):
     left = (0.05 / (0.05 + simulator.model.step_seconds)) ** (2 * SCENE.substeps)
     found = temperatures(simulator)
     np.testing.assert_allclose(found, np.broadcast_to((air + (300.0 - air) * left)[:, None], found.shape), rtol=1e-5)
+
+
+def test_the_phase_of_the_docs_goes_in_as_it_stands_there(monkeypatch, tmp_path, schedule, device):
+    """What it takes of the velocities it adds to the heat."""
+    blocks = re.findall(r"^```python\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
+    (code,) = (each for each in blocks if "keeps=" in each)
+    (tmp_path / f"docs_{schedule}.py").write_text(f"{IMPORTS}\n{code}", encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    list_after(monkeypatch, "push", import_module(f"docs_{schedule}").slow)
+    simulator = simulated({"frames_per_second": 200.0, "substeps": 1} | SLOWED, schedule, device, 0)
+    simulator.step()
+    squared = (simulator.state.velocities.numpy() ** 2).sum(axis=-1)
+    heat = simulator.state.kept["heat"].numpy()
+    assert 0 < (heat > 0.0).sum() < heat.size
+    np.testing.assert_allclose(heat, np.where(heat > 0.0, 0.5 * (1.2**2 - 1.0) * squared, 0.0), rtol=1e-5)
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)

@@ -42,7 +42,7 @@ class Sphere(Table):
     """Time at which the sphere disappears [s]; never when missing"""
 
     law: LawTables = {}
-    """Parameters of phases, by phase and name"""
+    """Parameters of phases of the step that are of spheres, by phase and name"""
 
     _lives = model_validator(mode="after")(_ends_after_its_start)
 
