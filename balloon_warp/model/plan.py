@@ -222,7 +222,7 @@ def substeps_over_time(
     Raises:
         InputError: they are not, or what changes differs between worlds.
     """
-    chosen = [choose_substeps(scene, network.stable_step(scene, parameters, velocities))]
+    chosen = [_substeps(scene, network, parameters, velocities)]
     values, before = {name: rows.copy() for name, rows in parameters.items()}, scene
     for turn in changes:
         for name, (which, _) in turn.values.items():
@@ -232,6 +232,14 @@ def substeps_over_time(
             turn.apply(name, values[name])
         methods_change = (turn.scene.substeps, turn.scene.solver) != (before.substeps, before.solver)
         if methods_change or not names_of_the_step(network.laws).isdisjoint(turn.values):
-            chosen.append(choose_substeps(turn.scene, network.stable_step(turn.scene, values)))
+            chosen.append(_substeps(turn.scene, network, values))
         before = turn.scene
     return max(chosen) if scene.substeps == "auto" else chosen[0]
+
+
+def _substeps(
+    scene: Scene, network: Network, parameters: Parameters, velocities: Sequence[NDArray[np.float64]] | None = None
+) -> int:
+    """Return the number of substeps in a frame with these parameters."""
+    stable = network.stable_step(scene, parameters, velocities)
+    return choose_substeps(scene, stable, network.auto_step(scene, parameters, velocities, stable))

@@ -8,7 +8,7 @@ from balloon_warp.scene.schema.fields import Table, field_of, optional_field_of
 
 
 class Touch(Table):
-    """Contact between surfaces of balloons; without this table they pass through each other."""
+    """Contact between surfaces of balloons; without this table balloons touch each other, and not themselves."""
 
     balloons: bool = True
     """Balloons touch each other"""
@@ -27,6 +27,6 @@ class Touch(Table):
     def _something_touches(self) -> Self:
         if not self.balloons and not self.itself and not self.spheres:
             raise ValueError(
-                "balloons: must be true, or `itself` or `spheres` must (got none); without [touch] nothing touches"
+                "balloons: must be true, or `itself` or `spheres` must (got none); with touch = false nothing touches"
             )
         return self
