@@ -69,7 +69,7 @@ def chained(conductance: float, substeps: int, breathing_damping: float = 1.0) -
         for place, pump in enumerate((PUMPED, 0.0, 0.0))
     ]  # fmt: skip
     tubes = [Tube(balloons=ends, conductance=conductance) for ends in ((0, 1), (2, 1))]
-    return Scene(balloon=balloons, tube=tubes, gravity=0.0, frames_per_second=60, substeps=substeps)
+    return Scene(balloon=balloons, tube=tubes, gravity=0.0, frames_per_second=60, substeps=substeps, touch=False)
 
 
 @pytest.mark.parametrize("substeps", [14, 96])

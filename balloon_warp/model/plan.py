@@ -35,6 +35,7 @@ from balloon_warp.model.strings import held_particle, overstretched_strings, str
 from balloon_warp.model.tears import settle_tears
 from balloon_warp.model.timeline import DueChange, due_changes
 from balloon_warp.model.touch import settle_touch
+from balloon_warp.model.touch_itself import settle_itself
 from balloon_warp.model.tunneling import warnings_of
 from balloon_warp.model.unit_checks import doubts_about
 from balloon_warp.model.vary import Vary, vary_parameters
@@ -138,6 +139,7 @@ def plan_model(
     rows = rows_of((*LAWS, *laws))
     scene = with_parts_apart(with_law_tables(scene, rows))
     shapes = shapes or [shape_balloon(balloon, scene) for balloon in scene.balloon]
+    scene = settle_itself(scene, shapes)
     held = [held_particle(number, string, scene, shapes) for number, string in enumerate(scene.string)]
     said = vary_parameters(parameters_at(scene, rows, 0), scene, rows, world_count, vary or {})
     parameters = _settled(scene, shapes, held, said)

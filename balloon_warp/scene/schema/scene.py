@@ -118,8 +118,9 @@ class Scene(Table):
     tube: list[Tube] = []
     """Tube between two gas balloons: gas flows through it, driven by the pressure difference."""
     touch: Annotated[Touch | Literal[False], BeforeValidator(_touch_of)] | None = None
-    """Contact between surfaces of balloons. When missing, balloons touch each other, unless one may burst or the solver
-    is "projective"; with `touch = false` they pass through each other."""
+    """Contact between surfaces of balloons. When missing, balloons touch each other, and themselves where parts of a
+    mesh are near each other, unless one may burst or the solver is "projective"; with `touch = false` they pass through
+    each other."""
     box: Box | None = None
     """Box in which the table of a batch counts balloons, as `in_box`: those whose centers are inside."""
     atmosphere: Atmosphere = Atmosphere()
@@ -137,12 +138,18 @@ class Scene(Table):
     @property
     def touches(self) -> bool:
         """Return whether any surfaces can touch."""
-        among = self._touch_by_default if self.touch is None else bool(self.touch) and self.touch.balloons
+        among = self._can_touch if self.touch is None else bool(self.touch) and self.touch.balloons
         return self.touches_itself or (among and len(self.balloon) > 1)
 
     @property
-    def _touch_by_default(self) -> bool:
-        """Return whether balloons touch where the scene says nothing of it: where that can be simulated."""
+    def meshes_settle_itself(self) -> bool:
+        """Return whether it is by their meshes whether balloons touch themselves."""
+        leaves_it = self.touch is None or (bool(self.touch) and self.touch.itself == "auto")
+        return leaves_it and self._can_touch
+
+    @property
+    def _can_touch(self) -> bool:
+        """Return whether contact of balloons can be simulated, so that they touch where the scene says nothing."""
         solvers = {self.solver, *(change.set.get("solver") for change in self.change)}
         return "projective" not in solvers and not self._bursts
 
@@ -167,8 +174,8 @@ class Scene(Table):
 
     @property
     def touches_itself(self) -> bool:
-        """Return whether parts of a balloon can touch each other."""
-        return bool(self.touch) and self.touch.itself
+        """Return whether parts of a balloon can touch each other; not yet where their meshes are to settle it."""
+        return bool(self.touch) and self.touch.itself is True
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
