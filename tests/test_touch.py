@@ -197,7 +197,7 @@ def test_a_folded_balloon_touches_itself_if_it_is_to(itself, way, device):
         ({"stiffness": -1.0}, "touch.stiffness: must be greater than or equal to 0 (got -1.0)"),
         ({"friction": -0.1}, "touch.friction: must be greater than or equal to 0 (got -0.1)"),
         (
-            {"balloons": False, "spheres": False},
+            {"balloons": False, "itself": False, "spheres": False},
             "touch.balloons: must be true, or `itself` or `spheres` must (got none); with touch = false nothing "
             "touches",
         ),
@@ -259,8 +259,7 @@ def test_stiff_contacts_ask_for_shorter_steps():
         return Simulator(collision(touch=Touch(**fields), substeps="auto"), "cpu").model.substeps
 
     without = Simulator(collision(substeps="auto").model_copy(update={"touch": False}), "cpu").model.substeps
-    assert without <= substeps() <= without + 1  # the margin of "auto" is nearly enough for them
-    assert without < substeps(stiffness=100.0) < 4 * without
+    assert without < substeps() < 2 * without
     assert substeps(stiffness=1e5) > 20 * without
     with pytest.raises(InputError, match="substeps: 12 are too few"):
         Simulator(collision(touch=Touch(stiffness=1e5), substeps=12), "cpu")
