@@ -13,7 +13,7 @@ from balloon_warp.frame import Frame
 from balloon_warp.kernels.laws.law import FAR
 from balloon_warp.model import Model
 from balloon_warp.model.obstacle_motion import obstacle_poses
-from balloon_warp.warp_lock import lock_of
+from balloon_warp.warp_lock import lock_of, recording
 
 
 class Recorded:
@@ -39,7 +39,7 @@ class Recorded:
         self._times += 1
         with wp.ScopedStream(self._stream, sync_enter=False):
             if self._times == 2:
-                with wp.ScopedCapture(stream=self._stream) as capture:
+                with recording(self._stream.device, self._stream) as capture:
                     self._do()
                 self._graph = capture.graph
             if self._graph is None:

@@ -7,8 +7,9 @@ keeps the graph that is recorded for the process, and so takes down, or refuses,
 A GPU's work is queued in streams that all threads share: there, `lock_of` lets one thread queue or record at a time.
 """
 
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
+import gc
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import wraps
 from threading import RLock, local
 from typing import Any, ParamSpec, TypeVar
@@ -38,6 +39,25 @@ def locked(method: Callable[P, T]) -> Callable[P, T]:
             return method(*arguments, **named)
 
     return holding
+
+
+@contextmanager
+def recording(device: wp.Device, stream: wp.Stream | None = None) -> Iterator[wp.ScopedCapture]:
+    """Record what is queued on a device, or in one of its streams, as a graph; no other thread records meanwhile.
+
+    Nothing is garbage collected, either: pinned memory that a simulator leaves behind would end a GPU's recording when
+    it is freed.
+    """
+    captured: Any = {"stream": stream} if stream else {"device": device}
+    with PROCESS_LOCK, wp.ScopedDevice(device):
+        was_enabled = gc.isenabled()
+        gc.disable()
+        try:
+            with wp.ScopedCapture(**captured) as capture:
+                yield capture
+        finally:
+            if was_enabled:
+                gc.enable()
 
 
 class _OfThread:

@@ -1,8 +1,9 @@
 """How near designs come to their targets, beside their rivals: python -m balloon_warp.benchmarks.design [NAME ...]
 
 A case is its kind, its stretch and its target: springs/any/1.2/pear. latex/thickness/2.0/cube lets the thickness vary,
-and foil/panels/8/fine_ball has gores. Targets are analytic shapes on a ball, bundled
-meshes, and those in the folder that `BALLOON_WARP_TEST_MESHES` names. Everything is simulated from rest.
+latex/gravity/1.3/pear is of 3 m and hangs by its top, and foil/panels/8/fine_ball has gores. Targets are analytic
+shapes on a ball, bundled meshes, and those in the folder that `BALLOON_WARP_TEST_MESHES` names. Everything is simulated
+from rest.
 """
 
 import os
@@ -40,12 +41,15 @@ CASES = (
     *(f"latex/tension/{stretch}/{name}" for stretch in (1.3, 2.0, 4.0) for name in ("ellipsoid", "pear")),
     *(f"latex/tension/2.0/{name}" for name in ("peanut", "cube", "toy", "spot_quadrangulated")),
     *(f"latex/thickness/2.0/{name}" for name in ("cube", "toy")),
+    *(f"latex/gravity/1.3/{name}" for name in ("ellipsoid", "pear")),
     *(f"foil/panels/{gores}/fine_ball" for gores in (8, 16)),
     "foil/panels/groups/cylinder",
     "foil/panels/marked/squirrel",
 )
 
 
+TOP = 0.1
+"""Part of the height that is held under gravity"""
 MARKED = Path(__file__).parent / "squirrel_seams.txt"
 """of 24 panels, along edges of its faces"""
 
@@ -117,10 +121,14 @@ def cylinder(around: int = 32, up: int = 8, across: int = 5) -> PolygonMesh:
     )
 
 
-def asked(how: str, number: str) -> dict[str, Any]:
-    """What the second and third word of a case ask for: panels, a range of thickness, or what springs hold."""
+def asked(how: str, number: str, wanted: PolygonMesh | Path) -> dict[str, Any]:
+    """What the second and third word of a case ask for: panels, a range of thickness, gravity, or what springs hold."""
     if how == "panels":
         return {"panels": MARKED if number == "marked" else number, "thickness": 1.0e-4}
+    if how == "gravity":
+        heights = (load_mesh(wanted) if isinstance(wanted, Path) else wanted).points[:, 1]
+        top = np.flatnonzero(heights > heights.max() - TOP * np.ptp(heights)).tolist()
+        return {"stretch": float(number), "gravity": 9.81, "fixed": top, "size": 3.0}
     of_rubber = {"thickness": (2.0e-4, 8.0e-4)} if how == "thickness" else {"hold": cast(Hold, how)}
     return {"stretch": float(number), **of_rubber}
 
@@ -130,7 +138,8 @@ def run(case: str, steps: int = 30) -> Row:
     of, hold, stretch, name = case.split("/")
     began, idle = time.perf_counter(), time.process_time()
     try:
-        found = design(target(name), of=cast(Of, of), steps=steps, device="cpu", **asked(hold, stretch))
+        wanted = target(name)
+        found = design(wanted, of=cast(Of, of), steps=steps, device="cpu", **asked(hold, stretch, wanted))
     except InputError as mistake:
         return Row(case, str(mistake), time.perf_counter() - began, time.process_time() - idle)
     said = f"{found.error} | {found.held_error} | {found.plain_error} | {found.stretch:.2f} | {len(found.cannot)}"

@@ -1,6 +1,7 @@
 """Blocks whose threads keep particles in registers, or loop over them, with values in shared memory or not: the same
 kernels that a GPU gets, on a CPU, where a block is one thread. They give what launches do."""
 
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -10,15 +11,18 @@ from meshes import quad_sphere
 
 from balloon_warp.kernels.loops.film_places import FilmLayout
 from balloon_warp.kernels.schedules.block.layout import Layout
+from balloon_warp.kernels.schedules.block.source import source_of_frame
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, build_model, initial_state
-from balloon_warp.scene import Balloon, Ground, Inflation, Material, Scene, Sphere
+from balloon_warp.scene import Balloon, Ground, Inflation, Material, Obstacle, Scene, Sphere
 from balloon_warp.schedules import block_frames
+from balloon_warp.schedules.block_layout import step_of
 from balloon_warp.schedules.choose import make_schedule
 from balloon_warp.schedules.films import film_entries, film_layout
 from balloon_warp.schedules.rings import least_valence, quad_rings
 from balloon_warp.schedules.slots import kind_slots
 from balloon_warp.schedules.spring_ends import spring_ends
+from balloon_warp.schedules.traits import model_traits
 
 PAPERS, GAS = Inflation(k_normal=0.2), Inflation(kind="gas", start_pressure=50.0)
 LATEX = Material(kind="neo_hookean", shear_modulus=4e5, thickness=3e-4)
@@ -45,6 +49,12 @@ def scenes(cells: int) -> dict[str, Scene]:
         ),
         "impulses": Scene(
             substeps=16, contact="impulse", balloon=[Balloon(mesh=ball, inflation=GAS)], ground=GROUND, sphere=[ABOVE],
+            faces=False,
+        ),
+        "beside obstacles": Scene(
+            substeps=15,
+            balloon=[Balloon(mesh=ball, position=(0.0, 0.57, 0.0), inflation=PAPERS, velocity=(0.5, -1.0, 0.0))],
+            obstacle=[Obstacle(size=(4.0, 0.1, 4.0)), Obstacle(size=(0.1, 4.0, 4.0), position=(0.55, 0.0, 0.0))],
             faces=False,
         ),
         "latex": Scene(
@@ -86,6 +96,11 @@ def looped(*tiles: str) -> Callable[[Model, Traits], Layout]:
     return layout
 
 
+def ordered(model: Model, traits: Traits) -> Layout:
+    layout = looped("area_vector", "free_velocity")(model, traits)
+    return layout._replace(ordered="velocity" in layout.tiles and not traits.membranes)
+
+
 def held(model: Model, traits: Traits) -> Layout:
     ring = quad_rings(model) if traits.measures_areas or traits.aims_on_the_way else None
     return Layout(
@@ -97,6 +112,7 @@ def held(model: Model, traits: Traits) -> Layout:
 LAYOUTS: dict[str, tuple[Callable[[Model, Traits], Layout], int]] = {
     "looped": (looped(), 2),
     "looped, in shared memory": (looped("area_vector", "free_velocity"), 2),
+    "looped, in another order": (ordered, 2),
     "held": (held, 1),
 }
 """and cells of balloons: the one thread keeps all particles, whose source is long"""
@@ -129,3 +145,31 @@ def test_blocks_do_what_launches_do(name: str, layout: str, monkeypatch: pytest.
         assert np.isfinite(found[what]).all()
         atol = most.get(what, ROUNDING * np.abs(values).max(initial=0.0))
         np.testing.assert_allclose(found[what], values, atol=atol, err_msg=what)
+
+
+def test_loops_over_items_leave_what_threads_keep_alone() -> None:
+    """A thread that keeps one particle of several balloons has loops over faces and balloons beside it; to these, and
+    to the particle, the same names meant different things. A CPU's one thread keeps all particles, so the text is
+    looked at."""
+    scene = scenes(3)["two balloons"].model_copy(update={"normals": "cached"})
+    model = build_model(scene, "cpu")
+    traits = model_traits(model)
+    layout = Layout(64, 128, 1, kind_slots(spring_ends(model)))
+    source = source_of_frame(step_of(traits, layout), layout)
+    text = source.partition('"""\n')[2].splitlines()
+    kept, looped, loops = set[str](), set[str](), list[int]()
+    for line in text:
+        indent = len(line) - len(line.lstrip())
+        loops = [each for each in loops if each < indent]
+        names = re.match(r"\s*(?:for )?([\w, ]+?) (?:=|in) ", line)
+        assigned = set(names[1].split(", ")) if names else set[str]()
+        if re.match(r"\s*for (begin|balloon|face|sphere) in", line):
+            loops.append(indent)
+            looped |= assigned
+        elif loops:
+            looped |= assigned
+        else:
+            kept |= assigned
+    assert {"is_there_0", "balloon_0", "point_0"} <= kept
+    assert {"is_there", "balloon"} <= looped
+    assert kept & looped == {"end"}  # of the substep: the same to all

@@ -1,5 +1,6 @@
 """Simulators in threads of their own, beside each other: the bytes are those of one after the other."""
 
+import gc
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -104,6 +105,38 @@ def test_whatever_is_queued_takes_its_turn(monkeypatch: pytest.MonkeyPatch, tmp_
     render_stage(tmp_path / "still.usdc", tmp_path / "still.png", size=(64, 36), device="cpu")
     run_batch(scene(1), tmp_path / "batch", 3, {"gravity": [1.0, 5.0, 9.0]}, device="cpu")
     assert not untaken
+
+
+class Forgotten:
+    """Pinned memory, if a GPU is there, in a cycle that only the search for garbage finds."""
+
+    def __init__(self, device: str):
+        self.array = wp.zeros(1000, device="cpu", pinned=wp.get_device(device).is_cuda)
+        self.itself = self
+
+
+def test_garbage_is_not_freed_while_a_frame_is_recorded(device: str):
+    """To free pinned memory ends what a GPU records; so whatever was forgotten before waits."""
+    found: list[str] = []
+
+    def watch(phase: str, info: dict[str, int]) -> None:
+        if "unlocked" not in repr(warp_lock.PROCESS_LOCK) and wp.get_device(device).is_capturing:
+            found.append(phase)
+
+    expected, thresholds = simulated(1, device), gc.get_threshold()
+    gc.callbacks.append(watch)
+    gc.set_threshold(1)
+    try:
+        for _ in range(10):
+            Forgotten(device)
+            with warp_lock.recording(wp.get_device(device)):
+                for _ in range(10):
+                    Forgotten(device)
+        assert simulated(1, device) == expected
+    finally:
+        gc.set_threshold(*thresholds)
+        gc.callbacks.remove(watch)
+    assert not found
 
 
 def test_what_somebody_else_records_is_left_alone(device: str):

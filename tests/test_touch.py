@@ -266,7 +266,8 @@ def test_stiff_contacts_ask_for_shorter_steps():
 
 
 def test_a_world_that_blows_up_leaves_the_others_alone(way, device):
-    """Where points are not numbers no triangle is near: what was read for one lay before the first of all."""
+    """Where points are not numbers no triangle is near: what was read for one lay before the first of all. `scatter`
+    adds in any order on a GPU, and so is the same to rounding."""
     scene = small_batch.scene().model_copy(update={"touch": Touch()})
     vary = {"balloon.inflation.k_normal": [0.2, 9e11]}
     simulator = Simulator(scene, device, 2, vary, schedule=way)
@@ -276,4 +277,5 @@ def test_a_world_that_blows_up_leaves_the_others_alone(way, device):
         alone.advance()
     points = simulator.state.points.numpy()
     assert not np.isfinite(points[1]).all()
-    np.testing.assert_array_equal(points[0], alone.state.points.numpy()[0])
+    rounding = 1e-5 if way == "scatter" and device != "cpu" else 0.0
+    np.testing.assert_allclose(points[0], alone.state.points.numpy()[0], atol=rounding, rtol=0.0)

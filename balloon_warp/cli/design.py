@@ -73,6 +73,23 @@ class Wanted:
             rich_help_panel=DESIGN,
         ),
     ] = None
+    gravity: Annotated[
+        float,
+        typer.Option(
+            metavar="M/S2",
+            help="Gravity under which latex becomes the shape, 9.81 on Earth: it hangs from what is fixed, Y up.",
+            rich_help_panel=DESIGN,
+        ),
+    ] = 0.0
+    fixed: Annotated[
+        str | None,
+        typer.Option(
+            metavar="VERTEX|GROUP,...",
+            help="Vertices of TARGET, counted from 0, and groups that hold it against gravity. If not given, its group "
+            "`neck`.",
+            rich_help_panel=DESIGN,
+        ),
+    ] = None
 
 
 View = Annotated[
@@ -113,7 +130,7 @@ def design(
     quiet_warp()
     if view and wanted.of == "foil":
         raise InputError("--view: shows designs of springs and latex (got --of foil)")
-    asked = {**vars(wanted), "thickness": _thickness(wanted.thickness)}
+    asked = {**vars(wanted), "thickness": _thickness(wanted.thickness), "fixed": _fixed(wanted.fixed)}
     last = ["before its first step"]
     with watched(view, port, Path(target).name) as watch, stages(Path(target).name) as stage:
 
@@ -149,3 +166,8 @@ def _thickness(said: str) -> float | tuple[float, float]:
     if len(high) > 1:
         raise InputError(f"--thickness: expected a number, or a range such as 2e-4:6e-4 (got {said})")
     return (low, high[0]) if high else low
+
+
+def _fixed(said: str | None) -> list[int | str] | None:
+    """Parse vertices and groups."""
+    return None if said is None else [int(part) if part.isdecimal() else part for part in said.split(",") if part]

@@ -3,12 +3,16 @@
 import atexit
 import shutil
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from math import isfinite
 from pathlib import Path
 from typing import Any, Literal, get_args
 
+import numpy as np
+from numpy.typing import NDArray
+
 from balloon_warp.designing.folder import require_folder
+from balloon_warp.designing.hanging import require_gravity
 from balloon_warp.designing.job import Job
 from balloon_warp.designing.of_latex import design_of_latex
 from balloon_warp.designing.of_panels import design_of_panels, panels_of
@@ -16,7 +20,7 @@ from balloon_warp.designing.of_springs import design_of_springs
 from balloon_warp.designing.result import Design
 from balloon_warp.designing.springs import Hold
 from balloon_warp.designing.step import DesignStep
-from balloon_warp.designing.target import require_size, target_of
+from balloon_warp.designing.target import held_target_of, require_size, target_of
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.from_python import MeshLike
@@ -35,6 +39,8 @@ def design(
     size: float = SIZE,
     thickness: float | tuple[float, float] = THICKNESS,
     panels: int | str | Path | None = None,
+    gravity: float = 0.0,
+    fixed: Sequence[int | str] | None = None,
     folder: str | Path | None = None,
     steps: int = STEPS,
     resume: bool = False,
@@ -55,6 +61,9 @@ def design(
             where the mould alone does not reach the shape.
         panels: of foil, what the shape is sewn of: so many gores around its vertical axis; or it is cut between
             "materials" or "groups" of its mesh, or along the lines of vertices in a file.
+        gravity: of latex, under which it becomes the shape [m/s^2]: it hangs from what is fixed, or stands on it, Y up.
+        fixed: vertices of the target, counted from 0, and groups of it, that hold it against gravity where they are;
+            its group "neck" when missing.
         folder: where it is written: balloon.toml, which runs as it is, and its files, error.png and report.json. A
             temporary one when missing, which goes when Python ends.
         steps: at most, of the design.
@@ -71,35 +80,49 @@ def design(
             raise InputError(f"{name}: must be {' or '.join(known)} (got {given!r})")
     stretch = stretch if stretch is not None else {"springs": STRETCH, "latex": 2.0, "foil": 1.0}[of]
     least, thickest = thickness if isinstance(thickness, tuple) else (thickness, thickness)
-    for name, number in (("stretch", stretch), ("thickness", least), ("thickness", thickest)):
-        if not (isinstance(number, int | float) and isfinite(number) and number > 0.0):
-            raise InputError(f"{name}: must be a number greater than 0 (got {number})")
-    if thickest < least:
-        raise InputError(f"thickness: must grow from the least to the greatest (got {least:g} to {thickest:g})")
-    if thickest > least and of != "latex":
-        raise InputError(f"thickness: varies by place in latex alone; expected one number for {of}")
-    if not isinstance(steps, int) or steps < 0:
-        raise InputError(f"steps: must be a whole number, at least 0 (got {steps})")
+    _require_numbers(of, {"stretch": stretch, "thickness": least}, thickest, steps)
+    require_gravity(gravity, fixed, of)
     place = Path(folder) if folder is not None else None
     if of == "foil" and panels is None:
         return _of_foil(target, size, least, place, steps, device, on_stage)
     if of != "foil" and panels is not None:
         raise InputError(f"panels: are of foil; expected none of {of} (got {panels})")
 
-    def job(mesh: PolygonMesh, options: Mapping[str, Any]) -> Job:
+    def job(mesh: PolygonMesh, options: Mapping[str, Any], held: NDArray[np.bool_] | None = None) -> Job:
         where = place or _temporary()
         require_folder(where)
         return Job(
-            mesh, of, float(stretch), hold, float(least), where, steps, device, resume, on_stage, on_step, options
+            mesh, of, float(stretch), hold, float(least), where, steps, device, resume, on_stage, on_step, options, held
         )
 
     if panels is not None:
         cut = panels_of(target, panels, size)
         return design_of_panels(job(cut.mesh, {"panels": str(panels)}), cut)
+    options: dict[str, Any] = {"thickest": thickest} if thickest > least else {}
+    if gravity:
+        mesh, held = held_target_of(target, size, fixed)
+        options |= {"gravity": float(gravity), "fixed": np.flatnonzero(held).tolist()}
+        return design_of_latex(job(mesh, options, held))
     mesh = target_of(target, size)
-    return {"springs": design_of_springs, "latex": design_of_latex}[of](
-        job(mesh, {"thickest": thickest} if thickest > least else {})
-    )
+    return {"springs": design_of_springs, "latex": design_of_latex}[of](job(mesh, options))
+
+
+def _require_numbers(of: Of, numbers: Mapping[str, float], thickest: float, steps: int) -> None:
+    """Make sure that a design can be tried.
+
+    Raises:
+        InputError: a number cannot be.
+    """
+    for name, number in (*numbers.items(), ("thickness", thickest)):
+        if not (isinstance(number, int | float) and isfinite(number) and number > 0.0):
+            raise InputError(f"{name}: must be a number greater than 0 (got {number})")
+    least = numbers["thickness"]
+    if thickest < least:
+        raise InputError(f"thickness: must grow from the least to the greatest (got {least:g} to {thickest:g})")
+    if thickest > least and of != "latex":
+        raise InputError(f"thickness: varies by place in latex alone; expected one number for {of}")
+    if not isinstance(steps, int) or steps < 0:
+        raise InputError(f"steps: must be a whole number, at least 0 (got {steps})")
 
 
 def _of_foil(

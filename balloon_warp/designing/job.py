@@ -14,6 +14,7 @@ from PIL import Image
 
 from balloon_warp.designing.descent import Reached
 from balloon_warp.designing.folder import JOB, SAVED, write_picture, write_report
+from balloon_warp.designing.hanging import SLOW_SWING, swing_rate
 from balloon_warp.designing.measure import Ruler
 from balloon_warp.designing.picture import error_picture, stacked
 from balloon_warp.designing.proof import MORE_FRAMES, SLOW, SLOW_FOIL, Simulated, simulate_from_rest
@@ -65,6 +66,13 @@ class Job:
     """Callback for each step, and for the final simulation"""
     options: Mapping[str, Any] = field(default_factory=dict)
     """Further options of this kind of design"""
+    held: NDArray[np.bool_] | None = None
+    """Which vertices are held against gravity, shape (n,); None where nothing is"""
+
+    @property
+    def gravity(self) -> float:
+        """Return the gravity under which it is designed [m/s^2]."""
+        return float(self.options.get("gravity", 0.0))
 
     @property
     def thickest(self) -> float:
@@ -74,7 +82,14 @@ class Job:
     @cached_property
     def ruler(self) -> Ruler:
         """Ruler of the target shape."""
-        return Ruler(self.target)
+        return Ruler(self.target, in_place=self.held is not None)
+
+    @property
+    def _slow(self) -> float:
+        """Return the speed that counts as rest [sizes a second]."""
+        if self.held is not None:
+            return SLOW_SWING * swing_rate(self.gravity, self.ruler.size)
+        return SLOW_FOIL if self.of == "foil" else SLOW
 
     @property
     def _asked(self) -> dict[str, Any]:
@@ -144,7 +159,7 @@ class Job:
             InputError: it blows up or finds no rest.
         """
         self.say("simulating it from rest")
-        simulated = simulate_from_rest(scene, self.ruler.size, self.device, SLOW_FOIL if self.of == "foil" else SLOW)
+        simulated = simulate_from_rest(scene, self.ruler.size, self.device, self._slow)
         if isinstance(simulated, str):
             raise InputError(f"the design does not come to rest: {simulated}; expected a smaller stretch")
         self.watch(DesignStep(self.ruler, self.steps, simulated.points, stretch, proven=True))

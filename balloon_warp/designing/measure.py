@@ -32,6 +32,8 @@ class Ruler:
     """Measures shapes of a mesh's vertices against the mesh."""
 
     mesh: PolygonMesh
+    in_place: bool = False
+    """Whether shapes are held, so that they are measured where they are"""
 
     @cached_property
     def size(self) -> float:
@@ -61,11 +63,11 @@ class Ruler:
         return np.concatenate(found).astype(np.int64)
 
     def aligned(self, points: Values) -> Values:
-        """Return the points moved and turned onto the mesh's."""
-        return aligned(points, self.mesh.points)
+        """Return the points moved and turned onto the mesh's, unless they are measured in place."""
+        return points if self.in_place else aligned(points, self.mesh.points)
 
     def error(self, points: Values) -> Error:
-        """Return the error of a shape, wherever it is."""
+        """Return the error of a shape, wherever it is, or in place."""
         return Error(*map(float, self._statistics(self.distances(points))))
 
     def distances(self, points: Values) -> Values:

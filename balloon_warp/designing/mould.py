@@ -8,6 +8,7 @@ import numpy as np
 import scipy.sparse as sparse
 from numpy.typing import NDArray
 
+from balloon_warp.designing.hanging import Hanging
 from balloon_warp.designing.measure import Ruler
 from balloon_warp.designing.target import crossing_triangles
 from balloon_warp.mesh import PolygonMesh
@@ -34,6 +35,8 @@ class MouldProblem:
     film: FilmSkin
     """Film with a mould that is the scaled-down target shape"""
     stretch: float
+    hanging: Hanging | None = None
+    """Gravity, and what holds the balloon against it"""
 
     @property
     def mesh(self) -> PolygonMesh:
@@ -60,11 +63,19 @@ class MouldProblem:
 
     def balance(self, design: Values) -> Balance:
         """Return the balloon of that mould."""
-        return Balance(self.film.with_mould(design.reshape(-1, 3)), self.volume, self.gas)
+        return self.balance_of(self.film.with_mould(design.reshape(-1, 3)))
+
+    def balance_of(self, film: FilmSkin) -> Balance:
+        """Return the balloon of a film."""
+        loading = self.hanging.loading(film, self._of_gas) if self.hanging else None
+        return Balance(film, self.volume, self.gas, loading)
 
     def by_design(self, balance: Balance, points: Values) -> sparse.csc_matrix:
         """Return the derivatives of its forces by the mould."""
-        return balance.skin.forces_by_mould(points)
+        forces = balance.skin.forces_by_mould(points)
+        if self.hanging:
+            forces += self.hanging.forces_by(balance.skin.volumes_by_mould(len(points)))
+        return forces
 
     def easily(self, design: Values, stuck: NDArray[np.bool_]) -> sparse.spmatrix:
         """Return the easy changes: vertices move by fractions of an edge, together with their neighbors."""
@@ -94,6 +105,12 @@ class MouldProblem:
         return (evened + ALONE * sparse.identity(count)).tocsc()
 
     @cached_property
+    def _of_gas(self) -> Values:
+        """Return the loads of the gas's weight [N], shape (n, 3)."""
+        assert self.hanging is not None
+        return self.hanging.weight_of_air(self.gas, self.volume)
+
+    @cached_property
     def _edge(self) -> float:
         ends, points = mesh_edges(self.mesh).ends, self.mesh.points / self.stretch
         return float(np.linalg.norm(points[ends[:, 1]] - points[ends[:, 0]], axis=1).mean())
@@ -120,14 +137,15 @@ class ThicknessProblem:
     def balance(self, design: Values) -> Balance:
         """Return the balance of the balloon of that mould and thickness."""
         mould, weights = self.split(design)
-        balance = self.mould.balance(mould)
-        return replace(balance, skin=balance.skin.with_weights(weights))
+        return self.mould.balance_of(self.mould.film.with_mould(mould.reshape(-1, 3)).with_weights(weights))
 
     def by_design(self, balance: Balance, points: Values) -> sparse.csc_matrix:
         """Return the derivatives of its forces by both."""
         even = replace(balance.skin, skins=self.mould.film.skins)
-        both = [balance.skin.forces_by_mould(points), even.forces_by_weights(points)]
-        return sparse.csc_matrix(sparse.hstack(both))
+        by_weights = even.forces_by_weights(points)
+        if self.mould.hanging:
+            by_weights += self.mould.hanging.forces_by(even.volumes_by_weights(len(points)))
+        return sparse.csc_matrix(sparse.hstack([self.mould.by_design(balance, points), by_weights]))
 
     def easily(self, design: Values, stuck: NDArray[np.bool_]) -> sparse.spmatrix:
         """Return the easy changes: of the mould, and of the thickness by a fraction of itself, likewise smooth."""

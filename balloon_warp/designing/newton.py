@@ -44,6 +44,8 @@ def step_towards(balance: Balance, points: Values, by_design: sparse.csc_matrix,
         by_design: B, the derivatives of the forces by the design, shape (3 n, m).
     """
     stiff, slopes, squeeze = balance.stiffness(points)
+    if balance.loading:
+        by_design = sparse.csc_matrix(sparse.diags(balance.loading.free) @ by_design)
     count, unit = len(slopes), float(np.abs(stiff.diagonal()).mean())
     stiff = (stiff + HOLD * unit * sparse.identity(count)) / unit
     gives = by_design @ aim.easily / unit  # B S

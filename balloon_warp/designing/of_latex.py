@@ -4,22 +4,28 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from balloon_warp.designing.descent import FIRST_DAMPING, Reached, begin, descend
 from balloon_warp.designing.folder import write_stl
+from balloon_warp.designing.hanging import DOWN, SWING_DAMPING, Hanging, swing_rate
 from balloon_warp.designing.job import Job
 from balloon_warp.designing.mould import MouldProblem, ThicknessProblem
 from balloon_warp.designing.proof import DAMPING_RATE, MORE_FRAMES, common_fields, filled, scene_of
 from balloon_warp.designing.result import Design
+from balloon_warp.designing.step import DesignStep
 from balloon_warp.errors import InputError
+from balloon_warp.kernels.laws.air import DRY_AIR_MOLAR_MASS
+from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import total_area
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.model.parameters import Parameters
 from balloon_warp.model.plan import plan_model
-from balloon_warp.scene import Balloon, Inflation, Material
+from balloon_warp.scene import Balloon, Inflation, Material, Scene
 from balloon_warp.statics.film import FilmSkin
 from balloon_warp.statics.of_model import film_of
 
+Values = NDArray[np.float64]
 LEAST_STRETCH, MOST_STRETCH = 1.05, 5.0
 GOAL = 1.0e-10
 DENSITY = 940.0
@@ -35,45 +41,70 @@ def design_of_latex(job: Job) -> Design:
     if not LEAST_STRETCH <= job.stretch <= MOST_STRETCH:
         raise InputError(f"stretch: must be from {LEAST_STRETCH:g} to {MOST_STRETCH:g} for latex (got {job.stretch:g})")
     material = Material(preset="latex", thickness=job.thickness)
-    problem = MouldProblem(job.ruler, _film(job, material), job.stretch)
+    hanging = Hanging(job.held, job.gravity * DOWN, DENSITY) if job.held is not None else None
+    problem = MouldProblem(job.ruler, _film(job, material), job.stretch, hanging)
     job.say("inflating a plain mould")
     plain = begin(problem, problem.plain)
     if plain is None:
         raise InputError(f"stretch: a plain mould finds no rest at {job.stretch:g}; expected less")
+    job.watch(DesignStep(job.ruler, 0, plain.points, job.stretch))
     thick = ThicknessProblem(problem, job.thickest)
     reached = _descended(job, thick, job.saved(Reached.load) or plain)
     places, weights = thick.split(reached.design)
     mould = replace(problem.mesh, points=places.reshape(-1, 3))
-    if len(weights):
-        material = material.model_copy(update={"weights": [float(f"{weight:.4g}") for weight in weights]})
-    write_obj(job.folder / "balloon.obj", mould)
-    write_stl(job.folder / "mould.stl", mould, job.ruler.triangles)
-    mass = DENSITY * job.thickness * total_area(mould)
-    inflation = filled(problem.gas, problem.volume.of(mould.points))
-    damping = float(f"{5.0 * DAMPING_RATE * mass:.4g}")
-    fields = common_fields(job.folder / "balloon.obj", inflation)
-    scene = scene_of(
-        Balloon(**fields, material=material, damping=damping),
-        f"A latex balloon that becomes {problem.mesh.name}",
-        240 + MORE_FRAMES,
-    )
-    same = replace(problem, stretch=float(np.sqrt(total_area(problem.mesh) / total_area(mould))))
+    scene = _written(job, problem, mould, weights)
+    same = replace(problem, stretch=_mean_stretch(problem, places))
     plain = begin(same, same.plain) or plain
     told: dict[str, Any] = {"thickness_to": job.thickness * float(weights.max())} if len(weights) else {}
     return job.proven(scene, reached.points, plain.points, same.stretch, **told)
 
 
+def _written(job: Job, problem: MouldProblem, mould: PolygonMesh, weights: Values) -> Scene:
+    """Write the mould, and the balloon as it begins, at rest; return its scene."""
+    material: dict[str, Any] = {"preset": "latex", "thickness": job.thickness}
+    if len(weights):
+        material["weights"] = [float(f"{weight:.4g}") for weight in weights]
+    of_balloon: dict[str, Any] = {}
+    start, inflation = mould, filled(problem.gas, problem.volume.of(mould.points))
+    write_stl(job.folder / "mould.stl", mould, job.ruler.triangles)
+    if problem.hanging:
+        start = problem.hanging.start(mould, problem.mesh.points)
+        inflation = filled(problem.gas, problem.volume.of(start.points), DRY_AIR_MOLAR_MASS)
+        write_obj(job.folder / "mould.obj", mould)
+        material["rest_mesh"] = job.folder / "mould.obj"
+        of_balloon["fixed"] = np.flatnonzero(problem.hanging.held).tolist()
+    write_obj(job.folder / "balloon.obj", start)
+    rate = SWING_DAMPING * swing_rate(job.gravity, job.ruler.size) if problem.hanging else 5.0 * DAMPING_RATE
+    mass = DENSITY * job.thickness * total_area(mould)
+    balloon = Balloon(
+        **common_fields(job.folder / "balloon.obj", inflation), **of_balloon,
+        material=Material(**material), damping=float(f"{rate * mass:.4g}"),
+    )  # fmt: skip
+    told = f"A latex balloon that becomes {problem.mesh.name}"
+    return scene_of(balloon, told, 240 + MORE_FRAMES, job.gravity)
+
+
+def _mean_stretch(problem: MouldProblem, mould: Values) -> float:
+    """Return the mean stretch of the target shape over a mould."""
+    small = replace(problem.mesh, points=mould.reshape(-1, 3))
+    return float(np.sqrt(total_area(problem.mesh) / total_area(small)))
+
+
 def _descended(job: Job, problem: ThicknessProblem, reached: Reached) -> Reached:
     """Design the mould alone; then, where the thickness may vary, both."""
     mould, varies = problem.mould, problem.thickest > 1.0
+
+    def on_step(reached: Reached) -> None:
+        job.on_step(reached, _mean_stretch(mould, problem.split(reached.design)[0]))
+
     if len(reached.design) == 3 * mould.mesh.vertex_count:
-        reached = descend(mould, reached, job.steps // 2 if varies else job.steps, GOAL, job.on_step)
+        reached = descend(mould, reached, job.steps // 2 if varies else job.steps, GOAL, on_step)
         if not varies or reached.cost < GOAL:
             return reached
         job.say("varying the thickness, too")
         design = np.append(reached.design, np.ones(mould.mesh.vertex_count))
         reached = replace(reached, design=design, damping=FIRST_DAMPING, done=False)
-    return descend(problem, reached, job.steps, GOAL, job.on_step)
+    return descend(problem, reached, job.steps, GOAL, on_step)
 
 
 def _film(job: Job, material: Material) -> FilmSkin:

@@ -37,15 +37,20 @@ class Simulated:
     """Number of frames until it was at rest"""
 
 
-def filled(gas: SealedGas, start_volume: float) -> Inflation:
-    """Return the inflation that brings a balloon that begins at the air's pressure to that amount of gas."""
+def filled(gas: SealedGas, start_volume: float, molar_mass: float | None = None) -> Inflation:
+    """Return the inflation that brings a balloon that begins at the air's pressure to that amount of gas.
+
+    Args:
+        molar_mass: of the gas [kg/mol], where its weight counts.
+    """
     begins = gas.air_pressure * start_volume / (GAS_CONSTANT * gas.temperature)
-    return Inflation(moles=gas.amount - begins, fill_time=FILL_SECONDS, added_mass=0.0)
+    weight = {} if molar_mass is None else {"molar_mass": molar_mass}
+    return Inflation(moles=gas.amount - begins, fill_time=FILL_SECONDS, added_mass=0.0, **weight)
 
 
-def scene_of(balloon: Balloon, description: str, frames: int) -> Scene:
-    """Return the balloon alone, without gravity."""
-    return Scene(description=description, balloon=[balloon], gravity=0.0, frames=frames)
+def scene_of(balloon: Balloon, description: str, frames: int, gravity: float = 0.0) -> Scene:
+    """Return the balloon alone."""
+    return Scene(description=description, balloon=[balloon], gravity=gravity, frames=frames)
 
 
 def common_fields(mesh: Path | Any, inflation: Inflation) -> dict[str, Any]:

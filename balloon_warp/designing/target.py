@@ -1,5 +1,6 @@
 """The shape that is wanted: one closed surface that does not cross itself, centered, of the size asked for."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from math import isfinite
 from pathlib import Path
@@ -14,13 +15,17 @@ from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.from_python import MeshLike
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.load import load_mesh
+from balloon_warp.mesh.placement import axes_matrix
 from balloon_warp.mesh.prepare import Treatment, prepared
 from balloon_warp.mesh.topology import border_edges, is_closed, mesh_edges, vertex_components
+from balloon_warp.model.fixed import fixed_particles
 
 LEAST_SIZE, MOST_SIZE = 0.01, 100.0
 """Range of sizes [m]"""
 MOST_VERTICES = 20_000
 """Largest number of vertices that are designed within minutes"""
+HELD, NECK = "held", "neck"
+"""Groups of the vertices that are held, and of those that are unless others are named"""
 INSIDE = 1.0e-9
 """Margin inside an edge and a triangle for a crossing, so that touching does not count"""
 
@@ -36,6 +41,37 @@ def target_of(given: str | Path | MeshLike, size: float) -> PolygonMesh:
     """
     require_size(size)
     return centered(shape_of(given)[1], size)
+
+
+def held_target_of(
+    given: str | Path | MeshLike, size: float, fixed: Sequence[int | str] | None
+) -> tuple[PolygonMesh, NDArray[np.bool_]]:
+    """Read the wanted shape, turned so that Y is up, and which of its vertices are held.
+
+    Args:
+        size: its largest extent [m].
+        fixed: what is held: vertices of the file, counted from 0, and groups of the mesh; its neck when missing.
+
+    Raises:
+        InputError: as of `target_of`, or there is no such vertex or group.
+    """
+    require_size(size)
+    read = load_mesh(Path(given) if isinstance(given, str) else given)
+    if fixed is None:
+        if NECK not in read.groups:
+            raise InputError(
+                f"{read.name}: has no group {NECK}, which would hold it against gravity; expected fixed, with vertices "
+                "or groups that do"
+            )
+        fixed = [NECK]
+    named = np.unique(np.array(fixed_particles(fixed, read), dtype=np.int32))
+    shape = shape_of(replace(read, groups={HELD: named}))[1]
+    held = np.zeros(shape.vertex_count, dtype=bool)
+    held[shape.groups[HELD]] = True
+    if not held.any() or held.all():
+        raise InputError(f"fixed: holds {int(held.sum())} of {held.size} vertices; expected some, and not all")
+    turned = replace(shape, points=shape.points @ axes_matrix(shape.up_axis, "Y").T, up_axis="Y")
+    return centered(turned, size), held
 
 
 def shape_of(given: str | Path | MeshLike) -> tuple[PolygonMesh, PolygonMesh]:

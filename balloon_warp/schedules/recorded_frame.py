@@ -6,7 +6,7 @@ import warp as wp
 
 from balloon_warp.model import Model, State
 from balloon_warp.schedules.late_spheres import LateSpheres
-from balloon_warp.warp_lock import PROCESS_LOCK
+from balloon_warp.warp_lock import recording
 
 
 class RecordedFrame:
@@ -22,7 +22,7 @@ class RecordedFrame:
             self._launch(schedule, state)
             return
         if self._graph is None:
-            with PROCESS_LOCK, wp.ScopedDevice(self._device), wp.ScopedCapture(self._device) as capture:
+            with recording(self._device) as capture:
                 self._launch(schedule, state)
             self._graph = capture.graph
         wp.capture_launch(self._graph)

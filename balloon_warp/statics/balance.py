@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -36,16 +37,46 @@ class Skin(Protocol):
 
 
 @dataclass(frozen=True)
+class Loading:
+    """Dead loads, and the particles that are held against them."""
+
+    forces: Values
+    """Loads that act whatever the shape is [N], shape (n, 3)"""
+    held: NDArray[np.bool_]
+    """Which particles do not move, shape (n,)"""
+
+    @cached_property
+    def free(self) -> Values:
+        """1 for each coordinate that may change, else 0, shape (3 n,)."""
+        return np.repeat(np.where(self.held, 0.0, 1.0), 3)
+
+    def of_free(self, forces: Values) -> Values:
+        """Return forces with the loads, and none on what is held, shape (n, 3)."""
+        return np.where(self.held[:, None], 0.0, forces + self.forces)
+
+    def work(self, way: Values) -> float:
+        """Return the work of the loads along a way of the particles [J]."""
+        return float((self.forces * way).sum())
+
+    def stiffness(self, matrix: Any) -> Any:
+        """Return a stiffness matrix in which what is held is coupled to nothing."""
+        free, unit = sparse.diags(self.free), float(np.abs(matrix.diagonal()).mean())
+        return free @ matrix @ free + unit * sparse.diags(1.0 - self.free)
+
+
+@dataclass(frozen=True)
 class Balance:
-    """A skin around a sealed gas."""
+    """A skin around a sealed gas, free or loaded and held."""
 
     skin: Any
     volume: Volume
     gas: SealedGas
+    loading: Loading | None = None
 
     def forces(self, points: Values) -> Values:
-        """Return the forces of skin and gas on the particles [N], shape (n, 3)."""
-        return self.skin.forces(points) + self.pressure(points) * self.volume.slopes(points)
+        """Return the forces of skin, gas and loads on the particles that may move [N], shape (n, 3)."""
+        forces = self.skin.forces(points) + self.pressure(points) * self.volume.slopes(points)
+        return self.loading.of_free(forces) if self.loading else forces
 
     def pressure(self, points: Values) -> float:
         """Return the gauge pressure of the gas [Pa]."""
@@ -59,7 +90,10 @@ class Balance:
         """
         volume = self.volume.of(points)
         sparse_part = self.skin.stiffness(points) - self.gas.pressure(volume) * self.volume.curvature(points)
-        return sparse_part.tocsc(), self.volume.slopes(points).ravel(), self.gas.stiffness(volume)
+        slopes = self.volume.slopes(points).ravel()
+        if self.loading:
+            sparse_part, slopes = self.loading.stiffness(sparse_part), self.loading.free * slopes
+        return sparse_part.tocsc(), slopes, self.gas.stiffness(volume)
 
     def left_over(self, points: Values) -> float:
         """Return the root mean square of the forces over that of the gas's."""
@@ -71,7 +105,7 @@ class Balance:
     ) -> Values | None:
         """Return the equilibrium reached from a start, or None if none is found.
 
-        The center and the turn stay as they are, or nearly so.
+        The center and the turn of what is not held stay as they are, or nearly so.
 
         Args:
             still: of the gas's forces, what may be left.
@@ -105,6 +139,7 @@ class Balance:
                     if volume <= 0.0:
                         continue
                     gained = self.skin.energy(there) - resting + self.gas.energy(volume, before)
+                    gained -= self.loading.work(there - points) if self.loading else 0.0
                     least = 1.0e-4 * length * float(along @ forces)
                     rounding = 1.0e-13 * abs(resting)
                     if gained <= rounding - least or (gained <= rounding and self._calmer(there, forces)):

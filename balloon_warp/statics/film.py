@@ -92,6 +92,31 @@ class FilmSkin:
         rows, columns = (np.broadcast_to(each, values.shape).ravel() for each in (rows, columns))
         return sparse.csc_matrix((values.ravel(), (rows, columns)), shape=(3 * len(points), len(points)))
 
+    def volumes(self, count: int) -> Values:
+        """Return the volume of the material that falls to each particle [m^3], shape (count,)."""
+        each = 0.5 * np.sqrt(determinant(metric_of(self.rest_edges))) * self.skins / 3.0
+        return np.bincount(self.corners.ravel(), np.repeat(each, 3), count)
+
+    def volumes_by_mould(self, count: int) -> sparse.csc_matrix:
+        """Return the derivatives of the volumes by the shape at rest [m^2], shape (count, 3 count)."""
+        first, second = self.rest_edges[:, 0], self.rest_edges[:, 1]
+        normals = np.cross(first, second)
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        by_edges = np.stack([np.cross(second, normals), np.cross(normals, first)], axis=1)
+        slopes = np.einsum("ai,tix->tax", CORNERS, by_edges) * (self.skins / 6.0)[:, None, None]
+        values = np.broadcast_to(slopes[:, None], (len(slopes), 3, 3, 3))  # by triangle, corner, corner moved, and axis
+        rows = np.broadcast_to(self.corners[:, :, None, None], values.shape)
+        columns = np.broadcast_to(3 * self.corners[:, None, :, None] + np.arange(3), values.shape)
+        shape = (count, 3 * count)
+        return sparse.csc_matrix((values.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
+
+    def volumes_by_weights(self, count: int) -> sparse.csc_matrix:
+        """Return the derivatives of the volumes by the weights of `with_weights`, at 1 [m^3], shape (count, count)."""
+        each = 0.5 * np.sqrt(determinant(metric_of(self.rest_edges))) * self.skins / 9.0
+        values = np.broadcast_to(each[:, None, None], (len(each), 3, 3))
+        rows, columns = np.broadcast_arrays(self.corners[:, :, None], self.corners[:, None, :])
+        return sparse.csc_matrix((values.ravel(), (rows.ravel(), columns.ravel())), shape=(count, count))
+
     def tensions(self, now: Any, rest: Any) -> Any:
         """Return the tensions along the edges, T11, T12 and T22 of each triangle [N/m], shape (t, 3).
 

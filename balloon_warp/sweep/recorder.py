@@ -18,7 +18,7 @@ from balloon_warp.model import ModelPlan
 from balloon_warp.scene import Box, Scene
 from balloon_warp.simulator import Simulator
 from balloon_warp.sweep.contacts import COLUMNS, contacts_shape
-from balloon_warp.warp_lock import PROCESS_LOCK, lock_of
+from balloon_warp.warp_lock import lock_of, recording
 
 LANES = 32
 """Number of threads that sum a balloon; constant, so that a world's sums do not depend on its batch"""
@@ -154,8 +154,7 @@ class Recorder:
 
     @cached_property
     def _graph(self) -> Any:
-        device = self.simulator.model.device
-        with PROCESS_LOCK, wp.ScopedDevice(device), wp.ScopedCapture(device) as capture:
+        with recording(self.simulator.model.device) as capture:
             self._measure()
             self._pick()
         return capture.graph
