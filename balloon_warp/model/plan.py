@@ -179,8 +179,23 @@ def plan_model(
     )
 
 
+def settled_parameters(plan: ModelPlan, vary: Vary) -> Parameters:
+    """Return the parameters that a plan of the same shapes has where other values vary, not rounded as devices do.
+
+    Raises:
+        InputError: as `plan_model`, where a value is wrong.
+    """
+    rows = rows_of(plan.laws)
+    said = vary_parameters(parameters_at(plan.scene, rows, 0), plan.scene, rows, plan.world_count, vary)
+    return _settled(plan.scene, plan.shapes, plan.held, said, rounded=False)
+
+
 def _settled(
-    scene: Scene, shapes: Sequence[BalloonShape], held: Sequence[int], said: Mapping[str, NDArray[np.float64]]
+    scene: Scene,
+    shapes: Sequence[BalloonShape],
+    held: Sequence[int],
+    said: Mapping[str, NDArray[np.float64]],
+    rounded: bool = True,
 ) -> Parameters:
     """Return the parameters with those that follow from them and from the shapes.
 
@@ -204,7 +219,7 @@ def _settled(
     parameters["keyframe_values"] = settle_pressure(scene, shapes, parameters)
     parameters |= settle_touch(scene, shapes, parameters) | settle_friction(parameters)
     parameters |= settle_tears(scene, parameters)
-    return parameters | settle_gas(scene, shapes, parameters)
+    return parameters | settle_gas(scene, shapes, parameters, rounded)
 
 
 def substeps_over_time(
