@@ -19,11 +19,12 @@ Where all that it reads is of type `Any`, it is a function of one item or of eig
 """
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Any, Literal, NamedTuple
 
+from balloon_warp.kernels.adjoint import Adjoint, NoAdjointError
 from balloon_warp.kernels.memory import add_at, put_vector, vector_at
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.warp_sums import sum_over_block
@@ -96,6 +97,8 @@ class Phase:
     """Function of handles alone that returns whether there is anything to do: runs in one thread of a block"""
     also_reads: tuple[str, ...] = ()
     """Values that a phase of the host reads"""
+    adjoint: "Adjoints | None" = None
+    """Factory of what runs the phase backwards, see `adjoint`; None where that is not known"""
 
     @property
     def summary(self) -> str:
@@ -117,6 +120,14 @@ class Phase:
         told = inspect.signature(self.function(traits, look).func).parameters
         return all(each.annotation is Any or name in TIMES for name, each in told.items())
 
+    def adjoints(self, traits: Traits, look: Look) -> Sequence[Adjoint]:
+        """Return what runs it backwards.
+
+        Raises:
+            NoAdjointError: nothing does.
+        """
+        return _turned(self, traits, look)
+
     def asked(self, traits: Traits, look: Look) -> Any:
         """Return the function that says whether it does anything, or None where it always may."""
         return _asked(self, traits, look) if self.rare else None
@@ -124,6 +135,10 @@ class Phase:
     def views(self, traits: Traits, look: Look) -> set[str]:
         """Return what it looks at in other items: what they must not write meanwhile."""
         return {VIEWS[name] for name in self.reads(traits, look) if name in VIEWS}
+
+
+Adjoints = Callable[[Phase, Traits, Look], Sequence[Adjoint]]
+"""Factory of a phase's adjoints, in the order in which they run; those that look at other particles come last"""
 
 
 @cache
@@ -134,6 +149,13 @@ def _made(phase: Phase, traits: Traits, look: Look) -> Any:
 @cache
 def _asked(phase: Phase, traits: Traits, look: Look) -> Any:
     return phase.rare(traits, look) if phase.rare else None
+
+
+@cache
+def _turned(phase: Phase, traits: Traits, look: Look) -> Sequence[Adjoint]:
+    if phase.adjoint is None:
+        raise NoAdjointError(phase.name)
+    return tuple(phase.adjoint(phase, traits, look))
 
 
 def phase(item: Item, writes: Mapping[str, Any] | None = None, **said: Any) -> Callable[[Any], Phase]:

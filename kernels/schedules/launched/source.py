@@ -41,13 +41,45 @@ OFFSETS = {"particle": "t.particles.offsets", "face": "t.faces.balloon_offsets"}
 """Begin of each balloon's items"""
 
 
-class _Writer(Writer):
-    """Write the source of a piece."""
+class PieceWriter(Writer):
+    """Find what phases name where the state is in arrays."""
 
     aliases: ClassVar[Mapping[str, str]] = {"springs": "working"}
 
-    def __init__(self, step: Step, piece: Piece, part: Part = "all"):
+    def __init__(self, step: Step):
         super().__init__(step, (*HANDLES, "world"))
+
+    def _begin(self, indices: str) -> None:
+        self.line(f"{indices} = wp.tid()")
+        if self.step.traits.frames == "busy":
+            self.line("if working.verdicts[world] == 0:")
+            self.line("    return")
+        self.known |= set(indices.split(", "))
+
+    def found(self, name: str) -> tuple[str, str] | None:
+        """Return what it takes to find a name, and how."""
+        kept = self.step.kept
+        if VIEWS.get(name) in kept:
+            return "", f"all_{VIEWS[name]}[world]"
+        if name in kept:
+            item = self.step.owner(name)
+            return (item if item == "balloon" else ""), f"all_{name}[world, {item}]"
+        particles = "particle" in self.known
+        if particles and name in OF_PARTICLE:
+            return OF_PARTICLE[name]
+        if name in NAMES:
+            return NAMES[name]
+        columns = self.step.traits.columns
+        if particles and name in columns.places:
+            return "own", f"own.n[{columns.places[name]}]"
+        return None
+
+
+class _Writer(PieceWriter):
+    """Write the source of a piece."""
+
+    def __init__(self, step: Step, piece: Piece, part: Part = "all"):
+        super().__init__(step)
         self.piece, self.part = piece, part
 
     @property
@@ -110,31 +142,6 @@ class _Writer(Writer):
                 self.line("spring += first_spring")
             self.calls(piece.phases)
             self._leave()
-
-    def _begin(self, indices: str) -> None:
-        self.line(f"{indices} = wp.tid()")
-        if self.step.traits.frames == "busy":
-            self.line("if working.verdicts[world] == 0:")
-            self.line("    return")
-        self.known |= set(indices.split(", "))
-
-    def found(self, name: str) -> tuple[str, str] | None:
-        """Return what it takes to find a name, and how."""
-        kept = self.step.kept
-        if VIEWS.get(name) in kept:
-            return "", f"all_{VIEWS[name]}[world]"
-        if name in kept:
-            item = self.step.owner(name)
-            return (item if item == "balloon" else ""), f"all_{name}[world, {item}]"
-        particles = "particle" in self.known
-        if particles and name in OF_PARTICLE:
-            return OF_PARTICLE[name]
-        if name in NAMES:
-            return NAMES[name]
-        columns = self.step.traits.columns
-        if particles and name in columns.places:
-            return "own", f"own.n[{columns.places[name]}]"
-        return None
 
     def _leave(self) -> None:
         """Write what the piece has found to where it is kept."""
