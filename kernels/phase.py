@@ -9,6 +9,7 @@ A name that a phase reads is one of these:
 - a handle: `t`, the tables; `state`; `working`, what contact keeps beside the state; `time_in_frame` [s]
 - the item: `world`, and within it `balloon`, `particle`, `face`, `triangle` or `sphere`, or all `threads` of a block
 - `own`, what a particle knows of itself, see `own`; a row of numbers of a law, by its name
+- `number`, a particle's in the state, where a schedule has particles in another order
 - state of a particle, `point` [m] and `velocity` [m/s], or a view of all in its world, `points` and `velocities`
 - a value that an earlier phase of the list has written
 - the time: `time` when the substep begins, and `end` when it ends [s]
@@ -33,7 +34,8 @@ Item = Literal[
 ]  # fmt: skip
 """Item that a phase works on: `quad` is a quad or triangle of a membrane, `film` a face of one; `element` a spring,
 string, hinge, triangle or face; `team` all threads of a block, for a world; `launches` the host"""
-VIEWS = {"points": "point", "velocities": "velocity", "face_centers": "face_center", "face_areas": "face_area"}
+VIEWS = {"points": "point", "velocities": "velocity", "face_centers": "face_center", "face_areas": "face_area",
+         "face_pushes": "face_push"}  # fmt: skip
 """Views of all items, and the value that each item has in a view"""
 TIMES = ("time", "end", "time_in_frame")
 """Times that are the same for all items"""

@@ -11,6 +11,7 @@ from balloon_warp.kernels.phase import Phase
 from balloon_warp.kernels.phases.add import add_area_vectors, add_forces
 from balloon_warp.kernels.phases.aim import extend, measure, spread, take_aim, turn
 from balloon_warp.kernels.phases.correct import correct
+from balloon_warp.kernels.phases.faces import bear, push_face
 from balloon_warp.kernels.phases.flow import burden, flow, pump, weigh
 from balloon_warp.kernels.phases.inflate import add_up, given_load, inflate
 from balloon_warp.kernels.phases.leave import leave
@@ -20,7 +21,7 @@ from balloon_warp.kernels.phases.move import free, move, move_first, push, respo
 from balloon_warp.kernels.phases.press import press
 from balloon_warp.kernels.phases.pull import jet, jet_of_holes, pull, pull_and_face, take
 from balloon_warp.kernels.phases.roll import collide, roll, tumble
-from balloon_warp.kernels.phases.share_out import bend, share_out
+from balloon_warp.kernels.phases.share_out import bend, blow, share_out
 from balloon_warp.kernels.phases.stretch import clear, collect, pull_with_skin, stretch
 from balloon_warp.kernels.phases.swell import foresee, head, swell
 from balloon_warp.kernels.phases.tell import note_unhindered, tell_contacts
@@ -40,7 +41,7 @@ STEP: tuple[Phase, ...] = (
     # where normal forces push: once a frame, or every substep
     measure, extend, take_aim,
     # forces, what they would do, and the pressure that follows
-    pull, jet, jet_of_holes, take, free, head, foresee, swell, hold, find_load, note, flow,
+    push_face, pull, bear, jet, jet_of_holes, take, free, head, foresee, swell, hold, find_load, note, flow,
     # particles move, by all forces
     set_off, given_load, inflate, move_first, push, move,
     # springs that are too long are shortened; then faces leave ridges of obstacles and bodies, and particles leave
@@ -50,7 +51,13 @@ STEP: tuple[Phase, ...] = (
     meet_spheres, meet_bodies, meet_faces, tell_contacts, meet_edges,
 )  # fmt: skip
 
-SCATTERED = tuple(each for line in STEP for each in ((add_forces, add_area_vectors, line) if line is pull else (line,)))
+_OF_FACES = (push_face, bear)
+SCATTERED = tuple(
+    each
+    for line in STEP
+    if line not in _OF_FACES
+    for each in ((add_forces, add_area_vectors, line) if line is pull else (line,))
+)
 """Step of `scatter`, where springs, strings, hinges, triangles and faces add their forces to particles"""
 FACING = tuple(
     each
@@ -64,9 +71,12 @@ FILMED = tuple(
 )
 """Step where each face of a membrane is measured once and stores its forces at its corners"""
 SHARED = tuple(
-    each for line in STEP if line is not wear for each in ((bend, share_out, line) if line is pull else (line,))
+    each
+    for line in STEP
+    if line not in (wear, *_OF_FACES)
+    for each in ((bend, blow, share_out, line) if line is pull else (line,))
 )
-"""Step where hinges and membranes have added their forces to particles"""
+"""Step where hinges, faces and membranes have added their forces to particles"""
 SETTLE = Phase("settle", "launches", lambda traits, look: None, also_reads=("inflation",))
 """Local and global steps in turn, until every world has converged, see `solvers.projective`"""
 PROJECTIVE_STEP = (
@@ -76,7 +86,7 @@ PROJECTIVE_STEP = (
 AIMING = (measure, extend, take_aim)
 """Phases that find the aims of normal forces"""
 READING = (
-    look_at_wear, weigh_skin, *AIMING, pull, jet, jet_of_holes, given_load, inflate, add_up,
+    look_at_wear, weigh_skin, *AIMING, push_face, pull, bear, jet, jet_of_holes, given_load, inflate, add_up,
 )  # fmt: skip
 """Phases that find the forces of a state, for output"""
 

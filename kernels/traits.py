@@ -139,7 +139,7 @@ class Traits(NamedTuple):
     @property
     def looks_at_velocities(self) -> bool:
         """Return whether forces on a particle depend on its neighbors' velocities."""
-        return self.viscous or self.needs("spring", "opening") or self.needs("face", "velocity")
+        return self.viscous or self.needs("spring", "opening")
 
     @property
     def wears(self) -> bool:

@@ -131,3 +131,36 @@ def put_word(words: wp.uint64, index: wp.int32, value: float):
 def block_barrier():
     """Wait for all threads of the block."""
     ...
+
+
+@wp.func_native(
+    """
+    int* const count = (int*)words + index;
+#if defined(__CUDA_ARCH__)
+    const unsigned beside = __activemask();
+    const int lane = threadIdx.x & 31, first = __ffs(beside) - 1;
+    int begin = 0;
+    if (lane == first) {
+        begin = atomicAdd(count, __popc(beside));
+    }
+    return __shfl_sync(beside, begin, first) + __popc(beside & ((1u << lane) - 1));
+#else
+    return (*count)++;
+#endif
+    """
+)
+def next_in_block(words: wp.uint64, index: wp.int32) -> wp.int32:
+    """Return the next place in a list of the block, whose length stands in a word of shared memory; in any order."""
+    ...
+
+
+@wp.func_native("return ((const int*)words)[index];")
+def count_at(words: wp.uint64, index: wp.int32) -> wp.int32:
+    """Return a whole number in a word of shared memory."""
+    ...
+
+
+@wp.func_native("((int*)words)[index] = count;")
+def put_count(words: wp.uint64, index: wp.int32, count: wp.int32):
+    """Write a whole number into a word of shared memory, without a barrier."""
+    ...

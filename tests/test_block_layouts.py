@@ -14,7 +14,7 @@ from balloon_warp.kernels.schedules.block.layout import Layout
 from balloon_warp.kernels.schedules.block.source import source_of_frame
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, build_model, initial_state
-from balloon_warp.scene import Balloon, Ground, Inflation, Material, Scene, Sphere
+from balloon_warp.scene import Balloon, Ground, Inflation, Material, Obstacle, Scene, Sphere
 from balloon_warp.schedules import block_frames
 from balloon_warp.schedules.block_layout import step_of
 from balloon_warp.schedules.choose import make_schedule
@@ -49,6 +49,12 @@ def scenes(cells: int) -> dict[str, Scene]:
         ),
         "impulses": Scene(
             substeps=16, contact="impulse", balloon=[Balloon(mesh=ball, inflation=GAS)], ground=GROUND, sphere=[ABOVE],
+            faces=False,
+        ),
+        "beside obstacles": Scene(
+            substeps=15,
+            balloon=[Balloon(mesh=ball, position=(0.0, 0.57, 0.0), inflation=PAPERS, velocity=(0.5, -1.0, 0.0))],
+            obstacle=[Obstacle(size=(4.0, 0.1, 4.0)), Obstacle(size=(0.1, 4.0, 4.0), position=(0.55, 0.0, 0.0))],
             faces=False,
         ),
         "latex": Scene(
@@ -90,6 +96,11 @@ def looped(*tiles: str) -> Callable[[Model, Traits], Layout]:
     return layout
 
 
+def ordered(model: Model, traits: Traits) -> Layout:
+    layout = looped("area_vector", "free_velocity")(model, traits)
+    return layout._replace(ordered="velocity" in layout.tiles and not traits.membranes)
+
+
 def held(model: Model, traits: Traits) -> Layout:
     ring = quad_rings(model) if traits.measures_areas or traits.aims_on_the_way else None
     return Layout(
@@ -101,6 +112,7 @@ def held(model: Model, traits: Traits) -> Layout:
 LAYOUTS: dict[str, tuple[Callable[[Model, Traits], Layout], int]] = {
     "looped": (looped(), 2),
     "looped, in shared memory": (looped("area_vector", "free_velocity"), 2),
+    "looped, in another order": (ordered, 2),
     "held": (held, 1),
 }
 """and cells of balloons: the one thread keeps all particles, whose source is long"""

@@ -15,6 +15,7 @@ from balloon_warp.model.memory import Room
 from balloon_warp.schedules.block_layout import layout_of, step_of
 from balloon_warp.schedules.films import film_entries, film_table
 from balloon_warp.schedules.launches import working_arrays
+from balloon_warp.schedules.renumber import order_by_springs, renumbered
 from balloon_warp.schedules.rings import quad_rings
 from balloon_warp.schedules.slots import slot_table
 from balloon_warp.schedules.spring_ends import spring_ends
@@ -34,10 +35,18 @@ class BlockFrames:
     def __init__(self, model: Model, traits: Traits, room: Room, working: Any | None = None):
         self.model, self.layout = model, layout_of(model, traits)
         self.step = step_of(traits, self.layout)
-        self.tables = make_tables(model, traits, in_block=not self.layout.held or traits.in_water)
+        self.numbers: wp.array | None = None
+        """Numbers in the state of the particles in the tables, where these have them in another order"""
+        laid_out = model
+        if self.layout.ordered:
+            order = order_by_springs(model, spring_ends(model))
+            laid_out = renumbered(model, order)
+            self.numbers = wp.array(order, dtype=wp.int32, device=model.device)
+        self.tables = make_tables(laid_out, traits, in_block=not self.layout.held or traits.in_water)
         self.tables.membranes.films = film_table(model, self.layout.film)
         self.working = working or _working(model, traits, room)
         self._given = {"t": self.tables, "working": self.working, **_values(model, self.step, self.layout, room)}
+        self._given["state_numbers"] = self.numbers
         if self.layout.held:
             ring = quad_rings(model) if self.layout.rings else None
             self._given["slots"] = slot_table(model, spring_ends(model), ring)

@@ -123,7 +123,13 @@ def _looped(model: Model, traits: Traits) -> Layout:
         threads, capacity, registers=registers, odd=model.substeps % 2 == 1,
         film=film._replace(areas=False) if film else None,  # from memory they are no sooner read than found
     )  # fmt: skip
-    return layout._replace(tiles=_tiles(model, traits, layout))
+    return _ordered(traits, layout._replace(tiles=_tiles(model, traits, layout)))
+
+
+def _ordered(traits: Traits, layout: Layout) -> Layout:
+    """Return the layout with particles by their number of springs, where only this kernel sees them in that order."""
+    alone = "velocity" in layout.tiles and traits.frames != "busy"
+    return layout._replace(ordered=alone and not (traits.membranes or traits.has("hinge")))
 
 
 def _loop_threads(model: Model, traits: Traits, film: FilmLayout | None) -> tuple[int, int]:
@@ -143,7 +149,7 @@ def _tiles(model: Model, traits: Traits, layout: Layout) -> tuple[str, ...]:
         return ()
     step = step_of(traits, layout)
     kept = [value for value in ("area_vector", "free_velocity", "force", "aim") if value in step.kept]
-    velocities_are_seen = traits.looks_at_velocities or traits.impulses
+    velocities_are_seen = traits.looks_at_velocities or traits.needs("face", "velocity") or traits.impulses
     waiting = [*([] if velocities_are_seen else ["velocity"]), *kept]
     points = 2 if "point" in step.doubled else 1
     room = most_particles(model, POINT_BYTES) // (1 if traits.corrected else 2) // layout.capacity - points

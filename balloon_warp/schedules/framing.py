@@ -20,18 +20,29 @@ class Framing:
     Args:
         tables: that the schedule has made of it.
         working: what its kernels keep beside the state; None where that is nothing from frame to frame.
+        numbers: of particles in the state, if tables have them in another order.
         looks: whether particles are looked at as a frame ends; otherwise kernels have done so.
     """
 
-    def __init__(self, model: Model, traits: Traits, tables: Any, working: Any | None = None, *, looks: bool = True):
+    def __init__(
+        self,
+        model: Model,
+        traits: Traits,
+        tables: Any,
+        working: Any | None = None,
+        *,
+        numbers: wp.array | None = None,
+        looks: bool = True,
+    ):
         self.model, self.traits, self.tables, self.working = model, traits, tables, working
+        self._numbers = numbers
         self._contact_sums = ContactSums(model) if traits.tells_contacts else None
         self._health = HealthCheck(model, tables, particles=looks)
 
     def begin(self, state: State) -> None:
         """Update the ramp of keyframed values, and read the forces that the last frame left on spheres."""
         refresh_ramp(self.model, state)
-        weigh_air(self.model, self.traits, self.tables, state)
+        weigh_air(self.model, self.traits, self.tables, state, self._numbers)
         forget_looks(self.tables)
         if self.working and self.traits.tells_contacts:
             self.working.contact_pushes.zero_()

@@ -39,7 +39,7 @@ def allot_lanes(model: Model, step: Step, layout: Layout, room: Room) -> LaneMem
     groups, items, traits = group_count(model, layout), items_of(model, layout).count, step.traits
     balloons, width = model.balloon_count, traits.columns.width
     solids = model.sphere_count + (len(model.obstacles) if traits.stands_on_fixtures else 0)
-    adds_up = bool(traits.membranes) or traits.has("hinge")
+    adds_up = bool(traits.membranes) or traits.has("hinge") or traits.has("face")
     return LaneMemory(
         _of_kernel(model, step, layout, room),
         {

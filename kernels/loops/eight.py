@@ -13,7 +13,6 @@ import warp as wp
 from balloon_warp.kernels.algebra import dot_product, plus_scaled, scaled, squared_length
 from balloon_warp.kernels.lanes import LANE_COUNT, Lanes, Lanes3, Lanes4, entry_at, of_lane, set_lane
 from balloon_warp.kernels.loops.areas import CROSSES, area_loop, cross_at_quad_corner
-from balloon_warp.kernels.loops.faces import face_loop
 from balloon_warp.kernels.loops.net_force import Loops, one_after_the_other
 from balloon_warp.kernels.loops.strings import string_loop
 from balloon_warp.kernels.loops.wetness import ring_wetness_loop, wetness_loop
@@ -147,23 +146,17 @@ def loops_of_eight(traits: Traits, at: Any, take: Any, view_of: Any, own_of_one:
         own_of_one: the one that gives what the particle in a lane knows of itself.
     """
     sum_strings = string_loop(traits) if traits.has("string") else None
-    sum_faces = face_loop(traits, at, at) if traits.has("face") else None
     load_of_particle = ring_wetness_loop(at) if traits.rings else wetness_loop(at)
     level = traits.columns.places.get("water_level", 0)
 
     @wp.func
     def pulls_on_one(t: Any, points: Any, velocities: Any, one: Any, point: wp.vec3, velocity: wp.vec3, time: float):
-        """Return the forces of strings and faces on one of eight particles [N]."""
-        pull = wp.vec3()
-        if wp.static(sum_strings is not None):
-            pull += sum_strings(t.all.strings, one.world, one.number, point, velocity, one.n, t.step_seconds, time)
-        if wp.static(sum_faces is not None):
-            pull += sum_faces(t.all, points, velocities, one.world, one.number, one.n, time)
-        return pull
+        """Return the forces of strings on one of eight particles [N]."""
+        return sum_strings(t.all.strings, one.world, one.number, point, velocity, one.n, t.step_seconds, time)
 
     @wp.func
     def pulls_one_by_one(t: Any, points: Any, velocities: Any, own: Any, point: Lanes3, velocity: Lanes3, time: float):
-        """Return the forces of strings and faces on eight particles, one by one [N]."""
+        """Return the forces of strings on eight particles, one by one [N]."""
         pulls = Lanes3()
         for lane in range(t.lane_count):
             pull = pulls_on_one(
@@ -175,13 +168,11 @@ def loops_of_eight(traits: Traits, at: Any, take: Any, view_of: Any, own_of_one:
 
     @wp.func
     def other_pulls(t: Any, points: Any, velocities: Any, own: Any, point: Lanes3, velocity: Lanes3, time: float):
-        """Take the net force of strings and faces, and the sums of hinges and membranes [N], which are cleared."""
+        """Take the net force of strings, and the sums of hinges, faces and membranes [N], which are cleared."""
         force = Lanes3()
-        if wp.static(bool(traits.membranes) or traits.has("hinge")):
+        if wp.static(bool(traits.membranes) or traits.has("hinge") or traits.has("face")):
             force += take(t, own)
-        if wp.static(sum_faces is not None):
-            force += pulls_one_by_one(t, points, velocities, own, point, velocity, time)
-        elif wp.static(sum_strings is not None):
+        if wp.static(sum_strings is not None):
             if t.held[own.number] > 0:
                 force += pulls_one_by_one(t, points, velocities, own, point, velocity, time)
         return force

@@ -6,6 +6,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.loops.areas import face_measures
+from balloon_warp.kernels.own import numbers_reader
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
 
@@ -13,12 +14,12 @@ from balloon_warp.kernels.traits import Traits
 @cache
 def face_push(traits: Traits, at: Any, velocity_at: Any) -> Any:
     """Return the function for the force on a corner of a face."""
-    laws = traits.laws_on("face")
+    laws, read_numbers = traits.laws_on("face"), numbers_reader(traits.columns)
     center_of_face, area_vector_of_face = face_measures(at)
     moving = traits.needs("face", "velocity")
 
     @wp.func
-    def push_at_corner(t: Tables, points: Any, velocities: Any, world: wp.int32, face: wp.int32, n: Any, time: float):
+    def push_at_corner(t: Tables, points: Any, velocities: Any, world: wp.int32, face: wp.int32, time: float):
         """Return one corner's share of the force on a face [N]; zero where it is torn."""
         if wp.static(traits.bursts):
             if t.membranes.wear.tears.gone[world, face] == wp.int8(1):
@@ -32,29 +33,44 @@ def face_push(traits: Traits, at: Any, velocity_at: Any) -> Any:
             for corner in range(begin, end):
                 velocity += velocity_at(velocities, t.faces.particles[corner]) / corners
         area_vector = area_vector_of_face(t.faces, points, face, center)
+        n = read_numbers(t, world, t.faces.balloon[face])
         return laws(center, area_vector, velocity, t.up, t.step_seconds, time, n) / corners
 
     return push_at_corner
 
 
+@wp.func
+def visits_of(t: Tables, face: wp.int32, particle: wp.int32):
+    """Return how many corners of a face are a particle."""
+    visits = float(0.0)
+    for corner in range(t.faces.offsets[face], t.faces.offsets[face + 1]):
+        if t.faces.particles[corner] == particle:
+            visits += 1.0
+    return visits
+
+
+@wp.func
+def push_of_faces(t: Tables, face_pushes: Any, particle: wp.int32):
+    """Return the net force of the faces around a particle [N], each of which has found its corners' share."""
+    force = wp.vec3()
+    for incidence in range(t.faces.particle_offsets[particle], t.faces.particle_offsets[particle + 1]):
+        face = t.faces.around_particles[incidence]
+        force += visits_of(t, face, particle) * face_pushes[face]
+    return force
+
+
 @cache
 def face_loop(traits: Traits, at: Any, velocity_at: Any) -> Any:
-    """Return the function that sums the forces of its faces on a particle."""
+    """Return the function that finds the forces of its faces on a particle, and sums them."""
     push_at_corner = face_push(traits, at, velocity_at)
 
     @wp.func
-    def push_of_faces(
-        t: Tables, points: Any, velocities: Any, world: wp.int32, particle: wp.int32, n: Any, time: float
-    ):
+    def find_push_of_faces(t: Tables, points: Any, velocities: Any, world: wp.int32, particle: wp.int32, time: float):
         """Return the net force of the faces around a particle [N]."""
         force = wp.vec3()
         for incidence in range(t.faces.particle_offsets[particle], t.faces.particle_offsets[particle + 1]):
             face = t.faces.around_particles[incidence]
-            visits = float(0.0)
-            for corner in range(t.faces.offsets[face], t.faces.offsets[face + 1]):
-                if t.faces.particles[corner] == particle:
-                    visits += 1.0
-            force += visits * push_at_corner(t, points, velocities, world, face, n, time)
+            force += visits_of(t, face, particle) * push_at_corner(t, points, velocities, world, face, time)
         return force
 
-    return push_of_faces
+    return find_push_of_faces

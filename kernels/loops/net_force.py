@@ -7,7 +7,6 @@ import warp as wp
 
 from balloon_warp.kernels.algebra import scaled
 from balloon_warp.kernels.loops.areas import area_loop, hole_loop
-from balloon_warp.kernels.loops.faces import face_loop
 from balloon_warp.kernels.loops.hinges import hinge_loop
 from balloon_warp.kernels.loops.membranes import membrane_loop
 from balloon_warp.kernels.loops.rings import ring_loop
@@ -26,7 +25,7 @@ class Loops(NamedTuple):
     """(t, points, velocities, own, springs, point, velocity, time) to the net force of its springs, and where they are
     needed and found on the way, to its area vector and A_p n, see `laws.inflation`"""
     others: Any
-    """(t, points, velocities, own, point, velocity, time) to that of strings, hinges, faces and membranes; None if
+    """(t, points, velocities, own, point, velocity, time) to that of strings, hinges and membranes; None if
     there are none, or the springs' has it already"""
     water_load: Any
     """(t, points, own)"""
@@ -106,23 +105,20 @@ def scalar_loops(
     """
     sum_strings = string_loop(traits)
     sum_hinges = hinge_loop(traits, at)
-    sum_faces = face_loop(traits, at, vector_at)
     sum_membrane = membrane_loop(traits, at, vector_at) if traits.membranes else None
     area_vector_of_particle = area_loop(traits.quads, at)
     load_of_particle = ring_wetness_loop(at) if traits.rings else wetness_loop(at)
     level_column = traits.columns.places.get("water_level", 0)
-    others = any(traits.has(kind) for kind in ("string", "hinge", "face")) or sum_membrane is not None
+    others = any(traits.has(kind) for kind in ("string", "hinge")) or sum_membrane is not None
 
     @wp.func
     def other_pulls(t: Tables, points: Any, velocities: Any, own: Any, point: wp.vec3, velocity: wp.vec3, time: float):
-        """Return the net force of strings, hinges, faces and membranes [N]."""
+        """Return the net force of strings, hinges and membranes [N]."""
         force = wp.vec3()
         if wp.static(traits.has("string")):
             force += sum_strings(t.strings, own.world, own.number, point, velocity, own.n, t.step_seconds, time)
         if wp.static(traits.has("hinge")):
             force += sum_hinges(t.hinges, points, own.number, own.n)
-        if wp.static(traits.has("face")):
-            force += sum_faces(t, points, velocities, own.world, own.number, own.n, time)
         if wp.static(sum_membrane is not None):
             force += sum_membrane(
                 t.membranes, points, velocities, own.world, own.number, own.balloon, point, velocity, own.n

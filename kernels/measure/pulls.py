@@ -6,6 +6,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.algebra import squared_length
+from balloon_warp.kernels.loops.faces import face_loop
 from balloon_warp.kernels.loops.net_force import net_force_function, scalar_loops
 from balloon_warp.kernels.loops.springs import pair_pull
 from balloon_warp.kernels.loops.strings import held_string_pull
@@ -85,6 +86,7 @@ def law_measure(alones: tuple[Traits, ...], number: int = 0) -> Any:
     alone = traits._replace(pressures=False)
     _, read_own = own_functions(traits.columns, traits.balloons)
     net_force = net_force_function(alone, scalar_loops(alone, vector_at))
+    push_of_faces = face_loop(alone, vector_at, vector_at) if alone.has("face") else None
     others = law_measure(alones[1:], number + 1) if len(alones) > 1 else None
 
     @wp.func
@@ -95,6 +97,8 @@ def law_measure(alones: tuple[Traits, ...], number: int = 0) -> Any:
         own = read_own(t, world, particle)
         point = points[particle]
         force, _area, _facing = net_force(t, points, velocities, own, particle, point, velocities[particle], time)
+        if wp.static(push_of_faces is not None):
+            force += push_of_faces(t, points, velocities, world, particle, time)
         pulls[number, particle] = wp.length(force)
         if wp.static(others is not None):
             others(t, world, particle, points, velocities, time, pulls)

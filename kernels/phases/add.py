@@ -107,8 +107,7 @@ def surface_functions(traits: Traits, at: Any) -> tuple[Any, Any]:
     @wp.func
     def add_face(t: Tables, world: wp.int32, face: wp.int32, points: Any, velocities: Any, time: float, forces: Any):
         """Add a face's force to its corners, in equal shares."""
-        n = read_numbers(t, world, t.faces.balloon[face])
-        share = push_at_corner(t, points, velocities, world, face, n, time)
+        share = push_at_corner(t, points, velocities, world, face, time)
         for corner in range(t.faces.offsets[face], t.faces.offsets[face + 1]):
             wp.atomic_add(forces, t.faces.particles[corner], share)
 

@@ -15,8 +15,8 @@ def check(traits: Traits, look: Look) -> Any:
     """Record the first particle at a place that it cannot have."""
 
     @wp.func
-    def check(t: Tables, state: WorldState, points: Any, own: Any, particle: wp.int32):
+    def check(t: Tables, state: WorldState, points: Any, own: Any, particle: wp.int32, number: wp.int32):
         balloon, share = own.balloon, own.share
-        look_at_particle(t.health, state.first_bad, own.world, particle, own.number, balloon, share, points)
+        look_at_particle(t.health, state.first_bad, own.world, particle, number, balloon, share, points)
 
     return check

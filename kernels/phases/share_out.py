@@ -1,6 +1,6 @@
-"""Forces of membranes and hinges on their particles, where one thread has a whole world.
+"""Forces of membranes, hinges and faces on their particles, where one thread has a whole world.
 
-Each triangle and hinge is evaluated once, and its forces wait at the particles.
+Each triangle, hinge and face is evaluated once, and its forces wait at the particles.
 """
 
 from typing import Any
@@ -9,6 +9,7 @@ import warp as wp
 
 from balloon_warp.kernels.lanes import entry_at
 from balloon_warp.kernels.loops.eight_quads import quad_pull
+from balloon_warp.kernels.loops.faces import face_push
 from balloon_warp.kernels.phase import Look, phase
 from balloon_warp.kernels.phases.add import hinge_function
 from balloon_warp.kernels.tables import Tables
@@ -25,6 +26,20 @@ def bend(traits: Traits, look: Look) -> Any:
         add_hinge(t, world, hinge, points, forces)
 
     return bend
+
+
+@phase("face", when=lambda traits: traits.has("face"))
+def blow(traits: Traits, look: Look) -> Any:
+    """Add the force on a face to its corners, in equal shares [N]."""
+    push_at_corner, add = face_push(traits, look.at, look.velocity_at), look.add
+
+    @wp.func
+    def blow(t: Tables, points: Any, velocities: Any, forces: Any, world: wp.int32, face: wp.int32, time: float):
+        share = push_at_corner(t, points, velocities, world, face, time)
+        for corner in range(t.faces.offsets[face], t.faces.offsets[face + 1]):
+            add(forces, t.faces.particles[corner], share)
+
+    return blow
 
 
 @phase("quad", when=lambda traits: bool(traits.membranes))

@@ -4,7 +4,7 @@ import inspect
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
-from balloon_warp.kernels.phase import Phase
+from balloon_warp.kernels.phase import STATE, Phase
 from balloon_warp.kernels.schedules.block.layout import Layout
 from balloon_warp.kernels.schedules.block.names import NamesInBlock
 from balloon_warp.kernels.schedules.pieces import Piece, Step
@@ -28,7 +28,7 @@ class ItemsInBlock(NamesInBlock):
         self.deferred: list[Piece] = []
         """Pieces about spheres that are deferred until a later piece needs the moved spheres"""
         self.spheres_moved = False
-        self.shows_velocities = "velocity" in step.doubled or any(piece.item == "spring" for piece in step.pieces)
+        self.shows_velocities = any("velocities" in self.reads(phase) for phase in self.phases)
         """Whether other items read velocities, or change them"""
 
     def _is_deferred(self, piece: Piece) -> bool:
@@ -90,8 +90,61 @@ class ItemsInBlock(NamesInBlock):
             self.line(f"if {b('is_there')}:")
             self.line(f"    put_vector({self._target(piece, 'velocity')}, {b('particle')}, {b('velocity')})")
 
+    def compacted(self, piece: Piece) -> int | None:
+        """Return which phase of particles, and all after it, only those go through that it acts on; None if all do.
+
+        Those phases read nothing but state that the ones before have written.
+        """
+        if piece.item != "particle" or self.layout.held or piece.leaves or piece.phases[-1].sums:
+            return None
+        written: set[str] = set()
+        for number, phase in enumerate(piece.phases):
+            of_others = {name for each in piece.phases[number:] for name in self.reads(each)} & written
+            if phase.rare and phase.asked(self.traits, self.step.look) and of_others <= STATE.keys():
+                return number
+            written |= phase.writes.keys()
+        return None
+
     def _items(self, piece: Piece) -> None:
         """Write what threads do in a loop over items, whose values then wait in memory."""
+        few = self.compacted(piece)
+        if few is not None:
+            rest = piece._replace(phases=piece.phases[few:], doubles=())
+            self._all_items(piece._replace(phases=piece.phases[:few]), rest.phases[0])
+            self._few_items(rest)
+            return
+        self._all_items(piece)
+
+    def _few_items(self, piece: Piece) -> None:
+        """Write what threads do for the particles that were noted."""
+        name, threads = piece.phases[0].name, self.layout.threads
+        self.line(f"for noted in range(thread, count_of_{name}({self.turn}), {threads}):")
+        with self.indented():
+            self.line(f"particle = item_of_{name}(noted)")
+            self.known.add("particle")
+            self.calls(piece.phases)
+            self._put_particle(piece)
+        self.line("if thread == 0:")
+        self.line(f"    clear_{name}({self.next_turn})")
+        self.line("block_barrier()")
+
+    def _note(self, phase: Phase) -> None:
+        """Write how an item is noted, if a phase may act on it."""
+        asked = inspect.signature(phase.asked(self.traits, self.step.look).func).parameters
+        for name in asked:
+            self.need(name)
+        self.line(f"if {phase.name}_may_act({', '.join(map(self.bound, asked))}):")
+        self.line(f"    note_{phase.name}({self.turn}, particle)")
+
+    def _put_particle(self, piece: Piece) -> None:
+        """Write what a piece has moved to where it waits."""
+        if "velocity" in piece.moves:
+            self.line(self.write("velocity", self._target(piece, "velocity")))
+        if "point" in piece.moves:
+            self.line(f"put_in_tile({self._target(piece, 'point')}, particle, point)")
+
+    def _all_items(self, piece: Piece, noting: Phase | None = None) -> None:
+        """Write a loop over all items, and note those that a phase may act on."""
         item, summed = piece.item, self._begin_sum(piece)
         rounds = summed is not None and not self.alone
         with self._over(item, rounds):
@@ -105,10 +158,9 @@ class ItemsInBlock(NamesInBlock):
                     self.line(
                         self.write(value, self.home(value)) if of_particle else f"all_{value}[world, {item}] = {value}"
                     )
-            if "velocity" in piece.moves:
-                self.line(self.write("velocity", self._target(piece, "velocity")))
-            if "point" in piece.moves:
-                self.line(f"put_in_tile({self._target(piece, 'point')}, particle, point)")
+            self._put_particle(piece)
+            if noting:
+                self._note(noting)
         self._switch(piece)
         if item == "sphere":
             self.spheres_moved = True  # who asks waits for a barrier

@@ -20,6 +20,8 @@ class Layout(NamedTuple):
     """Least number of quads around a particle, if area vectors follow from the ring of springs around it; else 0"""
     tiles: tuple[str, ...] = ()
     """State of particles in shared memory, where threads loop"""
+    ordered: bool = False
+    """Whether particles stand by their number of springs, so that no thread of a warp waits for another"""
     doubled: bool = True
     """Whether points may have a second tile in place of a barrier"""
     film: FilmLayout | None = None

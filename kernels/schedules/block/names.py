@@ -24,6 +24,8 @@ class NamesInBlock(Writer):
         """Whether the block has particles of one balloon only, so that its sums and values hold for all threads"""
         self.place: int | None = None
         """Index of the thread's particle at hand"""
+        self.turn, self.next_turn = "0", "1"
+        """Expressions for the parity of the substep, and of the next"""
         self.points = ("points", "new_points")
         """Tiles from which points are read, and to which they are written while others still read"""
         self.velocities = ("velocities", "new_velocities")
@@ -101,6 +103,7 @@ class NamesInBlock(Writer):
             "own": ("", "read_own_beside(t, first, particle)" if self.alone else "read_own(t, world, particle)"),
             "balloon": ("", f"{self.own_of_any()}.balloon") if self.alone else ("own", f"{own}.balloon"),
             "numbers": ("own", f"{own}.n"),
+            "number": ("", self.number),
             "point": ("", f"in_tile({self.points[0]}, particle)"),
             "velocity": ("", self.read("velocity")),
             "ramp": ("balloon", f"state.inflation_ramp[world, {balloon}]"),
@@ -119,6 +122,11 @@ class NamesInBlock(Writer):
             return ("", self.read(name)) if of_particle else ("balloon", f"all_{name}[world, {balloon}]")
         columns = self.traits.columns
         return ("own", f"{own}.n[{columns.places[name]}]") if name in columns.places else None
+
+    @property
+    def number(self) -> str:
+        """Return the number in the state of the particle at hand."""
+        return "state_numbers[particle]" if self.layout.ordered else self.bound("particle")
 
     def home(self, name: str) -> str:
         """Return where a value of particles waits."""

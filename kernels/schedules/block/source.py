@@ -16,6 +16,7 @@ from balloon_warp.kernels.loops.slots import SlotTable
 from balloon_warp.kernels.memory import in_tile, put_in_tile, put_vector, vector_at
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.own import own_beside_function, own_functions
+from balloon_warp.kernels.schedules.block.compaction import compaction
 from balloon_warp.kernels.schedules.block.groups import GroupsInBlock
 from balloon_warp.kernels.schedules.block.layout import Layout
 from balloon_warp.kernels.schedules.block.looks import reader_of_springs
@@ -26,6 +27,9 @@ from balloon_warp.kernels.spheres import shared_spheres
 from balloon_warp.kernels.tables import WorldState
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.warps import WARP_THREADS, any_in_block, block_barrier
+
+TURNS = {"substep": ("substep % 2", "1 - substep % 2"), "2 * pair + 1": ("1", "0")}
+"""Parities of the numbers of substeps that are not 0, and of the next"""
 
 
 class BlockWriter(GroupsInBlock):
@@ -56,6 +60,7 @@ class BlockWriter(GroupsInBlock):
         return {
             "t": "Tables", "slots": "SlotTable", "state": "WorldState", "working": "Working",
             "second_velocities": "wp.array2d[wp.vec3]", "film_pulls": "wp.array2d[wp.vec3]",
+            "state_numbers": "wp.array[wp.int32]",
             **{f"all_{value}": f"wp.array2d[{value}_type]" for value in self.step.kept},
         }  # fmt: skip
 
@@ -78,11 +83,22 @@ class BlockWriter(GroupsInBlock):
         for phase in self.phases:
             if phase.due:
                 names[f"{phase.name}_is_due"] = phase.due(self.traits)
+            if phase.name in self._compacted:
+                functions = compaction(phase.name, self.layout.capacity)
+                names[f"{phase.name}_may_act"] = phase.asked(self.traits, self.step.look)
+                names |= {f"{verb}_{phase.name}": getattr(functions, verb) for verb in ("clear", "note")}
+                names |= {f"count_of_{phase.name}": functions.count, f"item_of_{phase.name}": functions.at}
             if phase.sums:
                 (value,) = phase.writes
                 functions = block_sum(value, phase.writes[value], self.traits.balloons, self.layout.warps)
                 names |= {f"{verb}_{value}": function for verb, function in functions._asdict().items()}
         return names
+
+    @property
+    def _compacted(self) -> tuple[str, ...]:
+        """Return the names of phases that only those items go through on which they act."""
+        found = ((piece, self.compacted(piece)) for piece in self.step.pieces)
+        return tuple(piece.phases[number].name for piece, number in found if number is not None)
 
     def _written(self) -> list[str]:
         """Return the body's lines, without values that nobody reads."""
@@ -98,6 +114,10 @@ class BlockWriter(GroupsInBlock):
         self._places_of_values()
         self.line("# Particles come from the state.")
         self._take_particles()
+        for name in self._compacted:
+            self.line("if thread == 0:")
+            self.line(f"    clear_{name}(0)")
+            self.line(f"    clear_{name}(1)")
         self.line("block_barrier()")
         self._write_pieces(piece for piece in self.step.pieces if piece.once)
         self._keep_once()
@@ -140,9 +160,9 @@ class BlockWriter(GroupsInBlock):
         if not self.layout.held:
             self.line("first = read_own(t, world, wp.min(thread, count - 1))")
             with self._over("particle"):
-                self.line("put_in_tile(points, particle, state.points[world, particle])")
+                self.line(f"put_in_tile(points, particle, state.points[world, {self.number}])")
                 if "velocity" in self.layout.tiles:
-                    self.line("put_in_tile(velocities, particle, state.velocities[world, particle])")
+                    self.line(f"put_in_tile(velocities, particle, state.velocities[world, {self.number}])")
         for place in self.places:
             with self.about(place):
                 self._take_particle(place)
@@ -207,6 +227,7 @@ class BlockWriter(GroupsInBlock):
 
     def _substep(self, number: str) -> None:
         with self.indented():
+            self.turn, self.next_turn = TURNS.get(number, ("0", "1"))
             self.line(f"time_in_frame = float({number}) * t.step_seconds")
             self._write_pieces(piece for piece in self.step.pieces if not piece.once and not piece.last)
 
@@ -223,9 +244,9 @@ class BlockWriter(GroupsInBlock):
                 self.line(f"    state.velocities[world, {b('particle')}] = {b('velocity')}")
         if not self.layout.held:
             with self._over("particle"):
-                self.line(f"state.points[world, particle] = in_tile({self.points[0]}, particle)")
+                self.line(f"state.points[world, {self.number}] = in_tile({self.points[0]}, particle)")
                 if self._velocities_wait_elsewhere:
-                    self.line(f"state.velocities[world, particle] = {self.read('velocity')}")
+                    self.line(f"state.velocities[world, {self.number}] = {self.read('velocity')}")
 
     def _write_pieces(self, pieces: Iterable[Piece]) -> None:
         for piece in pieces:

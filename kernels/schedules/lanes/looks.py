@@ -28,7 +28,7 @@ from balloon_warp.kernels.traits import Traits
 
 @wp.func
 def take_forces(t: Any, own: Any):
-    """Take the forces that hinges and membranes have added to an item [N], and clear them."""
+    """Take the forces that hinges, faces and membranes have added to an item [N], and clear them."""
     forces = t.forces[own.group]
     force = of_item(forces, own.number)
     put_item(forces, own.number, Lanes3())
