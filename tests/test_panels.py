@@ -214,8 +214,8 @@ def test_stiff_film_comes_to_rest_at_the_step_of_auto(tmp_path: Path):
     """Film hardly stretches, so that its triangles go on changing between taut and wrinkled.
 
     A spring that pulls and does not push gains energy in steps near the stable one of its taut side. At the narrow ends
-    of gores all triangles are alike and take it up together: with 0.8 of the stable step they moved by 1.2 m/s for ever,
-    with 0.7 they stop.
+    of gores all triangles are alike and take it up together: with 0.8 of the stable step they moved by 1.2 m/s, and
+    did not stop; with 0.7 they do.
     """
     panels = panels_of(BALL, 24, 0.3)
     write_obj(tmp_path / "panels.obj", panels.flat_mesh(flattened(panels, panels.mesh.points)))
