@@ -63,6 +63,7 @@ def everything(normals: Literal["cached", "fresh"] = "cached") -> Scene:
             String(anchor=(5.0, 2.0, 0.0), balloon=1, particle=4, length=30.0),
         ],
         ground=Ground(),
+        touch=False,
     )
 
 

@@ -14,7 +14,7 @@ from balloon_warp.kernels.schedules.block.layout import Layout
 from balloon_warp.kernels.schedules.block.source import source_of_frame
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, build_model, initial_state
-from balloon_warp.scene import Balloon, Ground, Inflation, Material, Obstacle, Scene, Sphere
+from balloon_warp.scene import Balloon, Ground, Inflation, Material, Obstacle, Scene, Sphere, Stiffness
 from balloon_warp.schedules import block_frames
 from balloon_warp.schedules.block_layout import step_of
 from balloon_warp.schedules.choose import make_schedule
@@ -27,12 +27,14 @@ from balloon_warp.schedules.traits import model_traits
 PAPERS, GAS = Inflation(k_normal=0.2), Inflation(kind="gas", start_pressure=50.0)
 LATEX = Material(kind="neo_hookean", shear_modulus=4e5, thickness=3e-4)
 GROUND, ABOVE = Ground(height=-0.49), Sphere(position=(0.0, 0.95, 0.0), radius=0.5, mass=1.0)
+VISCOUS = Stiffness(viscosity=2e-2)
 BESIDE = Sphere(position=(0.9, 0.95, 0.0), radius=0.5, mass=1.0)
 
 
 def scenes(cells: int) -> dict[str, Scene]:
     """Of balloons with so many cells along an edge."""
     ball = quad_sphere(cells, radius=0.5)
+    falling = Balloon(mesh=ball, position=(0.0, 0.57, 0.0), inflation=PAPERS, velocity=(0.5, -1.0, 0.0))
     return {
         "cached normals": Scene(substeps=16, balloon=[Balloon(mesh=ball, inflation=PAPERS)]),
         "fresh normals, odd substeps": Scene(
@@ -53,9 +55,17 @@ def scenes(cells: int) -> dict[str, Scene]:
         ),
         "beside obstacles": Scene(
             substeps=15,
-            balloon=[Balloon(mesh=ball, position=(0.0, 0.57, 0.0), inflation=PAPERS, velocity=(0.5, -1.0, 0.0))],
+            balloon=[falling],
             obstacle=[Obstacle(size=(4.0, 0.1, 4.0)), Obstacle(size=(0.1, 4.0, 4.0), position=(0.55, 0.0, 0.0))],
             faces=False,
+        ),
+        "beside obstacles, impulses": Scene(
+            substeps=15,
+            balloon=[falling.model_copy(update={"stiffness": VISCOUS})],
+            obstacle=[Obstacle(size=(4.0, 0.1, 4.0)), Obstacle(size=(0.1, 4.0, 4.0), position=(0.55, 0.0, 0.0))],
+            faces=False,
+            contact="impulse",
+            sphere=[ABOVE],
         ),
         "latex": Scene(
             substeps=64,
@@ -64,7 +74,7 @@ def scenes(cells: int) -> dict[str, Scene]:
             ],
         ),
         "viscous": Scene(
-            substeps=32, balloon=[Balloon(mesh=ball, inflation=PAPERS, stiffness={"viscosity": 1e-3})]  # pyright: ignore
+            substeps=32, balloon=[Balloon(mesh=ball, inflation=PAPERS, stiffness=VISCOUS)]
         ),
         "corrected": Scene(
             substeps=16, correction="provot", balloon=[Balloon(mesh=ball, inflation=PAPERS)], ground=GROUND

@@ -221,6 +221,15 @@ def test_a_scene_with_spheres_is_refused_by_the_phase():
         bw.gradient(of, of=SPRINGS, loss=far, device="cpu")
 
 
+def test_balloons_that_touch_by_default_are_refused_with_a_way_out():
+    alone = scene()
+    pair = alone.model_copy(
+        update={"balloon": [*alone.balloon, bw.Balloon(mesh=quad_sphere(3), position=(3.0, 0.0, 0.0))]}
+    )
+    with pytest.raises(bw.InputError, match="balloons that touch have no adjoint yet; expected touch = false"):
+        bw.gradient(pair, of=SPRINGS, loss=far, device="cpu")
+
+
 def test_what_has_no_effect_is_refused():
     """Far above the ground."""
     with pytest.raises(bw.InputError, match=r"ground\.height: no path leads from it to the loss"):

@@ -30,6 +30,8 @@ def require_differentiable(plan: ModelPlan) -> None:
     scene = plan.scene
     if scene.solver == "projective":
         raise InputError('gradients: `projective` has no adjoint; expected solver = "symplectic_euler"')
+    if scene.touches:
+        raise InputError("gradients: balloons that touch have no adjoint yet; expected touch = false")
     if plan.due_changes:
         raise InputError("gradients: values that change on the way, by `[[change]]`, have no adjoint yet")
 

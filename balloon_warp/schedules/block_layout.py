@@ -128,8 +128,8 @@ def _looped(model: Model, traits: Traits) -> Layout:
 
 def _ordered(traits: Traits, layout: Layout) -> Layout:
     """Return the layout with particles by their number of springs, where only this kernel sees them in that order."""
-    alone = "velocity" in layout.tiles and traits.frames != "busy"
-    return layout._replace(ordered=alone and not (traits.membranes or traits.has("hinge")))
+    alone = "velocity" in layout.tiles and not traits.membranes and not traits.has("hinge")
+    return layout._replace(ordered=alone)
 
 
 def _loop_threads(model: Model, traits: Traits, film: FilmLayout | None) -> tuple[int, int]:

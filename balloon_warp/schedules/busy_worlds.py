@@ -77,7 +77,7 @@ class BusyWorlds:
             if _in_blocks(model, traits)
             else LaunchedFrames(model, busy)
         )
-        self.tables, self.working = self._frames.tables, self._frames.working
+        self.working = self._frames.working
         self.outlook = Outlook(model, traits, self._frames.tables, self.working)
 
     @staticmethod

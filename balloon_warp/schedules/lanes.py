@@ -55,7 +55,7 @@ class LanesSchedule:
         self._kernel = kernel_of(step, self.layout)
         self.tables = make_tables(model, self._traits)
         self._inputs = self._arguments(step)
-        self._health = HealthCheck(model, self.tables)
+        self._health = HealthCheck(model)
         self._share_out(thread_count)
 
     @classmethod

@@ -15,7 +15,6 @@ from balloon_warp.kernels.tables import (
     FanTable,
     HingeTable,
     PairTable,
-    ParticleTable,
     SpringTable,
     StringTable,
     Tables,
@@ -30,6 +29,7 @@ from balloon_warp.model.small_spheres import small_spheres
 from balloon_warp.schedules.fixtures import body_table, fixture_table
 from balloon_warp.schedules.health import health_table
 from balloon_warp.schedules.membranes import membrane_table, membranes_of_world
+from balloon_warp.schedules.particles import particle_table
 from balloon_warp.schedules.ridges import ridge_table
 from balloon_warp.schedules.rings import quad_rings, ring_table
 from balloon_warp.schedules.slices import slices_of
@@ -45,7 +45,7 @@ def make_tables(model: Model, traits: Traits, in_block: bool = False) -> Any:
         in_block: for the `block` schedule, see `ring_table`.
     """
     t = Tables()
-    t.particles = _particles(model)
+    t.particles = particle_table(model)
     ends = spring_ends(model)
     t.springs = _springs(model, traits, ends)
     ring = quad_rings(model) if traits.rings else None
@@ -101,13 +101,6 @@ def world_state(state: State) -> Any:
 
 def _array(model: Model, values: Any, dtype: Any) -> wp.array:
     return wp.array(np.asarray(values), dtype=dtype, device=model.device)
-
-
-def _particles(model: Model) -> Any:
-    table = ParticleTable()
-    table.balloon, table.mass_share = model.particle_balloon, model.particle_mass_share
-    table.offsets = _array(model, model.particle_offsets, wp.int32)
-    return table
 
 
 def _springs(model: Model, traits: Traits, ends: SpringEnds) -> Any:
