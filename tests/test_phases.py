@@ -135,7 +135,7 @@ LISTS: tuple[tuple[Phase, ...], ...] = (
 def model(request: pytest.FixtureRequest) -> Model:
     """Balloons of 26 and 8 particles, or one so large that it is added up in parts."""
     meshes = [quad_sphere(2), cube()] if request.param == "small" else [cube(), quad_sphere(19)]
-    return build_model(Scene(balloon=[Balloon(mesh=mesh) for mesh in meshes]), "cpu", 3)
+    return build_model(Scene(balloon=[Balloon(mesh=mesh) for mesh in meshes], touch=False), "cpu", 3)
 
 
 def at_random(model: Model) -> tuple[State, Values]:
