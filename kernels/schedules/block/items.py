@@ -1,7 +1,7 @@
 """Code of a block for particles and other items, held by threads or looped over, and for sums."""
 
 import inspect
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 
 from balloon_warp.kernels.phase import STATE, Phase
@@ -93,48 +93,72 @@ class ItemsInBlock(NamesInBlock):
     def compacted(self, piece: Piece) -> int | None:
         """Return which phase of particles, and all after it, only those go through that it acts on; None if all do.
 
-        Those phases read nothing but state that the ones before have written.
+        Those phases read nothing but state that the ones before have written, and what follows from the point that a
+        particle had, see `_from_start`.
         """
         if piece.item != "particle" or self.layout.held or piece.leaves or piece.phases[-1].sums:
             return None
         written: set[str] = set()
         for number, phase in enumerate(piece.phases):
             of_others = {name for each in piece.phases[number:] for name in self.reads(each)} & written
+            of_others -= {name for each in self._from_start(piece) for name in each.writes}
             if phase.rare and phase.asked(self.traits, self.step.look) and of_others <= STATE.keys():
                 return number
             written |= phase.writes.keys()
         return None
 
+    def _from_start(self, piece: Piece) -> tuple[Phase, ...]:
+        """Return the phases that read nothing but the point before it moves, which the other tile still has."""
+        moving = next((number for number, phase in enumerate(piece.phases) if "point" in phase.writes), 0)
+        again = "point" in piece.doubles
+        return tuple(phase for phase in piece.phases[:moving] if again and set(self.reads(phase)) == {"point"})
+
     def _items(self, piece: Piece) -> None:
         """Write what threads do in a loop over items, whose values then wait in memory."""
         few = self.compacted(piece)
         if few is not None:
+            read = {name for phase in piece.phases[few:] for name in self.reads(phase)}
+            starts = [phase for phase in self._from_start(piece) if not read.isdisjoint(phase.writes)]
             rest = piece._replace(phases=piece.phases[few:], doubles=())
-            self._all_items(piece._replace(phases=piece.phases[:few]), rest.phases[0])
-            self._few_items(rest)
+            self._all_items(piece._replace(phases=piece.phases[:few]), rest.phases)
+            self._few_items(rest, starts)
             return
         self._all_items(piece)
 
-    def _few_items(self, piece: Piece) -> None:
-        """Write what threads do for the particles that were noted."""
+    def _few_items(self, piece: Piece, starts: Sequence[Phase]) -> None:
+        """Write what threads do for the particles that were noted.
+
+        Args:
+            starts: what is found of the points that they had.
+        """
         name, threads = piece.phases[0].name, self.layout.threads
         self.line(f"for noted in range(thread, count_of_{name}({self.turn}), {threads}):")
         with self.indented():
             self.line(f"particle = item_of_{name}(noted)")
             self.known.add("particle")
+            if starts:
+                self.line(f"point = in_tile({self.points[1]}, particle)")
+                self.known.add("point")
+                self.calls(starts)
+                self.known.discard("point")
             self.calls(piece.phases)
             self._put_particle(piece)
         self.line("if thread == 0:")
         self.line(f"    clear_{name}({self.next_turn})")
         self.line("block_barrier()")
 
-    def _note(self, phase: Phase) -> None:
-        """Write how an item is noted, if a phase may act on it."""
+    def _note_or_go_on(self, phases: Sequence[Phase]) -> None:
+        """Write how an item is noted, if the first of phases may act on it, and otherwise goes through the others."""
+        phase, *others = phases
         asked = inspect.signature(phase.asked(self.traits, self.step.look).func).parameters
         for name in asked:
             self.need(name)
         self.line(f"if {phase.name}_may_act({', '.join(map(self.bound, asked))}):")
         self.line(f"    note_{phase.name}({self.turn}, particle)")
+        if others:
+            self.line("else:")
+            with self.indented():
+                self.calls(others)
 
     def _put_particle(self, piece: Piece) -> None:
         """Write what a piece has moved to where it waits."""
@@ -143,8 +167,12 @@ class ItemsInBlock(NamesInBlock):
         if "point" in piece.moves:
             self.line(f"put_in_tile({self._target(piece, 'point')}, particle, point)")
 
-    def _all_items(self, piece: Piece, noting: Phase | None = None) -> None:
-        """Write a loop over all items, and note those that a phase may act on."""
+    def _all_items(self, piece: Piece, few: Sequence[Phase] = ()) -> None:
+        """Write a loop over all items.
+
+        Args:
+            few: phases of which the first is left to the items that it may act on, and the others with it.
+        """
         item, summed = piece.item, self._begin_sum(piece)
         rounds = summed is not None and not self.alone
         with self._over(item, rounds):
@@ -158,9 +186,9 @@ class ItemsInBlock(NamesInBlock):
                     self.line(
                         self.write(value, self.home(value)) if of_particle else f"all_{value}[world, {item}] = {value}"
                     )
+            if few:
+                self._note_or_go_on(few)
             self._put_particle(piece)
-            if noting:
-                self._note(noting)
         self._switch(piece)
         if item == "sphere":
             self.spheres_moved = True  # who asks waits for a barrier

@@ -81,7 +81,7 @@ class _Writer(NamesInLanes):
         return [STATE[name] for name in self.step.doubled]
 
     def _frame(self) -> None:
-        step, free = self.step, self.step.traits.frames == "free"
+        step, free = self.step, self.step.traits.watched
         self.line("group = first_group + wp.tid()")
         if free:
             self.line("if not any_free(t, working, group):")
