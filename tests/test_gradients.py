@@ -25,6 +25,7 @@ MOTION = [
     *("balloon.mass", "balloon.damping", "gravity", "balloon.position.1", "balloon.velocity.0", "balloon.velocity.1"),
     *("balloon.angular_velocity.2", "balloon.rotation.0"),
 ]
+RUBBER = [f"balloon.material.{name}" for name in ("shear_modulus", "thickness", "mooney_ratio")]
 GAS = [
     *("balloon.inflation.start_pressure", "balloon.inflation.added_mass", "balloon.inflation.molar_mass"),
     *("atmosphere.pressure", "atmosphere.temperature"),
@@ -43,6 +44,8 @@ def scene(
         "angular_velocity": (0.5, 1.0, -2.0), "inflation": inflation,
         "stiffness": {"structural": 100.0, "shear": 50.0, "flexion": 20.0},
     }  # fmt: skip
+    if "material" in more:
+        del balloon["mass"], balloon["stiffness"]
     on = {"ground": {"height": 0.0, "friction": 0.3}} if ground else {}
     return bw.Scene(frames=frames, frames_per_second=rate, substeps=substeps, balloon=[balloon | more], **on)
 
@@ -70,7 +73,7 @@ def value_at(of: bw.Scene, path: str) -> float:
     value: Any = of.balloon[0] if path.startswith("balloon") else of
     for name in path.removeprefix("balloon.").removeprefix("0.").split("."):
         value = value[int(name)] if name.isdecimal() else getattr(value, name)
-    return float(value)
+    return float(plan_model(of).parameters[name][0, 0] if value is None else value)
 
 
 def differences(of: bw.Scene, paths: list[str]) -> dict[str, float]:
@@ -78,7 +81,7 @@ def differences(of: bw.Scene, paths: list[str]) -> dict[str, float]:
     found = {}
     for path in paths:
         value = value_at(of, path)
-        h = (1e-5 if of.ground is None else 3e-7) * max(abs(value), 1.0)
+        h = (1e-5 if of.ground is None else 3e-7) * (abs(value) or 1.0)
         more, less = (far_in_float64(of, {path: value + sign * h}) for sign in (1.0, -1.0))
         found[path] = (more - less) / (2.0 * h)
     return found
@@ -89,6 +92,7 @@ CASES = {
     "a substep": (scene(rate=1200.0, substeps=1), [*SPRINGS, *MOTION]),
     "frames": (scene(frames=4), [*SPRINGS, *MOTION]),
     "triangles": (scene(mesh=TRIANGLES), [*SPRINGS[::2], *MOTION]),
+    "rubber": (scene(frames=6, material={"kind": "mooney_rivlin"}), [*RUBBER, *MOTION[1:]]),
     "gas": (scene("gas", frames=2), [*SPRINGS, *MOTION, *GAS]),
     "ground": (scene(ground=True, frames=2), [*SPRINGS, *MOTION, "ground.height"]),
     "gas on the ground": (scene("gas", ground=True, frames=2), [*SPRINGS, *MOTION, *GAS, "ground.height"]),

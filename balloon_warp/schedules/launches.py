@@ -19,11 +19,13 @@ from balloon_warp.model.memory import Room
 from balloon_warp.model.state import contact_shape
 from balloon_warp.schedules.ridges import ridge_arrays
 from balloon_warp.schedules.solids import solid_arrays
-from balloon_warp.schedules.tables import world_state
+from balloon_warp.schedules.tables import kept_arguments, world_state
 from balloon_warp.schedules.touching import touch_arrays
 
 TEAM_THREADS = 256
 """Threads of a block for phases of a world and for sums, on a GPU; more would have too few registers"""
+TEAM_THREADS_OF_MANY, MANY_BLOCKS = 64, 2048
+"""Threads from a number of blocks: more blocks then run at once, while one thread of each ends its sum"""
 MOST_REGISTERS = 128
 """Registers of a thread with a particle, so that a multiprocessor has two blocks of 256 where particles touch
 obstacles, too"""
@@ -107,7 +109,7 @@ class Launches:
             "t": self.tables, "time_in_frame": time_in_frame, "state": world_state(state), "working": self.working,
             **{f"all_{view}": array for view, array in zip(STATE.values(), now, strict=True)},
             **{f"new_{view}": array for view, array in zip(STATE.values(), new, strict=True)},
-            **{f"all_{value}": array for value, array in self.values.items()},
+            **{f"all_{value}": array for value, array in self.values.items()}, **kept_arguments(state),
         }  # fmt: skip
         if piece.sums:
             self._sum(piece, has)
@@ -150,8 +152,9 @@ class Launches:
     def _over(self, piece: Piece, blocks: tuple[int, ...], has: Mapping[str, Any], part: Part = "all") -> None:
         """Launch so many blocks."""
         device = self.model.device
-        threads = TEAM_THREADS if device.is_cuda else 1
-        inputs = self._inputs(piece, has, part)
+        inputs, threads = self._inputs(piece, has, part), 1
+        if device.is_cuda:
+            threads = TEAM_THREADS_OF_MANY if np.prod(blocks) >= MANY_BLOCKS else TEAM_THREADS
         launch_tiled(self.kernel(piece, part), dim=blocks, inputs=inputs, block_dim=threads, device=device)
 
     @property

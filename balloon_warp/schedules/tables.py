@@ -99,6 +99,11 @@ def world_state(state: State) -> Any:
     return worlds
 
 
+def kept_arguments(state: State) -> dict[str, wp.array]:
+    """Return the arguments of kernels that hold what items keep."""
+    return {f"kept_{name}": array for name, array in state.kept.items()}
+
+
 def _array(model: Model, values: Any, dtype: Any) -> wp.array:
     return wp.array(np.asarray(values), dtype=dtype, device=model.device)
 
@@ -245,9 +250,7 @@ def _fans(model: Model, traits: Traits) -> Any:
 
 def _spheres(model: Model) -> Any:
     table = SphereTable()
-    table.mass, table.radius = model.parameters["sphere_mass"], model.parameters["sphere_radius"]
-    table.penalty = model.parameters["sphere_penalty"]
-    table.restitution = model.parameters["sphere_restitution"]
+    table.numbers = model.sphere_numbers
     return table
 
 

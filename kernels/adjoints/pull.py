@@ -7,6 +7,7 @@ import warp as wp
 
 from balloon_warp.kernels.adjoint import Adjoint, NoAdjointError
 from balloon_warp.kernels.adjoints.areas import area_adjoint
+from balloon_warp.kernels.adjoints.membranes import membrane_adjoint
 from balloon_warp.kernels.adjoints.springs import spring_adjoint
 from balloon_warp.kernels.memory import vector_at
 from balloon_warp.kernels.own import own_functions
@@ -24,12 +25,12 @@ def pull_backwards(phase: Phase, traits: Traits, look: Look) -> Sequence[Adjoint
             raise NoAdjointError(f"the law `{laws[0].name}`")
     if traits.in_water:
         raise NoAdjointError("the law `water`")
-    if traits.membranes:
-        raise NoAdjointError(f"the material `{traits.membranes[0].name}`")
     if traits.air_varies and traits.needs("particle", "air"):
         raise NoAdjointError("air that differs from place to place")
     found = [_laws(traits)] if traits.of_kind("particle") else []
     found.append(spring_adjoint(traits, vector_at))
+    if traits.membranes:
+        found.append(membrane_adjoint(traits, vector_at))
     if traits.measures_areas:
         found.append(area_adjoint(traits.quads, vector_at))
     return found

@@ -4,23 +4,23 @@ import inspect
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 
-from balloon_warp.kernels.phase import STATE, Phase
+from balloon_warp.kernels.phase import Phase
+from balloon_warp.kernels.schedules.block.few import FewInBlock
 from balloon_warp.kernels.schedules.block.layout import Layout
-from balloon_warp.kernels.schedules.block.names import NamesInBlock
 from balloon_warp.kernels.schedules.pieces import Piece, Step
 
 COUNTS = {
     "particle": "count",
     "face": "t.faces.balloon.shape[0]",
     "triangle": "t.membranes.corners.shape[0]",
-    "sphere": "t.spheres.radius.shape[1]",
+    "sphere": "t.spheres.numbers.shape[1]",
     "film": "t.membranes.films.corners.shape[0]",
 }
 """Expressions for the number of items in a world"""
 BALLOON_OF = {"particle": "t.particles.balloon", "face": "t.faces.balloon"}
 
 
-class ItemsInBlock(NamesInBlock):
+class ItemsInBlock(FewInBlock):
     """Write what threads do for items."""
 
     def __init__(self, step: Step, layout: Layout, alone: bool | None = None):
@@ -84,34 +84,34 @@ class ItemsInBlock(NamesInBlock):
     def _show_held(self, piece: Piece) -> None:
         """Write what a piece has moved to where others see it."""
         b = self.bound
+        for name in piece.keeps:
+            if self._is_seen(name):
+                self._put_kept(name)
         if "point" in piece.moves:
             self.line(f"put_in_tile({self._target(piece, 'point')}, {b('place')}, {b('point')})")
         if "velocity" in piece.moves and self.shows_velocities:
             self.line(f"if {b('is_there')}:")
             self.line(f"    put_vector({self._target(piece, 'velocity')}, {b('particle')}, {b('velocity')})")
 
-    def compacted(self, piece: Piece) -> int | None:
-        """Return which phase of particles, and all after it, only those go through that it acts on; None if all do.
+    def _is_seen(self, name: str) -> bool:
+        """Return whether a phase looks at what others keep."""
+        return any(name in phase.views(self.traits, self.step.look) for phase in self.phases)
 
-        Those phases read nothing but state that the ones before have written, and what follows from the point that a
-        particle had, see `_from_start`.
-        """
-        if piece.item != "particle" or self.layout.held or piece.leaves or piece.phases[-1].sums:
-            return None
-        written: set[str] = set()
-        for number, phase in enumerate(piece.phases):
-            of_others = {name for each in piece.phases[number:] for name in self.reads(each)} & written
-            of_others -= {name for each in self._from_start(piece) for name in each.writes}
-            if phase.rare and phase.asked(self.traits, self.step.look) and of_others <= STATE.keys():
-                return number
-            written |= phase.writes.keys()
-        return None
+    def _take_kept(self) -> None:
+        """Write how a thread takes what one of its particles keeps."""
+        for name in self.kept_of_particles:
+            self.line(f"{self.bound(name)} = kept_{name}[world, {self.bound('particle')}]")
+            self.known.add(self.bound(name))
 
-    def _from_start(self, piece: Piece) -> tuple[Phase, ...]:
-        """Return the phases that read nothing but the point before it moves, which the other tile still has."""
-        moving = next((number for number, phase in enumerate(piece.phases) if "point" in phase.writes), 0)
-        again = "point" in piece.doubles
-        return tuple(phase for phase in piece.phases[:moving] if again and set(self.reads(phase)) == {"point"})
+    def _put_kept(self, name: str) -> None:
+        """Write what a particle that a thread has keeps to where it stays."""
+        self.line(f"if {self.bound('is_there')}:")
+        self.line(f"    kept_{name}[world, {self.bound('particle')}] = {self.bound(name)}")
+
+    @property
+    def kept_of_particles(self) -> tuple[str, ...]:
+        """The values that particles keep."""
+        return tuple(each.name for each in self.traits.keeps if each.item == "particle")
 
     def _items(self, piece: Piece) -> None:
         """Write what threads do in a loop over items, whose values then wait in memory."""
@@ -124,48 +124,6 @@ class ItemsInBlock(NamesInBlock):
             self._few_items(rest, starts)
             return
         self._all_items(piece)
-
-    def _few_items(self, piece: Piece, starts: Sequence[Phase]) -> None:
-        """Write what threads do for the particles that were noted.
-
-        Args:
-            starts: what is found of the points that they had.
-        """
-        name, threads = piece.phases[0].name, self.layout.threads
-        self.line(f"for noted in range(thread, count_of_{name}({self.turn}), {threads}):")
-        with self.indented():
-            self.line(f"particle = item_of_{name}(noted)")
-            self.known.add("particle")
-            if starts:
-                self.line(f"point = in_tile({self.points[1]}, particle)")
-                self.known.add("point")
-                self.calls(starts)
-                self.known.discard("point")
-            self.calls(piece.phases)
-            self._put_particle(piece)
-        self.line("if thread == 0:")
-        self.line(f"    clear_{name}({self.next_turn})")
-        self.line("block_barrier()")
-
-    def _note_or_go_on(self, phases: Sequence[Phase]) -> None:
-        """Write how an item is noted, if the first of phases may act on it, and otherwise goes through the others."""
-        phase, *others = phases
-        asked = inspect.signature(phase.asked(self.traits, self.step.look).func).parameters
-        for name in asked:
-            self.need(name)
-        self.line(f"if {phase.name}_may_act({', '.join(map(self.bound, asked))}):")
-        self.line(f"    note_{phase.name}({self.turn}, particle)")
-        if others:
-            self.line("else:")
-            with self.indented():
-                self.calls(others)
-
-    def _put_particle(self, piece: Piece) -> None:
-        """Write what a piece has moved to where it waits."""
-        if "velocity" in piece.moves:
-            self.line(self.write("velocity", self._target(piece, "velocity")))
-        if "point" in piece.moves:
-            self.line(f"put_in_tile({self._target(piece, 'point')}, particle, point)")
 
     def _all_items(self, piece: Piece, few: Sequence[Phase] = ()) -> None:
         """Write a loop over all items.
@@ -186,6 +144,8 @@ class ItemsInBlock(NamesInBlock):
                     self.line(
                         self.write(value, self.home(value)) if of_particle else f"all_{value}[world, {item}] = {value}"
                     )
+            for value in piece.keeps:
+                self.line(f"{self.kept_at(value)} = {value}")
             if few:
                 self._note_or_go_on(few)
             self._put_particle(piece)
@@ -194,11 +154,6 @@ class ItemsInBlock(NamesInBlock):
             self.spheres_moved = True  # who asks waits for a barrier
         elif not piece.last:
             self._end_sum(summed)
-
-    def _target(self, piece: Piece, name: str) -> str:
-        """Return where a piece writes points, or velocities."""
-        places = self.points if name == "point" else self.velocities
-        return places[1 if name in piece.doubles else 0]
 
     def _switch(self, piece: Piece) -> None:
         """Take notice of where points and velocities are from here on."""

@@ -61,7 +61,7 @@ class BlockWriter(StateInBlock):
             "t": "Tables", "slots": "SlotTable", "state": "WorldState", "working": "Working",
             "second_velocities": "wp.array2d[wp.vec3]", "film_pulls": "wp.array2d[wp.vec3]",
             "state_numbers": "wp.array[wp.int32]",
-            **{f"all_{value}": f"wp.array2d[{value}_type]" for value in self.step.kept},
+            **{f"all_{value}": f"wp.array2d[{value}_type]" for value in self.step.kept}, **self.kept_arrays,
         }  # fmt: skip
 
     def names(self) -> dict[str, Any]:

@@ -42,6 +42,7 @@ class StateInBlock(GroupsInBlock):
         self.line(f"{b('velocity')} = state.velocities[world, {b('particle')}]")
         self.line(f"put_in_tile(points, {b('place')}, {b('point')})")
         self.known |= {b(name) for name in ("place", "is_there", "particle", "own", "springs", "point", "velocity")}
+        self._take_kept()
 
     def _find_particle(self, number: int) -> None:
         """Write which particle a thread takes, and where in the tile."""
@@ -61,6 +62,8 @@ class StateInBlock(GroupsInBlock):
                 self.line(f"if {b('is_there')}:")
                 self.line(f"    state.points[world, {b('particle')}] = {b('point')}")
                 self.line(f"    state.velocities[world, {b('particle')}] = {b('velocity')}")
+                for name in self.kept_of_particles:
+                    self._put_kept(name)
         if not self.layout.held:
             with self._over("particle"):
                 self.line(f"state.points[world, {self.number}] = in_tile({self.points[0]}, particle)")
