@@ -102,7 +102,7 @@ class Traits(NamedTuple):
     """Parts of a balloon touch each other"""
     edges_meet: bool = False
     """Sharp edges touch edges, between particles"""
-    frames: Literal["all", "free", "busy"] = "all"
+    frames: Literal["all", "free", "apart", "busy"] = "all"
     """Frames that the kernels advance a world in: in a free frame its particles are far from obstacles and each other,
     see `contact.free_frames`"""
 
@@ -214,6 +214,16 @@ class Traits(NamedTuple):
     def stands(self) -> bool:
         """Return whether particles stand on the ground or on what goes where it is told, which feel nothing of it."""
         return self.ground or self.stands_on_fixtures
+
+    @property
+    def watched(self) -> bool:
+        """Return whether the frame counts only if no particle goes farther than it may, see `contact.free_frames`."""
+        return self.frames in ("free", "apart")
+
+    @property
+    def touches_alone(self) -> bool:
+        """Return whether worlds go through launches only if balloons are near each other, not if obstacles are."""
+        return self.touches and not self.meets_solids
 
     @property
     def stands_on_fixtures(self) -> bool:

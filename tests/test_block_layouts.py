@@ -12,7 +12,7 @@ from meshes import quad_sphere
 from balloon_warp.kernels.schedules.block.layout import Layout
 from balloon_warp.kernels.schedules.block.source import source_of_frame
 from balloon_warp.model import build_model, initial_state
-from balloon_warp.scene import Balloon, Ground, Inflation, Material, Obstacle, Scene, Sphere, Stiffness
+from balloon_warp.scene import Balloon, Ground, Inflation, Material, Obstacle, Scene, Sphere, Stiffness, Touch
 from balloon_warp.schedules import block_frames
 from balloon_warp.schedules.block_layout import step_of
 from balloon_warp.schedules.choose import make_schedule
@@ -54,6 +54,13 @@ def scenes(cells: int) -> dict[str, Scene]:
             balloon=[falling],
             obstacle=[Obstacle(size=(4.0, 0.1, 4.0)), Obstacle(size=(0.1, 4.0, 4.0), position=(0.55, 0.0, 0.0))],
             faces=False,
+        ),
+        "apart, beside obstacles": Scene(
+            substeps=15,
+            balloon=[falling, falling.model_copy(update={"position": (0.0, 0.57, 3.0)})],
+            obstacle=[Obstacle(size=(8.0, 0.1, 8.0)), Obstacle(size=(0.1, 4.0, 4.0), position=(0.55, 0.0, 0.0))],
+            faces=False,
+            touch=Touch(),
         ),
         "beside obstacles, impulses": Scene(
             substeps=15,
@@ -118,7 +125,7 @@ def test_loops_over_items_leave_what_threads_keep_alone() -> None:
     """A thread that keeps one particle of several balloons has loops over faces and balloons beside it; to these, and
     to the particle, the same names meant different things. A CPU's one thread keeps all particles, so the text is
     looked at."""
-    scene = scenes(3)["two balloons"].model_copy(update={"normals": "cached"})
+    scene = scenes(3)["two balloons"].model_copy(update={"normals": "cached", "touch": False})
     model = build_model(scene, "cpu")
     traits = model_traits(model)
     layout = Layout(64, 128, 1, kind_slots(spring_ends(model)))

@@ -24,6 +24,8 @@ from balloon_warp.schedules.touching import touch_arrays
 
 TEAM_THREADS = 256
 """Threads of a block for phases of a world and for sums, on a GPU; more would have too few registers"""
+TEAM_THREADS_OF_MANY, MANY_BLOCKS = 64, 2048
+"""Threads from a number of blocks: more blocks then run at once, while one thread of each ends its sum"""
 MOST_REGISTERS = 128
 """Registers of a thread with a particle, so that a multiprocessor has two blocks of 256 where particles touch
 obstacles, too"""
@@ -150,8 +152,9 @@ class Launches:
     def _over(self, piece: Piece, blocks: tuple[int, ...], has: Mapping[str, Any], part: Part = "all") -> None:
         """Launch so many blocks."""
         device = self.model.device
-        threads = TEAM_THREADS if device.is_cuda else 1
-        inputs = self._inputs(piece, has, part)
+        inputs, threads = self._inputs(piece, has, part), 1
+        if device.is_cuda:
+            threads = TEAM_THREADS_OF_MANY if np.prod(blocks) >= MANY_BLOCKS else TEAM_THREADS
         launch_tiled(self.kernel(piece, part), dim=blocks, inputs=inputs, block_dim=threads, device=device)
 
     @property

@@ -35,7 +35,7 @@ def has_free_frames(traits: Traits) -> bool:
 def free_traits(traits: Traits) -> Traits:
     """Return the traits of kernels for free frames."""
     return traits._replace(
-        frames="free",
+        frames="apart" if traits.fixtures and traits.touches_alone else "free",
         touches=False,
         touches_itself=False,
         edges_meet=False,

@@ -1,8 +1,9 @@
 """Frames in which the particles of a world are far from all that they might meet, beside the ground and spheres.
 
-Such a frame is simulated as if there were nothing else. How far each particle may go is known when it begins; if one
-went further, the world stays where it was, and is simulated once more with all that there is. So nothing is missed at
-any speed, and where nothing is near, it costs next to nothing.
+Such a frame is simulated as if there were nothing else, or nothing but obstacles, where it is enough that balloons are
+apart. How far each particle may go is known when it begins; if one went further, the world stays where it was, and is
+simulated once more with all that there is. So nothing is missed at any speed, and where nothing is near, it costs next
+to nothing.
 """
 
 from functools import cache
@@ -83,7 +84,8 @@ def larger_extent(a: Extent, b: Extent):
 @cache
 def surround_kernel(traits: Traits) -> Any:
     """Return the kernel that finds the distance of each balloon to obstacles."""
-    free_ball = free_ball_function(traits) if traits.fixtures else None
+    keeps_off = traits.fixtures and not traits.touches_alone
+    free_ball = free_ball_function(traits) if keeps_off else None
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def surround_balloons(
@@ -114,7 +116,7 @@ def surround_kernel(traits: Traits) -> Any:
             free.boxes[world, balloon, LOWER] = lower
             free.boxes[world, balloon, UPPER] = upper
             clearance = float(FAR_AWAY)
-            if wp.static(traits.fixtures):
+            if wp.static(keeps_off):
                 begin = float(state.frame[0]) * t.frame_seconds
                 clearance = free_ball(t, world, begin, 0.5 * (lower + upper), 0.5 * wp.length(upper - lower))
                 clearance -= t.fixtures.fastest * t.frame_seconds

@@ -14,7 +14,7 @@ from balloon_warp.kernels.working import Working
 
 
 def _is_free(traits: Traits) -> bool:
-    return traits.frames == "free"
+    return traits.watched
 
 
 @phase("particle", {"start": wp.vec3}, when=_is_free)
@@ -29,6 +29,9 @@ def set_off(traits: Traits, look: Look) -> Any:
 
 
 def _hurries(traits: Traits, look: Look) -> Any:
+    if not look.world:  # of one particle it is asked as fast
+        return None
+
     @wp.func
     def is_faster(t: Any, way: Any, start: Any, point: Any):
         """Return whether any particle of eight may be faster than allowed, with a margin."""

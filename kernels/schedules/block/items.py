@@ -1,12 +1,12 @@
 """Code of a block for particles and other items, held by threads or looped over, and for sums."""
 
 import inspect
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 
-from balloon_warp.kernels.phase import STATE, Phase
+from balloon_warp.kernels.phase import Phase
+from balloon_warp.kernels.schedules.block.few import FewInBlock
 from balloon_warp.kernels.schedules.block.layout import Layout
-from balloon_warp.kernels.schedules.block.names import NamesInBlock
 from balloon_warp.kernels.schedules.pieces import Piece, Step
 
 COUNTS = {
@@ -20,7 +20,7 @@ COUNTS = {
 BALLOON_OF = {"particle": "t.particles.balloon", "face": "t.faces.balloon"}
 
 
-class ItemsInBlock(NamesInBlock):
+class ItemsInBlock(FewInBlock):
     """Write what threads do for items."""
 
     def __init__(self, step: Step, layout: Layout, alone: bool | None = None):
@@ -113,61 +113,24 @@ class ItemsInBlock(NamesInBlock):
         """The values that particles keep."""
         return tuple(each.name for each in self.traits.keeps if each.item == "particle")
 
-    def compacted(self, piece: Piece) -> int | None:
-        """Return which phase of particles, and all after it, only those go through that it acts on; None if all do.
-
-        Those phases read nothing but state that the ones before have written, and items keep nothing.
-        """
-        if piece.item != "particle" or self.layout.held or piece.leaves or piece.keeps or piece.phases[-1].sums:
-            return None
-        written: set[str] = set()
-        for number, phase in enumerate(piece.phases):
-            of_others = {name for each in piece.phases[number:] for name in self.reads(each)} & written
-            if phase.rare and phase.asked(self.traits, self.step.look) and of_others <= STATE.keys():
-                return number
-            written |= phase.writes.keys()
-        return None
-
     def _items(self, piece: Piece) -> None:
         """Write what threads do in a loop over items, whose values then wait in memory."""
         few = self.compacted(piece)
         if few is not None:
+            read = {name for phase in piece.phases[few:] for name in self.reads(phase)}
+            starts = [phase for phase in self._from_start(piece) if not read.isdisjoint(phase.writes)]
             rest = piece._replace(phases=piece.phases[few:], doubles=())
-            self._all_items(piece._replace(phases=piece.phases[:few]), rest.phases[0])
-            self._few_items(rest)
+            self._all_items(piece._replace(phases=piece.phases[:few]), rest.phases)
+            self._few_items(rest, starts)
             return
         self._all_items(piece)
 
-    def _few_items(self, piece: Piece) -> None:
-        """Write what threads do for the particles that were noted."""
-        name, threads = piece.phases[0].name, self.layout.threads
-        self.line(f"for noted in range(thread, count_of_{name}({self.turn}), {threads}):")
-        with self.indented():
-            self.line(f"particle = item_of_{name}(noted)")
-            self.known.add("particle")
-            self.calls(piece.phases)
-            self._put_particle(piece)
-        self.line("if thread == 0:")
-        self.line(f"    clear_{name}({self.next_turn})")
-        self.line("block_barrier()")
+    def _all_items(self, piece: Piece, few: Sequence[Phase] = ()) -> None:
+        """Write a loop over all items.
 
-    def _note(self, phase: Phase) -> None:
-        """Write how an item is noted, if a phase may act on it."""
-        asked = inspect.signature(phase.asked(self.traits, self.step.look).func).parameters
-        for name in asked:
-            self.need(name)
-        self.line(f"if {phase.name}_may_act({', '.join(map(self.bound, asked))}):")
-        self.line(f"    note_{phase.name}({self.turn}, particle)")
-
-    def _put_particle(self, piece: Piece) -> None:
-        """Write what a piece has moved to where it waits."""
-        if "velocity" in piece.moves:
-            self.line(self.write("velocity", self._target(piece, "velocity")))
-        if "point" in piece.moves:
-            self.line(f"put_in_tile({self._target(piece, 'point')}, particle, point)")
-
-    def _all_items(self, piece: Piece, noting: Phase | None = None) -> None:
-        """Write a loop over all items, and note those that a phase may act on."""
+        Args:
+            few: phases of which the first is left to the items that it may act on, and the others with it.
+        """
         item, summed = piece.item, self._begin_sum(piece)
         rounds = summed is not None and not self.alone
         with self._over(item, rounds):
@@ -183,19 +146,14 @@ class ItemsInBlock(NamesInBlock):
                     )
             for value in piece.keeps:
                 self.line(f"{self.kept_at(value)} = {value}")
+            if few:
+                self._note_or_go_on(few)
             self._put_particle(piece)
-            if noting:
-                self._note(noting)
         self._switch(piece)
         if item == "sphere":
             self.spheres_moved = True  # who asks waits for a barrier
         elif not piece.last:
             self._end_sum(summed)
-
-    def _target(self, piece: Piece, name: str) -> str:
-        """Return where a piece writes points, or velocities."""
-        places = self.points if name == "point" else self.velocities
-        return places[1 if name in piece.doubles else 0]
 
     def _switch(self, piece: Piece) -> None:
         """Take notice of where points and velocities are from here on."""

@@ -110,7 +110,7 @@ class BlockWriter(StateInBlock):
     def _body(self) -> None:
         self._find_world()
         if self.traits.frames != "all":
-            self.line(f"if working.verdicts[world] {'!=' if self.traits.frames == 'free' else '=='} 0: return")
+            self.line(f"if working.verdicts[world] {'!=' if self.traits.watched else '=='} 0: return")
         self._places_of_values()
         self.line("# Particles come from the state.")
         self._take_particles()

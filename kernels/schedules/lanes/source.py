@@ -83,7 +83,7 @@ class _Writer(NamesInLanes):
 
     def _frame(self) -> None:
         self.line("group = first_group + wp.tid()")
-        if self.step.traits.frames == "free":
+        if self.step.traits.watched:
             self.line("if not any_free(t, working, group):")
             self.line("    return")
         if self.step.traits.spheres:

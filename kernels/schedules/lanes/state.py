@@ -52,7 +52,7 @@ def frame_functions(traits: Traits, layout: Layout) -> tuple[Any, Any]:
     @wp.func
     def counts(working: Working, world: wp.int32):
         """Return whether the results of a world count: not if its frame was not free, where only free frames count."""
-        if wp.static(traits.frames == "free"):
+        if wp.static(traits.watched):
             return working.verdicts[world] == FREE
         else:
             return True

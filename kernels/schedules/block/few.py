@@ -1,0 +1,82 @@
+"""Code of a block for phases that few particles go through, which all threads share, see `compaction`."""
+
+import inspect
+from collections.abc import Sequence
+
+from balloon_warp.kernels.phase import STATE, Phase
+from balloon_warp.kernels.schedules.block.names import NamesInBlock
+from balloon_warp.kernels.schedules.pieces import Piece
+
+
+class FewInBlock(NamesInBlock):
+    """Write how particles are noted, and what is done for those."""
+
+    def compacted(self, piece: Piece) -> int | None:
+        """Return which phase of particles, and all after it, only those go through that it acts on; None if all do.
+
+        Those phases read nothing but state that the ones before have written, and what follows from the point that a
+        particle had, see `_from_start`; and items keep nothing.
+        """
+        if piece.item != "particle" or self.layout.held or piece.leaves or piece.keeps or piece.phases[-1].sums:
+            return None
+        written: set[str] = set()
+        for number, phase in enumerate(piece.phases):
+            of_others = {name for each in piece.phases[number:] for name in self.reads(each)} & written
+            of_others -= {name for each in self._from_start(piece) for name in each.writes}
+            if phase.rare and phase.asked(self.traits, self.step.look) and of_others <= STATE.keys():
+                return number
+            written |= phase.writes.keys()
+        return None
+
+    def _from_start(self, piece: Piece) -> tuple[Phase, ...]:
+        """Return the phases that read nothing but the point before it moves, which the other tile still has."""
+        moving = next((number for number, phase in enumerate(piece.phases) if "point" in phase.writes), 0)
+        again = "point" in piece.doubles
+        return tuple(phase for phase in piece.phases[:moving] if again and set(self.reads(phase)) == {"point"})
+
+    def _few_items(self, piece: Piece, starts: Sequence[Phase]) -> None:
+        """Write what threads do for the particles that were noted.
+
+        Args:
+            starts: what is found of the points that they had.
+        """
+        name, threads = piece.phases[0].name, self.layout.threads
+        self.line(f"for noted in range(thread, count_of_{name}({self.turn}), {threads}):")
+        with self.indented():
+            self.line(f"particle = item_of_{name}(noted)")
+            self.known.add("particle")
+            if starts:
+                self.line(f"point = in_tile({self.points[1]}, particle)")
+                self.known.add("point")
+                self.calls(starts)
+                self.known.discard("point")
+            self.calls(piece.phases)
+            self._put_particle(piece)
+        self.line("if thread == 0:")
+        self.line(f"    clear_{name}({self.next_turn})")
+        self.line("block_barrier()")
+
+    def _note_or_go_on(self, phases: Sequence[Phase]) -> None:
+        """Write how an item is noted, if the first of phases may act on it, and otherwise goes through the others."""
+        phase, *others = phases
+        asked = inspect.signature(phase.asked(self.traits, self.step.look).func).parameters
+        for name in asked:
+            self.need(name)
+        self.line(f"if {phase.name}_may_act({', '.join(map(self.bound, asked))}):")
+        self.line(f"    note_{phase.name}({self.turn}, particle)")
+        if others:
+            self.line("else:")
+            with self.indented():
+                self.calls(others)
+
+    def _put_particle(self, piece: Piece) -> None:
+        """Write what a piece has moved to where it waits."""
+        if "velocity" in piece.moves:
+            self.line(self.write("velocity", self._target(piece, "velocity")))
+        if "point" in piece.moves:
+            self.line(f"put_in_tile({self._target(piece, 'point')}, particle, point)")
+
+    def _target(self, piece: Piece, name: str) -> str:
+        """Return where a piece writes points, or velocities."""
+        places = self.points if name == "point" else self.velocities
+        return places[1 if name in piece.doubles else 0]
