@@ -79,8 +79,9 @@ def far_in_float64(of: bw.Scene, values: dict[str, float]) -> float:
 
 def value_at(of: bw.Scene, path: str) -> float:
     value: Any = of.balloon[0] if path.startswith("balloon") else of
-    for name in path.removeprefix("balloon.").removeprefix("0.").split("."):
-        value = value[int(name)] if name.isdecimal() else getattr(value, name)
+    *inner, name = path.removeprefix("balloon.").removeprefix("0.").split(".")
+    for each in (*inner, name):
+        value = value[int(each)] if each.isdecimal() else getattr(value, each)
     return float(plan_model(of).parameters[name][0, 0] if value is None else value)
 
 
@@ -203,7 +204,7 @@ def nothing(moved: Trajectories) -> tuple[Any, dict[str, Any]]:
     return 0.0, {}
 
 
-REFUSED: dict[str, tuple[dict[str, Any], list[str], Any, str]] = {
+REFUSED: dict[str, tuple[dict[str, Any], Any, Any, str]] = {
     "normal forces": ({"inflation": {"kind": "normal_force"}}, SPRINGS, far, "gradients: `measure` has no adjoint yet"),
     "torsion": ({"stiffness": {"torsion": 0.1}}, SPRINGS, far, "`pull` of the law `torsion` has no adjoint yet"),
     "unknown": ({}, ["balloon.mas"], far, "balloon.0.mas: unknown field; did you mean mass?"),

@@ -90,7 +90,7 @@ def _of_balloons(slopes: Mapping[str, Any], name: str, tracks: Sequence[NDArray]
     return np.concatenate(arrays, axis=-2)
 
 
-def _worlds_first(array: NDArray[np.float64], world_count: int, dimensions: int) -> NDArray[np.float64]:
+def _worlds_first(array: NDArray[Any], world_count: int, dimensions: int) -> NDArray[Any]:
     return array if array.ndim == dimensions else array.reshape(world_count, *array.shape)
 
 
