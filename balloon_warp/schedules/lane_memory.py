@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from balloon_warp.kernels.contact.near import mark_count
-from balloon_warp.kernels.lanes import LANE_COUNT, Lanes, Lanes3
+from balloon_warp.kernels.lanes import IN_LANES, LANE_COUNT, Lanes, Lanes3
 from balloon_warp.kernels.schedules.lanes.layouts import Layout
 from balloon_warp.kernels.schedules.lanes.source import arguments_of, kinds_of
 from balloon_warp.kernels.schedules.pieces import Step
@@ -73,6 +73,10 @@ def _of_kernel(model: Model, step: Step, layout: Layout, room: Room) -> dict[str
     for name, (item, kind) in kinds_of(step, layout).items():
         shown = kind is layout.vector and not layout.worlds
         arrays[f"all_{name}"] = room.array((groups, LANES * counts[item] + 1 if shown else counts[item]), kind)
+    of_model = {"particle": model.particle_count, "face": model.face_count, "triangle": model.triangle_count}
+    for kept in step.traits.keeps:
+        if f"lanes_{kept.name}" in takes:
+            arrays[f"lanes_{kept.name}"] = room.array((groups, of_model[kept.item]), IN_LANES[kept.type])
     return arrays
 
 

@@ -6,7 +6,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.algebra import dot_product, times
-from balloon_warp.kernels.lanes import LANE_COUNT, Lanes, Lanes4, any_negative, entry_at, of_lane
+from balloon_warp.kernels.lanes import LANE_COUNT, LaneNumbers, Lanes, Lanes4, any_negative, entry_at, of_lane
 from balloon_warp.kernels.laws.tension_field import NEVER_ZERO, how_surely_taut
 from balloon_warp.kernels.loops.membranes import (
     material_reader,
@@ -113,6 +113,37 @@ def are_surely_taut(t: Any, own: Any, d11: Lanes4, d12: Lanes4):
     return surely
 
 
+@wp.func
+def peaks_of(peaks: wp.array2d[Lanes], group: wp.int32, number: wp.int32):
+    """Return the peak stretches of a triangle of eight worlds."""
+    return peaks[group, wp.max(number, 0)]
+
+
+@wp.func
+def peaks_of(peaks: wp.array2d[float], group: wp.int32, numbers: LaneNumbers):  # noqa: F811 - an overload
+    """Return the peak stretches of eight triangles of a world."""
+    kept = Lanes()
+    for lane in range(LANE_COUNT):
+        if numbers[lane] >= 0:
+            kept[lane] = peaks[group, numbers[lane]]
+    return kept
+
+
+@wp.func
+def put_peaks(peaks: wp.array2d[Lanes], group: wp.int32, number: wp.int32, kept: Lanes):
+    """Keep the peak stretches of a triangle of eight worlds."""
+    if number >= 0:
+        peaks[group, number] = kept
+
+
+@wp.func
+def put_peaks(peaks: wp.array2d[float], group: wp.int32, numbers: LaneNumbers, kept: Lanes):  # noqa: F811
+    """Keep the peak stretches of eight triangles of a world."""
+    for lane in range(LANE_COUNT):
+        if numbers[lane] >= 0:
+            peaks[group, numbers[lane]] = kept[lane]
+
+
 @cache
 def wearing_function(traits: Traits, world_of: Any) -> Any:
     """Return the function that reduces tensions by wear, and keeps the peak stretch of triangles.
@@ -123,23 +154,6 @@ def wearing_function(traits: Traits, world_of: Any) -> Any:
     wear, material_of = wear_of_triangle(traits), material_reader(traits)
 
     @wp.func
-    def peaks_at(t: Any, peaks: wp.array2d[float], own: Any, entry: wp.int32):
-        """Return what eight triangles keep."""
-        kept = Lanes()
-        for lane in range(t.lane_count):
-            number = of_lane(t.quad_numbers[entry], lane)
-            if number >= 0:
-                kept[lane] = peaks[world_of(t, own, lane), number]
-        return kept
-
-    @wp.func
-    def keep_peaks(t: Any, peaks: wp.array2d[float], own: Any, entry: wp.int32, kept: Lanes):
-        for lane in range(t.lane_count):
-            number = of_lane(t.quad_numbers[entry], lane)
-            if number >= 0:
-                peaks[world_of(t, own, lane), number] = kept[lane]
-
-    @wp.func
     def worn(t: Any, own: Any, peaks: Any, d11: Lanes4, d12: Lanes4, along: Lanes4, mixed: Lanes4, back: Lanes4):
         """Return the worn tensions of a quad from the dot products of its edges."""
         material = material_of(t.all.membranes, own.balloon)
@@ -148,7 +162,8 @@ def wearing_function(traits: Traits, world_of: Any) -> Any:
             e12 = d12[corner]
             e22 = d11[(corner + 3) % 4]
             rests = t.quad_rests[4 * own.number + corner]
-            kept = peaks_at(t, peaks, own, 4 * own.number + corner)
+            numbers = t.quad_numbers[4 * own.number + corner]
+            kept = peaks_of(peaks, own.group, numbers)
             left = Lanes()
             for lane in range(LANE_COUNT):
                 metric = wp.vec3(e11[lane], e12[lane], e22[lane])
@@ -158,7 +173,7 @@ def wearing_function(traits: Traits, world_of: Any) -> Any:
                 )  # fmt: skip
                 left[lane] = of_one
                 kept[lane] = greatest
-            keep_peaks(t, peaks, own, 4 * own.number + corner, kept)
+            put_peaks(peaks, own.group, numbers, kept)
             along[corner] = times(along[corner], left)
             mixed[corner] = times(mixed[corner], left)
             back[(corner + 3) % 4] = times(back[(corner + 3) % 4], left)

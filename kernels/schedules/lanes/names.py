@@ -58,6 +58,29 @@ class NamesInLanes(Writer):
         }
         return {name for name in read if name in STATE.values()} | {VIEWS[name] for name in read if name in VIEWS}
 
+    @property
+    def doubled(self) -> list[str]:
+        """Return the views of state that have two places."""
+        return [STATE[name] for name in self.step.doubled]
+
+    @property
+    def in_lanes(self) -> tuple[str, ...]:
+        """Return what items of eight worlds keep that phases of eight look at: it stands side by side for a frame."""
+        traits, look = self.step.traits, self.step.look
+        wide = (phase for piece in self.step.pieces for phase in piece.phases if phase.takes_eight(traits, look))
+        seen = {name for phase in wide for name in phase.views(traits, look)} if self.layout.worlds else set()
+        return tuple(name for name in traits.kept if name in seen)
+
+    @property
+    def lane_arrays(self) -> dict[str, str]:
+        """Return the arguments in which that stands, and their types."""
+        return {f"lanes_{name}": f"wp.array2d[{name}_lanes]" for name in self.in_lanes}
+
+    def transfer(self, verb: str) -> None:
+        """Write how it is taken from the state, or put there."""
+        for name in self.in_lanes:
+            self.line(f"{verb}_all_{name}(t, kept_{name}, lanes_{name}, group)")
+
     @contextmanager
     def deeper(self, levels: int = 1) -> Iterator[None]:
         """Write what belongs to the line before."""
@@ -123,7 +146,9 @@ class NamesInLanes(Writer):
             return "", f"{'own_of_quad' if self.item == 'quad' else 'own_of'}(t, group, balloon, {self.item})"
         if name in self.step.traits.kept:
             return "", f"{name}_of(t, kept_{name}, group, {self.item})"
-        return ("", f"kept_{views[name]}") if name in (views := self.step.traits.kept_views) else self.number_at(name)
+        if kept := self.step.traits.kept_views.get(name):
+            return "", f"{'lanes' if self.layout.worlds else 'kept'}_{kept}"
+        return self.number_at(name)
 
     def _call_of_one(self, phase: Phase) -> str:
         """Return the call of a phase for one lane or world."""

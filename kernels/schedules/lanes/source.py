@@ -66,7 +66,7 @@ class _Writer(NamesInLanes):
         states = {view: "Seen" if view in self.seen else "Lanes3" for view in STATE.values()}
         may_be = {
             "t": "LaneTables", "tables": "Tables", "first_group": "wp.int32", "state": "WorldState",
-            "working": "Working", "solids": "Solids", **self.kept_arrays,
+            "working": "Working", "solids": "Solids", **self.kept_arrays, **self.lane_arrays,
             **{f"all_{view}": f"wp.array2d[{kind}]" for view, kind in states.items()},
             **{f"other_{view}": f"wp.array2d[{kind}]" for view, kind in states.items()},
             **{
@@ -75,11 +75,6 @@ class _Writer(NamesInLanes):
             },
         }  # fmt: skip
         return named_in(self.lines, may_be)
-
-    @property
-    def doubled(self) -> list[str]:
-        """Return the views of state that have two places."""
-        return [STATE[name] for name in self.step.doubled]
 
     def _frame(self) -> None:
         self.line("group = first_group + wp.tid()")
@@ -93,6 +88,7 @@ class _Writer(NamesInLanes):
         for view in self.doubled:
             self.line(f"new_{view} = other_{view}[group]")
         self.line("read_frame(t, state, working, group, points, velocities)")
+        self.transfer("take")
         self.line("for substep in range(tables.substeps):")
         with self.deeper():
             self._begin_substep()
@@ -102,6 +98,7 @@ class _Writer(NamesInLanes):
                 with self.deeper(int(once)):
                     for piece in pieces:
                         self._piece(piece)
+        self.transfer("put")
         self.line(f"write_frame(t, state, working, group, {self.bound('points')}, {self.bound('velocities')})")
 
     def _begin_substep(self) -> None:

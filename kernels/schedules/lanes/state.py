@@ -24,6 +24,7 @@ def kept_functions(kept: Kept, layout: Layout) -> dict[str, Any]:
     """Return the functions that read what particles keep from the state, and write it there, by their names."""
     LaneTables, places = lane_structs(layout).tables, places_of(layout)  # noqa: N806 - a type
     InLanes, number_type = IN_LANES[kept.type], wp.array2d(dtype=kept.type)  # noqa: N806 - a type
+    lanes_type = wp.array2d(dtype=InLanes)
 
     @wp.func
     def take_kept(t: LaneTables, kept: number_type, group: wp.int32, item: wp.int32):
@@ -40,7 +41,23 @@ def kept_functions(kept: Kept, layout: Layout) -> dict[str, Any]:
                 world = places.world(group, lane, t.world_count)
                 kept[world, places.particle(t, item, lane)] = of_lane(lanes, lane)
 
-    return {f"{kept.name}_of": take_kept, f"put_{kept.name}": put_kept}
+    @wp.func
+    def take_all(t: LaneTables, kept: number_type, in_lanes: lanes_type, group: wp.int32):
+        for item in range(kept.shape[1]):
+            lanes = InLanes()
+            for lane in range(t.lane_count):
+                lanes = set_lane(lanes, lane, kept[places.world(group, lane, t.world_count), item])
+            in_lanes[group, item] = lanes
+
+    @wp.func
+    def put_all(t: LaneTables, kept: number_type, in_lanes: lanes_type, group: wp.int32):
+        for item in range(kept.shape[1]):
+            lanes = in_lanes[group, item]
+            for lane in range(t.lane_count):
+                kept[places.world(group, lane, t.world_count), item] = of_lane(lanes, lane)
+
+    functions = {"take_all_": take_all, "put_all_": put_all, "put_": put_kept}
+    return {f"{kept.name}_of": take_kept} | {f"{name}{kept.name}": function for name, function in functions.items()}
 
 
 @cache
