@@ -11,7 +11,7 @@ A name that a phase reads is one of these:
 - `own`, what a particle knows of itself, see `own`; a row of numbers of a law, by its name
 - `number`, a particle's in the state, where a schedule has particles in another order
 - state of a particle, `point` [m] and `velocity` [m/s], or a view of all in its world, `points` and `velocities`
-- a value that an earlier phase of the list has written
+- a value that an earlier phase of the list has written, or that an item keeps, see `Phase.keeps`
 - the time: `time` when the substep begins, and `end` when it ends [s]
 - what a schedule says itself of items, see there: `keyed`, `load`, `gas_mass`, `origin`
 
@@ -25,8 +25,9 @@ from functools import cache
 from typing import Any, Literal, NamedTuple
 
 from balloon_warp.kernels.adjoint import Adjoint, NoAdjointError
+from balloon_warp.kernels.laws.law import Parameter
 from balloon_warp.kernels.memory import add_at, put_vector, vector_at
-from balloon_warp.kernels.traits import Traits
+from balloon_warp.kernels.traits import Kept, Traits
 from balloon_warp.kernels.warp_sums import sum_over_block
 
 Item = Literal[
@@ -40,6 +41,8 @@ VIEWS = {"points": "point", "velocities": "velocity", "face_centers": "face_cent
 """Views of all items, and the value that each item has in a view"""
 TIMES = ("time", "end", "time_in_frame")
 """Times that are the same for all items"""
+KEEPERS = ("particle", "face", "triangle")
+"""Items that can keep values from one substep to the next"""
 STATE = {"point": "points", "velocity": "velocities"}
 """State of a particle from one substep to the next, and the arrays that hold it"""
 
@@ -99,6 +102,30 @@ class Phase:
     """Values that a phase of the host reads"""
     adjoint: "Adjoints | None" = None
     """Factory of what runs the phase backwards, see `adjoint`; None where that is not known"""
+    rows: tuple[Parameter, ...] = ()
+    """Rows of its parameters, as of laws: of balloons, spheres or the world"""
+    neutral: Mapping[str, float] = field(default_factory=dict)
+    """Values of parameters at which the phase changes nothing and is left out"""
+    wants: Callable[[Any], bool] | None = None
+    """Predicate of a scene, whether the phase belongs to it; all scenes, when missing"""
+    keeps: Mapping[str, Any] = field(default_factory=dict)
+    """Values among those that it writes that each item keeps from substep to substep and from frame to frame, and what
+    they are at the start. An earlier phase, too, reads what was kept last, and `NAMEs` is the view of all items'"""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "rows", tuple(row.placed(self.name) for row in self.rows))
+        if self.keeps and self.item not in KEEPERS:
+            raise TypeError(f"{self.name}: a {self.item} keeps no values; expected one of {', '.join(KEEPERS)}")
+
+    def acts(self, traits: Traits) -> bool:
+        """Return whether a scene has it."""
+        is_asked = self.neutral or self.wants
+        return self.when(traits) and (not is_asked or self.name in traits.acting)
+
+    @property
+    def kept(self) -> tuple[Kept, ...]:
+        """The values that its items keep."""
+        return tuple(Kept(name, self.item, self.writes[name], start) for name, start in self.keeps.items())
 
     @property
     def summary(self) -> str:
@@ -134,7 +161,8 @@ class Phase:
 
     def views(self, traits: Traits, look: Look) -> set[str]:
         """Return what it looks at in other items: what they must not write meanwhile."""
-        return {VIEWS[name] for name in self.reads(traits, look) if name in VIEWS}
+        views = VIEWS | traits.kept_views
+        return {views[name] for name in self.reads(traits, look) if name in views}
 
 
 Adjoints = Callable[[Phase, Traits, Look], Sequence[Adjoint]]

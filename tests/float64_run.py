@@ -1,6 +1,7 @@
-"""A scene's motion in NumPy and double precision: springs, damping, weight, a pressure or a gas, and the ground.
+"""A scene's motion in NumPy and double precision: springs or a film, damping, weight, a pressure or a gas, the ground.
 
-Written from the formulas, not from the kernels, so that differences of it tell what gradients are to be.
+Written from the formulas, not from the kernels, so that differences of it tell what gradients are to be. Films are
+those of `statics`.
 """
 
 from collections.abc import Mapping
@@ -15,6 +16,7 @@ from balloon_warp.model.friction import FRICTION
 from balloon_warp.model.plan import settled_parameters
 from balloon_warp.model.starts import start_of
 from balloon_warp.scene import Scene
+from balloon_warp.statics.of_model import film_of
 from balloon_warp.statics.volume import Volume
 
 Array = np.ndarray
@@ -40,6 +42,8 @@ class _Motion:
         self.ends, self.lengths = springs.pairs, np.float32(springs.rest_lengths).astype(float)
         constants = np.array([self.of("structural"), self.of("shear"), self.of("flexion")])
         self.constants = constants[springs.kind]
+        of_film = scene.balloon[0].material.law != "springs"
+        self.film = film_of(self.scene, 0, self.shape, self.p) if of_film else None
         self.load = np.zeros(2)
 
     def of(self, name: str) -> Any:
@@ -89,6 +93,8 @@ class _Motion:
         return self._leave(x + self.h * v, v)
 
     def _springs(self, x: Array) -> Array:
+        if self.film:
+            return self.film.forces(x)
         d = x[self.ends[:, 1]] - x[self.ends[:, 0]]
         pull = d * (self.constants * (1.0 - self.lengths / np.linalg.norm(d, axis=1)))[:, None]
         force = np.zeros_like(x)

@@ -10,8 +10,16 @@ from float64_run import motion
 from meshes import mesh_of, quad_sphere
 
 import balloon_warp as bw
+from balloon_warp.kernels.adjoint import NoAdjointError
+from balloon_warp.kernels.adjoints.derived import by_grad
+from balloon_warp.kernels.phase import Look, phase
+from balloon_warp.kernels.schedules.launched.looks import GATHERED
+from balloon_warp.kernels.schedules.launched.trace import traces_of
+from balloon_warp.kernels.schedules.pieces import cut
+from balloon_warp.kernels.traits import Traits
 from balloon_warp.mesh.triangles import triangles_of
-from balloon_warp.model import plan_model
+from balloon_warp.model import build_model, plan_model
+from balloon_warp.schedules.traits import model_traits
 from balloon_warp.statics.volume import Volume
 from balloon_warp.trajectories import Trajectories
 
@@ -25,6 +33,7 @@ MOTION = [
     *("balloon.mass", "balloon.damping", "gravity", "balloon.position.1", "balloon.velocity.0", "balloon.velocity.1"),
     *("balloon.angular_velocity.2", "balloon.rotation.0"),
 ]
+RUBBER = [f"balloon.material.{name}" for name in ("shear_modulus", "thickness", "mooney_ratio")]
 GAS = [
     *("balloon.inflation.start_pressure", "balloon.inflation.added_mass", "balloon.inflation.molar_mass"),
     *("atmosphere.pressure", "atmosphere.temperature"),
@@ -43,6 +52,8 @@ def scene(
         "angular_velocity": (0.5, 1.0, -2.0), "inflation": inflation,
         "stiffness": {"structural": 100.0, "shear": 50.0, "flexion": 20.0},
     }  # fmt: skip
+    if "material" in more:
+        del balloon["mass"], balloon["stiffness"]
     on = {"ground": {"height": 0.0, "friction": 0.3}} if ground else {}
     return bw.Scene(frames=frames, frames_per_second=rate, substeps=substeps, balloon=[balloon | more], **on)
 
@@ -70,7 +81,7 @@ def value_at(of: bw.Scene, path: str) -> float:
     value: Any = of.balloon[0] if path.startswith("balloon") else of
     for name in path.removeprefix("balloon.").removeprefix("0.").split("."):
         value = value[int(name)] if name.isdecimal() else getattr(value, name)
-    return float(value)
+    return float(plan_model(of).parameters[name][0, 0] if value is None else value)
 
 
 def differences(of: bw.Scene, paths: list[str]) -> dict[str, float]:
@@ -78,7 +89,7 @@ def differences(of: bw.Scene, paths: list[str]) -> dict[str, float]:
     found = {}
     for path in paths:
         value = value_at(of, path)
-        h = (1e-5 if of.ground is None else 3e-7) * max(abs(value), 1.0)
+        h = (1e-5 if of.ground is None else 3e-7) * (abs(value) or 1.0)
         more, less = (far_in_float64(of, {path: value + sign * h}) for sign in (1.0, -1.0))
         found[path] = (more - less) / (2.0 * h)
     return found
@@ -89,6 +100,7 @@ CASES = {
     "a substep": (scene(rate=1200.0, substeps=1), [*SPRINGS, *MOTION]),
     "frames": (scene(frames=4), [*SPRINGS, *MOTION]),
     "triangles": (scene(mesh=TRIANGLES), [*SPRINGS[::2], *MOTION]),
+    "rubber": (scene(frames=6, material={"kind": "mooney_rivlin"}), [*RUBBER, *MOTION[1:]]),
     "gas": (scene("gas", frames=2), [*SPRINGS, *MOTION, *GAS]),
     "ground": (scene(ground=True, frames=2), [*SPRINGS, *MOTION, "ground.height"]),
     "gas on the ground": (scene("gas", ground=True, frames=2), [*SPRINGS, *MOTION, *GAS, "ground.height"]),
@@ -177,9 +189,11 @@ def float32_slope(of: bw.Scene, path: str, value: float, laws: tuple = ()) -> fl
 
 
 def test_laws_that_the_run_in_double_precision_does_not_know():
-    """To 1%, which is what rounding leaves of these differences: viscosity, drag, and a law of one's own."""
-    of = scene(frames=2, drag_coefficient=0.5, stiffness={"structural": 100.0, "viscosity": 0.003})
+    """To 1%, which is what rounding leaves of these differences: viscosity, drag, strings, and a law of one's own."""
+    free = scene(frames=2, drag_coefficient=0.5, stiffness={"structural": 100.0, "viscosity": 0.003})
+    of = free.model_copy(update={"string": [bw.String(anchor=(0.0, 3.0, 0.0), length=1.0, stiffness=30.0)]})
     values = {"balloon.stiffness.viscosity": 0.003, "balloon.drag_coefficient": 0.5, "balloon.law.blow.blowing": 0.2}
+    values["balloon.velocity.1"] = -1.0  # up and down on the string
     found = bw.gradient(of, of=list(values), loss=far, device="cpu", laws=(OWN,)).gradients
     for path, value in values.items():
         assert found[path][0] == pytest.approx(float32_slope(of, path, value, (OWN,)), rel=0.01), path
@@ -235,3 +249,19 @@ def test_what_has_no_effect_is_refused():
 def test_a_loss_without_slopes_has_gradients_of_zero():
     found = bw.gradient(scene(), of=CASES["pressure"][1], loss=nothing, device="cpu")
     assert all((values == 0.0).all() for values in found.gradients.values())
+
+
+@phase("particle", {"warmth": float}, keeps={"warmth": 0.0}, adjoint=by_grad)
+def warm_up(traits: Traits, look: Look) -> Any:
+    @wp.func
+    def warm_up(warmth: float):
+        return warmth + 1.0
+
+    return warm_up
+
+
+def test_a_phase_that_keeps_values_is_refused_by_its_name():
+    """Its derivatives would have to be kept, too."""
+    traits = model_traits(build_model(scene(), "cpu"))
+    with pytest.raises(NoAdjointError, match="`warm_up`, which keeps values"):
+        traces_of(cut((warm_up,), traits, GATHERED))

@@ -76,6 +76,16 @@ def test_the_step_is_what_the_stiffest_state_allows(name: str, mesh: str):
     assert 1.0 <= found / step < 1.6
 
 
+def test_film_that_never_leaves_the_verge_of_wrinkling_gets_a_shorter_step():
+    """By 1 / sqrt(1.28), so that 0.8 of it is sqrt(2) / omega; rubber, and what does not wrinkle, do not."""
+
+    def step(**fields: Any) -> float:
+        return stable_step(scene_of(MESHES["triangles"], Material(kind="neo_hookean", **fields)))
+
+    assert step(most_stretch=1.1) == pytest.approx(step(most_stretch=6.0) / np.sqrt(1.28), rel=1e-3)
+    assert step(most_stretch=1.1, wrinkling=False) == pytest.approx(step(most_stretch=1.6, wrinkling=False), rel=1e-3)
+
+
 def fastest(scene: Scene, substeps: int, device: str) -> float:
     """The highest speed in ten frames of a ball that trembles at first by 0.1 m/s."""
     simulator = Simulator(scene.model_copy(update={"substeps": substeps}), device)

@@ -6,6 +6,8 @@ import numpy as np
 
 from balloon_warp.errors import InputError
 from balloon_warp.gradients.chain import Chain
+from balloon_warp.kernels.laws.softening import PARAMETERS as SOFTENING
+from balloon_warp.kernels.laws.tearing import PARAMETERS as TEARING
 from balloon_warp.mesh.topology import inconsistent_edges, is_closed, mesh_edges
 from balloon_warp.model import Model, ModelPlan
 from balloon_warp.schedules.backward import gradient_step, kernels_of
@@ -13,6 +15,10 @@ from balloon_warp.schedules.traits import model_traits
 
 FOUND = ("keyframe_values", "initial_gas_amounts", "initial_free_volumes")
 """Parameters, besides those of laws and of the start, by which is derived"""
+
+
+UNREAD = frozenset(row.name for row in (*SOFTENING, *TEARING))
+"""Parameters that only phases without an adjoint read, so that they do nothing in what is derived"""
 
 
 def require_differentiable(plan: ModelPlan) -> None:
@@ -48,7 +54,8 @@ def require_paths(plan: ModelPlan, model: Model, chains: Sequence[Chain]) -> Non
         if not chain.slopes:
             raise InputError(f"{chain.path}: no path leads from it to the loss: nothing follows from its value")
         for name, slopes in chain.slopes.items():
-            if name in model.parameters and name not in laws and name not in FOUND and not name.startswith("initial_"):
+            known = name in laws or name in FOUND or name in UNREAD or name.startswith("initial_")
+            if name in model.parameters and not known:
                 raise InputError(f"{chain.path}: cannot be derived by yet, for it acts by `{name}`")
             if name == "gamma" and (np.asarray(plan.parameters["gamma"]) == 1.0).any():
                 raise InputError(f"{chain.path}: cannot be derived by at 1, where the law is another one")

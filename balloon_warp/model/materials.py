@@ -26,6 +26,11 @@ limit"""
 MOST_UNEVEN = 3.0
 """Largest ratio of the two stretches at which the larger one reaches the limit: under uniaxial tension the material is
 so thin that some materials are several times as stiff across as anything else in a balloon"""
+VERGE, STIFF = 1.28, 1.5
+"""Factor on the modulus where stiffness jumps, on the verge of wrinkling, and the most stretch of a film that never
+leaves it: there the step of "auto", 0.8 of the stable one, is sqrt(2) / omega. What pulls and does not push gains
+energy in longer ones, though each of its sides alone is stable up to 2 / omega. Rubber leaves the verge, and grows
+softer, as soon as it is inflated"""
 APART = 1.0e-3
 """Least difference of a state's two stretches, so that quotients of differences are defined"""
 STEP = 1.0e-5
@@ -94,7 +99,7 @@ def steepest_softening(law: Law, told: Mapping[str, Values], first: Values, seco
 def stiffest_modulus(law: Law, told: Mapping[str, Values]) -> Values:
     """Return the stiffest modulus over all states that count [Pa], shape (W,).
 
-    It bounds the energy's second derivative by the deformation gradient, at rest.
+    It bounds the energy's second derivative by the deformation gradient, at rest, and by more where it jumps.
 
     Those are the taut ones up to the most stretch, not too uneven, or without wrinkles all down to the least. Of a
     state's second derivative a multiple of the determinant may be taken away: its integral depends on the border alone,
@@ -125,7 +130,8 @@ def stiffest_modulus(law: Law, told: Mapping[str, Values]) -> Values:
         stretching = 0.5 * (w11 + w22) + np.hypot(0.5 * (w11 - w22), w12 - taken)
         best = np.minimum(best, np.maximum(stretching, np.maximum(shear + taken, spin - taken)))
     aside = np.maximum(w1 / first, w2 / second)
-    return np.maximum(best + giving_way, aside).max(axis=1)
+    verge = wrinkles & (most <= STIFF) & (second * np.sqrt(first) <= 1.0 + APART)
+    return (np.maximum(best + giving_way, aside) * np.where(verge, VERGE, 1.0)).max(axis=1)
 
 
 def thickest_viscosity(told: Mapping[str, Values]) -> Values:

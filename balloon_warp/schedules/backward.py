@@ -23,7 +23,7 @@ from balloon_warp.kernels.schedules.pieces import Piece, Step, cut, values_of
 from balloon_warp.kernels.substep import phases_of
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.launching import launch, launch_tiled
-from balloon_warp.model import Model, State
+from balloon_warp.model import Model, State, copy_of
 from balloon_warp.model.memory import Allocating, Counting, Room
 from balloon_warp.schedules.framing import Framing
 from balloon_warp.schedules.launches import TEAM_THREADS, Launches, Moving, step_arrays
@@ -128,7 +128,7 @@ class BackwardFrames:
         step = gradient_step(model, traits)
         kernels = kernels_of(step, self.columns)
         self._tables = make_tables(model, traits)
-        self._state = replace(state, **{name: wp.clone(getattr(state, name)) for name in _own_arrays(state)})
+        self._state = copy_of(state)
         self._remembered = _Remembered(model, step, self._state, room)
         self._launches = _Remembering(model, step, self._tables, room, self._remembered)
         self._framing = Framing(model, traits, self._tables, self._launches.working)
@@ -208,11 +208,6 @@ class BackwardFrames:
                 launch(made, (m.world_count, m.particle_count), inputs, device=m.device)
         if substep == m.substeps - 1:
             self.bars.pressures.zero_()  # of the frame's end alone
-
-
-def _own_arrays(state: State) -> list[str]:
-    """Return the arrays that a frame may write."""
-    return [name for name, array in vars(state).items() if array.size]
 
 
 def _bars(model: Model, step: Step, count: int, room: Room) -> tuple[Any, dict[str, wp.array]]:

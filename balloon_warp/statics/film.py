@@ -95,7 +95,7 @@ class FilmSkin:
     def volumes(self, count: int) -> Values:
         """Return the volume of the material that falls to each particle [m^3], shape (count,)."""
         each = 0.5 * np.sqrt(determinant(metric_of(self.rest_edges))) * self.skins / 3.0
-        return np.bincount(self.corners.ravel(), np.repeat(each, 3), count)
+        return np.bincount(self.corners.ravel(), np.repeat(each, 3), count).astype(np.float64)
 
     def volumes_by_mould(self, count: int) -> sparse.csc_matrix:
         """Return the derivatives of the volumes by the shape at rest [m^2], shape (count, 3 count)."""

@@ -11,15 +11,9 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.adjoint import Adjoint
-from balloon_warp.kernels.loops.areas import CROSSES
+from balloon_warp.kernels.loops.areas import CROSSES, plus_cross
 from balloon_warp.kernels.memory import triple_at
 from balloon_warp.kernels.tables import SLICE, FanTable, Tables, first_entry
-
-
-@wp.func
-def cross_slope(before: wp.vec3, opposite: wp.vec3, after: wp.vec3, b: wp.vec3, o: wp.vec3, a: wp.vec3):
-    """Return the derivative of `cross_at_quad_corner` along changes b, o and a of its arguments."""
-    return wp.cross(a - b, before + opposite) + wp.cross(after - before, b + o)
 
 
 @cache
@@ -37,10 +31,13 @@ def area_adjoint(quads: bool, at: Any) -> Adjoint:
         begin = first_entry(fans.slice_offsets, particle)
         for entry in range(begin, begin + SLICE * fans.counts[particle], SLICE):
             others = triple_at(fans.quads, entry)
-            total += cross_slope(
-                at(points, others[0]) - point, at(points, others[1]) - point, at(points, others[2]) - point,
-                at(bars, others[0]) - bar, at(bars, others[1]) - bar, at(bars, others[2]) - bar,
-            )  # fmt: skip
+            before = at(points, others[0]) - point
+            before_bar = at(bars, others[0]) - bar
+            across = before + (at(points, others[1]) - point)
+            across_bar = before_bar + (at(bars, others[1]) - bar)
+            chord = at(points, others[2]) - point - before
+            chord_bar = at(bars, others[2]) - bar - before_bar
+            total = plus_cross(plus_cross(total, chord_bar, across), chord, across_bar)
         return CROSSES * total
 
     @wp.func

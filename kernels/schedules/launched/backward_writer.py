@@ -167,15 +167,20 @@ class BackwardWriter(PieceWriter):
 
     def _add(self, variable: str, name: str, result: str) -> None:
         """Add to the bar of a variable."""
-        before = f"{variable}_bar" if variable in self.bars else self._begun(variable, name)
-        self.bars[variable] = name
-        if name in ("own", "numbers") and before:
-            self._add_numbers(result)
-            return
         if name in ("own", "numbers"):
             self._add_numbers(result)
-            return
-        self.line(f"{variable}_bar = {before} + {result}" if before else f"{variable}_bar = {result}")
+        elif name in self.step.traits.columns.places:
+            self._add_number(name, result)
+        else:
+            before = f"{variable}_bar" if variable in self.bars else self._begun(variable, name)
+            self.bars[variable] = name
+            self.line(f"{variable}_bar = {before} + {result}" if before else f"{variable}_bar = {result}")
+
+    def _add_number(self, name: str, result: str) -> None:
+        """Add the bar of a number by its name, if it is asked for."""
+        column = self.step.traits.columns.places[name]
+        if column in self.columns:
+            self.line(f"number_bars[world, particle, {self.columns.index(column)}] += {result}")
 
     def _add_numbers(self, result: str) -> None:
         """Add the bars of the numbers that are asked for, and of a mass, which is one of them."""
@@ -210,7 +215,7 @@ class BackwardWriter(PieceWriter):
 
     def _sink_source(self, name: str) -> None:
         """Write the bar of what was there as the phases began."""
-        if name in NOT_DIFFERENTIATED or name in ("own", "numbers"):
+        if name in NOT_DIFFERENTIATED:
             return
         item = self.trace.item
         if name == "keyed":

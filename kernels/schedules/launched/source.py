@@ -64,15 +64,14 @@ class PieceWriter(Writer):
         if name in kept:
             item = self.step.owner(name)
             return (item if item == "balloon" else ""), f"all_{name}[world, {item}]"
+        if text := self.kept_at(name):
+            return "", text
         particles = "particle" in self.known
         if particles and name in OF_PARTICLE:
             return OF_PARTICLE[name]
         if name in NAMES:
             return NAMES[name]
-        columns = self.step.traits.columns
-        if particles and name in columns.places:
-            return "own", f"own.n[{columns.places[name]}]"
-        return None
+        return self.number_at(name) if particles or "sphere" in self.known else None
 
 
 class _Writer(PieceWriter):
@@ -109,7 +108,7 @@ class _Writer(PieceWriter):
             "t": "Tables", "time_in_frame": "float", "state": "WorldState", "working": "Working",
             **{f"all_{view}": "wp.array2d[wp.vec3]" for view in STATE.values()},
             **{f"new_{view}": "wp.array2d[wp.vec3]" for view in STATE.values()},
-            **{f"all_{value}": f"wp.array2d[{value}_type]" for value in self.step.kept},
+            **{f"all_{value}": f"wp.array2d[{value}_type]" for value in self.step.kept}, **self.kept_arrays,
         }  # fmt: skip
         if self.piece.sums:
             may_be["all_parts"] = f"wp.array3d[{self._summed}_type]"
@@ -149,6 +148,8 @@ class _Writer(PieceWriter):
             self.line(f"put_vector_in(new_{STATE[name]}, world, {self.piece.item}, {name})")
         for name in self.piece.leaves:
             self.line(f"all_{name}[world, {self.step.owner(name)}] = {name}")
+        for name in self.piece.keeps:
+            self.line(f"{self.kept_at(name)} = {name}")
 
     def _worlds(self) -> None:
         """Write what a thread does for a world, balloon by balloon."""

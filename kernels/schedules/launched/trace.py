@@ -97,6 +97,8 @@ def traces_of(step: Step) -> tuple[Trace, ...]:
     """
     groups: list[list[Phase]] = []
     for phase in (each for piece in step.pieces for each in piece.phases):
+        if phase.keeps:
+            raise NoAdjointError(f"`{phase.name}`, which keeps values from substep to substep,")
         try:
             phase.adjoints(step.traits, step.look)
         except NoAdjointError as missing:
