@@ -6,6 +6,7 @@ from meshes import mesh_of, quad_sphere
 
 from balloon_warp.kernels.contact.free_frames import BUSY, FREE, HURRIED
 from balloon_warp.scene import Balloon, Inflation, Material, Obstacle, Scene, Sphere, Stiffness, Touch
+from balloon_warp.schedules import recorded_frame
 from balloon_warp.simulator import Simulator
 
 PLATE = Obstacle(size=(4.0, 1e-3, 4.0), position=(0.0, -0.5e-3, 0.0))
@@ -154,3 +155,23 @@ def test_each_of_two_balloons_may_go_half_of_the_way(device: str):
     simulator = Simulator(Scene(balloon=[low, high], touch=Touch(), gravity=0.0, substeps=16), device, schedule="block")
     simulator.step()
     assert verdicts(simulator) != [FREE]
+
+
+def test_what_is_never_busy_is_not_compiled_and_what_seldom_is_not_recorded(device: str, monkeypatch):
+    """Balloons that touch by default cost the first frame little; a busy frame is the same, recorded or not."""
+    if device != "cpu":
+        pytest.skip("a GPU's graphs have what busy worlds need")
+    low, high = (free_particles(height) for height in (0.0, 0.2))
+    pair = Scene(balloon=[low, high.model_copy(update={"velocity": (0, -2, 0)})], gravity=0.0, substeps=16, frames=8)
+    ends = {}
+    for rare in (0, 8):
+        monkeypatch.setattr(recorded_frame, "RARE", rare)
+        simulator = Simulator(pair, device, schedule="octets")
+        simulator.step()
+        assert verdicts(simulator) == [FREE]
+        assert len(simulator._recorded_frame._graphs) == 2  # before busy worlds and after
+        *_, last = simulator.run()
+        assert verdicts(simulator) == [BUSY]
+        assert len(simulator._recorded_frame._graphs) == (2 if rare else 3)
+        ends[rare] = np.concatenate(last.points)
+    np.testing.assert_array_equal(ends[0], ends[8])

@@ -115,11 +115,16 @@ class BusyWorlds:
         On a GPU this takes no time if there are none.
         """
         if self._model.device.is_cpu or wp.is_conditional_graph_supported():
-            wp.capture_if(self.working.any_busy, self._advance, state=state)
+            wp.capture_if(self.working.any_busy, self.advance_busy, state=state)
         else:
-            self._advance(state)
+            self.advance_busy(state)
 
-    def _advance(self, state: State) -> None:
+    def are_there(self) -> bool:
+        """Return whether any world is busy, once the free ones are advanced; for a CPU, whose memory is at hand."""
+        return bool(self.working.any_busy.numpy()[0])
+
+    def advance_busy(self, state: State) -> None:
+        """Put the busy worlds back to where the frame began, and advance them."""
         self.outlook.put_back(state)
         forget_looks(self._frames.tables)
         self._frames.advance(state)

@@ -28,6 +28,7 @@ from balloon_warp.schedules.lane_memory import allot_lanes, group_count, put_far
 from balloon_warp.schedules.lane_tables import make_lane_tables
 from balloon_warp.schedules.outlook import free_traits
 from balloon_warp.schedules.ramp import note_pressures, refresh_ramp, weigh_air
+from balloon_warp.schedules.recorded_frame import FramePiece
 from balloon_warp.schedules.tables import kept_arguments, make_tables, world_state
 from balloon_warp.schedules.traits import choosing_parameters, model_traits
 
@@ -117,11 +118,25 @@ class LanesSchedule:
         """
         return self.busy.crowded if self.busy else 0
 
+    @property
+    def pieces(self) -> list[FramePiece]:
+        """Pieces of a frame that are recorded: busy worlds by themselves, where there are any."""
+        if not self.busy:
+            return [FramePiece(self.advance_frame)]
+        busy = FramePiece(self.busy.advance_busy, self.busy.are_there)
+        return [FramePiece(self._begin_frame), busy, FramePiece(self._end_frame)]
+
     def advance_frame(self, state: State) -> None:
         """Advance all worlds by a frame, the groups of worlds on as many threads as there are cores."""
+        self._begin_frame(state)
+        if self.busy:
+            self.busy.advance(state)
+        self._end_frame(state)
+
+    def _begin_frame(self, state: State) -> None:
         begin_loading(self._kernel, self.model.device)
         if self.busy:
-            self.busy.begin_loading(self.capturable)
+            self.busy.begin_loading(are_recorded=False)
         refresh_ramp(self.model, state)
         weigh_air(self.model, self._traits, self.tables, state)
         forget_looks(self.tables)
@@ -133,8 +148,8 @@ class LanesSchedule:
         else:
             for done in [self._threads.submit(self._advance_groups, given, share) for share in self._shares]:
                 done.result()
-        if self.busy:
-            self.busy.advance(state)
+
+    def _end_frame(self, state: State) -> None:
         note_pressures(self.model, self._traits, state)
         self._health.end_frame(state)
 

@@ -29,6 +29,8 @@ CLEARANCE, SPEED = wp.constant(0), wp.constant(1)
 """Entries of a balloon: its distance to obstacles in this frame [m], and its highest speed [m/s]"""
 FASTER = wp.constant(2.0)
 """Bound on a particle's speed in a frame, over its speed as the frame begins"""
+FASTER_BETWEEN = wp.constant(1.2)
+"""The same between balloons: closer, since a busy frame of theirs costs more than one that is simulated again"""
 GAINED = wp.constant(10.0)
 """Bound on a particle's acceleration in a frame [m/s^2]"""
 
@@ -151,19 +153,21 @@ def judge_kernel(traits: Traits) -> Any:
         """Judge which worlds have a free frame; a thread a world."""
         world = wp.tid()
         way = float(FAR_AWAY)
+        between = float(FAR_AWAY)
         fastest = float(0.0)
         for balloon in range(free.alone.shape[1]):
             way = wp.min(way, free.alone[world, balloon, CLEARANCE])
             fastest = wp.max(fastest, free.alone[world, balloon, SPEED])
             if wp.static(traits.touches):
                 for other in range(balloon + 1, free.alone.shape[1]):
-                    way = wp.min(way, halfway(t, free, world, balloon, other))
+                    between = wp.min(between, halfway(t, free, world, balloon, other))
         if wp.static(traits.always_busy):
             way = 0.0
-        wanted = FASTER * fastest * t.frame_seconds + GAINED * t.frame_seconds * t.frame_seconds
-        free.ways[world] = way
+        went = fastest * t.frame_seconds
+        gained = GAINED * t.frame_seconds * t.frame_seconds
+        free.ways[world] = wp.min(way, between)
         free.verdicts[world] = FREE
-        if not (way > wanted):  # or it is not finite
+        if not (way > FASTER * went + gained and between > FASTER_BETWEEN * went + gained):  # or it is not finite
             free.verdicts[world] = BUSY
             free.any_busy[0] = 1
 
