@@ -20,6 +20,7 @@ from balloon_warp.designing.panels import Panels, cut_into_panels
 from balloon_warp.designing.proof import MORE_FRAMES, SLOW_FOIL, common_fields, scene_of, simulate_from_rest
 from balloon_warp.designing.result import Design
 from balloon_warp.designing.seams import seams_of
+from balloon_warp.designing.step import DesignStep
 from balloon_warp.designing.target import centered, require_size, shape_of
 from balloon_warp.errors import InputError
 from balloon_warp.files import whole_file
@@ -91,6 +92,7 @@ def design_of_panels(job: Job, panels: Panels) -> Design:
         tried = _corrected(job, panels, tried)
         job.remember(tried)
         job.say(f"correction {tried.steps - 1}: {100.0 * tried.error:.2g}% of the size, in the mean, at best")
+        job.watch(DesignStep(job.ruler, tried.steps - 1, tried.points, _stretch(panels, tried.flat)))
     flat = laid_out(panels, tried.flat)
     scene = _written(job, panels, flat)
     pattern = PanelPattern(panels, flat)
