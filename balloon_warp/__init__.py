@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from balloon_warp.fitting.result import Fit
     from balloon_warp.foil.make import foil_mesh, foil_parts
     from balloon_warp.frame import Frame
+    from balloon_warp.gradients.gradient import Gradient, gradient
     from balloon_warp.inspection import inspect_mesh
     from balloon_warp.job import animate
     from balloon_warp.kernels.laws import Law, Parameter
@@ -79,6 +80,7 @@ __all__ = [
     "Design",
     "Fit",
     "Frame",
+    "Gradient",
     "Ground",
     "Inflation",
     "InputError",
@@ -113,6 +115,7 @@ __all__ = [
     "fit",
     "foil_mesh",
     "foil_parts",
+    "gradient",
     "inspect_mesh",
     "load_mesh",
     "load_scene",
@@ -139,6 +142,7 @@ _HOMES = {
     "fitting.result": ("Fit",),
     "foil.make": ("foil_mesh", "foil_parts"),
     "frame": ("Frame",),
+    "gradients.gradient": ("Gradient", "gradient"),
     "inspection": ("inspect_mesh",),
     "job": ("animate",),
     "kernels.laws": ("Law", "Parameter"),

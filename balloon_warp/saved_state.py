@@ -19,7 +19,7 @@ def packed(state: State, changes: Sequence[tuple[int, Mapping[str, Any]]]) -> di
     Args:
         changes: pairs of a frame and the values by their paths.
     """
-    arrays = {name: np.array(array.numpy()) for name, array in vars(state).items()}
+    arrays = {name: np.array(array.numpy()) for name, array in state.arrays.items()}
     if changes:
         arrays[CHANGES] = np.array(json.dumps(changes))
     return arrays
@@ -32,7 +32,7 @@ def saved_changes(saved: Mapping[str, NDArray]) -> list[tuple[int, dict[str, Any
 
 def fill_state(state: State, saved: Mapping[str, NDArray]) -> None:
     """Fill a state with the arrays that were saved of one like it."""
-    for name, array in vars(state).items():
+    for name, array in state.arrays.items():
         if array.size:  # what the scene does not have may not be among what was saved
             array.assign(saved[name])
 

@@ -16,8 +16,9 @@ from balloon_warp.garbage import without_collecting
 from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.measure.health import HEALTHY
 from balloon_warp.model import Model, Vary, build_model, carried_over, fitting, initial_state, world_bytes
-from balloon_warp.model.acting import acting_laws
+from balloon_warp.model.acting import all_that_act
 from balloon_warp.model.gas import keep_pressures
+from balloon_warp.model.kept import go_on_keeping
 from balloon_warp.model.memory import require_memory
 from balloon_warp.model.planned_changes import PlannedChanges, changed_parameters, with_changed_methods
 from balloon_warp.model.remarks import remarks_in_sentences
@@ -303,10 +304,10 @@ class Simulator(Shown):
         """Go on with what is set."""
         if setting.differs_by_world(self.model):
             self.go_on_in(self.model.with_rows_of_worlds())
-        acted, changes_methods = acting_laws(self.model), setting.changes_methods(self.model)
+        acted, changes_methods = all_that_act(self.model), setting.changes_methods(self.model)
         self.set_parameters(setting.parameters)
         model = replace(self.model, scene=setting.scene, substeps=setting.substeps)
-        if changes_methods or acting_laws(model) != acted:
+        if changes_methods or all_that_act(model) != acted:
             self.go_on_in(model)
         else:
             self.model = model
@@ -349,6 +350,7 @@ class Simulator(Shown):
         if model.scene.solver != self.model.scene.solver:
             self._asked_schedule = "auto"  # what was asked for may be of the other solver
         self.model = model
+        self.state.kept = go_on_keeping(model, self.state.kept)
         self._lay_out(solver_named(self._asked_schedule, self.model))
 
     def _lay_out(self, kind: type[Schedule]) -> None:

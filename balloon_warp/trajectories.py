@@ -110,7 +110,7 @@ def simulate(
         raise InputError(f"every: must be a whole number, at least 1 (got {every})")
     groups = plan_groups(scene, world_count, vary or {}, laws)
     meshes = [shape.mesh for shape in groups[0].plan.shapes]
-    tracks, target = _tracks(groups, world_count, scene.frames // every + 1), pick_device(device)
+    tracks, target = empty_tracks(groups, world_count, scene.frames // every + 1), pick_device(device)
     for group in groups:
         with lock_of(target):
             simulator = Simulator.of_model(lay_out(group.plan, target), schedule)
@@ -118,13 +118,13 @@ def simulate(
             if number:
                 simulator.step_unread()
             if number % every == 0:
-                _record(tracks, simulator, group, number // every)
+                record(tracks, simulator, group, number // every)
             on_frame(number)
     times = np.arange(0, scene.frames + 1, every) / scene.frames_per_second
-    return Trajectories(scene, meshes, times, **_by_balloon(tracks, meshes))
+    return Trajectories(scene, meshes, times, **by_balloon(tracks, meshes))
 
 
-def _tracks(groups: Sequence[Group], world_count: int, frames: int) -> dict[str, NDArray]:
+def empty_tracks(groups: Sequence[Group], world_count: int, frames: int) -> dict[str, NDArray]:
     """Return the room for all that is recorded, by the names of the state's arrays, shape (world_count, frames, ...).
 
     Raises:
@@ -149,7 +149,7 @@ def _tracks(groups: Sequence[Group], world_count: int, frames: int) -> dict[str,
     }
 
 
-def _record(tracks: Mapping[str, NDArray], simulator: Simulator, group: Group, place: int) -> None:
+def record(tracks: Mapping[str, NDArray], simulator: Simulator, group: Group, place: int) -> None:
     """Write down where a group's worlds are."""
     for name, track in tracks.items():
         if track.size:
@@ -160,7 +160,7 @@ def _record(tracks: Mapping[str, NDArray], simulator: Simulator, group: Group, p
                 raise BlowUpError(simulator.diagnose(int(bad.argmax()), simulator.frame_number))
 
 
-def _by_balloon(tracks: dict[str, NDArray], meshes: Sequence[PolygonMesh]) -> dict[str, Any]:
+def by_balloon(tracks: dict[str, NDArray], meshes: Sequence[PolygonMesh]) -> dict[str, Any]:
     """Split the tracks as `Trajectories` has them: particles by balloon, and a single world without its dimension."""
     ends = np.cumsum([mesh.vertex_count for mesh in meshes])[:-1]
     alone = len(tracks["pressures"]) == 1

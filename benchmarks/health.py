@@ -17,8 +17,6 @@ from balloon_warp.model import Model, State, build_model, initial_state, overwri
 from balloon_warp.schedules import block_layout
 from balloon_warp.schedules.choose import Schedule, make_schedule
 from balloon_warp.schedules.health import HealthCheck
-from balloon_warp.schedules.tables import make_tables
-from balloon_warp.schedules.traits import model_traits
 from balloon_warp.warp_logging import quiet_warp
 
 GPU_FRAMES = 100
@@ -35,7 +33,7 @@ class Launches:
     capturable = True
 
     def __init__(self, model: Model):
-        self.model, self._check = model, HealthCheck(model, make_tables(model, model_traits(model)))
+        self.model, self._check = model, HealthCheck(model)
 
     def advance_frame(self, state: State) -> None:
         for _ in range(REPEATS):

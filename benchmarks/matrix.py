@@ -12,7 +12,9 @@ import warp as wp
 
 from balloon_warp.benchmarks.quad_sphere import quad_sphere
 from balloon_warp.errors import InputError
-from balloon_warp.kernels.laws import Law
+from balloon_warp.kernels.laws import Law, Parameter
+from balloon_warp.kernels.phase import Phase
+from balloon_warp.kernels.substep import asking_phases
 from balloon_warp.laws import face_law, particle_law, spring_law
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import Model, build_model
@@ -129,6 +131,24 @@ METHODS = (
     Method("a spring law of one's own", laws=(spring_law(tighten),)),
     Method("a face law of one's own", laws=(face_law(blow),)),
 )
+
+
+def usual_value(row: Parameter) -> float | list[float]:
+    """A value with which a parameter does something: its default, the middle of its domain, or something within its
+    bounds."""
+    middle = sum(row.domain) / 2.0 if row.domain else row.default or min(max(0.4, row.least), row.most)
+    return middle if row.size == 1 else [middle] * row.size
+
+
+def of_phase(phase: Phase) -> Method:
+    """The line of a phase that has parameters."""
+    sphere = ("sphere=[{position=[0, 2, 0]}]", "faces=false") if any(row.of == "sphere" for row in phase.rows) else ()
+    paths = (row.path if row.of == "world" else f"{row.of}.{row.path}" for row in phase.rows)
+    said = (f"{path}={usual_value(row)}" for path, row in zip(paths, phase.rows, strict=True))
+    return Method(phase.summary.rstrip("."), (*sphere, *said))
+
+
+METHODS = (*METHODS, *(of_phase(phase) for phase in asking_phases() if phase.rows))
 
 
 def simulates(name: str, model: Model) -> bool:

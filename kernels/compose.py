@@ -127,9 +127,8 @@ def call_of(
     number: Callable[[int, int], str] = _number,
 ) -> str:
     """Return the text of a call with just what the function names."""
-    sizes = {parameter.name: parameter.size for parameter in (*columns.balloon, *columns.world)}
     arguments = [
-        told(each) if each in given else number(columns.places[each], sizes[each])
+        told(each) if each in given else number(columns.places[each], columns.sizes[each])
         for each in inspect.signature(function.func).parameters
     ]
     return f"{name}({', '.join(arguments)})"

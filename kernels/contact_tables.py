@@ -9,11 +9,8 @@ from balloon_warp.kernels.laws.ridges import Ridge
 class SphereTable:
     """Spheres with which particles collide."""
 
-    mass: wp.array2d[float]
-    radius: wp.array2d[float]
-    penalty: wp.array2d[float]
-    restitution: wp.array2d[float]
-    """Coefficients of restitution between spheres"""
+    numbers: wp.array3d[float]
+    """Parameters of spheres, shape (W, sphere_count, width), see `laws.columns`"""
     small: wp.array[wp.int32]
     """Whether each sphere is so small that it also touches faces; empty where none is"""
     triangles: wp.array[wp.vec3i]

@@ -11,7 +11,7 @@ A name that a phase reads is one of these:
 - `own`, what a particle knows of itself, see `own`; a row of numbers of a law, by its name
 - `number`, a particle's in the state, where a schedule has particles in another order
 - state of a particle, `point` [m] and `velocity` [m/s], or a view of all in its world, `points` and `velocities`
-- a value that an earlier phase of the list has written
+- a value that an earlier phase of the list has written, or that an item keeps, see `Phase.keeps`
 - the time: `time` when the substep begins, and `end` when it ends [s]
 - what a schedule says itself of items, see there: `keyed`, `load`, `gas_mass`, `origin`
 
@@ -19,13 +19,15 @@ Where all that it reads is of type `Any`, it is a function of one item or of eig
 """
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Any, Literal, NamedTuple
 
+from balloon_warp.kernels.adjoint import Adjoint, NoAdjointError
+from balloon_warp.kernels.laws.law import Parameter
 from balloon_warp.kernels.memory import add_at, put_vector, vector_at
-from balloon_warp.kernels.traits import Traits
+from balloon_warp.kernels.traits import Kept, Traits
 from balloon_warp.kernels.warp_sums import sum_over_block
 
 Item = Literal[
@@ -39,6 +41,8 @@ VIEWS = {"points": "point", "velocities": "velocity", "face_centers": "face_cent
 """Views of all items, and the value that each item has in a view"""
 TIMES = ("time", "end", "time_in_frame")
 """Times that are the same for all items"""
+KEEPERS = ("particle", "face", "triangle")
+"""Items that can keep values from one substep to the next"""
 STATE = {"point": "points", "velocity": "velocities"}
 """State of a particle from one substep to the next, and the arrays that hold it"""
 
@@ -96,6 +100,32 @@ class Phase:
     """Function of handles alone that returns whether there is anything to do: runs in one thread of a block"""
     also_reads: tuple[str, ...] = ()
     """Values that a phase of the host reads"""
+    adjoint: "Adjoints | None" = None
+    """Factory of what runs the phase backwards, see `adjoint`; None where that is not known"""
+    rows: tuple[Parameter, ...] = ()
+    """Rows of its parameters, as of laws: of balloons, spheres or the world"""
+    neutral: Mapping[str, float] = field(default_factory=dict)
+    """Values of parameters at which the phase changes nothing and is left out"""
+    wants: Callable[[Any], bool] | None = None
+    """Predicate of a scene, whether the phase belongs to it; all scenes, when missing"""
+    keeps: Mapping[str, Any] = field(default_factory=dict)
+    """Values among those that it writes that each item keeps from substep to substep and from frame to frame, and what
+    they are at the start. An earlier phase, too, reads what was kept last, and `NAMEs` is the view of all items'"""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "rows", tuple(row.placed(self.name) for row in self.rows))
+        if self.keeps and self.item not in KEEPERS:
+            raise TypeError(f"{self.name}: a {self.item} keeps no values; expected one of {', '.join(KEEPERS)}")
+
+    def acts(self, traits: Traits) -> bool:
+        """Return whether a scene has it."""
+        is_asked = self.neutral or self.wants
+        return self.when(traits) and (not is_asked or self.name in traits.acting)
+
+    @property
+    def kept(self) -> tuple[Kept, ...]:
+        """The values that its items keep."""
+        return tuple(Kept(name, self.item, self.writes[name], start) for name, start in self.keeps.items())
 
     @property
     def summary(self) -> str:
@@ -117,13 +147,26 @@ class Phase:
         told = inspect.signature(self.function(traits, look).func).parameters
         return all(each.annotation is Any or name in TIMES for name, each in told.items())
 
+    def adjoints(self, traits: Traits, look: Look) -> Sequence[Adjoint]:
+        """Return what runs it backwards.
+
+        Raises:
+            NoAdjointError: nothing does.
+        """
+        return _turned(self, traits, look)
+
     def asked(self, traits: Traits, look: Look) -> Any:
         """Return the function that says whether it does anything, or None where it always may."""
         return _asked(self, traits, look) if self.rare else None
 
     def views(self, traits: Traits, look: Look) -> set[str]:
         """Return what it looks at in other items: what they must not write meanwhile."""
-        return {VIEWS[name] for name in self.reads(traits, look) if name in VIEWS}
+        views = VIEWS | traits.kept_views
+        return {views[name] for name in self.reads(traits, look) if name in views}
+
+
+Adjoints = Callable[[Phase, Traits, Look], Sequence[Adjoint]]
+"""Factory of a phase's adjoints, in the order in which they run; those that look at other particles come last"""
 
 
 @cache
@@ -134,6 +177,13 @@ def _made(phase: Phase, traits: Traits, look: Look) -> Any:
 @cache
 def _asked(phase: Phase, traits: Traits, look: Look) -> Any:
     return phase.rare(traits, look) if phase.rare else None
+
+
+@cache
+def _turned(phase: Phase, traits: Traits, look: Look) -> Sequence[Adjoint]:
+    if phase.adjoint is None:
+        raise NoAdjointError(phase.name)
+    return tuple(phase.adjoint(phase, traits, look))
 
 
 def phase(item: Item, writes: Mapping[str, Any] | None = None, **said: Any) -> Callable[[Any], Phase]:

@@ -6,7 +6,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.fixed_point import set_quanta, total_newtons
-from balloon_warp.kernels.tables import Tables, WorldState, row_of_world, sphere_radius
+from balloon_warp.kernels.tables import Tables, WorldState, sphere_radius
 from balloon_warp.kernels.warps import put_word, shared_words, word_at
 from balloon_warp.kernels.working import Working
 
@@ -18,8 +18,6 @@ VECTOR_BYTES, QUANTA_BYTES = wp.constant(12), wp.constant(24)
 class Spheres:
     """Arrays of the shape (world_count, sphere_count); those that a scene does not need are empty."""
 
-    sphere_radii: wp.array2d[float]
-    """Radius of each sphere by world, or the same for all worlds [m]"""
     sphere_positions: wp.array2d[wp.vec3]
     sphere_velocities: wp.array2d[wp.vec3]
     sphere_spins: wp.array2d[wp.vec3]
@@ -35,7 +33,6 @@ class Spheres:
 def spheres_in_state(t: Tables, state: WorldState, working: Working):
     """Return those that stand in the state."""
     spheres = Spheres()
-    spheres.sphere_radii = t.spheres.radius
     spheres.sphere_positions = state.sphere_positions
     spheres.sphere_velocities = state.sphere_velocities
     spheres.sphere_spins = state.sphere_spins
@@ -51,7 +48,7 @@ def sphere_at(t: Tables, spheres: Spheres, world: wp.int32, sphere: wp.int32):
     return (
         spheres.sphere_positions[world, sphere],
         spheres.sphere_velocities[world, sphere],
-        spheres.sphere_radii[row_of_world(world, spheres.sphere_radii.shape[0]), sphere],
+        sphere_radius(t.spheres, world, sphere),
     )
 
 
@@ -89,7 +86,6 @@ def shared_spheres(count: int) -> tuple[Any, Any, Any]:
         spheres.sphere_spins = vectors(world, 2)
         spheres.sphere_starts = vectors(world, 3)
         spheres.sphere_forces = vectors(world, 4)
-        spheres.sphere_radii = t.spheres.radius
         spheres.sphere_quanta = wp.array(
             ptr=words() - wp.uint64(world * count * QUANTA_BYTES), shape=(world + 1, count, 3), dtype=wp.int64
         )

@@ -5,8 +5,9 @@ schedule puts a barrier where one looks at what others have written. So a balloo
 `leave` in one go; with it, all particles wait for the pressure in between.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
+from balloon_warp.kernels.laws.law import Parameter
 from balloon_warp.kernels.phase import Phase
 from balloon_warp.kernels.phases.add import add_area_vectors, add_forces
 from balloon_warp.kernels.phases.aim import extend, measure, spread, take_aim, turn
@@ -51,32 +52,17 @@ STEP: tuple[Phase, ...] = (
     meet_spheres, meet_bodies, meet_faces, tell_contacts, meet_edges,
 )  # fmt: skip
 
-_OF_FACES = (push_face, bear)
-SCATTERED = tuple(
-    each
-    for line in STEP
-    if line not in _OF_FACES
-    for each in ((add_forces, add_area_vectors, line) if line is pull else (line,))
-)
-"""Step of `scatter`, where springs, strings, hinges, triangles and faces add their forces to particles"""
-FACING = tuple(
-    each
-    for line in STEP
-    if line not in (extend, take_aim)
-    for each in {measure: (spread,), pull: (pull_and_face, turn)}.get(line, (line,))
-)
-"""Step where the loop over a particle's faces also finds the aim of normal forces"""
-FILMED = tuple(
-    each for line in STEP for each in ((clear, stretch, collect, pull_with_skin) if line is pull else (line,))
-)
-"""Step where each face of a membrane is measured once and stores its forces at its corners"""
-SHARED = tuple(
-    each
-    for line in STEP
-    if line not in (wear, *_OF_FACES)
-    for each in ((bend, blow, share_out, line) if line is pull else (line,))
-)
-"""Step where hinges, faces and membranes have added their forces to particles"""
+Instead = Mapping[Phase, tuple[Phase, ...]]
+"""What a schedule executes instead of some phases of the step"""
+NOTHING: Instead = {}
+SCATTERED: Instead = {push_face: (), bear: (), pull: (add_forces, add_area_vectors, pull)}
+"""In `scatter` springs, strings, hinges, triangles and faces add their forces to particles"""
+FACING: Instead = {measure: (spread,), extend: (), take_aim: (), pull: (pull_and_face, turn)}
+"""The loop over a particle's faces also finds the aim of normal forces"""
+FILMED: Instead = {pull: (clear, stretch, collect, pull_with_skin)}
+"""Each face of a membrane is measured once and stores its forces at its corners"""
+SHARED: Instead = {wear: (), push_face: (), bear: (), pull: (bend, blow, share_out, pull)}
+"""Hinges, faces and membranes have added their forces to particles, and rubber has worn on the way"""
 SETTLE = Phase("settle", "launches", lambda traits, look: None, also_reads=("inflation",))
 """Local and global steps in turn, until every world has converged, see `solvers.projective`"""
 PROJECTIVE_STEP = (
@@ -91,6 +77,16 @@ READING = (
 """Phases that find the forces of a state, for output"""
 
 
-def phases_of(traits: Traits, step: Sequence[Phase] = STEP) -> tuple[Phase, ...]:
-    """Return the phases of a step that a scene has."""
-    return tuple(phase for phase in step if phase.when(traits))
+def phases_of(traits: Traits, step: Sequence[Phase] = (), instead: Instead = NOTHING) -> tuple[Phase, ...]:
+    """Return the phases that a scene has of a list, or of the step."""
+    return tuple(each for line in step or STEP for each in instead.get(line, (line,)) if each.acts(traits))
+
+
+def asking_phases() -> tuple[Phase, ...]:
+    """Return the phases of which the scene says whether it has them, and those that keep values."""
+    return tuple(phase for phase in STEP if phase.wants or phase.neutral or phase.keeps)
+
+
+def rows_of_phases() -> tuple[Parameter, ...]:
+    """Return the rows of the parameters of all phases."""
+    return tuple(row for phase in STEP for row in phase.rows)

@@ -242,7 +242,6 @@ class WorldState:
     thrusts: wp.array2d[float]
     holds: wp.array2d[wp.vec4]
     deep: wp.array2d[wp.int8]
-    peaks: wp.array2d[float]
     bursts: wp.array2d[wp.vec4]
     torn: wp.array2d[float]
     tear_planes: wp.array2d[wp.vec4]
@@ -272,24 +271,30 @@ def first_entry(slice_offsets: wp.array[wp.int32], particle: wp.int32):
 
 
 @wp.func
+def sphere_number(spheres: SphereTable, world: wp.int32, sphere: wp.int32, column: wp.int32):
+    """Return a number of a sphere by its column, see `laws.columns`."""
+    return spheres.numbers[row_of_world(world, spheres.numbers.shape[0]), sphere, column]
+
+
+@wp.func
 def sphere_mass(spheres: SphereTable, world: wp.int32, sphere: wp.int32):
     """Return the mass of a sphere [kg]."""
-    return spheres.mass[row_of_world(world, spheres.mass.shape[0]), sphere]
+    return sphere_number(spheres, world, sphere, 0)
 
 
 @wp.func
 def sphere_radius(spheres: SphereTable, world: wp.int32, sphere: wp.int32):
     """Return the radius of a sphere [m]."""
-    return spheres.radius[row_of_world(world, spheres.radius.shape[0]), sphere]
+    return sphere_number(spheres, world, sphere, 1)
 
 
 @wp.func
 def sphere_penalty(spheres: SphereTable, world: wp.int32, sphere: wp.int32):
     """Force on it, over the inflation of a particle that touches."""
-    return spheres.penalty[row_of_world(world, spheres.penalty.shape[0]), sphere]
+    return sphere_number(spheres, world, sphere, 2)
 
 
 @wp.func
 def sphere_restitution(spheres: SphereTable, world: wp.int32, sphere: wp.int32):
     """Return a sphere's coefficient of restitution, against an equal one."""
-    return spheres.restitution[row_of_world(world, spheres.restitution.shape[0]), sphere]
+    return sphere_number(spheres, world, sphere, 3)

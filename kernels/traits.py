@@ -8,12 +8,26 @@ from balloon_warp.kernels.laws.columns import Columns
 from balloon_warp.kernels.laws.law import RESULT, Kind, Law
 
 
+class Kept(NamedTuple):
+    """A value that each item keeps from substep to substep and from frame to frame."""
+
+    name: str
+    item: str
+    type: Any
+    start: Any
+    """Value as the simulation begins"""
+
+
 class Traits(NamedTuple):
     """Features of a model, for all its worlds and all its time."""
 
     laws: tuple[Law, ...]
     """Laws that act"""
     columns: Columns
+    acting: tuple[str, ...] = ()
+    """Names of the phases that act, of those that not all scenes have by their parameters"""
+    keeps: tuple[Kept, ...] = ()
+    """Values that items keep for the phases that act"""
     membranes: tuple[Law, ...] = ()
     """Membrane laws of balloons that are not made of springs"""
     viscous: bool = False
@@ -91,6 +105,16 @@ class Traits(NamedTuple):
     frames: Literal["all", "free", "busy"] = "all"
     """Frames that the kernels advance a world in: in a free frame its particles are far from obstacles and each other,
     see `contact.free_frames`"""
+
+    @property
+    def kept(self) -> dict[str, Kept]:
+        """The values that items keep, by name."""
+        return {each.name: each for each in self.keeps}
+
+    @property
+    def kept_views(self) -> dict[str, str]:
+        """Views of what all items keep, and the value that each item has in a view."""
+        return {f"{each.name}s": each.name for each in self.keeps}
 
     def of_kind(self, kind: Kind) -> tuple[Law, ...]:
         """Return the laws of a kind."""

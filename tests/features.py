@@ -24,6 +24,7 @@ def features(model: Model) -> set[str]:
         for name, neutral in law.neutral.items()
         if (model.parameters[name].numpy() != np.float32(neutral)).any()
     }
+    found |= {f"phase {name}" for name in traits.acting}
     found |= {"spheres that meet"} if traits.spheres_meet else set()
     found |= {"free frames"} if has_free_frames(traits) else set()
     found |= {f"{name} {bool(value > 1 if name == 'balloons' else value)}" for name, value in switches(traits).items()}

@@ -87,6 +87,7 @@ def body_of(law: Law) -> Scene:
             String(anchor=(2.0, 0.0, 0.0), particle=0, length=1.0),
         ],
         water=Water(),
+        touch=False,
     )
     if law.wants is None or law.wants(scene):
         return scene

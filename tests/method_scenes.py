@@ -5,6 +5,9 @@ from typing import Literal
 import numpy as np
 from meshes import cube, grid, mesh_of, prism, quad_sphere
 
+from balloon_warp.benchmarks.matrix import of_phase
+from balloon_warp.kernels.phase import Phase
+from balloon_warp.kernels.substep import asking_phases
 from balloon_warp.scene import (
     Atmosphere,
     Balloon,
@@ -22,6 +25,7 @@ from balloon_warp.scene import (
     Tube,
     Water,
 )
+from balloon_warp.scene.overrides import override_scene, parse_override
 
 PAPERS = Inflation(k_normal=0.2)
 """by normal forces"""
@@ -63,6 +67,7 @@ def everything(normals: Literal["cached", "fresh"] = "cached") -> Scene:
             String(anchor=(5.0, 2.0, 0.0), balloon=1, particle=4, length=30.0),
         ],
         ground=Ground(),
+        touch=False,
     )
 
 
@@ -218,6 +223,12 @@ def with_bodies() -> Scene:
     return scene.model_copy(update={"sphere": [*scene.sphere, marble], "body": bodies})
 
 
+def with_phase(phase: Phase) -> Scene:
+    """Everything, and a phase that has parameters."""
+    overrides = [each for each in of_phase(phase).overrides if not each.startswith("sphere=")]
+    return override_scene(everything(), map(parse_override, overrides))
+
+
 _SCENES = {
     "everything": everything(),
     "fresh": everything("fresh"),
@@ -247,6 +258,7 @@ _SCENES = {
     "touch": in_touch(),
     "touch itself": in_touch(itself=True),
 }
+_SCENES |= {phase.name: with_phase(phase) for phase in asking_phases() if phase.rows}
 SCENES = {
     name: scene if scene.body or scene.touch else scene.model_copy(update={"faces": False})
     for name, scene in _SCENES.items()

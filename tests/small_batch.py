@@ -33,6 +33,7 @@ def scene(**fields) -> Scene:
         "frames_per_second": 30,
         "substeps": 40,
         "faces": False,
+        "touch": False,
     } | fields
     return Scene(**fields)
 

@@ -32,7 +32,7 @@ LAYERS = (
     ("job",),
     ("sweep", "viewer"),
     ("checking", "comparison", "trajectories", "warming", "doctor"),
-    ("designing", "fitting"),
+    ("designing", "fitting", "gradients"),
     ("benchmarks", "scenes"),
     ("cli",),
 )

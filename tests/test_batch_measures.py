@@ -55,7 +55,7 @@ def test_what_is_in_the_box_is_counted(device):
     places = [(0.0, 0.0, 0.0), (0.9, 0.0, 0.0), (0.0, -1.7, 0.0), (0.0, 0.0, 5.0)]
     balloons = [Balloon(mesh=cube(), position=place, **STILL) for place in places]
     box = Box(lower=(-0.2, -1.0, 0.0), upper=(1.5, 1.0, 1.0))
-    scene = Scene(balloon=balloons, sphere=[Sphere(position=(0.1, 0.2, 0.3))], box=box)
+    scene = Scene(balloon=balloons, sphere=[Sphere(position=(0.1, 0.2, 0.3))], box=box, touch=False)
     simulator = Simulator(scene, device, 2, {"balloon.1.position.0": [0.9, 1.2]})
     assert [measured(simulator, world)["in_box"] for world in (0, 1)] == [2.0, 1.0]
     assert "in_box" not in measured(Simulator(scene.model_copy(update={"box": None}), device))
@@ -178,7 +178,8 @@ def test_pressure_is_the_mean_by_area(device):
         Balloon(mesh=cube(), inflation=Inflation(k_normal=[(0.0, 0.6), (0.02, 1.2)])),
     ]
     still = [balloon.model_copy(update={"fixed": list(range(8))}) for balloon in balloons]
-    simulator = Simulator(Scene(balloon=still, frames_per_second=50, substeps=1000), device)
+    scene = Scene(balloon=still, frames_per_second=50, substeps=1000, touch=False)
+    simulator = Simulator(scene, device)
     np.testing.assert_allclose(measured(simulator)["pressure"], (6 * 10.0 + 24 * 40.0 + 60.0) / 36, rtol=1e-3)
     simulator.step()
     np.testing.assert_allclose(measured(simulator)["pressure"], (6 * 30.0 + 24 * 40.0 + 120.0) / 36, rtol=1e-3)

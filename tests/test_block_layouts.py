@@ -2,24 +2,20 @@
 kernels that a GPU gets, on a CPU, where a block is one thread. They give what launches do."""
 
 import re
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
+from block_layouts import LAYOUTS
 from meshes import quad_sphere
 
-from balloon_warp.kernels.loops.film_places import FilmLayout
 from balloon_warp.kernels.schedules.block.layout import Layout
 from balloon_warp.kernels.schedules.block.source import source_of_frame
-from balloon_warp.kernels.traits import Traits
-from balloon_warp.model import Model, build_model, initial_state
-from balloon_warp.scene import Balloon, Ground, Inflation, Material, Obstacle, Scene, Sphere
+from balloon_warp.model import build_model, initial_state
+from balloon_warp.scene import Balloon, Ground, Inflation, Material, Obstacle, Scene, Sphere, Stiffness
 from balloon_warp.schedules import block_frames
 from balloon_warp.schedules.block_layout import step_of
 from balloon_warp.schedules.choose import make_schedule
-from balloon_warp.schedules.films import film_entries, film_layout
-from balloon_warp.schedules.rings import least_valence, quad_rings
 from balloon_warp.schedules.slots import kind_slots
 from balloon_warp.schedules.spring_ends import spring_ends
 from balloon_warp.schedules.traits import model_traits
@@ -27,12 +23,14 @@ from balloon_warp.schedules.traits import model_traits
 PAPERS, GAS = Inflation(k_normal=0.2), Inflation(kind="gas", start_pressure=50.0)
 LATEX = Material(kind="neo_hookean", shear_modulus=4e5, thickness=3e-4)
 GROUND, ABOVE = Ground(height=-0.49), Sphere(position=(0.0, 0.95, 0.0), radius=0.5, mass=1.0)
+VISCOUS = Stiffness(viscosity=2e-2)
 BESIDE = Sphere(position=(0.9, 0.95, 0.0), radius=0.5, mass=1.0)
 
 
 def scenes(cells: int) -> dict[str, Scene]:
     """Of balloons with so many cells along an edge."""
     ball = quad_sphere(cells, radius=0.5)
+    falling = Balloon(mesh=ball, position=(0.0, 0.57, 0.0), inflation=PAPERS, velocity=(0.5, -1.0, 0.0))
     return {
         "cached normals": Scene(substeps=16, balloon=[Balloon(mesh=ball, inflation=PAPERS)]),
         "fresh normals, odd substeps": Scene(
@@ -53,9 +51,17 @@ def scenes(cells: int) -> dict[str, Scene]:
         ),
         "beside obstacles": Scene(
             substeps=15,
-            balloon=[Balloon(mesh=ball, position=(0.0, 0.57, 0.0), inflation=PAPERS, velocity=(0.5, -1.0, 0.0))],
+            balloon=[falling],
             obstacle=[Obstacle(size=(4.0, 0.1, 4.0)), Obstacle(size=(0.1, 4.0, 4.0), position=(0.55, 0.0, 0.0))],
             faces=False,
+        ),
+        "beside obstacles, impulses": Scene(
+            substeps=15,
+            balloon=[falling.model_copy(update={"stiffness": VISCOUS})],
+            obstacle=[Obstacle(size=(4.0, 0.1, 4.0)), Obstacle(size=(0.1, 4.0, 4.0), position=(0.55, 0.0, 0.0))],
+            faces=False,
+            contact="impulse",
+            sphere=[ABOVE],
         ),
         "latex": Scene(
             substeps=64,
@@ -64,7 +70,7 @@ def scenes(cells: int) -> dict[str, Scene]:
             ],
         ),
         "viscous": Scene(
-            substeps=32, balloon=[Balloon(mesh=ball, inflation=PAPERS, stiffness={"viscosity": 1e-3})]  # pyright: ignore
+            substeps=32, balloon=[Balloon(mesh=ball, inflation=PAPERS, stiffness=VISCOUS)]
         ),
         "corrected": Scene(
             substeps=16, correction="provot", balloon=[Balloon(mesh=ball, inflation=PAPERS)], ground=GROUND
@@ -77,45 +83,6 @@ ROUNDING = 2.0e-5
 """of the largest value: the same sums in another order"""
 OF_VELOCITIES = 1.0e-4
 """[m/s]: a gas's pressure is rounded by a ten millionth of the air's, which moves some grams by so much"""
-
-
-def film_of(model: Model, traits: Traits, held: bool) -> FilmLayout | None:
-    film = film_layout(model, traits)
-    if film is None or not held:
-        return film._replace(areas=False) if film else None
-    film = film._replace(capacity=model.particle_count)
-    return film._replace(tile=film_entries(model, film))
-
-
-def looped(*tiles: str) -> Callable[[Model, Traits], Layout]:
-    def layout(model: Model, traits: Traits) -> Layout:
-        kept = () if traits.looks_at_velocities or traits.impulses else ("velocity",)
-        odd, film = model.substeps % 2 == 1, film_of(model, traits, False)
-        return Layout(1, model.particle_count, tiles=(*kept, *tiles) if tiles else (), odd=odd, film=film)
-
-    return layout
-
-
-def ordered(model: Model, traits: Traits) -> Layout:
-    layout = looped("area_vector", "free_velocity")(model, traits)
-    return layout._replace(ordered="velocity" in layout.tiles and not traits.membranes)
-
-
-def held(model: Model, traits: Traits) -> Layout:
-    ring = quad_rings(model) if traits.measures_areas or traits.aims_on_the_way else None
-    return Layout(
-        1, model.particle_count, model.particle_count, kind_slots(spring_ends(model)),
-        least_valence(ring) if ring else 0, odd=model.substeps % 2 == 1, film=film_of(model, traits, True),
-    )  # fmt: skip
-
-
-LAYOUTS: dict[str, tuple[Callable[[Model, Traits], Layout], int]] = {
-    "looped": (looped(), 2),
-    "looped, in shared memory": (looped("area_vector", "free_velocity"), 2),
-    "looped, in another order": (ordered, 2),
-    "held": (held, 1),
-}
-"""and cells of balloons: the one thread keeps all particles, whose source is long"""
 
 
 def after_frames(scene: Scene, schedule: str) -> dict[str, np.ndarray]:

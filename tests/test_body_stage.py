@@ -102,7 +102,7 @@ def test_they_go_on_from_a_checkpoint_bit_for_bit():
     first, again = Simulator(scene, "cpu"), Simulator(scene, "cpu")
     for _ in range(10):
         first.step()
-    again.restore({name: np.array(array.numpy()) for name, array in vars(first.state).items()})
+    again.restore({name: np.array(array.numpy()) for name, array in first.state.arrays.items()})
     for _ in range(10):
         first.step()
         again.step()

@@ -170,8 +170,8 @@ def test_a_run_passes_or_does_not(tmp_path: Path) -> None:
         for name, x, speed in (("one", -0.6, 1.0), ("two", 0.6, -1.0))
     ]
     scene = {"balloon": balls, "gravity": 0.0, "frames": 24}
-    animate(Scene(**scene), tmp_path / "through.usda", device="cpu")
-    animate(Scene(**scene, touch={}), tmp_path / "apart.usda", device="cpu")
+    animate(Scene(**scene, touch=False), tmp_path / "through.usda", device="cpu")
+    animate(Scene(**scene), tmp_path / "apart.usda", device="cpu")
     assert not check_stage(tmp_path / "through.usda").passed
     report = check_stage(tmp_path / "apart.usda")
     assert report.passed, report.crossings

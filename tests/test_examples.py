@@ -21,6 +21,7 @@ SMALL: dict[str, dict[str, Any]] = {
     "05_state_without_copy": {},
     "06_batch_on_a_cluster": {"WORLDS": 2, "FRAMES": 2},
     "07_results_with_pandas": {"FRAMES": 3},
+    "08_gradient": {},
 }
 """what replaces each one's numbers"""
 MADE = {
@@ -31,6 +32,7 @@ MADE = {
     "05_state_without_copy": [],
     "06_batch_on_a_cluster": ["lifts"],
     "07_results_with_pandas": ["pandas.png", "spheres"],
+    "08_gradient": [],
 }
 NEEDED = {"01_sweep": "matplotlib", "02_pressure_curve": "matplotlib", "03_custom_law": "matplotlib"} | {
     "06_batch_on_a_cluster": "distributed",
@@ -86,6 +88,8 @@ def test_it_runs(name: str, here: Path):
         assert module.path[-1, 2] < module.path[0, 2] - 0.01
     if name == "05_state_without_copy":  # 2 m/s for a frame, of which springs and damping take some
         assert 0.5 * 2.0 / 60.0 < module.risen < 2.0 / 60.0 + 0.01
+    if name == "08_gradient":
+        np.testing.assert_allclose(module.values, module.TRUE, rtol=1e-3)
     if name == "07_results_with_pandas":
         assert (module.by_mass["health"] == 1).all()
 

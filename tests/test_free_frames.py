@@ -92,9 +92,9 @@ def test_rubber_remembers_nothing_of_a_frame_that_is_simulated_again(device: str
     for one in (simulator, peer):
         one.step()
     assert verdicts(simulator) == [HURRIED]
-    expected = peer.state.peaks.numpy()
+    expected = peer.state.kept["peak"].numpy()
     assert expected.max() > 0.0
-    np.testing.assert_allclose(simulator.state.peaks.numpy(), expected, atol=1e-3 * expected.max())
+    np.testing.assert_allclose(simulator.state.kept["peak"].numpy(), expected, atol=1e-3 * expected.max())
 
 
 def test_a_world_does_not_feel_how_free_another_is(device: str):

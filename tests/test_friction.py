@@ -24,7 +24,8 @@ def test_of_what_lands_each_loses_by_its_own(surface: str, schedule: str, device
         Balloon(mesh=cube(), position=(3.0 * number, 0.0, 0.0), damping=0.0, inflation=SLACK, friction=own)
         for number, own in enumerate((0.08, None, 0.0))
     ]
-    scene = Scene(balloon=balloons, gravity=0.0, substeps=1, atmosphere={"density": 0.0}, **SURFACES[surface])
+    still = {"gravity": 0.0, "atmosphere": {"density": 0.0}, "touch": False}
+    scene = Scene(balloon=balloons, substeps=1, **still, **SURFACES[surface])
     simulator = Simulator(scene, device, schedule=schedule)
     put(simulator, velocities=np.tile([0.8, -1.0, 0.0], (24, 1)))
     simulator.step()

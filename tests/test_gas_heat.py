@@ -100,7 +100,7 @@ def test_a_tank_that_fills_another_keeps_the_energy(device: str, schedule: str):
     volumes = np.array([0.02, 0.05])
     tanks = [tank(0.02, {"start_pressure": 20000.0}), tank(0.05, {})]
     tube = Tube(balloons=(0, 1), conductance=1e-4)
-    scene = Scene(balloon=tanks, tube=[tube], frames_per_second=10, substeps=100)
+    scene = Scene(balloon=tanks, tube=[tube], frames_per_second=10, substeps=100, touch=False)
     simulator = Simulator(scene, device, schedule=schedule)
     before, after = simulator.read_frame(), advanced(simulator, 6)
     inside = [AIR_PRESSURE + frame.pressures.astype(np.float64) for frame in (before, after)]

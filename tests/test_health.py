@@ -10,8 +10,6 @@ from balloon_warp.kernels.measure.health import HEALTHY
 from balloon_warp.scene import Balloon, Inflation, Scene, Sphere, Stiffness
 from balloon_warp.scene.overrides import override_scene
 from balloon_warp.schedules.health import FARTHEST, MOST_SPAN, HealthCheck
-from balloon_warp.schedules.tables import make_tables
-from balloon_warp.schedules.traits import model_traits
 from balloon_warp.simulator import Simulator
 
 CUBE = cube()
@@ -28,10 +26,9 @@ def found(points: np.ndarray, spheres: np.ndarray, device: str, **balloon: objec
     for array, values in ((simulator.state.points, points), (simulator.state.sphere_positions, spheres)):
         wp.copy(array, wp.array(values, dtype=wp.vec3, device=device))
     found_bad = []
-    tables = make_tables(simulator.model, model_traits(simulator.model))
     for threads in (None, 1, 3, 20):
         simulator.state.first_bad.fill_(HEALTHY)
-        HealthCheck(simulator.model, tables, threads).look(simulator.state)
+        HealthCheck(simulator.model, threads).look(simulator.state)
         found_bad.append(simulator.state.first_bad.numpy().tolist())
     assert all(each == found_bad[0] for each in found_bad)
     return found_bad[0]

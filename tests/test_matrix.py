@@ -13,6 +13,7 @@ from trajectories import ROUNDING, advance_both, after_frames, arrays, assert_cl
 
 from balloon_warp.benchmarks.matrix import METHODS, Method, as_markdown
 from balloon_warp.kernels.laws import LAWS
+from balloon_warp.kernels.substep import asking_phases
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, build_model
 from balloon_warp.scene import Scene
@@ -147,7 +148,7 @@ def test_methods_ask_for_different_things():
 def test_every_law_and_every_trait_is_run_on_and_off():
     names = {law.name for law in LAWS}
     switched = {f"{name} {value}" for name in switches(Traits((), None)) for value in (True, False)}
-    assert simulated() >= names | switched
+    assert simulated() >= names | switched | {f"phase {phase.name}" for phase in asking_phases()}
 
 
 def test_the_table_in_the_docs_is_what_schedules_say():

@@ -41,7 +41,7 @@ def everything(viscosity: float, inflation: Inflation) -> Scene:
         Balloon(mesh=quad_sphere(2, 0.1), mass=0.02, position=(4.0, 0.3, 0.0), inflation=slight),
     ]
     sphere = Sphere(position=(0.02, 0.24, 0.0), radius=0.05, mass=0.01, velocity=(0.0, -1.0, 0.0))
-    return Scene(balloon=balloons, sphere=[sphere], ground=Ground())
+    return Scene(balloon=balloons, sphere=[sphere], ground=Ground(), touch=False)
 
 
 @cache

@@ -26,6 +26,7 @@ def scene() -> Scene:
         string=[String(anchor=(0.0, -2.0, 0.0))],
         ground=Ground(height=-3.0),
         faces=False,
+        touch=False,
     )
 
 

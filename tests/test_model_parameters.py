@@ -173,5 +173,5 @@ def test_what_is_counted_is_what_is_allocated():
         assert room.bytes - before == array.size * wp.types.type_size_in_bytes(dtype)
     model = build_model(everything(), "cpu", 2)
     state = initial_state(model)
-    taken = sum(array.size * wp.types.type_size_in_bytes(array.dtype) for array in vars(state).values())
+    taken = sum(array.size * wp.types.type_size_in_bytes(array.dtype) for array in state.arrays.values())
     assert 2 * world_bytes(model) == taken + 4  # the number of the frame, which both have

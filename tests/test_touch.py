@@ -101,8 +101,8 @@ def test_fast_balloons_do_not_come_through_each_other(way, device):
     assert touching(simulator) == 0
 
 
-def test_without_touch_they_do(device):
-    simulator = run(fast().model_copy(update={"touch": None}), device, "gather", 20)
+def test_with_touch_false_they_do(device):
+    simulator = run(fast().model_copy(update={"touch": False}), device, "gather", 20)
     assert centers(simulator)[1, 0] < centers(simulator)[0, 0]
 
 
@@ -197,8 +197,9 @@ def test_a_folded_balloon_touches_itself_if_it_is_to(itself, way, device):
         ({"stiffness": -1.0}, "touch.stiffness: must be greater than or equal to 0 (got -1.0)"),
         ({"friction": -0.1}, "touch.friction: must be greater than or equal to 0 (got -0.1)"),
         (
-            {"balloons": False, "spheres": False},
-            "touch.balloons: must be true, or `itself` or `spheres` must (got none); without [touch] nothing touches",
+            {"balloons": False, "itself": False, "spheres": False},
+            "touch.balloons: must be true, or `itself` or `spheres` must (got none); with touch = false nothing "
+            "touches",
         ),
         ({"frictoin": 0.1}, "touch.frictoin: unknown field; did you mean friction?"),
     ],
@@ -257,7 +258,7 @@ def test_stiff_contacts_ask_for_shorter_steps():
     def substeps(**fields: float) -> int:
         return Simulator(collision(touch=Touch(**fields), substeps="auto"), "cpu").model.substeps
 
-    without = Simulator(collision(substeps="auto").model_copy(update={"touch": None}), "cpu").model.substeps
+    without = Simulator(collision(substeps="auto").model_copy(update={"touch": False}), "cpu").model.substeps
     assert without < substeps() < 2 * without
     assert substeps(stiffness=1e5) > 20 * without
     with pytest.raises(InputError, match="substeps: 12 are too few"):

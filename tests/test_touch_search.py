@@ -1,16 +1,21 @@
 """Who may touch whom is found now and then; what was found does until particles have moved too far."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import warp as wp
+from meshes import cube, quad_sphere
 from touching import SLACK, VACUUM, ball
 
 from balloon_warp.benchmarks.overlap import distances
 from balloon_warp.kernels.contact.boxes import ARE_NEAR, STILL_NEAR
+from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import build_model, initial_state
 from balloon_warp.scene import Balloon, Scene, Touch
 from balloon_warp.schedules import make_schedule
 from balloon_warp.schedules.gather import GatherSchedule
+from balloon_warp.schedules.touch_table import depth_of, surface_of
 
 
 def gathered(*balls: Balloon) -> GatherSchedule:
@@ -66,3 +71,14 @@ def test_whatever_is_touched_is_on_the_list(speed):
                         assert known & set(triangles[away < away.min() + 1e-6].tolist())
                         touched += 1
     assert touched > 20
+
+
+@pytest.mark.parametrize("mesh", [cube(), quad_sphere(4)], ids=["cube", "ball"])
+def test_surfaces_are_cut_alike_wherever_they_are(mesh: PolygonMesh):
+    """Ties between axes and triangles of a symmetric mesh are not broken by the rounding of where it is, and a cube of
+    one quad a side, as large as an edge is long, is not flat at one place alone: a world of a batch would differ from
+    the same alone."""
+    for place in np.random.default_rng(1).uniform(-9.0, 9.0, (20, 3)):
+        moved = replace(mesh, points=mesh.points + place)
+        np.testing.assert_array_equal(surface_of(moved).triangles, surface_of(mesh).triangles)
+        assert depth_of(moved) == pytest.approx(depth_of(mesh))

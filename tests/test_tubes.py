@@ -33,7 +33,8 @@ def test_a_tube_evens_out_pressures_and_loses_nothing(conductance: float, device
         for mesh, start in zip(rigid, starts, strict=True)
     ]
     tube = Tube(balloons=(0, 1), conductance=conductance)
-    simulator = Simulator(Scene(balloon=balloons, tube=[tube], substeps=200, frames_per_second=10), device)
+    scene = Scene(balloon=balloons, tube=[tube], substeps=200, frames_per_second=10, touch=False)
+    simulator = Simulator(scene, device)
     before = simulator.read_frame()
     after = advanced(simulator, 1)
     np.testing.assert_allclose(after.gas_amounts.sum(), before.gas_amounts.sum(), rtol=1e-12)
@@ -45,7 +46,7 @@ def test_a_tube_evens_out_pressures_and_loses_nothing(conductance: float, device
 
 def test_tube_flows_between_worlds_differ(device: str):
     balloons = [gas_balloon(cube(), {"start_pressure": start}, fixed=list(range(8))) for start in (100.0, 0.0)]
-    scene = Scene(balloon=balloons, tube=[Tube(balloons=(0, 1), conductance=0.0)])
+    scene = Scene(balloon=balloons, tube=[Tube(balloons=(0, 1), conductance=0.0)], touch=False)
     simulator = Simulator(scene, device, 2, {"tube.conductance": [0.0, 1.0]})
     advanced(simulator, 3)
     pressures = simulator.state.pressures.numpy()
@@ -68,7 +69,7 @@ def chained(conductance: float, substeps: int, breathing_damping: float = 1.0) -
         for place, pump in enumerate((PUMPED, 0.0, 0.0))
     ]  # fmt: skip
     tubes = [Tube(balloons=ends, conductance=conductance) for ends in ((0, 1), (2, 1))]
-    return Scene(balloon=balloons, tube=tubes, gravity=0.0, frames_per_second=60, substeps=substeps)
+    return Scene(balloon=balloons, tube=tubes, gravity=0.0, frames_per_second=60, substeps=substeps, touch=False)
 
 
 @pytest.mark.parametrize("substeps", [14, 96])

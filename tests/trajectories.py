@@ -21,7 +21,7 @@ def after_frames(scene: Scene, schedule: str, device: str, frames: int = 3, worl
 
 
 def arrays(simulator: Simulator) -> dict[str, np.ndarray]:
-    return {name: array.numpy().copy() for name, array in vars(simulator.state).items()}
+    return {name: array.numpy().copy() for name, array in simulator.state.arrays.items()}
 
 
 def advance_both(scene: Scene, schedule: str, device: str, settled: int, frames: int) -> list[dict[str, np.ndarray]]:
@@ -53,7 +53,7 @@ def _scatters_way(same: _Same, device: str, settled: int, frames: int) -> tuple[
 def _from(start: dict[str, np.ndarray], scene: Scene, schedule: str, device: str, frames: int) -> Simulator:
     simulator = Simulator(scene, device, schedule=schedule)
     for name, array in start.items():
-        getattr(simulator.state, name).assign(array)
+        simulator.state.arrays[name].assign(array)
     for _ in range(frames):
         simulator.step_unread()
     return simulator

@@ -8,8 +8,6 @@ from balloon_warp.kernels.measure.health import HEALTHY
 from balloon_warp.model import Model, State, copy_of, overwrite
 from balloon_warp.schedules.choose import Schedule
 from balloon_warp.schedules.health import HealthCheck
-from balloon_warp.schedules.tables import make_tables
-from balloon_warp.schedules.traits import model_traits
 
 FRAMES = 2
 """Number of frames that are replayed: rounding differs between schedules, and may delay the end a little"""
@@ -42,7 +40,7 @@ def last_substep(model: Model, state: State, schedule: Schedule, frame: int) -> 
 
     # The implicit solver can be watched itself, and takes steps at which the reference would not be stable.
     watched = schedule if isinstance(schedule, LaunchedSchedule) and schedule.watchable else ScatterSchedule(model)
-    check, before = HealthCheck(model, make_tables(model, model_traits(model))), copy_of(state)
+    check, before = HealthCheck(model), copy_of(state)
     for number in range(frame, frame + FRAMES):
         for substep in watched.substeps(state):
             check.look(state)

@@ -72,6 +72,6 @@ def _drawn(ruler: Ruler, points: Values, off: Values | None) -> NDArray[np.uint8
     if off is not None:
         mesh = colored(mesh, off)
     balloon = Balloon(mesh=mesh, parts="free", holes="keep", weld=False)
-    simulator = Simulator(Scene(balloon=[balloon], gravity=0.0), "cpu")
+    simulator = Simulator(Scene(balloon=[balloon], gravity=0.0, touch=False), "cpu")
     with Image.open(io.BytesIO(simulator.picture(size=SIZE, samples=SAMPLES))) as image:
         return np.asarray(image.convert("RGB"))

@@ -11,14 +11,14 @@ from balloon_warp.device import pick_device
 from balloon_warp.driver import begin_driver
 from balloon_warp.kernels.frames.around import place_balloons
 from balloon_warp.kernels.laws import Law
-from balloon_warp.kernels.laws.columns import columns_of
 from balloon_warp.launching import begin_loading
 from balloon_warp.model.model import Model
 from balloon_warp.model.obstacle_motion import obstacle_motion
 from balloon_warp.model.obstacles import warp_mesh
-from balloon_warp.model.packing import pack_balloons, pack_worlds, views_of
+from balloon_warp.model.packing import pack, views_of
 from balloon_warp.model.plan import ModelPlan, plan_model
 from balloon_warp.model.ridges import ridge_tree
+from balloon_warp.model.rows import all_columns
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.model.vary import Vary
 from balloon_warp.scene import Scene
@@ -79,13 +79,13 @@ def lay_out(plan: ModelPlan, device: str | wp.Device | None = None) -> Model:
         [skin.face_vertex_indices + offset for skin, offset in zip(skins, offsets, strict=False)]
     )
     incidence_offsets, incident_faces = _faces_around_particles(face_sizes, face_particles, int(offsets[-1]))
-    columns = columns_of(plan.laws)
-    balloon_numbers = array(pack_balloons(columns, plan.parameters), wp.float32)
-    world_numbers = array(pack_worlds(columns, plan.parameters), wp.float32)
+    columns = all_columns(plan.laws)
+    packed = pack(columns, plan.parameters, device)
+    views = views_of(columns, **packed)
     others = {
         name: _items(values, DTYPES.get(name, wp.float32), device)
         for name, values in plan.parameters.items()
-        if name not in columns.places
+        if name not in views
     }
     return Model(
         scene=scene,
@@ -132,9 +132,8 @@ def lay_out(plan: ModelPlan, device: str | wp.Device | None = None) -> Model:
         ridge_trees=[ridge_tree(ridges, device) for ridges in plan.ridges],
         obstacle_motion=_items(obstacle_motion(scene), wp.transform, device),
         columns=columns,
-        balloon_numbers=balloon_numbers,
-        world_numbers=world_numbers,
-        parameters={**views_of(columns, balloon_numbers, world_numbers), **others},
+        **packed,
+        parameters={**views, **others},
     )
 
 

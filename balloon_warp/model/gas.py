@@ -83,11 +83,16 @@ def require_openings(scene: Scene, shapes: Sequence[BalloonShape], parameters: P
             )
 
 
-def settle_gas(scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters) -> Parameters:
+def settle_gas(
+    scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters, rounded: bool = True
+) -> Parameters:
     """Return the initial amounts and free volumes of gas, and all initial pressures and loads.
 
     It is as warm as the air then, so that n moles in the volume V have p = n R T / V, and the free volume
     V (p / p_0)^(1 / gamma), see `kernels.laws.gas`.
+
+    Args:
+        rounded: whether to round as devices do; what is not can be derived.
     """
     heights = parameters["initial_centers"] @ np.array(scene.up)
     p_a, temperature, air = _air_around(parameters, heights)
@@ -105,7 +110,8 @@ def settle_gas(scene: Scene, shapes: Sequence[BalloonShape], parameters: Paramet
     loads = np.broadcast_arrays(pressures - rise * heights, rise)
     free_volumes = volume * (inside / STANDARD_PRESSURE) ** (1.0 / gamma)
     # rounded as by kernels that pump, so that gas that is pumped later is until then as without a pump
-    molar = np.float32(GAS_CONSTANT) * parameters["air_temperature"].astype(np.float32) / np.float32(STANDARD_PRESSURE)
+    number = np.float32 if rounded else np.float64
+    molar = number(GAS_CONSTANT) * parameters["air_temperature"].astype(number) / number(STANDARD_PRESSURE)
     as_warm = amounts * molar.astype(np.float64)[:, None]
     return {
         "initial_gas_amounts": amounts,

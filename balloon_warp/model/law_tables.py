@@ -1,4 +1,4 @@
-"""The tables `law.NAME` of a scene and of its balloons: what they say of the parameters of laws of one's own."""
+"""The tables `law.NAME` of a scene, its balloons and spheres: what they say of parameters that stand there."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -9,6 +9,8 @@ from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Parameter
 from balloon_warp.scene import Scene
 
+HOLDERS = ("balloon", "sphere")
+"""Tables of a scene that have tables of laws and phases"""
 Tables = dict[str, dict[str, Any]]
 Rows = Mapping[str, Mapping[str, Parameter]]
 """Rows of parameters, by their laws' names and their own"""
@@ -20,14 +22,16 @@ def with_law_tables(scene: Scene, rows: Sequence[Parameter]) -> Scene:
     Raises:
         InputError: names the path and what was expected.
     """
-    of_world = _by_law(row for row in rows if row.of == "world")
-    of_balloon = _by_law(row for row in rows if row.of == "balloon")
-    law = _filled("law", scene.law, of_world)
-    balloons = [
-        balloon.model_copy(update={"law": _filled(f"balloon.{number}.law", balloon.law, of_balloon)})
-        for number, balloon in enumerate(scene.balloon)
-    ]
-    return scene.model_copy(update={"law": law, "balloon": balloons}) if of_world or of_balloon else scene
+    fields = {of: _by_law(row for row in rows if row.of == of) for of in ("world", *HOLDERS)}
+    law = _filled("law", scene.law, fields["world"])
+    filled = {
+        of: [
+            each.model_copy(update={"law": _filled(f"{of}.{number}.law", each.law, fields[of])})
+            for number, each in enumerate(getattr(scene, of))
+        ]
+        for of in HOLDERS
+    }
+    return scene.model_copy(update={"law": law, **filled}) if any(fields.values()) else scene
 
 
 def _by_law(rows: Iterable[Parameter]) -> Rows:

@@ -130,14 +130,16 @@ class Model:
 
     # parameters
     columns: Columns
-    """Columns of the laws' parameters in the next two arrays"""
+    """Columns of the parameters of laws and phases in the next three arrays"""
     balloon_numbers: wp.array
-    """Laws' parameters of balloons, shape (W, balloon_count, columns.balloon_width), float32"""
+    """Parameters of balloons, shape (W, balloon_count, columns.balloon_width), float32"""
     world_numbers: wp.array
-    """Laws' parameters of worlds, shape (W, columns.world_width), float32"""
+    """Parameters of worlds, shape (W, columns.world_width), float32"""
+    sphere_numbers: wp.array
+    """Parameters of spheres, shape (W, sphere_count, their width), float32"""
     parameters: dict[str, wp.array]
-    """All parameters by name, in the units of their rows. The laws' are views into the two above. The others are
-    float32, but for places and velocities, which are vec3:
+    """All parameters by name, in the units of their rows. Those that have columns are views into the three above. The
+    others are float32, but for places and velocities, which are vec3:
 
     - of balloons, shape (W, balloon_count): `initial_turns`, how it starts turned from `initial_points`, a matrix less
       1, mat33d; `initial_shifts`, how far it starts from there [m], vec3d; `initial_centers`, of mass then [m], vec3d;
@@ -193,12 +195,10 @@ class Model:
 
     def _with_parameters(self, made_of: Callable[[wp.array], wp.array]) -> Self:
         """Return the model with other arrays, each made of an existing one."""
-        balloon_numbers, world_numbers = made_of(self.balloon_numbers), made_of(self.world_numbers)
-        views = views_of(self.columns, balloon_numbers, world_numbers)
+        packed = {name: made_of(getattr(self, name)) for name in ("balloon_numbers", "world_numbers", "sphere_numbers")}
+        views = views_of(self.columns, **packed)
         others = {name: made_of(array) for name, array in self.parameters.items() if name not in views}
-        return replace(
-            self, balloon_numbers=balloon_numbers, world_numbers=world_numbers, parameters={**views, **others}
-        )
+        return replace(self, **packed, parameters={**views, **others})
 
     @property
     def own_laws(self) -> tuple[Law, ...]:
@@ -258,7 +258,7 @@ class Model:
 
     @property
     def sphere_count(self) -> int:
-        return self.parameters["sphere_mass"].shape[1]
+        return self.sphere_numbers.shape[1]
 
     @property
     def body_count(self) -> int:

@@ -52,7 +52,7 @@ def value_of(table: Any, row: Parameter) -> Any:
     *inner, field = row.path.split(".")
     for name in inner:
         table = _field(table, name)
-        if table is None:
+        if not table:
             return row.default if row.absent is None else row.absent
     value = _field(table, field)
     return row.default if value is None else value
@@ -103,12 +103,15 @@ def _tables(scene: Scene, row: Parameter) -> Sequence[Any]:
 def _has(table: Any, path: str) -> bool:
     """Return whether a table has what a path leads through.
 
-    A scene may have no water, and an inflation only has the fields of its kind.
+    A scene may have no water, and an inflation only has the fields of its kind. Balloons that touch have all of
+    `[touch]`, whether the scene has it or not.
     """
     *inner, field = path.split(".")
     for name in inner:
+        if isinstance(table, Scene) and name == "touch" and table.touch is None:
+            return table.touches
         table = _field(table, name)
-        if table is None or (isinstance(table, Inflation | Material) and field not in table.own_fields):
+        if not table or (isinstance(table, Inflation | Material) and field not in table.own_fields):
             return inner[0] == "law"
     return True
 

@@ -35,6 +35,7 @@ from balloon_warp.model.strings import held_particle, overstretched_strings, str
 from balloon_warp.model.tears import settle_tears
 from balloon_warp.model.timeline import DueChange, due_changes
 from balloon_warp.model.touch import settle_touch
+from balloon_warp.model.touch_itself import settle_itself
 from balloon_warp.model.tunneling import warnings_of
 from balloon_warp.model.unit_checks import doubts_about
 from balloon_warp.model.vary import Vary, vary_parameters
@@ -138,6 +139,7 @@ def plan_model(
     rows = rows_of((*LAWS, *laws))
     scene = with_parts_apart(with_law_tables(scene, rows))
     shapes = shapes or [shape_balloon(balloon, scene) for balloon in scene.balloon]
+    scene = settle_itself(scene, shapes)
     held = [held_particle(number, string, scene, shapes) for number, string in enumerate(scene.string)]
     said = vary_parameters(parameters_at(scene, rows, 0), scene, rows, world_count, vary or {})
     parameters = _settled(scene, shapes, held, said)
@@ -177,8 +179,23 @@ def plan_model(
     )
 
 
+def settled_parameters(plan: ModelPlan, vary: Vary) -> Parameters:
+    """Return the parameters that a plan of the same shapes has where other values vary, not rounded as devices do.
+
+    Raises:
+        InputError: as `plan_model`, where a value is wrong.
+    """
+    rows = rows_of(plan.laws)
+    said = vary_parameters(parameters_at(plan.scene, rows, 0), plan.scene, rows, plan.world_count, vary)
+    return _settled(plan.scene, plan.shapes, plan.held, said, rounded=False)
+
+
 def _settled(
-    scene: Scene, shapes: Sequence[BalloonShape], held: Sequence[int], said: Mapping[str, NDArray[np.float64]]
+    scene: Scene,
+    shapes: Sequence[BalloonShape],
+    held: Sequence[int],
+    said: Mapping[str, NDArray[np.float64]],
+    rounded: bool = True,
 ) -> Parameters:
     """Return the parameters with those that follow from them and from the shapes.
 
@@ -202,7 +219,7 @@ def _settled(
     parameters["keyframe_values"] = settle_pressure(scene, shapes, parameters)
     parameters |= settle_touch(scene, shapes, parameters) | settle_friction(parameters)
     parameters |= settle_tears(scene, parameters)
-    return parameters | settle_gas(scene, shapes, parameters)
+    return parameters | settle_gas(scene, shapes, parameters, rounded)
 
 
 def substeps_over_time(
@@ -222,7 +239,7 @@ def substeps_over_time(
     Raises:
         InputError: they are not, or what changes differs between worlds.
     """
-    chosen = [choose_substeps(scene, network.stable_step(scene, parameters, velocities))]
+    chosen = [_substeps(scene, network, parameters, velocities)]
     values, before = {name: rows.copy() for name, rows in parameters.items()}, scene
     for turn in changes:
         for name, (which, _) in turn.values.items():
@@ -232,6 +249,14 @@ def substeps_over_time(
             turn.apply(name, values[name])
         methods_change = (turn.scene.substeps, turn.scene.solver) != (before.substeps, before.solver)
         if methods_change or not names_of_the_step(network.laws).isdisjoint(turn.values):
-            chosen.append(choose_substeps(turn.scene, network.stable_step(turn.scene, values)))
+            chosen.append(_substeps(turn.scene, network, values))
         before = turn.scene
     return max(chosen) if scene.substeps == "auto" else chosen[0]
+
+
+def _substeps(
+    scene: Scene, network: Network, parameters: Parameters, velocities: Sequence[NDArray[np.float64]] | None = None
+) -> int:
+    """Return the number of substeps in a frame with these parameters."""
+    stable = network.stable_step(scene, parameters, velocities)
+    return choose_substeps(scene, stable, network.auto_step(scene, parameters, velocities, stable))

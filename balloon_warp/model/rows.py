@@ -1,14 +1,15 @@
-"""The rows of all parameters: those that no law has stand here, in the form of those of laws."""
+"""The rows of all parameters: those that no law or phase has stand here, in the form of those of laws."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
 from balloon_warp.kernels.laws import Law, Parameter
-from balloon_warp.kernels.laws.columns import columns_of
+from balloon_warp.kernels.laws.columns import Columns, columns_of
 from balloon_warp.kernels.laws.law import TINY
 from balloon_warp.kernels.laws.softening import PARAMETERS as SOFTENING
 from balloon_warp.kernels.laws.tearing import PARAMETERS as TEARING
+from balloon_warp.kernels.substep import rows_of_phases
 
 START = "initial_"
 """Prefix of the names of parameters that count at the start alone, and so cannot change"""
@@ -31,11 +32,6 @@ ROWS: tuple[Parameter, ...] = (
     Parameter("initial_sphere_positions", "m", of="sphere", path="position", size=3),
     Parameter("initial_sphere_velocities", "m/s", of="sphere", path="velocity", size=3),
     Parameter("initial_sphere_spins", "rad/s", of="sphere", path="angular_velocity", size=3),
-    Parameter("sphere_mass", "kg", 1.0, least=TINY, of="sphere", path="mass"),
-    Parameter("sphere_radius", "m", 0.15, least=TINY, of="sphere", path="radius"),
-    Parameter("sphere_penalty", "1", 1.0, least=0.0, of="sphere", path="penalty"),
-    Parameter("sphere_restitution", "1", 0.3, least=0.0, most=1.0, of="sphere", path="restitution"),
-    Parameter("sphere_friction", "1", 0.0, least=0.0, of="sphere", path="friction"),
     Parameter("string_anchor", "m", of="string", path="anchor", size=3),
     Parameter("string_length", "m", np.nan, least=TINY, of="string", path="length"),
     Parameter("string_stiffness", "N/m", 20.0, least=TINY, of="string", path="stiffness"),
@@ -53,7 +49,15 @@ ROWS: tuple[Parameter, ...] = (
 """NaN is settled once all is known: a string's length, a body's mass, and an amount of gas"""
 
 
+def all_columns(laws: Sequence[Law]) -> Columns:
+    """Return the columns of the parameters of these laws and of the phases of the step."""
+    return columns_of(laws, rows_of_phases())
+
+
 def rows_of(laws: Sequence[Law]) -> tuple[Parameter, ...]:
-    """Return the parameters of these laws, and all others but the keyframes, of which a balloon has several."""
-    columns = columns_of(laws)
-    return (*columns.world, *columns.balloon, *ROWS)
+    """Return the parameters of these laws and of the phases of the step, and all others but the keyframes.
+
+    Of the keyframes a balloon has several.
+    """
+    columns = all_columns(laws)
+    return (*columns.world, *columns.balloon, *columns.sphere, *ROWS)

@@ -30,5 +30,5 @@ def without_small_spheres(model: Model) -> Model:
     touch = model.scene.touch
     if model.faces_meet or any(small_spheres(model)) or (touch and not (touch.balloons or touch.itself)):
         return model
-    without = {"faces": False, "touch": touch and touch.model_copy(update={"spheres": False})}
+    without = {"faces": False, "touch": touch.model_copy(update={"spheres": False}) if touch else touch}
     return replace(model, scene=model.scene.model_copy(update=without))

@@ -22,6 +22,9 @@ from balloon_warp.scene import Scene
 
 AUTO_MARGIN = 0.8
 """Fraction of the stable step that `substeps = "auto"` takes"""
+TOUCH_MARGIN = 0.97
+"""Fraction of the stable step that "auto" takes where balloons may touch but the scene has no [touch], if that is less:
+the bound of contacts counts the largest number that may ever press on a particle, each at its stiffest"""
 PROJECTIVE_STEP = 1.0 / 120.0
 """Step of "auto" where stability requires none [s]: at 1/60 s the bundled scenes lag twice as far behind the explicit
 ones"""
@@ -75,6 +78,25 @@ class Network:
                 step = max(step, self._step_of_spectrum(self.shapes[number], masses, bounds, around, rate))
             steps.append(step)
         return min(steps)
+
+    def auto_step(
+        self,
+        scene: Scene,
+        parameters: Parameters,
+        velocities: Sequence[NDArray[np.float64]] | None,
+        stable: float,
+    ) -> float:
+        """Return the longest step that `substeps = "auto"` may take [s].
+
+        Args:
+            parameters: as of `stable_step`.
+            velocities: as of `stable_step`.
+            stable: the step that this returned [s].
+        """
+        if scene.touch or not scene.touches:
+            return AUTO_MARGIN * stable
+        apart = self.stable_step(scene.model_copy(update={"touch": False}), parameters, velocities)
+        return min(AUTO_MARGIN * apart, TOUCH_MARGIN * stable)
 
     def _step_of_spectrum(
         self, shape: BalloonShape, masses: NDArray[np.float64], bounds: Bounds, around: Surroundings, rate: float
@@ -155,8 +177,8 @@ def _step(squared_frequency: Any, rate: Any) -> Any:
     return 4.0 / (np.sqrt(rate**2 + 4.0 * squared_frequency) + rate)
 
 
-def choose_substeps(scene: Scene, stable: float) -> int:
-    """Return the number of substeps in a frame: the scene's, or as many as the stable step requires [s].
+def choose_substeps(scene: Scene, stable: float, auto_step: float) -> int:
+    """Return the number of substeps in a frame: the scene's if stable, or as many as the step of "auto" requires [s].
 
     With forward Euler the scene may have any number, since its instability is the point; with projective, too, since it
     is always stable.
@@ -174,13 +196,13 @@ def choose_substeps(scene: Scene, stable: float) -> int:
             "substeps: forward Euler without damping gains energy at every step, however small; expected a number of "
             "substeps to watch it, or damping"
         )
-    if not frame_seconds <= MOST_SUBSTEPS * AUTO_MARGIN * stable:
+    if not frame_seconds <= MOST_SUBSTEPS * auto_step:
         raise InputError(
             f"substeps: these springs, masses and damping are stable up to a step of {stable:.2e} s, which makes more "
             f"than {MOST_SUBSTEPS:,} in a frame; expected softer springs, more mass or more frames per second"
         )
     if scene.substeps == "auto":
-        return max(ceil(frame_seconds / (AUTO_MARGIN * stable)), 1)
+        return max(ceil(frame_seconds / auto_step), 1)
     if frame_seconds / scene.substeps > stable:
         raise InputError(
             f"substeps: {scene.substeps} are too few for these springs and masses, which are stable up to a step of "

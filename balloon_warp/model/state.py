@@ -1,8 +1,8 @@
 """The state: what changes during a simulation."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import warp as wp
@@ -12,6 +12,7 @@ from balloon_warp.kernels.measure.health import HEALTHY
 from balloon_warp.launching import launch
 from balloon_warp.mesh.placement import rotation_matrix
 from balloon_warp.model.bodies import initial_centers, initial_turns, most_touches
+from balloon_warp.model.kept import kept_arrays, start_kept
 from balloon_warp.model.memory import Allocating, Counting, Room
 from balloon_warp.model.model import Model
 
@@ -73,9 +74,6 @@ class State:
     deep: wp.array
     """1 of particles that may be deep in another balloon, where nothing is near them: at the start that is not known of
     any; of that shape, int8"""
-    peaks: wp.array
-    """Greatest energy density so far of triangles of rubber that softens [Pa], shape (world_count, triangle_count),
-    float32, or (world_count, 0) where none softens"""
     torn: wp.array
     """Distance that a tear may have run from each face, at rest [m], negative where the face is whole, shape
     (world_count, face_count), float32, or (world_count, 0) where none may tear"""
@@ -124,17 +122,27 @@ class State:
     first_bad: wp.array
     """Lowest particle, or sphere, numbered after the particles, of each world that was ever where it cannot be; or
     `HEALTHY`, shape (world_count,), int32"""
+    kept: dict[str, wp.array]
+    """Values that phases keep, by their names, see `kernels.phase.Phase.keeps`, shape (world_count, count of items)"""
+
+    @property
+    def arrays(self) -> dict[str, Any]:
+        """All arrays by name."""
+        return {name: array for name, array in vars(self).items() if name != "kept"} | self.kept
+
+    def made_of(self, copied: Callable[[str, Any], Any]) -> Self:
+        """Return a state of other arrays, each made of the one of that name."""
+        kept = {name: copied(name, array) for name, array in self.kept.items()}
+        others = {name: copied(name, array) for name, array in vars(self).items() if name != "kept"}
+        return replace(self, **others, kept=kept)
 
     def of_world(self, world: int) -> Self:
         """Return the state of one world, as views."""
-        return replace(
-            self,
-            **{
-                name: array[world : world + 1]
-                for name, array in vars(self).items()
-                if name != "frame" and array.size and array.shape[0] > 1
-            },
-        )
+
+        def row(name: str, array: Any) -> Any:
+            return array[world : world + 1] if name != "frame" and array.size and array.shape[0] > 1 else array
+
+        return self.made_of(row)
 
 
 def new_state(model: Model, room: Room) -> State:
@@ -145,7 +153,6 @@ def new_state(model: Model, room: Room) -> State:
     balloons, bodies = (worlds, model.balloon_count), (worlds, model.body_count)
     touches = (worlds, most_touches(model.bodies))
     pairs = (worlds, model.balloon_count, contact_shape(model)[1])
-    softening = (worlds, model.triangle_count if model.softens else 0)
     bursting = (worlds, model.balloon_count if model.bursts else 0)
     return State(
         frame=room.array(1, wp.int32),
@@ -168,7 +175,6 @@ def new_state(model: Model, room: Room) -> State:
         thrusts=room.array(balloons, wp.float32),
         holds=room.array(touching, wp.vec4),
         deep=room.array(touching, wp.int8),
-        peaks=room.array(softening, wp.float32),
         torn=room.array((worlds, model.face_count if model.bursts else 0), wp.float32),
         bursts=room.array(bursting, wp.vec4),
         tear_planes=room.array((worlds, model.face_count if model.bursts else 0), wp.vec4),
@@ -187,6 +193,7 @@ def new_state(model: Model, room: Room) -> State:
         unsettled=room.array(worlds, wp.vec2),
         overstretched=room.array(worlds, wp.int32),
         first_bad=room.array(worlds, wp.int32),
+        kept=kept_arrays(model, room),
     )
 
 
@@ -223,6 +230,7 @@ def initial_state(model: Model) -> State:
     ):
         row = parameters[name].numpy()
         array.assign(np.broadcast_to(row, (model.world_count, *row.shape[1:])))
+    start_kept(model, state.kept)
     state.deep.fill_(1)
     state.torn.fill_(-1.0)
     state.bursts.fill_(wp.vec4(-1.0, 0.0, 0.0, 0.0))
@@ -259,15 +267,17 @@ def carried_over(model: Model, before: State, spheres: Sequence[int | None]) -> 
         spheres: for each sphere of the model its number in the one before, or None if the model says where it starts.
     """
     state = initial_state(model)
-    for name, array in vars(before).items():
+    now_has = state.arrays
+    for name, array in before.arrays.items():
         if name.startswith("contact_"):
             continue  # of the frame before, in which there were other things
         if not name.startswith("sphere_"):
-            wp.copy(getattr(state, name), array)
+            if name in now_has:
+                wp.copy(now_has[name], array)
             continue
         for now, until_now in enumerate(spheres):
             if until_now is not None:
-                wp.copy(getattr(state, name)[:, now], array[:, until_now])
+                wp.copy(now_has[name][:, now], array[:, until_now])
     return state
 
 
@@ -280,10 +290,11 @@ def world_bytes(model: Model) -> int:
 
 def copy_of(state: State) -> State:
     """Return a copy of a state."""
-    return State(**{name: wp.clone(array) for name, array in vars(state).items()})
+    return state.made_of(lambda name, array: wp.clone(array))
 
 
 def overwrite(state: State, other: State) -> None:
     """Make a state what another of the same shapes is now."""
-    for name, array in vars(other).items():
-        wp.copy(getattr(state, name), array)
+    arrays = state.arrays
+    for name, array in other.arrays.items():
+        wp.copy(arrays[name], array)

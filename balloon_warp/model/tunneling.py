@@ -34,7 +34,7 @@ def passing_spheres(
         radii: of the spheres at the start [m], shape (W, sphere_count); 0 before it appears.
         step_seconds: a substep [s].
     """
-    if not scene.sphere or (scene.touch is not None and scene.touch.spheres):
+    if not scene.sphere or (scene.touch and scene.touch.spheres):
         return []
     sentences = []
     widest = max(shapes, key=lambda shape: widest_opening(shape.mesh))
@@ -60,7 +60,7 @@ def held_within(scene: Scene) -> float:
 
     Openings are those at rest, or where the scene asks for it, stretched.
     """
-    return 1.0 if scene.faces == "auto" and scene.touch is None else MOST_STRETCH
+    return 1.0 if scene.faces == "auto" and not scene.touch else MOST_STRETCH
 
 
 def _fits_through(number: int, radius: float, opening: float, shape: BalloonShape) -> str:

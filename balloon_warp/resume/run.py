@@ -140,7 +140,7 @@ class Checkpoints:
         if self._safe <= frame:
             self.stage.write_part(self._part(self._safe), range(self._safe, frame + 1))
             with self.folder.file(self._state(frame).name) as path, lock_of(self.simulator.model.device):
-                write_npz(path, ((name, array.numpy()) for name, array in vars(self.simulator.state).items()))
+                write_npz(path, ((name, array.numpy()) for name, array in self.simulator.state.arrays.items()))
             for state in self.folder.path.glob("state_*.npz"):
                 if state != self._state(frame):
                     state.unlink()

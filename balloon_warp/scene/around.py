@@ -9,7 +9,6 @@ from balloon_warp.files import legible, whole_path
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.load import load_mesh
-from balloon_warp.mesh.nearness import nears_itself
 from balloon_warp.mesh.placement import place_mesh
 from balloon_warp.mesh.prepare import prepared
 from balloon_warp.mesh.size import require_size
@@ -42,7 +41,7 @@ def scene_table_around(
     masses are alike and accelerations grow, gravity, too: a mesh in centimeters moves as one in meters does.
 
     A closed mesh falls a little, onto the floor. An open one is held at its borders: its inflation, which nothing
-    balances there, would drive it away. One whose parts face each other across a small gap touches itself.
+    balances there, would drive it away.
 
     Args:
         balloon: how the mesh is to be placed, in which unit, and what kind of inflation it is to have.
@@ -67,7 +66,6 @@ def scene_table_around(
     lift, fall = (0.0, weight) if kind == "gas" else (GRAVITY - weight, GRAVITY)  # gas has its own
     growth = GRAVITY / fall if mesh.unit_known else size  # of accelerations, beside a mesh of one meter
     mass = _short(2.0 * size / growth)
-    stretch = balloon.inflation.stretch if "stretch" in balloon.inflation.model_fields_set else STRETCH
     return {
         "description": _description(
             legible(source.name),
@@ -92,7 +90,6 @@ def scene_table_around(
             }
         ],
         "ground": {"height": _short(float(lowest["XYZ".index(up_axis)]) - 0.05 * size, size)},
-        **({"touch": {"itself": True}} if nears_itself(placed, stretch) else {}),
     }
 
 

@@ -127,7 +127,8 @@ def _expected(details: ErrorDetails) -> str:
     ):
         if message.startswith(opening):
             return replacement
-    return re.split(", (?:unable|got) ", message.removeprefix("Input should be "), maxsplit=1)[0]
+    expected = re.split(", (?:unable|got) ", message.removeprefix("Input should be "), maxsplit=1)[0]
+    return {"True": "true", "False": "false"}.get(expected, expected)
 
 
 def _shown(value: object) -> str:

@@ -91,6 +91,8 @@ def _put(place: Any, names: list[str], value: Any, path: str) -> None:
     elif isinstance(place, dict):
         if rest:
             listed = len(names) == path.count(".") + 1 and name in LISTED
+            if place.get(name) is False:
+                del place[name]  # "touch = false": a field of it asks for the table
             _put(place.setdefault(name, [] if listed else _of_preset(place, name)), rest, value, path)
         else:
             place[name] = value

@@ -31,11 +31,8 @@ class BlockSchedule:
         self.busy = BusyWorlds(model, self._traits) if has_free_frames(self._traits) else None
         traits = free_traits(self._traits) if self.busy else self._traits
         self.frames = BlockFrames(model, traits, room, self.busy.working if self.busy else None)
-        if self.busy:  # other kernels look at particles, too, in the state's order
-            self._framing = Framing(model, self._traits, self.busy.tables)
-        else:
-            numbers = self.frames.numbers
-            self._framing = Framing(model, self._traits, self.frames.tables, numbers=numbers, looks=False)
+        tables, numbers = self.frames.tables, self.frames.numbers
+        self._framing = Framing(model, self._traits, tables, numbers=numbers, looks=self.busy is not None)
 
     @classmethod
     def world_bytes(cls, model: Model) -> int:

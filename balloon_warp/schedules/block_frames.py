@@ -19,7 +19,7 @@ from balloon_warp.schedules.renumber import order_by_springs, renumbered
 from balloon_warp.schedules.rings import quad_rings
 from balloon_warp.schedules.slots import slot_table
 from balloon_warp.schedules.spring_ends import spring_ends
-from balloon_warp.schedules.tables import make_tables, world_state
+from balloon_warp.schedules.tables import kept_arguments, make_tables, world_state
 
 
 class BlockFrames:
@@ -69,7 +69,7 @@ class BlockFrames:
 
     def advance(self, state: State) -> None:
         """Advance by a frame."""
-        given = {**self._given, "state": world_state(state)}
+        given = {**self._given, "state": world_state(state), **kept_arguments(state)}
         launch_tiled(
             self._kernel,
             dim=[self.model.world_count],

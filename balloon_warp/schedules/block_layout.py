@@ -5,7 +5,7 @@ from balloon_warp.kernels.phases.check import check
 from balloon_warp.kernels.schedules.block.layout import Layout
 from balloon_warp.kernels.schedules.block.looks import look_of
 from balloon_warp.kernels.schedules.pieces import Step, cut
-from balloon_warp.kernels.substep import FACING, FILMED, STEP, phases_of
+from balloon_warp.kernels.substep import FACING, FILMED, NOTHING, phases_of
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model
 from balloon_warp.schedules.block_room import CAPACITY_STEP, MOST_THREADS, most_particles, thread_a_particle
@@ -46,10 +46,9 @@ THREADS_ALONE = 768, 80
 
 def step_of(traits: Traits, layout: Layout) -> Step:
     """Return the phases of a scene, in pieces, as a block executes them."""
-    step = FILMED if layout.film else FACING if traits.aims_on_the_way else STEP
-    return cut(
-        phases_of(traits, (*step, check)), traits, look_of(layout, traits.spheres), doubles=True, sums_along=True
-    )
+    instead = FILMED if layout.film else FACING if traits.aims_on_the_way else NOTHING
+    phases = (*phases_of(traits, instead=instead), *phases_of(traits, (check,)))
+    return cut(phases, traits, look_of(layout, traits.spheres), doubles=True, sums_along=True)
 
 
 def layout_of(model: Model, traits: Traits) -> Layout:
@@ -128,8 +127,8 @@ def _looped(model: Model, traits: Traits) -> Layout:
 
 def _ordered(traits: Traits, layout: Layout) -> Layout:
     """Return the layout with particles by their number of springs, where only this kernel sees them in that order."""
-    alone = "velocity" in layout.tiles and traits.frames != "busy"
-    return layout._replace(ordered=alone and not (traits.membranes or traits.has("hinge")))
+    alone = "velocity" in layout.tiles and not (traits.membranes or traits.has("hinge") or traits.keeps)
+    return layout._replace(ordered=alone)
 
 
 def _loop_threads(model: Model, traits: Traits, film: FilmLayout | None) -> tuple[int, int]:

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 import warp as wp
 
-from balloon_warp.kernels.contact.free_frames import keep_busy
+from balloon_warp.kernels.contact.free_frames import busy_kernel
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.launching import launch
 from balloon_warp.model import Model, State
@@ -63,7 +63,7 @@ class LaunchedFrames:
         for source, target in zip(now, kept, strict=True):
             if source is not target:
                 inputs = [self.working.verdicts, source, target]
-                launch(keep_busy, source.shape, inputs=inputs, device=self._gather.model.device)
+                launch(busy_kernel(source.dtype), source.shape, inputs=inputs, device=self._gather.model.device)
 
 
 class BusyWorlds:
@@ -77,7 +77,7 @@ class BusyWorlds:
             if _in_blocks(model, traits)
             else LaunchedFrames(model, busy)
         )
-        self.tables, self.working = self._frames.tables, self._frames.working
+        self.working = self._frames.working
         self.outlook = Outlook(model, traits, self._frames.tables, self.working)
 
     @staticmethod

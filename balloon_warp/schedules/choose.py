@@ -109,8 +109,8 @@ def fastest_schedule(model: Model, world_count: int) -> str:
     give each multiprocessor one, with spheres a quarter of them, or where they could be moved in patches half of them,
     with fresh normals a third. Else, where they could not: with gas or corrections, when a substep would be many
     launches otherwise; and where it would be some, with spheres or fresh normals, which a block is done with sooner if
-    it has few particles. Where balloons touch, only where there are enough worlds, and not where they touch
-    themselves. On the CPU, eight worlds side by side, or eight particles of a world that is alone.
+    it has few particles. Where the scene says how balloons touch, only where there are enough worlds, and not
+    where they touch themselves. On the CPU, eight worlds side by side, or eight particles of a world that is alone.
     `python -m balloon_warp.benchmarks.auto` measures whether that is right.
     """
     if only_launched(model) or model.bodies or any(small_spheres(model)):
@@ -130,7 +130,7 @@ def fastest_schedule(model: Model, world_count: int) -> str:
     some_launches = model.sphere_count > 0 or model_traits(model).aims_on_the_way
     enough_worlds = world_count >= model.device.sm_count // (4 if model.sphere_count else 1)
     few_particles = thread_a_particle(model) or (some_launches and model.particle_count <= FEW_PARTICLES)
-    pays = enough_worlds or (not model.scene.touches and (few_particles or many_launches))
+    pays = enough_worlds or (not model.scene.touch and (few_particles or many_launches))
     return "block" if pays else "gather"
 
 

@@ -37,7 +37,7 @@ class Framing:
         self.model, self.traits, self.tables, self.working = model, traits, tables, working
         self._numbers = numbers
         self._contact_sums = ContactSums(model) if traits.tells_contacts else None
-        self._health = HealthCheck(model, tables, particles=looks)
+        self._health = HealthCheck(model, particles=looks)
 
     def begin(self, state: State) -> None:
         """Update the ramp of keyframed values, and read the forces that the last frame left on spheres."""

@@ -10,6 +10,7 @@ from balloon_warp.kernels.measure.health import HealthTable
 from balloon_warp.kernels.measure.locking import note_overstretched
 from balloon_warp.launching import launch
 from balloon_warp.model import Model, State
+from balloon_warp.schedules.particles import particle_table
 
 MOST_SPAN = 1.0e5
 """Largest distance between two particles of a balloon over its initial size: float32 then resolves a hundredth of the
@@ -32,17 +33,17 @@ class HealthCheck:
 
     Args:
         model: what is simulated.
-        tables: that the schedule has made of it.
         threads: that share a world; as many as suit the device, when missing.
         particles: whether it looks at particles, or others have.
     """
 
-    def __init__(self, model: Model, tables: Any, threads: int | None = None, particles: bool = True):
+    def __init__(self, model: Model, threads: int | None = None, particles: bool = True):
         if threads is None:
             threads = 1 if model.device.is_cpu or not particles else model.particle_count
         self._shape = (model.world_count, threads)
         self._device = model.device
-        self._inputs = [tables.particles, tables.health, threads, model.particle_count if particles else 0]
+        count = model.particle_count if particles else 0
+        self._inputs = [particle_table(model), health_table(model), threads, count]
         self._model, self._locking = model, _locking_triangles(model)
 
     def look(self, state: State) -> None:

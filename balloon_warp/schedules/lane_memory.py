@@ -12,7 +12,7 @@ from balloon_warp.kernels.schedules.pieces import Step
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model
 from balloon_warp.model.memory import Room
-from balloon_warp.schedules.lane_tables import face_octets, items_of, quad_count
+from balloon_warp.schedules.lane_tables import face_octets, items_of
 
 LANES = int(LANE_COUNT)
 FAR_AWAY = 1e16
@@ -44,7 +44,6 @@ def allot_lanes(model: Model, step: Step, layout: Layout, room: Room) -> LaneMem
         _of_kernel(model, step, layout, room),
         {
             "numbers": room.array((groups, balloons, width), Lanes),
-            "peaks": room.array((groups, 4 * quad_count(model, layout) if traits.softens else 0), Lanes),
             "forces": room.array((groups, _places(layout, items) if adds_up else 0), layout.vector),
         },
         {

@@ -4,6 +4,7 @@ Worlds are divided among threads of a CPU. Bit-reproducible, whatever the number
 """
 
 import os
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, ClassVar
 
@@ -27,7 +28,7 @@ from balloon_warp.schedules.lane_memory import allot_lanes, group_count, put_far
 from balloon_warp.schedules.lane_tables import make_lane_tables
 from balloon_warp.schedules.outlook import free_traits
 from balloon_warp.schedules.ramp import note_pressures, refresh_ramp, weigh_air
-from balloon_warp.schedules.tables import make_tables, world_state
+from balloon_warp.schedules.tables import kept_arguments, make_tables, world_state
 from balloon_warp.schedules.traits import choosing_parameters, model_traits
 
 
@@ -55,13 +56,13 @@ class LanesSchedule:
         self._kernel = kernel_of(step, self.layout)
         self.tables = make_tables(model, self._traits)
         self._inputs = self._arguments(step)
-        self._health = HealthCheck(model, self.tables)
+        self._health = HealthCheck(model)
         self._share_out(thread_count)
 
     @classmethod
     def step_of(cls, traits: Traits) -> Step:
         """Return the phases of a model, in pieces."""
-        return cut(phases_of(traits, SHARED), traits, LOOKS[cls.layout], sums_along=True, apart=("pull",))
+        return cut(phases_of(traits, instead=SHARED), traits, LOOKS[cls.layout], sums_along=True, apart=("pull",))
 
     @classmethod
     def source_of(cls, model: Model) -> str:
@@ -124,22 +125,23 @@ class LanesSchedule:
         refresh_ramp(self.model, state)
         weigh_air(self.model, self._traits, self.tables, state)
         forget_looks(self.tables)
-        worlds = world_state(state)
+        given = {"state": world_state(state), **kept_arguments(state)}
         if self.busy:
             self.busy.find(state)
         if len(self._shares) == 1:
-            self._advance_groups(worlds, self._shares[0])
+            self._advance_groups(given, self._shares[0])
         else:
-            for done in [self._threads.submit(self._advance_groups, worlds, share) for share in self._shares]:
+            for done in [self._threads.submit(self._advance_groups, given, share) for share in self._shares]:
                 done.result()
         if self.busy:
             self.busy.advance(state)
         note_pressures(self.model, self._traits, state)
         self._health.end_frame(state)
 
-    def _advance_groups(self, worlds: Any, groups: np.ndarray) -> None:
-        inputs = self._inputs | {"first_group": int(groups[0]), "state": worlds}
-        launch(self._kernel, len(groups), list(inputs.values()), device=self.model.device)
+    def _advance_groups(self, given: Mapping[str, Any], groups: np.ndarray) -> None:
+        given = {**given, "first_group": int(groups[0])}
+        inputs = [given.get(name, has) for name, has in self._inputs.items()]
+        launch(self._kernel, len(groups), inputs, device=self.model.device)
 
 
 def traits_of(model: Model) -> Traits:

@@ -8,7 +8,7 @@ import warp as wp
 
 from balloon_warp.kernels.phase import Look, Phase
 from balloon_warp.kernels.schedules.pieces import Step, cut
-from balloon_warp.kernels.substep import STEP, phases_of
+from balloon_warp.kernels.substep import NOTHING, Instead, phases_of
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Counting, Room
@@ -32,7 +32,9 @@ class LaunchedSchedule(ABC):
     """Whether each substep ends in the state"""
     fast_math: ClassVar[bool] = False
     """Whether divisions and roots are a GPU's own, with errors in the last two bits"""
-    phases: ClassVar[Sequence[Phase]] = STEP
+    phases: ClassVar[Sequence[Phase]] = ()
+    """List that it executes; the step, when empty"""
+    instead: ClassVar[Instead] = NOTHING
     look: ClassVar[Look]
 
     def __init__(self, model: Model, traits: Traits | None = None):
@@ -50,7 +52,7 @@ class LaunchedSchedule(ABC):
     @classmethod
     def step_of(cls, model: Model, traits: Traits) -> Step:
         """Return the phases of the model, in pieces."""
-        return cut(phases_of(traits, cls.phases), traits, cls.look, doubles=not cls.watchable)
+        return cut(phases_of(traits, cls.phases, cls.instead), traits, cls.look, doubles=not cls.watchable)
 
     def own(self) -> Mapping[str, Own]:
         """Return the phases that the schedule executes itself, by name."""

@@ -19,7 +19,7 @@ from balloon_warp.model.memory import Room
 from balloon_warp.model.state import contact_shape
 from balloon_warp.schedules.ridges import ridge_arrays
 from balloon_warp.schedules.solids import solid_arrays
-from balloon_warp.schedules.tables import world_state
+from balloon_warp.schedules.tables import kept_arguments, world_state
 from balloon_warp.schedules.touching import touch_arrays
 
 TEAM_THREADS = 256
@@ -107,7 +107,7 @@ class Launches:
             "t": self.tables, "time_in_frame": time_in_frame, "state": world_state(state), "working": self.working,
             **{f"all_{view}": array for view, array in zip(STATE.values(), now, strict=True)},
             **{f"new_{view}": array for view, array in zip(STATE.values(), new, strict=True)},
-            **{f"all_{value}": array for value, array in self.values.items()},
+            **{f"all_{value}": array for value, array in self.values.items()}, **kept_arguments(state),
         }  # fmt: skip
         if piece.sums:
             self._sum(piece, has)

@@ -9,6 +9,7 @@ import warp as wp
 
 from balloon_warp.kernels.contact.free_frames import (
     FreeFrames,
+    busy_kernel,
     judge_kernel,
     keep_sphere_forces,
     put_worlds_back,
@@ -18,6 +19,7 @@ from balloon_warp.kernels.tables import WorldState
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.launching import begin_loading, launch, launch_tiled
 from balloon_warp.model import Model, State
+from balloon_warp.model.kept import kept_arrays
 from balloon_warp.model.memory import Allocating, Room
 from balloon_warp.schedules.tables import world_state
 
@@ -54,7 +56,7 @@ class Outlook:
     def __init__(self, model: Model, traits: Traits, tables: Any, working: Any):
         self.model, self._traits, self._tables, self._working = model, traits, tables, working
         self.table, self._before = FreeFrames(), WorldState()
-        arrays, before = outlook_arrays(model, traits, Allocating(model.device))
+        arrays, before, self._kept = outlook_arrays(model, traits, Allocating(model.device))
         for name, array in arrays.items():
             setattr(self.table, name, array)
         for name in ("verdicts", "ways", "any_busy"):
@@ -64,12 +66,15 @@ class Outlook:
 
     def begin_loading(self) -> None:
         """Compile ahead what a look needs."""
-        for kernel in (surround_kernel(self._traits), judge_kernel(self._traits)):
+        of_kept = (busy_kernel(array.dtype) for array in self._kept.values())
+        for kernel in (surround_kernel(self._traits), judge_kernel(self._traits), *of_kept):
             begin_loading(kernel, self.model.device)
 
     def look(self, state: State) -> None:
         """Judge the worlds before the frame."""
         m, threads = self.model, THREADS if self.model.device.is_cuda else 1
+        for name, array in self._kept.items():
+            wp.copy(array, state.kept[name])
         launch_tiled(
             surround_kernel(self._traits),
             dim=(m.world_count, m.balloon_count),
@@ -84,6 +89,9 @@ class Outlook:
         threads = THREADS if self.model.device.is_cuda else 1
         inputs = [self.table, self._before, threads, world_state(state), self._working.sphere_quanta]
         launch(put_worlds_back, (self.model.world_count, threads), inputs=inputs, device=self.model.device)
+        for name, array in self._kept.items():
+            inputs = [self._working.verdicts, array, state.kept[name]]
+            launch(busy_kernel(array.dtype), array.shape, inputs=inputs, device=self.model.device)
 
     def keep_forces(self, state: State) -> None:
         """Keep the forces on spheres of worlds whose frame was not free."""
@@ -92,8 +100,8 @@ class Outlook:
             launch(keep_sphere_forces, state.sphere_forces.shape, inputs=inputs, device=self.model.device)
 
 
-def outlook_arrays(model: Model, traits: Traits, room: Room) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the memory of `FreeFrames`, and of what a world was before."""
+def outlook_arrays(model: Model, traits: Traits, room: Room) -> tuple[dict[str, Any], ...]:
+    """Return the memory of `FreeFrames`, and of what a world was before, and its items kept."""
     worlds, balloons, spheres = model.world_count, model.balloon_count, model.sphere_count
     gas = (worlds, balloons if traits.gas else 0)
     free = {
@@ -104,7 +112,6 @@ def outlook_arrays(model: Model, traits: Traits, room: Room) -> tuple[dict[str, 
     before = {
         "points": room.array(particles, wp.vec3),
         "velocities": room.array(particles, wp.vec3),
-        "peaks": room.array((worlds, model.triangle_count if traits.softens else 0), wp.float32),
         "inflation_loads": room.array(gas, wp.vec2),
         "pressures": room.array(gas, wp.float32),
         "pressure_slopes": room.array(gas, wp.float32),
@@ -116,4 +123,4 @@ def outlook_arrays(model: Model, traits: Traits, room: Room) -> tuple[dict[str, 
         "sphere_spins": room.array((worlds, spheres), wp.vec3),
         "sphere_forces": room.array((worlds, spheres), wp.vec3),
     }
-    return free, before
+    return free, before, kept_arrays(model, room)

@@ -10,7 +10,7 @@ from balloon_warp.kernels.schedules.block.looks import look_of
 from balloon_warp.kernels.schedules.patches.memory import PatchMemory
 from balloon_warp.kernels.schedules.patches.source import arguments_of_patches, kernel_of_patches
 from balloon_warp.kernels.schedules.pieces import Step, cut
-from balloon_warp.kernels.substep import FACING, STEP, phases_of
+from balloon_warp.kernels.substep import FACING, NOTHING, phases_of
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.launching import launch_tiled
 from balloon_warp.model import Model, State
@@ -21,7 +21,7 @@ from balloon_warp.schedules.patching import Patches, patch_table, patches_of, sl
 from balloon_warp.schedules.rings import quad_rings
 from balloon_warp.schedules.slots import kind_slots
 from balloon_warp.schedules.spring_ends import spring_ends
-from balloon_warp.schedules.tables import world_state
+from balloon_warp.schedules.tables import kept_arguments, world_state
 
 BYTES_OF_PLACE = 12
 """Bytes of a point in shared memory"""
@@ -41,13 +41,17 @@ def cut_into_patches(model: Model, traits: Traits) -> Patches | None:
     by launch.
     """
     needs_others = (
-        traits.looks_at_velocities or traits.wears or traits.has("hinge") or traits.has("face") or traits.in_water
+        traits.looks_at_velocities
+        or bool(traits.acting)
+        or traits.has("hinge")
+        or traits.has("face")
+        or traits.in_water
     )
     meets_others = traits.spheres > 0 or traits.fixtures or traits.touches or traits.meets_solids
     in_rounds = traits.corrected or traits.gas_changes or (traits.fresh_normals and (traits.gas or not traits.rings))
     if model.device.is_cpu or thread_a_particle(model) or model.substeps < 2:
         return None
-    if needs_others or meets_others or in_rounds or traits.guarded:
+    if needs_others or meets_others or in_rounds or traits.guarded or traits.acting:
         return None
     patches = patches_of(model, traits.gas)
     if patches is None or patches.most_of_rim > patches.threads:
@@ -85,8 +89,8 @@ def bytes_of_block(patches: Patches) -> int:
 
 def step_of_patches(traits: Traits, layout: Layout) -> Step:
     """Return the step that patches execute, in pieces, without phases that happen only as a frame begins."""
-    step = FACING if traits.aims_on_the_way else STEP
-    phases = [phase for phase in phases_of(traits, step) if phase.light or not phase.once(traits)]
+    instead = FACING if traits.aims_on_the_way else NOTHING
+    phases = [phase for phase in phases_of(traits, instead=instead) if phase.light or not phase.once(traits)]
     return cut(phases, traits, look_of(layout, traits.spheres), doubles=False, sums_along=True)
 
 
@@ -140,7 +144,8 @@ class PatchLaunch:
             self.memory.points.zero_()
             self.memory.sums.zero_()
             given = {
-                **self._given, "state": world_state(state), "first_world": first, "worlds_at_work": worlds, "aims": aims
+                **self._given, **kept_arguments(state), "state": world_state(state), "first_world": first,
+                "worlds_at_work": worlds, "aims": aims,
             }  # fmt: skip
             launch_tiled(
                 kernel,

@@ -20,7 +20,7 @@ class ScatterSchedule(LaunchedSchedule):
 
     name = "scatter"
     look = SUMMED
-    phases = SCATTERED
+    instead = SCATTERED
 
     def __init__(self, model: Model):
         super().__init__(model)

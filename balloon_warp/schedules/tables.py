@@ -15,7 +15,6 @@ from balloon_warp.kernels.tables import (
     FanTable,
     HingeTable,
     PairTable,
-    ParticleTable,
     SpringTable,
     StringTable,
     Tables,
@@ -30,6 +29,7 @@ from balloon_warp.model.small_spheres import small_spheres
 from balloon_warp.schedules.fixtures import body_table, fixture_table
 from balloon_warp.schedules.health import health_table
 from balloon_warp.schedules.membranes import membrane_table, membranes_of_world
+from balloon_warp.schedules.particles import particle_table
 from balloon_warp.schedules.ridges import ridge_table
 from balloon_warp.schedules.rings import quad_rings, ring_table
 from balloon_warp.schedules.slices import slices_of
@@ -45,7 +45,7 @@ def make_tables(model: Model, traits: Traits, in_block: bool = False) -> Any:
         in_block: for the `block` schedule, see `ring_table`.
     """
     t = Tables()
-    t.particles = _particles(model)
+    t.particles = particle_table(model)
     ends = spring_ends(model)
     t.springs = _springs(model, traits, ends)
     ring = quad_rings(model) if traits.rings else None
@@ -99,15 +99,13 @@ def world_state(state: State) -> Any:
     return worlds
 
 
+def kept_arguments(state: State) -> dict[str, wp.array]:
+    """Return the arguments of kernels that hold what items keep."""
+    return {f"kept_{name}": array for name, array in state.kept.items()}
+
+
 def _array(model: Model, values: Any, dtype: Any) -> wp.array:
     return wp.array(np.asarray(values), dtype=dtype, device=model.device)
-
-
-def _particles(model: Model) -> Any:
-    table = ParticleTable()
-    table.balloon, table.mass_share = model.particle_balloon, model.particle_mass_share
-    table.offsets = _array(model, model.particle_offsets, wp.int32)
-    return table
 
 
 def _springs(model: Model, traits: Traits, ends: SpringEnds) -> Any:
@@ -252,9 +250,7 @@ def _fans(model: Model, traits: Traits) -> Any:
 
 def _spheres(model: Model) -> Any:
     table = SphereTable()
-    table.mass, table.radius = model.parameters["sphere_mass"], model.parameters["sphere_radius"]
-    table.penalty = model.parameters["sphere_penalty"]
-    table.restitution = model.parameters["sphere_restitution"]
+    table.numbers = model.sphere_numbers
     return table
 
 

@@ -28,9 +28,13 @@ SLACK = 0.1
 DEPTH = 0.25
 """Depth down to which what is inside is pushed out, over the least initial extent of a balloon; foil, which is flat
 then, pushes as deep as an edge is long"""
+FLAT = 0.999
+"""Least initial extent of a balloon below which it is flat, over an edge: a cube of one quad a side is not, wherever"""
 APART = 2.0
 """Initial distance from which on parts of a balloon may touch, in edges: farther than neighbors, nearer than what a
 sharp fold brings together"""
+ROUNDING = 2.0**20
+"""Number of places that are told apart along a mesh, as it is cut into parts"""
 TRIANGLES = int(ROOM)
 """Largest number of triangles of a leaf"""
 
@@ -71,8 +75,7 @@ def touch_table(model: Model, traits: Traits) -> Any:
     table.closed = array([shape.closed for shape in shapes], wp.int32)
     table.thickness = array(THICKNESS * edges, float)
     table.slack = array(SLACK * edges, float)
-    extents = [np.ptp(shape.mesh.points[shape.mesh.face_vertex_indices], axis=0).min() for shape in shapes]
-    table.depth = array(np.where(extents < edges, edges, DEPTH * np.array(extents)), float)
+    table.depth = array([depth_of(shape.mesh) for shape in shapes], float)
     table.crowd = array([crowd_of(shapes, number, traits.touches_itself) for number in range(len(shapes))], float)
     table.stiffness = model.parameters[STIFFNESSES]
     if traits.edges_meet:
@@ -90,6 +93,13 @@ def touch_table(model: Model, traits: Traits) -> Any:
     table.apart = array(APART * edges, float)
     table.seconds = substeps_of_search(model) * model.step_seconds
     return table
+
+
+def depth_of(mesh: PolygonMesh) -> float:
+    """Return the depth down to which a balloon pushes out what is inside [m], which does not depend on its place."""
+    edge = edge_length(mesh)
+    extent = float(np.ptp(mesh.points[mesh.face_vertex_indices], axis=0).min())
+    return edge if extent < FLAT * edge else DEPTH * extent
 
 
 class Surface(NamedTuple):
@@ -115,7 +125,7 @@ class Surface(NamedTuple):
 def surface_of(mesh: PolygonMesh) -> Surface:
     """Return the mesh's triangles, part by part; each part is followed by those in it."""
     triangles = triangles_of(mesh)
-    centers = mesh.points[triangles].mean(axis=1)
+    centers = _rounded(mesh.points[triangles].mean(axis=1))
     order = np.arange(len(triangles))
     ranges, depths, waiting = [], [], [(0, len(triangles), 0)]
     while waiting:
@@ -134,6 +144,14 @@ def surface_of(mesh: PolygonMesh) -> Surface:
         ends[part] = min((after[d] for d in range(depths[part] + 1) if d in after), default=len(depths))
         after = {d: p for d, p in after.items() if d < depths[part]} | {depths[part]: part}
     return Surface(triangles[order], np.array(ranges), ends)
+
+
+def _rounded(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return places in a mesh that are alike wherever it is: a world of a batch has the tree that it has alone."""
+    if not len(points):
+        return points
+    lower = points.min(axis=0)
+    return np.round((points - lower) * (ROUNDING / max(float((points - lower).max()), 1e-30)))
 
 
 def part_count(mesh: PolygonMesh) -> int:

@@ -8,7 +8,7 @@ from balloon_warp.kernels.laws.inflation import GAS, NORMAL_FORCE
 from balloon_warp.kernels.laws.rubber import RUBBER, RUBBER_AT_LIMIT
 from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model
-from balloon_warp.model.acting import acting_laws, values_over_time
+from balloon_warp.model.acting import acting_laws, acting_phases, kept_values, values_over_time
 from balloon_warp.model.sharp_edges import edges_meet
 from balloon_warp.model.small_spheres import small_spheres
 from balloon_warp.schedules.membranes import membrane_laws
@@ -42,6 +42,8 @@ def model_traits(model: Model) -> Traits:
     return Traits(
         laws=laws,
         columns=model.columns,
+        acting=tuple(phase.name for phase in acting_phases(model)),
+        keeps=kept_values(model),
         membranes=membrane_laws(model),
         viscous=any(values.any() for values in viscosities),
         softens=model.softens,

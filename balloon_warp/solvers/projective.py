@@ -157,6 +157,10 @@ def _beyond(traits: Traits) -> str | None:
         implicit = law is HOOKE or law.kind == "string"
         if not implicit and law.kind != "particle":
             return law.name.replace("_", " ")
+    known = {phase.name for phase in PROJECTIVE_STEP}
+    for name in traits.acting:
+        if name not in known:
+            return f"the phase {name}"
     for given, words in (("water_load", "water"), ("area_vector", "drag in air")):
         if traits.needs("particle", given):
             return words

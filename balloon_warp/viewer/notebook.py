@@ -71,7 +71,7 @@ def show(
     model = simulator.model
     model.require_world(world)
     with lock_of(model.device):
-        now = {name: array.numpy() for name, array in vars(simulator.state.of_world(world)).items()}
+        now = {name: array.numpy() for name, array in simulator.state.of_world(world).arrays.items()}
     page = make_page(model.scene, "scene", str(model.device), folder, model.own_laws, origins=origins)
     page.session.begin_at(now)
     page.start()

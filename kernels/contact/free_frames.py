@@ -65,8 +65,6 @@ def copy_world(source: WorldState, target: WorldState, world: wp.int32, thread: 
             target.pressure_slopes[world, balloon] = source.pressure_slopes[world, balloon]
             target.gas_amounts[world, balloon] = source.gas_amounts[world, balloon]
             target.free_volumes[world, balloon] = source.free_volumes[world, balloon]
-    for triangle in range(thread, target.peaks.shape[1], threads):
-        target.peaks[world, triangle] = source.peaks[world, triangle]
     for tube in range(thread, source.tube_flows.shape[1], threads):
         target.tube_flows[world, tube] = source.tube_flows[world, tube]
     for sphere in range(thread, source.sphere_positions.shape[1], threads):
@@ -203,15 +201,21 @@ def keep_sphere_forces(
         sphere_forces[world, sphere] = total_newtons(sphere_quanta, world, sphere)
 
 
-@wp.kernel(enable_backward=False)
-def keep_busy(
-    # in
-    verdicts: wp.array[wp.int32],
-    source: wp.array2d[wp.vec3],
-    # out
-    target: wp.array2d[wp.vec3],
-):
-    """Keep the results of worlds whose frame was not free; a thread a (world, particle)."""
-    world, particle = wp.tid()
-    if verdicts[world] != FREE:
-        target[world, particle] = source[world, particle]
+@cache
+def busy_kernel(dtype: Any) -> Any:
+    """Return the kernel that copies values of a type in worlds whose frame was not free."""
+
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def copy_busy(
+        # in
+        verdicts: wp.array[wp.int32],
+        source: wp.array2d(dtype=dtype),
+        # out
+        target: wp.array2d(dtype=dtype),
+    ):
+        """Copy; a thread a (world, item)."""
+        world, item = wp.tid()
+        if verdicts[world] != FREE:
+            target[world, item] = source[world, item]
+
+    return copy_busy

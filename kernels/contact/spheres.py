@@ -149,7 +149,7 @@ def spheres_function(traits: Traits, at: Any, put: Any, total_of: Any) -> Any:
         """Exchange momentum with the marked particles of a world, by all threads of a block, and clear marks."""
         marks = working.near.shape[1] - 1
         if working.near[world, marks] > 0:
-            for sphere in range(t.spheres.radius.shape[1]):
+            for sphere in range(t.spheres.numbers.shape[1]):
                 ball = ball_at(t, spheres, spheres.sphere_spins, world, sphere)
                 last = wp.vec3()
                 part = press_of_thread(t, working, world, thread, ball, last, points, velocities)

@@ -1,12 +1,13 @@
-"""Layout of the parameters of laws in memory: a row of numbers for each balloon, and one for each world."""
+"""Layout of parameters in memory: a row of numbers for each balloon, one for each sphere, and one for each world."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import accumulate
 
 from balloon_warp.kernels.laws.added_mass import ADDED_MASS
 from balloon_warp.kernels.laws.body import MASS
-from balloon_warp.kernels.laws.contact import FRICTION, GROUND
+from balloon_warp.kernels.laws.contact import FRICTION, GROUND, SPHERE
 from balloon_warp.kernels.laws.fill import PARAMETERS as FILL
 from balloon_warp.kernels.laws.gas import PARAMETERS as GAS
 from balloon_warp.kernels.laws.hooke import KINDS
@@ -22,15 +23,22 @@ class Columns:
 
     balloon: tuple[Parameter, ...]
     world: tuple[Parameter, ...]
+    sphere: tuple[Parameter, ...] = ()
 
     @cached_property
     def places(self) -> dict[str, int]:
         """The column of each parameter in that row, of a vector the first of three."""
-        places, column = {}, 0
-        for parameter in self.rows:
-            places[parameter.name] = column
-            column += parameter.size
-        return places
+        return _places(self.rows)
+
+    @cached_property
+    def places_of_spheres(self) -> dict[str, int]:
+        """The column of each parameter in a sphere's row."""
+        return _places(self.sphere)
+
+    @cached_property
+    def sizes(self) -> dict[str, int]:
+        """Numbers of each parameter."""
+        return {parameter.name: parameter.size for parameter in (*self.rows, *self.sphere)}
 
     @property
     def rows(self) -> tuple[Parameter, ...]:
@@ -53,11 +61,16 @@ class Columns:
         return self.balloon_width + self.world_width
 
 
-def columns_of(laws: Sequence[Law]) -> Columns:
-    """List the parameters of these laws and of all that every scene has, each once.
+def _places(rows: Sequence[Parameter]) -> dict[str, int]:
+    ends = accumulate((row.size for row in rows), initial=0)
+    return {row.name: begin for row, begin in zip(rows, ends, strict=False)}
 
-    The others are those of springs, membranes, inertia, gas and its openings, the ground and touching balloons. The
-    kinds of springs stand first.
+
+def columns_of(laws: Sequence[Law], others: Sequence[Parameter] = ()) -> Columns:
+    """List the parameters of these laws, other ones, and those of all that every scene has, each once.
+
+    The latter are those of springs, membranes, inertia, gas and its openings, the ground, spheres and touching
+    balloons. The kinds of springs stand first.
     """
     asked = (
         *KINDS,
@@ -70,11 +83,14 @@ def columns_of(laws: Sequence[Law]) -> Columns:
         *GROUND,
         *TOUCH,
         *MEMBRANE,
+        *SPHERE,
         *(parameter for law in laws for parameter in law.parameters),
+        *others,
     )
     by_name = {parameter.name: parameter for parameter in reversed(asked)}
     ordered = [by_name[name] for name in dict.fromkeys(parameter.name for parameter in asked)]
     return Columns(
         tuple(parameter for parameter in ordered if parameter.of == "balloon"),
         tuple(parameter for parameter in ordered if parameter.of == "world"),
+        tuple(parameter for parameter in ordered if parameter.of == "sphere"),
     )

@@ -11,7 +11,7 @@ the sphere is lost, and the sphere's comes from nowhere. This is `contact = "pen
 import warp as wp
 
 from balloon_warp.kernels.algebra import inverse_root, squared_length
-from balloon_warp.kernels.laws.law import Parameter
+from balloon_warp.kernels.laws.law import TINY, Parameter
 
 
 @wp.func
@@ -147,6 +147,14 @@ FRICTION = Parameter(
 )
 NO_GROUND = -1.0e30
 """Marker: ground height of a scene without ground [m]"""
+SPHERE = (
+    Parameter("sphere_mass", "kg", 1.0, least=TINY, of="sphere", path="mass"),
+    Parameter("sphere_radius", "m", 0.15, least=TINY, of="sphere", path="radius"),
+    Parameter("sphere_penalty", "1", 1.0, least=0.0, of="sphere", path="penalty"),
+    Parameter("sphere_restitution", "1", 0.3, least=0.0, most=1.0, of="sphere", path="restitution"),
+    Parameter("sphere_friction", "1", 0.0, least=0.0, of="sphere", path="friction"),
+)
+"""Parameters of spheres, in the order of their columns"""
 GROUND = (
     Parameter("ground_height", "m", of="world", path="ground.height", absent=NO_GROUND, meaning="Height of the ground"),
     Parameter(

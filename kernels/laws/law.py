@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from importlib import import_module
 from pickle import PicklingError
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, Self
 
 Kind = Literal["particle", "spring", "string", "hinge", "face", "membrane"]
 
@@ -103,13 +103,18 @@ class Parameter:
     of: Literal["world", "balloon", "sphere", "string", "obstacle", "body", "tube"] = "balloon"
     meaning: str = ""
     path: str = ""
-    """Path in a scene, or in a balloon of it; when empty, the parameter is in the table `law.NAME` of its law"""
+    """Path in a scene, or in a balloon or sphere of it; when empty, the parameter is in the table `law.NAME` of its law
+    or phase"""
     size: int = 1
     """3 for a vector"""
     absent: float | None = None
     """Value where the scene lacks the table of the parameter; the default, when missing"""
     domain: tuple[float, float] | None = None
     """Range of usual values, from which tests draw; when missing, values about the default, or within the bounds"""
+
+    def placed(self, owner: str) -> Self:
+        """Return the row with a path, where it has none: in the table of the law or phase of that name."""
+        return self if self.path else replace(self, path=f"law.{owner}.{self.name}")
 
 
 _OF_PARTICLE_AT_REST = (
@@ -165,8 +170,7 @@ class Law:
     def __post_init__(self) -> None:
         if not self.name:
             object.__setattr__(self, "name", self.force.key.rpartition(".")[2])
-        placed = (row if row.path else replace(row, path=f"law.{self.name}.{row.name}") for row in self.parameters)
-        object.__setattr__(self, "parameters", tuple(placed))
+        object.__setattr__(self, "parameters", tuple(row.placed(self.name) for row in self.parameters))
 
     def __reduce__(self) -> tuple[Callable[..., Any], tuple[str, str]]:
         """Pickle a law as its name in the module of its function."""

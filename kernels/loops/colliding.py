@@ -246,7 +246,7 @@ def colliding_function(traits: Traits, path_at: Any, put_sphere: Any) -> Any:
     @wp.func
     def collide(t: Tables, spheres: Any, spins: wp.array2d[wp.vec3], world: wp.int32, time: float):
         """Resolve collisions of spheres at the end of a step [s]; a sphere of zero radius is absent."""
-        count = t.spheres.radius.shape[1]
+        count = t.spheres.numbers.shape[1]
         moving = bool(True)
         sweep = wp.int32(0)
         while moving and sweep < MOST_SWEEPS:

@@ -115,7 +115,7 @@ def are_surely_taut(t: Any, own: Any, d11: Lanes4, d12: Lanes4):
 
 @cache
 def wearing_function(traits: Traits, world_of: Any) -> Any:
-    """Return the function that reduces tensions by wear, and stores the peak stretch of triangles.
+    """Return the function that reduces tensions by wear, and keeps the peak stretch of triangles.
 
     Args:
         world_of: the function that gives the world in a lane.
@@ -123,7 +123,24 @@ def wearing_function(traits: Traits, world_of: Any) -> Any:
     wear, material_of = wear_of_triangle(traits), material_reader(traits)
 
     @wp.func
-    def worn(t: Any, own: Any, d11: Lanes4, d12: Lanes4, along: Lanes4, mixed: Lanes4, back: Lanes4):
+    def peaks_at(t: Any, peaks: wp.array2d[float], own: Any, entry: wp.int32):
+        """Return what eight triangles keep."""
+        kept = Lanes()
+        for lane in range(t.lane_count):
+            number = of_lane(t.quad_numbers[entry], lane)
+            if number >= 0:
+                kept[lane] = peaks[world_of(t, own, lane), number]
+        return kept
+
+    @wp.func
+    def keep_peaks(t: Any, peaks: wp.array2d[float], own: Any, entry: wp.int32, kept: Lanes):
+        for lane in range(t.lane_count):
+            number = of_lane(t.quad_numbers[entry], lane)
+            if number >= 0:
+                peaks[world_of(t, own, lane), number] = kept[lane]
+
+    @wp.func
+    def worn(t: Any, own: Any, peaks: Any, d11: Lanes4, d12: Lanes4, along: Lanes4, mixed: Lanes4, back: Lanes4):
         """Return the worn tensions of a quad from the dot products of its edges."""
         material = material_of(t.all.membranes, own.balloon)
         for corner in range(t.quad_triangles[own.number]):
@@ -131,17 +148,17 @@ def wearing_function(traits: Traits, world_of: Any) -> Any:
             e12 = d12[corner]
             e22 = d11[(corner + 3) % 4]
             rests = t.quad_rests[4 * own.number + corner]
-            peaks = t.peaks[own.group, 4 * own.number + corner]
+            kept = peaks_at(t, peaks, own, 4 * own.number + corner)
             left = Lanes()
             for lane in range(LANE_COUNT):
                 metric = wp.vec3(e11[lane], e12[lane], e22[lane])
                 of_one, greatest, _stress = wear(
-                    t.all, world_of(t, own, lane), own.balloon, material, metric, of_lane(rests, lane), peaks[lane],
+                    t.all, world_of(t, own, lane), own.balloon, material, metric, of_lane(rests, lane), kept[lane],
                     own.n, lane,
                 )  # fmt: skip
                 left[lane] = of_one
-                peaks[lane] = greatest
-            t.peaks[own.group, 4 * own.number + corner] = peaks
+                kept[lane] = greatest
+            keep_peaks(t, peaks, own, 4 * own.number + corner, kept)
             along[corner] = times(along[corner], left)
             mixed[corner] = times(mixed[corner], left)
             back[(corner + 3) % 4] = times(back[(corner + 3) % 4], left)
@@ -162,7 +179,7 @@ def quad_pull(traits: Traits, at: Any, world_of: Any) -> Any:
     worn = wearing_function(traits, world_of) if traits.softens else None
 
     @wp.func
-    def pull_of_quad(t: Any, points: Any, velocities: Any, own: Any):
+    def pull_of_quad(t: Any, points: Any, velocities: Any, own: Any, peaks: Any):
         """Return the forces on the four corners of each [N]."""
         corners = 4 * own.number
         first = entry_at(t.quads, corners)
@@ -192,7 +209,7 @@ def quad_pull(traits: Traits, at: Any, world_of: Any) -> Any:
             else:
                 along, mixed, back = tensions(t, own, d11, d12, r11, r12)
         if wp.static(worn is not None):
-            along, mixed, back = worn(t, own, d11, d12, along, mixed, back)
+            along, mixed, back = worn(t, own, peaks, d11, d12, along, mixed, back)
         return pulls_on_corners(ab, bc, cd, da, along, mixed, back)
 
     return pull_of_quad

@@ -23,7 +23,7 @@ def number_of_sphere(t: Tables, sphere: wp.int32):
 @wp.func
 def number_of_body(t: Tables, body: wp.int32):
     """Return its number among all things."""
-    return 1 + t.fixtures.solids.shape[0] + t.spheres.mass.shape[1] + body
+    return 1 + t.fixtures.solids.shape[0] + t.spheres.numbers.shape[1] + body
 
 
 @wp.func

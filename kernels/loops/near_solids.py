@@ -103,11 +103,12 @@ def standing_test(traits: Traits) -> Any:
 def near_solids(traits: Traits, look: Any) -> Any:
     """Return the near-solid test for phases after a particle has moved, of one or of eight.
 
-    None if that costs as much as the phase itself.
+    Of one it is asked only where nothing but obstacles and the ground is left, and looking for obstacles costs much.
     """
     if look.world:
         return near_function(traits)
-    return standing_test(traits) if traits.stands_on_fixtures else None
+    alone = traits.stands_on_fixtures and not (traits.impulses or traits.penalties)
+    return standing_test(traits) if alone else None
 
 
 def heads_for_solids(traits: Traits, look: Any) -> Any:

@@ -7,6 +7,8 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.adjoints.derived import by_grad
+from balloon_warp.kernels.adjoints.gas import needs_same_gas
 from balloon_warp.kernels.algebra import times
 from balloon_warp.kernels.loops.gas import flows_function, gas_mass_function, pump_function
 from balloon_warp.kernels.phase import Look, phase
@@ -20,13 +22,13 @@ def _stays(traits: Traits) -> bool:
     return not traits.gas_changes
 
 
-@phase("world", when=lambda traits: traits.gas, once=_stays)
+@phase("world", when=lambda traits: traits.gas, once=_stays, adjoint=needs_same_gas)
 def pump(traits: Traits, look: Look) -> Any:
     """Pump gas in, or let it out."""
     return pump_function(traits)
 
 
-@phase("balloon", when=lambda traits: traits.gas, once=_stays)
+@phase("balloon", when=lambda traits: traits.gas, once=_stays, adjoint=needs_same_gas)
 def weigh(traits: Traits, look: Look) -> Any:
     """Weigh the gas in a balloon, and the air that moves along."""
     gas_mass = gas_mass_function(traits)
@@ -38,7 +40,7 @@ def weigh(traits: Traits, look: Look) -> Any:
     return weigh
 
 
-@phase("particle", {"inertia": float}, light=True, once=lambda traits: not traits.gas_changes)
+@phase("particle", {"inertia": float}, light=True, once=lambda traits: not traits.gas_changes, adjoint=by_grad)
 def burden(traits: Traits, look: Look) -> Any:
     """Find the effective mass of a particle, with its share of the gas, which moves along [kg]."""
 

@@ -5,6 +5,7 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.adjoints.derived import by_grad
 from balloon_warp.kernels.algebra import reach_along, scaled, times
 from balloon_warp.kernels.lanes import pair
 from balloon_warp.kernels.laws.inflation import NORMAL_FORCE, normal_push
@@ -45,7 +46,10 @@ def inflation_of(traits: Traits) -> Any:
     return inflation
 
 
-@phase("particle", {"load": wp.vec2}, when=lambda traits: traits.pressures and not traits.gas, light=True)
+@phase(
+    "particle", {"load": wp.vec2}, when=lambda traits: traits.pressures and not traits.gas, light=True,
+    adjoint=by_grad,
+)  # fmt: skip
 def given_load(traits: Traits, look: Look) -> Any:
     """Take a given pressure, the same at all heights."""
 
@@ -57,7 +61,7 @@ def given_load(traits: Traits, look: Look) -> Any:
     return given_load
 
 
-@phase("particle", {"inflation": wp.vec3})
+@phase("particle", {"inflation": wp.vec3}, adjoint=by_grad)
 def inflate(traits: Traits, look: Look) -> Any:
     """Find the force of the inflation [N]."""
     inflation = inflation_of(traits)

@@ -4,6 +4,7 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.adjoints.ground import leave_backwards
 from balloon_warp.kernels.contact.near import noting_function
 from balloon_warp.kernels.fixed_point import add_quanta
 from balloon_warp.kernels.loops.near_solids import near_solids
@@ -20,7 +21,10 @@ def add_penalty(spheres: Any, world: wp.int32, sphere: wp.int32, force: wp.vec3)
     add_quanta(spheres.sphere_quanta, world, sphere, force)
 
 
-@phase("particle", {"point": wp.vec3, "velocity": wp.vec3}, when=lambda traits: traits.obstacles, rare=near_solids)
+@phase(
+    "particle", {"point": wp.vec3, "velocity": wp.vec3}, when=lambda traits: traits.obstacles, rare=near_solids,
+    adjoint=leave_backwards,
+)  # fmt: skip
 def leave(traits: Traits, look: Look) -> Any:
     """Leave spheres, obstacles and the ground; what may exchange momentum with a sphere waits for the others."""
     leave_obstacles = obstacle_loop(traits, look.sphere_at, add_penalty)

@@ -5,48 +5,16 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.adjoints.derived import nothing
+from balloon_warp.kernels.adjoints.gas import load_backwards, note_backwards
 from balloon_warp.kernels.clock import ramp_at
-from balloon_warp.kernels.compose import call_of, function_from
-from balloon_warp.kernels.laws.gas import Swelling, gas_load
+from balloon_warp.kernels.laws.gas import Swelling
 from balloon_warp.kernels.laws.inflation import GAS, NORMAL_FORCE, PRESSURE
 from balloon_warp.kernels.loops.emptying import holding_function
+from balloon_warp.kernels.loops.gas_load import load_function
 from balloon_warp.kernels.phase import Look, phase
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.traits import Traits
-
-
-@cache
-def load_function(traits: Traits) -> Any:
-    """Make the function that finds a balloon's pressure above the air's from its swelling, its gas and the step.
-
-    It gives the pressure at the center of mass [Pa], at height 0, its rise with height [Pa/m], and how more gas would
-    raise both.
-    """
-    given = ["swelling", "amount", "free_volume", "step_seconds"]
-    fixed = {} if traits.breathes_on else {"breathing_damping": "1.0"}
-    if not traits.air_varies:
-        fixed["air_lapse"] = "-1.0"
-    call = call_of(gas_load, "gas_load", [*given, *fixed], traits.columns, lambda name: fixed.get(name, name))
-    arguments = "swelling: Any, amount: float, free_volume: float, step_seconds: float, n: Any"
-    source = f"def load_of_gas({arguments}):\n    return {call}\n"
-    load_of_gas = function_from("load_of_gas", source, {"gas_load": gas_load})
-
-    @wp.func
-    def load_of_balloon(
-        kind: wp.int32,
-        given: float,
-        swelling: Swelling,
-        amount: float,
-        free_volume: float,
-        step_seconds: float,
-        n: Any,
-    ):
-        """Return the load of a balloon; `given` is the gauge pressure of a balloon without gas [Pa]."""
-        if kind == GAS:
-            return load_of_gas(swelling, amount, free_volume, step_seconds, n)
-        return wp.vec4(given, given, 0.0, 0.0)
-
-    return load_of_balloon
 
 
 @cache
@@ -65,8 +33,9 @@ def note_function(traits: Traits) -> Any:
 
 
 @phase(
-    "balloon", {"gas": wp.vec2}, when=lambda traits: traits.gas, light=True, once=lambda traits: not traits.gas_changes
-)
+    "balloon", {"gas": wp.vec2}, when=lambda traits: traits.gas, light=True,
+    once=lambda traits: not traits.gas_changes, adjoint=nothing,
+)  # fmt: skip
 def hold(traits: Traits, look: Look) -> Any:
     """Read what a balloon holds: amount of gas [mol], and its free volume [m^3]."""
 
@@ -77,7 +46,7 @@ def hold(traits: Traits, look: Look) -> Any:
     return hold
 
 
-@phase("balloon", {"gas_load": wp.vec4}, when=lambda traits: traits.gas)
+@phase("balloon", {"gas_load": wp.vec4}, when=lambda traits: traits.gas, adjoint=load_backwards)
 def find_load(traits: Traits, look: Look) -> Any:
     """Find the pressure of the gas."""
     load_of_balloon, holds_gas = load_function(traits), holding_function(traits)
@@ -110,7 +79,7 @@ def find_load(traits: Traits, look: Look) -> Any:
     return load_of_gas if traits.balloons == 1 and not traits.bursts else load_of_any
 
 
-@phase("balloon", when=lambda traits: traits.gas)
+@phase("balloon", when=lambda traits: traits.gas, adjoint=note_backwards)
 def note(traits: Traits, look: Look) -> Any:
     """Note the pressure in the state."""
     note_load = note_function(traits)

@@ -4,6 +4,7 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.adjoints.derived import by_grad
 from balloon_warp.kernels.algebra import scaled
 from balloon_warp.kernels.lanes import Lanes
 from balloon_warp.kernels.phase import Look, phase
@@ -41,7 +42,7 @@ def drift_symplectic(point: Any, old_velocity: Any, velocity: Any, step_seconds:
     return point + scaled(velocity, step_seconds)
 
 
-@phase("particle", {"gain": float}, light=True, once=lambda traits: not traits.gas_changes)
+@phase("particle", {"gain": float}, light=True, once=lambda traits: not traits.gas_changes, adjoint=by_grad)
 def respond(traits: Traits, look: Look) -> Any:
     """Find the velocity that a force gives a particle, see `response`."""
 
@@ -52,7 +53,7 @@ def respond(traits: Traits, look: Look) -> Any:
     return respond
 
 
-@phase("particle", {"free_velocity": wp.vec3}, when=lambda traits: traits.gas)
+@phase("particle", {"free_velocity": wp.vec3}, when=lambda traits: traits.gas, adjoint=by_grad)
 def free(traits: Traits, look: Look) -> Any:
     """Accelerate a particle by all forces except inflation, from which the gas's pressure follows."""
 
@@ -63,7 +64,7 @@ def free(traits: Traits, look: Look) -> Any:
     return free
 
 
-@phase("particle", {"velocity": wp.vec3})
+@phase("particle", {"velocity": wp.vec3}, adjoint=by_grad)
 def push(traits: Traits, look: Look) -> Any:
     """Accelerate a particle by all forces."""
 
@@ -87,13 +88,13 @@ def _move(traits: Traits, look: Look) -> Any:
     return move
 
 
-@phase("particle", {"point": wp.vec3}, when=lambda traits: traits.forward_euler)
+@phase("particle", {"point": wp.vec3}, when=lambda traits: traits.forward_euler, adjoint=by_grad)
 def move_first(traits: Traits, look: Look) -> Any:
     """Move a particle by the old velocity: forward Euler."""
     return _move(traits, look)
 
 
-@phase("particle", {"point": wp.vec3}, when=lambda traits: not traits.forward_euler)
+@phase("particle", {"point": wp.vec3}, when=lambda traits: not traits.forward_euler, adjoint=by_grad)
 def move(traits: Traits, look: Look) -> Any:
     """Move a particle by the new velocity: symplectic Euler."""
     return _move(traits, look)

@@ -8,6 +8,7 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.adjoints.pull import pull_backwards
 from balloon_warp.kernels.contact.forces import take_pushes
 from balloon_warp.kernels.lanes import any_positive
 from balloon_warp.kernels.loops.jets import hole_jet_loop, jet_loop
@@ -18,7 +19,7 @@ from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.working import Working
 
 
-@phase("particle", {"force": wp.vec3, "area_vector": wp.vec3})
+@phase("particle", {"force": wp.vec3, "area_vector": wp.vec3}, adjoint=pull_backwards)
 def pull(traits: Traits, look: Look) -> Any:
     """Sum the forces on a particle [N], and where it is needed find its area vector [m^2]."""
     net_force = net_force_function(traits, look.loops(traits))

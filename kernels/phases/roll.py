@@ -52,7 +52,7 @@ def may_collide(traits: Traits) -> Any:
     @wp.func
     def may_any_meet(t: Tables, spheres: Any, world: wp.int32, thread: wp.int32):
         paths = paths_of(spheres.sphere_starts, spheres.sphere_positions, spheres.sphere_velocities)
-        count = t.spheres.radius.shape[1]
+        count = t.spheres.numbers.shape[1]
         near = bool(False)
         for pair in range(thread, count * count, wp.block_dim()):
             if pair // count < pair % count:

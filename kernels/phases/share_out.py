@@ -50,8 +50,8 @@ def share_out(traits: Traits, look: Look) -> Any:
     pull_of_quad, add = quad_pull(traits, look.at, look.world), look.add
 
     @wp.func
-    def share_out_viscous(t: Any, points: Any, velocities: Any, forces: Any, own: Any):
-        on_a, on_b, on_c, on_d = pull_of_quad(t, points, velocities, own)
+    def add_pulls(t: Any, points: Any, velocities: Any, forces: Any, own: Any, peaks: Any):
+        on_a, on_b, on_c, on_d = pull_of_quad(t, points, velocities, own, peaks)
         corners = 4 * own.number
         add(forces, entry_at(t.quads, corners), on_a)
         add(forces, entry_at(t.quads, corners + 1), on_b)
@@ -60,6 +60,20 @@ def share_out(traits: Traits, look: Look) -> Any:
 
     @wp.func
     def share_out(t: Any, points: Any, forces: Any, own: Any):
-        share_out_viscous(t, points, points, forces, own)
+        add_pulls(t, points, points, forces, own, points)
 
+    @wp.func
+    def share_out_viscous(t: Any, points: Any, velocities: Any, forces: Any, own: Any):
+        add_pulls(t, points, velocities, forces, own, points)
+
+    @wp.func
+    def wear_out(t: Any, points: Any, forces: Any, own: Any, peaks: Any):
+        add_pulls(t, points, points, forces, own, peaks)
+
+    @wp.func
+    def wear_out_viscous(t: Any, points: Any, velocities: Any, forces: Any, own: Any, peaks: Any):
+        add_pulls(t, points, velocities, forces, own, peaks)
+
+    if traits.softens:
+        return wear_out_viscous if traits.viscous else wear_out
     return share_out_viscous if traits.viscous else share_out

@@ -5,6 +5,8 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.adjoints.derived import by_grad, by_grad_but
+from balloon_warp.kernels.adjoints.ground import foresee_backwards
 from balloon_warp.kernels.algebra import dot_product, reach_along, scaled, times
 from balloon_warp.kernels.laws.gas import (
     Swelling,
@@ -42,7 +44,7 @@ def _beside(traits: Traits) -> bool:
     return traits.gas and traits.obstacles
 
 
-@phase("particle", {"course": wp.vec3}, when=_beside, light=True)
+@phase("particle", {"course": wp.vec3}, when=_beside, light=True, adjoint=by_grad)
 def head(traits: Traits, look: Look) -> Any:
     """Find a particle's velocity under the load of the previous substep [m/s]."""
 
@@ -54,7 +56,10 @@ def head(traits: Traits, look: Look) -> Any:
     return head
 
 
-@phase("particle", {"detour": wp.vec3, "away": wp.vec3}, when=_beside, light=True, rare=heads_for_solids)
+@phase(
+    "particle", {"detour": wp.vec3, "away": wp.vec3}, when=_beside, light=True, rare=heads_for_solids,
+    adjoint=foresee_backwards,
+)  # fmt: skip
 def foresee(traits: Traits, look: Look) -> Any:
     """Foresee the velocity change by obstacles [m/s], and the direction from the last one; zero if there is none."""
     detour_beside, around_own = detour_function(traits, look.sphere_at), around_function(traits)
@@ -76,7 +81,7 @@ def foresee(traits: Traits, look: Look) -> Any:
     return foresee if traits.spheres else foresee_solids
 
 
-@phase("particle", {"swelling": Swelling}, when=lambda traits: traits.gas, sums=True)
+@phase("particle", {"swelling": Swelling}, when=lambda traits: traits.gas, sums=True, adjoint=by_grad_but("origin"))
 def swell(traits: Traits, look: Look) -> Any:
     """Sum the swelling of a balloon without its gas."""
     place = traits.columns.places["breathing_damping"]

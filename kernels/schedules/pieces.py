@@ -19,6 +19,8 @@ class Piece(NamedTuple):
     """Values that the piece writes and later ones read"""
     moves: tuple[str, ...]
     """State of a particle that the piece writes"""
+    keeps: tuple[str, ...]
+    """Values that the piece writes and items keep"""
     doubles: tuple[str, ...]
     """State that others read meanwhile: it is double-buffered, one buffer to read and one to write"""
 
@@ -121,8 +123,8 @@ def _goes_on(group: Sequence[Phase], phase: Phase, traits: Traits, look: Look, d
     if first.item in ("particle", "face"):
         written = {name for each in group for name in each.writes}
         looked_at = {name for each in group for name in each.views(traits, look)}
-        moved = STATE.keys() & phase.writes.keys()
-        waits = phase.views(traits, look) & written or (not doubles and moved & looked_at)
+        places = traits.kept if doubles else STATE | traits.kept
+        waits = phase.views(traits, look) & written or places.keys() & phase.writes.keys() & looked_at
         return phase.item == first.item and (phase.item == "particle" or phase.sums) and not waits
     small = ("world", "balloon")
     return first.item in small and phase.item in small
@@ -142,9 +144,10 @@ def _with_light(names: Collection[str], light: Sequence[Phase], traits: Traits, 
     """Return names, with what light phases read that write them; of a view, what is seen."""
     found: set[str] = set()
     to_see = list(names)
+    views = VIEWS | traits.kept_views
     while to_see:
         name = to_see.pop()
-        found.add(VIEWS.get(name, name))
+        found.add(views.get(name, name))
         for phase in light:
             if name in phase.writes:
                 to_see += phase.reads(traits, look)
@@ -153,7 +156,7 @@ def _with_light(names: Collection[str], light: Sequence[Phase], traits: Traits, 
 
 def _piece(group: Sequence[Phase], read: set[str], read_elsewhere: set[str], traits: Traits, look: Look) -> Piece:
     written = tuple(dict.fromkeys(name for phase in group for name in phase.writes))
-    values = tuple(name for name in written if name not in STATE)
+    values = tuple(name for name in written if name not in STATE and name not in traits.kept)
     looked_at: set[str] = set().union(*(phase.views(traits, look) for phase in group))
     moves = tuple(name for name in written if name in STATE)
     return Piece(
@@ -162,6 +165,7 @@ def _piece(group: Sequence[Phase], read: set[str], read_elsewhere: set[str], tra
         takes=tuple(sorted(read)),
         leaves=tuple(name for name in values if name in read_elsewhere),
         moves=moves,
+        keeps=tuple(name for name in written if name in traits.kept),
         doubles=tuple(name for name in moves if name in looked_at),
     )
 

@@ -12,13 +12,14 @@ from balloon_warp.kernels.own import numbers_reader, own_functions
 from balloon_warp.kernels.phase import Phase
 from balloon_warp.kernels.schedules.pieces import Step, values_of
 from balloon_warp.kernels.spheres import spheres_in_state
-from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.tables import Tables, WorldState, sphere_number
 from balloon_warp.kernels.working import Working
 
 SCOPE: Mapping[str, Any] = {
     "Tables": Tables, "WorldState": WorldState, "Working": Working, "time_of": time_of, "end_of_step": end_of_step,
     "ramp_at": ramp_at, "vector_in": vector_in, "put_vector_in": put_vector_in, "two_in": two_in,
     "volume_origin": volume_origin, "spheres_in_state": spheres_in_state,
+    "sphere_number": sphere_number,
 }  # fmt: skip
 """Names that a source may refer to, besides its phases"""
 
@@ -93,6 +94,28 @@ class Writer(ABC):
     def name(self) -> str:
         """Return the name of the kernel."""
 
+    @property
+    def kept_arrays(self) -> dict[str, str]:
+        """The arguments that hold what items keep, and their types."""
+        return {f"kept_{name}": f"wp.array2d[{name}_type]" for name in self.step.traits.kept}
+
+    def kept_at(self, name: str, world: str = "world") -> str:
+        """Return the text that finds what an item keeps, or all of a world do; "" where it is nothing of that."""
+        traits = self.step.traits
+        if name in traits.kept_views:
+            return f"kept_{traits.kept_views[name]}[{world}]"
+        return f"kept_{name}[{world}, {traits.kept[name].item}]" if name in traits.kept else ""
+
+    def number_at(self, name: str, own: str = "own") -> tuple[str, str] | None:
+        """Return what it takes to find a parameter by its name, and how: of the particle or the sphere at hand."""
+        columns = self.step.traits.columns
+        if "sphere" in self.known and name in columns.places_of_spheres:
+            return "", f"sphere_number(t.spheres, world, sphere, {columns.places_of_spheres[name]})"
+        if name not in columns.places:
+            return None
+        parts = [f"{own}.n[{columns.places[name] + place}]" for place in range(columns.sizes[name])]
+        return own, parts[0] if len(parts) == 1 else f"wp.vec3({', '.join(parts)})"
+
     def scope(self, phases: Iterable[Phase]) -> dict[str, Any]:
         """Return what the text refers to, for its phases."""
         step = self.step
@@ -118,4 +141,4 @@ def named_in(lines: Iterable[str], arguments: Mapping[str, str]) -> dict[str, st
 def written_types(step: Step) -> dict[str, Any]:
     """Return the types of all values."""
     written = {value: dtype for piece in step.pieces for phase in piece.phases for value, dtype in phase.writes.items()}
-    return values_of(step) | written
+    return values_of(step) | {each.name: each.type for each in step.traits.keeps} | written

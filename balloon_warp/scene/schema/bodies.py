@@ -4,7 +4,7 @@ from typing import Any, Literal
 
 from pydantic import model_validator
 
-from balloon_warp.scene.schema.fields import Color, Index, NonNegative, Positive, Table, UnitInterval, Vector
+from balloon_warp.scene.schema.fields import Color, Index, LawTables, NonNegative, Positive, Table, UnitInterval, Vector
 
 
 def _ends_after_its_start(lasting: Any) -> Any:
@@ -40,6 +40,9 @@ class Sphere(Table):
     """Time at which the sphere appears, at its position and velocity [s]; until then nothing touches it"""
     end: NonNegative | None = None
     """Time at which the sphere disappears [s]; never when missing"""
+
+    law: LawTables = {}
+    """Parameters of phases of the step that are of spheres, by phase and name"""
 
     _lives = model_validator(mode="after")(_ends_after_its_start)
 

@@ -4,7 +4,7 @@ import itertools
 import math
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from balloon_warp.scene.schema.balloon import Balloon
 from balloon_warp.scene.schema.bodies import Sphere, String
@@ -48,6 +48,11 @@ class Change(Table):
     """New values by their paths, as in overrides: { "balloon.helium" = 12.0 }. All values that may vary between worlds
     may change, except positions and velocities at the start; and so may `substeps`, `solver`, `normals`, `correction`
     and `contact`."""
+
+
+def _touch_of(given: Any) -> Any:
+    """Return the table that `true` stands for; what else is given as it is."""
+    return {} if given is True else given
 
 
 class Scene(Table):
@@ -112,8 +117,10 @@ class Scene(Table):
     """Liquid below a level surface: it presses on the outside of balloons, and brakes what moves in it."""
     tube: list[Tube] = []
     """Tube between two gas balloons: gas flows through it, driven by the pressure difference."""
-    touch: Touch | None = None
-    """Contact between surfaces of balloons; without this table they pass through each other."""
+    touch: Annotated[Touch | Literal[False], BeforeValidator(_touch_of)] | None = None
+    """Contact between surfaces of balloons. When missing, balloons touch each other, and themselves where parts of a
+    mesh are near each other, unless one may burst or the solver is "projective"; with `touch = false` they pass through
+    each other."""
     box: Box | None = None
     """Box in which the table of a batch counts balloons, as `in_box`: those whose centers are inside."""
     atmosphere: Atmosphere = Atmosphere()
@@ -131,12 +138,30 @@ class Scene(Table):
     @property
     def touches(self) -> bool:
         """Return whether any surfaces can touch."""
-        return self.touches_itself or (self.touch is not None and self.touch.balloons and len(self.balloon) > 1)
+        among = self._can_touch if self.touch is None else bool(self.touch) and self.touch.balloons
+        return self.touches_itself or (among and len(self.balloon) > 1)
+
+    @property
+    def meshes_settle_itself(self) -> bool:
+        """Return whether it is by their meshes whether balloons touch themselves."""
+        leaves_it = self.touch is None or (bool(self.touch) and self.touch.itself == "auto")
+        return leaves_it and self._can_touch
+
+    @property
+    def _can_touch(self) -> bool:
+        """Return whether contact of balloons can be simulated, so that they touch where the scene says nothing."""
+        solvers = {self.solver, *(change.set.get("solver") for change in self.change)}
+        return "projective" not in solvers and not self._bursts
+
+    @property
+    def _bursts(self) -> bool:
+        """Return whether a balloon may burst."""
+        return any(balloon.material.strength is not None for balloon in self.balloon)
 
     @property
     def touches_spheres(self) -> bool:
         """Return whether small spheres touch faces, not only particles."""
-        if self.touch is not None and self.faces is not True:
+        if self.touch and self.faces is not True:
             return self.touch.spheres and bool(self.sphere)
         return self.faces_may_meet and bool(self.sphere)
 
@@ -145,13 +170,12 @@ class Scene(Table):
         """Return whether faces of balloons, and not only their particles, meet thin things."""
         if self.faces != "auto":
             return self.faces
-        bursts = any(balloon.material.strength is not None for balloon in self.balloon)
-        return self.solver != "projective" and not bursts
+        return self.solver != "projective" and not self._bursts
 
     @property
     def touches_itself(self) -> bool:
-        """Return whether parts of a balloon can touch each other."""
-        return self.touch is not None and self.touch.itself
+        """Return whether parts of a balloon can touch each other; not yet where their meshes are to settle it."""
+        return bool(self.touch) and self.touch.itself is True
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:

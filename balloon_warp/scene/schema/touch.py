@@ -1,6 +1,6 @@
 """Balloons that touch each other, and themselves, and spheres that are small beside their faces."""
 
-from typing import Self
+from typing import Literal, Self
 
 from pydantic import model_validator
 
@@ -8,12 +8,13 @@ from balloon_warp.scene.schema.fields import Table, field_of, optional_field_of
 
 
 class Touch(Table):
-    """Contact between surfaces of balloons; without this table they pass through each other."""
+    """Contact between surfaces of balloons; without this table balloons touch as its defaults say."""
 
     balloons: bool = True
     """Balloons touch each other"""
-    itself: bool = False
-    """Parts of a balloon touch each other"""
+    itself: bool | Literal["auto"] = "auto"
+    """Parts of a balloon touch each other; "auto" where parts of a mesh face each other across a gap that inflation may
+    close"""
     spheres: bool = True
     """Small spheres touch faces, not only particles, so that none passes through, however small and fast"""
     thickness: float | None = optional_field_of("touch_thickness")
@@ -27,6 +28,6 @@ class Touch(Table):
     def _something_touches(self) -> Self:
         if not self.balloons and not self.itself and not self.spheres:
             raise ValueError(
-                "balloons: must be true, or `itself` or `spheres` must (got none); without [touch] nothing touches"
+                "balloons: must be true, or `itself` or `spheres` must (got none); with touch = false nothing touches"
             )
         return self

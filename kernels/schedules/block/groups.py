@@ -120,6 +120,8 @@ class GroupsInBlock(ItemsInBlock):
                 self.line(f"if {b('is_there')}:")
                 self.line(f"    {b('point')} = vector_at(seen_points, {b('particle')})")
                 self.line(f"    {b('velocity')} = vector_at(seen_velocities, {b('particle')})")
+                if self.shows_velocities and self._velocities_wait_elsewhere:
+                    self.line(f"    put_vector({self.velocities[0]}, {b('particle')}, {b('velocity')})")
                 self.line(f"put_in_tile({self.points[0]}, {b('place')}, {b('point')})")
         if not self.layout.held:
             with self._over("particle"):

@@ -13,7 +13,7 @@ COUNTS = {
     "particle": "count",
     "face": "t.faces.balloon.shape[0]",
     "triangle": "t.membranes.corners.shape[0]",
-    "sphere": "t.spheres.radius.shape[1]",
+    "sphere": "t.spheres.numbers.shape[1]",
     "film": "t.membranes.films.corners.shape[0]",
 }
 """Expressions for the number of items in a world"""
@@ -84,18 +84,41 @@ class ItemsInBlock(NamesInBlock):
     def _show_held(self, piece: Piece) -> None:
         """Write what a piece has moved to where others see it."""
         b = self.bound
+        for name in piece.keeps:
+            if self._is_seen(name):
+                self._put_kept(name)
         if "point" in piece.moves:
             self.line(f"put_in_tile({self._target(piece, 'point')}, {b('place')}, {b('point')})")
         if "velocity" in piece.moves and self.shows_velocities:
             self.line(f"if {b('is_there')}:")
             self.line(f"    put_vector({self._target(piece, 'velocity')}, {b('particle')}, {b('velocity')})")
 
+    def _is_seen(self, name: str) -> bool:
+        """Return whether a phase looks at what others keep."""
+        return any(name in phase.views(self.traits, self.step.look) for phase in self.phases)
+
+    def _take_kept(self) -> None:
+        """Write how a thread takes what one of its particles keeps."""
+        for name in self.kept_of_particles:
+            self.line(f"{self.bound(name)} = kept_{name}[world, {self.bound('particle')}]")
+            self.known.add(self.bound(name))
+
+    def _put_kept(self, name: str) -> None:
+        """Write what a particle that a thread has keeps to where it stays."""
+        self.line(f"if {self.bound('is_there')}:")
+        self.line(f"    kept_{name}[world, {self.bound('particle')}] = {self.bound(name)}")
+
+    @property
+    def kept_of_particles(self) -> tuple[str, ...]:
+        """The values that particles keep."""
+        return tuple(each.name for each in self.traits.keeps if each.item == "particle")
+
     def compacted(self, piece: Piece) -> int | None:
         """Return which phase of particles, and all after it, only those go through that it acts on; None if all do.
 
-        Those phases read nothing but state that the ones before have written.
+        Those phases read nothing but state that the ones before have written, and items keep nothing.
         """
-        if piece.item != "particle" or self.layout.held or piece.leaves or piece.phases[-1].sums:
+        if piece.item != "particle" or self.layout.held or piece.leaves or piece.keeps or piece.phases[-1].sums:
             return None
         written: set[str] = set()
         for number, phase in enumerate(piece.phases):
@@ -158,6 +181,8 @@ class ItemsInBlock(NamesInBlock):
                     self.line(
                         self.write(value, self.home(value)) if of_particle else f"all_{value}[world, {item}] = {value}"
                     )
+            for value in piece.keeps:
+                self.line(f"{self.kept_at(value)} = {value}")
             self._put_particle(piece)
             if noting:
                 self._note(noting)

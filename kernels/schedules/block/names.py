@@ -85,6 +85,8 @@ class NamesInBlock(Writer):
             return anywhere[name]
         if VIEWS.get(name) in self.step.kept:
             return "", f"all_{VIEWS[name]}[world]"
+        if text := self.kept_at(name):
+            return "", text
         is_particle = self.place is not None or "particle" in self.known
         return self._of_particle(name) if is_particle else self._of_balloon(name)
 
@@ -95,7 +97,7 @@ class NamesInBlock(Writer):
             return "", f"{self.own_of_any()}.balloon"
         if name in self.step.kept and self.step.owner(name) == "balloon":
             return "", f"all_{name}[world, balloon]"
-        return None
+        return self.number_at(name) if "sphere" in self.known else None
 
     def _of_particle(self, name: str) -> tuple[str, str] | None:
         own, balloon, ramp = self.bound("own"), self.bound("balloon"), self.bound("ramp")
@@ -120,8 +122,8 @@ class NamesInBlock(Writer):
         if name in self.step.kept:
             of_particle = self.step.owner(name) == "particle"
             return ("", self.read(name)) if of_particle else ("balloon", f"all_{name}[world, {balloon}]")
-        columns = self.traits.columns
-        return ("own", f"{own}.n[{columns.places[name]}]") if name in columns.places else None
+        number = self.number_at(name, own)
+        return ("own", number[1]) if number else None
 
     @property
     def number(self) -> str:

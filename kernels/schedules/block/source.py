@@ -17,9 +17,9 @@ from balloon_warp.kernels.memory import in_tile, put_in_tile, put_vector, vector
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.own import own_beside_function, own_functions
 from balloon_warp.kernels.schedules.block.compaction import compaction
-from balloon_warp.kernels.schedules.block.groups import GroupsInBlock
 from balloon_warp.kernels.schedules.block.layout import Layout
 from balloon_warp.kernels.schedules.block.looks import reader_of_springs
+from balloon_warp.kernels.schedules.block.state import StateInBlock
 from balloon_warp.kernels.schedules.block.sums import block_sum
 from balloon_warp.kernels.schedules.pieces import Piece, Step
 from balloon_warp.kernels.schedules.writer import head, named_in
@@ -32,7 +32,7 @@ TURNS = {"substep": ("substep % 2", "1 - substep % 2"), "2 * pair + 1": ("1", "0
 """Parities of the numbers of substeps that are not 0, and of the next"""
 
 
-class BlockWriter(GroupsInBlock):
+class BlockWriter(StateInBlock):
     """Write the source of the kernel."""
 
     @property
@@ -61,7 +61,7 @@ class BlockWriter(GroupsInBlock):
             "t": "Tables", "slots": "SlotTable", "state": "WorldState", "working": "Working",
             "second_velocities": "wp.array2d[wp.vec3]", "film_pulls": "wp.array2d[wp.vec3]",
             "state_numbers": "wp.array[wp.int32]",
-            **{f"all_{value}": f"wp.array2d[{value}_type]" for value in self.step.kept},
+            **{f"all_{value}": f"wp.array2d[{value}_type]" for value in self.step.kept}, **self.kept_arrays,
         }  # fmt: skip
 
     def names(self) -> dict[str, Any]:
@@ -156,50 +156,6 @@ class BlockWriter(GroupsInBlock):
         self.line("time_in_frame = float(0.0)")
         self.known.add("time_in_frame")
 
-    def _take_particles(self) -> None:
-        if not self.layout.held:
-            self.line("first = read_own(t, world, wp.min(thread, count - 1))")
-            with self._over("particle"):
-                self.line(f"put_in_tile(points, particle, state.points[world, {self.number}])")
-                if "velocity" in self.layout.tiles:
-                    self.line(f"put_in_tile(velocities, particle, state.velocities[world, {self.number}])")
-        for place in self.places:
-            with self.about(place):
-                self._take_particle(place)
-        if self.layout.film and self.layout.film.quads:
-            self.line(f"films = hold_films(t, world, {self.own_of_any()}.n, thread)")
-        if self.traits.spheres:
-            self.line("spheres = share_spheres(t, state, world, thread)")
-        if self.alone:
-            with self.about(0):
-                for name in ("balloon", "ramp", "origin_place"):
-                    self.need(name)
-        if self.keeps_load:
-            self.line("gas_load = load_in(state, world, balloon)")
-            self.known.add("gas_load")
-
-    def _take_particle(self, number: int) -> None:
-        """Write how a thread takes one of the particles that it keeps; where there is none, one that does not move."""
-        b = self.bound
-        self._find_particle(number)
-        first_own = self.own_of_any()
-        whose = f"read_own(t, world, {b('particle')})"
-        if number and self.alone:
-            whose = f"read_own_beside(t, {first_own}, {b('particle')})"
-        self.line(f"{b('own')} = take_place({whose}, {b('is_there')})")
-        self.line(f"{b('springs')} = read_springs(t, slots, {b('own')}, {b('place')}, {b('is_there')})")
-        self.line(f"{b('point')} = state.points[world, {b('particle')}]")
-        self.line(f"{b('velocity')} = state.velocities[world, {b('particle')}]")
-        self.line(f"put_in_tile(points, {b('place')}, {b('point')})")
-        self.known |= {b(name) for name in ("place", "is_there", "particle", "own", "springs", "point", "velocity")}
-
-    def _find_particle(self, number: int) -> None:
-        """Write which particle a thread takes, and where in the tile."""
-        b = self.bound
-        self.line(f"{b('place')} = thread" + (f" + {number * self.layout.threads}" if number else ""))
-        self.line(f"{b('is_there')} = {b('place')} < count")
-        self.line(f"{b('particle')} = wp.min({b('place')}, count - 1)")
-
     def _keep_once(self) -> None:
         """Write what stays the same in a frame, where registers keep it."""
         read = {name for piece in self.step.pieces if not piece.once for name in piece.takes}
@@ -230,23 +186,6 @@ class BlockWriter(GroupsInBlock):
             self.turn, self.next_turn = TURNS.get(number, ("0", "1"))
             self.line(f"time_in_frame = float({number}) * t.step_seconds")
             self._write_pieces(piece for piece in self.step.pieces if not piece.once and not piece.last)
-
-    def _put_particles(self) -> None:
-        for phase in self.notes:
-            self._by_one_thread(phase)
-        if self.traits.spheres:
-            self.line(f"put_spheres(state, world, thread, spheres, {self.traits.penalties})")
-        for place in self.places:
-            with self.about(place):
-                b = self.bound
-                self.line(f"if {b('is_there')}:")
-                self.line(f"    state.points[world, {b('particle')}] = {b('point')}")
-                self.line(f"    state.velocities[world, {b('particle')}] = {b('velocity')}")
-        if not self.layout.held:
-            with self._over("particle"):
-                self.line(f"state.points[world, {self.number}] = in_tile({self.points[0]}, particle)")
-                if self._velocities_wait_elsewhere:
-                    self.line(f"state.velocities[world, {self.number}] = {self.read('velocity')}")
 
     def _write_pieces(self, pieces: Iterable[Piece]) -> None:
         for piece in pieces:

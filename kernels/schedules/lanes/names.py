@@ -121,8 +121,9 @@ class NamesInLanes(Writer):
             return "", f"of_item({self.bound(STATE[name])}, {self.item})"
         if name == "own":
             return "", f"{'own_of_quad' if self.item == 'quad' else 'own_of'}(t, group, balloon, {self.item})"
-        columns = self.step.traits.columns
-        return ("own", f"own.n[{columns.places[name]}]") if name in columns.places else None
+        if name in self.step.traits.kept:
+            return "", f"{name}_of(t, kept_{name}, group, {self.item})"
+        return ("", f"kept_{views[name]}") if name in (views := self.step.traits.kept_views) else self.number_at(name)
 
     def _call_of_one(self, phase: Phase) -> str:
         """Return the call of a phase for one lane or world."""
@@ -148,6 +149,10 @@ class NamesInLanes(Writer):
             "numbers": f"t.rows[group, {lane}, balloon]", "own": f"own_of_one(t, own, {lane})",
             "world": f"world_in_lane(group, {lane}, t.world_count)", "particle": f"particle_in_lane(t, item, {lane})",
         }  # fmt: skip
+        if name in self.step.traits.kept_views or (lane == "place" and name in self.step.traits.kept):
+            return self.kept_at(name, "world" if lane == "place" else texts["world"])
+        if "sphere" in self.single and (number := self.number_at(name)):
+            return number[1]
         if name == "own":
             self.need(name)
         if name in texts:
@@ -160,6 +165,11 @@ class NamesInLanes(Writer):
             return f"of_lane({text}, {lane})"
         self.need(name)
         return f"of_lane({self.bound(name)}, {lane})"
+
+    def keep_of_one(self, names: Iterable[str]) -> None:
+        """Write what an item of one world keeps to where it stays."""
+        for name in names:
+            self.line(f"{self.kept_at(name)} = {self.single[name]}")
 
     def _lane_by_lane(self, phase: Phase) -> None:
         """Write the call of a phase for one in each lane, if it is rare once it is known that any needs it."""

@@ -20,6 +20,7 @@ from balloon_warp.kernels.schedules.lanes.names import NamesInLanes
 from balloon_warp.kernels.schedules.lanes.state import (
     balloon_functions,
     frame_functions,
+    kept_functions,
     own_functions_of,
     showing_function,
 )
@@ -65,7 +66,7 @@ class _Writer(NamesInLanes):
         states = {view: "Seen" if view in self.seen else "Lanes3" for view in STATE.values()}
         may_be = {
             "t": "LaneTables", "tables": "Tables", "first_group": "wp.int32", "state": "WorldState",
-            "working": "Working", "solids": "Solids",
+            "working": "Working", "solids": "Solids", **self.kept_arrays,
             **{f"all_{view}": f"wp.array2d[{kind}]" for view, kind in states.items()},
             **{f"other_{view}": f"wp.array2d[{kind}]" for view, kind in states.items()},
             **{
@@ -81,9 +82,8 @@ class _Writer(NamesInLanes):
         return [STATE[name] for name in self.step.doubled]
 
     def _frame(self) -> None:
-        step, free = self.step, self.step.traits.frames == "free"
         self.line("group = first_group + wp.tid()")
-        if free:
+        if self.step.traits.frames == "free":
             self.line("if not any_free(t, working, group):")
             self.line("    return")
         if self.step.traits.spheres:
@@ -96,7 +96,7 @@ class _Writer(NamesInLanes):
         self.line("for substep in range(tables.substeps):")
         with self.deeper():
             self._begin_substep()
-            for once, pieces in groupby(step.pieces, key=lambda piece: piece.once):
+            for once, pieces in groupby(self.step.pieces, key=lambda piece: piece.once):
                 if once:
                     self.line("if substep == 0:")
                 with self.deeper(int(once)):
@@ -176,6 +176,8 @@ class _Writer(NamesInLanes):
             view = STATE[name]
             target = self.place_of(view, self.flips[view] + self._flips(piece, view))
             self.line(f"put_item({target}, {self.item}, {name})")
+        for name in piece.keeps:
+            self.line(f"put_{name}(t, kept_{name}, group, {self.item}, {name})")
         for name in piece.leaves:
             if self.step.owner(name) == "balloon":
                 continue
@@ -211,7 +213,7 @@ class _Writer(NamesInLanes):
             self.known.add(kind)
             self.single[kind] = kind
             with self.deeper():
-                self._each_world(lambda: self.calls(piece.phases))
+                self._each_world(lambda: (self.calls(piece.phases), self.keep_of_one(piece.keeps)))
 
     def _each_world(self, body: Callable[[], Any]) -> None:
         """Write a loop over a group's worlds."""
@@ -264,6 +266,7 @@ class _Writer(NamesInLanes):
             "of_item": of_item, "put_item": put_item, "of_particle": of_particle, "view_of": view_of,
             "of_lane": of_lane, "set_lane": set_lane, "scaled": scaled,
             **{f"{name}_lanes": IN_LANES[kind] for name, kind in types.items()},
+            **{name: function for each in traits.keeps for name, function in kept_functions(each, layout).items()},
             **{f"{each.name}_may_act": each.asked(traits, look) for each in (*phases, *step.light) if each.rare},
         }  # fmt: skip
 

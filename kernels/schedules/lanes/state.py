@@ -9,20 +9,45 @@ from balloon_warp.kernels.algebra import times
 from balloon_warp.kernels.clock import ramp_at
 from balloon_warp.kernels.contact.free_frames import FREE
 from balloon_warp.kernels.fixed_point import set_quanta, total_newtons
-from balloon_warp.kernels.lanes import Lanes, Lanes2, Lanes3, of_lane, set_lane
+from balloon_warp.kernels.lanes import IN_LANES, Lanes, Lanes2, Lanes3, of_lane, set_lane
 from balloon_warp.kernels.loops.near_solids import Solids, solid_function
 from balloon_warp.kernels.memory import two_in
 from balloon_warp.kernels.schedules.lanes.layouts import Layout, of_item, places_of, put_item
 from balloon_warp.kernels.schedules.lanes.tables import lane_structs
 from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
-from balloon_warp.kernels.traits import Traits
+from balloon_warp.kernels.traits import Kept, Traits
 from balloon_warp.kernels.working import Working
 
 
 @cache
-def peaks_functions(traits: Traits, layout: Layout) -> tuple[Any, Any]:
-    """Return functions that decide whether a world's frame counts, and that exchange its peak stretches."""
+def kept_functions(kept: Kept, layout: Layout) -> dict[str, Any]:
+    """Return the functions that read what particles keep from the state, and write it there, by their names."""
     LaneTables, places = lane_structs(layout).tables, places_of(layout)  # noqa: N806 - a type
+    InLanes, number_type = IN_LANES[kept.type], wp.array2d(dtype=kept.type)  # noqa: N806 - a type
+
+    @wp.func
+    def take_kept(t: LaneTables, kept: number_type, group: wp.int32, item: wp.int32):
+        lanes = InLanes()
+        for lane in range(t.lane_count):
+            world = places.world(group, lane, t.world_count)
+            lanes = set_lane(lanes, lane, kept[world, places.particle(t, item, lane)])
+        return lanes
+
+    @wp.func
+    def put_kept(t: LaneTables, kept: number_type, group: wp.int32, item: wp.int32, lanes: InLanes):
+        for lane in range(t.lane_count):
+            if places.is_there(t, group, item, lane):
+                world = places.world(group, lane, t.world_count)
+                kept[world, places.particle(t, item, lane)] = of_lane(lanes, lane)
+
+    return {f"{kept.name}_of": take_kept, f"put_{kept.name}": put_kept}
+
+
+@cache
+def frame_functions(traits: Traits, layout: Layout) -> tuple[Any, Any]:
+    """Return the functions that read the state as a frame begins, and that write it as it ends."""
+    LaneTables, places = lane_structs(layout).tables, places_of(layout)  # noqa: N806 - a type
+    split = traits.columns.balloon_width
 
     @wp.func
     def counts(working: Working, world: wp.int32):
@@ -31,29 +56,6 @@ def peaks_functions(traits: Traits, layout: Layout) -> tuple[Any, Any]:
             return working.verdicts[world] == FREE
         else:
             return True
-
-    @wp.func
-    def exchange_peaks(t: LaneTables, state: WorldState, working: Working, group: wp.int32, writes: bool):
-        """Load the peak stretches of triangles from the state, or store them there."""
-        for entry in range(t.quad_numbers.shape[0]):
-            for lane in range(t.lane_count):
-                number = of_lane(t.quad_numbers[entry], lane)
-                world = places.world(group, lane, t.world_count)
-                if number >= 0:
-                    if not writes:
-                        t.peaks[group, entry][lane] = state.peaks[world, number]
-                    elif counts(working, world):
-                        state.peaks[world, number] = t.peaks[group, entry][lane]
-
-    return counts, exchange_peaks
-
-
-@cache
-def frame_functions(traits: Traits, layout: Layout) -> tuple[Any, Any]:
-    """Return the functions that read the state as a frame begins, and that write it as it ends."""
-    LaneTables, places = lane_structs(layout).tables, places_of(layout)  # noqa: N806 - a type
-    split = traits.columns.balloon_width
-    counts, exchange_peaks = peaks_functions(traits, layout)
 
     @wp.func
     def end_of(t: LaneTables, group: wp.int32):
@@ -77,8 +79,6 @@ def frame_functions(traits: Traits, layout: Layout) -> tuple[Any, Any]:
     def read_frame(t: LaneTables, state: WorldState, working: Working, group: wp.int32, points: Any, velocities: Any):
         """Read numbers, points and velocities, and the forces that the last frame left on spheres."""
         read_numbers(t, group)
-        if wp.static(traits.softens):
-            exchange_peaks(t, state, working, group, False)
         if wp.static(traits.penalties):
             for world in range(places.first_world(group), end_of(t, group)):
                 for sphere in range(state.sphere_forces.shape[1]):
@@ -111,8 +111,6 @@ def frame_functions(traits: Traits, layout: Layout) -> tuple[Any, Any]:
             for world in range(places.first_world(group), end_of(t, group)):
                 for sphere in range(state.sphere_forces.shape[1]):
                     state.sphere_forces[world, sphere] = total_newtons(working.sphere_quanta, world, sphere)
-        if wp.static(traits.softens):
-            exchange_peaks(t, state, working, group, True)
         for item in range(t.item_offsets[t.all.inflation_kind.shape[0]]):
             point = of_item(points, item)
             velocity = of_item(velocities, item)

@@ -143,9 +143,6 @@ def lane_structs(layout: Layout) -> LaneStructs:
         `laws.columns`"""
         rows: wp.array4d[float]
         """Parameters by group, lane and balloon"""
-        peaks: wp.array2d[Lanes]
-        """Peak stretches of the triangles at the corners of quads, see `State`, four each; empty unless rubber
-        softens"""
         forces: wp.array2d[Vector]
         """Forces of hinges and membranes on each particle [N]"""
 

@@ -41,13 +41,44 @@ OFFSETS = {"particle": "t.particles.offsets", "face": "t.faces.balloon_offsets"}
 """Begin of each balloon's items"""
 
 
-class _Writer(Writer):
-    """Write the source of a piece."""
+class PieceWriter(Writer):
+    """Find what phases name where the state is in arrays."""
 
     aliases: ClassVar[Mapping[str, str]] = {"springs": "working"}
 
-    def __init__(self, step: Step, piece: Piece, part: Part = "all"):
+    def __init__(self, step: Step):
         super().__init__(step, (*HANDLES, "world"))
+
+    def _begin(self, indices: str) -> None:
+        self.line(f"{indices} = wp.tid()")
+        if self.step.traits.frames == "busy":
+            self.line("if working.verdicts[world] == 0:")
+            self.line("    return")
+        self.known |= set(indices.split(", "))
+
+    def found(self, name: str) -> tuple[str, str] | None:
+        """Return what it takes to find a name, and how."""
+        kept = self.step.kept
+        if VIEWS.get(name) in kept:
+            return "", f"all_{VIEWS[name]}[world]"
+        if name in kept:
+            item = self.step.owner(name)
+            return (item if item == "balloon" else ""), f"all_{name}[world, {item}]"
+        if text := self.kept_at(name):
+            return "", text
+        particles = "particle" in self.known
+        if particles and name in OF_PARTICLE:
+            return OF_PARTICLE[name]
+        if name in NAMES:
+            return NAMES[name]
+        return self.number_at(name) if particles or "sphere" in self.known else None
+
+
+class _Writer(PieceWriter):
+    """Write the source of a piece."""
+
+    def __init__(self, step: Step, piece: Piece, part: Part = "all"):
+        super().__init__(step)
         self.piece, self.part = piece, part
 
     @property
@@ -77,7 +108,7 @@ class _Writer(Writer):
             "t": "Tables", "time_in_frame": "float", "state": "WorldState", "working": "Working",
             **{f"all_{view}": "wp.array2d[wp.vec3]" for view in STATE.values()},
             **{f"new_{view}": "wp.array2d[wp.vec3]" for view in STATE.values()},
-            **{f"all_{value}": f"wp.array2d[{value}_type]" for value in self.step.kept},
+            **{f"all_{value}": f"wp.array2d[{value}_type]" for value in self.step.kept}, **self.kept_arrays,
         }  # fmt: skip
         if self.piece.sums:
             may_be["all_parts"] = f"wp.array3d[{self._summed}_type]"
@@ -111,37 +142,14 @@ class _Writer(Writer):
             self.calls(piece.phases)
             self._leave()
 
-    def _begin(self, indices: str) -> None:
-        self.line(f"{indices} = wp.tid()")
-        if self.step.traits.frames == "busy":
-            self.line("if working.verdicts[world] == 0:")
-            self.line("    return")
-        self.known |= set(indices.split(", "))
-
-    def found(self, name: str) -> tuple[str, str] | None:
-        """Return what it takes to find a name, and how."""
-        kept = self.step.kept
-        if VIEWS.get(name) in kept:
-            return "", f"all_{VIEWS[name]}[world]"
-        if name in kept:
-            item = self.step.owner(name)
-            return (item if item == "balloon" else ""), f"all_{name}[world, {item}]"
-        particles = "particle" in self.known
-        if particles and name in OF_PARTICLE:
-            return OF_PARTICLE[name]
-        if name in NAMES:
-            return NAMES[name]
-        columns = self.step.traits.columns
-        if particles and name in columns.places:
-            return "own", f"own.n[{columns.places[name]}]"
-        return None
-
     def _leave(self) -> None:
         """Write what the piece has found to where it is kept."""
         for name in self.piece.moves:
             self.line(f"put_vector_in(new_{STATE[name]}, world, {self.piece.item}, {name})")
         for name in self.piece.leaves:
             self.line(f"all_{name}[world, {self.step.owner(name)}] = {name}")
+        for name in self.piece.keeps:
+            self.line(f"{self.kept_at(name)} = {name}")
 
     def _worlds(self) -> None:
         """Write what a thread does for a world, balloon by balloon."""

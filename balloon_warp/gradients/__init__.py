@@ -1,0 +1,1 @@
+"""Derivatives of what comes of a scene by what it says."""

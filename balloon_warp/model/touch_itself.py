@@ -1,0 +1,45 @@
+"""Balloons that touch themselves, where the scene leaves it to their meshes."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from balloon_warp.mesh.nearness import nears_itself
+from balloon_warp.mesh.polygon_mesh import PolygonMesh
+from balloon_warp.model.shape import BalloonShape
+from balloon_warp.scene import Balloon, Scene, Touch
+
+STRETCH = 0.1
+"""Stretch of a skin, by which its parts grow, where the inflation names none"""
+
+
+def settle_itself(scene: Scene, shapes: Sequence[BalloonShape]) -> Scene:
+    """Return the scene with `touch.itself` settled by its meshes, where it is "auto".
+
+    It is true where parts of any balloon are near each other, so that inflation may close the gap between them.
+    """
+    if not scene.meshes_settle_itself:
+        return scene
+    itself = _any_nears_itself(scene.balloon, shapes)
+    if scene.touch:
+        return scene.model_copy(update={"touch": scene.touch.model_copy(update={"itself": itself})})
+    # spheres touch faces as they do without this table
+    return scene.model_copy(update={"touch": Touch(itself=True, spheres=scene.faces_may_meet)}) if itself else scene
+
+
+def _any_nears_itself(balloons: Sequence[Balloon], shapes: Sequence[BalloonShape]) -> bool:
+    """Return whether any balloon nears itself; of balloons that are alike one is looked at."""
+    stretches = [_stretch_of(balloon) for balloon in balloons]
+    different = {(*_form(shape.mesh), stretch): shape.mesh for shape, stretch in zip(shapes, stretches, strict=True)}
+    return any(nears_itself(mesh, stretch) for (*_, stretch), mesh in different.items())
+
+
+def _stretch_of(balloon: Balloon) -> float:
+    """Return the stretch that a balloon's inflation names."""
+    return balloon.inflation.stretch if balloon.inflation.is_automatic else STRETCH
+
+
+def _form(mesh: PolygonMesh) -> tuple[bytes, bytes]:
+    """Return what is alike of meshes that differ in size and place alone."""
+    points = mesh.points - mesh.points.min(axis=0)
+    return mesh.face_vertex_indices.tobytes(), np.round(points / max(float(points.max()), 1e-30), 5).tobytes()

@@ -1,0 +1,22 @@
+"""Adjoints of phases: functions by which a list of phases runs backwards.
+
+Let L be a number that depends on where a scene ends. The *bar* of a value is the derivative of L by that value. A
+phase's adjoint takes the bars of what the phase writes, and returns those of what it reads. Like a phase, it names what
+it needs: `velocity_bar` is the bar of a particle's own `velocity`, `force_bars` a view of those of all particles of its
+world. So a schedule, which knows no physics, can run any list backwards, see `schedules.launched.backward`.
+"""
+
+from typing import Any, NamedTuple
+
+
+class Adjoint(NamedTuple):
+    """Hold a function that returns bars."""
+
+    function: Any
+    """Function of Warp; its arguments name what it needs"""
+    of: tuple[str, ...]
+    """Names whose bars it returns, in order: of what the phase reads, or of what it writes, to be added there"""
+
+
+class NoAdjointError(Exception):
+    """A phase has no adjoint for what a scene has; the message says of what."""

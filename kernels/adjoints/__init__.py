@@ -1,0 +1,1 @@
+"""Adjoints of phases that are not derived by Warp alone, see `kernels.adjoint`."""

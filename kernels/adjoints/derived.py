@@ -1,0 +1,83 @@
+"""Adjoints that Warp derives of a phase's own function."""
+
+from collections.abc import Sequence
+
+import warp as wp
+
+from balloon_warp.kernels.adjoint import Adjoint
+from balloon_warp.kernels.codegen import function_from
+from balloon_warp.kernels.phase import Adjoints, Look, Phase
+from balloon_warp.kernels.tables import Tables
+from balloon_warp.kernels.traits import Traits
+
+NOT_DIFFERENTIATED = frozenset(
+    {
+        *("t", "constants", "state", "working", "springs", "spheres", "world", "balloon", "particle", "face"),
+        *("time", "end", "time_in_frame", "points", "velocities"),
+    }
+)
+"""Names without a bar of their own: handles, items, times and views"""
+
+
+@wp.struct
+class Constants:
+    """What most phases want of the tables; the tables themselves would be copied for a derivative."""
+
+    up: wp.vec3
+    step_seconds: float
+
+
+@wp.func
+def constants_of(t: Tables):
+    """Return the constants of a step."""
+    constants = Constants()
+    constants.up = t.up
+    constants.step_seconds = t.step_seconds
+    return constants
+
+
+def nothing(phase: Phase, traits: Traits, look: Look) -> Sequence[Adjoint]:
+    """Return no adjoint, for a phase that nothing else depends on, or whose value is where a derivative ends."""
+    return ()
+
+
+def by_grad(phase: Phase, traits: Traits, look: Look) -> Sequence[Adjoint]:
+    """Return the adjoint that Warp derives of a phase's function."""
+    return by_grad_but()(phase, traits, look)
+
+
+def by_grad_but(*frozen: str) -> Adjoints:
+    """Return the factory of what Warp derives of a phase's function, with some of what it reads taken as constant."""
+
+    def factory(phase: Phase, traits: Traits, look: Look) -> Sequence[Adjoint]:
+        function = phase.function(traits, look)
+        reads = ["constants" if name == "t" else name for name in phase.reads(traits, look)]
+        bars = [f"{name}_bar" for name in phase.writes]
+        results = [f"{name}_result" for name in phase.writes]
+        products = [
+            f"{value} * {bar}" if dtype is float else f"wp.dot({value}, {bar})"
+            for value, bar, dtype in zip(results, bars, phase.writes.values(), strict=True)
+        ]
+        arguments = [*reads, *bars]
+        of = tuple(name for name in reads if name not in NOT_DIFFERENTIATED and name not in frozen)
+        typed = ", ".join(f"{name}: Any" for name in arguments)
+        work = "\n".join(
+            [
+                f"def {phase.name}_work({typed}):",
+                f"    {', '.join(results)} = {phase.name}({', '.join(reads)})",
+                f"    return {' + '.join(products)}\n",
+            ]
+        )
+        names = {phase.name: function}
+        names[f"{phase.name}_work"] = function_from(f"{phase.name}_work", work, names)
+        adjoint = "\n".join(
+            [
+                f"def {phase.name}_adjoint({typed}):",
+                f"    {', '.join(f'by_{name}' for name in arguments)} = wp.grad({phase.name}_work)"
+                f"({', '.join(arguments)})",
+                f"    return {', '.join(f'by_{name}' for name in of)}\n",
+            ]
+        )
+        return (Adjoint(function_from(f"{phase.name}_adjoint", adjoint, names), of),)
+
+    return factory

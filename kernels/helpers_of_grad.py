@@ -1,0 +1,36 @@
+"""Derivatives of functions that functions call, wherever Warp meets them first.
+
+`wp.grad` asks for the adjoint of a function, and Warp asks for those of what that calls as it reads it. But it reads
+each function once. What it has read before, for a call without derivatives, it does not ask again, and the helpers of
+that helper stay without adjoints: their derivatives are then 0, and nothing is said. Here they are asked for, once all
+has been read.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+HOOK = "_propagate_used_by_backward_kernel"
+"""Method of Warp's that runs between reading and writing; it does the same for kernels with a backward pass"""
+
+
+def derive_helpers() -> None:
+    """Make Warp ask for the adjoints of all helpers."""
+    from warp._src.context import ModuleBuilder
+
+    before = getattr(ModuleBuilder, HOOK)
+    if before.__name__ != _and_helpers.__name__:
+        setattr(ModuleBuilder, HOOK, _and_helpers(before))
+
+
+def _and_helpers(before: Callable[[Any], None]) -> Callable[[Any], None]:
+    def propagate(builder: Any) -> None:
+        before(builder)
+        asked = [function.adj for function in builder.functions if function.adj.force_adjoint_codegen]
+        while asked:
+            for helper in asked.pop().called_user_functions:
+                if not helper.adj.force_adjoint_codegen:
+                    helper.adj.force_adjoint_codegen = True
+                    asked.append(helper.adj)
+
+    propagate.__name__ = _and_helpers.__name__
+    return propagate

@@ -1,0 +1,45 @@
+"""The pressure of a balloon's gas, or what is given, with the numbers that a scene has."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.compose import call_of, function_from
+from balloon_warp.kernels.laws.gas import Swelling, gas_load
+from balloon_warp.kernels.laws.inflation import GAS
+from balloon_warp.kernels.traits import Traits
+
+
+@cache
+def load_function(traits: Traits) -> Any:
+    """Make the function that finds a balloon's pressure above the air's from its swelling, its gas and the step.
+
+    It gives the pressure at the center of mass [Pa], at height 0, its rise with height [Pa/m], and how more gas would
+    raise both.
+    """
+    given = ["swelling", "amount", "free_volume", "step_seconds"]
+    fixed = {} if traits.breathes_on else {"breathing_damping": "1.0"}
+    if not traits.air_varies:
+        fixed["air_lapse"] = "-1.0"
+    call = call_of(gas_load, "gas_load", [*given, *fixed], traits.columns, lambda name: fixed.get(name, name))
+    arguments = "swelling: Any, amount: float, free_volume: float, step_seconds: float, n: Any"
+    source = f"def load_of_gas({arguments}):\n    return {call}\n"
+    load_of_gas = function_from("load_of_gas", source, {"gas_load": gas_load})
+
+    @wp.func
+    def load_of_balloon(
+        kind: wp.int32,
+        given: float,
+        swelling: Swelling,
+        amount: float,
+        free_volume: float,
+        step_seconds: float,
+        n: Any,
+    ):
+        """Return the load of a balloon; `given` is the gauge pressure of a balloon without gas [Pa]."""
+        if kind == GAS:
+            return load_of_gas(swelling, amount, free_volume, step_seconds, n)
+        return wp.vec4(given, given, 0.0, 0.0)
+
+    return load_of_balloon

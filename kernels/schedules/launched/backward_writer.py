@@ -1,0 +1,251 @@
+"""The text of a kernel that runs phases backwards, see `backward`."""
+
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+import warp as wp
+
+from balloon_warp.kernels.adjoint import Adjoint
+from balloon_warp.kernels.adjoints.derived import NOT_DIFFERENTIATED
+from balloon_warp.kernels.phase import STATE
+from balloon_warp.kernels.schedules.launched.source import OFFSETS, PieceWriter
+from balloon_warp.kernels.schedules.launched.trace import Entry, Trace, arguments_of
+from balloon_warp.kernels.schedules.writer import named_in, written_types
+
+Turn = tuple[Entry, Adjoint]
+BARS = {
+    "load": "wp.array2d[wp.vec2]", "pressure": "wp.array2d[float]", "gas_mass": "wp.array2d[float]",
+    "keyed": "wp.array2d[wp.vec2]", "gas": "wp.array2d[wp.vec2]",
+}  # fmt: skip
+"""Types of the bars of what no phase writes as a value. That of a keyframed value comes with its product with the time
+in the frame"""
+
+
+class Sinks:
+    """Which sums of bars have been begun, in the order in which a step runs backwards.
+
+    Args:
+        load_carried: whether the pressure of the substep before is read, too.
+    """
+
+    def __init__(self, load_carried: bool):
+        self.begun = {"load"} if load_carried else set[str]()
+
+    def sign(self, name: str) -> str:
+        """Return how a bar is written: added to what is there, or in place of what was."""
+        begun = name in self.begun
+        self.begun.add(name)
+        return "+=" if begun else "="
+
+
+class BackwardWriter(PieceWriter):
+    """Write one kernel of a trace backwards."""
+
+    aliases: ClassVar = {"springs": "working"}
+
+    def __init__(
+        self, trace: Trace, turns: Sequence[Turn], left: Sequence[Turn], done: set[str], sinks: Sinks,
+        columns: Sequence[int], external: set[str],
+    ):  # fmt: skip
+        super().__init__(trace.step)
+        self.trace, self.turns, self.left, self._done, self.sinks = trace, turns, left, done, sinks
+        self.columns, self.external = columns, external
+        """Columns of the numbers that are derived by; values that later phases read"""
+        self.bars: dict[str, str] = {}
+        """Names by the variables whose bars are known here"""
+        self.called: dict[str, Any] = {}
+
+    @property
+    def name(self) -> str:
+        """Return the name of the kernel."""
+        first, last = (self.turns[place][0].phase.name for place in (0, -1))
+        return f"{self.trace.item}s_{first}_back" if first == last else f"{self.trace.item}s_{first}_back_to_{last}"
+
+    def written(self) -> tuple[str, ...]:
+        """Return the lines of the body."""
+        if self.trace.item == "balloon":
+            self._sum_loads()
+        else:
+            self._begin("world, particle")
+        for entry, adjoint in self.turns:
+            self._turn(entry, adjoint)
+        self._sink()
+        return tuple(self.lines)
+
+    def _sum_loads(self) -> None:
+        self._begin("world, balloon, thread")
+        self.line("total = wp.vec2()")
+        begin, end = f"{OFFSETS['particle']}[balloon]", f"{OFFSETS['particle']}[balloon + 1]"
+        self.line(f"for particle in range({begin} + thread, {end}, wp.block_dim()):")
+        self.line("    total += all_load_bar[world, particle]")
+        self.line("load_bar = wp.tile_sum(wp.tile(total, preserve_type=True))[0]")
+        self.known.add("load_bar")
+        self.line("if thread == 0:")
+        self.indent = "        "
+        self.sinks.begun.discard("load")
+
+    def found(self, name: str) -> tuple[str, str] | None:
+        """Return what it takes to find a name, and how."""
+        if name == "constants":
+            return "", "constants_of(t)"
+        if name == "pressure_bar":
+            return "", "all_pressure_bar[world, balloon]"
+        if name.endswith("_bars"):
+            return "", f"all_{name[:-1]}[world]"
+        if name == "keyed" and self.trace.item == "balloon":
+            return "", "ramp_at(state, world, balloon, time_in_frame)"
+        return super().found(name)
+
+    def have(self, variable: str) -> str:
+        """See to it that a variable is bound, and return it."""
+        variable = self.aliases.get(variable, variable)
+        entry = self.trace.writer(variable)
+        if variable in self.known:
+            return variable
+        if entry is None:
+            self.need(variable)
+            return variable
+        (name,) = (name for name, each in entry.writes.items() if each == variable)
+        if name in self.step.kept and not entry.phase.light:
+            self.known.add(variable)
+            self.line(f"{variable} = all_{name}[world, {self._owner(name)}]")
+            return variable
+        inputs = [self.have(each) for each in entry.reads.values()]
+        self.called[entry.phase.name] = entry.phase.function(self.step.traits, self.step.look)
+        self.line(f"{', '.join(entry.writes.values())} = {entry.phase.name}({', '.join(inputs)})")
+        self.known |= set(entry.writes.values())
+        return variable
+
+    def _owner(self, name: str) -> str:
+        owner = self.step.owner(name)
+        if owner == "balloon":
+            self.need("balloon")
+        return owner
+
+    def _turn(self, entry: Entry, adjoint: Adjoint) -> None:
+        """Call an adjoint, and add up what it returns."""
+        phase = entry.phase
+        function = f"{phase.name}_adjoint_{entry.adjoints.index(adjoint) + 1}"
+        self.called[function] = adjoint.function
+        texts = [self._told(entry, name) for name in arguments_of(adjoint)]
+        results = [f"{function}_{name}" for name in adjoint.of]
+        self.line(f"# Backwards: {phase.summary}")
+        self.line(f"{', '.join(results)} = {function}({', '.join(texts)})")
+        for name, result in zip(adjoint.of, results, strict=True):
+            self._add(entry.seen[name], name, result)
+
+    def _told(self, entry: Entry, name: str) -> str:
+        """Return the text of an argument of an adjoint."""
+        if name.endswith("_bar") and name[:-4] in entry.writes:
+            return self._bar(entry.writes[name[:-4]], name[:-4])
+        if name.endswith(("_bar", "_bars")) or name in ("constants",):
+            self.need(name)
+            return name
+        return self.have(entry.seen[name])
+
+    def _bar(self, variable: str, name: str) -> str:
+        """Return the bar of a variable that a phase of the trace has written."""
+        if variable not in self.bars:
+            self.line(f"{variable}_bar = {self._begun(variable, name) or self._zero(name)}")
+            self.bars[variable] = name
+        return f"{variable}_bar"
+
+    def _begun(self, variable: str, name: str) -> str:
+        """Return what other kernels have found of a bar, or "" if nothing."""
+        if self.trace.writer(variable) is None:
+            return ""
+        last = self.trace.current[name] == variable
+        outside = last and (name in STATE or name in self.external)
+        if variable in self._done or outside:
+            owner = self.trace.item if name in STATE else self._owner(name)
+            return f"all_{name}_bar[world, {owner}]"
+        return ""
+
+    def _zero(self, name: str) -> str:
+        dtype = written_types(self.step)[name] if name not in STATE else wp.vec3
+        return "float(0.0)" if dtype is float else "wp.vec3()" if dtype is wp.vec3 else f"{name}_type()"
+
+    def _add(self, variable: str, name: str, result: str) -> None:
+        """Add to the bar of a variable."""
+        if name in ("own", "numbers"):
+            self._add_numbers(result)
+        elif name in self.step.traits.columns.places:
+            self._add_number(name, result)
+        else:
+            before = f"{variable}_bar" if variable in self.bars else self._begun(variable, name)
+            self.bars[variable] = name
+            self.line(f"{variable}_bar = {before} + {result}" if before else f"{variable}_bar = {result}")
+
+    def _add_number(self, name: str, result: str) -> None:
+        """Add the bar of a number by its name, if it is asked for."""
+        column = self.step.traits.columns.places[name]
+        if column in self.columns:
+            self.line(f"number_bars[world, particle, {self.columns.index(column)}] += {result}")
+
+    def _add_numbers(self, result: str) -> None:
+        """Add the bars of the numbers that are asked for, and of a mass, which is one of them."""
+        of_balloon = self.trace.item == "balloon"
+        array = "number_bars_of_balloons[world, balloon" if of_balloon else "number_bars[world, particle"
+        mass = self.step.traits.columns.places["mass"]
+        for place, column in enumerate(self.columns):
+            text = f"{result}[{column}]" if of_balloon else f"{result}.n[{column}]"
+            if column == mass and not of_balloon:
+                text += f" + {result}.mass * own.share"
+            self.line(f"{array}, {place}] += {text}")
+
+    def _sink(self) -> None:
+        """Write bars to where others find them."""
+        waiting = {
+            variable: name for entry, _ in self.left for name, variable in entry.writes.items()
+        }  # of which something is left to be found
+        for variable, name in self.bars.items():
+            if self.trace.writer(variable) is None:
+                self._sink_source(name)
+            elif variable in waiting:
+                self.line(f"all_{name}_bar[world, {self.trace.item}] = {variable}_bar")
+                self._done.add(variable)
+        for variable, name in waiting.items():
+            if variable not in self.bars and variable not in self._done and name not in self.external | STATE.keys():
+                self.line(f"all_{name}_bar[world, {self.trace.item}] = {self._zero(name)}")
+                self._done.add(variable)
+        if not self.left:
+            for name in STATE:
+                if name in self.trace.current and name not in self.sinks.begun:
+                    self.line(f"all_{name}_bar[world, particle] {self.sinks.sign(name)} wp.vec3()")
+
+    def _sink_source(self, name: str) -> None:
+        """Write the bar of what was there as the phases began."""
+        if name in NOT_DIFFERENTIATED:
+            return
+        item = self.trace.item
+        if name == "keyed":
+            array = "all_keyed_bar_of_balloons" if item == "balloon" else "all_keyed_bar"
+            self.line(f"{array}[world, {item}] += wp.vec2({name}_bar, {name}_bar * time_in_frame)")
+        elif name in ("gas_mass", "gas"):
+            self.line(f"all_{name}_bar[world, {item}] += {name}_bar")
+        elif name in STATE or name == "load":
+            self.line(f"all_{name}_bar[world, {item}] {self.sinks.sign(name)} {name}_bar")
+        elif name in self.step.kept:
+            owner = self._owner(name)
+            if owner != item:
+                raise TypeError(
+                    f"{self.name}: many read {name}, which each balloon has once, and nobody adds up its bar"
+                )
+            self.line(f"all_{name}_bar[world, {owner}] {self.sinks.sign(name)} {name}_bar")
+        else:
+            raise TypeError(f"{self.name}: nobody takes the bar of {name}")
+
+    def taken(self) -> dict[str, str]:
+        """Return the arguments of the kernel."""
+        types = written_types(self.step)
+        views = {"point": "wp.array2d[wp.vec3]", "velocity": "wp.array2d[wp.vec3]"}
+        may_be = {
+            "t": "Tables", "time_in_frame": "float", "state": "WorldState", "working": "Working",
+            **{f"all_{view}": "wp.array2d[wp.vec3]" for view in STATE.values()},
+            **{f"all_{value}": f"wp.array2d[{value}_type]" for value in self.step.kept},
+            **{f"all_{value}_bar": f"wp.array2d[{value}_type]" for value in types if value not in STATE},
+            **{f"all_{name}_bar": kind for name, kind in (views | BARS).items()},
+            "all_keyed_bar_of_balloons": BARS["keyed"],
+            "number_bars": "wp.array3d[float]", "number_bars_of_balloons": "wp.array3d[float]",
+        }  # fmt: skip
+        return named_in(self.lines, may_be)

@@ -1,0 +1,91 @@
+"""Phases that the package does not know, and the step with them."""
+
+from typing import Any
+
+import pytest
+import warp as wp
+
+from balloon_warp.kernels import substep
+from balloon_warp.kernels.laws import Parameter
+from balloon_warp.kernels.phase import Look, Phase, phase
+from balloon_warp.kernels.tables import Tables, sphere_number
+from balloon_warp.kernels.traits import Traits
+
+START = 300.0
+"""of temperatures [K]"""
+
+
+@phase(
+    "particle",
+    {"velocity": wp.vec3},
+    rows=(
+        Parameter("slow_radius", "m", least=0.0, of="sphere"),
+        Parameter("slowing", "1/s", least=0.0, of="sphere", meaning="how fast what is within loses its speed"),
+    ),
+    neutral={"slowing": 0.0},
+)
+def slow(traits: Traits, look: Look) -> Any:
+    """Slow a particle that is near a sphere."""
+    sphere_at, places = look.sphere_at, traits.columns.places_of_spheres
+    radius, slowing = places["slow_radius"], places["slowing"]
+
+    @wp.func
+    def slow(
+        t: Tables,  # pyright: ignore[reportGeneralTypeIssues] - a struct
+        spheres: Any,
+        own: Any,
+        point: wp.vec3,
+        velocity: wp.vec3,
+    ):
+        slowed = velocity
+        for sphere in range(t.spheres.numbers.shape[1]):
+            center, _motion, _radius = sphere_at(t, spheres, own.world, sphere)
+            if wp.length(point - center) < sphere_number(t.spheres, own.world, sphere, radius):
+                slowed = slowed / (1.0 + t.step_seconds * sphere_number(t.spheres, own.world, sphere, slowing))
+        return slowed
+
+    return slow
+
+
+@phase(
+    "particle",
+    {"temperature": float},
+    rows=(
+        Parameter("warming_seconds", "s", 1.0, least=1.0e-6),
+        Parameter("weakening", "1/K", meaning="part of a particle's forces that a kelvin takes"),
+    ),
+    neutral={"weakening": 0.0},
+    keeps={"temperature": START},
+)
+def warm(traits: Traits, look: Look) -> Any:
+    """Let a particle's temperature follow the air's [K]."""
+
+    @wp.func
+    def warm(
+        t: Tables,  # pyright: ignore[reportGeneralTypeIssues] - a struct
+        temperature: float,
+        air_temperature: float,
+        warming_seconds: float,
+    ):
+        part = t.step_seconds / (warming_seconds + t.step_seconds)
+        return temperature + part * (air_temperature - temperature)
+
+    return warm
+
+
+@phase("particle", {"force": wp.vec3}, neutral={"weakening": 0.0})
+def weaken(traits: Traits, look: Look) -> Any:
+    """Weaken what pulls at a particle that is warm."""
+
+    @wp.func
+    def weaken(force: wp.vec3, temperature: float, weakening: float):
+        return (1.0 - weakening * (temperature - START)) * force
+
+    return weaken
+
+
+def list_after(patch: pytest.MonkeyPatch, line: str, *more: Phase) -> None:
+    """Put phases into the list of the step, after that of a name."""
+    names = [each.name for each in substep.STEP]
+    place = names.index(line) + 1
+    patch.setattr(substep, "STEP", (*substep.STEP[:place], *more, *substep.STEP[place:]))

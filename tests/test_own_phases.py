@@ -1,0 +1,192 @@
+"""Phases that the package does not know go in by a line of the list: their rows are the scene's, and every schedule
+runs them and carries what their items keep."""
+
+import re
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from block_layouts import LAYOUTS
+from features import features
+from meshes import quad_sphere
+from method_scenes import with_phase
+from own_phases import list_after, slow, warm, weaken
+from trajectories import ROUNDING, after_frames, arrays
+
+from balloon_warp.benchmarks.matrix import of_phase
+from balloon_warp.errors import InputError
+from balloon_warp.model import build_model, plan_model
+from balloon_warp.scene import Balloon, Change, Inflation, Obstacle, Scene, Sphere
+from balloon_warp.scene.overrides import override_scene
+from balloon_warp.schedules import block_frames
+from balloon_warp.simulator import Simulator
+
+PAGE = Path(__file__).parent.parent / "docs" / "ARCHITECTURE.md"
+IMPORTS = """
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.laws import Parameter
+from balloon_warp.kernels.phase import Look, phase
+from balloon_warp.kernels.tables import Tables, sphere_number
+from balloon_warp.kernels.traits import Traits
+"""
+SCENE = Scene(
+    balloon=[Balloon(mesh=quad_sphere(3, 0.5), inflation=Inflation(k_normal=0.2))],
+    sphere=[Sphere(position=(0.0, 9.0, 0.0)), Sphere(position=(0.0, 0.9, 0.0), radius=0.1)],
+    gravity=0.0, substeps=12, frames=3, normals="cached", faces=False,
+)  # fmt: skip
+SLOWED = {"sphere.1.law.slow.slow_radius": 0.7, "sphere.1.law.slow.slowing": 40.0}
+WARMED = {"balloon.law.warm.weakening": 2e-3, "balloon.law.warm.warming_seconds": 0.05, "atmosphere.temperature": 330.0}
+
+
+@pytest.fixture
+def listed(monkeypatch: pytest.MonkeyPatch) -> None:
+    list_after(monkeypatch, "push", slow)
+    list_after(monkeypatch, "pull", warm, weaken)
+
+
+def scene_with(changes: dict[str, Any]) -> Scene:
+    return override_scene(SCENE, list(changes.items()))
+
+
+def simulated(changes: dict[str, Any], schedule: str, device: str, frames: int = 2, **more: Any) -> Simulator:
+    simulator = Simulator(scene_with(changes), device, schedule=schedule, **more)
+    for _ in range(frames):
+        simulator.step()
+    return simulator
+
+
+def temperatures(simulator: Simulator) -> np.ndarray:
+    return simulator.state.kept["temperature"].numpy()
+
+
+def test_a_sphere_slows_what_is_near(listed, schedule, device):
+    """As by NumPy: in a step what is within 0.7 m of the second sphere, beside one without."""
+    one_step = {"frames_per_second": 200.0, "substeps": 1} | SLOWED
+    rates = {"sphere.1.law.slow.slowing": 40.0}, {"sphere.1.law.slow.slowing": 0.0}
+    simulators = [simulated(one_step | rate, schedule, device, 0) for rate in rates]
+    shape = (*simulators[0].state.points.shape, 3)
+    velocities = np.random.default_rng(1).uniform(-1.0, 1.0, shape).astype(np.float32)
+    near = np.linalg.norm(simulators[0].state.points.numpy() - (0.0, 0.9, 0.0), axis=2) < 0.7
+    for each in simulators:
+        each.state.velocities.assign(velocities)
+        each.step()
+    found, expected = (each.state.velocities.numpy() for each in simulators)
+    assert 0 < near.sum() < near.size
+    np.testing.assert_allclose(found, expected / np.where(near, 1.2, 1.0)[..., None], atol=1e-6)
+
+
+def test_temperatures_follow_the_air_s(listed, schedule, device):
+    """From substep to substep and frame to frame: each takes the same part of what is left. Worlds differ."""
+    air = np.array([330.0, 300.0, 280.0])
+    simulator = simulated(WARMED, schedule, device, 2, world_count=3, vary={"atmosphere.temperature": air})
+    left = (0.05 / (0.05 + simulator.model.step_seconds)) ** (2 * SCENE.substeps)
+    found = temperatures(simulator)
+    np.testing.assert_allclose(found, np.broadcast_to((air + (300.0 - air) * left)[:, None], found.shape), rtol=1e-5)
+
+
+def test_the_phase_of_the_docs_goes_in_as_it_stands_there(monkeypatch, tmp_path, schedule, device):
+    """What it takes of the velocities it adds to the heat."""
+    blocks = re.findall(r"^```python\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
+    (code,) = (each for each in blocks if "keeps=" in each)
+    (tmp_path / f"docs_{schedule}.py").write_text(f"{IMPORTS}\n{code}", encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    list_after(monkeypatch, "push", import_module(f"docs_{schedule}").slow)
+    simulator = simulated({"frames_per_second": 200.0, "substeps": 1} | SLOWED, schedule, device, 0)
+    simulator.step()
+    squared = (simulator.state.velocities.numpy() ** 2).sum(axis=-1)
+    heat = simulator.state.kept["heat"].numpy()
+    assert 0 < (heat > 0.0).sum() < heat.size
+    np.testing.assert_allclose(heat, np.where(heat > 0.0, 0.5 * (1.2**2 - 1.0) * squared, 0.0), rtol=1e-5)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_blocks_of_any_layout_keep_values(layout, listed, monkeypatch):
+    layout_of, cells = LAYOUTS[layout]
+    ball = SCENE.balloon[0].model_copy(update={"mesh": quad_sphere(cells, 0.5)})
+    scene = override_scene(SCENE.model_copy(update={"balloon": [ball]}), list((WARMED | SLOWED).items()))
+    expected = arrays(after_frames(scene, "gather", "cpu"))
+    monkeypatch.setattr(block_frames, "layout_of", layout_of)
+    found = arrays(after_frames(scene, "block", "cpu"))
+    for name in ("points", "temperature"):
+        np.testing.assert_allclose(found[name], expected[name], rtol=1e-6, atol=ROUNDING)
+
+
+@pytest.mark.parametrize("phase", [slow, warm], ids=lambda phase: phase.name)
+def test_a_phase_is_in_the_table_of_methods_because_it_is_listed(phase, listed):
+    """And in the scenes that every schedule runs, with values of its own rows."""
+    scenes = of_phase(phase).scene(), with_phase(phase)
+    assert all(f"phase {phase.name}" in features(build_model(scene, "cpu")) for scene in scenes)
+
+
+def test_a_phase_without_effect_is_left_out(listed):
+    model = build_model(SCENE, "cpu")
+    assert not features(model) & {"phase slow", "phase warm", "phase weaken"}
+    assert Simulator.of_model(model).state.kept == {}
+
+
+def test_what_is_kept_goes_on_bit_for_bit(listed, schedule, device):
+    """From what was saved; and in the one world that is simulated again to find out why it blew up."""
+    one = simulated(WARMED, schedule, device, 1)
+    saved = one.save()
+    other = simulated(WARMED, schedule, device, 0)
+    other.restore(saved)
+    for each in (one, other):
+        each.step()
+    for name, array in one.state.arrays.items():
+        np.testing.assert_array_equal(array.numpy(), other.state.arrays[name].numpy(), err_msg=name)
+    assert np.ptp(temperatures(one)) == 0.0
+    one.reset()
+    assert (temperatures(one) == 300.0).all()
+
+
+def test_a_phase_may_begin_and_end_while_it_is_simulated(listed, device):
+    """What it keeps begins as at the start, and a change that is planned may begin it, too."""
+    simulator = simulated({}, "auto", device, 1)
+    simulator.set(WARMED)
+    simulator.step()
+    warmer = temperatures(simulator)
+    assert (warmer > 300.0).all()
+    simulator.set({"balloon.mass": 0.2})
+    np.testing.assert_array_equal(temperatures(simulator), warmer)
+    simulator.set({"balloon.law.warm.weakening": 0.0})
+    assert simulator.state.kept == {}
+    planned = Change(time=1.0 / 24.0, set={"balloon.law.warm.weakening": 2e-3})
+    changing = Simulator(SCENE.model_copy(update={"change": [planned]}), device)
+    assert "temperature" in changing.state.kept
+    changing.step()
+
+
+def test_worlds_that_are_simulated_again_keep_what_they_had(listed, schedule, device):
+    """Beside an obstacle, so near that no frame is free, nothing warms twice."""
+    beside = scene_with(WARMED).model_copy(update={"obstacle": [Obstacle(position=(0.0, -1.01, 0.0), size=(1, 1, 1))]})
+    simulator = Simulator(beside, device, schedule=schedule)
+    simulator.step()
+    left = (0.05 / (0.05 + simulator.model.step_seconds)) ** SCENE.substeps
+    np.testing.assert_allclose(temperatures(simulator), 330.0 - 30.0 * left, rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"sphere.0.law.slow.slowing": -1.0}, r"sphere.0.law.slow.slowing: must be at least 0 \(got -1.0\)"),
+        (
+            {"sphere.0.law.slow.speed": 1.0},
+            "sphere.0.law.slow.speed: unknown field; known here are slow_radius",
+        ),
+        ({"sphere.0.law.warm.weakening": 1.0}, "sphere.0.law.warm: there are no parameters of such a law; known"),
+        ({"balloon.law.warm.warming_seconds": 0.0}, "balloon.0.law.warm.warming_seconds: must be at least 1e-06"),
+    ],
+)
+def test_bad_values_of_rows_are_refused_in_a_sentence(changes, sentence, listed):
+    with pytest.raises(InputError, match=sentence):
+        plan_model(scene_with(changes))
+
+
+def test_a_solver_that_does_not_have_a_phase_says_so(listed):
+    with pytest.raises(InputError, match='solver: "projective" does not simulate the phase slow'):
+        Simulator(scene_with(SLOWED | {"solver": "projective"}), "cpu")
