@@ -13,7 +13,7 @@ pytest.importorskip("viser")
 
 from balloon_warp.cli import watched
 from balloon_warp.cli.app import app
-from balloon_warp.designing import picture
+from balloon_warp.designing import of_panels, picture
 from balloon_warp.designing.measure import Ruler
 from balloon_warp.designing.page import DesignPage
 from balloon_warp.designing.step import DesignStep
@@ -55,9 +55,21 @@ def test_colors_say_how_far_it_is_off(browser):
     page.stop()
 
 
-def test_command_shows_it_and_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+@pytest.mark.parametrize(
+    ("asked", "labels"),
+    [
+        (["--steps", "1"], ["step 0", "step 1"]),
+        (["--of", "latex", "--stretch", "1.3", "--steps", "1"], ["step 0", "step 1"]),
+        (["--of", "foil", "--panels", "5", "--steps", "0"], ["step 0"]),
+    ],
+    ids=["springs", "latex", "foil"],
+)
+def test_command_shows_it_and_stays(
+    asked: list[str], labels: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     """Until Ctrl-C, with what was simulated from rest."""
     monkeypatch.setattr(picture, "SIZE", (96, 84))
+    monkeypatch.setattr(of_panels, "EDGES", 6)
     shown: list[DesignStep] = []
     stopped: list[bool] = []
     monkeypatch.setattr(DesignPage, "show", lambda self, step: shown.append(step))
@@ -68,17 +80,20 @@ def test_command_shows_it_and_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         raise KeyboardInterrupt
 
     monkeypatch.setattr(watched, "stay", ctrl_c)
-    write_obj(tmp_path / "egg.obj", replace(RULER.mesh, points=RULER.mesh.points * [1.0, 1.0, 1.3]))
-    asked = ["design", str(tmp_path / "egg.obj"), "-o", str(tmp_path / "egg"), "--steps", "1", "--device", "cpu"]
+    write_obj(tmp_path / "egg.obj", replace(RULER.mesh, points=RULER.mesh.points * [1.0, 1.3, 1.0]))
+    asked = ["design", str(tmp_path / "egg.obj"), "-o", str(tmp_path / "egg"), *asked, "--device", "cpu"]
     said = CliRunner().invoke(app, [*asked, "--view", "--port", str(free_port("127.0.0.1", 0))])
     assert said.exit_code == 0, said.output
     assert "egg.obj is at http://127.0.0.1:" in said.output
-    assert [each.label for each in shown] == ["step 0", "step 1", "simulated from rest"]
-    assert shown[1].error.mean < shown[0].error.mean
+    assert [each.label for each in shown] == [*labels, "simulated from rest"]
+    assert all(each.stretch for each in shown)
+    assert shown[-1].error.mean <= 1.05 * shown[0].error.mean
     assert stopped == [True]
 
 
-def test_foil_is_not_shown(tmp_path: Path):
+def test_outlines_of_foil_are_not_shown(tmp_path: Path):
     said = CliRunner().invoke(app, ["design", "HEY", "--of", "foil", "-o", str(tmp_path / "hey"), "--view"])
     assert isinstance(said.exception, InputError)
-    assert str(said.exception) == "--view: shows designs of springs and latex (got --of foil)"
+    assert str(said.exception) == (
+        "--view: shows springs, latex and panels of foil, in depth (got --of foil without --panels)"
+    )

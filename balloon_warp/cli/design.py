@@ -128,8 +128,8 @@ def design(
     from balloon_warp.designing.design import design as designed  # loads SciPy and Warp
 
     quiet_warp()
-    if view and wanted.of == "foil":
-        raise InputError("--view: shows designs of springs and latex (got --of foil)")
+    if view and wanted.of == "foil" and wanted.panels is None:
+        raise InputError("--view: shows springs, latex and panels of foil, in depth (got --of foil without --panels)")
     asked = {**vars(wanted), "thickness": _thickness(wanted.thickness), "fixed": _fixed(wanted.fixed)}
     last = ["before its first step"]
     with watched(view, port, Path(target).name) as watch, stages(Path(target).name) as stage:

@@ -70,7 +70,7 @@ def design(
         resume: go on where the same design in that folder was stopped; of letters and drawings it begins anew.
         device: a Warp device for the simulation; if missing, the GPU or else the CPU.
         on_stage: told what is done, a few words each time.
-        on_step: of springs and latex: told the balloon as it is after each step, and as it is simulated in the end.
+        on_step: told the balloon as it is after each step, and as it is simulated in the end; not of outlines of foil.
 
     Raises:
         InputError: the shape cannot be designed, a number cannot be, or what was designed finds no rest.

@@ -20,6 +20,7 @@ from balloon_warp.designing.panels import Panels, cut_into_panels
 from balloon_warp.designing.proof import MORE_FRAMES, SLOW_FOIL, common_fields, scene_of, simulate_from_rest
 from balloon_warp.designing.result import Design
 from balloon_warp.designing.seams import seams_of
+from balloon_warp.designing.step import DesignStep
 from balloon_warp.designing.target import centered, require_size, shape_of
 from balloon_warp.errors import InputError
 from balloon_warp.files import whole_file
@@ -34,8 +35,9 @@ Values = NDArray[np.float64]
 MODULUS, DENSITY = 1.0e7, 1390.0
 """Shear modulus [Pa] and density [kg/m^3]: film far stiffer than the pressure needs, and soft enough for long steps"""
 PRESSURE, FILL_SECONDS = 200.0, 0.2
-DAMPING_RATE = 20.0
-"""Damping rate of the whole [1/s]"""
+DAMPING_RATE, VISCOSITY = 20.0, 30.0
+"""Damping rate of the whole [1/s], and viscosity of the film, without which some uneven panels tremble by a tenth of
+their size a second [Pa s]"""
 EDGES = 16
 """Number of edges of gores in the size"""
 SLACK = 0.9
@@ -91,6 +93,7 @@ def design_of_panels(job: Job, panels: Panels) -> Design:
         tried = _corrected(job, panels, tried)
         job.remember(tried)
         job.say(f"correction {tried.steps - 1}: {100.0 * tried.error:.2g}% of the size, in the mean, at best")
+        job.watch(DesignStep(job.ruler, tried.steps - 1, tried.points, _stretch(panels, tried.flat)))
     flat = laid_out(panels, tried.flat)
     scene = _written(job, panels, flat)
     pattern = PanelPattern(panels, flat)
@@ -176,7 +179,7 @@ def _written(job: Job, panels: Panels, flat: Values) -> Scene:
     write_obj(job.folder / "panels.obj", panels.flat_mesh(flat))
     material = Material(
         kind="neo_hookean", shear_modulus=MODULUS, thickness=job.thickness, density=DENSITY, most_stretch=1.1,
-        rest_mesh=job.folder / "panels.obj",
+        rest_mesh=job.folder / "panels.obj", viscosity=VISCOSITY,
     )  # fmt: skip
     mass = total_area(panels.flat_mesh(flat)) * job.thickness * DENSITY
     fields = common_fields(job.folder / "balloon.obj", Inflation(pressure=[(0.0, 0.0), (FILL_SECONDS, PRESSURE)]))
