@@ -52,4 +52,4 @@ def last_substep(model: Model, state: State, schedule: Schedule, frame: int) -> 
 
 
 def _is_finite(state: State) -> bool:
-    return all(np.isfinite(array.numpy()).all() for array in vars(state).values())
+    return all(np.isfinite(array.numpy()).all() for array in state.arrays.values())

@@ -16,10 +16,11 @@ STRETCH = 0.1
 def settle_itself(scene: Scene, shapes: Sequence[BalloonShape]) -> Scene:
     """Return the scene with `touch.itself` settled by its meshes, where it is "auto".
 
-    It is true where parts of any balloon are near each other, so that inflation may close the gap between them.
+    It is true where parts of any balloon are near each other, so that inflation may close the gap between them. Where
+    contact cannot be simulated, as with a solver that takes over later, `touch` is false.
     """
     if not scene.meshes_settle_itself:
-        return scene
+        return scene.model_copy(update={"touch": False}) if scene.touch is None else scene
     itself = _any_nears_itself(scene.balloon, shapes)
     if scene.touch:
         return scene.model_copy(update={"touch": scene.touch.model_copy(update={"itself": itself})})

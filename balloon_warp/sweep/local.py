@@ -143,7 +143,7 @@ def _take_up(
 
 def _arrays(simulator: Simulator, recorder: Recorder) -> Iterator[tuple[str, NDArray]]:
     """Return all that a frame depends on of those before it; one at a time is on the host."""
-    for name, array in {**vars(simulator.state), **recorder.changing}.items():
+    for name, array in {**simulator.state.arrays, **recorder.changing}.items():
         with lock_of(array.device):
             values = array.numpy()
         yield name, values

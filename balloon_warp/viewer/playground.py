@@ -200,7 +200,7 @@ class Playground:
             numbers=(list(self.numbers[0]), list(self.numbers[1])),
             substeps=self.simulator.model.substeps,
             hands=dict(self.hands),
-            state={name: np.array(array.numpy()) for name, array in vars(self.simulator.state).items()},
+            state={name: np.array(array.numpy()) for name, array in self.simulator.state.arrays.items()},
         )
 
     def return_to(self, moment: Moment) -> None:
@@ -211,7 +211,7 @@ class Playground:
         self.simulator.drop_planned_changes()
         self._rebuild(moment.scene, [None] * len(moment.scene.sphere), moment.substeps)
         for name, values in moment.state.items():
-            getattr(self.simulator.state, name).assign(values)
+            self.simulator.state.arrays[name].assign(values)
         self.simulator.frame_number = moment.frame
         for who in list(self.hands):
             self.release(who)
