@@ -4,6 +4,7 @@ read."""
 import ast
 import ctypes
 import sys
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -233,3 +234,11 @@ def test_laws_stand_in_their_folder() -> None:
 def test_tables_are_small_enough_for_the_compiler_of_a_gpu():
     """`Tables` says why. For sm_90 the kernel of bodies and particles took 4 s at 8,008 bytes and 131 s at 8,568."""
     assert ctypes.sizeof(Tables.ctype) <= 8192
+
+
+def test_every_package_is_installed() -> None:
+    """A folder that the list of packages lacks would be missing where somebody installs it."""
+    packages = set(tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"])
+    folders = [path.parent.relative_to(ROOT) for tree in TREES for path in (ROOT / tree).rglob("__init__.py")]
+    names = {".".join(folder.parts) for folder in folders}
+    assert {name if name.startswith("balloon_warp") else f"balloon_warp.{name}" for name in names} <= packages

@@ -161,7 +161,7 @@ def test_touch_says_that_spheres_may_be_left_alone(device):
     assert model.warnings[0].startswith("sphere 0: with a radius of 0.01 m it fits through faces")
     assert Simulator(flight(ball), device).model.warnings == []
     with pytest.raises(InputError, match="balloons: must be true, or `itself` or `spheres` must"):
-        Touch(balloons=False, spheres=False)
+        Touch(balloons=False, itself=False, spheres=False)
 
 
 def test_a_ball_rolls_about_in_a_balloon_on_the_ground(device):

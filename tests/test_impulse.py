@@ -113,6 +113,7 @@ def bare_cubes(device: str, spheres: list[Sphere], cubes: int = 1, schedule: str
     """Unit cubes without springs, inflation or damping, all at one place; a step a frame, of a millisecond."""
     still = {"mesh": cube(), "mass": 0.8, "stiffness": NO_SPRINGS, "inflation": NO_INFLATION, "damping": 0.0}
     setting = {"gravity": 0.0, "contact": "impulse", "substeps": 1, "frames_per_second": 1000.0, "faces": False}
+    setting["touch"] = False  # they are in each other
     scene = Scene(balloon=[Balloon(**still)] * cubes, sphere=spheres, **setting | fields)
     return Simulator(scene, device, schedule=schedule)
 

@@ -56,6 +56,7 @@ SCENES = {
     "two balloons, two kinds": Scene(
         balloon=[of_quads(inflation=GAS), of_triangles(position=(3, 0, 0), inflation=Inflation(k_normal=30.0))],
         normals="cached",
+        touch=False,
     ),
     "rubber": Scene(balloon=[of_quads(material={"preset": "latex"}, inflation=PRESSURE)]),
     "wind and strings": Scene(
