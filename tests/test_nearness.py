@@ -65,6 +65,7 @@ def test_any_balloon_touches_itself_where_it_is_near(touch: Touch | None):
     assert plan_model(Scene(balloon=[far], touch=touch)).scene.touches is False
     assert not touches_itself(Scene(balloon=[near], touch=touch, solver="projective"))
     settled = plan_model(Scene(balloon=[near, near], touch=touch)).scene
+    assert settled.touch
     assert settled.touch.model_copy(update={"itself": "auto"}) == (touch or Touch())
 
 
