@@ -156,7 +156,7 @@ class ContactCase:
 
     def without(self) -> Scene:
         """The same balloons with nothing to meet."""
-        return self.scene().model_copy(update={"obstacle": [], "touch": None})
+        return self.scene().model_copy(update={"obstacle": [], "touch": False})
 
 
 EIGHT = 8

@@ -124,7 +124,7 @@ METHODS = (
     Method("strings", ("string=[{anchor=[0, 0, 0]}]",)),
     Method("fixed particles", ("balloon.fixed=[0]",)),
     Method("faces of any size", meshes=(PYRAMID,)),
-    Method("several balloons", meshes=(BALL, PYRAMID)),
+    Method("several balloons", ("touch=false",), (BALL, PYRAMID)),
     Method("balloons that touch", ("touch={}",), (BALL, PYRAMID)),
     Method("balloons that touch themselves", ("touch={itself=true}",)),
     Method("a particle law of one's own", laws=(particle_law(hold),)),

@@ -55,7 +55,7 @@ def test_the_balloons_are_apart_at_first_and_press_each_other_then():
     assert (state.holds.numpy()[0, :, 3] != 0.0).sum() >= 24  # four pairs in each direction, two sides each
     assert 1.05 < widths(ended, model).min() < widths(ended, model).max() < 1.3
     assert crowd_rate._overlap(ended, model) < 0.02 * CASE.radius
-    alone = build_model(CASE.scene().model_copy(update={"touch": None}), "cpu")
+    alone = build_model(CASE.scene().model_copy(update={"touch": False}), "cpu")
     free, passing = make_schedule(alone), initial_state(alone)
     for _ in range(FRAMES):
         free.advance_frame(passing)

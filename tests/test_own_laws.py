@@ -243,12 +243,13 @@ def test_bounds_count_in_the_step():
     loose = scene(balloon=[Balloon(mesh=cube(), stiffness=slack, damping=0.0)])
     pulled = override_scene(loose, [("balloon.law.magnet.strength", 1.0e6)])
     assert bw.advise_step(pulled, [MAGNET]).stable_step == pytest.approx(2.0e-3)
-    hardened = override_scene(scene(), [("balloon.law.hardening.hardness", 8.0 / 3.0)])
-    soft, hard = bw.advise_step(scene(), [HARDENING]), bw.advise_step(hardened, [HARDENING])
+    apart = scene(touch=False)
+    hardened = override_scene(apart, [("balloon.law.hardening.hardness", 8.0 / 3.0)])
+    soft, hard = bw.advise_step(apart, [HARDENING]), bw.advise_step(hardened, [HARDENING])
     assert hard.stable_step < 0.55 * soft.stable_step  # four times the constant
-    assert soft == bw.advise_step(scene())
+    assert soft == bw.advise_step(apart)
     unbound = bw.particle_law(magnet, MAGNET.parameters, name="unbound")
-    assert bw.advise_step(scene(), [unbound]) == soft
+    assert bw.advise_step(apart, [unbound]) == soft
 
 
 def test_a_change_of_what_bounds_name_counts_too():
