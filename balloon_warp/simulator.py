@@ -179,7 +179,7 @@ class Simulator(Shown):
 
     @property
     def _waits(self) -> bool:
-        """Whether the next frame may begin only once it is known that all went well in the last."""
+        """Return whether the next frame must wait until the last one is known to be healthy."""
         return self._planned.are_due(self.frame_number) or self._origins.is_due(self.model, self.frame_number)
 
     def read_frame(self, world: int = 0, net_forces: bool | None = None) -> Frame:

@@ -37,7 +37,7 @@ class Case:
         return 6 * self.cells**2 + 2
 
     def scene(self) -> Scene:
-        """The same springs and masses in every case; a particle's mass does not depend on their number."""
+        """Return the scene, whose springs and mass per particle are the same in every case."""
         weight = 0.3 * self.particles / 488
         balloon = Balloon(
             mesh=quad_sphere(self.cells, radius=0.5),
@@ -119,7 +119,7 @@ class ReadingCase:
     quick: bool = False
 
     def scene(self) -> Scene:
-        """That goes on for as long as it is measured."""
+        """Return the scene, with more frames than are measured."""
         return load_scene(self.scene_name, {"normals": self.normals, "frames": 1_000_000})
 
 
@@ -203,7 +203,7 @@ AnyCase = Case | ContactCase | CrowdCase | ExportCase | FirstFrameCase | Reading
 
 
 def balloons(worlds: int) -> str:
-    """What a case of so many is called."""
+    """Return the name of a case of so many worlds."""
     return "one balloon" if worlds == 1 else f"{worlds:,} balloons"
 
 

@@ -1,4 +1,4 @@
-"""What a loss makes of trajectories, checked: a number a world, and its derivatives by what it used."""
+"""Check the value and the derivatives that a loss returns for trajectories: a number a world, and arrays."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple

@@ -1,4 +1,4 @@
-"""What gradients refuse, in a sentence each."""
+"""Refuse what cannot be differentiated, in a sentence each."""
 
 from collections.abc import Sequence
 

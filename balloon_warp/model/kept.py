@@ -1,4 +1,4 @@
-"""What items keep from substep to substep, for phases of the step: see `kernels.phase.Phase.keeps`."""
+"""Values that items keep from substep to substep, for phases of the step: see `kernels.phase.Phase.keeps`."""
 
 from typing import Any
 

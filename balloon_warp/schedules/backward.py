@@ -26,10 +26,10 @@ from balloon_warp.launching import launch, launch_tiled
 from balloon_warp.model import Model, State, copy_of
 from balloon_warp.model.memory import Allocating, Counting, Room
 from balloon_warp.schedules.framing import Framing
-from balloon_warp.schedules.launches import TEAM_THREADS, Launches, Moving, step_arrays
+from balloon_warp.schedules.launches import Launches, Moving, step_arrays, team_threads
 from balloon_warp.schedules.tables import make_tables, world_state
 from balloon_warp.schedules.traits import model_traits
-from balloon_warp.warp_lock import PROCESS_LOCK
+from balloon_warp.warp_lock import recording
 
 KEPT = ("frame", "points", "velocities", "inflation_loads", "pressures", "gas_amounts", "free_volumes", "air_along")
 """Arrays of the state that a frame begins with"""
@@ -39,8 +39,7 @@ class _Remembering(Launches):
     """Launch a step's pieces, and keep what each substep finds.
 
     Args:
-        values: by name, of each substep.
-        moving: points and velocities before each substep, and after the last.
+        remembered: where the values of each substep are kept.
     """
 
     def __init__(self, model: Model, step: Step, tables: Any, room: Room, remembered: "_Remembered"):
@@ -59,7 +58,7 @@ class _Remembering(Launches):
 
 
 class _Remembered:
-    """What the substeps of a frame find."""
+    """Hold all values that the substeps of a frame find."""
 
     def __init__(self, model: Model, step: Step, state: State, room: Room):
         of_particles = (model.world_count, model.particle_count)
@@ -153,7 +152,7 @@ class BackwardFrames:
             wp.copy(getattr(self._state, name), array)
         wp.copy(self._first_pressures, checkpoint["pressures"])
         if self._graph is None:
-            with PROCESS_LOCK, wp.ScopedDevice(self.model.device), wp.ScopedCapture(self.model.device) as capture:
+            with recording(self.model.device) as capture:
                 self._frame()
             self._graph = capture.graph
         wp.capture_launch(self._graph)
@@ -201,9 +200,8 @@ class BackwardFrames:
             }  # fmt: skip
             inputs = [has[name] for name in kernel.arguments]
             if kernel.item == "balloon":
-                threads = TEAM_THREADS if m.device.is_cuda else 1
                 places = (m.world_count, m.balloon_count)
-                launch_tiled(made, dim=places, inputs=inputs, block_dim=threads, device=m.device)
+                launch_tiled(made, dim=places, inputs=inputs, block_dim=team_threads(m.device, places), device=m.device)
             else:
                 launch(made, (m.world_count, m.particle_count), inputs, device=m.device)
         if substep == m.substeps - 1:

@@ -152,9 +152,7 @@ class Launches:
     def _over(self, piece: Piece, blocks: tuple[int, ...], has: Mapping[str, Any], part: Part = "all") -> None:
         """Launch so many blocks."""
         device = self.model.device
-        inputs, threads = self._inputs(piece, has, part), 1
-        if device.is_cuda:
-            threads = TEAM_THREADS_OF_MANY if np.prod(blocks) >= MANY_BLOCKS else TEAM_THREADS
+        inputs, threads = self._inputs(piece, has, part), team_threads(device, blocks)
         launch_tiled(self.kernel(piece, part), dim=blocks, inputs=inputs, block_dim=threads, device=device)
 
     @property
@@ -188,6 +186,13 @@ class Launches:
             "sphere": m.sphere_count,
         }
         return (m.world_count, counts[item]) if item in counts else (m.world_count,)
+
+
+def team_threads(device: wp.Device, blocks: tuple[int, ...]) -> int:
+    """Return how many threads each of so many blocks has; on a CPU one."""
+    if not device.is_cuda:
+        return 1
+    return TEAM_THREADS_OF_MANY if np.prod(blocks) >= MANY_BLOCKS else TEAM_THREADS
 
 
 def step_arrays(model: Model, step: Step, room: Room) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any]]:
