@@ -20,11 +20,14 @@ if TYPE_CHECKING:
     from balloon_warp.designing.design import design
     from balloon_warp.designing.result import Design
     from balloon_warp.errors import BlowUpError, InputError, MissingExtraError, WorkersLostError
+    from balloon_warp.fitting.by_loss import Optimum
     from balloon_warp.fitting.fit import fit
     from balloon_warp.fitting.result import Fit
     from balloon_warp.foil.make import foil_mesh, foil_parts
     from balloon_warp.frame import Frame
+    from balloon_warp.gradients import losses
     from balloon_warp.gradients.gradient import Gradient, gradient
+    from balloon_warp.gradients.rollout import Rollout
     from balloon_warp.inspection import inspect_mesh
     from balloon_warp.job import animate
     from balloon_warp.kernels.laws import Law, Parameter
@@ -62,6 +65,7 @@ if TYPE_CHECKING:
     from balloon_warp.sweep.batch import run_batch
     from balloon_warp.sweep.cluster import Cluster
     from balloon_warp.sweep.repeat import repeat_batch
+    from balloon_warp.sweep.world_files.options import TrajectoryFiles
     from balloon_warp.trajectories import Trajectories, simulate
     from balloon_warp.viewer.notebook import show
     from balloon_warp.viewer.view import view
@@ -90,8 +94,10 @@ __all__ = [
     "MissingExtraError",
     "Neck",
     "Obstacle",
+    "Optimum",
     "Parameter",
     "PolygonMesh",
+    "Rollout",
     "Scene",
     "Simulator",
     "Sphere",
@@ -100,6 +106,7 @@ __all__ = [
     "String",
     "Touch",
     "Trajectories",
+    "TrajectoryFiles",
     "Tube",
     "Water",
     "WorkersLostError",
@@ -119,6 +126,7 @@ __all__ = [
     "inspect_mesh",
     "load_mesh",
     "load_scene",
+    "losses",
     "particle_law",
     "remesh",
     "render_stage",
@@ -138,11 +146,14 @@ _HOMES = {
     "designing.design": ("design",),
     "designing.result": ("Design",),
     "errors": ("BlowUpError", "InputError", "MissingExtraError", "WorkersLostError"),
+    "fitting.by_loss": ("Optimum",),
     "fitting.fit": ("fit",),
     "fitting.result": ("Fit",),
     "foil.make": ("foil_mesh", "foil_parts"),
     "frame": ("Frame",),
+    "gradients": ("losses",),
     "gradients.gradient": ("Gradient", "gradient"),
+    "gradients.rollout": ("Rollout",),
     "inspection": ("inspect_mesh",),
     "job": ("animate",),
     "kernels.laws": ("Law", "Parameter"),
@@ -180,6 +191,7 @@ _HOMES = {
     "sweep.batch": ("run_batch",),
     "sweep.cluster": ("Cluster",),
     "sweep.repeat": ("repeat_batch",),
+    "sweep.world_files.options": ("TrajectoryFiles",),
     "trajectories": ("Trajectories", "simulate"),
     "viewer.notebook": ("show",),
     "viewer.view": ("view",),
@@ -197,7 +209,8 @@ def __getattr__(name: str) -> Any:
     for module, names in _HOMES.items():
         if name in names:
             with without_collecting():
-                return getattr(importlib.import_module(f"{__name__}.{module}"), name)
+                home = importlib.import_module(f"{__name__}.{module}")
+                return vars(home).get(name) or importlib.import_module(f"{home.__name__}.{name}")
     # with both, Python asks whether a name that is like it was meant
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}", name=name, obj=sys.modules[__name__])
 

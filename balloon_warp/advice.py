@@ -40,7 +40,7 @@ def advise_step(scene: SceneLike, laws: Sequence[Law] = ()) -> StepAdvice:
     """Find the stable step of a scene, even if the scene itself asks for too few substeps.
 
     Args:
-        laws: your own, which act beside the built-in ones, and count where they have bounds.
+        laws: User-defined laws beside the built-in ones, which count where they have bounds.
 
     Raises:
         InputError: the scene's meshes or particles are wrong, or no step would do.

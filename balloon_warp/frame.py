@@ -16,7 +16,7 @@ from balloon_warp.shown import Shown, described
 @described
 @dataclass(frozen=True, repr=False)
 class Frame(Shown):
-    """One world as it is displayed or written, on the host."""
+    """Frame of a world, on the host, as it is displayed or written."""
 
     number: int
     """Number of frames before it"""

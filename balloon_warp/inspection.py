@@ -76,8 +76,8 @@ def inspect_mesh(mesh: PolygonMesh, source: object = None, treatment: Treatment 
     """Count, measure and check a mesh, as it is and as it is simulated.
 
     Args:
-        source: what a refusal names, such as its file; the mesh's name, when missing.
-        treatment: what becomes of its seams, holes and parts; as in a scene that says nothing of them, when missing.
+        source: Name of the mesh in errors, such as its file; its own name if not given.
+        treatment: Treatment of its seams, holes and parts; a scene's default if not given.
 
     Raises:
         InputError: no balloon can be made of its faces, see `prepared` and `build_springs`.

@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM, held back until the work is at a point where it can be left."""
+"""Interrupts, Ctrl-C and SIGTERM, deferred to points where work can stop."""
 
 import signal
 import threading

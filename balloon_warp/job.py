@@ -1,4 +1,4 @@
-"""The main job: simulate a scene and write its stage, and a picture of it where one is asked for."""
+"""Main job: simulate a scene, and write its stage, and a picture if requested."""
 
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -19,7 +19,7 @@ from balloon_warp.outputs.wanted import Wanted
 from balloon_warp.provenance import without_folders
 from balloon_warp.resume import CHECKPOINT_SECONDS, Checkpoints, describe_run, halvings_until, partial_path
 from balloon_warp.scene import Scene, SceneLike, scene_of
-from balloon_warp.schedules.touching import crowding_remarks
+from balloon_warp.schedules.balloon_contact import overflow_remarks
 from balloon_warp.simulator import Simulator
 from balloon_warp.swelling import Swelling, swellings_of, told_before
 
@@ -93,24 +93,24 @@ def animate(
     Ctrl-C. The folder is removed once the output is there. What fails leaves the stage that was there.
 
     Args:
-        scene: what to simulate: a scene, or what `load_scene` makes one of.
-        output: what to write: a stage, .usdc, .usda or .usd; or what `export_stage` makes of one, such as .glb.
-        name: what the summary calls the scene.
-        picture, view: an image of the stage, .png, .webp, .gif or .mp4, and options of `render_stage` for it.
-        save_points: an .h5 file to write the points into, too, as arrays.
-        lights, ground: whether the stage has lights, a backdrop and a camera, and the scene's ground.
-        device: a Warp device; if missing, the GPU or else the CPU.
-        schedule: "scatter", "gather", "block", "lanes", "octets", or "auto" for the fastest.
-        on_blowup: "stop" raises; "freeze" ends the stage at the last good frame; "restart" begins again with half the
-            step, at most `MOST_HALVINGS` times.
-        laws: your own, which act beside the built-in ones; see `balloon_warp.laws`.
-        provenance: what the stage is to say, in its `customLayerData`, of where it comes from, such as a command;
-            beside the scene, the hashes of meshes and laws, versions, device, schedule and substeps.
-        checkpoint_seconds: between two checkpoints; 0 for one only when the run is stopped.
-        resume: goes on from the last checkpoint, if there is one, to the same bytes as a run that was never stopped.
-        on_begin, on_frame: called with what begins, once, and with the number of each frame when it is simulated.
-        on_note: called with sentences: where the run begins, and whether an earlier one was not finished.
-        on_warning: called with sentences: what is odd about a mesh, which strings start overstretched, which spheres
+        scene: Scene, or a source that `load_scene` takes.
+        output: File to write: a stage, .usdc, .usda or .usd; or a kind that `export_stage` writes, such as .glb.
+        name: Name of the scene in the summary.
+        picture, view: Image of the stage, .png, .webp, .gif or .mp4, and its camera, such as {"azimuth": 180.0}.
+        save_points: Further file to write, .h5, with the points as arrays.
+        lights, ground: Whether the stage has lights, a backdrop and a camera, and the scene's ground.
+        device: Warp device; the GPU, or else the CPU, if not given.
+        schedule: Parallel schedule: "scatter", "gather", "block", "lanes", "octets", or "auto" for the fastest.
+        on_blowup: Action when the run blows up: "stop" raises; "freeze" ends the stage at its last good frame;
+            "restart" begins again with half the step, at most `MOST_HALVINGS` times.
+        laws: User-defined laws beside the built-in ones; see `balloon_warp.laws`.
+        provenance: Further provenance for the stage's `customLayerData`, such as a command, beside
+            the scene, the hashes of meshes and laws, versions, device, schedule and substeps.
+        checkpoint_seconds: Interval between checkpoints; 0 for one only when the run is stopped.
+        resume: Go on from the last checkpoint, if there is one, to the same bytes as a run that was never stopped.
+        on_begin, on_frame: Called with a summary of the run, once, and with the number of each simulated frame.
+        on_note: Called with sentences: where the run begins, and whether an earlier one was not finished.
+        on_warning: Called with sentences: what is odd about a mesh, which strings start overstretched, which spheres
             may come through, a blow-up that does not stop the run, and what ends badly.
 
     Raises:
@@ -173,7 +173,7 @@ def _look_at_the_end(
     for sentence in ending_sentences(endings):
         on_warning(sentence)
     remarks = remarks_in_sentences(simulator.model, simulator.state)
-    for sentence in [*remarks, *crowding_remarks(simulator.schedule.crowded)]:
+    for sentence in [*remarks, *overflow_remarks(simulator.schedule.overflow)]:
         on_warning(sentence)
     return endings
 

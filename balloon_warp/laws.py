@@ -1,4 +1,4 @@
-"""Laws of one's own: made, and made sure of, before anything is simulated.
+"""Laws of one's own: created, and checked before anything is simulated.
 
 @wp.func
 def magnet(position: wp.vec3, mass: float, strength: float):
@@ -18,7 +18,7 @@ import warp as wp
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import LAWS, PARAMETERS, TAKEN, Law, Parameter
-from balloon_warp.kernels.laws.law import GIVEN, GIVEN_TO_BOUNDS, RESULT, Kind
+from balloon_warp.kernels.laws.law import INPUTS_OF_BOUNDS, LAW_INPUTS, RESULT, Kind
 from balloon_warp.warp_logging import quiet_warp
 
 TYPES: Mapping[str, tuple[type, ...]] = {
@@ -41,15 +41,15 @@ def particle_law(function: Any, parameters: Sequence[Parameter] = (), **more: An
     """Make a law that gives a force on each particle.
 
     Args:
-        function: a `wp.func` that returns the force, a vector [N]. The names of its arguments say what it needs: things
+        function: A `wp.func` that returns the force, a vector [N]. The names of its arguments say what it needs: things
             of `GIVEN["particle"]`, such as `position`, and parameters.
-        parameters: its own. In a scene they are called `balloon.law.NAME.PARAMETER`, or, with `of="world"`,
+        parameters: Parameters of the law, in a scene called `balloon.law.NAME.PARAMETER`, or, with `of="world"`,
             `law.NAME.PARAMETER`, unless they have a path.
-        more: fields of `Law`: `name`, `energy`, `neutral`, `wants`, and the bounds `stiffness` and `drag`. Without
+        more: Fields of `Law`: `name`, `energy`, `neutral`, `wants`, and the bounds `stiffness` and `drag`. Without
             bounds the step of "auto" does not take the law into account.
 
     Raises:
-        InputError: the function is not right; the sentence says what was expected.
+        InputError: The function does not fit; the sentence says what was expected.
     """
     return _law("particle", function, parameters, more)
 
@@ -108,12 +108,12 @@ def require_law(law: Law) -> None:
         _require_row(whose, row)
     rows = {row.name: row for row in law.parameters}
     numbers = {name: "float" if row.size == 1 else "vec3" for name, row in (PARAMETERS | rows).items()}
-    types = numbers | {each.name: each.type for each in GIVEN[law.kind]}
-    known = ", ".join([*(each.name for each in GIVEN[law.kind]), *rows])
+    types = numbers | {each.name: each.type for each in LAW_INPUTS[law.kind]}
+    known = ", ".join([*(each.name for each in LAW_INPUTS[law.kind]), *rows])
     _require_function(whose, law.force, types, RESULT[law.kind], known)
     if law.energy:
         _require_function(f"{whose}: its energy", law.energy, types, "float", known)
-    told = [each.name for each in GIVEN_TO_BOUNDS[law.kind]]
+    told = [each.name for each in INPUTS_OF_BOUNDS[law.kind]]
     for which, bound in (("stiffness", law.stiffness), ("drag", law.drag)):
         for name in inspect.signature(bound).parameters if bound else ():
             if name not in numbers and name not in told:

@@ -123,7 +123,9 @@ def _falling(
     fallen = float((start - frame.points[number][used]).mean(axis=0) @ up) / _size(start)
     if fallen < FALLEN or float(frame.velocities[number][used].mean(axis=0) @ up) >= 0.0:
         return None
-    sentence = f"{shape.name} falls for ever: it is {fallen:.0f} times its size below its start; [ground] stops it"
+    sentence = (
+        f"{shape.name} falls forever: it is {fallen:.0f} times its size below its start; a [ground] would stop it"
+    )
     return BadEnding("falling", shape.name, fallen, sentence)
 
 

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,31 @@ def packed(state: State, changes: Sequence[tuple[int, Mapping[str, Any]]]) -> di
 def saved_changes(saved: Mapping[str, NDArray]) -> list[tuple[int, dict[str, Any]]]:
     """Find what had been set when a simulator was saved, in order."""
     return json.loads(str(saved[CHANGES])) if CHANGES in saved else []
+
+
+class Restored(Protocol):
+    """A simulator at its start, as what was saved is restored into it."""
+
+    frame_number: int
+    state: State
+    controls: Any
+
+    def set(self, changes: Mapping[str, Any]) -> None: ...
+
+    def make_due_changes(self) -> None: ...
+
+
+def go_back_to(simulator: Restored, saved: Mapping[str, NDArray]) -> None:
+    """Restore a simulator at its start to a saved one, with all values set until then."""
+    simulator.controls.open_saved(saved)
+    for frame, changes in saved_changes(saved):
+        simulator.frame_number = frame
+        simulator.set(changes)
+    simulator.frame_number = int(saved["frame"][0]) - 1
+    simulator.make_due_changes()
+    simulator.frame_number += 1
+    fill_state(simulator.state, saved)
+    simulator.controls.restore(saved)
 
 
 def fill_state(state: State, saved: Mapping[str, NDArray]) -> None:

@@ -37,7 +37,7 @@ class ShownType(ABCMeta):
         return cls.shown(name for base in bases for name in vars(base))
 
     def shown(cls, names: Iterable[str]) -> list[str]:
-        """Return those of some names that are for people, in order."""
+        """Return the names that are for people, in order."""
         internal = {name for base in cls.__mro__ for name in vars(base).get("_internal", ())}
         return sorted({name for name in names if not name.startswith("_")} - internal)
 

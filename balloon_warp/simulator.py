@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from balloon_warp.blow_ups import BlowUp, Origin, Origins, diagnose
 from balloon_warp.device import pick_device
-from balloon_warp.errors import BlowUpError, InputError
+from balloon_warp.errors import BlowUpError
 from balloon_warp.frame import Frame
 from balloon_warp.frame_reader import FrameReader
 from balloon_warp.garbage import without_collecting
@@ -24,16 +24,17 @@ from balloon_warp.model.planned_changes import PlannedChanges, changed_parameter
 from balloon_warp.model.remarks import remarks_in_sentences
 from balloon_warp.model.setting import Setting, plan_setting
 from balloon_warp.model.varied_scene import scene_to_vary
-from balloon_warp.outputs.snapshot import NOTEBOOK_SIZE, snapshot
+from balloon_warp.outputs.snapshot import notebook_picture, snapshot
 from balloon_warp.reading import Reading
 from balloon_warp.resting import relax
-from balloon_warp.saved_state import fill_state, packed, plain_values, saved_changes
+from balloon_warp.saved_state import go_back_to, packed, plain_values
 from balloon_warp.scene import SceneLike
 from balloon_warp.schedules.choose import Schedule
 from balloon_warp.schedules.recorded_frame import RecordedFrame
 from balloon_warp.shown import Shown
 from balloon_warp.solids import MassProperties, mass_properties
 from balloon_warp.solvers.choose import solver_named
+from balloon_warp.steering import Controls, Observations, Starts
 from balloon_warp.warp_lock import PROCESS_LOCK, locked
 
 
@@ -41,14 +42,13 @@ class Simulator(Shown):
     """Advances a batch of worlds frame by frame.
 
     Args:
-        scene: what to simulate: a scene, the name of a bundled one, a scene file, or a mesh, as a file or in memory.
-        device: a Warp device such as "cpu" or "cuda:0"; if missing, the GPU or else the CPU.
-        world_count: how many copies of the scene.
-        vary: what differs between the worlds: dotted paths as in overrides, and arrays of shape (world_count,), such as
-            {"balloon.inflation.k_normal": np.linspace(0.0, 8.0, 64)}.
-        schedule: how the work is laid out: "scatter", "gather", "block", "lanes", "octets", or "auto" for the
-            fastest.
-        laws: your own, which act beside the built-in ones; see `balloon_warp.laws`.
+        scene: Scene, name of a bundled one, scene file, or mesh, as a file or in memory.
+        device: Warp device such as "cpu" or "cuda:0"; the GPU, or else the CPU, if not given.
+        world_count: Number of worlds, copies of the scene.
+        vary: Values that differ between worlds: dotted paths as in overrides, and arrays of shape (world_count,),
+            such as {"balloon.inflation.k_normal": np.linspace(0.0, 8.0, 64)}.
+        schedule: Parallel schedule: "scatter", "gather", "block", "lanes", "octets", or the fastest, "auto".
+        laws: User-defined laws beside the built-in ones; see `balloon_warp.laws`.
 
     Raises:
         InputError: the scene's meshes, particles or step are wrong, a varied value or a law is, the worlds do not fit
@@ -57,7 +57,7 @@ class Simulator(Shown):
 
     _internal = (
         *("advance", "diagnose", "drop_planned_changes", "go_on_in", "go_on_with"),
-        *("make_due_changes", "of_model", "schedule", "set_parameters", "step_unread"),
+        *("make_due_changes", "of_model", "record_again", "schedule", "set_parameters", "step_unread"),
     )
 
     def __init__(
@@ -91,14 +91,22 @@ class Simulator(Shown):
         self._planned, self._asked_schedule = PlannedChanges(model.due_changes), schedule
         self._origins, self._first = Origins(Origin(model, kind.name)), (model, schedule)
         self.model = model.with_own_parameters() if model.due_changes else model
+        if not hasattr(self, "controls"):
+            self.controls, self.observations, self.starts = Controls(self), Observations(self), Starts(self)
         self._lay_out(kind)  # while a thread still compiles what places balloons
-        self.state = initial_state(model)
-        self.frame_number = 0
+        self.state, self.frame_number = initial_state(model), 0
         self._changes_set: list[tuple[int, dict[str, Any]]] = []
+        self.starts.begin_again()
 
     @locked
-    def reset(self) -> None:
-        """Go back to the start, as it was when the simulator was made: parameters and methods, too."""
+    def reset(self, worlds: Any = None) -> None:
+        """Go back to the start, as it was when the simulator was made: parameters and methods, too.
+
+        Args:
+            worlds: Mask of the worlds to reset, on the device, with values that `starts` draws; all if not given.
+        """
+        if worlds is not None:
+            return self.starts.begin(worlds)
         del self.state, self.schedule, self._recorded_frame, self._frame_reader  # their memory is wanted
         self._begin(*self._first)
 
@@ -116,7 +124,7 @@ class Simulator(Shown):
         return f"Simulator({self.model}, frame {self.frame_number}, {self.time:.3f} s)"
 
     def step(self, world: int = 0) -> Frame:
-        """Advance every world by one frame, and hand one of them out: `frame = simulator.step()`.
+        """Advance every world by one frame, and return the frame of one: `frame = simulator.step()`.
 
         Raises:
             InputError: there is no such world; nothing is advanced then.
@@ -128,7 +136,7 @@ class Simulator(Shown):
 
     @locked
     def step_unread(self) -> None:
-        """Advance every world by one frame, of which nothing is read but whether all are well.
+        """Advance every world by one frame, reading back nothing but health.
 
         Raises:
             BlowUpError: the simulation blew up.
@@ -163,7 +171,7 @@ class Simulator(Shown):
 
     @locked
     def advance(self) -> None:
-        """Advance every world by one frame, without a look at which ones blew up."""
+        """Advance every world by one frame, without a check for blow-ups."""
         self.make_due_changes()
         self._recorded_frame.advance(self.schedule, self.state)
         self.frame_number += 1
@@ -197,8 +205,8 @@ class Simulator(Shown):
         """Take a picture of one world as it is now, as a PNG file has it: `Path("now.png").write_bytes(picture)`.
 
         Args:
-            size: width and height in pixels.
-            samples: rays a pixel.
+            size: Width and height in pixels.
+            samples: Rays per pixel.
 
         Raises:
             InputError: there is no such world, there is nothing finite to draw, or the size cannot be drawn.
@@ -207,10 +215,7 @@ class Simulator(Shown):
 
     def _repr_png_(self) -> bytes | None:
         """Show a notebook the first world, where there is something to be seen."""
-        try:
-            return self.picture(size=NOTEBOOK_SIZE)
-        except InputError:
-            return None
+        return notebook_picture(self.model, self.read_frame(0))
 
     @locked
     def mass_properties(self) -> MassProperties:
@@ -218,11 +223,11 @@ class Simulator(Shown):
         return mass_properties(self.model, self.state.points)
 
     def relax(self, speed: float = 1.0e-3, most_seconds: float = 60.0, world: int = 0) -> Frame:
-        """Go on until everything is at rest, and hand out that frame: what every shape that is called one waits for.
+        """Simulate until everything is at rest, and return that frame.
 
         Args:
-            speed: no particle of any world is faster for a tenth of a second [m/s].
-            most_seconds: simulated time after which it gives up.
+            speed: Largest speed of any particle, for a tenth of a second, up to rounding [m/s].
+            most_seconds: Largest simulated time [s].
 
         Raises:
             InputError: there is no such world, or something still moves then.
@@ -233,7 +238,7 @@ class Simulator(Shown):
         return self.read_frame(world)
 
     def stiffness(self, world: int = 0, balloon: int = 0) -> Any:
-        """Find minus the slopes of a balloon's forces by its places [N/m], as SciPy's symmetric operator, (3 n, 3 n).
+        """Return the tangent stiffness of a balloon [N/m], as SciPy's symmetric operator of shape (3 n, 3 n).
 
         Raises:
             InputError: there is no such world or balloon.
@@ -246,25 +251,19 @@ class Simulator(Shown):
     def _begin_reading(self, world: int, net_forces: bool | None = None, buffer: int = 0) -> Reading:
         """Send one world as it is now on its way to the host. Two may be, into two buffers."""
         self.model.require_world(world)
-        wanted = self.model.scene.net_forces if net_forces is None else net_forces
-        return self._frame_reader.begin(self.state, self.frame_number, world, wanted, buffer)
+        net_forces = self.model.scene.net_forces if net_forces is None else net_forces
+        return self._frame_reader.begin(self.state, self.frame_number, world, net_forces, buffer)
 
     @locked
     def diagnose(self, world: int, frame: int, bad: int | None = None) -> BlowUp:
-        """Find out why a world blew up. Its last frames are simulated again, by themselves.
+        """Diagnose a blow-up of a world. Its last frames are simulated again, by themselves.
 
         Args:
             bad: its first bad particle or sphere then; as the state has it, when missing.
         """
         origin = self._origins.last.of_world(world)
-        again = Simulator.of_model(origin.model, origin.schedule)
-        again.frame_number = origin.frame
-        origin.fill(again.state)
-        while again.frame_number < frame - 1:
-            again.advance()
-        again.make_due_changes()
-        if bad is None:
-            bad = int(self.state.first_bad.numpy()[world])
+        again = origin.advance(Simulator.of_model(origin.model, origin.schedule), frame)
+        bad = int(self.state.first_bad.numpy()[world]) if bad is None else bad
         return diagnose(again.model, again.state, again.schedule, world, frame, bad)
 
     def _arrived(self, reading: Reading, world: int) -> Frame:
@@ -276,17 +275,17 @@ class Simulator(Shown):
         return frame
 
     def _raise_if_bad(self, first_bad: NDArray[np.int32], frame: int) -> None:
+        self.controls.require_sound()
         if (worlds := np.flatnonzero(first_bad != HEALTHY)).size:
             raise BlowUpError(self.diagnose(int(worlds[0]), frame, int(first_bad[worlds[0]])))
 
     @locked
     def set(self, changes: Mapping[str, Any]) -> None:
-        """Set values from now on, by their paths in the scene.
+        """Set values from now on, by their paths in the scene, as in {"balloon.mass": 3.0, "normals": "cached"}.
 
-        For example {"balloon.mass": 3.0, "string.0.anchor": (0, 2, 0), "normals": "cached"}. A number may be given for
-        each world, as an array of shape (world_count,), and a vector as one of shape (world_count, 3). A number takes
-        the place of keyframes. Values are checked as those of a scene file, all of them before any is set. A step that
-        is left to us becomes as long as they allow. What the scene has planned for later still happens.
+        A number may be given for each world, as an array of shape (world_count,), and a vector as one of shape
+        (world_count, 3). A number takes the place of keyframes. Values are checked as those of a file, before any is
+        set. A step that is left to us becomes as long as they allow. What the scene plans for later still happens.
 
         What a mesh is made into cannot change, nor how many things there are, nor what counts at the start alone, such
         as positions: `load_scene(scene, {...})` makes another scene of those.
@@ -301,7 +300,7 @@ class Simulator(Shown):
 
     @locked
     def go_on_with(self, setting: Setting) -> None:
-        """Go on with what is set."""
+        """Go on with the values that are set."""
         if setting.differs_by_world(self.model):
             self.go_on_in(self.model.with_rows_of_worlds())
         acted, changes_methods = all_that_act(self.model), setting.changes_methods(self.model)
@@ -330,6 +329,7 @@ class Simulator(Shown):
             self._first = first.with_own_parameters(), schedule
         for name, values in written.items():
             self.model.parameters[name].assign(values)
+        self.controls.follow()
         if not self.schedule.depends_on.isdisjoint(parameters):
             self._lay_out(solver_named(self._asked_schedule, self.model))
 
@@ -356,7 +356,14 @@ class Simulator(Shown):
     def _lay_out(self, kind: type[Schedule]) -> None:
         """Make the schedule of the model as it is now, and what records its frames and reads them."""
         self.schedule = kind(self.model)
-        self._recorded_frame, self._frame_reader = RecordedFrame(self.model), FrameReader(self.model)
+        self._frame_reader = FrameReader(self.model)
+        self.record_again()
+
+    def record_again(self) -> None:
+        """Record the next frame, with the controls and observations that are open."""
+        ends = self.controls.move, self.observations.refresh
+        self._recorded_frame = RecordedFrame(self.model, self.controls.write, *ends)
+        self.starts.forget()
 
     def make_due_changes(self) -> None:
         """Make the changes that the scene has planned for the start of the next frame."""
@@ -372,28 +379,22 @@ class Simulator(Shown):
 
     @locked
     def save(self) -> dict[str, NDArray]:
-        """Return all that `restore` takes, as arrays by name: `np.savez("here.npz", **simulator.save())` keeps it.
+        """Return the state for `restore`, as arrays by name: `np.savez("here.npz", **simulator.save())` keeps it.
 
         Places and velocities of all worlds are `points` and `velocities`.
         """
-        return packed(self.state, self._changes_set)
+        return packed(self.state, self._changes_set) | self.controls.saved()
 
     @locked
     def restore(self, saved: Mapping[str, NDArray]) -> None:
-        """Go on, bit for bit, from where a simulator of the same scene, worlds and schedule was when it was saved.
+        """Restore a saved state of a simulator of the same scene, worlds and schedule, bit for bit.
 
         It may be this one or another. What changed until then, of parameters and methods, is changed again.
 
         Args:
-            saved: what `save` gave, or the file that it went into: `np.load("here.npz")`.
+            saved: Arrays of `save`, or their file: `np.load("here.npz")`.
         """
         if self.frame_number or self._changes_set:
             self.reset()
-        for frame, changes in saved_changes(saved):
-            self.frame_number = frame
-            self.set(changes)
-        self.frame_number = int(saved["frame"][0]) - 1
-        self.make_due_changes()
-        self.frame_number += 1
+        go_back_to(self, saved)
         self._origins.forget()
-        fill_state(self.state, saved)

@@ -87,18 +87,18 @@ def simulate(
     laws: Sequence[Law] = (),
     on_frame: Callable[[int], None] = lambda number: None,
 ) -> Trajectories:
-    """Simulate a scene from start to end, and hand back how everything moved.
+    """Simulate a scene from start to end, and return the motion of everything.
 
     Args:
-        scene: a scene, the name of a bundled one, a scene file, or a mesh, as a file or in memory.
-        overrides: dotted paths and values, as in `load_scene`: {"frames": 60, "balloon.mass": 2.0}.
-        world_count: how many copies of the scene, side by side.
-        vary: what differs between the worlds: dotted paths, and a value for each world.
-        every: 2 records every second frame, and so on.
-        device: a Warp device; if missing, the GPU or else the CPU.
-        schedule: "scatter", "gather", "block", "lanes", "octets", or "auto" for the fastest.
-        laws: your own, which act beside the built-in ones; see `balloon_warp.laws`.
-        on_frame: called with the number of each frame when it is simulated.
+        scene: Scene, name of a bundled one, scene file, or mesh, as a file or in memory.
+        overrides: Dotted paths and values, as in `load_scene`: {"frames": 60, "balloon.mass": 2.0}.
+        world_count: Number of worlds, copies of the scene side by side.
+        vary: Values that differ between worlds: dotted paths, and a value for each world.
+        every: Interval of recorded frames: 2 records every second one.
+        device: Warp device; the GPU, or else the CPU, if not given.
+        schedule: Parallel schedule: "scatter", "gather", "block", "lanes", "octets", or "auto" for the fastest.
+        laws: User-defined laws beside the built-in ones; see `balloon_warp.laws`.
+        on_frame: Called with the number of each simulated frame.
 
     Raises:
         InputError: the scene cannot be simulated, a varied value is wrong or makes other meshes, or the trajectories do

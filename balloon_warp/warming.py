@@ -37,11 +37,11 @@ def warm_up(
     brings is compiled when the change comes.
 
     Args:
-        scene: a scene, or what `load_scene` makes one of.
-        device: a Warp device; if missing, the GPU or else the CPU.
+        scene: Scene, or a source that `load_scene` takes.
+        device: Warp device; the GPU, or else the CPU, if not given.
         world_count: more than one for a batch of about as many: with "auto" the schedule depends on it.
-        schedule: "scatter", "gather", "block", "lanes", "octets", or "auto" for the fastest.
-        laws: your own, which act beside the built-in ones.
+        schedule: Parallel schedule: "scatter", "gather", "block", "lanes", "octets", or "auto" for the fastest.
+        laws: User-defined laws beside the built-in ones.
 
     Raises:
         InputError: as `animate` and `run_batch`.

@@ -19,4 +19,4 @@ class Adjoint(NamedTuple):
 
 
 class NoAdjointError(Exception):
-    """A phase has no adjoint for what a scene has; the message says of what."""
+    """Error of a phase without an adjoint for a feature of the scene, which the message names."""

@@ -1,4 +1,4 @@
-"""Times of a substep, and what is keyframed then."""
+"""Times of a substep, and keyframed values then."""
 
 import warp as wp
 

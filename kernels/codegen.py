@@ -1,4 +1,4 @@
-"""Functions of Warp that are written out by the program: a text becomes one."""
+"""Code generation: functions of Warp from text."""
 
 import linecache
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""Puts laws together: one function of Warp that adds up all laws of a kind.
+"""Composition of laws: one function of Warp that adds up all laws of a kind.
 
 A law's arguments say what it needs, so that the sum is written out with just those: no law is paid for by scenes that
 do not have it, and no schedule knows any.
@@ -12,7 +12,7 @@ from typing import Any
 from balloon_warp.kernels.codegen import function_from
 from balloon_warp.kernels.lanes import number_in, of_lane
 from balloon_warp.kernels.laws.columns import Columns
-from balloon_warp.kernels.laws.law import GIVEN, Kind, Law
+from balloon_warp.kernels.laws.law import LAW_INPUTS, Kind, Law
 
 NOTHING: Mapping[str, str] = {"vec3": "wp.vec3()", "float": "0.0"}
 """Source of an empty sum, by type"""
@@ -43,7 +43,7 @@ def sum_of_laws(kind: Kind, result: str, laws: tuple[Law, ...], columns: Columns
     Args:
         air: Functions that give velocity and density of the air at a place, where a law names the air.
     """
-    given = [each.name for each in GIVEN[kind]]
+    given = [each.name for each in LAW_INPUTS[kind]]
     return _summed(f"{kind}_laws", result, laws, columns, given, air, str, _number, "n: Any")
 
 
@@ -53,7 +53,7 @@ def laws_added(kind: Kind, result: str, laws: tuple[Law, ...], columns: Columns,
 
     A law that is a product thereby becomes a fused multiply-add. The other arguments are those of `sum_of_laws`.
     """
-    given = [each.name for each in GIVEN[kind]]
+    given = [each.name for each in LAW_INPUTS[kind]]
     name = f"{kind}_laws_added"
     return _summed(name, result, laws, columns, given, air, str, _number, "n: Any", "so_far")
 
@@ -64,7 +64,7 @@ def sum_of_laws_in_lane(kind: Kind, result: str, laws: tuple[Law, ...], columns:
 
     Arguments are of eight lanes, or alike in all; `n` is a row of lanes.
     """
-    given = [each.name for each in GIVEN[kind]]
+    given = [each.name for each in LAW_INPUTS[kind]]
 
     def told(name: str) -> str:
         return f"of_lane({name}, lane)"
@@ -82,7 +82,7 @@ def choice_of_laws(laws: tuple[Law, ...], columns: Columns) -> Any:
     Its other arguments are all quantities that such laws take, and the row `n` of numbers, of one of eight lanes where
     it is of lanes.
     """
-    given = [each.name for each in GIVEN["membrane"]]
+    given = [each.name for each in LAW_INPUTS["membrane"]]
     called = {f"law_{place}": law.force for place, law in enumerate(laws)}
     calls = [call_of(force, each, given, columns, number=_number_in_lane) for each, force in called.items()]
     lines = [f"    by_trace, by_det = {calls[0]}"]
@@ -97,7 +97,7 @@ def choice_of_laws(laws: tuple[Law, ...], columns: Columns) -> Any:
 @cache
 def choice_of_energies(laws: tuple[Law, ...], columns: Columns) -> Any:
     """Return a function that calls the energy of the membrane law of number `material` [J/m^3]."""
-    given = [each.name for each in GIVEN["membrane"]]
+    given = [each.name for each in LAW_INPUTS["membrane"]]
     called = {f"energy_{place}": law.energy for place, law in enumerate(laws)}
     calls = [call_of(energy, each, given, columns, number=_number_in_lane) for each, energy in called.items()]
     lines = [f"    energy = {calls[0]}"]
@@ -126,12 +126,20 @@ def call_of(
     told: Callable[[str], str] = str,
     number: Callable[[int, int], str] = _number,
 ) -> str:
-    """Return the text of a call with just what the function names."""
+    """Return the text of a call with the function's own arguments."""
     arguments = [
         told(each) if each in given else number(columns.places[each], columns.sizes[each])
         for each in inspect.signature(function.func).parameters
     ]
     return f"{name}({', '.join(arguments)})"
+
+
+def function_here(function: Any, given: Sequence[str], columns: Columns) -> Any:
+    """Return a function of some given numbers and a row `n`, which calls one that names those and parameters."""
+    name = function.key
+    arguments = ", ".join([*(f"{each}: float" for each in given), "n: Any"])
+    source = f"def {name}_here({arguments}):\n    return {call_of(function, name, given, columns)}\n"
+    return function_from(f"{name}_here", source, {name: function})
 
 
 def _summed(

@@ -36,12 +36,14 @@ class Solid:
 
 @wp.struct
 class FixtureTable:
-    """Obstacles that go where they are told."""
+    """Obstacles with prescribed motion."""
 
     solids: wp.array[Solid]
     motion: wp.array2d[wp.transform]
     """Shift from its position, and rotation, at the start of each frame until the obstacle rests, shape (frames, N)"""
     positions: wp.array2d[wp.vec3]
+    velocities: wp.array2d[wp.vec3]
+    """Velocities that are written on the device, in addition to `motion` [m/s]; empty where none are"""
     restitutions: wp.array2d[float]
     """Coefficients of restitution with spheres"""
     samples: wp.array[wp.vec4]
@@ -54,8 +56,6 @@ class FixtureTable:
     looks: wp.array2d[wp.vec4]
     """Cache, by world and particle: position at the last query, and the clearance then plus the distance that `fastest`
     covers until then [m]; 0 at the start of a frame"""
-    nearest: wp.array2d[wp.vec2]
-    """Cache of all obstacles but the nearest, with the nearest's number; empty for a single obstacle"""
 
 
 @wp.struct
@@ -114,13 +114,18 @@ class TouchTable:
     rest_points: wp.array[wp.vec3]
     """Positions of particles at the start [m]; empty unless balloons touch themselves"""
     apart: wp.array[float]
-    """Distance from a triangle of the same balloon at the start above which a particle may touch it, by balloon [m]"""
+    """Distance from a triangle of the same balloon at the start above which a particle may touch it, by balloon [m]; of
+    one that is folded then, a particle may touch all triangles but its own"""
     seconds: float
     """Time between two searches [s]"""
+    homes: wp.array[wp.int32]
+    """Leaf of a triangle of each particle; empty unless balloons touch themselves"""
     edges: wp.array[wp.vec2i]
-    """Particles of the edges that touch others, balloon by balloon; empty where none do"""
-    balloon_edges: wp.array[wp.int32]
-    """Begin of each balloon's edges, and the end of the last"""
+    """Particles of the edges that touch others, leaf by leaf; empty where none do"""
+    edge_homes: wp.array[wp.int32]
+    """Leaf of each edge"""
+    part_edges: wp.array[wp.vec2i]
+    """Begin and end of each leaf's edges; empty for other parts"""
 
 
 @wp.struct
@@ -130,6 +135,8 @@ class RidgeTable:
     ridges: wp.array[Ridge]
     ends: wp.array[wp.vec2i]
     """Begin and end of each solid's ridges"""
+    boxes: wp.array2d[wp.vec3]
+    """Lower and upper corner of the box around the ridges of each solid, relative to it [m]"""
     trees: wp.array[wp.uint64]
     """Bounding volume trees of the ridges of each solid; 0 for a solid without ridges"""
     features: wp.array[wp.vec4i]

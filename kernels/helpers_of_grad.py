@@ -1,9 +1,9 @@
-"""Derivatives of functions that functions call, wherever Warp meets them first.
+"""Derivatives of functions that are called by others, wherever Warp meets them first.
 
 `wp.grad` asks for the adjoint of a function, and Warp asks for those of what that calls as it reads it. But it reads
 each function once. What it has read before, for a call without derivatives, it does not ask again, and the helpers of
 that helper stay without adjoints: their derivatives are then 0, and nothing is said. Here they are asked for, once all
-has been read.
+has been read. And what calls a function with a `wp.grad` in it is written after that, as if it had one itself.
 """
 
 from collections.abc import Callable
@@ -25,6 +25,9 @@ def derive_helpers() -> None:
 def _and_helpers(before: Callable[[Any], None]) -> Callable[[Any], None]:
     def propagate(builder: Any) -> None:
         before(builder)
+        for function in builder.functions:  # callees come first
+            if any(each.adj.uses_grad_call for each in function.adj.called_user_functions):
+                function.adj.uses_grad_call = True
         asked = [function.adj for function in builder.functions if function.adj.force_adjoint_codegen]
         while asked:
             for helper in asked.pop().called_user_functions:

@@ -125,23 +125,6 @@ def quad_at(array: wp.array[wp.int32], index: wp.int32) -> wp.vec4i:
 
 @wp.func_native("""
 #if defined(__CUDA_ARCH__)
-    float same;
-    asm volatile("mov.f32 %0, %1;" : "=f"(same) : "f"(number));
-    return same;
-#else
-    return number;
-#endif
-""")
-def found_anew(number: float) -> float:
-    """Return a number that the GPU's compiler cannot hoist out of a loop.
-
-    What follows from it is computed where it is needed, and takes no registers until then.
-    """
-    ...
-
-
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
     int same;
     asm volatile("mov.b32 %0, %1;" : "=r"(same) : "r"(number));
     return same;
@@ -149,8 +132,11 @@ def found_anew(number: float) -> float:
     return number;
 #endif
 """)
-def found_anew(number: wp.int32) -> wp.int32:  # noqa: F811 - an overload
-    """Return an integer that the GPU's compiler cannot hoist out of a loop."""
+def found_anew(number: wp.int32) -> wp.int32:
+    """Return an integer that the GPU's compiler cannot hoist out of a loop.
+
+    What follows from it is computed where it is needed, and takes no registers until then.
+    """
     ...
 
 
@@ -263,9 +249,3 @@ def put_in_tile(tile: Any, index: wp.int32, value: Any):
 def put_vector(array: wp.array[wp.vec3], index: wp.int32, value: wp.vec3):
     """Store a vector in a contiguous array."""
     ...
-
-
-@wp.func
-def put_in_array(array: Any, index: wp.int32, value: Any):
-    """Store a vector in an array."""
-    array[index] = value

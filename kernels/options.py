@@ -4,6 +4,7 @@ All modules share one set, since Warp compiles its own headers first, once for e
 """
 
 import warp as wp
+from warp._src import codegen
 
 
 def _flags() -> str:
@@ -22,4 +23,15 @@ def _flags() -> str:
     return f"{flags} -DWP_NO_BFLOAT16= -fpch-instantiate-templates"
 
 
+def _compile_sums_of_structs_on_demand() -> None:
+    """Have Warp declare the sums of each struct `inline`, so that they are compiled where a kernel adds structs.
+
+    Otherwise every kernel has those of all tables, which none of ours adds: a third of the time of a small kernel, and
+    a sixth of that of a large one.
+    """
+    for declared in ("CUDA_CALLABLE {name} add(", "CUDA_CALLABLE void adj_atomic_add("):
+        codegen.struct_template = codegen.struct_template.replace(f"\n{declared}", f"\ninline {declared}")
+
+
+_compile_sums_of_structs_on_demand()
 OPTIONS = {"cpu_compiler_flags": _flags()}

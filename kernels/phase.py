@@ -1,4 +1,4 @@
-"""A phase: what one item of a world does in a substep, between two barriers.
+"""Phase of a substep: the work of one item of a world between two barriers.
 
 Its function is one of Warp, of plain arguments. Their names say what it reads, `writes` says what it returns. So a
 schedule, which knows no physics, can execute any list of phases: it finds what each reads, keeps what a later one
@@ -25,14 +25,14 @@ from functools import cache
 from typing import Any, Literal, NamedTuple
 
 from balloon_warp.kernels.adjoint import Adjoint, NoAdjointError
+from balloon_warp.kernels.features import Features, Kept
 from balloon_warp.kernels.laws.law import Parameter
 from balloon_warp.kernels.memory import add_at, put_vector, vector_at
-from balloon_warp.kernels.traits import Kept, Traits
 from balloon_warp.kernels.warp_sums import sum_over_block
 
 Item = Literal[
-    "world", "balloon", "particle", "face", "triangle", "quad", "hinge", "spring", "element", "film", "sphere", "team",
-    "launches",
+    "world", "balloon", "particle", "face", "triangle", "quad", "hinge", "spring", "element", "membrane_face", "sphere",
+    "team", "launches",
 ]  # fmt: skip
 """Item that a phase works on: `quad` is a quad or triangle of a membrane, `film` a face of one; `element` a spring,
 string, hinge, triangle or face; `team` all threads of a block, for a world; `launches` the host"""
@@ -54,9 +54,9 @@ class Look(NamedTuple):
     """Function that reads a point from a view"""
     sphere_at: Any
     """Function that returns a sphere's center, velocity and radius"""
-    loops: Callable[[Traits], Any]
+    loops: Callable[[Features], Any]
     """Loops over the forces on a particle, see `loops.net_force`"""
-    alone: Callable[[Traits], bool] = lambda traits: False
+    alone: Callable[[Features], bool] = lambda features: False
     """Whether a particle's forces depend on no other particle"""
     put: Any = put_vector
     """Function that writes a point into a view"""
@@ -68,7 +68,7 @@ class Look(NamedTuple):
     """Function that adds a force to those in a view"""
     world: Any = None
     """Function that returns the world of one of eight lanes, where eight run side by side"""
-    films: Callable[[Traits], Any] = lambda traits: None
+    membrane_faces: Callable[[Features], Any] = lambda features: None
     """Membrane phases of faces, where each is measured once, see `phases.stretch`"""
 
 
@@ -78,25 +78,25 @@ class Phase:
 
     name: str
     item: Item
-    make: Callable[[Traits, Look], Any]
-    """Factory of the phase's function for a scene's traits"""
+    make: Callable[[Features, Look], Any]
+    """Factory of the phase's function for a scene's features"""
     writes: Mapping[str, Any] = field(default_factory=dict)
     """Names of the values that it returns, in order, and their types; a sum belongs to the balloon"""
-    when: Callable[[Traits], bool] = lambda traits: True
-    """Predicate of the traits, whether a scene has the phase"""
+    when: Callable[[Features], bool] = lambda features: True
+    """Predicate of the features, whether a scene has the phase"""
     sums: bool = False
     """Whether the returned values are summed over each balloon's items before they may be read"""
     light: bool = False
     """Whether the value is recomputed wherever it is read, not kept, since it is constant over a substep, or over a
     frame if it is computed once"""
-    once: Callable[[Traits], bool] = lambda traits: False
-    """Predicate of the traits, whether the phase runs only as a frame begins"""
-    rare: Callable[[Traits, Look], Any] | None = None
+    once: Callable[[Features], bool] = lambda features: False
+    """Predicate of the features, whether the phase runs only as a frame begins"""
+    rare: Callable[[Features, Look], Any] | None = None
     """Function that returns whether the phase acts on an item, or on any of eight; where it does not, its values stay
     as they were, or are zero. A schedule may call it first"""
     last: bool = False
     """Whether the phase runs only as a frame ends"""
-    due: Callable[[Traits], Any] | None = None
+    due: Callable[[Features], Any] | None = None
     """Function of handles alone that returns whether there is anything to do: runs in one thread of a block"""
     also_reads: tuple[str, ...] = ()
     """Values that a phase of the host reads"""
@@ -117,10 +117,10 @@ class Phase:
         if self.keeps and self.item not in KEEPERS:
             raise TypeError(f"{self.name}: a {self.item} keeps no values; expected one of {', '.join(KEEPERS)}")
 
-    def acts(self, traits: Traits) -> bool:
-        """Return whether a scene has it."""
+    def acts(self, features: Features) -> bool:
+        """Return whether a scene has the phase."""
         is_asked = self.neutral or self.wants
-        return self.when(traits) and (not is_asked or self.name in traits.acting)
+        return self.when(features) and (not is_asked or self.name in features.acting)
 
     @property
     def kept(self) -> tuple[Kept, ...]:
@@ -129,61 +129,65 @@ class Phase:
 
     @property
     def summary(self) -> str:
-        """Say what it does, in a line."""
+        """Return the phase's purpose, in a line."""
         return " ".join((self.make.__doc__ or self.name).partition("\n\n")[0].split())
 
-    def function(self, traits: Traits, look: Look) -> Any:
-        """Return its `wp.func` for what a scene has."""
-        return _made(self, traits, look)
+    def function(self, features: Features, look: Look) -> Any:
+        """Return the phase's `wp.func` for a scene's features."""
+        return _made(self, features, look)
 
-    def reads(self, traits: Traits, look: Look) -> tuple[str, ...]:
-        """Return the names that it reads: those of its arguments."""
+    def reads(self, features: Features, look: Look) -> tuple[str, ...]:
+        """Return the names that the phase reads: those of its arguments."""
         if self.item == "launches":
             return self.also_reads
-        return tuple(inspect.signature(self.function(traits, look).func).parameters)
+        return tuple(inspect.signature(self.function(features, look).func).parameters)
 
-    def takes_eight(self, traits: Traits, look: Look) -> bool:
-        """Return whether it is the same for one item and for eight side by side: of nothing it says what it is."""
-        told = inspect.signature(self.function(traits, look).func).parameters
-        return all(each.annotation is Any or name in TIMES for name, each in told.items())
+    def takes_eight(self, features: Features, look: Look) -> bool:
+        """Return whether the phase runs on eight items side by side: it names no type of one item.
 
-    def adjoints(self, traits: Traits, look: Look) -> Sequence[Adjoint]:
-        """Return what runs it backwards.
+        What others keep is looked at one by one, but by quads.
+        """
+        told = inspect.signature(self.function(features, look).func).parameters
+        are_any = all(each.annotation is Any or name in TIMES for name, each in told.items())
+        return are_any and (self.item == "quad" or features.kept_views.keys().isdisjoint(told))
+
+    def adjoints(self, features: Features, look: Look) -> Sequence[Adjoint]:
+        """Return the phase's adjoints.
 
         Raises:
             NoAdjointError: nothing does.
         """
-        return _turned(self, traits, look)
+        return _turned(self, features, look)
 
-    def asked(self, traits: Traits, look: Look) -> Any:
-        """Return the function that says whether it does anything, or None where it always may."""
-        return _asked(self, traits, look) if self.rare else None
+    def asked(self, features: Features, look: Look) -> Any:
+        """Return the function that returns whether the phase has work, or None where it may always have some."""
+        return _asked(self, features, look) if self.rare else None
 
-    def views(self, traits: Traits, look: Look) -> set[str]:
-        """Return what it looks at in other items: what they must not write meanwhile."""
-        views = VIEWS | traits.kept_views
-        return {views[name] for name in self.reads(traits, look) if name in views}
+    def views(self, features: Features, look: Look) -> set[str]:
+        """Return the values of other items that the phase reads: they must not be written meanwhile."""
+        views = VIEWS | features.kept_views
+        return {views[name] for name in self.reads(features, look) if name in views}
 
 
-Adjoints = Callable[[Phase, Traits, Look], Sequence[Adjoint]]
+Adjoints = Callable[[Phase, Features, Look], Sequence[Adjoint]]
 """Factory of a phase's adjoints, in the order in which they run; those that look at other particles come last"""
 
 
 @cache
-def _made(phase: Phase, traits: Traits, look: Look) -> Any:
-    return phase.make(traits, look)
+def _made(phase: Phase, features: Features, look: Look) -> Any:
+    return phase.make(features, look)
 
 
 @cache
-def _asked(phase: Phase, traits: Traits, look: Look) -> Any:
-    return phase.rare(traits, look) if phase.rare else None
+def _asked(phase: Phase, features: Features, look: Look) -> Any:
+    return phase.rare(features, look) if phase.rare else None
 
 
 @cache
-def _turned(phase: Phase, traits: Traits, look: Look) -> Sequence[Adjoint]:
+def _turned(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
     if phase.adjoint is None:
         raise NoAdjointError(phase.name)
-    return tuple(phase.adjoint(phase, traits, look))
+    return tuple(phase.adjoint(phase, features, look))
 
 
 def phase(item: Item, writes: Mapping[str, Any] | None = None, **said: Any) -> Callable[[Any], Phase]:

@@ -1,4 +1,4 @@
-"""The spheres of all worlds as phases see them, wherever a schedule keeps them."""
+"""Spheres of all worlds, wherever a schedule keeps them."""
 
 from functools import cache
 from typing import Any
@@ -31,7 +31,7 @@ class Spheres:
 
 @wp.func
 def spheres_in_state(t: Tables, state: WorldState, working: Working):
-    """Return those that stand in the state."""
+    """Return the spheres in the state."""
     spheres = Spheres()
     spheres.sphere_positions = state.sphere_positions
     spheres.sphere_velocities = state.sphere_velocities
@@ -43,21 +43,11 @@ def spheres_in_state(t: Tables, state: WorldState, working: Working):
 
 
 @wp.func
-def sphere_at(t: Tables, spheres: Spheres, world: wp.int32, sphere: wp.int32):
-    """Return center, velocity and radius of a sphere."""
+def sphere_at(t: Tables, spheres: Any, world: wp.int32, sphere: wp.int32):
+    """Return center, velocity and radius of a sphere, which may stand in the state."""
     return (
         spheres.sphere_positions[world, sphere],
         spheres.sphere_velocities[world, sphere],
-        sphere_radius(t.spheres, world, sphere),
-    )
-
-
-@wp.func
-def sphere_in_state(t: Tables, state: WorldState, world: wp.int32, sphere: wp.int32):
-    """Return the same of a sphere that stands in the state."""
-    return (
-        state.sphere_positions[world, sphere],
-        state.sphere_velocities[world, sphere],
         sphere_radius(t.spheres, world, sphere),
     )
 

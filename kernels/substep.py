@@ -7,79 +7,82 @@ schedule puts a barrier where one looks at what others have written. So a balloo
 
 from collections.abc import Mapping, Sequence
 
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.law import Parameter
 from balloon_warp.kernels.phase import Phase
 from balloon_warp.kernels.phases.add import add_area_vectors, add_forces
-from balloon_warp.kernels.phases.aim import extend, measure, spread, take_aim, turn
+from balloon_warp.kernels.phases.contact import touch_balloons
+from balloon_warp.kernels.phases.contact_forces import note_unhindered, record_impulses
 from balloon_warp.kernels.phases.correct import correct
 from balloon_warp.kernels.phases.faces import bear, push_face
 from balloon_warp.kernels.phases.flow import burden, flow, pump, weigh
 from balloon_warp.kernels.phases.inflate import add_up, given_load, inflate
+from balloon_warp.kernels.phases.inflation_direction import extend, find_direction, measure, spread, turn
 from balloon_warp.kernels.phases.leave import leave
 from balloon_warp.kernels.phases.load import find_load, hold, note
 from balloon_warp.kernels.phases.meet import keep_start, meet_bodies, meet_edges, meet_faces, meet_ridges, meet_spheres
 from balloon_warp.kernels.phases.move import free, move, move_first, push, respond
-from balloon_warp.kernels.phases.press import press
 from balloon_warp.kernels.phases.pull import jet, jet_of_holes, pull, pull_and_face, take
 from balloon_warp.kernels.phases.roll import collide, roll, tumble
-from balloon_warp.kernels.phases.share_out import bend, blow, share_out
-from balloon_warp.kernels.phases.stretch import clear, collect, pull_with_skin, stretch
-from balloon_warp.kernels.phases.swell import foresee, head, swell
-from balloon_warp.kernels.phases.tell import note_unhindered, tell_contacts
+from balloon_warp.kernels.phases.share_out import bend, blow, share_out, wear_out
+from balloon_warp.kernels.phases.soak import soak
+from balloon_warp.kernels.phases.stretch import clear, collect, stretch
+from balloon_warp.kernels.phases.volume_rate import find_volume_rate, foresee, head
 from balloon_warp.kernels.phases.watch import set_off, watch
 from balloon_warp.kernels.phases.wear import burst, look_at_wear, run, tear, wear, weigh_skin
-from balloon_warp.kernels.traits import Traits
 
 STEP: tuple[Phase, ...] = (
     # spheres and free bodies move
     roll, collide, tumble,
     # balloons that touch find each other, and push
-    keep_start, press,
+    keep_start, touch_balloons,
     # rubber softens, and tears
     wear, weigh_skin, run, tear, burst,
     # gas comes and goes
     pump, weigh, burden, respond,
     # where normal forces push: once a frame, or every substep
-    measure, extend, take_aim,
+    measure, extend, find_direction,
     # forces, what they would do, and the pressure that follows
-    push_face, pull, bear, jet, jet_of_holes, take, free, head, foresee, swell, hold, find_load, note, flow,
+    push_face, pull, bear, jet, jet_of_holes, take, free, head, foresee, find_volume_rate, hold, find_load, note, flow,
     # particles move, by all forces
     set_off, given_load, inflate, move_first, push, move,
     # springs that are too long are shortened; then faces leave ridges of obstacles and bodies, and particles leave
     # spheres, obstacles and the ground
     correct, note_unhindered, meet_ridges, leave, watch,
     # momentum is exchanged, once all have moved
-    meet_spheres, meet_bodies, meet_faces, tell_contacts, meet_edges,
+    meet_spheres, meet_bodies, meet_faces, record_impulses, meet_edges,
 )  # fmt: skip
 
 Instead = Mapping[Phase, tuple[Phase, ...]]
-"""What a schedule executes instead of some phases of the step"""
+"""Phases that a schedule executes instead of some of the step"""
 NOTHING: Instead = {}
 SCATTERED: Instead = {push_face: (), bear: (), pull: (add_forces, add_area_vectors, pull)}
-"""In `scatter` springs, strings, hinges, triangles and faces add their forces to particles"""
-FACING: Instead = {measure: (spread,), extend: (), take_aim: (), pull: (pull_and_face, turn)}
-"""The loop over a particle's faces also finds the aim of normal forces"""
-FILMED: Instead = {pull: (clear, stretch, collect, pull_with_skin)}
+"""Phases of `scatter`: springs, strings, hinges, triangles and faces add their forces to particles"""
+FACING: Instead = {measure: (spread,), extend: (), find_direction: (), pull: (pull_and_face, turn)}
+"""The loop over a particle's faces also finds the direction of normal forces"""
+FILMED: Instead = {pull: (clear, stretch, collect, pull)}
 """Each face of a membrane is measured once and stores its forces at its corners"""
-SHARED: Instead = {wear: (), push_face: (), bear: (), pull: (bend, blow, share_out, pull)}
-"""Hinges, faces and membranes have added their forces to particles, and rubber has worn on the way"""
-SETTLE = Phase("settle", "launches", lambda traits, look: None, also_reads=("inflation",))
+SHARED: Instead = {wear: (wear_out,), push_face: (), bear: (), pull: (bend, blow, share_out, pull)}
+"""Hinges, faces and membranes have added their forces to particles; rubber wears eight quads at a time"""
+SOAKED: Instead = {pull: (soak, pull)}
+"""Phases of a step that runs backwards: the load of a liquid is a value of its own"""
+SETTLE = Phase("settle", "launches", lambda features, look: None, also_reads=("inflation",))
 """Local and global steps in turn, until every world has converged, see `solvers.projective`"""
 PROJECTIVE_STEP = (
-    measure, extend, take_aim, roll, collide, inflate, SETTLE, leave, meet_spheres,
+    measure, extend, find_direction, roll, collide, inflate, SETTLE, leave, meet_spheres,
 )  # fmt: skip
 """Implicit step (Liu et al. 2013)"""
-AIMING = (measure, extend, take_aim)
-"""Phases that find the aims of normal forces"""
+AIMING = (measure, extend, find_direction)
+"""Phases that find the directions of normal forces"""
 READING = (
     look_at_wear, weigh_skin, *AIMING, push_face, pull, bear, jet, jet_of_holes, given_load, inflate, add_up,
 )  # fmt: skip
 """Phases that find the forces of a state, for output"""
 
 
-def phases_of(traits: Traits, step: Sequence[Phase] = (), instead: Instead = NOTHING) -> tuple[Phase, ...]:
+def phases_of(features: Features, step: Sequence[Phase] = (), instead: Instead = NOTHING) -> tuple[Phase, ...]:
     """Return the phases that a scene has of a list, or of the step."""
-    return tuple(each for line in step or STEP for each in instead.get(line, (line,)) if each.acts(traits))
+    return tuple(each for line in step or STEP for each in instead.get(line, (line,)) if each.acts(features))
 
 
 def asking_phases() -> tuple[Phase, ...]:

@@ -1,4 +1,4 @@
-"""The model as kernels read it: what a particle needs, found from the particle.
+"""Tables of the model, as kernels read it: indexed by particle.
 
 Schedules fill these; see `balloon_warp.model.Model` for the shapes of what is named alike there.
 """
@@ -6,9 +6,9 @@ Schedules fill these; see `balloon_warp.model.Model` for the shapes of what is n
 import warp as wp
 
 from balloon_warp.kernels.contact_tables import BodyTable, FixtureTable, RidgeTable, SphereTable, TouchTable
-from balloon_warp.kernels.film_tables import FilmTable
 from balloon_warp.kernels.gas_tables import NeckTable, PumpTable, TubeTable
 from balloon_warp.kernels.measure.health import HealthTable
+from balloon_warp.kernels.membrane_face_tables import MembraneFaceTable
 from balloon_warp.kernels.memory import int_at
 from balloon_warp.kernels.wear_tables import WearTable
 
@@ -115,7 +115,7 @@ class MembraneTable:
     """Other two corners of each triangle"""
     rests: wp.array[wp.vec4]
     """Rest metrics, with the particle as the first corner"""
-    films: FilmTable
+    membrane_faces: MembraneFaceTable
     wear: WearTable
 
 
@@ -184,7 +184,7 @@ class CorrectionTable:
 
 @wp.struct
 class Tables:
-    """All that does not change in a frame.
+    """Tables that do not change in a frame.
 
     At most 8 KiB: of what is larger NVIDIA's compiler leaves copies in local memory wherever a function takes it, and a
     kernel takes it minutes instead of seconds.

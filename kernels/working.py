@@ -2,8 +2,11 @@
 
 import warp as wp
 
-from balloon_warp.kernels.contact.catch import Catch
+from balloon_warp.kernels.contact.catch import Catch, EdgeCatch
 from balloon_warp.kernels.laws.grip import Grip
+
+SphereBars = wp.types.vector(length=8, dtype=wp.float32)
+"""Derivatives by a sphere's center, velocity, radius and penalty"""
 
 
 @wp.struct
@@ -18,6 +21,14 @@ class Working:
     """Mass of the gas in each balloon [kg]"""
     sphere_quanta: wp.array3d[wp.int64]
     """Forces on spheres since they last moved, see `fixed_point`; empty where momentum is exchanged"""
+    sphere_bars: wp.array3d[SphereBars]
+    """Derivatives by each sphere that each particle has found in a substep backwards, shape (W, P, S); empty where
+    nothing runs backwards, as is the next, see `adjoints.spheres`"""
+    sphere_push_bars: wp.array2d[wp.vec3]
+    """Derivatives by the forces on spheres since they last moved"""
+    direction_bars: wp.array2d[wp.vec3]
+    """Derivatives by the direction of each particle's normal force, see `adjoints.directions`; empty where there is
+    none, or nothing runs backwards"""
     sphere_starts: wp.array2d[wp.vec3]
     """Positions of spheres before this substep [m]; empty unless they may meet each other, or faces"""
     point_starts: wp.array2d[wp.vec3]
@@ -38,9 +49,9 @@ class Working:
     """Impulse of a body on each particle [N s]"""
     grips: wp.array2d[Grip]
     """Contacts of points of bodies in this substep"""
-    contact_pushes: wp.array3d[wp.vec4]
+    contact_impulses: wp.array3d[wp.vec4]
     """Impulse [N s] and contact time [s] of each thing and particle since the frame began; empty unless a scene records
-    contacts, see `phases.tell`"""
+    contacts, see `phases.contact_forces`"""
     ridge_counts: wp.array2d[wp.int32]
     """Number of pairs of features of balloons and ridges that are near each other in each world: shape (world_count,
     2); the second is the number that may meet in this substep. Empty unless faces meet ridges, as are the next arrays,
@@ -66,8 +77,16 @@ class Working:
     touch, as are the next arrays, see `contact.boxes`"""
     sought: wp.array2d[wp.vec3]
     """Position of each particle at the last search [m]"""
+    clearances: wp.array2d[float]
+    """Distance of each particle from what it may touch of its own balloon at the last search [m], see
+    `contact.clearances`; empty unless balloons touch themselves"""
     part_boxes: wp.array2d[wp.vec4]
     """Boxes around the parts of balloons' surfaces, without `PACE`: shape (world_count, 2 part_count)"""
+    near_parts: wp.array3d[wp.int32]
+    """Leaves of the same balloon near each leaf, see `contact.near_parts`: shape (world_count, part_count, most); empty
+    unless balloons touch themselves, as is the next"""
+    near_part_counts: wp.array2d[wp.int32]
+    """Number of leaves near each leaf; -1 where there are more than fit"""
     neighbors: wp.array3d[wp.int32]
     """Balloons that each balloon may touch, perhaps itself: shape (world_count, balloon_count, balloon_count)"""
     neighbor_counts: wp.array2d[wp.int32]
@@ -82,23 +101,34 @@ class Working:
     particle_lists: wp.array3d[wp.int32]
     """Particles that search, and those that have found something, see `contact.search`"""
     list_lengths: wp.array2d[wp.int32]
-    """Lengths of both lists of particles, and of that of all edges that may meet"""
-    push_quanta: wp.array3d[wp.int64]
+    """Lengths of both lists of particles, of that of all edges that may meet, and of that of a substep"""
+    force_quanta: wp.array3d[wp.int64]
     """Contact forces on particles, and the number of contacts, in fixed point; they grow for ever, see
     `fixed_point.growth`: shape (world_count, particle_count, 4)"""
-    pushes_taken: wp.array3d[wp.int64]
+    forces_taken: wp.array3d[wp.int64]
     """Part of `push_quanta` that particles have already received"""
     contacts: wp.array2d[float]
     """Number of contacts of each particle in the previous substep"""
     touched: wp.array2d[wp.int8]
     """Role of each particle in contacts, see `contact.forces`"""
-    crowded: wp.array[wp.int32]
+    overflow: wp.array[wp.int32]
     """Number of candidate overflows: triangles or edges that had no place in a list"""
     edge_candidates: wp.array3d[wp.int32]
     """Edges that each edge may touch: shape (world_count, edges, most); empty unless sharp edges meet, see
     `contact.edges`, as is the next"""
+    edge_boxes: wp.array3d[wp.vec3]
+    """Box around what each edge sweeps until the next search [m], shape (world_count, edges, 2)"""
+    edge_clearances: wp.array2d[float]
+    """Distance of each edge from what it may touch of its own balloon at the last search [m]; empty unless balloons
+    touch themselves"""
     edge_counts: wp.array2d[wp.int32]
     """Number of edges that each edge may touch"""
+    edge_catches: wp.array2d[EdgeCatch]
+    """Pairs of edges that may touch in a substep"""
+    edge_shares: wp.array2d[wp.int32]
+    """Number of edge contacts of each particle in a sweep, among which its mass is split"""
+    edge_quanta: wp.array3d[wp.int64]
+    """Impulses of edges on particles in a sweep, see `contact.ridge_sums`"""
     verdicts: wp.array[wp.int32]
     """Verdict on each world, see `contact.free_frames`; empty where no look ahead is needed, as are the next two"""
     ways: wp.array[float]

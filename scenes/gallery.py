@@ -1,4 +1,7 @@
-"""Makes the pictures of docs/ again: python -m balloon_warp.scenes.gallery docs/pictures"""
+"""Pictures of docs/, made again.
+
+Run it by python -m balloon_warp.scenes.gallery docs/pictures.
+"""
 
 import sys
 from pathlib import Path

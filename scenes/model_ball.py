@@ -12,7 +12,7 @@ RADIUS = 0.14
 
 
 def ball(cell: float = CELL) -> PolygonMesh:
-    """A sphere 28 cm across."""
+    """Return a sphere 28 cm across."""
     reach = 1.2 * RADIUS
     mesh = surface_nets(
         lambda points: np.linalg.norm(points, axis=1) - RADIUS, lower=[-reach] * 3, upper=[reach] * 3, cell=cell
@@ -21,5 +21,5 @@ def ball(cell: float = CELL) -> PolygonMesh:
 
 
 def fine_ball() -> PolygonMesh:
-    """The same of smaller faces, between which a tear is narrow."""
+    """Return the ball with smaller faces, between which a tear is narrow."""
     return ball(FINE_CELL)

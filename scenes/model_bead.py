@@ -11,7 +11,7 @@ CELLS = 3
 
 
 def bead() -> PolygonMesh:
-    """A sphere 20 cm across, of 56 particles."""
+    """Return a sphere 20 cm across, of 56 particles."""
     mesh = cubes(np.ones((CELLS,) * 3, bool))
     # places at equal angles, so that quads are as even on the sphere
     angles = np.tan(0.25 * np.pi * (2.0 * mesh.points / CELLS - 1.0))

@@ -12,7 +12,7 @@ WALL = 0.11
 
 
 def bowl() -> PolygonMesh:
-    """A bowl 1 m across, its wall 0.11 m thick."""
+    """Return a bowl 1 m across, its wall 0.11 m thick."""
     return surface_nets(_distance, lower=[-0.55, -0.55, -0.55], upper=[0.55, 0.1, 0.55], cell=CELL)
 
 

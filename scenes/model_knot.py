@@ -18,7 +18,7 @@ TAIL = 6.0
 
 
 def knot() -> PolygonMesh:
-    """A tube 1 m wide from tip to tip, along x."""
+    """Return a tube 1 m wide from tip to tip, along x."""
     path = SIZE * _path()
     reach = 1.5 * RADIUS
 
@@ -30,8 +30,10 @@ def knot() -> PolygonMesh:
 
 
 def _path() -> NDArray[np.float64]:
-    """A trefoil (sin t + 2 sin 2t, 2 cos 2t - cos t, -1.4 sin 3t), open at its top, from where tails go on past each
-    other to both sides; shape (n, 3)."""
+    """Return a trefoil (sin t + 2 sin 2t, 2 cos 2t - cos t, -1.4 sin 3t), shape (n, 3).
+
+    It is open at its top, from where tails go on past each other to both sides.
+    """
     t = np.linspace(np.pi + OPENING, 3.0 * np.pi - OPENING, 60)
     across, up = np.sin(t) + 2.0 * np.sin(2.0 * t), 2.0 * np.cos(2.0 * t) - np.cos(t)
     loop = np.stack([across, up, -1.4 * np.sin(3.0 * t)], axis=1)

@@ -13,7 +13,7 @@ PULLED_IN = 0.09
 
 
 def pillow() -> PolygonMesh:
-    """A cushion 1 m wide and 0.25 m thick: two square sheets of quads, and a band of quads as its seam.
+    """Return a cushion 1 m wide and 0.25 m thick: two square sheets of quads, and a band of quads as its seam.
 
     Each sheet shows all of an image, as it is seen from above.
     """

@@ -12,7 +12,7 @@ DOTS = 5
 
 
 def dots() -> NDArray[np.uint8]:
-    """An image, sRGB, shape (SIZE, SIZE, 3)."""
+    """Return an image, sRGB, shape (SIZE, SIZE, 3)."""
     fine = 4 * SIZE  # and then the mean of 4 x 4, so that edges are smooth
     y, x = (np.mgrid[:fine, :fine] + 0.5) / fine
     border = (np.abs(np.maximum(np.abs(x - 0.5), np.abs(y - 0.5)) - 0.45) < 0.012).astype(float)

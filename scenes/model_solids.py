@@ -17,7 +17,7 @@ Distances = NDArray[np.float64]
 
 
 def ellipsoid(points: Points, center: ArrayLike, radii: ArrayLike) -> Distances:
-    """An ellipsoid along the axes; a sphere where the radii are one number."""
+    """Return an ellipsoid along the axes; a sphere where the radii are one number."""
     radii = np.broadcast_to(np.asarray(radii, dtype=np.float64), 3)
     arm = points - np.asarray(center)
     scaled = np.linalg.norm(arm / radii, axis=1)
@@ -27,7 +27,7 @@ def ellipsoid(points: Points, center: ArrayLike, radii: ArrayLike) -> Distances:
 
 
 def round_cone(points: Points, a: ArrayLike, b: ArrayLike, radius_a: float, radius_b: float) -> Distances:
-    """The hull of a sphere at `a` and one at `b`, neither inside the other; a capsule where the radii are alike."""
+    """Return the hull of two spheres, neither inside the other; a capsule where the radii are alike."""
     a, b = np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64)
     length = float(np.linalg.norm(b - a))
     axis = (b - a) / length
@@ -44,13 +44,13 @@ def round_cone(points: Points, a: ArrayLike, b: ArrayLike, radius_a: float, radi
 
 
 def torus(points: Points, center: ArrayLike, radius: float, tube_radius: float) -> Distances:
-    """A ring about the y axis."""
+    """Return a ring about the y axis."""
     x, y, z = (points - np.asarray(center)).T
     return np.hypot(np.hypot(x, z) - radius, y) - tube_radius
 
 
 def cubes(filled: NDArray[np.bool_]) -> PolygonMesh:
-    """The surface of what is filled of a grid of unit cubes: the faces between these and those that are not."""
+    """Return the surface of the filled cells in a grid of unit cubes."""
     quads = []
     for axis in range(3):
         across, along = np.eye(3, dtype=int)[[(axis + 1) % 3, (axis + 2) % 3]]
@@ -68,7 +68,7 @@ def cubes(filled: NDArray[np.bool_]) -> PolygonMesh:
 
 
 def smooth_union(blend: float, *distances: Distances) -> Distances:
-    """The union of solids, with fillets about as wide as `blend`."""
+    """Return the union of solids, with fillets about as wide as `blend`."""
 
     def join(a: Distances, b: Distances) -> Distances:
         overlap = np.maximum(blend - np.abs(a - b), 0.0) / blend
@@ -78,7 +78,7 @@ def smooth_union(blend: float, *distances: Distances) -> Distances:
 
 
 def tube(points: Points, path: ArrayLike, radii: ArrayLike) -> Distances:
-    """A tube of changing radius along a smooth curve through the points of a path (a Catmull-Rom spline).
+    """Return a tube of changing radius along a smooth curve through the points of a path (a Catmull-Rom spline).
 
     Args:
         points: where, shape (n, 3).

@@ -11,7 +11,7 @@ CELL = 0.0316
 
 
 def squirrel() -> PolygonMesh:
-    """A squirrel 1 m tall, facing +z. It is a balloon before inflation: tail and feet are flat."""
+    """Return a squirrel 1 m tall, facing +z, before inflation: tail and feet are flat."""
     return surface_nets(_distance, lower=[-0.35, -0.05, -0.55], upper=[0.35, 1.1, 0.45], cell=CELL)
 
 

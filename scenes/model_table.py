@@ -13,7 +13,7 @@ CELLS = (15, 9, 15)
 
 
 def table() -> PolygonMesh:
-    """A square table 1.2 m wide and 0.72 m high."""
+    """Return a square table 1.2 m wide and 0.72 m high."""
     filled = np.zeros(CELLS, bool)
     filled[:, -1] = True
     filled[np.ix_((0, -1), range(CELLS[1]), (0, -1))] = True

@@ -12,7 +12,7 @@ BEND = 0.0005
 
 
 def toy() -> PolygonMesh:
-    """Not blown up it is 17 cm long and 9 cm across."""
+    """Return the toy, 17 cm long and 9 cm across before it is inflated."""
 
     def distance(points: np.ndarray) -> np.ndarray:
         body = ellipsoid(points, (0.0, 0.115, 0.0), (0.045, 0.05, 0.045))

@@ -11,7 +11,7 @@ CELL = 0.0275
 
 
 def turtle() -> PolygonMesh:
-    """A turtle 1 m long, facing +z. It is a balloon before inflation: its neck is slim and its belly flat."""
+    """Return a turtle 1 m long, facing +z, before inflation: its neck is slim and its belly flat."""
     return surface_nets(_distance, lower=[-0.6, -0.05, -0.6], upper=[0.6, 0.55, 0.75], cell=CELL)
 
 

@@ -1,4 +1,7 @@
-"""Makes the bundled models again: python -m balloon_warp.scenes.models"""
+"""Bundled models, made again.
+
+Run it by python -m balloon_warp.scenes.models.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -9,6 +12,7 @@ from PIL import Image
 
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
+from balloon_warp.scenes.model_airbag import airbag, airbag_flat
 from balloon_warp.scenes.model_ball import ball, fine_ball
 from balloon_warp.scenes.model_bead import bead
 from balloon_warp.scenes.model_bowl import bowl
@@ -33,11 +37,13 @@ MODELS = {
     "table": table,
     "slot": slot,
     "toy": toy,
+    "airbag": airbag,
+    "airbag_flat": airbag_flat,
 }
 
 
 def make_model(name: str) -> PolygonMesh:
-    """The model of that name, in meters, y up, standing on y = 0 above the origin, its points rounded to 1e-5 m."""
+    """Return a model by its name, in meters, y up, standing on y = 0 above the origin, points rounded to 1e-5 m."""
     with wp.ScopedDevice("cpu"):  # the same vertices in the same order, whatever the machine
         mesh = MODELS[name]()
     points = mesh.points - [0.0, mesh.points[:, 1].min(), mesh.points[:, 2].mean()]

@@ -25,7 +25,8 @@ class Origins:
     def is_due(self, model: Model, frame: int) -> bool:
         """Return whether a state is to be kept at the start of a frame."""
         kept = self._kept
-        return model.world_count == 1 and (kept is None or frame >= kept.frame + KEPT_FRAMES)
+        alone = model.world_count == 1 and (kept is None or frame >= kept.frame + KEPT_FRAMES)
+        return alone or bool(model.reach)  # what is written on the device holds for the last frame alone
 
     def keep(self, here: Origin) -> None:
         """Keep a copy of the state that a simulation is in."""
@@ -37,5 +38,5 @@ class Origins:
         self._kept = replace(here, state=kept)
 
     def forget(self) -> None:
-        """Forget what was kept: what comes now does not follow from it."""
+        """Drop the kept states: what comes now does not follow from them."""
         self._kept = None

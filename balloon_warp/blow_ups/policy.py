@@ -10,7 +10,7 @@ MOST_HALVINGS = 4
 
 
 def check_policy(on_blowup: str) -> None:
-    """Make sure that there is such a policy.
+    """Check the name of a policy.
 
     Raises:
         InputError: there is not.

@@ -15,7 +15,7 @@ TOUCH = 1.001
 
 @dataclass(frozen=True)
 class Pull:
-    """A force, as it was just before the end."""
+    """Force on a particle just before the end."""
 
     by: str
     """Source of the force, such as "the structural spring to particle 7" """

@@ -15,7 +15,7 @@ FRAMES = 2
 
 @dataclass(frozen=True)
 class LastSubstep:
-    """The one in which a world, which is alone here, went bad."""
+    """Last substep of a world, which is alone in its model: the one in which it went bad."""
 
     model: Model
     frame: int

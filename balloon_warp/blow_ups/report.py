@@ -10,7 +10,7 @@ from balloon_warp.model.stability import AUTO_MARGIN, MOST_SUBSTEPS
 
 @dataclass(frozen=True)
 class BlowUp:
-    """A world's end; as text, a sentence. What is None is not known, or has no part in it."""
+    """Blow-up of a world; as text, a sentence. Fields that are None are not known, or have no part in it."""
 
     world: int
     frame: int
@@ -88,6 +88,6 @@ class BlowUp:
         )
 
     def as_json(self) -> dict[str, Any]:
-        """Return all of it, and the sentence."""
+        """Return the report as JSON, with its sentence."""
         moved = self.moved if self.moved is not None and isfinite(self.moved) else None
         return {**asdict(self), "moved": moved, "sentence": str(self)}

@@ -1,4 +1,4 @@
-"""A check of a stage for what crosses, frame by frame."""
+"""Check of a stage for crossings, frame by frame."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ BLURS = 10.0
 
 @dataclass(frozen=True)
 class Crossing:
-    """Two things that are in each other at a frame, and where that is worst."""
+    """Crossing of two things at a frame, with its deepest place."""
 
     frame: int
     first: str
@@ -111,13 +111,13 @@ def check_stage(
 
 
 def _chosen(path: Path, known: range, frames: tuple[int | None, int | None] | None) -> range:
-    """Return those of the known frames that are asked for."""
+    """Return the requested ones of the known frames."""
     first, last = frames or (None, None)
     begin = known.start if first is None else first
     end = known[-1] if last is None else last
     if begin not in known or end not in known or begin > end:
         span = f"{known.start} to {known[-1]}"
-        raise InputError(f"{path}: has frames {span}; expected a part of these (got {begin}:{end})")
+        raise InputError(f"{path}: has frames {span}; expected a range within (got {begin}:{end})")
     return range(begin, end + 1)
 
 

@@ -26,7 +26,7 @@ BLUR = 1e-6
 """Resolution of float32 over the size of everything"""
 
 Arrays = tuple[Any, NDArray[np.int32]]
-"""All triangles, with a tree of their boxes, as `Things`; and the thing of each"""
+"""Triangles of all things, with a tree of their boxes, as `Things`; and the thing of each"""
 
 
 class Met(NamedTuple):

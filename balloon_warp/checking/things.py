@@ -39,7 +39,7 @@ def placed(prim: Usd.Prim, time: Usd.TimeCode, unit: float) -> Placed:
 
 
 class Thing:
-    """One thing of a stage.
+    """Thing of a stage.
 
     Args:
         prim: what it is there.
@@ -56,7 +56,7 @@ class Thing:
         return "the ground" if self.kind == "ground" else f"{self.kind} {self.name}"
 
     def is_there(self, time: Usd.TimeCode) -> bool:
-        """Return whether it is visible at a time."""
+        """Return whether the thing is visible at a time."""
         return UsdGeom.Imageable(self.prim).ComputeVisibility(time) != UsdGeom.Tokens.invisible
 
 
@@ -77,7 +77,7 @@ class Surface(Thing):
 
     @property
     def soft(self) -> bool:
-        """Return whether it is deformable."""
+        """Return whether the surface is deformable."""
         return self.kind == "balloon"
 
     @property
@@ -90,7 +90,7 @@ class Surface(Thing):
         return bool(len(forward[0])) and np.array_equal(forward[0], back[0]) and bool((forward[1] == 1).all())
 
     def at(self, time: Usd.TimeCode, unit: float) -> NDArray[np.float64]:
-        """Return its points in the world [m], shape (point_count, 3).
+        """Return the surface's points in the world [m], shape (point_count, 3).
 
         Raises:
             InputError: they are others than at the first time, or not finite.
@@ -106,7 +106,7 @@ class Surface(Thing):
         return points
 
     def rest_points(self) -> NDArray[np.float64]:
-        """Return its points in its own frame."""
+        """Return the surface's points in its own frame."""
         return self._own_points(Usd.TimeCode.EarliestTime())
 
     def _own_points(self, time: Usd.TimeCode) -> NDArray[np.float64]:

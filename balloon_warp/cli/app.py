@@ -1,4 +1,4 @@
-"""The commands, and what happens when one fails."""
+"""Command line: all commands, and the report of failures."""
 
 import io
 import signal
@@ -116,5 +116,7 @@ def main() -> None:
 
 
 def _fail(error: Exception | str, status: int) -> None:
-    Console(stderr=True, soft_wrap=True, highlight=False).print("[bold red]error:[/]", str(error).replace("[", r"\["))
+    Console(emoji=False, stderr=True, soft_wrap=True, highlight=False).print(
+        "[bold red]error:[/]", str(error).replace("[", r"\[")
+    )
     sys.exit(status)

@@ -37,6 +37,7 @@ from balloon_warp.warp_logging import quiet_warp
 
 if TYPE_CHECKING:
     from balloon_warp.sweep.batch import BatchSummary
+    from balloon_warp.sweep.world_files.options import TrajectoryFiles
 
 WORLDS = "Worlds"
 """Heading of a section of the help"""
@@ -73,6 +74,35 @@ Output = Annotated[
         metavar="FOLDER",
         help="Output folder. SCENE_batch if not given.",
         rich_help_panel=OUTPUT,
+    ),
+]
+TrajectoriesOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--trajectories",
+        metavar="FOLDER",
+        help="Also write a file for each world, with all that moved, into this folder, for learning: "
+        "split into train, validation and test by --seed.",
+        rich_help_panel=OUTPUT,
+    ),
+]
+TableOption = Annotated[
+    str,
+    typer.Option(
+        "--table",
+        metavar="auto|csv|parquet",
+        help="Format of the table of all frames beside the .npz. auto: CSV up to 200,000 rows, Parquet for "
+        "more where pyarrow is installed.",
+        rich_help_panel=OUTPUT,
+    ),
+]
+Every = Annotated[
+    int | None, typer.Option(metavar="COUNT", help="Step between frames of --trajectories.", rich_help_panel=OUTPUT)
+]
+FormatOption = Annotated[
+    str | None,
+    typer.Option(
+        "--format", metavar="h5|zarr|npz", help="Format of --trajectories. h5 if not given.", rich_help_panel=OUTPUT
     ),
 ]
 OnBlowup = Annotated[
@@ -123,6 +153,10 @@ def batch(
     seed: Seed = 0,
     export: Export = "none",
     output: Output = None,
+    table: TableOption = "auto",
+    trajectories: TrajectoriesOption = None,
+    every: Every = None,
+    file_format: FormatOption = None,
     overrides: Set = None,
     length: LengthOptions,
     mesh: MeshOptions,
@@ -144,6 +178,7 @@ def batch(
     choices = dict(parse_vary(text, scene) for text in vary or [])
     with _naming_vary():
         loaded = changes.load(scene, ends_of(choices))
+    files = _trajectory_files(trajectories, every, file_format, seed)
     spread_over = (cluster, gpus, workers) != (None, None, None)
     if not spread_over:
         begin_driver(device)
@@ -169,6 +204,8 @@ def batch(
             schedule=schedule,
             on_blowup=on_blowup,
             cluster=workers_of,
+            table=table,
+            trajectories=files,
             checkpoint_seconds=checkpoint,
             resume=resume,
             provenance={"command": sys.argv, "folder": str(Path.cwd()), "seed": seed},
@@ -183,6 +220,25 @@ def batch(
         print(json.dumps(summary.as_json()))
     else:
         _print_summary(summary, loaded.frames_per_second, spread=spread_over)
+
+
+def _trajectory_files(
+    folder: Path | None, every: int | None, file_format: str | None, seed: int
+) -> "TrajectoryFiles | None":
+    """Return where trajectories go, and how.
+
+    Raises:
+        InputError: it is said how, and not where; or a value cannot be.
+    """
+    given = {"every": every, "format": file_format}
+    asked = {name: value for name, value in given.items() if value is not None}
+    if folder is None:
+        if asked:
+            raise InputError(f"--{next(iter(asked))}: goes with --trajectories, which is not given")
+        return None
+    from balloon_warp.sweep.world_files.options import TrajectoryFiles
+
+    return TrajectoryFiles(folder, **asked, seed=seed)
 
 
 @contextmanager
@@ -204,7 +260,7 @@ def _print_summary(summary: "BatchSummary", rate: float, spread: bool) -> None:
         spread: whether it was over workers.
     """
     device = f"{summary.workers} x {summary.device}" if spread else summary.device
-    console = Console(highlight=False, soft_wrap=True)
+    console = Console(emoji=False, highlight=False, soft_wrap=True)
     console.print(
         f"{summary.scene}: {counted(summary.worlds, 'world')}, {counted(summary.particles, 'particle')}, "
         f"{counted(summary.frames, 'frame')} of {counted(summary.substeps, 'substep')} in "
@@ -219,7 +275,8 @@ def _print_summary(summary: "BatchSummary", rate: float, spread: bool) -> None:
     if summary.unhealthy_worlds:
         warn(f"{summary.unhealthy_worlds:,} {of_all}: health 0, and the rows of the last good frame")
     stage = [f"{summary.stage}: {played(summary.frames, rate)}"] if summary.stage else []
-    for written in [*summary.table, *summary.worlds_table, *stage, summary.manifest]:
+    folders = [f"{summary.trajectories}: {counted(summary.worlds, 'world')}"] if summary.trajectories else []
+    for written in [*summary.table, *summary.worlds_table, *stage, *folders, summary.manifest]:
         console.print(f"wrote {written}", markup=False)
     if summary.removed_stage:
         removed = f"removed {summary.removed_stage}, which was an earlier batch's: this one exports no worlds"

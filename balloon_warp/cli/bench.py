@@ -67,7 +67,7 @@ def bench(
         measured = measure_scaling(GPU_SHARE if gpus else CPU_SHARE, _counts(gpus or workers or ""))
     else:
         measured = scene_results(pick_device(device)) if scenes else run_cases(pick_device(device), quick)
-    progress = Console(stderr=True, highlight=False)
+    progress = Console(emoji=False, stderr=True, highlight=False)
     results = []
     for result in measured:
         progress.print(f"{result.case} ({result.schedule}): {result.rate:.3g}", style="dim", markup=False)
@@ -111,8 +111,8 @@ def _print_table(results: Sequence["Result"]) -> None:
             f"{result.bound_fraction:.0%}" if result.bound_fraction else "-",
             " / ".join(f"{each:.1%}" for each in (result.overlap, result.peer_overlap) if each is not None) or "-",
         )
-    console = Console(highlight=False)
-    (console if console.is_terminal else Console(highlight=False, width=FILE_WIDTH)).print(table)
+    console = Console(emoji=False, highlight=False)
+    (console if console.is_terminal else Console(emoji=False, highlight=False, width=FILE_WIDTH)).print(table)
 
 
 def _counts(text: str) -> list[int]:

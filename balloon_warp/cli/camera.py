@@ -1,4 +1,4 @@
-"""Options of commands that make pictures: where one looks from, and through what."""
+"""Options of the camera, for commands that make pictures."""
 
 from dataclasses import dataclass
 from typing import Annotated, TypedDict, cast

@@ -16,7 +16,7 @@ from balloon_warp.scene.schema import Balloon, Scene
 
 
 def checked_parts(parts: str | None) -> Taken | None:
-    """Check what `--parts` says.
+    """Check the value of `--parts`.
 
     Raises:
         InputError: it is none of what it may be.

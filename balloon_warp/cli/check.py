@@ -52,7 +52,7 @@ def check(
     quiet_warp()
     from balloon_warp.checking import check_stage  # loads USD: only once the arguments are known to be good
 
-    terminal = Console(stderr=True)
+    terminal = Console(emoji=False, stderr=True)
     with Progress(console=terminal, disable=not terminal.is_terminal, transient=True) as progress:
         task = progress.add_task(stage.name, total=None)
         report = check_stage(
@@ -71,7 +71,7 @@ def check(
 
 
 def _print(report: "CheckReport") -> None:
-    console = Console(highlight=False, soft_wrap=True)
+    console = Console(emoji=False, highlight=False, soft_wrap=True)
     things = counted(len(report.things), "thing")
     looked = f"{counted(report.frames, 'frame')}, {things}, {report.triangles:,} triangles"
     pairs: dict[tuple[str, str], list[Crossing]] = {}

@@ -1,4 +1,4 @@
-"""A command that is being run, as it would be typed again."""
+"""Command line of the current run, as it would be typed again."""
 
 import shlex
 from collections.abc import Collection

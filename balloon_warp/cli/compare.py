@@ -134,7 +134,7 @@ def compare(
 
 def figure_console() -> Console:
     """Return a console that leaves line breaks to the terminal."""
-    return Console(highlight=False, soft_wrap=True, width=TABLE_WIDTH)
+    return Console(emoji=False, highlight=False, soft_wrap=True, width=TABLE_WIDTH)
 
 
 def print_comparison(console: Console, comparison: "Comparison") -> None:

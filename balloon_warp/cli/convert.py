@@ -32,7 +32,7 @@ def convert(
     """
     from balloon_warp.outputs.exports import export_stage
 
-    terminal = Console(stderr=True)
+    terminal = Console(emoji=False, stderr=True)
     with Progress(console=terminal, disable=not terminal.is_terminal, transient=True) as progress:
         task = progress.add_task(output.name, total=None)
         export_stage(
@@ -41,4 +41,4 @@ def convert(
             on_note=note,
             on_frame=lambda done, count: progress.update(task, completed=done, total=count),
         )
-    Console(highlight=False, soft_wrap=True).print(f"wrote {output}", markup=False)
+    Console(emoji=False, highlight=False, soft_wrap=True).print(f"wrote {output}", markup=False)

@@ -25,7 +25,7 @@ def doctor(device: Device = None, as_json: Json = False) -> None:
     if as_json:
         print(json.dumps(report.as_json(), indent=2))
     else:
-        _print(report, Console(highlight=False, soft_wrap=True))
+        _print(report, Console(emoji=False, highlight=False, soft_wrap=True))
     if not report.self_test.passed:
         raise typer.Exit(1)
 

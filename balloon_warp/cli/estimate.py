@@ -68,3 +68,9 @@ class FirstEstimate:
         said = time_left(frame - begun, now - since, total - frame)
         self._told = said is not None
         return said
+
+    def rate(self, now: float) -> float:
+        """Return the frames a second since timing started; 0 before."""
+        if self._from is None or self._last is None or now <= self._from[1]:
+            return 0.0
+        return (self._last - self._from[0]) / (now - self._from[1])

@@ -1,14 +1,16 @@
 """The command `balloon-warp fit`."""
 
+import os
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from balloon_warp.cli.options import MACHINE, OUTPUT, SCENE, Device, Json
-from balloon_warp.cli.stages import stages
+from balloon_warp.cli.options import MACHINE, OUTPUT, SCENE, Device, Json, Resume
+from balloon_warp.cli.stages import Stages, stages
 from balloon_warp.cli.warn import warn
-from balloon_warp.errors import InputError
+from balloon_warp.errors import InputError, StoppedError
 from balloon_warp.files import check_writable, whole_file
 from balloon_warp.warp_logging import quiet_warp
 
@@ -17,13 +19,14 @@ if TYPE_CHECKING:
 
 RUBBER = "Curve"
 """Heading of a section of the help"""
+PROGRESS = ".progress"
+"""Suffix of the file beside the data that keeps how far a fit is"""
 
 Free = Annotated[
     list[str] | None,
     typer.Option(
         metavar="PATH=LOW:HIGH",
-        help="Unknown value of the scene, with bounds: balloon.inflation.moles=0.01:0.1. May be repeated. "
-        "The first is scanned, so name first the value with local minima.",
+        help="Unknown value of the scene, with bounds: balloon.inflation.moles=0.01:0.1. May be repeated.",
         rich_help_panel=SCENE,
     ),
 ]
@@ -35,6 +38,33 @@ Plot = Annotated[
 ]
 
 
+@dataclass(frozen=True)
+class Rubber:
+    """Options of a curve."""
+
+    of: Annotated[
+        str,
+        typer.Option(
+            metavar="sphere|MESH",
+            help="Shape that was inflated: a sphere, or a mesh in meters.",
+            rich_help_panel=RUBBER,
+        ),
+    ] = "sphere"
+    kind: Annotated[
+        str,
+        typer.Option(metavar="mooney_rivlin|gent|ogden", help="Material law to fit.", rich_help_panel=RUBBER),
+    ] = "mooney_rivlin"
+    thickness: Annotated[
+        float, typer.Option(metavar="METERS", help="Thickness of the rubber at rest.", rich_help_panel=RUBBER)
+    ] = 2e-4
+    radius: Annotated[
+        float | None,
+        typer.Option(
+            metavar="METERS", help="Radius of the sphere at rest. Fitted if not given.", rich_help_panel=RUBBER
+        ),
+    ] = None
+
+
 def fit(
     data: Annotated[
         Path, typer.Argument(metavar="CURVE.csv|DATA.npz", help="Measured data: see the page Fit your rubber.")
@@ -44,31 +74,13 @@ def fit(
     starts: Annotated[
         int, typer.Option(metavar="COUNT", help="Number of starting points of the search.", rich_help_panel=SCENE)
     ] = 8,
-    of: Annotated[
-        str,
-        typer.Option(
-            metavar="sphere|MESH",
-            help="Shape that was inflated: a sphere, or a mesh in meters.",
-            rich_help_panel=RUBBER,
-        ),
-    ] = "sphere",
-    kind: Annotated[
-        str,
-        typer.Option(metavar="mooney_rivlin|gent|ogden", help="Material law to fit.", rich_help_panel=RUBBER),
-    ] = "mooney_rivlin",
-    thickness: Annotated[
-        float, typer.Option(metavar="METERS", help="Thickness of the rubber at rest.", rich_help_panel=RUBBER)
-    ] = 2e-4,
-    radius: Annotated[
-        float | None,
-        typer.Option(
-            metavar="METERS", help="Radius of the sphere at rest. Fitted if not given.", rich_help_panel=RUBBER
-        ),
-    ] = None,
     output: Plot = None,
+    resume: Resume = False,
     json: Json = False,
     device: Device = None,
     schedule: Annotated[str, typer.Option(metavar="NAME", hidden=True, rich_help_panel=MACHINE)] = "auto",
+    *,
+    rubber: Rubber,
 ) -> None:
     """Find the rubber that a curve of pressure over volume was, or the values of a scene that moved as was measured.
 
@@ -76,6 +88,8 @@ def fit(
     `balloon-warp fit points.npz scene.toml --free balloon.inflation.moles=0.01:0.1`.
     """
     is_curve = data.suffix.lower() == ".csv"
+    if is_curve and resume:
+        raise InputError(f"{data}: is a curve, whose fit takes seconds; expected no --resume")
     if is_curve and (scene or free):
         raise InputError(f"{data}: is a curve, which has no SCENE and no --free; expected a .npz file with these")
     if not is_curve and not (scene and free):
@@ -88,23 +102,46 @@ def fit(
     toml = ""
     with stages(data.name) as stage:
         if is_curve:
-            from balloon_warp.fitting.curve import fit_curve, read_curve
+            from balloon_warp.fitting.curve import fit_curve
             from balloon_warp.fitting.plot import curve_plot
+            from balloon_warp.fitting.read_curve import read_curve
 
             curve = read_curve(data)
-            rubber = fit_curve(curve, of=of, kind=kind, thickness=thickness, radius=radius, on_stage=stage)  # pyright: ignore
-            found, toml = rubber.fit, rubber.toml
+            of_curve = fit_curve(curve, **vars(rubber), on_stage=stage)
+            found, toml = of_curve.fit, of_curve.toml
             if output:
                 with whole_file(output) as temporary:
-                    curve_plot(curve.volumes, curve.pressures, rubber.pressures).save(temporary, format="PNG")
+                    curve_plot(curve.volumes, curve.pressures, of_curve.pressures).save(temporary, format="PNG")
         else:
-            from balloon_warp.fitting.fit import fit as fitted
-
-            bounds = dict(map(_bounds, free or []))
-            found = fitted(
-                str(scene), data, free=bounds, starts=starts, device=device, schedule=schedule, on_stage=stage
-            )
+            found = _of_scene(data, str(scene), free or [], starts, resume, device, schedule, stage)
     _say(found, toml, json, is_curve)
+
+
+def _of_scene(
+    data: Path, scene: str, free: list[str], starts: int, resume: bool, device: str | None, schedule: str, stage: Stages
+) -> "Fit":
+    """Fit a scene; how far it is is kept beside the data, where that can be.
+
+    Raises:
+        StoppedError: Ctrl-C came.
+    """
+    from balloon_warp.fitting.fit import fit as fitted
+
+    kept, last = data.with_suffix(PROGRESS), ["before its first round"]
+    can_keep = resume or os.access(data.absolute().parent, os.W_OK)
+
+    def on_stage(words: str) -> None:
+        last[0] = f"at {words}"
+        stage(words)
+
+    try:
+        return fitted(
+            scene, data, free=dict(map(_bounds, free)), starts=starts, progress=kept if can_keep else None,
+            resume=resume, device=device, schedule=schedule, on_stage=on_stage,
+        )  # fmt: skip
+    except KeyboardInterrupt:
+        go_on = f"; --resume goes on from {kept}" if can_keep else ""
+        raise StoppedError(f"fit was stopped {last[0]}{go_on}") from None
 
 
 def _say(found: "Fit", toml: str, json: bool, is_curve: bool) -> None:

@@ -1,17 +1,26 @@
 """The command `balloon-warp foil`."""
 
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from balloon_warp.cli.stages import stages
+from balloon_warp.errors import InputError
 from balloon_warp.files import check_writable
-from balloon_warp.foil.make import HEIGHT, foil_mesh, foil_parts
+from balloon_warp.foil.make import HEIGHT, foil_mesh, foil_parts, joined
 from balloon_warp.mesh.obj import LOADERS, write_obj
+from balloon_warp.mesh.polygon_mesh import PolygonMesh
+from balloon_warp.scene import Scene
 from balloon_warp.scene.of_foil import scene_of_foil
 from balloon_warp.scene.write import write_scene
+from balloon_warp.warp_logging import quiet_warp
 
-SCENE = ".toml"
+SCENE, MESH = ".toml", ".obj"
+SceneOf = Callable[[Mapping[Path, PolygonMesh]], Scene]
+"""Function from meshes, by their files, to a scene"""
 
 Edge = Annotated[
     float | None,
@@ -37,7 +46,21 @@ def foil(
             "with its meshes beside it.",
         ),
     ],
-    height: Annotated[float, typer.Option(metavar="METERS", help="Height of the whole text or drawing.")] = HEIGHT,
+    height: Annotated[
+        float | None,
+        typer.Option(
+            metavar="METERS", help=f"Height of the whole text or drawing, flat. {HEIGHT:g} if neither size is given."
+        ),
+    ] = None,
+    inflated_size: Annotated[
+        float | None,
+        typer.Option(
+            "--inflated-size",
+            metavar="METERS",
+            help="Largest dimension of the outline once it is inflated. The flat outline is corrected until it "
+            "becomes the drawn one; a scene is then of film, without strings.",
+        ),
+    ] = None,
     edge: Edge = None,
     font: Font = None,
     apart: Annotated[
@@ -50,15 +73,40 @@ def foil(
     Try `balloon-warp foil HEY -o hey.toml`, then `balloon-warp run hey.toml --picture`. This needs the extra `foil`.
     """
     check_writable(output, (*LOADERS, SCENE))
-    is_scene = output.suffix.lower() == SCENE
-    if apart or is_scene:
-        parts = enumerate(foil_parts(source, height, edge, font), start=1)
-        meshes = {output.with_name(f"{output.stem}_{number}.obj"): mesh for number, mesh in parts}
+    if height is not None and inflated_size is not None:
+        raise InputError("--inflated-size: is the size once inflated, and --height that of flat foil; expected one")
+    in_files = apart or output.suffix.lower() == SCENE
+    if inflated_size is not None:
+        parts, scene = _of_inflated_size(source, inflated_size, edge, font)
     else:
-        meshes = {output: foil_mesh(source, height, edge, font)}
+        flat = HEIGHT if height is None else height
+        parts = foil_parts(source, flat, edge, font) if in_files else [foil_mesh(source, flat, edge, font)]
+        scene = partial(scene_of_foil, height=flat)
+    _write(parts if in_files else [joined(parts, Path(source).stem)], output, in_files, scene)
+
+
+def _of_inflated_size(
+    source: str, size: float, edge: float | None, font: str | None
+) -> tuple[list[PolygonMesh], SceneOf]:
+    """Return the parts that have the drawn outline once they are inflated, and how they make a scene."""
+    from balloon_warp.designing.of_foil import foil_of_inflated_size  # loads Warp
+
+    quiet_warp()
+    with stages(source) as stage:
+        found, parts = foil_of_inflated_size(source, size, edge, font, stage)
+        stage.end()
+    return parts, lambda meshes: found.scene(list(meshes.values()), list(meshes))
+
+
+def _write(parts: list[PolygonMesh], output: Path, apart: bool, scene_of: SceneOf) -> None:
+    """Write the meshes, each in a file of its own or one in OUTPUT, and the scene."""
+    is_scene = output.suffix.lower() == SCENE
+    meshes = {output: parts[0]}
+    if apart:
+        meshes = {output.with_name(f"{output.stem}_{number}{MESH}"): part for number, part in enumerate(parts, start=1)}
     for path, mesh in meshes.items():
         write_obj(path, mesh)
         print(f"wrote {path}: {mesh.vertex_count:,} vertices, {mesh.face_count:,} quads")
     if is_scene:
-        write_scene(scene_of_foil(meshes, height), output)
+        write_scene(scene_of(meshes), output)
         print(f"wrote {output}: balloon-warp run {output} fills them")

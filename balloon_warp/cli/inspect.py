@@ -138,7 +138,7 @@ def _prims(balloon: Balloon) -> str | tuple[str, ...] | None:
 
 
 def _console() -> Console:
-    return Console(highlight=False, soft_wrap=True)
+    return Console(emoji=False, highlight=False, soft_wrap=True)
 
 
 def _print_mesh(

@@ -70,7 +70,7 @@ class FrameProgress(Progress):
             self._print(line)
 
     def update(self, task_id: TaskID, **fields: Any) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """Note how far a task is."""
+        """Update the progress of a task."""
         super().update(task_id, **fields)
         task = self._tasks[task_id]
         if task.total and (left := self._estimate.after(int(task.completed), int(task.total), self.get_time())):
@@ -85,7 +85,7 @@ class FrameProgress(Progress):
     def _line(self, task: Task) -> str:
         """Return a line such as "squirrel: frame 120 of 600, 4.1 frames/s, 117 s left"."""
         total = f" of {task.total:,.0f}" if task.total else ""
-        rate = task.completed / task.elapsed if task.elapsed else 0.0
+        rate = self._estimate.rate(self.get_time())
         speed = f", {rate:.3g} frames/s" if rate else ""
         left = f", {(task.total - task.completed) / rate:,.0f} s left" if rate and task.total else ""
         return f"{task.description}: frame {task.completed:,.0f}{total}{speed}{left}"
@@ -93,12 +93,12 @@ class FrameProgress(Progress):
 
 @contextmanager
 def frame_progress() -> Iterator[FrameProgress]:
-    """Show how far the tasks are that are added to it.
+    """Show the progress of tasks.
 
     Raises:
         StoppedError: what is in the `with` block was stopped, and how far it was.
     """
-    with FrameProgress(Console(stderr=True)) as progress:
+    with FrameProgress(Console(emoji=False, stderr=True)) as progress:
         try:
             yield progress
         except KeyboardInterrupt as stop:

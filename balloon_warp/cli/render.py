@@ -57,7 +57,7 @@ def render(
     from balloon_warp.outputs.render import render_stage  # loads USD: only once the arguments are known to be good
 
     picture = output or Path(stage.with_suffix(".png").name)
-    terminal = Console(stderr=True)
+    terminal = Console(emoji=False, stderr=True)
     with Progress(console=terminal, disable=not terminal.is_terminal, transient=True) as progress:
         task = progress.add_task(picture.name, total=None)
         render_stage(
@@ -72,4 +72,4 @@ def render(
             on_frame=lambda done, count: progress.update(task, completed=done, total=count),
             **asked,
         )
-    Console(highlight=False, soft_wrap=True).print(f"wrote {picture}", markup=False)
+    Console(emoji=False, highlight=False, soft_wrap=True).print(f"wrote {picture}", markup=False)

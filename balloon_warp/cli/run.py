@@ -124,7 +124,7 @@ def run(
     asked = camera.asked()
     if any(asked.values()) and not picture:
         name = next(name for name, value in asked.items() if value)
-        raise InputError(f"--{name.replace('_', '-')}: is of the picture; expected --picture, too")
+        raise InputError(f"--{name.replace('_', '-')}: applies to the picture only; expected --picture, too")
     loaded = Changes(overrides, mesh, length).load(scene)
     name = scene_name(scene)
     stage = output or Path(f"{name}_balloon.usdc" if Path(scene).suffix.startswith(".usd") else f"{name}.usdc")
@@ -180,7 +180,7 @@ def _print_summary(summary: "Summary", rate: float) -> None:
     Args:
         rate: frames a second of the stage.
     """
-    console = Console(highlight=False, soft_wrap=True)
+    console = Console(emoji=False, highlight=False, soft_wrap=True)
     resumed = f", the last {summary.frames - summary.begin}" if summary.begin else ""
     where = f"on {summary.device}, schedule {summary.schedule}"
     console.print(

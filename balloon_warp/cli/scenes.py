@@ -45,7 +45,7 @@ def scenes(
         print(scene_toml(loaded, Path()), end="")
         return
     for path in write_scene(loaded, output):
-        Console(highlight=False, soft_wrap=True).print(f"wrote {path}", markup=False)
+        Console(emoji=False, highlight=False, soft_wrap=True).print(f"wrote {path}", markup=False)
 
 
 def _list_scenes() -> None:
@@ -54,4 +54,4 @@ def _list_scenes() -> None:
     table.add_column("what it shows")
     for name in bundled_scenes():
         table.add_row(name, load_scene(name).description)
-    Console(highlight=False).print(table)
+    Console(emoji=False, highlight=False).print(table)

@@ -75,7 +75,7 @@ class Stages:
 @contextmanager
 def stages(name: str) -> Iterator[Stages]:
     """Show on standard error the stages that are told to it in the `with` block."""
-    shown = Stages(name, Console(stderr=True))
+    shown = Stages(name, Console(emoji=False, stderr=True))
     try:
         yield shown
     finally:

@@ -1,4 +1,4 @@
-"""A command line that makes no sense, in one sentence."""
+"""Usage errors of the command line, in one sentence."""
 
 import re
 from collections.abc import Iterable, Sequence
@@ -16,7 +16,7 @@ UsageError = cast("type[Exception]", typer.BadParameter.__base__)
 
 
 def usage_sentence(error: Any, program: Any, words: Sequence[str]) -> str:
-    """Return what is wrong, what was expected, and where to read more.
+    """Return a sentence on the error, the expectation, and where to read more.
 
     Args:
         error: A `UsageError`.

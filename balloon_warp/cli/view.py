@@ -90,15 +90,15 @@ def view(
         on_start=say,
         on_warning=warner(first),
     )
-    Console(highlight=False, soft_wrap=True).print("the page is closed")
+    Console(emoji=False, highlight=False, soft_wrap=True).print("the page is closed")
 
 
 def _say_where(address: str, name: str) -> None:
-    Console(highlight=False, soft_wrap=True).print(f"{escape(name)} is at {address} (Ctrl-C ends it)")
+    Console(emoji=False, highlight=False, soft_wrap=True).print(f"{escape(name)} is at {address} (Ctrl-C ends it)")
 
 
 def _say_who_may_come(port: int, folder: Path) -> None:
-    Console(highlight=False, soft_wrap=True).print(
+    Console(emoji=False, highlight=False, soft_wrap=True).print(
         f"[yellow]warning:[/] whoever reaches port {port} of this machine can see it, play with it and save recordings "
         f"into {escape(str(folder))}; nothing is encrypted, nobody is asked a name"
     )

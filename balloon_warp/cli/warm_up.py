@@ -28,7 +28,7 @@ def warm_up(
     quiet_warp()
     from balloon_warp import warming  # loads Warp and USD: only once the scenes are known to be good
 
-    console = Console(highlight=False, soft_wrap=True)
+    console = Console(emoji=False, highlight=False, soft_wrap=True)
     for source, scene in loaded.items():
         done = warming.warm_up(scene, device, worlds, schedule)
         console.print(

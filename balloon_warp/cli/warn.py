@@ -13,12 +13,12 @@ from balloon_warp.scene import Scene, bundled_scenes
 
 def warn(sentence: str) -> None:
     """Print a warning on standard error, where no program reads results."""
-    Console(stderr=True, highlight=False, soft_wrap=True).print(f"[yellow]warning:[/] {escape(sentence)}")
+    Console(emoji=False, stderr=True, highlight=False, soft_wrap=True).print(f"[yellow]warning:[/] {escape(sentence)}")
 
 
 def note(sentence: str) -> None:
     """Print what is good to know, where no program reads results."""
-    Console(stderr=True, highlight=False, soft_wrap=True).print(f"[cyan]note:[/] {escape(sentence)}")
+    Console(emoji=False, stderr=True, highlight=False, soft_wrap=True).print(f"[cyan]note:[/] {escape(sentence)}")
 
 
 class Opening:
@@ -51,7 +51,9 @@ class Opening:
         if sentence:
             note(f"{sentence}. {more}" if more else sentence)
         elif more:
-            Console(stderr=True, highlight=False, soft_wrap=True).print(f"{self._name}: {more}", markup=False)
+            Console(emoji=False, stderr=True, highlight=False, soft_wrap=True).print(
+                f"{self._name}: {more}", markup=False
+            )
 
 
 def unsaid(first: str | None, sentences: Iterable[str]) -> list[str]:

@@ -37,7 +37,7 @@ def watched(view: bool, port: int | None, name: str) -> "Iterator[Callable[[Desi
         if missing.name != "viser":
             raise
         raise MissingExtraError("--view needs viser: pip install 'balloon-warp[view]'") from None
-    page, console = DesignPage(port=port, on_refused=warn), Console(highlight=False, soft_wrap=True)
+    page, console = DesignPage(port=port, on_refused=warn), Console(emoji=False, highlight=False, soft_wrap=True)
     try:
         console.print(f"{escape(name)} is at {page.address}")
         yield page.show

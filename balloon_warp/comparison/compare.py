@@ -74,19 +74,19 @@ def compare(
     A run that is refused or blows up is shown as such.
 
     Args:
-        scene: what is common to all runs: a scene, or what `load_scene` makes one of.
+        scene: Scene of all runs, or a source that `load_scene` takes.
         vary: dotted paths, as in overrides, and the values of each.
-        picture: the .png to write.
-        table: a .csv to write, a row a run.
+        picture: Picture to write, .png.
+        table: Table to write, .csv, a row a run.
         frame: the frame that is shown and measured; when missing, the one that the scene names as its picture, else the
             last.
-        size: width and height of each run's picture in pixels.
-        samples: rays a pixel.
-        device: a Warp device; if missing, the GPU or else the CPU.
-        schedule: "scatter", "gather", "block", "lanes", "octets", or "auto" for the fastest.
-        laws: your own, which act beside the built-in ones; see `balloon_warp.laws`.
-        on_begin: told which run begins, of how many, and what it simulates.
-        on_frame: told which run is at which frame, and of how many each, after each frame.
+        size: Width and height of each run's picture in pixels.
+        samples: Rays per pixel.
+        device: Warp device; the GPU, or else the CPU, if not given.
+        schedule: Parallel schedule: "scatter", "gather", "block", "lanes", "octets", or "auto" for the fastest.
+        laws: User-defined laws beside the built-in ones; see `balloon_warp.laws`.
+        on_begin: Called with run, number of runs and a summary, as a run begins.
+        on_frame: Called with run, number of runs, frame and number of frames, after each frame.
 
     Raises:
         InputError: nothing varies, an output cannot be written, or every run is refused; nothing is written then.

@@ -1,4 +1,4 @@
-"""One run of a comparison: a scene as far as the frame that is shown."""
+"""Run of a comparison: a scene as far as the frame that is shown."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -62,9 +62,9 @@ def simulate(
         stage: the stage to write that frame into, if any.
         frame: the frame that is shown, unless `picture_frame` is varied; when missing, the one that the scene names as
             its picture, else the last.
-        laws: your own, which act beside the built-in ones; see `balloon_warp.laws`.
+        laws: User-defined laws beside the built-in ones; see `balloon_warp.laws`.
         on_begin: told what begins, and of it the frames until the one that is shown.
-        on_frame: told how many frames are done, and of how many, after each.
+        on_frame: Called with the number of frames done, and of all.
         clock: what frames are timed with.
     """
     try:

@@ -15,7 +15,7 @@ LEAST_LETTERS = 12
 
 
 class Tile(NamedTuple):
-    """One run's part of the sheet."""
+    """Run's part of the sheet."""
 
     label: Sequence[str]
     """Lines above the picture"""

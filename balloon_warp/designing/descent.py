@@ -1,4 +1,4 @@
-"""The way to a design: steps that are taken only where the balance that they lead to is at rest, and nearer."""
+"""Descent to a design: a step counts only if its equilibrium is at rest, and nearer to the target."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -19,8 +19,8 @@ EASED, STIFFENED = 3.0, 8.0
 """Factors on the damping: division after a step that helped, multiplication after one that did not"""
 STRAYS = 1.5
 """Cost over the previous one beyond which an equilibrium is not sought any longer"""
-GAINED = 0.01
-"""Least relative gain in cost over two steps for more to be worth it"""
+GAINED = 0.03
+"""Least relative gain in cost over two steps for more to be worth it: of animals it is a hundredth of the error"""
 ALONG = 0.1
 """Weight of tangential errors over normal ones: only the shape matters"""
 
@@ -73,7 +73,7 @@ class Reached:
     """Whether more steps would not help"""
 
     def save(self, path: Path) -> None:
-        """Write it down for `load`."""
+        """Write the progress to a file for `load`."""
         from balloon_warp.files import whole_file
 
         with whole_file(path) as temporary:
@@ -101,7 +101,7 @@ def descend(
     goal: float = 0.0,
     on_step: Callable[[Reached], None] = lambda _: None,
 ) -> Reached:
-    """Go nearer, step by step.
+    """Approach the target, step by step.
 
     Args:
         steps: at most, with those that were tried before.

@@ -51,12 +51,12 @@ def design(
     """Find the balloon that becomes a shape when it is inflated, and simulate it from rest.
 
     Args:
-        target: the wanted shape: a mesh file, or a mesh; closed, of one part, not crossing itself. Of foil, letters or
+        target: Target shape: a mesh file, or a mesh; closed, of one part, not crossing itself. Of foil, letters or
             the path of a drawing, .svg: the outline of the inflated balloon; or, with `panels`, a mesh.
         of: what it is made of: a rest length for each of its springs; latex, whose mould is found; or foil.
-        stretch: how much its skin is stretched in the wanted shape; 1.2 of springs, 2 of latex, when missing.
-        hold: of springs: whether they only pull ("tension"), or may also push ("any").
-        size: largest extent of the wanted shape [m].
+        stretch: Stretch of the skin in the target shape; 1.2 for springs, 2 for latex, if not given.
+        hold: Forces of springs: "tension" alone, or "any".
+        size: Largest extent of the target shape [m].
         thickness: of latex and foil [m]; of latex also the least and the greatest, between which it varies by place
             where the mould alone does not reach the shape.
         panels: of foil, what the shape is sewn of: so many gores around its vertical axis; or it is cut between
@@ -66,11 +66,11 @@ def design(
             its group "neck" when missing.
         folder: where it is written: balloon.toml, which runs as it is, and its files, error.png and report.json. A
             temporary one when missing, which goes when Python ends.
-        steps: at most, of the design.
+        steps: Largest number of steps.
         resume: go on where the same design in that folder was stopped; of letters and drawings it begins anew.
         device: a Warp device for the simulation; if missing, the GPU or else the CPU.
-        on_stage: told what is done, a few words each time.
-        on_step: told the balloon as it is after each step, and as it is simulated in the end; not of outlines of foil.
+        on_stage: Called with a few words at each stage.
+        on_step: Called with the balloon after each step, and as simulated in the end; not for outlines of foil.
 
     Raises:
         InputError: the shape cannot be designed, a number cannot be, or what was designed finds no rest.

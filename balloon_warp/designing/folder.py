@@ -54,7 +54,7 @@ def write_stl(path: Path, mesh: PolygonMesh, triangles: NDArray[Any], unit: floa
 
 
 def write_report(path: Path, report: dict[str, Any]) -> None:
-    """Write what was reached, for people and programs."""
+    """Write the result as a report, for people and programs."""
     with whole_file(path) as temporary:
         temporary.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
 

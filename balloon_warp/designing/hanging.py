@@ -31,7 +31,7 @@ class Hanging:
     """Gravity on a design of latex, and the vertices that hold it."""
 
     held: NDArray[np.bool_]
-    """Which vertices do not move, shape (n,)"""
+    """Mask of the fixed vertices, shape (n,)"""
     down: Values
     """Gravity as a vector [m/s^2]"""
     density: float

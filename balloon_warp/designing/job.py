@@ -1,4 +1,4 @@
-"""One design from what was asked for to its folder."""
+"""Run a design from its request to its folder."""
 
 import json
 from collections.abc import Callable, Mapping
@@ -37,11 +37,11 @@ class Saved(Protocol):
 
     @property
     def steps(self) -> int:
-        """Tried until now."""
+        """Steps tried until now."""
         ...
 
     def save(self, path: Path) -> None:
-        """Write it down."""
+        """Write the progress to its file."""
         ...
 
 
@@ -67,7 +67,7 @@ class Job:
     options: Mapping[str, Any] = field(default_factory=dict)
     """Further options of this kind of design"""
     held: NDArray[np.bool_] | None = None
-    """Which vertices are held against gravity, shape (n,); None where nothing is"""
+    """Mask of the vertices that are held against gravity, shape (n,); None where nothing is"""
 
     @property
     def gravity(self) -> float:
@@ -122,12 +122,12 @@ class Job:
         return reached
 
     def remember(self, reached: Saved) -> None:
-        """Save how far it is, for `saved`."""
+        """Save the progress, for `saved`."""
         write_report(self.folder / JOB, self._asked)
         reached.save(self.folder / SAVED)
 
     def on_step(self, reached: Reached, stretch: float | None = None) -> None:
-        """Save how far it is, and say so."""
+        """Save the progress, and report it."""
         self.remember(reached)
         step = DesignStep(self.ruler, reached.steps, reached.points, stretch)
         self.say(f"{step.label}: {step.error} of the size")
@@ -142,9 +142,10 @@ class Job:
         help_: str = "",
         rival: str = "plain, at the same stretch",
         below: Image.Image | None = None,
+        mould: Values | None = None,
         **more: Any,
     ) -> Design:
-        """Simulate a scene from rest, and write all down: the picture and the report, too.
+        """Simulate a scene from rest, and write scene, picture and report.
 
         Args:
             held: the balance that was designed, shape (n, 3).
@@ -153,6 +154,7 @@ class Job:
             help_: what may bring nearer what is off, as the end of a sentence.
             rival: what its picture is called.
             below: a picture that stands below the others.
+            mould: that of rubber, which is drawn, too, shape (n, 3).
             more: for the report.
 
         Raises:
@@ -170,7 +172,8 @@ class Job:
         write_report(self.folder / "report.json", said)
         self.say("drawing the errors")
         shapes = [("simulated from rest", simulated.points)] + ([] if plain is None else [(rival, plain)])
-        picture = error_picture(self.ruler, shapes)
+        moulds = [] if mould is None else [("its mould, drawn as large", mould)]
+        picture = error_picture(self.ruler, shapes, moulds)
         write_picture(self.folder / "error.png", picture if below is None else stacked(picture, below))
         return design
 

@@ -8,9 +8,10 @@ import numpy as np
 import scipy.sparse as sparse
 from numpy.typing import NDArray
 
+from balloon_warp.designing.crossings import crossing_count
 from balloon_warp.designing.hanging import Hanging
 from balloon_warp.designing.measure import Ruler
-from balloon_warp.designing.target import crossing_triangles
+from balloon_warp.designing.uncrossed import uncrossed
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.topology import mesh_edges
 from balloon_warp.statics.balance import Balance
@@ -79,30 +80,36 @@ class MouldProblem:
 
     def easily(self, design: Values, stuck: NDArray[np.bool_]) -> sparse.spmatrix:
         """Return the easy changes: vertices move by fractions of an edge, together with their neighbors."""
-        return self._edge * sparse.kron(self.together, sparse.identity(3)).tocsc()
+        free = sparse.diags(np.where(stuck, 0.0, self._edge))
+        return sparse.csc_matrix(free @ sparse.kron(self.together, sparse.identity(3)))
 
     def allowed(self, design: Values) -> bool:
         """Return whether the mould does not cross itself."""
-        return not len(crossing_triangles(replace(self.mesh, points=design.reshape(-1, 3))))
+        return not crossing_count(replace(self.mesh, points=design.reshape(-1, 3)))
 
     def changed(self, design: Values, change: Values) -> Values:
-        """Return the mould with a change, none of whose vertices moves too far."""
+        """Return the mould with a change, none of whose vertices moves too far, or so far that it crosses itself."""
         moves = change.reshape(-1, 3)
         far = np.linalg.norm(moves, axis=1, keepdims=True)
-        most = FURTHEST * self._edge
-        return design + (moves * np.minimum(1.0, most / np.maximum(far, 1e-30))).ravel()
+        moves = moves * np.minimum(1.0, FURTHEST * self._edge / np.maximum(far, 1e-30))
+        mould = replace(self.mesh, points=design.reshape(-1, 3))
+        return design + uncrossed(mould, moves, self._means).ravel()
 
     @cached_property
     def together(self) -> Any:
         """Smooth changes, and a fraction of unsmoothed ones, shape (n, n)."""
+        evened = self._means
+        for _ in range(PASSES - 1):
+            evened = evened @ self._means
+        return (evened + ALONE * sparse.identity(self.mesh.vertex_count)).tocsc()
+
+    @cached_property
+    def _means(self) -> Any:
+        """Means over a vertex and its neighbors, shape (n, n)."""
         ends, count = mesh_edges(self.mesh).ends, self.mesh.vertex_count
         both = np.concatenate([ends, ends[:, ::-1], np.stack([np.arange(count)] * 2, axis=1)])
         beside = sparse.coo_matrix((np.ones(len(both)), both.T), shape=(count, count)).tocsr()
-        mean: Any = sparse.diags(1.0 / np.asarray(beside.sum(axis=1)).ravel()) @ beside
-        evened = mean
-        for _ in range(PASSES - 1):
-            evened = evened @ mean
-        return (evened + ALONE * sparse.identity(count)).tocsc()
+        return sparse.diags(1.0 / np.asarray(beside.sum(axis=1)).ravel()) @ beside
 
     @cached_property
     def _of_gas(self) -> Values:

@@ -15,7 +15,8 @@ import numpy as np
 import scipy.sparse as sparse
 from numpy.typing import NDArray
 
-from balloon_warp.statics.balance import Balance, solver_of
+from balloon_warp.statics.balance import Balance
+from balloon_warp.statics.systems import solver_of
 
 Values = NDArray[np.float64]
 HOLD = 1.0e-7

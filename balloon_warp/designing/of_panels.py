@@ -35,9 +35,8 @@ Values = NDArray[np.float64]
 MODULUS, DENSITY = 1.0e7, 1390.0
 """Shear modulus [Pa] and density [kg/m^3]: film far stiffer than the pressure needs, and soft enough for long steps"""
 PRESSURE, FILL_SECONDS = 200.0, 0.2
-DAMPING_RATE, VISCOSITY = 20.0, 30.0
-"""Damping rate of the whole [1/s], and viscosity of the film, without which some uneven panels tremble by a tenth of
-their size a second [Pa s]"""
+DAMPING_RATE = 20.0
+"""Damping rate of the whole [1/s]"""
 EDGES = 16
 """Number of edges of gores in the size"""
 SLACK = 0.9
@@ -71,7 +70,7 @@ class Tried:
     idle: int
 
     def save(self, path: Path) -> None:
-        """Write it down for `load`."""
+        """Write the progress to a file for `load`."""
         with whole_file(path) as temporary:
             np.savez(temporary, **vars(self))
 
@@ -179,7 +178,7 @@ def _written(job: Job, panels: Panels, flat: Values) -> Scene:
     write_obj(job.folder / "panels.obj", panels.flat_mesh(flat))
     material = Material(
         kind="neo_hookean", shear_modulus=MODULUS, thickness=job.thickness, density=DENSITY, most_stretch=1.1,
-        rest_mesh=job.folder / "panels.obj", viscosity=VISCOSITY,
+        rest_mesh=job.folder / "panels.obj",
     )  # fmt: skip
     mass = total_area(panels.flat_mesh(flat)) * job.thickness * DENSITY
     fields = common_fields(job.folder / "balloon.obj", Inflation(pressure=[(0.0, 0.0), (FILL_SECONDS, PRESSURE)]))

@@ -24,7 +24,7 @@ SMOOTH = np.array([1.0, 2.0, 3.0, 2.0, 1.0]) / 9.0
 
 @dataclass(frozen=True)
 class Part:
-    """One flat balloon: two sheets with a common rim."""
+    """Flat balloon: two sheets with a common rim."""
 
     mesh: PolygonMesh
     """Flat mesh of the target, inflated outline"""
@@ -38,7 +38,7 @@ class Part:
 
     @cached_property
     def rim(self) -> NDArray[np.int64]:
-        """All of them, loop by loop."""
+        """Vertices of the rim, loop by loop."""
         return np.concatenate(self.loops)
 
     @property

@@ -61,7 +61,7 @@ class DesignPage:
         return address_of(self.server)
 
     def show(self, step: DesignStep) -> None:
-        """Draw the balloon of a step, and say how far it is off."""
+        """Draw the balloon of a step, and report its error."""
         with self._lock, self.server.atomic():
             first = not self.steps
             self.steps.append(step)

@@ -27,7 +27,7 @@ LOOKS = {"seam": (30, 90, 170), "cut": (40, 40, 40), "mark": (190, 70, 40), "pan
 
 @dataclass(frozen=True)
 class Line:
-    """One that is drawn."""
+    """Drawn line of a pattern."""
 
     kind: str
     places: Values
@@ -93,7 +93,7 @@ class PanelPattern:
             temporary.write_text(text, encoding="utf-8")
 
     def picture(self) -> Image.Image:
-        """Draw it as a picture."""
+        """Draw the pattern as a picture."""
         lines, labels = self.drawn
         low, high = self._bounds
         scale = PIXELS / float(high[0] - low[0])

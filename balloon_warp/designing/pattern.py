@@ -37,7 +37,7 @@ def write_pattern(path: Path, rims: Sequence[Values], loops: Loops) -> None:
     """
     shapely = from_extra("shapely")
     lines: list[tuple[str, Values]] = []
-    for rim, of_part in zip(rims, loops, strict=True):
+    for rim, of_part in zip(_apart(rims), loops, strict=True):
         outer, *holes = _split(rim, of_part)
         lines += [("seam", line) for line in (outer, *holes)]
         cut = shapely.Polygon(outer, holes).buffer(SEAM)
@@ -67,6 +67,16 @@ def outline_picture(lines: Mapping[str, Sequence[Values]], loops: Loops) -> Imag
                 draw.line([tuple(place) for place in (*places, places[0])], COLORS[name], WIDTHS[name])
         draw.text((GAP, height + 30 * row), NAMES.get(name, name), COLORS[name], font)
     return image
+
+
+def _apart(rims: Sequence[Values]) -> list[Values]:
+    """Return the parts side by side, so far apart that the lines to cut along do not meet."""
+    placed, right = [], -np.inf
+    for rim in rims:
+        shift = max(0.0, right + 2.0 * SEAM + MARGIN - float(rim[:, 0].min()))
+        placed.append(rim + np.array([shift, 0.0]))
+        right = float(placed[-1][:, 0].max())
+    return placed
 
 
 def _split(rim: Values, loops: Sequence[NDArray[Any]]) -> list[Values]:

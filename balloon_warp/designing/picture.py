@@ -24,14 +24,20 @@ BANDS = np.array([[0.10, 0.42, 0.62], [0.55, 0.75, 0.72], [0.95, 0.85, 0.45], [0
 SAMPLES = 4
 
 
-def error_picture(ruler: Ruler, shapes: Sequence[tuple[str, Values]]) -> Image.Image:
+def error_picture(
+    ruler: Ruler, shapes: Sequence[tuple[str, Values]], plain: Sequence[tuple[str, Values]] = ()
+) -> Image.Image:
     """Draw the wanted shape and others beside it, each colored by how far it is off.
 
     Args:
+        ruler: of the wanted shape.
         shapes: what stands above each, and its points, shape (n, 3).
+        plain: the same of shapes that are drawn as they are, as large as the wanted one.
     """
-    wanted = Tile(["wanted"], _drawn(ruler, ruler.mesh.points, None), "")
-    tiles = [wanted]
+    tiles = [Tile(["wanted"], _drawn(ruler, ruler.mesh.points, None), "")]
+    for label, points in plain:
+        larger = points * (ruler.size / float(np.ptp(points, axis=0).max()))
+        tiles.append(Tile([label], _drawn(ruler, larger, None), ""))
     for label, points in shapes:
         off = ruler.distances(points)[: len(points)]
         line = f"{ruler.error(points)}; blue 0, red {100.0 * FULL:g}% and more"

@@ -30,7 +30,7 @@ class Simulated:
     """A design at rest."""
 
     points: NDArray[np.float64]
-    """Points of its particles [m], shape (n, 3)"""
+    """Points of the particles [m], shape (n, 3)"""
     pressure: float
     """Pressure [Pa]"""
     frames: int

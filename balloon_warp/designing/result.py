@@ -15,7 +15,7 @@ from balloon_warp.shown import Shown, described
 @described
 @dataclass(frozen=True, repr=False)
 class Design(Shown):
-    """A balloon that was designed, and what becomes of it from rest."""
+    """Designed balloon, and its simulation from rest."""
 
     scene: Scene
     """Scene that runs as it is"""
@@ -36,7 +36,7 @@ class Design(Shown):
     """Points at rest [m], shape (n, 3)"""
 
     def report(self) -> dict[str, Any]:
-        """Return all of it that fits into JSON."""
+        """Return the design's figures as JSON."""
         errors = {"error": self.error, "held_error": self.held_error, "plain_error": self.plain_error}
         parts = {
             name: None if each is None else {"mean": each.mean, "worst": each.worst} for name, each in errors.items()

@@ -14,7 +14,7 @@ Numbers = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class SeamLine:
-    """One seam, from end to end."""
+    """Seam, from end to end."""
 
     sides: Numbers
     """Vertices of the panels along both sides, shape (2, k)"""

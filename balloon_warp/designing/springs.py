@@ -79,7 +79,7 @@ class SpringProblem:
         return balance.skin.forces_by_lengths(points)
 
     def easily(self, design: Values, stuck: NDArray[np.bool_]) -> sparse.spmatrix:
-        """Rest lengths change in proportion to themselves."""
+        """Scales of change: each rest length changes in proportion to itself."""
         return sparse.diags(np.where(stuck, 0.0, design))
 
     def allowed(self, design: Values) -> bool:

@@ -7,9 +7,8 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
-from balloon_warp.designing.measure import Ruler
+from balloon_warp.designing.crossings import crossing_count
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.from_python import MeshLike
@@ -26,8 +25,8 @@ MOST_VERTICES = 20_000
 """Largest number of vertices that are designed within minutes"""
 HELD, NECK = "held", "neck"
 """Groups of the vertices that are held, and of those that are unless others are named"""
-INSIDE = 1.0e-9
-"""Margin inside an edge and a triangle for a crossing, so that touching does not count"""
+THINNEST = 1.0e-6
+"""Volume over the cube of the size below which a shape is flat"""
 
 
 def target_of(given: str | Path | MeshLike, size: float) -> PolygonMesh:
@@ -97,9 +96,11 @@ def shape_of(given: str | Path | MeshLike) -> tuple[PolygonMesh, PolygonMesh]:
             f"{source}: has {mesh.vertex_count:,} vertices; expected at most {MOST_VERTICES:,}, see "
             "`balloon-warp remesh`"
         )
-    if signed_volume(mesh) < 0.0:
+    if not abs(volume := signed_volume(mesh)) > THINNEST * float(np.ptp(mesh.points, axis=0).max()) ** 3:
+        raise InputError(f"{source}: is flat: it encloses nothing; expected a shape with an inside")
+    if volume < 0.0:
         mesh = _turned(mesh)
-    if crossed := len(crossing_triangles(mesh)):
+    if crossed := crossing_count(mesh):
         raise InputError(
             f"{source}: crosses itself at {crossed} places; expected a surface that does not, as `balloon-warp remesh` "
             "makes"
@@ -125,37 +126,6 @@ def require_size(size: float) -> None:
     """
     if not (isfinite(size) and LEAST_SIZE <= size <= MOST_SIZE):
         raise InputError(f"size: must be from {LEAST_SIZE:g} to {MOST_SIZE:g} m (got {size})")
-
-
-def crossing_triangles(mesh: PolygonMesh) -> NDArray[np.int64]:
-    """Return the pairs of an edge and a triangle that it goes through, shape (n, 2)."""
-    triangles, ends = Ruler(mesh).triangles, mesh_edges(mesh).ends
-    corners, segments = mesh.points[triangles], mesh.points[ends]
-    middles, halves = segments.mean(axis=1), 0.5 * np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1)
-    centers = corners.mean(axis=1)
-    radii = np.linalg.norm(corners - centers[:, None], axis=2).max(axis=1)
-    near = KDTree(centers).query_ball_point(middles, halves + radii.max())
-    edge = np.repeat(np.arange(len(ends)), [len(each) for each in near])
-    triangle = np.concatenate([np.asarray(each, dtype=np.int64) for each in near])
-    apart = np.linalg.norm(middles[edge] - centers[triangle], axis=1) < halves[edge] + radii[triangle]
-    shares = (ends[edge][:, :, None] == triangles[triangle][:, None, :]).any(axis=(1, 2))
-    edge, triangle = edge[apart & ~shares], triangle[apart & ~shares]
-    goes = _goes_through(segments[edge], corners[triangle])
-    return np.stack([edge[goes], triangle[goes]], axis=1)
-
-
-def _goes_through(segments: NDArray[np.float64], corners: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return whether each segment goes through its triangle (Moeller and Trumbore), shape (n,)."""
-    start, way = segments[:, 0], segments[:, 1] - segments[:, 0]
-    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    across = np.cross(way, second)
-    det = (first * across).sum(axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        arm = start - corners[:, 0]
-        u = (arm * across).sum(axis=1) / det
-        other = np.cross(arm, first)
-        v, t = (way * other).sum(axis=1) / det, (second * other).sum(axis=1) / det
-        return (u > INSIDE) & (v > INSIDE) & (u + v < 1.0 - INSIDE) & (t > INSIDE) & (t < 1.0 - INSIDE)
 
 
 def _used(mesh: PolygonMesh) -> PolygonMesh:

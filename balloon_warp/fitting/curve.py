@@ -1,6 +1,5 @@
 """The rubber whose balloon had a measured curve of pressure over volume."""
 
-import csv
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import isfinite
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from balloon_warp.errors import InputError
+from balloon_warp.fitting.read_curve import Curve
 from balloon_warp.fitting.result import Fit, fit_of
 from balloon_warp.kernels.laws.membrane import MEMBRANES, MOST_STRETCH
 from balloon_warp.mesh.load import load_mesh
@@ -36,17 +36,6 @@ NAMES = {
     "gent": ("shear_modulus", "gent_limit"),
     "ogden": ("ogden_modulus_1", "ogden_modulus_2", "ogden_modulus_3"),
 }
-LEAST_ROWS = 5
-
-
-@dataclass(frozen=True)
-class Curve:
-    """A measured curve."""
-
-    volumes: Values
-    """Volumes [m^3], shape (n,)"""
-    pressures: Values
-    """Gauge pressures [Pa], shape (n,)"""
 
 
 @dataclass(frozen=True)
@@ -58,33 +47,6 @@ class CurveFit:
     """Fitted pressures at the measured volumes [Pa], shape (n,)"""
     toml: str
     """Table of a scene file"""
-
-
-def read_curve(path: Path) -> Curve:
-    """Read a .csv file of volumes [m^3] and pressures [Pa]: the first two columns, or those of these names.
-
-    Raises:
-        InputError: it cannot be read, or has too few rows, or a wrong number.
-    """
-    try:
-        rows = [
-            row for row in csv.reader(path.read_text(encoding="utf-8-sig").splitlines()) if any(map(str.strip, row))
-        ]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path}: cannot be read as a .csv file: {error}") from None
-    columns = (0, 1)
-    if rows and not _is_number(rows[0][0]):
-        names = [name.strip().lower().split(" ")[0] for name in rows.pop(0)]
-        if {"volume", "pressure"} <= set(names):
-            columns = (names.index("volume"), names.index("pressure"))
-    try:
-        volumes, pressures = np.array([[float(row[column]) for column in columns] for row in rows]).reshape(-1, 2).T
-    except (ValueError, IndexError):
-        raise InputError(f"{path}: expected volumes [m^3] and pressures [Pa], two numbers in each row") from None
-    if len(volumes) < LEAST_ROWS or not (np.isfinite(volumes) & np.isfinite(pressures) & (volumes > 0.0)).all():
-        raise InputError(f"{path}: expected at least {LEAST_ROWS} rows of volumes above 0 and pressures")
-    order = np.argsort(volumes)
-    return Curve(volumes[order], pressures[order])
 
 
 def fit_curve(
@@ -215,11 +177,3 @@ def _toml(kind: str, values: Values, thickness: float) -> str:
     else:
         lines += [f"{name} = {value:.6g}" for name, value in zip(NAMES[kind], values, strict=False)]
     return "\n".join(lines) + "\n"
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True

@@ -1,8 +1,6 @@
 """Least squares from many starts at once: Levenberg and Marquardt's method, in lockstep.
 
-All starts, and all their differences, are asked for together, so that they can be worlds of one batch. From half-way on
-all but the best begin anew around it, several times and ever nearer, with the first value scanned: the stiffest is what
-starts get stuck in, where a bounce makes many small minima.
+All starts, and all their differences, are asked for together, so that they can be worlds of one batch.
 """
 
 from collections.abc import Callable
@@ -20,10 +18,6 @@ FIRST_DAMPING = 1.0e-2
 EASED, STIFFENED = 5.0, 10.0
 LONGEST = 0.15
 """Longest step, over the range between the bounds"""
-SCANS = (0.06, 0.02, 0.01)
-"""Widths of successive scans around the best, over the range between the bounds"""
-SCAN_ROUNDS = 3
-"""Number of rounds from one scan to the next"""
 SETTLED = 1.0e-5
 """Step below which the best start has converged"""
 
@@ -48,32 +42,31 @@ class Starts:
         return int(np.argmin(self.costs))
 
 
-def search(forward: Forward, first: Values, rounds: int, on_round: Callable[[int, float], None]) -> Starts:
-    """Go from all starts, so many rounds at most.
+def descend(
+    forward: Forward, first: Values, rounds: int, on_round: Callable[[float], None], differences: Values | None = None
+) -> Starts:
+    """Go down from all starts, so many rounds at most, until the best has converged.
 
     Args:
         first: places, shape (s, p).
-        on_round: told the round, and the least misfit until then.
+        on_round: told the least misfit before each round.
+        differences: steps of finite differences, shape (p,).
     """
-    starts, scans = _begun(forward, first), list(SCANS[: None if len(first) > 1 else 0])
-    due = (rounds + 1) // 2
-    for number in range(1, rounds + 1):
-        on_round(number, float(np.sqrt(starts.costs.min())))
+    steps = np.full(first.shape[1], DIFFERENCE) if differences is None else differences
+    starts = _begun(forward, first, steps)
+    for _ in range(rounds):
+        on_round(float(np.sqrt(starts.costs.min())))
         trial = _steps(starts)
-        settled = np.abs(trial - starts.places)[starts.best].max() < SETTLED
-        anew = bool(scans) and (number >= due or (settled and len(scans) < len(SCANS)))
-        if anew:
-            trial, due = _around_best(starts, scans.pop(0)), number + SCAN_ROUNDS
-        elif settled and not scans:
+        if np.abs(trial - starts.places)[starts.best].max() < SETTLED:
             break
-        _take(starts, _begun(forward, trial), anew)
+        _take(starts, _begun(forward, trial, steps))
     return starts
 
 
-def _begun(forward: Forward, places: Values) -> Starts:
+def _begun(forward: Forward, places: Values, differences: Values) -> Starts:
     """Return the residuals and differences of all places, asked for at once."""
     count, width = places.shape
-    steps = np.where(places > 0.5, -DIFFERENCE, DIFFERENCE)
+    steps = np.where(places > 0.5, -differences, differences)
     rows = np.repeat(places[:, None], width + 1, axis=1)
     for column in range(width):
         rows[:, column + 1, column] += steps[:, column]
@@ -99,21 +92,10 @@ def _steps(starts: Starts) -> Values:
     return trial
 
 
-def _around_best(starts: Starts, width: float) -> Values:
-    """Return all around the best, with the first value scanned."""
-    trial = np.tile(starts.places[starts.best], (len(starts.places), 1))
-    trial[:, 0] = np.clip(trial[:, 0] + np.linspace(-width, width, len(trial)), 0.0, 1.0)
-    return trial
-
-
-def _take(starts: Starts, trial: Starts, anew: bool) -> None:
-    """Keep what is better; where all begin anew, all but the best start."""
+def _take(starts: Starts, trial: Starts) -> None:
+    """Keep what is better."""
     better = np.asarray(trial.costs < starts.costs)
-    if anew:
-        others = np.arange(len(better)) != starts.best
-        better = np.where(others, np.isfinite(trial.costs), better)
     for name in ("places", "costs", "residuals", "jacobians"):
         kept, new = getattr(starts, name), getattr(trial, name)
         kept[better] = new[better]
-    changed = np.where(better, starts.dampings / EASED, starts.dampings * STIFFENED)
-    starts.dampings = np.where(better & anew, FIRST_DAMPING, changed)
+    starts.dampings = np.where(better, starts.dampings / EASED, starts.dampings * STIFFENED)

@@ -66,13 +66,13 @@ def measured_of(data: str | Path | Mapping[str, Any], particle_count: int, last_
         InputError: it cannot be read, or is not of the scene.
     """
     source, table = ("data", dict(data)) if isinstance(data, Mapping) else (str(data), _read(Path(data)))
-    tracks = {name: np.asarray(table[name], dtype=np.float64) for name in NOISES if name in table}
-    times = np.asarray(table.get("times", ()), dtype=np.float64)
+    tracks = {name: _numbers(source, name, table[name]) for name in NOISES if name in table}
+    times = _numbers(source, "times", table.get("times", ()))
     if not len(times) or not tracks or times.ndim != 1:
         raise InputError(f"{source}: expected {EXPECTED} (got {', '.join(table) or 'nothing'})")
     if not (np.isfinite(times).all() and times.min() >= 0.0 and times.max() <= last_time * (1.0 + 1e-9)):
         raise InputError(f"{source}: times: expected from 0 to {last_time:g} s, as long as the scene goes on")
-    particles = np.asarray(table.get("particles", np.arange(particle_count)), dtype=np.int64)
+    particles = _numbers(source, "particles", table.get("particles", np.arange(particle_count))).astype(np.int64)
     if particles.ndim != 1 or (len(particles) and not 0 <= particles.min() <= particles.max() < particle_count):
         raise InputError(f"{source}: particles: expected numbers from 0 to {particle_count - 1}")
     for name, track in tracks.items():
@@ -81,13 +81,35 @@ def measured_of(data: str | Path | Mapping[str, Any], particle_count: int, last_
             raise InputError(f"{source}: {name}: expected shape {shape} (got {track.shape})")
         if not np.isfinite(track).any():
             raise InputError(f"{source}: {name}: holds no number")
-    noises = {name: float(table[noise]) for name, noise in NOISES.items() if noise in table}
-    if any(not deviation > 0.0 for deviation in noises.values()):
-        raise InputError(f"{source}: noise: expected deviations above 0")
+    noises = {name: _deviation(source, noise, table[noise]) for name, noise in NOISES.items() if noise in table}
     if len(tracks) > 1 and not set(tracks) <= set(noises):
         missing = " and ".join(NOISES[name] for name in tracks if name not in noises)
         raise InputError(f"{source}: {missing}: is missing; measures of several kinds are weighed by their noise")
     return Measured(times, tracks, particles, noises)
+
+
+def _numbers(source: str, name: str, given: Any) -> Values:
+    """Return an array of numbers.
+
+    Raises:
+        InputError: it is none.
+    """
+    try:
+        return np.asarray(given, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{source}: {name}: expected numbers (got {given!r:.60})") from None
+
+
+def _deviation(source: str, name: str, given: Any) -> float:
+    """Return a standard deviation.
+
+    Raises:
+        InputError: it is none.
+    """
+    number = _numbers(source, name, given)
+    if number.size != 1 or not 0.0 < number.item() < np.inf:
+        raise InputError(f"{source}: {name}: expected one standard deviation above 0 (got {given!r:.60})")
+    return float(number.item())
 
 
 def _read(path: Path) -> dict[str, Any]:

@@ -26,12 +26,12 @@ def curve_plot(volumes: Values, measured: Values, found: Values) -> Image.Image:
             SIZE[1] - bottom - (SIZE[1] - top - bottom) * (y - up[0]) / (up[1] - up[0]),
         )
 
-    for tick in np.linspace(0.0, 1.0, TICKS):
-        x, y = across[0] + tick * (across[1] - across[0]), up[0] + tick * (up[1] - up[0])
+    for x in ticks(*across):
         draw.line([place(x, up[0]), place(x, up[1])], FAINT)
+        draw.text((place(x, up[0])[0], SIZE[1] - bottom + 6), f"{1000.0 * x:.6g}", INK, font, anchor="ma")
+    for y in ticks(*up):
         draw.line([place(across[0], y), place(across[1], y)], FAINT)
-        draw.text((place(x, up[0])[0], SIZE[1] - bottom + 6), f"{1000.0 * x:.3g}", INK, font, anchor="ma")
-        draw.text((left - 8, place(across[0], y)[1]), f"{y:.4g}", INK, font, anchor="rm")
+        draw.text((left - 8, place(across[0], y)[1]), f"{y:.6g}", INK, font, anchor="rm")
     draw.text((SIZE[0] // 2, SIZE[1] - 24), "volume [l]", INK, font, anchor="ma")
     draw.text((8, 4), "pressure [Pa]: dots measured, line found", INK, font)
     draw.line(_joined([place(x, y) for x, y in zip(volumes, found, strict=True)]), LINE, 3)
@@ -39,6 +39,14 @@ def curve_plot(volumes: Values, measured: Values, found: Values) -> Image.Image:
         (u, v), r = place(x, y), 4
         draw.ellipse((u - r, v - r, u + r, v + r), DOT)
     return image
+
+
+def ticks(low: float, high: float) -> list[float]:
+    """Return round numbers of a range, a few."""
+    rough = (high - low) / TICKS
+    power = 10.0 ** np.floor(np.log10(rough))
+    step = power * next(each for each in (1.0, 2.0, 5.0, 10.0) if each * power >= rough)
+    return [float(k * step) for k in range(int(np.ceil(low / step)), int(np.floor(high / step)) + 1)]
 
 
 def _joined(places: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:

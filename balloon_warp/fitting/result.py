@@ -1,6 +1,7 @@
 """Result of a fit, with its uncertainties."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ TWINS = 0.98
 @described
 @dataclass(frozen=True, repr=False)
 class Fit(Shown):
-    """Values that explain what was measured, with what is known of them."""
+    """Values that explain measured data, with their uncertainties."""
 
     values: dict[str, float]
     """Values by path, or by name"""
@@ -32,6 +33,8 @@ class Fit(Shown):
     noise_known: bool
     starts: NDArray[np.float64]
     """Misfit that each start reached, ascending"""
+    at_bounds: dict[str, float] = field(default_factory=dict)
+    """Bounds at which values lie, by path: the data may ask for values beyond"""
 
     @property
     def doubts(self) -> list[str]:
@@ -42,6 +45,7 @@ class Fit(Shown):
             for name, value in self.values.items()
             if value and abs(self.errors[name]) > VAGUE * abs(value)
         ]
+        said += [f"{name} lies at its bound, {bound:.4g}" for name, bound in self.at_bounds.items()]
         for i, j in zip(*np.triu_indices(len(names), 1), strict=True):
             if abs(self.correlations[i, j]) > TWINS:
                 said.append(
@@ -52,12 +56,13 @@ class Fit(Shown):
         return said
 
     def report(self) -> dict[str, Any]:
-        """Return all of it that fits into JSON."""
+        """Return the fit's figures as JSON."""
         return {
             "values": self.values,
             "errors": self.errors,
             "correlations": self.correlations.tolist(),
             "misfit": self.misfit,
+            "at_bounds": self.at_bounds,
             "doubts": self.doubts,
         }
 
@@ -68,16 +73,20 @@ class Fit(Shown):
 
 def fit_of(
     names: list[str], values: NDArray[np.float64], jacobian: NDArray[np.float64], misfit: float, noise_known: bool,
-    starts: NDArray[np.float64],
+    starts: NDArray[np.float64], at_bounds: Mapping[str, float] | None = None,
+    roughness: NDArray[np.float64] | None = None,
 ) -> Fit:  # fmt: skip
     """Return the fit whose residuals have these derivatives by the values.
 
     Args:
         jacobian: of residuals over the noise, or in the data's unit where that is not known, shape (m, n).
+        roughness: covariance of the values over the minima that jumps of the residuals leave, shape (n, n).
     """
     size = np.maximum(np.abs(values), 1.0e-300)
     scaled = jacobian * size
     covariance = np.linalg.pinv(scaled.T @ scaled) * (1.0 if noise_known else misfit**2)
+    if roughness is not None:
+        covariance += roughness / np.outer(size, size)
     deviations = np.sqrt(np.maximum(np.diag(covariance), 1.0e-300))
     return Fit(
         values=dict(zip(names, values.tolist(), strict=True)),
@@ -86,4 +95,5 @@ def fit_of(
         misfit=misfit,
         noise_known=noise_known,
         starts=np.sort(starts),
+        at_bounds=dict(at_bounds or {}),
     )

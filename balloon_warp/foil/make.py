@@ -1,8 +1,11 @@
 """Foil balloons of letters and drawings."""
 
+from collections.abc import Sequence
 from math import isfinite
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from balloon_warp.errors import InputError
 from balloon_warp.foil.outlines import from_extra
@@ -28,10 +31,10 @@ def foil_mesh(
     x and y, on y = 0, about x = 0.
 
     Args:
-        source: a line of text; or the path of a drawing, an `.svg` file.
-        height: of all of it [m].
-        edge: how long edges are, about [m]; a 32nd of the height, and less where it is narrow, when missing.
-        font: of text: a file, or a family of the machine's; DejaVu Sans Bold when missing.
+        source: Line of text; or the path of a drawing, an `.svg` file.
+        height: Height of the whole [m].
+        edge: Approximate edge length [m]; a 32nd of the height, and less where it is narrow, if not given.
+        font: Font of text: a file, or a family of the machine's; DejaVu Sans Bold if not given.
 
     Raises:
         InputError: nothing is drawn, or it cannot be read, or is too narrow for the edge.
@@ -43,12 +46,24 @@ def foil_mesh(
 def foil_parts(
     source: str | Path, height: float = HEIGHT, edge: float | None = None, font: str | None = None
 ) -> list[PolygonMesh]:
-    """Make what `foil_mesh` makes, a mesh for each letter or part of a drawing.
+    """Make a foil mesh for each letter or part of a drawing, as `foil_mesh`.
 
     They come from left to right, each in its place, so that each can be a balloon of its own.
     """
     sheets, size, name = _sheets(source, height, edge, font)
     return [sewn([sheet], size, f"{name} {number}") for number, sheet in enumerate(sheets, start=1)]
+
+
+def joined(meshes: Sequence[PolygonMesh], name: str) -> PolygonMesh:
+    """Return the parts as one mesh of several components."""
+    firsts = np.cumsum([0, *(mesh.vertex_count for mesh in meshes)])[:-1]
+    numbers = [mesh.face_vertex_indices + first for mesh, first in zip(meshes, firsts.tolist(), strict=True)]
+    return PolygonMesh(
+        np.concatenate([mesh.points for mesh in meshes]),
+        np.concatenate([mesh.face_vertex_counts for mesh in meshes]),
+        np.concatenate(numbers).astype(np.int32),
+        name,
+    )
 
 
 def _sheets(source: str | Path, height: float, edge: float | None, font: str | None) -> tuple[list[Sheet], float, str]:

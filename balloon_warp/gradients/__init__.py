@@ -1,1 +1,1 @@
-"""Derivatives of what comes of a scene by what it says."""
+"""Derivatives of a loss on a simulation by values of its scene."""

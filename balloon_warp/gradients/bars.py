@@ -8,8 +8,11 @@ from numpy.typing import NDArray
 
 from balloon_warp.kernels.laws.columns import Columns
 from balloon_warp.model import Model, ModelPlan
+from balloon_warp.model.friction import FRICTION, OF_BALLOONS
 
 Values = NDArray[np.float64]
+ON_GROUND = 0
+"""Number of the ground among all things"""
 
 
 def keyframe_weights(times: Values, time: float) -> Values:
@@ -60,10 +63,20 @@ def by_numbers(columns: Columns, wanted: tuple[int, ...], totals: Values) -> dic
 
 
 def columns_of_names(columns: Columns, names: Any) -> tuple[int, ...]:
-    """Return the columns of those parameters of laws that are named."""
+    """Return the columns of those parameters of laws that are named; friction on the ground has that of balloons."""
+    asked = {*names, *(OF_BALLOONS for name in names if name == FRICTION)}
     return tuple(
-        columns.places[row.name] + each for row in columns.rows if row.name in names for each in range(row.size)
+        columns.places[row.name] + each for row in columns.rows if row.name in asked for each in range(row.size)
     )
+
+
+def by_friction(model: Model, bars: dict[str, Values]) -> dict[str, Values]:
+    """Return derivatives by the coefficients of pairs, of which those of balloons and the ground are known."""
+    if OF_BALLOONS not in bars:
+        return {}
+    of_pairs = np.zeros((model.world_count, *model.parameters[FRICTION].shape[1:]))
+    of_pairs[:, -model.balloon_count :, ON_GROUND] = bars.pop(OF_BALLOONS)
+    return {FRICTION: of_pairs}
 
 
 def by_start(plan: ModelPlan, model: Model, points: Values, velocities: Values) -> dict[str, Values]:

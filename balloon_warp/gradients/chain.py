@@ -1,4 +1,4 @@
-"""From a path of a scene to the numbers that kernels read: how fast each grows with the path's value.
+"""Chain rule from a path of a scene to the numbers that kernels read: how fast each grows with the path's value.
 
 What a plan makes of a scene, such as a mass from a density or an amount of gas from a pressure, is smooth and in double
 precision. So differences of two plans tell its slopes.
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
+from balloon_warp.gradients.spans import Slopes, slopes_of_change, slopes_of_spans
 from balloon_warp.model import ModelPlan, Vary
 from balloon_warp.model.parameters import is_numbered, parameters_at, places_of
 from balloon_warp.model.plan import settled_parameters
@@ -28,8 +29,13 @@ class Chain:
     """Hold the slopes of a plan's parameters by the value at one path."""
 
     path: str
-    slopes: dict[str, NDArray[np.float64]]
-    """By the names of parameters, shape (world_count, ...) as they are there; those that do not change are missing"""
+    spans: tuple[Slopes, ...]
+    """Slopes by parameter name, shape (world_count, ...) as in the plan, between changes; none where it is 0"""
+
+    @property
+    def slopes(self) -> Slopes:
+        """Slopes at the start."""
+        return self.spans[0]
 
 
 def chains_of(plan: ModelPlan, paths: Sequence[str], vary: Vary) -> list[Chain]:
@@ -40,10 +46,16 @@ def chains_of(plan: ModelPlan, paths: Sequence[str], vary: Vary) -> list[Chain]:
     """
     if isinstance(paths, str) or not paths:
         raise InputError(f"of: expected a list of paths, such as balloon.inflation.amount (got {str(paths)!r})")
-    return [Chain(path, _slopes(plan, path, vary)) for path in dict.fromkeys(paths)]
+    return [Chain(path, _spans(plan, path, vary)) for path in dict.fromkeys(paths)]
 
 
-def _slopes(plan: ModelPlan, path: str, vary: Vary) -> dict[str, NDArray[np.float64]]:
+def _spans(plan: ModelPlan, path: str, vary: Vary) -> tuple[Slopes, ...]:
+    if path.startswith("change."):
+        return slopes_of_change(plan, path)
+    return slopes_of_spans(plan, _slopes(plan, path, vary))
+
+
+def _slopes(plan: ModelPlan, path: str, vary: Vary) -> Slopes:
     value = _value(plan, path, vary)
     reach = REACH * np.where(value == 0.0, 1.0, np.abs(value))
     sides = {}
@@ -114,4 +126,4 @@ def product(slopes: NDArray[np.float64], bars: NDArray[np.float64]) -> NDArray[n
 
 def names_in(chains: Sequence[Chain]) -> Mapping[str, Any]:
     """Return the names of all parameters that change."""
-    return dict.fromkeys(name for chain in chains for name in chain.slopes)
+    return dict.fromkeys(name for chain in chains for slopes in chain.spans for name in slopes)

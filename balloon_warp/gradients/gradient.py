@@ -1,25 +1,27 @@
-"""Derivatives of a loss by values of a scene: what must change so that it ends there."""
+"""Derivatives of a loss by values of a scene."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.device import pick_device
 from balloon_warp.errors import InputError
-from balloon_warp.gradients.bars import by_keyframes, by_numbers, by_start, columns_of_names
+from balloon_warp.gradients.bars import columns_of_names
 from balloon_warp.gradients.chain import Chain, chains_of, names_in, product
-from balloon_warp.gradients.loss import Loss, Told, told_by
-from balloon_warp.gradients.refusals import require_differentiable, require_paths
+from balloon_warp.gradients.loss import Loss, told_by
+from balloon_warp.gradients.refusals import require_differentiable, require_paths, require_room_for_frames
+from balloon_warp.gradients.way_back import WayBack
 from balloon_warp.kernels.laws import Law
-from balloon_warp.model import Model, ModelPlan, Vary, lay_out
+from balloon_warp.model import Model, Vary, lay_out
 from balloon_warp.model.memory import require_memory
 from balloon_warp.model.varied_scene import scene_to_vary
 from balloon_warp.scene import SceneLike
 from balloon_warp.scene.overrides import Override
-from balloon_warp.schedules.backward import BackwardFrames, bytes_of_world
+from balloon_warp.schedules.choose_backward import backwards_of, bytes_backwards, forward_of
 from balloon_warp.shown import Shown, described
 from balloon_warp.simulator import Simulator
 from balloon_warp.sweep.groups import plan_groups
@@ -32,14 +34,19 @@ Values = NDArray[np.float64]
 @described
 @dataclass(frozen=True, repr=False)
 class Gradient(Shown):
-    """A loss, and how it grows with values of a scene."""
+    """Loss of a simulation, and its derivatives by values of the scene."""
 
     loss: Values
     """Loss of each world, shape (world_count,)"""
     gradients: dict[str, Values]
     """Derivatives of each world's loss by its own value, by paths, shape (world_count,)"""
     trajectories: Trajectories
-    """How everything moved, as the loss has seen it"""
+    """Trajectories, as the loss has seen them"""
+    by_points: list[Values]
+    """Derivatives by where each particle starts, with the amounts of gas as they are: of each balloon an array as of a
+    frame of the trajectories, shape (world_count, n, 3), without the first for a single world"""
+    by_velocities: list[Values]
+    """Derivatives by how fast each particle starts"""
 
     def __repr__(self) -> str:
         return f"Gradient({len(self.loss)} worlds, of {', '.join(self.gradients)})"
@@ -54,30 +61,65 @@ def gradient(
     world_count: int = 1,
     vary: Vary | None = None,
     device: str | None = None,
+    schedule: str = "auto",
     laws: Sequence[Law] = (),
     on_frame: Callable[[int], None] = lambda number: None,
 ) -> Gradient:
-    """Simulate a scene, and derive a loss by values of the scene.
+    """Simulate a scene, and differentiate a loss with respect to values of the scene.
 
-    The frames are those of `simulate(..., schedule="gather")`, to the bit. Then they run backwards, from the last.
+    The frames are those of `simulate`, to the bit, in schedule "octets" on a CPU and "block" on a GPU; or "gather",
+    where frames run backwards as launches. Then they run backwards, from the last.
 
     Args:
-        scene: a scene, the name of a bundled one, a scene file, or a mesh, as a file or in memory.
-        overrides: dotted paths and values, as in `load_scene`.
-        of: dotted paths of the values to derive by: "balloon.stiffness.structural", "balloon.inflation.amount".
-        loss: a function of the `Trajectories`. It returns a number for each world, and its derivatives by what it used
+        scene: Scene, name of a bundled one, scene file, or mesh, as a file or in memory.
+        overrides: Dotted paths and values, as in `load_scene`.
+        of: Dotted paths of the values to differentiate by: "balloon.stiffness.structural", "balloon.inflation.amount".
+        loss: Function of the `Trajectories`. It returns a number for each world, and its derivatives by what it used
             of them: {"points": [...]}, an array for each balloon, as `velocities`; or {"volumes": ...}, as `pressures`.
-        world_count: how many copies of the scene, side by side.
-        vary: what differs between the worlds: dotted paths, and a value for each world.
-        device: a Warp device; if missing, the GPU or else the CPU.
-        laws: your own, which act beside the built-in ones; Warp derives them.
-        on_frame: called with the number of each frame when it is simulated, and again when it has run backwards.
+        world_count: Number of worlds, copies of the scene side by side.
+        vary: Values that differ between worlds: dotted paths, and a value for each world.
+        device: Warp device; the GPU, or else the CPU, if not given.
+        schedule: Schedule of frames that run backwards: "block", a block of threads a world; "launched", a launch for
+            each piece of a substep; or "auto", the faster one that can.
+        laws: User-defined laws beside the built-in ones, which Warp differentiates.
+        on_frame: Called with the number of each frame when it is simulated, and again when it has run backwards.
 
     Raises:
-        InputError: the scene cannot be simulated, or not be derived, or a path not; or the loss is no number a world.
+        InputError: The scene cannot be simulated or differentiated, or a path not; or the loss is no number a world.
         BlowUpError: a world blew up.
     """
-    vary = vary or {}
+    asked = Asked(of, loss, world_count, vary or {}, device, schedule, laws)
+    found, depends = derived(scene, overrides, asked, on_frame)
+    if depends:
+        _require_effect(found.gradients)
+    return found
+
+
+class Asked(NamedTuple):
+    """Hold what is asked of a scene, see `gradient`."""
+
+    of: Sequence[str]
+    loss: Loss
+    world_count: int
+    vary: Vary
+    device: str | None
+    schedule: str
+    laws: Sequence[Law]
+
+
+def derived(
+    scene: SceneLike,
+    overrides: Mapping[str, Any] | Iterable[Override],
+    asked: Asked,
+    on_frame: Callable[[int], None] = lambda number: None,
+) -> tuple[Gradient, bool]:
+    """Return a gradient, even if it is zero, and whether the loss depends on anything that moves.
+
+    Raises:
+        InputError: as `gradient`, but for values without an effect.
+        BlowUpError: a world blew up.
+    """
+    of, loss, world_count, vary, device, schedule, laws = asked
     groups = plan_groups(scene_to_vary(scene, vary, overrides), world_count, vary, laws)
     if len(groups) > 1:
         raise InputError("vary: gradients are of one mesh and its springs; expected values that make no other model")
@@ -89,72 +131,49 @@ def gradient(
     columns = columns_of_names(model.columns, names_in(chains))
     frames = plan.scene.frames
     with lock_of(model.device):
-        require_memory(model.device, [world_count], [bytes_of_world(model, columns, frames)])
-        simulator = Simulator.of_model(model, "gather")
-        backward = BackwardFrames(model, simulator.state, columns)
-    tracks, checkpoints = empty_tracks(groups, world_count, frames + 1), []
+        require_memory(model.device, [world_count], [bytes_backwards(model, columns, frames, schedule)])
+        require_room_for_frames(plan)
+        runs_back = backwards_of(model, schedule)
+        simulator = Simulator.of_model(model, forward_of(model, runs_back))
+        model = simulator.model  # of parameters of its own, where they change
+        backward = runs_back(model, simulator.state, columns)
+    tracks = empty_tracks(groups, world_count, frames + 1)
+    way = WayBack(plan, model, backward, tracks)
     for number in range(frames + 1):
         if number:
-            with lock_of(model.device):
-                checkpoints.append(backward.checkpoint(simulator.state))
+            way.note_beginning(simulator.state)
             simulator.step_unread()
+            way.note_parameters(number - 1)
         record(tracks, simulator, groups[0], number)
         on_frame(number)
     meshes = [shape.mesh for shape in plan.shapes]
     times = np.arange(frames + 1) / plan.scene.frames_per_second
     moved = Trajectories(plan.scene, meshes, times, **by_balloon(tracks, meshes))
     told = told_by(loss, moved, plan.shapes, world_count)
-    bars = _run_backwards(plan, model, backward, checkpoints, told, on_frame)
+    bars = way.back(told, on_frame)
     gradients = {chain.path: _by_path(chain, bars, world_count) for chain in chains}
-    if told.depends:
-        _require_effect(gradients, told)
-    return Gradient(told.loss, gradients, moved)
+    by_points, by_velocities = (_by_balloon(bars[0][f"particle_{name}"], model) for name in ("points", "velocities"))
+    return Gradient(told.loss, gradients, moved, by_points, by_velocities), told.depends
 
 
-def _run_backwards(
-    plan: ModelPlan,
-    model: Model,
-    backward: BackwardFrames,
-    checkpoints: list[Any],
-    told: Told,
-    on_frame: Callable[[int], None],
-) -> dict[str, Values]:
-    """Return derivatives by all parameters of the model, worlds first."""
-    keyed = np.zeros((model.world_count, *model.keyframe_times.shape))
-    given = not any(kind == "gas" for kind in (balloon.inflation.kind for balloon in plan.scene.balloon))
-    for number in range(len(checkpoints), 0, -1):
-        with lock_of(model.device):
-            pressures = told.pressures[:, number]
-            backward.add(told.points[:, number], told.velocities[:, number], 0.0 * pressures if given else pressures)
-            backward.turn_back(checkpoints.pop())
-            sums = np.asarray(backward.bars.keyed_totals.numpy(), dtype=np.float64).copy()
-        if given:  # as a frame ends, the pressure of its last substep is noted
-            sums[..., 0] += pressures
-            sums[..., 1] += pressures * (model.substeps - 1) * model.step_seconds
-        keyed += by_keyframes(model, number - 1, sums)
-        on_frame(number)
-    backward.add(told.points[:, 0], told.velocities[:, 0], told.pressures[:, 0])
-    at_start = backward.by_state()
-    totals = np.asarray(backward.bars.number_totals.numpy(), dtype=np.float64)
-    gas = np.asarray(backward.bars.gas_totals.numpy(), dtype=np.float64)
-    return {
-        **by_numbers(model.columns, backward.columns, totals),
-        **by_start(plan, model, at_start["points"], at_start["velocities"]),
-        "initial_gas_amounts": gas[..., 0], "initial_free_volumes": gas[..., 1], "keyframe_values": keyed,
-        "initial_pressures": at_start["pressures"], "initial_loads": at_start["loads"],
-    }  # fmt: skip
+def _by_balloon(array: Values, model: Model) -> list[Values]:
+    """Return the particles of each balloon, as trajectories have them."""
+    offsets = model.particle_offsets
+    parts = [array[:, begin:end] for begin, end in pairwise(offsets)]
+    return [part[0] for part in parts] if len(array) == 1 else parts
 
 
-def _by_path(chain: Chain, bars: Mapping[str, Values], world_count: int) -> Values:
+def _by_path(chain: Chain, bars: Sequence[Mapping[str, Values]], world_count: int) -> Values:
     """Return the derivative by the value at a path in each world."""
     total = np.zeros(world_count)
-    for name, slopes in chain.slopes.items():
-        if name in bars:
-            total += product(slopes, bars[name])
+    for span, of_span in zip(chain.spans, bars, strict=True):
+        for name, slopes in span.items():
+            if name in of_span:
+                total += product(slopes, of_span[name])
     return total
 
 
-def _require_effect(gradients: Mapping[str, Values], told: Told) -> None:
+def _require_effect(gradients: Mapping[str, Values]) -> None:
     """Make sure that each value has an effect on the loss.
 
     Raises:

@@ -13,8 +13,9 @@ from balloon_warp.trajectories import Trajectories
 
 Loss = Callable[[Trajectories], tuple[Any, Mapping[str, Any]]]
 """Function from trajectories to a number for each world, and a dictionary of its derivatives: by `points` and
-`velocities`, a list of arrays by balloon, and by `volumes` and `pressures`, each of the shape that it has there"""
-KNOWN = ("points", "velocities", "volumes", "pressures")
+`velocities`, a list of arrays by balloon, and by `volumes`, `pressures`, `sphere_positions` and `sphere_velocities`,
+each of the shape that it has there"""
+KNOWN = ("points", "velocities", "volumes", "pressures", "sphere_positions", "sphere_velocities")
 
 
 class Told(NamedTuple):
@@ -26,6 +27,9 @@ class Told(NamedTuple):
     velocities: NDArray[np.float64]
     pressures: NDArray[np.float64]
     """Shape (world_count, frame_count, balloon_count)"""
+    sphere_positions: NDArray[np.float64]
+    """Shape (world_count, frame_count, sphere_count, 3)"""
+    sphere_velocities: NDArray[np.float64]
 
     @property
     def depends(self) -> bool:
@@ -34,7 +38,7 @@ class Told(NamedTuple):
 
 
 def told_by(loss: Loss, moved: Trajectories, shapes: Sequence[BalloonShape], world_count: int) -> Told:
-    """Ask a loss.
+    """Evaluate a loss.
 
     Raises:
         InputError: what it returns is not a number for each world, and a dictionary of derivatives.
@@ -55,14 +59,14 @@ def told_by(loss: Loss, moved: Trajectories, shapes: Sequence[BalloonShape], wor
             raise InputError(f"loss: has no derivatives by {name}; what it can have is {', '.join(KNOWN)}")
     particles = [_of_balloons(slopes, name, getattr(moved, name)) for name in ("points", "velocities")]
     by_points, by_velocities = (_worlds_first(each, world_count, 4) for each in particles)
-    by_volumes, by_pressures = (
-        _worlds_first(_one(slopes, name, getattr(moved, name).shape), world_count, 3)
+    by_volumes, by_pressures, *by_spheres = (
+        _worlds_first(_one(slopes, name, getattr(moved, name).shape), world_count, dimensions)
         if name in slopes
-        else np.zeros((*by_points.shape[:2], len(moved.meshes)))
-        for name in ("volumes", "pressures")
+        else np.zeros((*by_points.shape[:2], *getattr(moved, name).shape[2 - dimensions :]))
+        for name, dimensions in (("volumes", 3), ("pressures", 3), ("sphere_positions", 4), ("sphere_velocities", 4))
     )
     _add_volumes(by_points, by_volumes, moved, shapes)
-    return Told(value.reshape(world_count), by_points, by_velocities, by_pressures)
+    return Told(value.reshape(world_count), by_points, by_velocities, by_pressures, *by_spheres)
 
 
 def _one(slopes: Mapping[str, Any], name: str, shape: tuple[int, ...]) -> NDArray[np.float64]:

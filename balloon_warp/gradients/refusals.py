@@ -3,20 +3,27 @@
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
+from balloon_warp.device import pick_device
 from balloon_warp.errors import InputError
+from balloon_warp.gradients.bars import ON_GROUND
 from balloon_warp.gradients.chain import Chain
+from balloon_warp.kernels.adjoints.rolling import COLUMNS as OF_SPHERES
 from balloon_warp.kernels.laws.softening import PARAMETERS as SOFTENING
 from balloon_warp.kernels.laws.tearing import PARAMETERS as TEARING
 from balloon_warp.mesh.topology import inconsistent_edges, is_closed, mesh_edges
 from balloon_warp.model import Model, ModelPlan
-from balloon_warp.schedules.backward import gradient_step, kernels_of
-from balloon_warp.schedules.traits import model_traits
+from balloon_warp.model.friction import FRICTION, SAID
+from balloon_warp.model.memory import usable_memory
+from balloon_warp.model.vary import METHODS
+from balloon_warp.schedules.backward_launched import gradient_step, kernels_of
+from balloon_warp.schedules.features import model_features
 
 FOUND = ("keyframe_values", "initial_gas_amounts", "initial_free_volumes")
 """Parameters, besides those of laws and of the start, by which is derived"""
-
-
+BYTES_OF_A_FRAME = 72
+"""Memory of the host for a particle: place and velocity, and a loss's derivatives by place, as given and checked"""
 UNREAD = frozenset(row.name for row in (*SOFTENING, *TEARING))
 """Parameters that only phases without an adjoint read, so that they do nothing in what is derived"""
 
@@ -32,8 +39,10 @@ def require_differentiable(plan: ModelPlan) -> None:
         raise InputError('gradients: `projective` has no adjoint; expected solver = "symplectic_euler"')
     if scene.touches:
         raise InputError("gradients: balloons that touch have no adjoint yet; expected touch = false")
-    if plan.due_changes:
-        raise InputError("gradients: values that change on the way, by `[[change]]`, have no adjoint yet")
+    for number, change in enumerate(scene.change):
+        for path in change.set:
+            if path in METHODS or path.endswith(".gamma"):
+                raise InputError(f"gradients: change.{number}.set: {path}: has no adjoint if it changes on the way")
 
 
 def require_paths(plan: ModelPlan, model: Model, chains: Sequence[Chain]) -> None:
@@ -42,22 +51,67 @@ def require_paths(plan: ModelPlan, model: Model, chains: Sequence[Chain]) -> Non
     Raises:
         InputError: names the phase, or the path.
     """
-    traits = model_traits(model)
-    kernels_of(gradient_step(model, traits), ())
-    if traits.measures_areas:
+    features = model_features(model)
+    kernels_of(gradient_step(model, features), ())
+    if features.measures_areas:
         for shape in plan.shapes:
             edges = mesh_edges(shape.mesh)
             if not is_closed(edges) or len(inconsistent_edges(edges)):
                 raise InputError(f"gradients: {shape.name}: a pressure on an open mesh has no adjoint yet")
     laws = {row.name for row in model.columns.rows}
     for chain in chains:
-        if not chain.slopes:
+        if not any(chain.spans):
             raise InputError(f"{chain.path}: no path leads from it to the loss: nothing follows from its value")
-        for name, slopes in chain.slopes.items():
-            known = name in laws or name in FOUND or name in UNREAD or name.startswith("initial_")
-            if name in model.parameters and not known:
+        for name, slopes in (each for span in chain.spans for each in span.items()):
+            known = name in laws or name in (*FOUND, *OF_SPHERES) or name in UNREAD or name.startswith("initial_")
+            known = known or (name == FRICTION and _is_of_ground(plan, slopes))
+            changes = name in (FRICTION, *SAID) and _friction_changes(plan)
+            if changes or (name in model.parameters and not known):
                 raise InputError(f"{chain.path}: cannot be derived by yet, for it acts by `{name}`")
             if name == "gamma" and (np.asarray(plan.parameters["gamma"]) == 1.0).any():
                 raise InputError(f"{chain.path}: cannot be derived by at 1, where the law is another one")
             if not np.isfinite(slopes).all():
                 raise InputError(f"{chain.path}: cannot be derived by, its slope is not finite")
+
+
+def _is_of_ground(plan: ModelPlan, slopes: NDArray[np.float64]) -> bool:
+    """Return whether all coefficients that grow are those of balloons and the ground; balloons do not touch."""
+    balloons = np.arange(slopes.shape[1])[-len(plan.shapes) :]
+    known = [ON_GROUND, *balloons]
+    others = slopes.copy()
+    others[:, np.array(known)[:, None], known] = 0.0
+    return not others.any()
+
+
+def _friction_changes(plan: ModelPlan) -> bool:
+    """Return whether some friction changes on the way."""
+    return any(not set(SAID).isdisjoint(change.values) for change in plan.due_changes)
+
+
+def require_no_bounces(worlds: NDArray[np.intp]) -> None:
+    """Check that no sphere has met another, or an obstacle.
+
+    Raises:
+        InputError: names the first of the worlds in which one has.
+    """
+    if len(worlds):
+        raise InputError(
+            "gradients: spheres that meet each other or an obstacle have no adjoint yet, and some come together in "
+            f"world {worlds[0]}; expected spheres that stay apart"
+        )
+
+
+def require_room_for_frames(plan: ModelPlan) -> None:
+    """Check that the host has room for the trajectories, and for a loss's derivatives by them.
+
+    Raises:
+        InputError: it has not; the message says how many frames or worlds it has room for.
+    """
+    each, frames, worlds = BYTES_OF_A_FRAME * plan.particle_count, plan.scene.frames, plan.world_count
+    usable = usable_memory(pick_device("cpu"))
+    if worlds * frames * each > usable:
+        raise InputError(
+            f"gradients: {frames} frames of {worlds} worlds do not fit: trajectories and derivatives by them need "
+            f"{worlds * frames * each / 2**30:.2f} GiB, and the host has {usable / 2**30:.2f} GiB to spare, enough "
+            f"for {usable // (worlds * each)} frames, or {usable // (frames * each)} worlds"
+        )

@@ -81,3 +81,10 @@ def flip_faces(counts: NDArray[np.integer], indices: NDArray[np.integer]) -> NDA
     place = np.arange(len(indices)) - np.repeat(starts, counts)
     sizes = np.repeat(counts, counts)
     return indices[np.repeat(starts, counts) + (sizes - place) % sizes]
+
+
+def edges_of(mesh: PolygonMesh) -> NDArray[np.int32]:
+    """Return each pair of vertices that is a side of a face, once, lower first, shape (edge_count, 2)."""
+    corners = mesh.face_vertex_indices
+    sides = np.stack([corners, corners[next_corners(mesh)]], axis=1)
+    return np.unique(np.sort(sides, axis=1), axis=0).astype(np.int32)

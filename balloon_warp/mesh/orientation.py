@@ -1,4 +1,4 @@
-"""One winding for all faces of a mesh, outward."""
+"""Consistent outward winding for all faces of a mesh."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -39,12 +39,13 @@ def remesh(mesh: PolygonMesh, cells: int, on_stage: Callable[[str], None] = lamb
     What the surface winds around becomes the inside. Holes are closed by a smooth membrane. Sheets become 1.5 cells
     thick, but what has an inside stays as thin as it is, and tips stay where they are. Crumbs are dropped. Every other
     part of the surface is there in one piece, and a clean surface keeps its handles, which may take more cells.
-    It looks as the surface does at the nearest place. `warnings` says what was done. It runs on Warp's default device.
+    Colors and textures are those of the nearest place on the surface. `warnings` lists the changes.
+    It runs on Warp's default device.
 
     Args:
-        mesh: the surface; the result keeps its name, unit and up axis.
-        cells: grid cells along the longest side of its bounding box, from 4 to 256. Edges are about a cell long.
-        on_stage: told what is done, whenever something else begins; a mesh of 200,000 faces takes a minute.
+        mesh: Surface; the result keeps its name, unit and up axis.
+        cells: Grid cells along the longest side of its bounding box, from 4 to 256. Edges are about a cell long.
+        on_stage: Called with a few words at each stage; a mesh of 200,000 faces takes a minute.
 
     Raises:
         InputError: `cells` is out of range, the mesh has no size, it is of many ribbons, there would be too many quads,

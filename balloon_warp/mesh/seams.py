@@ -77,7 +77,7 @@ class Seam:
     weld: str
     """Fraction of the mesh's size that welds it"""
     closes: bool
-    """Whether nothing is open then"""
+    """Whether the weld leaves nothing open"""
 
     def __str__(self) -> str:
         return (

@@ -7,10 +7,10 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from balloon_warp.kernels.features import Kept
 from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.phase import Phase
 from balloon_warp.kernels.substep import asking_phases
-from balloon_warp.kernels.traits import Kept
 from balloon_warp.model.timeline import DueChange
 from balloon_warp.scene import Scene
 
@@ -29,6 +29,9 @@ class Parametrized(Protocol):
 
     @property
     def due_changes(self) -> Sequence[DueChange]: ...
+
+    @property
+    def reach(self) -> Mapping[str, Sequence[NDArray[np.float32]]]: ...
 
 
 def acting_laws(model: Parametrized) -> tuple[Law, ...]:
@@ -65,9 +68,10 @@ def _rests(each: Law | Phase, model: Parametrized) -> bool:
 
 
 def values_over_time(model: Parametrized, name: str) -> Iterator[NDArray[np.float32]]:
-    """Iterate over a parameter's values in all worlds, at the start and after each change."""
+    """Iterate over a parameter's values in all worlds: at the start, after each change, and at a control's bounds."""
     rows = model.parameters[name]
     yield np.asarray(rows.numpy() if isinstance(rows, wp.array) else rows, dtype=np.float32)
     for change in model.due_changes:
         if name in change.values:
             yield np.asarray(change.values[name][1], dtype=np.float32)
+    yield from model.reach.get(name, ())

@@ -132,7 +132,9 @@ def lay_out(plan: ModelPlan, device: str | wp.Device | None = None) -> Model:
         ridge_trees=[ridge_tree(ridges, device) for ridges in plan.ridges],
         obstacle_motion=_items(obstacle_motion(scene), wp.transform, device),
         columns=columns,
-        **packed,
+        balloon_numbers=packed["balloon_numbers"],
+        sphere_numbers=packed["sphere_numbers"],
+        world_numbers=packed["world_numbers"],
         parameters={**views, **others},
     )
 

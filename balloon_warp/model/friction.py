@@ -19,12 +19,15 @@ SAID = (*OF_THINGS, OF_BALLOONS, BETWEEN_BALLOONS)
 """Parameters that the coefficients follow from"""
 
 
-def settle_friction(parameters: Parameters) -> Parameters:
+def settle_friction(parameters: Parameters, rounded: bool = True) -> Parameters:
     """Resolve the coefficient of each pair: the geometric mean of what both say.
 
     A balloon that says nothing takes what the other says; between balloons it takes `touch.friction`.
+
+    Args:
+        rounded: whether coefficients are as devices keep them, so that resolving them again gives the same.
     """
-    rows = {name: _rows(parameters[name]) for name in SAID}
+    rows = {name: _rows(parameters[name], rounded) for name in SAID}
     worlds = max(map(len, rows.values()))
     each = {name: np.broadcast_to(values, (worlds, values.shape[1])) for name, values in rows.items()}
     said = np.concatenate([each[name] for name in (*OF_THINGS, OF_BALLOONS)], axis=1)
@@ -39,10 +42,8 @@ def _means(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[n
     return np.where(first == second, first, np.sqrt(first * second))
 
 
-def _rows(values: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Return the rows of worlds, shape (W, count), a single one where all are alike.
-
-    They are as devices keep them, so that resolving them again gives the same.
-    """
-    rows = np.asarray(values, dtype=np.float32).astype(np.float64).reshape(len(values), -1)
+def _rows(values: NDArray[np.floating], rounded: bool) -> NDArray[np.float64]:
+    """Return the rows of worlds, shape (W, count), a single one where all are alike."""
+    kept = np.asarray(values, dtype=np.float32 if rounded else np.float64)
+    rows = kept.astype(np.float64).reshape(len(values), -1)
     return rows[:1] if (rows == rows[:1]).all() else rows

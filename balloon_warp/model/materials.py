@@ -26,11 +26,11 @@ limit"""
 MOST_UNEVEN = 3.0
 """Largest ratio of the two stretches at which the larger one reaches the limit: under uniaxial tension the material is
 so thin that some materials are several times as stiff across as anything else in a balloon"""
-VERGE, STIFF = 1.28, 1.5
+VERGE, STIFF = 1.78, 1.5
 """Factor on the modulus where stiffness jumps, on the verge of wrinkling, and the most stretch of a film that never
-leaves it: there the step of "auto", 0.8 of the stable one, is sqrt(2) / omega. What pulls and does not push gains
-energy in longer ones, though each of its sides alone is stable up to 2 / omega. Rubber leaves the verge, and grows
-softer, as soon as it is inflated"""
+leaves it: there the step of "auto", 0.8 of the stable one, is 1.2 / omega. What pulls and does not push gains energy
+in longer ones, though each of its sides alone is stable up to 2 / omega. Rubber leaves the verge, and grows softer, as
+soon as it is inflated"""
 APART = 1.0e-3
 """Least difference of a state's two stretches, so that quotients of differences are defined"""
 STEP = 1.0e-5

@@ -67,12 +67,23 @@ def require_memory(device: wp.Device, world_counts: Sequence[int], bytes_per_wor
         InputError: they do not; the message says how many would.
     """
     needed = sum(count * size for count, size in zip(world_counts, bytes_per_world, strict=True))
-    usable, within = int(USABLE * free_memory(device)), ""
-    if device.is_cpu and (limit := least_limit()) and int(USABLE * limit.left) < usable:
-        usable, within = max(int(USABLE * limit.left), 0), f" within {limit.name}"
+    usable, within = _usable(device)
     if needed > usable:
         worlds = sum(world_counts)
         raise InputError(
             f"{worlds} worlds do not fit: they need {needed / 2**30:.2f} GiB, and {device} has "
             f"{usable / 2**30:.2f} GiB to spare{within}, enough for {usable * worlds // needed} worlds"
         )
+
+
+def usable_memory(device: wp.Device) -> int:
+    """Return the bytes that one may ask for."""
+    return _usable(device)[0]
+
+
+def _usable(device: wp.Device) -> tuple[int, str]:
+    """Return the bytes that one may ask for, and within which limit, in words."""
+    usable = int(USABLE * free_memory(device))
+    if device.is_cpu and (limit := least_limit()) and int(USABLE * limit.left) < usable:
+        return max(int(USABLE * limit.left), 0), f" within {limit.name}"
+    return usable, ""

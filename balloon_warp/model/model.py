@@ -2,8 +2,8 @@
 
 Fixed during a simulation, but for what a scene's timeline writes into the parameters between frames."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 import numpy as np
@@ -17,6 +17,7 @@ from balloon_warp.model.bodies import BodyShape
 from balloon_warp.model.obstacles import ObstacleShape
 from balloon_warp.model.packing import views_of
 from balloon_warp.model.ridges import Ridges
+from balloon_warp.model.rows import VELOCITY
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.model.timeline import DueChange
 from balloon_warp.scene import Scene
@@ -138,7 +139,7 @@ class Model:
     sphere_numbers: wp.array
     """Parameters of spheres, shape (W, sphere_count, their width), float32"""
     parameters: dict[str, wp.array]
-    """All parameters by name, in the units of their rows. Those that have columns are views into the three above. The
+    """Parameters by name, in the units of their rows. Those that have columns are views into the three above. The
     others are float32, but for places and velocities, which are vec3:
 
     - of balloons, shape (W, balloon_count): `initial_turns`, how it starts turned from `initial_points`, a matrix less
@@ -149,6 +150,8 @@ class Model:
       k_normal, pressure [Pa] or pumped gas [mol/s], by the kind of inflation, shape (W, balloon_count, keyframe_count)
     - of spheres, strings, obstacles, bodies and tubes: see `model.rows`, shape (W, count of them)
     """
+    reach: Mapping[str, Sequence[NDArray[np.float32]]] = field(default_factory=dict)
+    """Rows of parameters at the bounds of what is written on the device between frames, by name"""
 
     def __repr__(self) -> str:
         balloons = ", ".join(f"{shape.name} of {shape.mesh.vertex_count} particles" for shape in self.shapes)
@@ -208,6 +211,11 @@ class Model:
     @property
     def step_seconds(self) -> float:
         return self.frame_seconds / self.substeps
+
+    @property
+    def is_steered(self) -> bool:
+        """Return whether velocities of obstacles are written on the device."""
+        return VELOCITY in self.reach
 
     @property
     def faces_meet(self) -> bool:

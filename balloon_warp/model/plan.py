@@ -68,6 +68,11 @@ class ModelPlan:
     def laws(self) -> tuple[Law, ...]:
         return (*LAWS, *self.own_laws)
 
+    @property
+    def reach(self) -> Mapping[str, Sequence[NDArray[np.float32]]]:
+        """Nothing is written on the device yet, see `Model.reach`."""
+        return {}
+
     def of_world(self, name: str, world: int) -> Any:
         """Return a parameter of one world, as a number or lists of numbers."""
         values = self.parameters[name]
@@ -127,7 +132,7 @@ def plan_model(
 
     Args:
         shapes: of the scene's balloons, where they are known already.
-        laws: your own, which act beside the built-in ones.
+        laws: User-defined laws beside the built-in ones.
 
     Raises:
         InputError: a law is not right, a mesh cannot be read or strung, or not hold gas, a particle is not in its
@@ -217,7 +222,7 @@ def _settled(
     require_openings(scene, shapes, parameters)
     require_profile(parameters)
     parameters["keyframe_values"] = settle_pressure(scene, shapes, parameters)
-    parameters |= settle_touch(scene, shapes, parameters) | settle_friction(parameters)
+    parameters |= settle_touch(scene, shapes, parameters) | settle_friction(parameters, rounded)
     parameters |= settle_tears(scene, parameters)
     return parameters | settle_gas(scene, shapes, parameters, rounded)
 

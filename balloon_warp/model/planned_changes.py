@@ -26,12 +26,12 @@ class PlannedChanges:
         return bool(self._ahead) and self._ahead[0].frame <= frame
 
     def due(self, frame: int) -> Iterator[DueChange]:
-        """Take those that are to be made at the start of a frame, one after the other."""
+        """Take the changes that are due at the start of a frame, one after the other."""
         while self.are_due(frame):
             yield self._ahead.popleft()
 
     def clear(self) -> None:
-        """Forget them all."""
+        """Drop all planned changes."""
         self._ahead.clear()
 
 

@@ -68,9 +68,9 @@ def _unsettled(model: Model, frame: int, world: int, change: float) -> str:
     said = model.scene.solver_iterations
     helps = "more substeps or softer springs help" if said == "auto" else 'solver_iterations = "auto" helps'
     return (
-        f'solver "projective": in frame {frame} of world {world} it had not settled after its iterations, of which the '
-        f"last one still changed {change:.1%} of what springs did in the substep, so that balloons are stiffer or "
-        f"smaller than they should be; {helps}"
+        f'solver "projective": in frame {frame} of world {world} its iterations did not converge: the last one still '
+        f"changed the springs' displacements by {change:.1%}, so that balloons are stiffer or smaller than they should "
+        f"be; {helps}"
     )
 
 
@@ -80,7 +80,7 @@ def _overstretched(model: Model, frame: int, world: int, row: int) -> str:
     limit, most = (float(values[row % len(values), number]) for values in parameters.values())
     lock = (0.5 * (limit + 3.0)) ** 0.5
     return (
-        f"material.most_stretch: in frame {frame} of world {world} rubber was stretched further than {most:.3g} both "
-        f'ways; from there on the tension of "gent" only goes on rising as it does there, though its law ends at '
-        f"{lock:.3g}; less gas or pressure, a larger gent_limit or a larger most_stretch helps"
+        f"material.most_stretch: in frame {frame} of world {world} rubber was stretched by more than {most:.3g} both "
+        f'ways; beyond, the tension of "gent" is extrapolated, since its law locks at {lock:.3g}; '
+        f"less gas or pressure, a larger gent_limit or a larger most_stretch helps"
     )

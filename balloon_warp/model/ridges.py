@@ -39,7 +39,7 @@ class Ridges(NamedTuple):
     radius: float
     """Radius around each ridge [m]"""
     tips: NDArray[np.int32]
-    """1 if its begin is its own, plus 2 if its end is, shape (n,): each corner is one ridge's"""
+    """Owned ends of a ridge, 1 for its begin plus 2 for its end, shape (n,): each corner is one ridge's"""
 
 
 def faces_meet(
@@ -149,7 +149,7 @@ def with_tips(ends: NDArray[np.float64], inward: NDArray[np.float64], radius: fl
 def all_ridges(
     scene: Scene, shapes: Sequence[BalloonShape], obstacles: Sequence[ObstacleShape], bodies: Sequence[BodyShape]
 ) -> list[Ridges]:
-    """Find those of obstacles, and then of bodies, that faces of balloons meet; none at all where these do not."""
+    """Find the ridges of obstacles, then of bodies, that faces of balloons meet; none where faces meet none."""
     if not faces_meet(scene, shapes, obstacles, bodies):
         return []
     edge = max(edge_length(shape.mesh) for shape in shapes)

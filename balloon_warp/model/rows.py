@@ -19,6 +19,8 @@ KEYFRAME_VALUES = Parameter(
     path="inflation.k_normal, inflation.pressure or inflation.pump",
     meaning="what is keyframed, by the kind of inflation, at each keyframe",
 )
+VELOCITY = "obstacle_velocity"
+"""Parameter that only controls have: velocities of obstacles beside their motion [m/s]"""
 ROWS: tuple[Parameter, ...] = (
     Parameter("initial_balloon_positions", "m", path="position", size=3),
     Parameter("initial_rotations", "degrees", path="rotation", size=3),

@@ -124,7 +124,7 @@ def _require_same_things(before: Scene, after: Scene, rows: Sequence[Parameter])
             if len({getattr(balloon.material, field) is None for balloon in pair}) > 1:
                 different.add(f"balloon.{number}.material.{field}")
     if different:
-        raise InputError(f"{min(different)}: cannot begin or end while it is simulated")
+        raise InputError(f"{min(different)}: cannot start or stop acting during the simulation")
 
 
 def _require_there(scene: Scene, path: str, name: str, index: Sequence[Any], frame: int) -> None:

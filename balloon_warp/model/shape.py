@@ -82,7 +82,7 @@ class BalloonShape:
 
     @property
     def flies_off(self) -> bool:
-        """Return whether a pressure would drive the balloon away: it encloses nothing, and nothing holds it."""
+        """Return whether a pressure would drive the balloon away: its mesh is open and not pinned."""
         return bool(self.slack.all())
 
     @cached_property
@@ -191,7 +191,7 @@ def _membrane(resting: PolygonMesh, mesh: PolygonMesh, material: Material) -> Me
     membrane = build_membrane(resting)
     if not membrane.count:
         raise InputError(
-            f"material: {mesh.name} has no face with an area to be made of {material.law.replace('_', '-')} material; "
+            f"material: {mesh.name} has no face with an area, which {material.law.replace('_', '-')} material needs; "
             'expected one, or kind = "springs"'
         )
     if resting.vertex_count != mesh.vertex_count:

@@ -1,7 +1,5 @@
 """Edges that others may meet between particles: rims of open sheets, and sharp ones."""
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,19 +7,9 @@ from balloon_warp.mesh.corners import corner_faces, next_corners
 from balloon_warp.mesh.geometry import face_vector_areas
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.topology import mesh_edges
-from balloon_warp.model.shape import BalloonShape
-from balloon_warp.scene import Scene
 
 SHARP = 0.5
 """Cosine of the initial angle between the normals of an edge's two faces below which it is sharp: 60 degrees"""
-
-
-def edges_meet(scene: Scene, shapes: Sequence[BalloonShape]) -> bool:
-    """Return whether sharp edges of balloons may touch others."""
-    if not scene.touches:
-        return False
-    have = [len(sharp_edges(shape.mesh)) > 0 for shape in shapes]
-    return any(have) if scene.touches_itself else sum(have) > 1
 
 
 def sharp_edges(mesh: PolygonMesh) -> NDArray[np.int64]:

@@ -7,14 +7,13 @@ from typing import Any, Self
 import numpy as np
 import warp as wp
 
-from balloon_warp.kernels.frames.around import place_balloons
 from balloon_warp.kernels.measure.health import HEALTHY
-from balloon_warp.launching import launch
 from balloon_warp.mesh.placement import rotation_matrix
 from balloon_warp.model.bodies import initial_centers, initial_turns, most_touches
 from balloon_warp.model.kept import kept_arrays, start_kept
 from balloon_warp.model.memory import Allocating, Counting, Room
 from balloon_warp.model.model import Model
+from balloon_warp.model.placing import place_particles
 
 
 @dataclass
@@ -84,7 +83,7 @@ class State:
     tear_planes: wp.array
     """Planes along which the tears of torn faces run, see `laws.tearing`: unit normal and distance from the origin [m]
     on the unstretched skin, shape (world_count, face_count), vec4, or (world_count, 0)"""
-    contact_pushes: wp.array
+    contact_impulses: wp.array
     """Impulse [N s] and contact time [s] of each thing that balloons may touch, and each particle, in the last frame,
     shape (world_count, thing_count, particle_count), vec4, or (world_count, 0, particle_count) unless the scene asks
     for `contacts`"""
@@ -127,7 +126,7 @@ class State:
 
     @property
     def arrays(self) -> dict[str, Any]:
-        """All arrays by name."""
+        """Arrays by name."""
         return {name: array for name, array in vars(self).items() if name != "kept"} | self.kept
 
     def made_of(self, copied: Callable[[str, Any], Any]) -> Self:
@@ -178,7 +177,7 @@ def new_state(model: Model, room: Room) -> State:
         torn=room.array((worlds, model.face_count if model.bursts else 0), wp.float32),
         bursts=room.array(bursting, wp.vec4),
         tear_planes=room.array((worlds, model.face_count if model.bursts else 0), wp.vec4),
-        contact_pushes=room.array(contact_shape(model), wp.vec4),
+        contact_impulses=room.array(contact_shape(model), wp.vec4),
         contact_forces=room.array(pairs, wp.vec3),
         contact_torques=room.array(pairs, wp.vec3),
         contact_areas=room.array(pairs, wp.float32),
@@ -209,16 +208,7 @@ def contact_shape(model: Model) -> tuple[int, int, int]:
 def initial_state(model: Model) -> State:
     """Return the initial state of every world: the shape of the meshes, and each balloon's velocity as a rigid body."""
     state, parameters = new_state(model, Allocating(model.device)), model.parameters
-    launch(
-        place_balloons,
-        state.points.shape,
-        inputs=[
-            *(model.initial_points, model.particle_balloon, model.particle_mass_share, model.balloon_origins),
-            *(parameters[f"initial_{name}"] for name in ("turns", "shifts", "centers", "velocities", "spins")),
-        ],
-        outputs=[state.points, state.velocities],
-        device=model.device,
-    )
+    place_particles(model, state.points, state.velocities)
     for array, name in (
         (state.sphere_positions, "initial_sphere_positions"),
         (state.sphere_velocities, "initial_sphere_velocities"),

@@ -40,7 +40,9 @@ def springs_told(path: Path, own: Springs, mesh: PolygonMesh, constants: Values,
     of_kind = constants[kind]
     if (none := (of_kind == 0.0) & (stiffness > 0.0)).any():
         name = SpringKind(int(kind[none][0])).name.lower()
-        raise InputError(f"stiffness.{name}: is 0, so that {path} cannot say it spring by spring; expected more")
+        raise InputError(
+            f"stiffness.{name}: is 0, so that {path} cannot scale it spring by spring; expected more than 0"
+        )
     scale = np.divide(stiffness, of_kind, out=np.zeros(len(kind)), where=of_kind > 0.0)
     return Springs(pairs[order], kind[order], unit * lengths[order]), scale[order]
 
@@ -103,7 +105,7 @@ def _columns(path: Path) -> list[NDArray]:
 
 
 def _require_springs(path: Path, pairs: NDArray, lengths: Values, constants: Values, count: int) -> None:
-    """Raise where they cannot be springs of so many particles."""
+    """Raise unless the springs fit so many particles."""
     if pairs.ndim != 2 or pairs.shape[1] != 2 or lengths.shape != constants.shape or lengths.shape != pairs.shape[:1]:
         shapes = f"{pairs.shape}, {lengths.shape} and {constants.shape}"
         raise InputError(f"{path}: expected pairs of shape (m, 2), and m rest_lengths and constants (got {shapes})")

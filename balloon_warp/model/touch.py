@@ -20,6 +20,9 @@ THICKNESS = 0.05
 STIFFNESS = 0.25
 """Contact stiffness over the sum of a particle's springs: a sphere stretched by a quarter is then indented by less than
 the skin's thickness where it lies against another, and the step becomes a quarter shorter"""
+APART = 2.0
+"""Initial distance from which on parts of a balloon may touch, in edges: farther than neighbors, nearer than what a
+sharp fold brings together"""
 LOOSE_RATE = 600.0
 """Root of stiffness over mass of a balloon without springs [1/s]"""
 STIFFNESSES = "touch_stiffnesses"

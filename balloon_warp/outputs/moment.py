@@ -1,4 +1,4 @@
-"""One point in time of a stage, seen with Y up."""
+"""Stage at one point in time, seen with Y up."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -13,8 +13,8 @@ def snapshot(model: Model, frame: Frame, size: tuple[int, int], samples: int) ->
     """Draw the frame as a PNG file has it, seen as `render_stage` sees it.
 
     Args:
-        size: width and height in pixels.
-        samples: rays a pixel.
+        size: Width and height in pixels.
+        samples: Rays per pixel.
 
     Raises:
         InputError: the frame is not finite, or the size cannot be drawn.
@@ -31,3 +31,11 @@ def snapshot(model: Model, frame: Frame, size: tuple[int, int], samples: int) ->
             writer.write(frame)
         render_stage(stage, picture, frame.number, size, samples, str(model.device))
         return picture.read_bytes()
+
+
+def notebook_picture(model: Model, frame: Frame) -> bytes | None:
+    """Draw the frame for a notebook; None where there is nothing to be seen."""
+    try:
+        return snapshot(model, frame, NOTEBOOK_SIZE, samples=4)
+    except InputError:
+        return None

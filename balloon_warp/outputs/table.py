@@ -1,9 +1,7 @@
-"""A batch's table: a row for each world and frame, as .npz and .csv of the same columns."""
+"""A batch's table: a row for each world and frame, as .npz, and as .csv or .parquet of the same columns."""
 
-import csv
-import io
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -11,17 +9,41 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.files import whole_file
-from balloon_warp.outputs.decimals import PAD, decimals
+from balloon_warp.errors import InputError
+from balloon_warp.files import target_of, whole_file
 from balloon_warp.outputs.npz import write_npz
+from balloon_warp.outputs.table_csv import CsvRows
+from balloon_warp.outputs.table_parquet import ParquetRows, has_parquet, require_pyarrow
 
-TABLE_NAMES = ("table.npz", "table.csv")
-BLOCK = 4096
-"""Number of worlds whose rows are formatted together: more would only fill the memory"""
+KINDS = {"csv": CsvRows, "parquet": ParquetRows}
+"""Kinds of the file beside the .npz"""
+MOST_CSV_ROWS = 200_000
+"""Largest number of rows that are written as text where nobody asks: a second's work"""
+
+
+def settled_table(asked: str, rows: int) -> str:
+    """Return the kind of a table: "auto" is CSV for a small one, and Parquet for others where it can be written.
+
+    Raises:
+        InputError: there is no such kind.
+        MissingExtraError: it is Parquet, and pyarrow is not installed.
+    """
+    if asked not in (*KINDS, "auto"):
+        raise InputError(f"--table {asked}: expected auto, {', '.join(KINDS)}")
+    if asked == "parquet":
+        require_pyarrow()
+    if asked == "auto":
+        return "parquet" if rows > MOST_CSV_ROWS and has_parquet() else "csv"
+    return asked
+
+
+def table_names(kind: str) -> tuple[str, str]:
+    """Return the names of a table's files."""
+    return "table.npz", f"table.{kind}"
 
 
 class TableWriter:
-    """Writes `table.npz` and `table.csv`, which appear when the `with` block ends well.
+    """Writes `table.npz` and `table.csv` or `table.parquet`, which appear when the `with` block ends well.
 
     Rows go frame by frame, and within a frame world by world; they may come in any order before their frame is written.
 
@@ -32,6 +54,7 @@ class TableWriter:
         varied: what differs between the worlds: columns of shape (world_count,), numbers or words.
         measures: names of the measured columns.
         world_count: how many worlds there are.
+        kind: of the file beside the .npz: "csv" or "parquet".
     """
 
     def __init__(
@@ -42,7 +65,9 @@ class TableWriter:
         varied: Mapping[str, NDArray],
         measures: Sequence[str],
         world_count: int,
+        kind: str = "csv",
     ):
+        self.kind = kind
         self.folder, self.frames_per_second = folder, frames_per_second
         self.varied, self.measures, self.world_count = dict(varied), list(measures), world_count
         self.values = np.zeros((frame_count, world_count, len(measures)), dtype=np.float32)
@@ -57,13 +82,14 @@ class TableWriter:
 
     def __enter__(self) -> Self:
         with ExitStack() as files:
-            self._npz = files.enter_context(whole_file(self.folder / TABLE_NAMES[0]))
+            npz, rows = table_names(self.kind)
+            files.push(self._remove_others)
+            self._npz = files.enter_context(whole_file(self.folder / npz))
             files.push(self._save_npz)
-            csv_path = files.enter_context(whole_file(self.folder / TABLE_NAMES[1]))
-            self._csv = files.enter_context(csv_path.open("wb"))
-            self._write_header()
-            self._world_text = _padded([str(world).encode() for world in range(self.world_count)])
-            self._varied_text = _padded(self._describe_worlds())
+            path = files.enter_context(whole_file(self.folder / rows))
+            self._rows = files.enter_context(
+                closing(KINDS[self.kind](path, self.columns, self.varied, self.world_count))
+            )
             self._files = files.pop_all()
         return self
 
@@ -71,46 +97,26 @@ class TableWriter:
         """Write the next frame, whose rows are all in `values` and `health`."""
         frame = self._frames_written
         self._frames_written += 1
-        # nine digits give back every float32, and repr every float64
-        moment = _padded([b",%d,%s" % (frame, repr(frame / self.frames_per_second).encode())])
-        for begin in range(0, self.world_count, BLOCK):
-            worlds = slice(begin, begin + BLOCK)
-            kinds, kind = np.unique(self.health[frame, worlds], return_inverse=True)
-            columns = [
-                self._world_text[worlds],
-                moment,
-                self._varied_text[worlds],
-                *(part for column in decimals(self.values[frame, worlds].T) for part in (_COMMA, column)),
-                _padded([b",%d\n" % health for health in kinds.tolist()])[kind],
-            ]
-            rows = np.concatenate([np.broadcast_to(column, (len(kind), column.shape[1])) for column in columns], axis=1)
-            self._csv.write(rows[rows != PAD].data)
+        self._rows.write(frame, frame / self.frames_per_second, self.values[frame], self.health[frame])
 
     def write_again(self) -> None:
         """Write the frames again that were written already: their rows have changed since."""
         frames, self._frames_written = self._frames_written, 0
-        self._csv.seek(0)
-        self._csv.truncate()
-        self._write_header()
+        self._rows.begin_again()
         for _ in range(frames):
             self.write_frame()
-
-    def _write_header(self) -> None:
-        self._csv.write((",".join(self.columns) + "\n").encode())
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         self._files.__exit__(kind, error, traceback)
 
-    def _describe_worlds(self) -> list[bytes]:
-        """Return each world's varied values as CSV, with a comma before each."""
-        lines = []
-        for values in zip(*(column.tolist() for column in self.varied.values()), strict=True):
-            line = io.StringIO()
-            csv.writer(line, lineterminator="").writerow(["", *map(str, values)])
-            lines.append(line.getvalue().encode())
-        return lines or [b""] * self.world_count
+    def _remove_others(self, kind: type[BaseException] | None, *_: object) -> None:
+        """Remove a table of another kind, which an earlier batch has left, unless this one failed."""
+        for other in KINDS:
+            path = self.folder / f"table.{other}"
+            if kind is None and other != self.kind and path.exists():
+                target_of(path).unlink()
 
     def _save_npz(self, kind: type[BaseException] | None, *_: object) -> None:
         """Save the arrays unless the run failed; one column at a time is in memory twice."""
@@ -131,13 +137,3 @@ class TableWriter:
         if name in self.varied:
             return np.tile(self.varied[name], frames)
         return self.values[:, :, self.measures.index(name)].ravel()
-
-
-def _padded(texts: Sequence[bytes]) -> NDArray[np.uint8]:
-    """Return the texts below each other, filled up to the longest one, shape (len(texts), width)."""
-    width = max(map(len, texts))
-    filled = b"".join(text.ljust(width, bytes([PAD])) for text in texts)
-    return np.frombuffer(filled, dtype=np.uint8).reshape(len(texts), width)
-
-
-_COMMA = _padded([b","])

@@ -70,7 +70,7 @@ class Wanted:
         return self.output if self._folder is None else self._folder / "frames.usdc"
 
     def checked(self, scene: Scene) -> Self:
-        """Return the itself, once it is sure that all files can be written, and that none is a mesh of the scene.
+        """Return the outputs, after checking that all files can be written, and that none is a mesh of the scene.
 
         Raises:
             InputError: that is not so.
@@ -114,7 +114,7 @@ class Wanted:
         self._files.close()
 
     def export(self, on_note: Callable[[str], None]) -> None:
-        """Make of the stage, which is written, what is wanted beside it or in its place.
+        """Convert the written stage to the wanted files.
 
         Raises:
             InputError: it cannot be written.

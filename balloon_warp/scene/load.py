@@ -60,7 +60,7 @@ def load_scene(source: SceneLike, overrides: Mapping[str, Any] | Iterable[Overri
     Args:
         source: a bundled scene's name, a scene file (.toml), or a mesh: a file, a trimesh.Trimesh, or points and faces.
             A mesh gets a scene around it. A Scene is copied.
-        overrides: dotted paths and values, as a mapping or as pairs, applied in order before the scene is checked.
+        overrides: Dotted paths and values, as a mapping or as pairs, applied in order before the scene is checked.
 
     Raises:
         InputError: there is no such scene, the file is not valid TOML, or a field is wrong.

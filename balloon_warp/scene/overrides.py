@@ -97,7 +97,7 @@ def _put(place: Any, names: list[str], value: Any, path: str) -> None:
         else:
             place[name] = value
     else:
-        raise InputError(f"{path}: cannot be set, {name!r} is asked of a plain value")
+        raise InputError(f"{path}: cannot be set, since a plain value has no field {name!r}")
 
 
 def _of_preset(table: dict[str, Any], name: str) -> Any:

@@ -29,7 +29,7 @@ def pinned_by(rule: Callable[[NDArray[np.float64]], Any], points: NDArray[np.flo
     said = np.asarray(rule(points.copy()))
     if said.shape != (len(points),) or said.dtype != bool:
         raise InputError(
-            f"the function must give yes or no for each point, of shape ({len(points)},) "
+            f"the function must return a boolean for each point, of shape ({len(points)},) "
             f"(got {said.dtype} of shape {said.shape})"
         )
     return np.flatnonzero(said).tolist()
@@ -47,7 +47,7 @@ def weighed_by(rule: Callable[[NDArray[np.float64]], Any], points: NDArray[np.fl
     said = np.asarray(rule(points.copy()))
     if said.shape != (len(points),) or said.dtype.kind not in "biuf":
         raise InputError(
-            f"the function must give a number for each point, of shape ({len(points)},) "
+            f"the function must return a number for each point, of shape ({len(points)},) "
             f"(got {said.dtype} of shape {said.shape})"
         )
     return said.astype(float).tolist()

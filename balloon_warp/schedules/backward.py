@@ -3,8 +3,8 @@
 A frame is computed again from its beginning, and what each substep finds is kept. Then its substeps run backwards.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from abc import ABC, abstractmethod
+from collections.abc import Collection, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -12,210 +12,111 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.errors import InputError
-from balloon_warp.kernels.adjoint import NoAdjointError
 from balloon_warp.kernels.frames.backwards import Bars, sum_kernel
 from balloon_warp.kernels.helpers_of_grad import derive_helpers
-from balloon_warp.kernels.phase import STATE
-from balloon_warp.kernels.schedules.launched.backward import BackwardKernel, backward_kernels, made_kernels
-from balloon_warp.kernels.schedules.launched.looks import GATHERED
-from balloon_warp.kernels.schedules.pieces import Piece, Step, cut, values_of
-from balloon_warp.kernels.substep import phases_of
-from balloon_warp.kernels.traits import Traits
-from balloon_warp.launching import launch, launch_tiled
+from balloon_warp.kernels.schedules.pieces import Step, values_of
+from balloon_warp.launching import launch
 from balloon_warp.model import Model, State, copy_of
-from balloon_warp.model.memory import Allocating, Counting, Room
-from balloon_warp.schedules.framing import Framing
-from balloon_warp.schedules.launches import Launches, Moving, step_arrays, team_threads
-from balloon_warp.schedules.tables import make_tables, world_state
-from balloon_warp.schedules.traits import model_traits
+from balloon_warp.model.memory import Room
+from balloon_warp.schedules.backward_spheres import SpheresBackward
+from balloon_warp.schedules.tables import world_state
 from balloon_warp.warp_lock import recording
 
-KEPT = ("frame", "points", "velocities", "inflation_loads", "pressures", "gas_amounts", "free_volumes", "air_along")
+KEPT = (
+    *("frame", "points", "velocities", "inflation_loads", "pressures", "gas_amounts", "free_volumes", "air_along"),
+    *("sphere_positions", "sphere_velocities", "sphere_spins", "sphere_forces"),
+)
 """Arrays of the state that a frame begins with"""
 
 
-class _Remembering(Launches):
-    """Launch a step's pieces, and keep what each substep finds.
-
-    Args:
-        remembered: where the values of each substep are kept.
-    """
-
-    def __init__(self, model: Model, step: Step, tables: Any, room: Room, remembered: "_Remembered"):
-        super().__init__(model, step, tables, room)
-        self._remembered, self._substep = remembered, 0
-
-    def substep(self, state: State, substep: int, now: Moving) -> Moving:
-        """Execute a substep, and return where particles are then."""
-        self._substep, self.values = substep, self._remembered.values[substep]
-        return super().substep(state, substep, now)
-
-    def _targets(self, piece: Piece, state: State, now: Moving) -> Moving:
-        after = dict(zip(STATE, self._remembered.moving[self._substep + 1], strict=True))
-        points, velocities = (after[name] if name in piece.moves else old for name, old in zip(STATE, now, strict=True))
-        return points, velocities
-
-
-class _Remembered:
-    """Hold all values that the substeps of a frame find."""
-
-    def __init__(self, model: Model, step: Step, state: State, room: Room):
-        of_particles = (model.world_count, model.particle_count)
-        self.values = [step_arrays(model, step, room)[0] for _ in range(model.substeps)]
-        self.moving: list[Moving] = [(state.points, state.velocities)] + [
-            (room.array(of_particles, wp.vec3), room.array(of_particles, wp.vec3)) for _ in range(model.substeps)
-        ]
-        """Points and velocities before each substep, and after the last"""
-        balloons = (model.world_count, model.balloon_count)
-        self.loads = [room.array(balloons, wp.vec2) for _ in range(model.substeps + 1)]
-        """Pressures before each substep, and after the last"""
-
-
-def gradient_step(model: Model, traits: Traits) -> Step:
-    """Return the phases of a model, in pieces, with all that they write kept.
-
-    Raises:
-        InputError: a phase has no adjoint.
-    """
-    phases = phases_of(traits)
-    shown = [name for phase in phases if not phase.light for name in phase.writes]
-    return cut(phases, traits, GATHERED, shown=shown)
-
-
-def kernels_of(step: Step, columns: tuple[int, ...]) -> tuple[BackwardKernel, ...]:
-    """Return the kernels of a step backwards.
-
-    Raises:
-        InputError: a phase has no adjoint.
-    """
-    try:
-        return backward_kernels(step, columns)
-    except NoAdjointError as missing:
-        raise InputError(
-            f"gradients: {missing} has no adjoint yet; expected a scene without, see docs/GRADIENTS.md"
-        ) from None
-
-
-def bytes_of_world(model: Model, columns: Sequence[int], frames: int) -> int:
-    """Return the memory that gradients take of each world: checkpoints of all frames, and a frame's substeps."""
-    traits, room = model_traits(model), Counting()
-    step = gradient_step(model, traits)
-    for _ in range(model.substeps):
-        step_arrays(model, step, room)
-    of_particles = model.world_count * model.particle_count
-    moving, checkpoints = 24 * of_particles * model.substeps, 24 * of_particles * frames
-    bars = 4 * of_particles * (len(columns) + 24)
-    return (room.bytes + moving + checkpoints + bars) // model.world_count
-
-
-class BackwardFrames:
+class BackwardFrames(ABC):
     """Run frames of a model backwards.
 
     Args:
         state: of the simulation, whose arrays tell what a frame begins with; it stays as it is.
         columns: of the numbers of laws, those that are derived by.
-
-    Raises:
-        InputError: a phase has no adjoint.
+        step: phases in pieces, as they are computed again.
+        tables: of the model.
+        one_by_one: whether kernels leave the bars of numbers with each particle; otherwise with its balloon.
     """
 
-    def __init__(self, model: Model, state: State, columns: Sequence[int]):
-        self.model, self.columns, traits = model, tuple(columns), model_traits(model)
+    carries_loads: bool
+    """Whether the pressure of one substep is read in the next"""
+    spheres: SpheresBackward | None = None
+    """Adjoint of spheres, where there are any"""
+
+    def __init__(
+        self, model: Model, state: State, columns: Sequence[int], step: Step, tables: Any, room: Room,
+        one_by_one: bool = True,
+    ):  # fmt: skip
         derive_helpers()
-        room = Allocating(model.device)
-        step = gradient_step(model, traits)
-        kernels = kernels_of(step, self.columns)
-        self._tables = make_tables(model, traits)
-        self._state = copy_of(state)
-        self._remembered = _Remembered(model, step, self._state, room)
-        self._launches = _Remembering(model, step, self._tables, room, self._remembered)
-        self._framing = Framing(model, traits, self._tables, self._launches.working)
-        self._kernels = list(zip(kernels, made_kernels(step, self.columns), strict=True))
-        self._carries_loads = any(
-            kernel.item == "particle" and not kernel.after_note and "all_load_bar" in kernel.arguments
-            for kernel in kernels
-        )
-        """Whether the pressure of one substep is read in the next"""
-        self._sum_bars = sum_kernel(traits, self.columns)
+        self.model, self.columns, self.step, self.tables = model, tuple(columns), step, tables
+        self.state = copy_of(state)
+        self._sum_bars = sum_kernel(step.features, self.columns, one_by_one)
         self._first_pressures = wp.clone(state.pressures)
-        self.bars, self._arrays = _bars(model, step, len(self.columns), room)
+        self.bars, self.arrays = bar_arrays(model, step, len(self.columns), room, one_by_one)
         self._graph: Any = None
 
-    def checkpoint(self, state: State) -> dict[str, wp.array]:
-        """Return what a frame begins with, copied."""
-        return {name: wp.clone(getattr(state, name)) for name in KEPT}
+    @staticmethod
+    @abstractmethod
+    def room_of_frame(model: Model, room: Room) -> None:
+        """Ask for what the substeps of a frame keep."""
 
-    def turn_back(self, checkpoint: Mapping[str, wp.array]) -> None:
-        """Turn the bars of where a frame ends into those of where it begins."""
+    @abstractmethod
+    def frame(self) -> None:
+        """Compute a frame again, and run its substeps backwards."""
+
+    def checkpoint(self, state: State, but: Collection[str] = ()) -> dict[str, wp.array]:
+        """Return what a frame begins with, copied, but for what somebody else keeps."""
+        return {name: wp.clone(getattr(state, name)) for name in KEPT if name not in but}
+
+    def turn_back(self, checkpoint: Mapping[str, Any]) -> None:
+        """Turn the bars of where a frame ends into those of where it begins.
+
+        Args:
+            checkpoint: arrays of the device, or of NumPy.
+        """
         for name, array in checkpoint.items():
-            wp.copy(getattr(self._state, name), array)
+            getattr(self.state, name).assign(array)
         wp.copy(self._first_pressures, checkpoint["pressures"])
         if self._graph is None:
             with recording(self.model.device) as capture:
-                self._frame()
+                self.frame()
+                self._add_up()
             self._graph = capture.graph
         wp.capture_launch(self._graph)
 
+    def _add_up(self) -> None:
+        inputs = [self.tables, world_state(self.state), self._first_pressures, self.bars]
+        launch(self._sum_bars, (self.model.world_count, self.model.balloon_count), inputs, device=self.model.device)
+
     def add(self, points: NDArray[np.float64], velocities: NDArray[np.float64], pressures: NDArray[np.float64]) -> None:
         """Add to the bars of where a frame ends, as they are now: arrays of all worlds."""
-        for array, more in ((self.bars.points, points), (self._arrays["all_velocity_bar"], velocities)):
-            array.assign((array.numpy() + more).astype(np.float32))
-        self.bars.pressures.assign((self.bars.pressures.numpy() + pressures).astype(np.float32))
+        bars = self.bars.points, self.arrays["all_velocity_bar"], self.bars.pressures
+        for array, more in zip(bars, (points, velocities, pressures), strict=True):
+            if more.any():
+                array.assign((array.numpy() + more).astype(np.float32))
 
     def by_state(self) -> dict[str, NDArray[np.float64]]:
         """Return the bars of where a frame begins."""
         names = {"points": "all_point_bar", "velocities": "all_velocity_bar", "pressures": "all_pressure_bar"}
-        found = {name: self._arrays[array].numpy().astype(np.float64) for name, array in names.items()}
-        loads, offsets = self._arrays["all_load_bar"].numpy().astype(np.float64), self.model.particle_offsets
-        loads *= self._carries_loads
+        found = {name: self.arrays[array].numpy().astype(np.float64) for name, array in names.items()}
+        loads, offsets = self.arrays["all_load_bar"].numpy().astype(np.float64), self.model.particle_offsets
+        loads *= self.carries_loads
         found["loads"] = np.stack([loads[:, a:b].sum(axis=1) for a, b in pairwise(offsets)], axis=1)
         return found
 
-    def _frame(self) -> None:
-        """Launch a frame forward, and then its substeps backwards."""
-        state, kept = self._state, self._remembered
-        gas = self._launches.step.traits.gas
-        self._framing.begin(state)
-        now = kept.moving[0]
-        wp.copy(kept.loads[0], state.inflation_loads)
-        for substep in range(self.model.substeps):
-            if gas:
-                wp.copy(kept.loads[substep + 1], kept.loads[substep])
-            now = self._launches.substep(replace(state, inflation_loads=kept.loads[substep + 1]), substep, now)
-        for substep in reversed(range(self.model.substeps)):
-            self._substep_back(substep)
-        inputs = [self._tables, world_state(state), self._first_pressures, self.bars]
-        launch(self._sum_bars, (self.model.world_count, self.model.balloon_count), inputs, device=self.model.device)
 
-    def _substep_back(self, substep: int) -> None:
-        m, kept = self.model, self._remembered
-        points, velocities = kept.moving[substep]
-        for kernel, made in self._kernels:
-            state = replace(self._state, inflation_loads=kept.loads[substep + kernel.after_note])
-            has = {
-                "t": self._tables, "time_in_frame": substep * m.step_seconds, "state": world_state(state),
-                "working": self._launches.working, "all_points": points, "all_velocities": velocities,
-                **{f"all_{name}": array for name, array in kept.values[substep].items()}, **self._arrays,
-            }  # fmt: skip
-            inputs = [has[name] for name in kernel.arguments]
-            if kernel.item == "balloon":
-                places = (m.world_count, m.balloon_count)
-                launch_tiled(made, dim=places, inputs=inputs, block_dim=team_threads(m.device, places), device=m.device)
-            else:
-                launch(made, (m.world_count, m.particle_count), inputs, device=m.device)
-        if substep == m.substeps - 1:
-            self.bars.pressures.zero_()  # of the frame's end alone
-
-
-def _bars(model: Model, step: Step, count: int, room: Room) -> tuple[Any, dict[str, wp.array]]:
+def bar_arrays(model: Model, step: Step, count: int, room: Room, one_by_one: bool) -> tuple[Any, dict[str, wp.array]]:
     """Allocate all bars, and return them as kernels once a frame take them, and as those of a substep do, by name."""
     particles, balloons = (model.world_count, model.particle_count), (model.world_count, model.balloon_count)
+    each = (model.world_count, model.particle_count if one_by_one else 1)
     bars = Bars()
     bars.points, bars.pressures = room.array(particles, wp.vec3), room.array(balloons, wp.float32)
-    bars.gas_masses, bars.keyed = room.array(particles, wp.float32), room.array(particles, wp.vec2)
+    bars.gas_masses_of_balloons = room.array(balloons, wp.float32)
+    bars.gas_masses, bars.keyed = room.array(each, wp.float32), room.array(each, wp.vec2)
     bars.keyed_of_balloons, bars.gas = room.array(balloons, wp.vec2), room.array(balloons, wp.vec2)
-    bars.numbers = room.array((*particles, count), wp.float32)
+    bars.numbers = room.array((*each, count), wp.float32)
     bars.numbers_of_balloons = room.array((*balloons, count), wp.float32)
     bars.number_totals = room.array((*balloons, count), wp.float64)
     bars.gas_totals, bars.keyed_totals = room.array(balloons, wp.vec2d), room.array(balloons, wp.vec2d)

@@ -8,11 +8,11 @@ from balloon_warp.schedules.block_frames import BlockFrames
 from balloon_warp.schedules.block_layout import layout_of, step_of
 from balloon_warp.schedules.block_room import fits_in_block, most_particles
 from balloon_warp.schedules.busy_worlds import BusyWorlds
-from balloon_warp.schedules.fixtures import look_arrays
+from balloon_warp.schedules.features import choosing_parameters, model_features
+from balloon_warp.schedules.fixtures import look_array
 from balloon_warp.schedules.framing import Framing
 from balloon_warp.schedules.membranes import left_array
-from balloon_warp.schedules.outlook import free_traits, has_free_frames
-from balloon_warp.schedules.traits import choosing_parameters, model_traits
+from balloon_warp.schedules.outlook import free_features, has_free_frames
 
 
 class BlockSchedule:
@@ -27,43 +27,43 @@ class BlockSchedule:
 
     def __init__(self, model: Model):
         require_block(model, self.name)
-        self.model, self._traits, room = model, model_traits(model), Allocating(model.device)
-        self.busy = BusyWorlds(model, self._traits) if has_free_frames(self._traits) else None
-        traits = free_traits(self._traits) if self.busy else self._traits
-        self.frames = BlockFrames(model, traits, room, self.busy.working if self.busy else None)
+        self.model, self._features, room = model, model_features(model), Allocating(model.device)
+        self.busy = BusyWorlds(model, self._features) if has_free_frames(self._features) else None
+        features = free_features(self._features) if self.busy else self._features
+        self.frames = BlockFrames(model, features, room, self.busy.working if self.busy else None)
         tables, numbers = self.frames.tables, self.frames.numbers
-        self._framing = Framing(model, self._traits, tables, numbers=numbers, looks=self.busy is not None)
+        self._framing = Framing(model, self._features, tables, numbers=numbers, looks=self.busy is not None)
 
     @classmethod
     def world_bytes(cls, model: Model) -> int:
         """Return the device memory that it keeps for each world, beside the state."""
-        room, traits = Counting(), model_traits(model)
-        shares = has_free_frames(traits)
+        room, features = Counting(), model_features(model)
+        shares = has_free_frames(features)
         if shares:
-            BusyWorlds.allot(model, traits, room)
-            traits = free_traits(traits)
-        BlockFrames.allot(model, traits, room, shares)
+            BusyWorlds.allot(model, features, room)
+            features = free_features(features)
+        BlockFrames.allot(model, features, room, shares)
         left_array(model, room)
-        look_arrays(model, room)
+        look_array(model, room)
         return room.bytes // model.world_count
 
     @staticmethod
     def source_of(model: Model) -> str:
         """Return the text of the kernel that advances worlds, or those whose frame is free."""
-        traits = model_traits(model)
-        traits = free_traits(traits) if has_free_frames(traits) else traits
-        layout = layout_of(model, traits)
-        return source_of_frame(step_of(traits, layout), layout)
+        features = model_features(model)
+        features = free_features(features) if has_free_frames(features) else features
+        layout = layout_of(model, features)
+        return source_of_frame(step_of(features, layout), layout)
 
     @property
     def depends_on(self) -> frozenset[str]:
         """Parameters that the kernel is chosen by."""
-        return choosing_parameters(self._traits)
+        return choosing_parameters(self._features)
 
     @property
-    def crowded(self) -> int:
+    def overflow(self) -> int:
         """Number of candidate overflows, as for every schedule."""
-        return self.busy.crowded if self.busy else 0
+        return self.busy.overflow if self.busy else 0
 
     def advance_frame(self, state: State) -> None:
         """Advance all worlds by a frame."""

@@ -1,20 +1,20 @@
-"""Frames of worlds in blocks: all worlds, or those that the traits are for, in one launch."""
+"""Frames of worlds in blocks: all worlds, or those that the features are for, in one launch."""
 
 from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.schedules.block.layout import Layout
 from balloon_warp.kernels.schedules.block.source import arguments_of_frame, kernel_of_frame
 from balloon_warp.kernels.schedules.pieces import Step, values_of
-from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.working import Working
 from balloon_warp.launching import begin_loading, launch_tiled
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
 from balloon_warp.schedules.block_layout import layout_of, step_of
-from balloon_warp.schedules.films import film_entries, film_table
 from balloon_warp.schedules.launches import working_arrays
+from balloon_warp.schedules.membrane_faces import membrane_face_entries, membrane_face_table
 from balloon_warp.schedules.renumber import order_by_springs, renumbered
 from balloon_warp.schedules.rings import quad_rings
 from balloon_warp.schedules.slots import slot_table
@@ -29,12 +29,12 @@ class BlockFrames:
         working: what is kept beside the state, where others share it.
     """
 
-    crowded = 0
+    overflow = 0
     """Number of candidate overflows; balloons do not touch in blocks"""
 
-    def __init__(self, model: Model, traits: Traits, room: Room, working: Any | None = None):
-        self.model, self.layout = model, layout_of(model, traits)
-        self.step = step_of(traits, self.layout)
+    def __init__(self, model: Model, features: Features, room: Room, working: Any | None = None):
+        self.model, self.layout = model, layout_of(model, features)
+        self.step = step_of(features, self.layout)
         self.numbers: wp.array | None = None
         """Numbers in the state of the particles in the tables, where these have them in another order"""
         laid_out = model
@@ -42,9 +42,9 @@ class BlockFrames:
             order = order_by_springs(model, spring_ends(model))
             laid_out = renumbered(model, order)
             self.numbers = wp.array(order, dtype=wp.int32, device=model.device)
-        self.tables = make_tables(laid_out, traits, in_block=not self.layout.held or traits.in_water)
-        self.tables.membranes.films = film_table(model, self.layout.film)
-        self.working = working or _working(model, traits, room)
+        self.tables = make_tables(laid_out, features, in_block=not self.layout.held or features.in_water)
+        self.tables.membranes.membrane_faces = membrane_face_table(model, self.layout.membrane_face)
+        self.working = working or _working(model, features, room)
         self._given = {"t": self.tables, "working": self.working, **_values(model, self.step, self.layout, room)}
         self._given["state_numbers"] = self.numbers
         if self.layout.held:
@@ -52,12 +52,12 @@ class BlockFrames:
             self._given["slots"] = slot_table(model, spring_ends(model), ring)
 
     @staticmethod
-    def allot(model: Model, traits: Traits, room: Room, shares_working: bool = False) -> None:
+    def allot(model: Model, features: Features, room: Room, shares_working: bool = False) -> None:
         """Ask for all memory that they keep, or that they do not share."""
-        layout = layout_of(model, traits)
+        layout = layout_of(model, features)
         if not shares_working:
-            working_arrays(model, traits, room)
-        _values(model, step_of(traits, layout), layout, room)
+            working_arrays(model, features, room)
+        _values(model, step_of(features, layout), layout, room)
 
     @property
     def _kernel(self) -> Any:
@@ -79,9 +79,9 @@ class BlockFrames:
         )
 
 
-def _working(model: Model, traits: Traits, room: Room) -> Any:
+def _working(model: Model, features: Features, room: Room) -> Any:
     working = Working()
-    for name, array in working_arrays(model, traits, room).items():
+    for name, array in working_arrays(model, features, room).items():
         setattr(working, name, array)
     return working
 
@@ -95,7 +95,7 @@ def _values(model: Model, step: Step, layout: Layout, room: Room) -> dict[str, A
             shape = (model.world_count, counts[step.owner(value)])
             found[f"all_{value}"] = room.array(shape, wp.float32 if dtype is float else dtype)
     vectors = {
-        "film_pulls": film_entries(model, layout.film) if layout.film else 0,
+        "membrane_face_pulls": membrane_face_entries(model, layout.membrane_face) if layout.membrane_face else 0,
         "second_velocities": model.particle_count,
     }
     return found | {

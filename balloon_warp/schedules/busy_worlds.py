@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import warp as wp
 
 from balloon_warp.kernels.contact.free_frames import busy_kernel
-from balloon_warp.kernels.traits import Traits
+from balloon_warp.kernels.features import Features
 from balloon_warp.launching import launch
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Room
@@ -18,7 +18,7 @@ from balloon_warp.schedules.block_room import fits_in_block
 from balloon_warp.schedules.fixtures import forget_looks
 from balloon_warp.schedules.gather import GatherSchedule
 from balloon_warp.schedules.launches import Launches
-from balloon_warp.schedules.outlook import Outlook, busy_traits, outlook_arrays
+from balloon_warp.schedules.outlook import Outlook, busy_features, outlook_arrays
 
 
 class BusyFrames(Protocol):
@@ -28,7 +28,7 @@ class BusyFrames(Protocol):
     working: Any
 
     @property
-    def crowded(self) -> int:
+    def overflow(self) -> int:
         """Number of candidate overflows, as for every schedule."""
         ...
 
@@ -40,16 +40,16 @@ class BusyFrames(Protocol):
 
 
 class LaunchedFrames:
-    """Advance them by launches, in place: no other world is touched."""
+    """Launches that advance the busy worlds, in place: no other world is touched."""
 
-    def __init__(self, model: Model, traits: Traits):
-        self._gather = GatherSchedule(model, traits)
+    def __init__(self, model: Model, features: Features):
+        self._gather = GatherSchedule(model, features)
         self.tables, self.working = self._gather.tables, self._gather.launches.working
 
     @property
-    def crowded(self) -> int:
+    def overflow(self) -> int:
         """Number of candidate overflows, as for every schedule."""
-        return self._gather.crowded
+        return self._gather.overflow
 
     def begin_loading(self) -> None:
         """Compile kernels ahead."""
@@ -69,31 +69,31 @@ class LaunchedFrames:
 class BusyWorlds:
     """Busy worlds beside a schedule that advances the free ones."""
 
-    def __init__(self, model: Model, traits: Traits):
-        busy = busy_traits(traits)
+    def __init__(self, model: Model, features: Features):
+        busy = busy_features(features)
         self._model = model
         self._frames: BusyFrames = (
             BlockFrames(model, busy, Allocating(model.device))
-            if _in_blocks(model, traits)
+            if _in_blocks(model, features)
             else LaunchedFrames(model, busy)
         )
         self.working = self._frames.working
-        self.outlook = Outlook(model, traits, self._frames.tables, self.working)
+        self.outlook = Outlook(model, features, self._frames.tables, self.working)
 
     @staticmethod
-    def allot(model: Model, traits: Traits, room: Room) -> None:
+    def allot(model: Model, features: Features, room: Room) -> None:
         """Ask for all memory that it keeps."""
-        busy = busy_traits(traits)
-        if _in_blocks(model, traits):
+        busy = busy_features(features)
+        if _in_blocks(model, features):
             BlockFrames.allot(model, busy, room)
         else:
             Launches.allot(model, GatherSchedule.step_of(model, busy), room)
-        outlook_arrays(model, traits, room)
+        outlook_arrays(model, features, room)
 
     @property
-    def crowded(self) -> int:
+    def overflow(self) -> int:
         """Number of candidate overflows, as for every schedule."""
-        return self._frames.crowded
+        return self._frames.overflow
 
     def begin_loading(self, are_recorded: bool) -> None:
         """Compile ahead what a frame needs.
@@ -132,5 +132,5 @@ class BusyWorlds:
             self.outlook.keep_forces(state)
 
 
-def _in_blocks(model: Model, traits: Traits) -> bool:
-    return not (traits.touches or traits.meets_solids) and fits_in_block(model)
+def _in_blocks(model: Model, features: Features) -> bool:
+    return not (features.touches or features.meets_solids) and fits_in_block(model)

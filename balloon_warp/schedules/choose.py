@@ -4,8 +4,8 @@ from importlib import import_module
 from typing import Protocol
 
 from balloon_warp.errors import InputError
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.inflation import GAS
-from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
 from balloon_warp.model.small_spheres import small_spheres
 from balloon_warp.schedules.block_room import fits_in_block, thread_a_particle
@@ -19,7 +19,7 @@ class Schedule(Protocol):
     """Whether a frame consists of launches only, so that it can be recorded once and replayed"""
 
     def __init__(self, model: Model):
-        """Allocate what it keeps."""
+        """Allocate the schedule's memory."""
 
     @staticmethod
     def world_bytes(model: Model) -> int:
@@ -32,7 +32,7 @@ class Schedule(Protocol):
         ...
 
     @property
-    def crowded(self) -> int:
+    def overflow(self) -> int:
         """Number of candidate overflows in all worlds.
 
         An overflow is a triangle that a particle may touch and that has no place in its list.
@@ -119,27 +119,27 @@ def fastest_schedule(model: Model, world_count: int) -> str:
         return "gather"
     if model.device.is_cpu:
         return "lanes" if world_count > 1 else "octets"
-    if traits := _in_patches(model):
-        enough = model.device.sm_count // (3 if traits.fresh_normals else 2)
+    if features := _in_patches(model):
+        enough = model.device.sm_count // (3 if features.fresh_normals else 2)
         return "block" if world_count >= enough and fits_in_block(model) else "gather"
     if not fits_in_block(model):
         return "gather"
-    from balloon_warp.schedules.traits import model_traits
+    from balloon_warp.schedules.features import model_features
 
     many_launches = GAS in model.inflation_kind.numpy() or model.scene.correction != "none"
-    some_launches = model.sphere_count > 0 or model_traits(model).aims_on_the_way
+    some_launches = model.sphere_count > 0 or model_features(model).directions_on_the_way
     enough_worlds = world_count >= model.device.sm_count // (4 if model.sphere_count else 1)
     few_particles = thread_a_particle(model) or (some_launches and model.particle_count <= FEW_PARTICLES)
     pays = enough_worlds or (not model.scene.touch and (few_particles or many_launches))
     return "block" if pays else "gather"
 
 
-def _in_patches(model: Model) -> Traits | None:
-    """Return the traits of a model if `gather` moves it in patches, or None."""
+def _in_patches(model: Model) -> Features | None:
+    """Return the features of a model if `gather` moves it in patches, or None."""
     if thread_a_particle(model):
         return None  # so that nothing of patches need be imported
+    from balloon_warp.schedules.features import model_features
     from balloon_warp.schedules.patches import cut_into_patches
-    from balloon_warp.schedules.traits import model_traits
 
-    traits = model_traits(model)
-    return traits if cut_into_patches(model, traits) else None
+    features = model_features(model)
+    return features if cut_into_patches(model, features) else None

@@ -22,7 +22,7 @@ class ContactSums:
         launch(
             sum_contacts,
             state.contact_forces.shape,
-            inputs=[self._offsets, self._faces, self._model.frame_seconds, state.points, state.contact_pushes],
+            inputs=[self._offsets, self._faces, self._model.frame_seconds, state.points, state.contact_impulses],
             outputs=[
                 *(state.contact_forces, state.contact_torques, state.contact_areas, state.contact_pressures),
                 state.contact_places,

@@ -13,6 +13,7 @@ from balloon_warp.model import Model
 from balloon_warp.model.body_samples import sample
 from balloon_warp.model.memory import Allocating, Room
 from balloon_warp.model.obstacles import ObstacleShape
+from balloon_warp.model.rows import VELOCITY
 
 NOWHERE = 1.0e18
 """Extent of something infinite [m], whose square is a float32"""
@@ -40,13 +41,21 @@ def fixture_table(model: Model) -> Any:
     table.solids = solid_array(model.obstacles, model.obstacle_meshes, model.device)
     table.motion = model.obstacle_motion
     table.positions = model.parameters["obstacle_position"]
+    if model.is_steered:
+        table.velocities = model.parameters[VELOCITY]
     table.restitutions = model.parameters["obstacle_restitution"]
     if model.bodies and model.obstacles:
         _put_samples(table, model)
     reaches = np.array([min(shape.reach, NOWHERE) for shape in model.obstacles])
-    table.fastest = fastest(_floats(model.obstacle_motion), reaches, model.frame_seconds)
-    table.looks, table.nearest = look_arrays(model, Allocating(model.device))
+    table.fastest = fastest(_floats(model.obstacle_motion), reaches, model.frame_seconds) + _steered_speed(model)
+    table.looks = look_array(model, Allocating(model.device))
     return table
+
+
+def _steered_speed(model: Model) -> float:
+    """Return the largest speed that controls may give an obstacle [m/s]."""
+    rows = [np.abs(row).max(axis=0) for row in model.reach.get(VELOCITY, ())]
+    return float(np.linalg.norm(np.max(rows, axis=0), axis=-1).max()) if rows else 0.0
 
 
 def solid_array(shapes: Sequence[ObstacleShape], meshes: Sequence[wp.Mesh | None], device: wp.Device) -> wp.array:
@@ -96,17 +105,12 @@ def _floats(array: wp.array) -> NDArray[np.float32]:
     return np.asarray(array.numpy(), dtype=np.float32)
 
 
-def look_arrays(model: Model, room: Room) -> tuple[Any, Any]:
+def look_array(model: Model, room: Room) -> Any:
     """Return the memory for what particles have seen of obstacles, where there are any."""
-    obstacles, particles = len(model.obstacles), model.particle_count
-    return (
-        room.array((model.world_count, particles if obstacles else 0), wp.vec4),
-        room.array((model.world_count, particles if obstacles > 1 else 0), wp.vec2),
-    )
+    return room.array((model.world_count, model.particle_count if model.obstacles else 0), wp.vec4)
 
 
 def forget_looks(tables: Any) -> None:
     """Clear cached queries as a frame begins, since balloons and obstacles may have been moved."""
-    for seen in (tables.fixtures.looks, tables.fixtures.nearest):
-        if seen.size:
-            seen.zero_()
+    if tables.fixtures.looks.size:
+        tables.fixtures.looks.zero_()

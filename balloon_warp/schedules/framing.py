@@ -4,8 +4,8 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.schedules.launched.sphere_forces import read_sphere_forces, write_sphere_forces
-from balloon_warp.kernels.traits import Traits
 from balloon_warp.launching import launch
 from balloon_warp.model import Model, State
 from balloon_warp.schedules.contact_sums import ContactSums
@@ -27,35 +27,35 @@ class Framing:
     def __init__(
         self,
         model: Model,
-        traits: Traits,
+        features: Features,
         tables: Any,
         working: Any | None = None,
         *,
         numbers: wp.array | None = None,
         looks: bool = True,
     ):
-        self.model, self.traits, self.tables, self.working = model, traits, tables, working
+        self.model, self.features, self.tables, self.working = model, features, tables, working
         self._numbers = numbers
-        self._contact_sums = ContactSums(model) if traits.tells_contacts else None
+        self._contact_sums = ContactSums(model) if features.tells_contacts else None
         self._health = HealthCheck(model, particles=looks)
 
     def begin(self, state: State) -> None:
         """Update the ramp of keyframed values, and read the forces that the last frame left on spheres."""
         refresh_ramp(self.model, state)
-        weigh_air(self.model, self.traits, self.tables, state, self._numbers)
+        weigh_air(self.model, self.features, self.tables, state, self._numbers)
         forget_looks(self.tables)
-        if self.working and self.traits.tells_contacts:
-            self.working.contact_pushes.zero_()
-        if self.working and self.traits.penalties:
+        if self.working and self.features.tells_contacts:
+            self.working.contact_impulses.zero_()
+        if self.working and self.features.penalties:
             self._over_spheres(read_sphere_forces, state.sphere_forces, self.working.sphere_quanta)
 
     def end(self, state: State) -> None:
         """End a frame: store sphere forces and pressures of the last substep, count it, and check all particles."""
-        if self.working and self.traits.penalties:
+        if self.working and self.features.penalties:
             self._over_spheres(write_sphere_forces, self.working.sphere_quanta, state.sphere_forces)
-        note_pressures(self.model, self.traits, state)
+        note_pressures(self.model, self.features, state)
         if self.working and self._contact_sums:
-            wp.copy(state.contact_pushes, self.working.contact_pushes)
+            wp.copy(state.contact_impulses, self.working.contact_impulses)
             self._contact_sums(state)
         self._health.end_frame(state)
 

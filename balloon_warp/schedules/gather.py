@@ -7,13 +7,13 @@ particles need of each other no more than where they are, see `patches`.
 
 from typing import Any
 
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.schedules.launched.looks import GATHERED
 from balloon_warp.kernels.schedules.pieces import Step, cut
 from balloon_warp.kernels.substep import phases_of
-from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
-from balloon_warp.schedules.later import has_many
+from balloon_warp.schedules.deferred import has_many
 from balloon_warp.schedules.launched import LaunchedSchedule
 from balloon_warp.schedules.patches import PatchLaunch, cut_into_patches, first_phases
 
@@ -26,31 +26,31 @@ class GatherSchedule(LaunchedSchedule):
     fast_math = True
     look = GATHERED
 
-    def __init__(self, model: Model, traits: Traits | None = None):
-        super().__init__(model, traits)
-        patches = cut_into_patches(model, self.traits)
+    def __init__(self, model: Model, features: Features | None = None):
+        super().__init__(model, features)
+        patches = cut_into_patches(model, self.features)
         self._patches = None
         if patches:
             working = self.launches.working
-            self._patches = PatchLaunch(model, self.traits, self.tables, patches, self.vectors[0], working)
+            self._patches = PatchLaunch(model, self.features, self.tables, patches, self.vectors[0], working)
 
     @classmethod
-    def step_of(cls, model: Model, traits: Traits) -> Step:
+    def step_of(cls, model: Model, features: Features) -> Step:
         """Return the phases of the model, in pieces.
 
         Of many particles on a GPU those without contact do not wait for others, nor take as many registers: resting
         contact has a launch of its own.
         """
-        apart = ("leave",) if traits.stands_on_fixtures and has_many(model) else ()
-        if cut_into_patches(model, traits):
-            return cut(first_phases(traits), traits, cls.look, shown=("aim",))
-        return cut(phases_of(traits), traits, cls.look, apart=apart)
+        apart = ("leave",) if features.stands_on_fixtures and has_many(model) else ()
+        if cut_into_patches(model, features):
+            return cut(first_phases(features), features, cls.look, shown=("inflation_direction",))
+        return cut(phases_of(features), features, cls.look, apart=apart)
 
     @staticmethod
-    def allot(model: Model, traits: Traits, room: Room) -> tuple[Any, ...]:
+    def allot(model: Model, features: Features, room: Room) -> tuple[Any, ...]:
         """Allocate the memory of patches."""
-        patches = cut_into_patches(model, traits)
-        return (PatchLaunch.arrays(model, traits, patches, room),) if patches else ()
+        patches = cut_into_patches(model, features)
+        return (PatchLaunch.arrays(model, features, patches, room),) if patches else ()
 
     def advance_frame(self, state: State) -> None:
         """Advance all worlds by a frame."""
@@ -60,5 +60,5 @@ class GatherSchedule(LaunchedSchedule):
         self.framing.begin(state)
         if self.launches.step.pieces:
             self.launches.substep(state, 0, (state.points, state.velocities))
-        self._patches.advance(state, self.launches.values.get("aim"))
+        self._patches.advance(state, self.launches.values.get("inflation_direction"))
         self.framing.end(state)

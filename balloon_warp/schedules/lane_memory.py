@@ -5,11 +5,11 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from balloon_warp.kernels.contact.near import mark_count
-from balloon_warp.kernels.lanes import IN_LANES, LANE_COUNT, Lanes, Lanes3
+from balloon_warp.kernels.features import Features
+from balloon_warp.kernels.lanes import LANE_COUNT, Lanes, Lanes3
 from balloon_warp.kernels.schedules.lanes.layouts import Layout
 from balloon_warp.kernels.schedules.lanes.source import arguments_of, kinds_of
 from balloon_warp.kernels.schedules.pieces import Step
-from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model
 from balloon_warp.model.memory import Room
 from balloon_warp.schedules.lane_tables import face_octets, items_of
@@ -36,10 +36,10 @@ def group_count(model: Model, layout: Layout) -> int:
 
 def allot_lanes(model: Model, step: Step, layout: Layout, room: Room) -> LaneMemory:
     """Ask for it."""
-    groups, items, traits = group_count(model, layout), items_of(model, layout).count, step.traits
-    balloons, width = model.balloon_count, traits.columns.width
-    solids = model.sphere_count + (len(model.obstacles) if traits.stands_on_fixtures else 0)
-    adds_up = bool(traits.membranes) or traits.has("hinge") or traits.has("face")
+    groups, items, features = group_count(model, layout), items_of(model, layout).count, step.features
+    balloons, width = model.balloon_count, features.columns.width
+    solids = model.sphere_count + (len(model.obstacles) if features.stands_on_fixtures else 0)
+    adds_up = bool(features.membranes) or features.has("hinge") or features.has("face")
     return LaneMemory(
         _of_kernel(model, step, layout, room),
         {
@@ -51,7 +51,7 @@ def allot_lanes(model: Model, step: Step, layout: Layout, room: Room) -> LaneMem
             "motions": room.array((groups, solids), Lanes3),
             "reaches": room.array((groups, solids), Lanes),
         },
-        _working(model, traits, groups * (LANES if layout.worlds else 1), room),
+        _working(model, features, groups * (LANES if layout.worlds else 1), room),
     )
 
 
@@ -73,10 +73,6 @@ def _of_kernel(model: Model, step: Step, layout: Layout, room: Room) -> dict[str
     for name, (item, kind) in kinds_of(step, layout).items():
         shown = kind is layout.vector and not layout.worlds
         arrays[f"all_{name}"] = room.array((groups, LANES * counts[item] + 1 if shown else counts[item]), kind)
-    of_model = {"particle": model.particle_count, "face": model.face_count, "triangle": model.triangle_count}
-    for kept in step.traits.keeps:
-        if f"lanes_{kept.name}" in takes:
-            arrays[f"lanes_{kept.name}"] = room.array((groups, of_model[kept.item]), IN_LANES[kept.type])
     return arrays
 
 
@@ -88,13 +84,13 @@ def put_far_away(arrays: dict[str, Any], layout: Layout) -> None:
         arrays["all_face_center"].assign(centers)
 
 
-def _working(model: Model, traits: Traits, worlds: int, room: Room) -> dict[str, Any]:
+def _working(model: Model, features: Features, worlds: int, room: Room) -> dict[str, Any]:
     spheres = model.sphere_count
     return {
-        "gas_masses": room.array((worlds, model.balloon_count if traits.gas else 0), wp.float32),
-        "sphere_quanta": room.array((worlds, spheres if traits.penalties else 0, 3), wp.int64),
-        "sphere_starts": room.array((worlds, spheres if traits.keeps_starts else 0), wp.vec3),
-        "near": room.array((worlds, mark_count(model.particle_count) if traits.impulses else 0), wp.int32),
+        "gas_masses": room.array((worlds, model.balloon_count if features.gas else 0), wp.float32),
+        "sphere_quanta": room.array((worlds, spheres if features.penalties else 0, 3), wp.int64),
+        "sphere_starts": room.array((worlds, spheres if features.keeps_starts else 0), wp.vec3),
+        "near": room.array((worlds, mark_count(model.particle_count) if features.impulses else 0), wp.int32),
     }
 
 

@@ -8,10 +8,10 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.lanes import LANE_COUNT
 from balloon_warp.kernels.schedules.lanes.layouts import Layout
 from balloon_warp.kernels.schedules.lanes.tables import lane_structs, part_structs
-from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model
 from balloon_warp.schedules.membranes import MembraneQuads, membrane_quads
 from balloon_warp.schedules.spring_ends import spring_ends
@@ -98,7 +98,7 @@ def list_entries(items: Items, particles: NDArray[np.int64], classes: NDArray[np
     return Entries(begins[:: len(kinds)], sources, owners)
 
 
-def make_lane_tables(model: Model, traits: Traits, layout: Layout, tables: Any) -> Any:
+def make_lane_tables(model: Model, features: Features, layout: Layout, tables: Any) -> Any:
     """Return the model item by item."""
     items = items_of(model, layout)
     t = lane_structs(layout).tables()
@@ -118,20 +118,20 @@ def make_lane_tables(model: Model, traits: Traits, layout: Layout, tables: Any) 
     t.places = array(items.places, wp.int32)
     if not layout.worlds:
         t.present = array((items.particles >= 0).reshape(-1, LANES), layout.number)
-    if traits.jets:
+    if features.jets:
         weights = np.append(model.neck_weights.numpy(), 0.0)[items.particles]
         t.necks.weights = array(weights if layout.worlds else weights.reshape(-1, LANES), layout.number)
-    _add_springs(t, model, traits, items, array)
-    if traits.membranes:
-        _add_membranes(t, model, traits, items, array)
-    if traits.measures_areas:
+    _add_springs(t, model, features, items, array)
+    if features.membranes:
+        _add_membranes(t, model, features, items, array)
+    if features.measures_areas:
         _add_fans(t, model, items, array)
-    if traits.aims:
+    if features.inflation_directions:
         _add_faces(t, model, items, array)
     return t
 
 
-def _add_springs(t: Any, model: Model, traits: Traits, items: Items, array: Any) -> None:
+def _add_springs(t: Any, model: Model, features: Features, items: Items, array: Any) -> None:
     ends = spring_ends(model)
     entries = list_entries(items, ends.particle, ends.kind)
     there = entries.sources >= 0
@@ -147,7 +147,7 @@ def _add_springs(t: Any, model: Model, traits: Traits, items: Items, array: Any)
     neighbors = items.places[ends.neighbor]
     t.spring_ends = array(np.where(there, neighbors[entries.sources], entries.owners), items.layout.index)
     t.spring_lengths = placed(ends.rest_length)
-    t.spring_scales = placed(ends.scale) if traits.springs_vary else array([], items.layout.number)
+    t.spring_scales = placed(ends.scale) if features.springs_vary else array([], items.layout.number)
 
 
 def _quads_of(model: Model, layout: Layout) -> MembraneQuads:
@@ -174,19 +174,14 @@ def _quads_of(model: Model, layout: Layout) -> MembraneQuads:
     )
 
 
-def quad_count(model: Model, layout: Layout) -> int:
-    """Return the number of quads and triangles, or of groups of eight."""
-    return len(_quads_of(model, layout).triangles)
-
-
-def _add_membranes(t: Any, model: Model, traits: Traits, items: Items, array: Any) -> None:
+def _add_membranes(t: Any, model: Model, features: Features, items: Items, array: Any) -> None:
     quads, layout = _quads_of(model, items.layout), items.layout
     corners = np.where(quads.corners >= 0, items.places[quads.corners], 0)
     t.quad_offsets = array(np.searchsorted(quads.balloons, np.arange(model.balloon_count + 1)), wp.int32)
     t.quads = array(corners.reshape(-1, *corners.shape[2:]), layout.index)
     t.quad_rests = array(quads.rests.reshape(-1, *quads.rests.shape[2:]), layout.four)
     t.quad_triangles = array(quads.triangles, wp.int32)
-    numbers = quads.numbers if traits.wears else quads.numbers[:0]
+    numbers = quads.numbers if features.wears else quads.numbers[:0]
     t.quad_numbers = array(numbers.reshape(-1, *numbers.shape[2:]), layout.index)
 
 

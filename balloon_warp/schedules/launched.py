@@ -6,20 +6,20 @@ from typing import Any, ClassVar
 
 import warp as wp
 
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.phase import Look, Phase
 from balloon_warp.kernels.schedules.pieces import Step, cut
 from balloon_warp.kernels.substep import NOTHING, Instead, phases_of
-from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Counting, Room
-from balloon_warp.schedules.fixtures import look_arrays
+from balloon_warp.schedules.balloon_contact import TouchLaunches
+from balloon_warp.schedules.features import choosing_parameters, model_features
+from balloon_warp.schedules.fixtures import look_array
 from balloon_warp.schedules.framing import Framing
 from balloon_warp.schedules.launches import Launches, Moving, Own
 from balloon_warp.schedules.membranes import left_array
 from balloon_warp.schedules.tables import make_tables
 from balloon_warp.schedules.tears import tear_arrays
-from balloon_warp.schedules.touching import TouchLaunches
-from balloon_warp.schedules.traits import choosing_parameters, model_traits
 from balloon_warp.warp_lock import lock_of
 
 
@@ -33,59 +33,59 @@ class LaunchedSchedule(ABC):
     fast_math: ClassVar[bool] = False
     """Whether divisions and roots are a GPU's own, with errors in the last two bits"""
     phases: ClassVar[Sequence[Phase]] = ()
-    """List that it executes; the step, when empty"""
+    """List of phases that the schedule executes; the step, when empty"""
     instead: ClassVar[Instead] = NOTHING
     look: ClassVar[Look]
 
-    def __init__(self, model: Model, traits: Traits | None = None):
-        self.model, self.traits = model, traits or model_traits(model)
-        self.tables = make_tables(model, self.traits)
-        self.vectors = self.allot(model, self.traits, room := Allocating(model.device))
+    def __init__(self, model: Model, features: Features | None = None):
+        self.model, self.features = model, features or model_features(model)
+        self.tables = make_tables(model, self.features)
+        self.vectors = self.allot(model, self.features, room := Allocating(model.device))
         """Memory of the schedule's own"""
-        step = self.step_of(model, self.traits)
+        step = self.step_of(model, self.features)
         self.launches = Launches(model, step, self.tables, room, self.own(), fast_math=self.fast_math)
         self._touch = None
-        if self.traits.touches:
-            self._touch = TouchLaunches(model, self.traits, self.tables, self.launches.working, self.fast_math)
-        self.framing = Framing(model, self.traits, self.tables, self.launches.working)
+        if self.features.touches:
+            self._touch = TouchLaunches(model, self.features, self.tables, self.launches.working, self.fast_math)
+        self.framing = Framing(model, self.features, self.tables, self.launches.working)
 
     @classmethod
-    def step_of(cls, model: Model, traits: Traits) -> Step:
+    def step_of(cls, model: Model, features: Features) -> Step:
         """Return the phases of the model, in pieces."""
-        return cut(phases_of(traits, cls.phases, cls.instead), traits, cls.look, doubles=not cls.watchable)
+        return cut(phases_of(features, cls.phases, cls.instead), features, cls.look, doubles=not cls.watchable)
 
     def own(self) -> Mapping[str, Own]:
         """Return the phases that the schedule executes itself, by name."""
-        return {"press": self._press}
+        return {"touch_balloons": self._press}
 
     @property
     def depends_on(self) -> frozenset[str]:
         """Parameters that the kernels are chosen by."""
-        return choosing_parameters(self.traits)
+        return choosing_parameters(self.features)
 
     @property
-    def crowded(self) -> int:
+    def overflow(self) -> int:
         """Number of candidate overflows in all worlds.
 
         An overflow is a triangle that a particle may touch and that has no place in its list.
         """
         with lock_of(self.model.device):
-            return int(self.launches.working.crowded.numpy().sum())
+            return int(self.launches.working.overflow.numpy().sum())
 
     @staticmethod
-    def allot(model: Model, traits: Traits, room: Room) -> tuple[Any, ...]:
+    def allot(model: Model, features: Features, room: Room) -> tuple[Any, ...]:
         """Ask for its own memory, beside what launches share."""
         return ()
 
     @classmethod
     def world_bytes(cls, model: Model) -> int:
         """Return the device memory that it keeps for each world, beside the state."""
-        room, traits = Counting(), model_traits(model)
-        Launches.allot(model, cls.step_of(model, traits), room)
+        room, features = Counting(), model_features(model)
+        Launches.allot(model, cls.step_of(model, features), room)
         left_array(model, room)
         tear_arrays(model, room)
-        cls.allot(model, traits, room)
-        look_arrays(model, room)
+        cls.allot(model, features, room)
+        look_array(model, room)
         return room.bytes // model.world_count
 
     def advance_frame(self, state: State) -> None:

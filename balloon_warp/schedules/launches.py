@@ -8,24 +8,24 @@ import numpy as np
 import warp as wp
 
 from balloon_warp.kernels.contact.near import mark_count
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.phase import STATE, Item
 from balloon_warp.kernels.schedules.launched.source import ITEMS_OF_PART, Part, arguments_of, kernel_of
 from balloon_warp.kernels.schedules.pieces import Piece, Step, values_of
-from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.working import Working
 from balloon_warp.launching import begin_loading, launch, launch_tiled
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
 from balloon_warp.model.state import contact_shape
+from balloon_warp.schedules.balloon_contact import touch_arrays
 from balloon_warp.schedules.ridges import ridge_arrays
 from balloon_warp.schedules.solids import solid_arrays
 from balloon_warp.schedules.tables import kept_arguments, world_state
-from balloon_warp.schedules.touching import touch_arrays
 
 TEAM_THREADS = 256
 """Threads of a block for phases of a world and for sums, on a GPU; more would have too few registers"""
-TEAM_THREADS_OF_MANY, MANY_BLOCKS = 64, 2048
-"""Threads from a number of blocks: more blocks then run at once, while one thread of each ends its sum"""
+TEAM_THREADS_OF_SMALL, SMALL = 64, 1024
+"""Threads where no balloon has more particles: more blocks then run at once, while one thread of each ends its sum"""
 MOST_REGISTERS = 128
 """Registers of a thread with a particle, so that a multiprocessor has two blocks of 256 where particles touch
 obstacles, too"""
@@ -55,7 +55,7 @@ class Launches:
         self.model, self.step, self.tables = model, step, tables
         self._own, self._fast_math = own or {}, fast_math
         self.working = Working()
-        for name, array in working_arrays(model, step.traits, room).items():
+        for name, array in working_arrays(model, step.features, room).items():
             setattr(self.working, name, array)
         self.values, self._parts, self._second = step_arrays(model, step, room)
         """Values that live from one piece to another, by name"""
@@ -66,7 +66,7 @@ class Launches:
     @staticmethod
     def allot(model: Model, step: Step, room: Room) -> None:
         """Ask for all memory that it keeps."""
-        working_arrays(model, step.traits, room)
+        working_arrays(model, step.features, room)
         step_arrays(model, step, room)
 
     def beside(self, model: Model, tables: Any) -> Self:
@@ -152,14 +152,14 @@ class Launches:
     def _over(self, piece: Piece, blocks: tuple[int, ...], has: Mapping[str, Any], part: Part = "all") -> None:
         """Launch so many blocks."""
         device = self.model.device
-        inputs, threads = self._inputs(piece, has, part), team_threads(device, blocks)
+        inputs, threads = self._inputs(piece, has, part), team_threads(self.model)
         launch_tiled(self.kernel(piece, part), dim=blocks, inputs=inputs, block_dim=threads, device=device)
 
     @property
     def _elements(self) -> int:
         """Count springs, strings, hinges, triangles, and faces, if a law acts on these."""
         m, hinges = self.model, self.tables.hinges.ends.shape[0]
-        faces = m.face_count if self.step.traits.has("face") else 0
+        faces = m.face_count if self.step.features.has("face") else 0
         return m.spring_count + m.string_count + hinges + self.tables.membranes.corners.shape[0] + faces
 
     @property
@@ -171,7 +171,7 @@ class Launches:
         """Return the kernel of a piece."""
         pulls = any(phase.name == "pull" for phase in piece.phases)
         meets = any(phase.name == "leave" for phase in piece.phases)
-        few = pulls and not meets and not self.step.traits.membranes and self._stands_apart
+        few = pulls and not meets and not self.step.features.membranes and self._stands_apart
         registers = (FEW_REGISTERS if few else MOST_REGISTERS) if piece.item == "particle" and not piece.sums else 0
         return kernel_of(self.step, piece, part, self._fast_math and pulls, registers)
 
@@ -188,11 +188,19 @@ class Launches:
         return (m.world_count, counts[item]) if item in counts else (m.world_count,)
 
 
-def team_threads(device: wp.Device, blocks: tuple[int, ...]) -> int:
-    """Return how many threads each of so many blocks has; on a CPU one."""
-    if not device.is_cuda:
+def team_threads(model: Model) -> int:
+    """Return how many threads add up a balloon, or a part of it; on a CPU one.
+
+    It does not depend on the number of worlds, which would change the order of a world's sums.
+    """
+    if not model.device.is_cuda:
         return 1
-    return TEAM_THREADS_OF_MANY if np.prod(blocks) >= MANY_BLOCKS else TEAM_THREADS
+    return TEAM_THREADS_OF_SMALL if _largest_balloon(model) <= SMALL else TEAM_THREADS
+
+
+def _largest_balloon(model: Model) -> int:
+    """Return the number of particles of the largest balloon."""
+    return max((len(shape.mesh.points) for shape in model.shapes), default=0)
 
 
 def step_arrays(model: Model, step: Step, room: Room) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any]]:
@@ -220,24 +228,24 @@ def _part_count(model: Model, item: Item) -> int:
     return -(-largest // int(ITEMS_OF_PART)) if largest > LARGE else 0
 
 
-def working_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
+def working_arrays(model: Model, features: Features, room: Room) -> dict[str, Any]:
     """Allocate what contact keeps beside the state; empty where a scene does not need it."""
     worlds = model.world_count
     return {
-        "gas_masses": room.array((worlds, model.balloon_count if traits.gas else 0), wp.float32),
-        "sphere_quanta": room.array((worlds, model.sphere_count if traits.penalties else 0, 3), wp.int64),
-        **solid_arrays(model, traits, room),
-        **ridge_arrays(model, traits, room),
-        "contact_pushes": room.array(contact_shape(model), wp.vec4),
-        **touch_arrays(model, traits, room),
-        **verdict_arrays(model, traits, room),
-        "near": room.array((worlds, mark_count(model.particle_count) if traits.impulses else 0), wp.int32),
+        "gas_masses": room.array((worlds, model.balloon_count if features.gas else 0), wp.float32),
+        "sphere_quanta": room.array((worlds, model.sphere_count if features.penalties else 0, 3), wp.int64),
+        **solid_arrays(model, features, room),
+        **ridge_arrays(model, features, room),
+        "contact_impulses": room.array(contact_shape(model), wp.vec4),
+        **touch_arrays(model, features, room),
+        **verdict_arrays(model, features, room),
+        "near": room.array((worlds, mark_count(model.particle_count) if features.impulses else 0), wp.int32),
     }
 
 
-def verdict_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
+def verdict_arrays(model: Model, features: Features, room: Room) -> dict[str, Any]:
     """Allocate what is known of each world's frame as it begins; empty where nothing is asked."""
-    asked = traits.frames != "all"
+    asked = features.frames != "all"
     return {
         "ways": room.array(model.world_count if asked else 0, wp.float32),
         "verdicts": room.array(model.world_count if asked else 0, wp.int32),

@@ -15,8 +15,8 @@ from balloon_warp.kernels.contact.free_frames import (
     put_worlds_back,
     surround_kernel,
 )
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.tables import WorldState
-from balloon_warp.kernels.traits import Traits
 from balloon_warp.launching import begin_loading, launch, launch_tiled
 from balloon_warp.model import Model, State
 from balloon_warp.model.kept import kept_arrays
@@ -27,15 +27,15 @@ THREADS = 128
 """Threads of a block that surveys a balloon on a GPU"""
 
 
-def has_free_frames(traits: Traits) -> bool:
+def has_free_frames(features: Features) -> bool:
     """Return whether a block leaves worlds to launches in some frames: not where it does all itself."""
-    return traits.touches or traits.meets_solids or (traits.fixtures and not traits.always_busy)
+    return features.touches or features.meets_solids or (features.fixtures and not features.always_busy)
 
 
-def free_traits(traits: Traits) -> Traits:
-    """Return the traits of kernels for free frames."""
-    return traits._replace(
-        frames="apart" if traits.fixtures and traits.touches_alone else "free",
+def free_features(features: Features) -> Features:
+    """Return the features of kernels for free frames."""
+    return features._replace(
+        frames="apart" if features.fixtures and features.touches_alone else "free",
         touches=False,
         touches_itself=False,
         edges_meet=False,
@@ -45,18 +45,18 @@ def free_traits(traits: Traits) -> Traits:
     )
 
 
-def busy_traits(traits: Traits) -> Traits:
-    """Return the traits of kernels for other frames."""
-    return traits._replace(frames="busy")
+def busy_features(features: Features) -> Features:
+    """Return the features of kernels for other frames."""
+    return features._replace(frames="busy")
 
 
 class Outlook:
     """Launches what looks at all worlds as a frame begins, and what puts those back that were believed to be free."""
 
-    def __init__(self, model: Model, traits: Traits, tables: Any, working: Any):
-        self.model, self._traits, self._tables, self._working = model, traits, tables, working
+    def __init__(self, model: Model, features: Features, tables: Any, working: Any):
+        self.model, self._features, self._tables, self._working = model, features, tables, working
         self.table, self._before = FreeFrames(), WorldState()
-        arrays, before, self._kept = outlook_arrays(model, traits, Allocating(model.device))
+        arrays, before, self._kept = outlook_arrays(model, features, Allocating(model.device))
         for name, array in arrays.items():
             setattr(self.table, name, array)
         for name in ("verdicts", "ways", "any_busy"):
@@ -67,7 +67,7 @@ class Outlook:
     def begin_loading(self) -> None:
         """Compile ahead what a look needs."""
         of_kept = (busy_kernel(array.dtype) for array in self._kept.values())
-        for kernel in (surround_kernel(self._traits), judge_kernel(self._traits), *of_kept):
+        for kernel in (surround_kernel(self._features), judge_kernel(self._features), *of_kept):
             begin_loading(kernel, self.model.device)
 
     def look(self, state: State) -> None:
@@ -76,13 +76,13 @@ class Outlook:
         for name, array in self._kept.items():
             wp.copy(array, state.kept[name])
         launch_tiled(
-            surround_kernel(self._traits),
+            surround_kernel(self._features),
             dim=(m.world_count, m.balloon_count),
             inputs=[self._tables, world_state(state), self.table, self._before],
             block_dim=threads,
             device=m.device,
         )
-        launch(judge_kernel(self._traits), m.world_count, [self._tables, self.table], device=m.device)
+        launch(judge_kernel(self._features), m.world_count, [self._tables, self.table], device=m.device)
 
     def put_back(self, state: State) -> None:
         """Restore worlds whose frame was not free, once the free frames are over."""
@@ -95,15 +95,15 @@ class Outlook:
 
     def keep_forces(self, state: State) -> None:
         """Keep the forces on spheres of worlds whose frame was not free."""
-        if self._traits.penalties:
+        if self._features.penalties:
             inputs = [self.table, self._working.sphere_quanta, state.sphere_forces]
             launch(keep_sphere_forces, state.sphere_forces.shape, inputs=inputs, device=self.model.device)
 
 
-def outlook_arrays(model: Model, traits: Traits, room: Room) -> tuple[dict[str, Any], ...]:
+def outlook_arrays(model: Model, features: Features, room: Room) -> tuple[dict[str, Any], ...]:
     """Return the memory of `FreeFrames`, and of what a world was before, and its items kept."""
     worlds, balloons, spheres = model.world_count, model.balloon_count, model.sphere_count
-    gas = (worlds, balloons if traits.gas else 0)
+    gas = (worlds, balloons if features.gas else 0)
     free = {
         "boxes": room.array((worlds, balloons, 2), wp.vec3),
         "alone": room.array((worlds, balloons, 2), wp.float32),

@@ -4,6 +4,7 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.phase import Phase
 from balloon_warp.kernels.schedules.block.layout import Layout
 from balloon_warp.kernels.schedules.block.looks import look_of
@@ -11,7 +12,6 @@ from balloon_warp.kernels.schedules.patches.memory import PatchMemory
 from balloon_warp.kernels.schedules.patches.source import arguments_of_patches, kernel_of_patches
 from balloon_warp.kernels.schedules.pieces import Step, cut
 from balloon_warp.kernels.substep import FACING, NOTHING, phases_of
-from balloon_warp.kernels.traits import Traits
 from balloon_warp.launching import launch_tiled
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
@@ -27,55 +27,57 @@ BYTES_OF_PLACE = 12
 """Bytes of a point in shared memory"""
 SUM_BYTES = 8192
 """Shared memory besides points [bytes]"""
-OWN_REGISTERS, SUM_REGISTERS, MEMBRANE_REGISTERS = 56, 24, 32
+PARAMS_REGISTERS, SUM_REGISTERS, MEMBRANE_REGISTERS = 56, 24, 32
 """Registers of a thread, besides those of its springs: always, where something is summed over balloons, and with
 membranes"""
 FEWER_REGISTERS = 32
 """Registers that may be spilled to local memory"""
 
 
-def cut_into_patches(model: Model, traits: Traits) -> Patches | None:
+def cut_into_patches(model: Model, features: Features) -> Patches | None:
     """Return the patches that worlds are moved in, or None.
 
     Worlds that fit a block's threads need none, and models whose particles need more of others than positions go launch
     by launch.
     """
     needs_others = (
-        traits.looks_at_velocities
-        or bool(traits.acting)
-        or traits.has("hinge")
-        or traits.has("face")
-        or traits.in_water
+        features.looks_at_velocities
+        or bool(features.acting)
+        or features.has("hinge")
+        or features.has("face")
+        or features.in_water
     )
-    meets_others = traits.spheres > 0 or traits.fixtures or traits.touches or traits.meets_solids
-    in_rounds = traits.corrected or traits.gas_changes or (traits.fresh_normals and (traits.gas or not traits.rings))
+    meets_others = features.spheres > 0 or features.fixtures or features.touches or features.meets_solids
+    in_rounds = (
+        features.corrected or features.gas_changes or (features.fresh_normals and (features.gas or not features.rings))
+    )
     if model.device.is_cpu or thread_a_particle(model) or model.substeps < 2:
         return None
-    if needs_others or meets_others or in_rounds or traits.guarded or traits.acting:
+    if needs_others or meets_others or in_rounds or features.guarded or features.acting:
         return None
-    patches = patches_of(model, traits.gas)
-    if patches is None or patches.most_of_rim > patches.threads:
+    patches = patches_of(model, features.gas)
+    if patches is None or patches.largest_halo > patches.threads:
         return None
     fits = bytes_of_block(patches) <= model.device.max_shared_memory_per_block
-    return patches if fits and _registers(model, traits, patches) else None
+    return patches if fits and _registers(model, features, patches) else None
 
 
-def _registers(model: Model, traits: Traits, patches: Patches) -> int:
+def _registers(model: Model, features: Features, patches: Patches) -> int:
     """Return the registers of a thread; 0 if there are too few for it."""
-    springs = sum(kind_slots(spring_ends(model))) * (3 if traits.springs_vary else 2)
-    sums = traits.gas or traits.fresh_normals
-    own = OWN_REGISTERS + (SUM_REGISTERS if sums else 0) + (MEMBRANE_REGISTERS if traits.membranes else 0)
+    springs = sum(kind_slots(spring_ends(model))) * (3 if features.springs_vary else 2)
+    sums = features.gas or features.fresh_normals
+    own = PARAMS_REGISTERS + (SUM_REGISTERS if sums else 0) + (MEMBRANE_REGISTERS if features.membranes else 0)
     wanted, most = -(-(springs + own) // 8) * 8, REGISTERS // patches.threads // 8 * 8
     return min(wanted, most) if wanted - most <= FEWER_REGISTERS and wanted <= MOST_REGISTERS else 0
 
 
-def worlds_at_once(model: Model, traits: Traits, patches: Patches) -> int:
+def worlds_at_once(model: Model, features: Features, patches: Patches) -> int:
     """Return the number of worlds for which all blocks of patches are co-resident.
 
     Each multiprocessor runs at least as many threads as a block may have, whatever the GPU.
     """
     blocks = min(
-        REGISTERS // (patches.threads * _registers(model, traits, patches)),
+        REGISTERS // (patches.threads * _registers(model, features, patches)),
         MOST_THREADS // patches.threads,
         model.device.max_shared_memory_per_block // bytes_of_block(patches),
     )
@@ -84,19 +86,19 @@ def worlds_at_once(model: Model, traits: Traits, patches: Patches) -> int:
 
 def bytes_of_block(patches: Patches) -> int:
     """Return the shared memory of a block [bytes]."""
-    return BYTES_OF_PLACE * (patches.threads + patches.most_of_rim) + SUM_BYTES
+    return BYTES_OF_PLACE * (patches.threads + patches.largest_halo) + SUM_BYTES
 
 
-def step_of_patches(traits: Traits, layout: Layout) -> Step:
+def step_of_patches(features: Features, layout: Layout) -> Step:
     """Return the step that patches execute, in pieces, without phases that happen only as a frame begins."""
-    instead = FACING if traits.aims_on_the_way else NOTHING
-    phases = [phase for phase in phases_of(traits, instead=instead) if phase.light or not phase.once(traits)]
-    return cut(phases, traits, look_of(layout, traits.spheres), doubles=False, sums_along=True)
+    instead = FACING if features.directions_on_the_way else NOTHING
+    phases = [phase for phase in phases_of(features, instead=instead) if phase.light or not phase.once(features)]
+    return cut(phases, features, look_of(layout, features.spheres), doubles=False, sums_along=True)
 
 
-def first_phases(traits: Traits) -> tuple[Phase, ...]:
+def first_phases(features: Features) -> tuple[Phase, ...]:
     """Return the phases that happen only as a frame begins."""
-    return tuple(phase for phase in phases_of(traits) if phase.once(traits) and not phase.light)
+    return tuple(phase for phase in phases_of(features) if phase.once(features) and not phase.light)
 
 
 class PatchLaunch:
@@ -109,34 +111,36 @@ class PatchLaunch:
     """
 
     def __init__(
-        self, model: Model, traits: Traits, tables: Any, patches: Patches, arrays: dict[str, Any], working: Any
+        self, model: Model, features: Features, tables: Any, patches: Patches, arrays: dict[str, Any], working: Any
     ):
         self.model, self._patches = model, patches
-        rings = quad_rings(model) if traits.measures_areas or traits.aims_on_the_way else None
-        self._layout = _layout(model, traits, patches, rings is not None)
-        self._step = step_of_patches(traits, self._layout)
-        self._at_once = worlds_at_once(model, traits, patches)
+        rings = quad_rings(model) if features.measures_areas or features.directions_on_the_way else None
+        self._layout = _layout(model, features, patches, rings is not None)
+        self._step = step_of_patches(features, self._layout)
+        self._at_once = worlds_at_once(model, features, patches)
         self.memory = PatchMemory()
         for name, array in arrays.items():
             setattr(self.memory, name, array)
         self._given = {
-            "t": tables_in_patches(model, patches, tables, traits.aims_on_the_way),
+            "t": tables_in_patches(model, patches, tables, features.directions_on_the_way),
             "slots": slots_in_patches(model, patches, rings),
-            "patches": patch_table(model, patches, traits.aims_on_the_way),
+            "patches": patch_table(model, patches, features.directions_on_the_way),
             "memory": self.memory,
             "working": working,
         }
 
     @staticmethod
-    def arrays(model: Model, traits: Traits, patches: Patches, room: Room) -> dict[str, Any]:
+    def arrays(model: Model, features: Features, patches: Patches, room: Room) -> dict[str, Any]:
         """Return the memory of `PatchMemory`."""
-        worlds = worlds_at_once(model, traits, patches)
+        worlds = worlds_at_once(model, features, patches)
         return {
             "points": room.array((2 * worlds * model.particle_count,), wp.vec4),
-            "sums": room.array((2 * 2 * worlds * patches.count if traits.gas or traits.fresh_normals else 0,), wp.vec4),
+            "sums": room.array(
+                (2 * 2 * worlds * patches.count if features.gas or features.fresh_normals else 0,), wp.vec4
+            ),
         }
 
-    def advance(self, state: State, aims: wp.array | None) -> None:
+    def advance(self, state: State, inflation_directions: wp.array | None) -> None:
         """Run the substeps of a frame."""
         kernel = kernel_of_patches(self._step, self._layout)
         for first in range(0, self.model.world_count, self._at_once):
@@ -145,7 +149,7 @@ class PatchLaunch:
             self.memory.sums.zero_()
             given = {
                 **self._given, **kept_arguments(state), "state": world_state(state), "first_world": first,
-                "worlds_at_work": worlds, "aims": aims,
+                "worlds_at_work": worlds, "inflation_directions": inflation_directions,
             }  # fmt: skip
             launch_tiled(
                 kernel,
@@ -156,13 +160,13 @@ class PatchLaunch:
             )
 
 
-def _layout(model: Model, traits: Traits, patches: Patches, rings: bool) -> Layout:
+def _layout(model: Model, features: Features, patches: Patches, rings: bool) -> Layout:
     """Return a particle a thread, with a tile for those of the rim, too."""
     return Layout(
         threads=patches.threads,
-        capacity=patches.threads + max(patches.most_of_rim, 1),
+        capacity=patches.threads + max(patches.largest_halo, 1),
         held=1,
         slots=kind_slots(spring_ends(model)),
         rings=int(rings),
-        registers=_registers(model, traits, patches),
+        registers=_registers(model, features, patches),
     )

@@ -36,7 +36,7 @@ class Patches:
     """Balloon of each patch"""
     volumes: bool
     """Whether each patch knows the particle about which its balloon's volume is summed"""
-    rim_keys: NDArray[np.int64]
+    halo_keys: NDArray[np.int64]
     """Keys of all halo particles, patch by patch: patch times the number of particles, plus the particle"""
 
     @property
@@ -45,21 +45,21 @@ class Patches:
         return len(self.balloons)
 
     @property
-    def rim_offsets(self) -> NDArray[np.int64]:
+    def halo_offsets(self) -> NDArray[np.int64]:
         """Begin of each patch's halo, and the end of the last."""
-        return np.searchsorted(self.rim_keys, np.arange(self.count + 1) * len(self.patch))
+        return np.searchsorted(self.halo_keys, np.arange(self.count + 1) * len(self.patch))
 
     @property
-    def most_of_rim(self) -> int:
+    def largest_halo(self) -> int:
         """Largest number of halo particles of a patch."""
-        return int(np.diff(self.rim_offsets).max(initial=0))
+        return int(np.diff(self.halo_offsets).max(initial=0))
 
     def places_of(self, owners: NDArray[np.int64], particles: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the places of particles in the patches of their owners."""
         patch = self.patch[owners]
-        rank = np.searchsorted(self.rim_keys, patch * len(self.patch) + particles)
-        in_rim = self.threads + rank - self.rim_offsets[patch]
-        return np.where(self.patch[particles] == patch, self.place[particles], in_rim)
+        rank = np.searchsorted(self.halo_keys, patch * len(self.patch) + particles)
+        in_halo = self.threads + rank - self.halo_offsets[patch]
+        return np.where(self.patch[particles] == patch, self.place[particles], in_halo)
 
 
 _CUT: WeakKeyDictionary[Model, Patches | None] = WeakKeyDictionary()
@@ -141,18 +141,18 @@ def patch_table(model: Model, patches: Patches, measures_faces: bool) -> Any:
     count = model.particle_count
     numbers = np.full((patches.count, patches.threads), count)
     numbers[patches.patch, patches.place] = np.arange(count)
-    patch, particle = np.divmod(patches.rim_keys, count)
-    rims = np.full((patches.count, patches.threads), -1)
-    rims[patch, np.arange(len(patch)) - patches.rim_offsets[patch]] = particle
-    in_rims = np.zeros(count)
-    in_rims[particle] = 1
+    patch, particle = np.divmod(patches.halo_keys, count)
+    halos = np.full((patches.count, patches.threads), -1)
+    halos[patch, np.arange(len(patch)) - patches.halo_offsets[patch]] = particle
+    in_halos = np.zeros(count)
+    in_halos[particle] = 1
     origins = volume_origins(model)[patches.balloons] if patches.volumes else numbers[:, 0]
 
     def array(values: NDArray) -> wp.array:
         return wp.array(values, dtype=wp.int32, device=model.device)
 
     table = PatchTable()
-    table.numbers, table.rims, table.in_rims = array(numbers), array(rims), array(in_rims)
+    table.numbers, table.halos, table.in_halos = array(numbers), array(halos), array(in_halos)
     table.origins = array(patches.places_of(numbers[:, 0], origins))
     table.balloons = array(patches.balloons)
     table.firsts = array(np.searchsorted(patches.balloons, np.arange(model.balloon_count + 1)))

@@ -1,4 +1,4 @@
-"""Forces as they are shown and written, whatever the schedule."""
+"""Readout of forces for display and output, whatever the schedule."""
 
 from copy import copy
 from typing import Any, Self
@@ -12,14 +12,14 @@ from balloon_warp.kernels.substep import READING, phases_of
 from balloon_warp.launching import launch
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating
+from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.launches import Launches
 from balloon_warp.schedules.ramp import refresh_ramp
 from balloon_warp.schedules.tables import make_tables, tables_of_world
-from balloon_warp.schedules.traits import model_traits
 
 PULL, INFLATE = "pull", "inflate"
 """Phases that begin a launch of their own"""
-SHOWN = ("force", "area_vector", "aim", "inflation", "net_force")
+SHOWN = ("force", "area_vector", "inflation_direction", "inflation", "net_force")
 """Values that are kept of the phases"""
 
 
@@ -32,12 +32,12 @@ class ForceReader:
 
     def __init__(self, model: Model, batch: Model | None = None):
         self.model = model
-        self._traits = model_traits(batch or model)
-        self._tables = make_tables(batch or model, self._traits)
+        self._features = model_features(batch or model)
+        self._tables = make_tables(batch or model, self._features)
         self._tables.step_seconds = 0.0  # forces as they are now, not on average over a step
         if batch:
             self._tables = tables_of_world(model, self._tables)
-        step = cut(phases_of(self._traits, READING), self._traits, GATHERED, apart=(PULL, INFLATE), shown=SHOWN)
+        step = cut(phases_of(self._features, READING), self._features, GATHERED, apart=(PULL, INFLATE), shown=SHOWN)
         self._launches = Launches(model, step, self._tables, Allocating(model.device))
 
     def beside(self, model: Model) -> Self:
@@ -48,10 +48,10 @@ class ForceReader:
         return other
 
     def refresh(self, state: State) -> None:
-        """Update the values at the begin of a frame: the ramp, such as of k_normal, aims and area vectors."""
+        """Update values at the begin of a frame: the ramp of k_normal, inflation directions and area vectors."""
         refresh_ramp(self.model, state)
         self._execute(state, *self._first)
-        if self._traits.measures_areas:
+        if self._features.measures_areas:
             self._execute(state, PULL)
 
     def inflation_forces(self, state: State, time_in_frame: float = 0.0) -> wp.array:
@@ -72,20 +72,20 @@ class ForceReader:
 
     def spring_pulls(self, state: State, time: float) -> wp.array:
         """Return the tension of each spring, negative if it pushes [N], shape (world_count, spring_count)."""
-        return self._measure(spring_measure(self._traits), state, time, 1, self.model.spring_count)[:, 0]
+        return self._measure(spring_measure(self._features), state, time, 1, self.model.spring_count)[:, 0]
 
     def string_pulls(self, state: State, time: float) -> wp.array:
         """Return the tension of each string [N], shape (world_count, string_count)."""
-        return self._measure(string_measure(self._traits), state, time, 1, self.model.string_count)[:, 0]
+        return self._measure(string_measure(self._features), state, time, 1, self.model.string_count)[:, 0]
 
     def pulls_by_law(self, state: State, time: float) -> dict[str, wp.array]:
         """Return the force of each law on each particle [N], shape (world_count, particle_count).
 
         Laws on particles, hinges or faces, and those of membranes.
         """
-        traits, laws = self._traits, [law for law in self._traits.laws if law.kind not in ("spring", "string")]
-        alone = {law.name: traits._replace(laws=(law,), membranes=()) for law in laws}
-        alone |= {"membrane": traits._replace(laws=())} if traits.membranes else {}
+        features, laws = self._features, [law for law in self._features.laws if law.kind not in ("spring", "string")]
+        alone = {law.name: features._replace(laws=(law,), membranes=()) for law in laws}
+        alone |= {"membrane": features._replace(laws=())} if features.membranes else {}
         if not alone:
             return {}
         measure = law_measure(tuple(alone.values()))

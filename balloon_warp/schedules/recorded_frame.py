@@ -12,6 +12,12 @@ from balloon_warp.warp_lock import recording
 
 RARE = 16
 """Number of times that a piece which is not always wanted is launched, before it is worth recording"""
+FEW = 4
+"""Number of first frames that a CPU does not record: to record one takes as long as six replays save"""
+
+
+def _nothing() -> None:
+    """Launch nothing."""
 
 
 class FramePiece(NamedTuple):
@@ -23,28 +29,40 @@ class FramePiece(NamedTuple):
 
 
 class RecordedFrame:
-    """A frame of one schedule and one state of a model, and what the host does to spheres at its end."""
+    """A frame of one schedule and one state of a model, and what the host does to spheres at its end.
 
-    def __init__(self, model: Model):
+    Args:
+        before: launches what comes before the frame, and is recorded with it.
+        after: launches what comes after it.
+    """
+
+    def __init__(self, model: Model, before: Callable[[], None] = _nothing, *after: Callable[[], None]):
         self._device, self._late_spheres = model.device, LateSpheres(model)
+        self._before, self._after = before, after
         self._graphs: dict[int, Any] = {}
         self._launched: Counter[int] = Counter()
 
     def advance(self, schedule: Any, state: State) -> None:
-        """Advance the state by a frame: record it, if the schedule can be and it is the first, and launch it."""
+        """Advance the state by a frame: record it, if the schedule can be and that is worth it, and launch it."""
         if not schedule.capturable:
+            self._before()
             schedule.advance_frame(state)
-            self._late_spheres.hold(state)
+            self._end(state)
             return
         for number, piece in enumerate(self._pieces(schedule)):
-            if piece.is_wanted is None:
+            if piece.is_wanted is not None and not piece.is_wanted():
+                continue
+            self._launched[number] += 1
+            if self._launched[number] <= self._unrecorded(piece):
+                piece.launch(state)
+            else:
                 self._replay(number, piece, state)
-            elif piece.is_wanted():
-                self._launched[number] += 1
-                if self._launched[number] <= RARE:
-                    piece.launch(state)
-                else:
-                    self._replay(number, piece, state)
+
+    def _unrecorded(self, piece: FramePiece) -> int:
+        """Return how often a piece is launched before it is recorded."""
+        if piece.is_wanted is not None:
+            return RARE
+        return FEW if self._device.is_cpu else 0
 
     def _replay(self, number: int, piece: FramePiece, state: State) -> None:
         if number not in self._graphs:
@@ -54,10 +72,20 @@ class RecordedFrame:
         wp.capture_launch(self._graphs[number])
 
     def _pieces(self, schedule: Any) -> Sequence[FramePiece]:
-        own = getattr(schedule, "pieces", None) or [FramePiece(schedule.advance_frame)]
+        own = list(getattr(schedule, "pieces", None) or [FramePiece(schedule.advance_frame)])
+        begin, end = own[0].launch, own[-1].launch
+
+        def first(state: State) -> None:
+            self._before()
+            begin(state)
 
         def last(state: State) -> None:
-            own[-1].launch(state)
-            self._late_spheres.hold(state)
+            (first if len(own) == 1 else end)(state)
+            self._end(state)
 
-        return [*own[:-1], FramePiece(last)]
+        return [FramePiece(first), *own[1:-1], FramePiece(last)] if len(own) > 1 else [FramePiece(last)]
+
+    def _end(self, state: State) -> None:
+        self._late_spheres.hold(state)
+        for launches in self._after:
+            launches()

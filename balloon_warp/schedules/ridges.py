@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 
 from balloon_warp.kernels.contact.catch import Catch
 from balloon_warp.kernels.contact_tables import RidgeTable
+from balloon_warp.kernels.features import Features
+from balloon_warp.kernels.laws.law import FAR
 from balloon_warp.kernels.laws.ridges import Ridge
-from balloon_warp.kernels.traits import Traits
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.triangles import triangles_of
 from balloon_warp.model import Model
@@ -32,6 +33,7 @@ def ridge_table(model: Model) -> Any:
     firsts = np.cumsum([0, *(len(each.ends) for each in ridges)])
     table.ridges = wp.array([row for each in ridges for row in _rows(each)], dtype=Ridge, device=device)
     table.ends = wp.array(np.stack([firsts[:-1], firsts[1:]], axis=1), dtype=wp.vec2i, device=device)
+    table.boxes = wp.array([_box_of(each) for each in ridges], dtype=wp.vec3, device=device)
     table.trees = wp.array([tree.id if tree else 0 for tree in model.ridge_trees], dtype=wp.uint64, device=device)
     table.features = wp.array(_features_of(model), dtype=wp.vec4i, device=device)
     edge = min(edge_length(shape.mesh) for shape in model.shapes)
@@ -39,10 +41,10 @@ def ridge_table(model: Model) -> Any:
     return table
 
 
-def ridge_arrays(model: Model, traits: Traits, room: Room) -> dict[str, Any]:
+def ridge_arrays(model: Model, features: Features, room: Room) -> dict[str, Any]:
     """Return the arrays of `Working` for ridges; empty where faces do not touch them."""
-    worlds = model.world_count if traits.ridges else 0
-    pairs = max(LEAST_PAIRS, PAIRS * _feature_count(model)) if traits.ridges else 0
+    worlds = model.world_count if features.ridges else 0
+    pairs = max(LEAST_PAIRS, PAIRS * _feature_count(model)) if features.ridges else 0
     particles, bodies = model.particle_count, model.body_count
     return {
         "ridge_counts": room.array((worlds, 2), wp.int32),
@@ -65,6 +67,13 @@ def _rows(ridges: Ridges) -> list[Any]:
         row.radius, row.tips = ridges.radius, int(tips)
         rows.append(row)
     return rows
+
+
+def _box_of(ridges: Ridges) -> NDArray[np.float64]:
+    """Return the box around a solid's ridges, shape (2, 3); an empty one where it has none."""
+    points = np.asarray(ridges.ends, dtype=float).reshape(-1, 3)
+    lower, upper = points.min(axis=0, initial=FAR), points.max(axis=0, initial=-FAR)
+    return np.stack([lower - ridges.radius, upper + ridges.radius])
 
 
 def _features_of(model: Model) -> NDArray[np.int32]:

@@ -65,7 +65,7 @@ def _rings_of(model: Model) -> Ring | None:
 
 
 def _same(ends: SpringEnds, around: NDArray[np.int64], kind: int) -> bool:
-    """Return whether these are the particles' neighbors by springs of a kind."""
+    """Return whether neighbors are the particles' neighbors by springs of a kind."""
     count = around.shape[1]
     particle, neighbor = _entries(around)
     of_kind = ends.kind == kind

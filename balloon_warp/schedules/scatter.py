@@ -7,9 +7,9 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.schedules.launched.looks import SUMMED
 from balloon_warp.kernels.substep import SCATTERED
-from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
 from balloon_warp.schedules.launched import LaunchedSchedule
@@ -30,10 +30,10 @@ class ScatterSchedule(LaunchedSchedule):
         self.launches.working.forces, self.launches.working.area_vectors = self.forces, area_vectors
 
     @staticmethod
-    def allot(model: Model, traits: Traits, room: Room) -> tuple[Any, ...]:
+    def allot(model: Model, features: Features, room: Room) -> tuple[Any, ...]:
         """Return the forces, and area vectors where they are needed."""
         worlds, particles = model.world_count, model.particle_count
-        areas = (worlds, particles if traits.measures_areas else 0)
+        areas = (worlds, particles if features.measures_areas else 0)
         return room.array((worlds, particles), wp.vec3), room.array(areas, wp.vec3)
 
     def sum_forces(self, state: State) -> None:

@@ -5,9 +5,9 @@ from balloon_warp.model import build_model
 from balloon_warp.scene import Scene
 from balloon_warp.schedules.block import BlockSchedule
 from balloon_warp.schedules.choose import schedule_named
+from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.lanes import LanesSchedule
 from balloon_warp.schedules.launched import LaunchedSchedule
-from balloon_warp.schedules.traits import model_traits
 
 
 def kernel_source(scene: Scene, schedule: str = "gather") -> str:
@@ -26,4 +26,4 @@ def kernel_source(scene: Scene, schedule: str = "gather") -> str:
     if issubclass(named, BlockSchedule):
         return named.source_of(model)
     assert issubclass(named, LaunchedSchedule)
-    return source_of(named.step_of(model, model_traits(model)))
+    return source_of(named.step_of(model, model_features(model)))

@@ -7,6 +7,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from balloon_warp.kernels.contact_tables import SphereTable
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.gas_tables import NeckTable, PumpTable, TubeTable
 from balloon_warp.kernels.tables import (
     CHUNK,
@@ -20,7 +21,6 @@ from balloon_warp.kernels.tables import (
     Tables,
     WorldState,
 )
-from balloon_warp.kernels.traits import Traits
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.triangles import triangles_of
 from balloon_warp.model import Model, State
@@ -38,7 +38,7 @@ from balloon_warp.schedules.touch_table import touch_table
 from balloon_warp.springs.coloring import color_springs
 
 
-def make_tables(model: Model, traits: Traits, in_block: bool = False) -> Any:
+def make_tables(model: Model, features: Features, in_block: bool = False) -> Any:
     """Return all that does not change in a frame.
 
     Args:
@@ -47,25 +47,25 @@ def make_tables(model: Model, traits: Traits, in_block: bool = False) -> Any:
     t = Tables()
     t.particles = particle_table(model)
     ends = spring_ends(model)
-    t.springs = _springs(model, traits, ends)
-    ring = quad_rings(model) if traits.rings else None
-    t.rings = ring_table(model, ends, ring, traits.springs_vary, in_block)
+    t.springs = _springs(model, features, ends)
+    ring = quad_rings(model) if features.rings else None
+    t.rings = ring_table(model, ends, ring, features.springs_vary, in_block)
     t.pairs = _pairs(model)
-    t.hinges = _hinges(model, traits)
+    t.hinges = _hinges(model, features)
     t.membranes = membrane_table(model)
     t.strings = _strings(model)
     t.faces = _faces(model)
-    t.fans = _fans(model, traits)
+    t.fans = _fans(model, features)
     t.spheres = _spheres(model)
-    if traits.small_spheres:
+    if features.small_spheres:
         triangles = [triangles_of(s.mesh) + n for s, n in zip(model.shapes, model.particle_offsets, strict=False)]
         t.spheres.small = _array(model, small_spheres(model), wp.int32)
         t.spheres.triangles = _array(model, np.concatenate(triangles), wp.vec3i)
     t.fixtures, t.bodies = fixture_table(model), body_table(model)
     t.tubes, t.pumps, t.necks = _tubes(model), _pumps(model), _necks(model)
-    t.touch = touch_table(model, traits)
+    t.touch = touch_table(model, features)
     t.ridges = ridge_table(model)
-    t.correction = _correction(model, traits)
+    t.correction = _correction(model, features)
     t.health = health_table(model)
     t.balloon_numbers, t.world_numbers = model.balloon_numbers, model.world_numbers
     t.friction = model.parameters[FRICTION]
@@ -108,7 +108,7 @@ def _array(model: Model, values: Any, dtype: Any) -> wp.array:
     return wp.array(np.asarray(values), dtype=dtype, device=model.device)
 
 
-def _springs(model: Model, traits: Traits, ends: SpringEnds) -> Any:
+def _springs(model: Model, features: Features, ends: SpringEnds) -> Any:
     table = SpringTable()
     valences = ends.by_kind.sum(axis=1)
     slices = slices_of(ends.particle, valences, CHUNK)
@@ -119,7 +119,7 @@ def _springs(model: Model, traits: Traits, ends: SpringEnds) -> Any:
     table.slice_offsets = _array(model, slices.offsets, wp.int32)
     table.valences = _array(model, valences, wp.int32)
     table.entries = _array(model, np.stack([packed.view(np.float32), lengths], axis=1), wp.vec2)
-    table.scales = _array(model, scales if traits.springs_vary else [], float)
+    table.scales = _array(model, scales if features.springs_vary else [], float)
     return table
 
 
@@ -130,9 +130,9 @@ def _pairs(model: Model) -> Any:
     return table
 
 
-def _hinges(model: Model, traits: Traits) -> Any:
+def _hinges(model: Model, features: Features) -> Any:
     """Return the hinges of balloons, where a law acts on them, and the roles of each particle in them."""
-    hinges = [shape.hinges for shape in model.shapes] if traits.has("hinge") else []
+    hinges = [shape.hinges for shape in model.shapes] if features.has("hinge") else []
     offsets = model.particle_offsets[:-1]
     empty = np.zeros(0, dtype=np.int64)
     ends = np.concatenate([empty.reshape(0, 2), *(h.ends + first for h, first in zip(hinges, offsets, strict=False))])
@@ -228,11 +228,11 @@ def quads_at_particles(model: Model) -> tuple[NDArray[np.int64], NDArray[np.int6
     return each[:, 0], each[:, [3, 2, 1]]
 
 
-def _fans(model: Model, traits: Traits) -> Any:
+def _fans(model: Model, features: Features) -> Any:
     """Return the corners of faces at each particle, where area vectors are needed."""
     table = FanTable()
     count = model.particle_count
-    if traits.measures_areas and traits.quads:
+    if features.measures_areas and features.quads:
         particles, others = quads_at_particles(model)
         counts = np.bincount(particles, minlength=count)
         slices = slices_of(particles, counts, 1)
@@ -241,7 +241,7 @@ def _fans(model: Model, traits: Traits) -> Any:
         table.slice_offsets = _array(model, slices.offsets, wp.int32)
         table.counts = _array(model, counts, wp.int32)
         table.quads = _array(model, quads, wp.vec3i)
-    elif traits.measures_areas:
+    elif features.measures_areas:
         fans = other_corners(model)
         table.offsets = _array(model, np.searchsorted(fans.particles, np.arange(count + 1)), wp.int32)
         table.begins, table.particles = _array(model, fans.begins, wp.int32), _array(model, fans.others, wp.int32)
@@ -277,10 +277,10 @@ def _necks(model: Model) -> Any:
     return table
 
 
-def _correction(model: Model, traits: Traits) -> Any:
+def _correction(model: Model, features: Features) -> Any:
     """Return the springs color by color; none where lengths are not corrected."""
     pairs = np.asarray(model.spring_particles.numpy(), dtype=np.int64).reshape(-1, 2)
-    pairs = pairs[: None if traits.corrected else 0]
+    pairs = pairs[: None if features.corrected else 0]
     colors = color_springs(pairs, np.concatenate([shape.mesh.points for shape in model.shapes]))
     order = np.lexsort([pairs[:, 1], pairs[:, 0], colors])
     table = CorrectionTable()

@@ -7,15 +7,16 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.contact.lists import ROOM
+from balloon_warp.kernels.contact.nearby import ROOM
 from balloon_warp.kernels.contact_tables import TouchTable
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.law import FAR
-from balloon_warp.kernels.traits import Traits
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.triangles import triangles_of
 from balloon_warp.model import Model
-from balloon_warp.model.sharp_edges import sharp_edges
-from balloon_warp.model.touch import STIFFNESSES, THICKNESS, crowd_of, edge_length
+from balloon_warp.model.folded import is_folded
+from balloon_warp.model.meeting_edges import edges_by_leaf, meeting_edges
+from balloon_warp.model.touch import APART, STIFFNESSES, THICKNESS, crowd_of, edge_length
 
 SEARCH_SECONDS = 1.0 / 240.0
 """Time between two searches [s]: balloons that approach at 10 m/s come 4 cm nearer meanwhile. In twice the time lists
@@ -25,24 +26,26 @@ LEAST_SUBSTEPS, LEAST_SUBSTEPS_ITSELF = 2, 4
 as long as five substeps"""
 SLACK = 0.1
 """Distance that each of two particles may gain between two searches by accelerating, over an edge"""
+FOLDED_SLACK = 0.02
+"""Slack in a balloon that is folded at the start: with more, more layers are near a particle than its list holds"""
+ITSELF = 1e-5
+"""Initial distance from which on parts of a folded balloon may touch, in edges: a particle does not touch its own
+triangles"""
 DEPTH = 0.25
 """Depth down to which what is inside is pushed out, over the least initial extent of a balloon; foil, which is flat
 then, pushes as deep as an edge is long"""
 FLAT = 0.999
 """Least initial extent of a balloon below which it is flat, over an edge: a cube of one quad a side is not, wherever"""
-APART = 2.0
-"""Initial distance from which on parts of a balloon may touch, in edges: farther than neighbors, nearer than what a
-sharp fold brings together"""
 ROUNDING = 2.0**20
 """Number of places that are told apart along a mesh, as it is cut into parts"""
 TRIANGLES = int(ROOM)
 """Largest number of triangles of a leaf"""
 
 
-def touch_table(model: Model, traits: Traits) -> Any:
+def touch_table(model: Model, features: Features) -> Any:
     """Return the balloons' surfaces; empty where none touch."""
     table = TouchTable()
-    if not traits.touches:
+    if not features.touches:
         return table
     shapes, offsets = model.shapes, model.particle_offsets
     surfaces = [surface_of(shape.mesh) for shape in shapes]
@@ -74,23 +77,32 @@ def touch_table(model: Model, traits: Traits) -> Any:
     table.balloon_parts = array(first_parts, wp.int32)
     table.closed = array([shape.closed for shape in shapes], wp.int32)
     table.thickness = array(THICKNESS * edges, float)
-    table.slack = array(SLACK * edges, float)
+    folded = [features.touches_itself and is_folded(shape.mesh) for shape in shapes]
+    table.slack = array(np.where(folded, FOLDED_SLACK, SLACK) * edges, float)
     table.depth = array([depth_of(shape.mesh) for shape in shapes], float)
-    table.crowd = array([crowd_of(shapes, number, traits.touches_itself) for number in range(len(shapes))], float)
+    table.crowd = array([crowd_of(shapes, number, features.touches_itself) for number in range(len(shapes))], float)
     table.stiffness = model.parameters[STIFFNESSES]
-    if traits.edges_meet:
-        sharp = [sharp_edges(shape.mesh) for shape in shapes]
-        table.edges = array(np.concatenate([own + o for own, o in zip(sharp, offsets[:-1], strict=True)]), wp.vec2i)
-        table.balloon_edges = array(np.cumsum([0, *map(len, sharp)]), wp.int32)
+    leaves = np.repeat(np.arange(len(whole)), np.where(whole, np.diff(np.concatenate(own_triangles), axis=1)[:, 0], 0))
+    if features.touches_itself:
+        homes = np.zeros(int(offsets[-1]), dtype=np.int64)
+        homes[np.concatenate(triangles)] = leaves[:, None]
+        table.homes = array(homes, wp.int32)
+    if features.edges_meet:
+        own_edges = meeting_edges(model.scene, shapes)
+        ends = np.concatenate([own + first for own, first in zip(own_edges, offsets[:-1], strict=True)])
+        ends, edge_homes = edges_by_leaf(np.concatenate(triangles), leaves, ends)
+        table.edges, table.edge_homes = array(ends, wp.vec2i), array(edge_homes, wp.int32)
+        bounds = np.searchsorted(edge_homes, np.arange(len(whole) + 1))
+        table.part_edges = array(np.stack([bounds[:-1], bounds[1:]], axis=1), wp.vec2i)
     rest, boxes = np.zeros((0, 3)), np.zeros((0, 2, 3))
-    if traits.touches_itself:
+    if features.touches_itself:
         rest = np.concatenate([shape.mesh.points for shape in shapes])
         corners = rest[np.concatenate(triangles)]
         parts = [corners[begin:end].reshape(-1, 3) for begin, end in np.concatenate(own_triangles)]
         boxes = np.array([(part.min(axis=0, initial=FAR), part.max(axis=0, initial=-FAR)) for part in parts])
     table.rest_points = array(rest, wp.vec3)
     table.rest_boxes = wp.array(boxes.reshape(-1, 2, 3), dtype=wp.vec3, device=model.device)
-    table.apart = array(APART * edges, float)
+    table.apart = array(np.where(folded, ITSELF, APART) * edges, float)
     table.seconds = substeps_of_search(model) * model.step_seconds
     return table
 
@@ -168,4 +180,6 @@ def _parts_of(triangles: int) -> int:
 def substeps_of_search(model: Model) -> int:
     """Return the substeps from one search to the next."""
     least = LEAST_SUBSTEPS_ITSELF if model.scene.touches_itself else LEAST_SUBSTEPS
+    if model.scene.touches_itself and any(is_folded(shape.mesh) for shape in model.shapes):
+        return least  # layers go by each other
     return max(int(SEARCH_SECONDS / model.step_seconds), least)

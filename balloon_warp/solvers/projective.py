@@ -7,6 +7,7 @@ import numpy as np
 import warp as wp
 
 from balloon_warp.errors import InputError
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.hooke import HOOKE
 from balloon_warp.kernels.schedules.launched.looks import GATHERED
 from balloon_warp.kernels.solvers.projective import (
@@ -24,14 +25,13 @@ from balloon_warp.kernels.solvers.settling import (
     settling_kernel,
 )
 from balloon_warp.kernels.substep import PROJECTIVE_STEP
-from balloon_warp.kernels.traits import Traits
 from balloon_warp.launching import launch, launch_tiled
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
+from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.launched import LaunchedSchedule
 from balloon_warp.schedules.launches import Moving, Own
 from balloon_warp.schedules.tables import world_state
-from balloon_warp.schedules.traits import model_traits
 from balloon_warp.solvers.dense_inverse import DenseInverse
 from balloon_warp.solvers.sparse_factor import SparseFactor
 from balloon_warp.solvers.step_matrices import FACTORIZED, StepMatrices
@@ -57,7 +57,7 @@ class ProjectiveSolver(LaunchedSchedule):
     phases = PROJECTIVE_STEP
 
     def __init__(self, model: Model, global_step: type[SparseFactor] | type[DenseInverse] | None = None):
-        if beyond := _beyond(model_traits(model)):
+        if beyond := _beyond(model_features(model)):
             raise InputError(f'solver: "projective" does not simulate {beyond}; expected another solver')
         super().__init__(model)
         matrices = StepMatrices(model)
@@ -70,7 +70,7 @@ class ProjectiveSolver(LaunchedSchedule):
         return FACTORIZED
 
     @staticmethod
-    def allot(model: Model, traits: Traits, room: Room) -> tuple[Any, ...]:
+    def allot(model: Model, features: Features, room: Room) -> tuple[Any, ...]:
         """Allocate six vectors for each particle.
 
         They are displacements without springs, those tried, those reached, points tried, residuals, and increments of
@@ -84,7 +84,7 @@ class ProjectiveSolver(LaunchedSchedule):
         return super().world_bytes(model) + _global_step(model).world_bytes(model, StepMatrices(model))
 
     def own(self) -> Mapping[str, Own]:
-        """Name what it does itself of a step, by the names of phases."""
+        """Name the phases that the solver itself replaces."""
         return {"settle": self._settle}
 
     def _settle(self, state: State, substep: int, time_in_frame: float, now: Moving) -> None:
@@ -92,7 +92,7 @@ class ProjectiveSolver(LaunchedSchedule):
         free, tried, reached, trials, _, _ = self.vectors
         t, settling, inflations = self.tables, self._settling, self.launches.values["inflation"]
         begin = t, time_in_frame, world_state(state), inflations, settling
-        self._over_particles(foreseeing_kernel(self.traits), *begin, free, tried, reached, trials)
+        self._over_particles(foreseeing_kernel(self.features), *begin, free, tried, reached, trials)
         most, device = int(settling.most), self.model.device
         can_ask = device.is_cpu or wp.is_conditional_graph_supported()
         if most <= ITERATIONS_BETWEEN or not can_ask:
@@ -105,9 +105,9 @@ class ProjectiveSolver(LaunchedSchedule):
         """Run a number of iterations in the worlds that go on."""
         free, tried, reached, trials, residuals, increments = self.vectors
         t, settling, model = self.tables, self._settling, self.model
-        settle = settling_kernel(self.traits, inertia_function(self.traits))
+        settle = settling_kernel(self.features, inertia_function(self.features))
         for _ in range(count):
-            self._over_particles(local_step_kernel(self.traits), t, free, tried, trials, settling, residuals)
+            self._over_particles(local_step_kernel(self.features), t, free, tried, trials, settling, residuals)
             self._global_step.solve(residuals, increments, settling.going)
             launch_tiled(
                 settle,
@@ -139,30 +139,30 @@ def _settling(model: Model, matrices: StepMatrices) -> Any:
     return settling
 
 
-def _beyond(traits: Traits) -> str | None:
-    """Name what it does not simulate, or None."""
-    if traits.touches:
+def _beyond(features: Features) -> str | None:
+    """Name a feature that the solver does not simulate, or return None."""
+    if features.touches:
         return "balloons that touch"
-    if traits.membranes:
-        return f"{traits.membranes[0].name.replace('_', '-')} material"
-    if traits.bodies:
+    if features.membranes:
+        return f"{features.membranes[0].name.replace('_', '-')} material"
+    if features.bodies:
         return "free rigid bodies"
-    if traits.small_spheres:
+    if features.small_spheres:
         return "spheres that touch faces"
-    if traits.pressures:
+    if features.pressures:
         return "pressure or gas"
-    if traits.corrected:
+    if features.corrected:
         return "position correction"
-    for law in traits.laws:
+    for law in features.laws:
         implicit = law is HOOKE or law.kind == "string"
         if not implicit and law.kind != "particle":
             return law.name.replace("_", " ")
     known = {phase.name for phase in PROJECTIVE_STEP}
-    for name in traits.acting:
+    for name in features.acting:
         if name not in known:
             return f"the phase {name}"
     for given, words in (("water_load", "water"), ("area_vector", "drag in air")):
-        if traits.needs("particle", given):
+        if features.needs("particle", given):
             return words
     return None
 

@@ -21,7 +21,7 @@ class SpringKind(IntEnum):
 
 @dataclass(frozen=True)
 class Springs:
-    """All springs of a mesh, sorted by kind and then by their ends."""
+    """Springs of a mesh, sorted by kind and then by their ends."""
 
     pairs: NDArray[np.int32]
     """Particles at the ends, the lower first, shape (spring_count, 2)"""

@@ -8,8 +8,8 @@ from typing import Any, Protocol
 import numpy as np
 import scipy.sparse as sparse
 from numpy.typing import NDArray
-from scipy.sparse.linalg import splu
 
+from balloon_warp.statics.systems import Stiffness, shifted
 from balloon_warp.statics.volume import SealedGas, Volume
 
 Values = NDArray[np.float64]
@@ -43,7 +43,7 @@ class Loading:
     forces: Values
     """Loads that act whatever the shape is [N], shape (n, 3)"""
     held: NDArray[np.bool_]
-    """Which particles do not move, shape (n,)"""
+    """Mask of the fixed particles, shape (n,)"""
 
     @cached_property
     def free(self) -> Values:
@@ -129,9 +129,7 @@ class Balance:
         forces, before = self.forces(points).ravel(), self.volume.of(points)
         resting, unit = self.skin.energy(points), float(np.abs(matrix.diagonal()).mean())
         while shift <= MOST_SHIFT:
-            solved = solver_of(matrix + shift * unit * sparse.identity(len(slopes), format="csc"))
-            along, across = solved(forces), solved(slopes)
-            along -= across * (squeeze * (slopes @ along) / (1.0 + squeeze * (slopes @ across)))
+            along = Stiffness(shifted(matrix, shift * unit), slopes, squeeze).solver()(forces)
             if along @ forces > 0.0:
                 for length in (1.0, 0.5, 0.2):
                     there = points + length * along.reshape(-1, 3)
@@ -149,9 +147,3 @@ class Balance:
 
     def _calmer(self, points: Values, before: Values) -> bool:
         return float(np.linalg.norm(self.forces(points))) < float(np.linalg.norm(before))
-
-
-def solver_of(matrix: Any) -> Callable[[Values], Values]:
-    """Return a solver of linear systems with a matrix of a symmetric pattern."""
-    factor = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.001, options={"SymmetricMode": True})
-    return factor.solve

@@ -11,15 +11,16 @@ from numpy.typing import NDArray
 from balloon_warp.beginning import Beginning
 from balloon_warp.blow_ups import check_policy
 from balloon_warp.errors import InputError
+from balloon_warp.files import is_same_file
 from balloon_warp.kernels.laws import Law
 from balloon_warp.model import remark_sentences
 from balloon_warp.model.varied_scene import scene_to_vary
 from balloon_warp.outcomes import BadEnding, ending_sentences
-from balloon_warp.outputs.table import TABLE_NAMES
+from balloon_warp.outputs.table import settled_table, table_names
 from balloon_warp.outputs.worlds_table import WORLDS_NAMES
 from balloon_warp.resume import CHECKPOINT_SECONDS
 from balloon_warp.scene import Scene, SceneLike
-from balloon_warp.schedules.touching import crowding_remarks
+from balloon_warp.schedules.balloon_contact import overflow_remarks
 from balloon_warp.shown import Shown, described
 from balloon_warp.sweep.cluster import Cluster
 from balloon_warp.sweep.groups import BatchVary, plan_groups
@@ -29,6 +30,8 @@ from balloon_warp.sweep.memory import require_room
 from balloon_warp.sweep.output import STAGE_NAME
 from balloon_warp.sweep.resume import BatchCheckpoints
 from balloon_warp.sweep.task import BatchTask, Outcome
+from balloon_warp.sweep.world_files.options import TrajectoryFiles, TrajectoryFilesLike
+from balloon_warp.sweep.world_files.writer import remove_partial
 
 
 @described
@@ -44,6 +47,8 @@ class BatchSummary(Shown):
     """Files with a row for each world"""
     stage: str | None
     """Stage of the exported worlds"""
+    trajectories: str | None
+    """Folder of the files of worlds"""
     manifest: str
     """Manifest: hashes of the files, and all that reproduction takes"""
     removed_stage: str | None
@@ -95,6 +100,8 @@ def run_batch(
     schedule: str = "auto",
     on_blowup: str = "freeze",
     cluster: Cluster | None = None,
+    trajectories: TrajectoryFilesLike | None = None,
+    table: str = "auto",
     laws: Sequence[Law] = (),
     provenance: Mapping[str, Any] | None = None,
     checkpoint_seconds: float = CHECKPOINT_SECONDS,
@@ -106,42 +113,38 @@ def run_batch(
 ) -> BatchSummary:
     """Simulate worlds that differ, and write tables of them and a stage of the chosen ones.
 
-    Tables are .npz and .csv: `table` of each world and frame, `worlds` of each world. The stage is `worlds.usdc`,
-    and from `manifest.json` `repeat_batch` makes them again. All in the folder is of one batch: where no world is
-    chosen, the `worlds.usdc` of an earlier one is removed. What takes long is safe from a kill: now and then what
-    there is goes into the folder `partial` of that folder, which is removed once all is there. Ctrl-C, too, saves
-    what there is.
+    `table` has a row for each world and frame, `worlds` for each world, `worlds.usdc` is the stage. `repeat_batch`
+    makes all again, from `manifest.json`. Checkpoints, also on Ctrl-C, go into the folder `partial`.
 
     Args:
-        scene: what all worlds have in common: a scene, or what `load_scene` makes one of.
-        folder: where the files go; made if it is not there.
-        world_count: how many worlds.
-        vary: what differs: dotted paths as in overrides, and a value for each world, shape (world_count,).
-        export: the worlds that go into the stage.
-        name: what the summary calls the scene.
-        device: a Warp device; if missing, the GPU or else the CPU.
-        schedule: "scatter", "gather", "block", "lanes", "octets", or "auto" for the fastest.
-        on_blowup: what becomes of a world that blows up: "freeze" keeps its rows at its last good frame; "restart"
-            simulates it anew after the others with half the step, `MOST_HALVINGS` times at most; "stop" ends all.
-        cluster: the workers that simulate it; this process does, when missing. The files are the same.
-        laws: your own, which act beside the built-in ones; see `balloon_warp.laws`. On a cluster each must be a global
-            name in a module that workers can import.
-        provenance: what the manifest is to say of where all this comes from, such as a command and a seed.
-        checkpoint_seconds: between two checkpoints; 0 for one only when the batch is stopped.
-        resume: goes on from the last checkpoint, if there is one, to the same files as a batch that was never stopped;
-            on a cluster without the shares that are done, whatever the number of workers.
-        on_begin: called once, before all that follows, with what is simulated, where, and how.
-        on_frame: called with the number of each frame when it is simulated; on a cluster now and then, on average.
-        on_note: told where the batch begins, and of an earlier one that was not finished, in a sentence.
-        on_warning: told what is odd about each mesh, what became of it, how exported worlds end, what was left out.
+        scene: Scene of all worlds, or a source that `load_scene` takes.
+        folder: Output folder; created if it does not exist.
+        world_count: Number of worlds.
+        vary: Values that differ: dotted paths as in overrides, and a value for each world, shape (world_count,).
+        export: Worlds that are written into the stage.
+        name: Name of the scene in the summary.
+        device: Warp device; the GPU, or else the CPU, if not given.
+        schedule: Parallel schedule: "scatter", "gather", "block", "lanes", "octets", or "auto" for the fastest.
+        on_blowup: "freeze" keeps the rows of a world that blows up at its last good frame; "restart" simulates it anew
+            after the others with half the step, `MOST_HALVINGS` times at most; "stop" ends all.
+        cluster: Workers that simulate the batch; this process if not given. The files are the same.
+        trajectories: Folder for a file of each world with its trajectories, or `TrajectoryFiles` with its options.
+        table: "csv", "parquet", or "auto" for CSV of few rows, and Parquet of others where pyarrow is installed.
+        laws: User-defined laws beside the built-in ones; on a cluster, global names that workers can import.
+        provenance: Further provenance for the manifest, such as a command and a seed.
+        checkpoint_seconds: Interval between checkpoints; 0 for one only when the batch is stopped.
+        resume: Go on from the last checkpoint, if there is one, to the same files as a batch that was never stopped.
+        on_begin: Called once, before all others, with a summary of the batch.
+        on_frame: Called with the number of each simulated frame; on a cluster now and then, on average.
+        on_note: Called with sentences: where the batch begins, and an earlier one that was not finished.
+        on_warning: Called with sentences: defects of meshes and their treatment, ends of exported worlds, omissions.
 
     Raises:
-        InputError: the scene cannot be simulated, a varied value or a law is wrong, the worlds do not fit into the
-            memory, or the folder cannot be written, the cluster is not there, or a checkpoint is another batch's; what
-            was there stays.
+        InputError: the scene cannot be simulated, a value or a law is wrong, the worlds do not fit, a folder cannot be
+            written, the cluster is not there, or a checkpoint is another batch's; what was there stays.
         BlowUpError: a world blew up, which is to stop all; what was there stays.
         MissingExtraError: a cluster is given and dask.distributed is not installed.
-        WorkersLostError: the cluster's workers end, or its scheduler does; what was there stays.
+        WorkersLostError: the cluster's workers or its scheduler end; what was there stays.
         KeyboardInterrupt: Ctrl-C, after the frame and the checkpoint; the message says how to go on.
     """
     scene = scene_to_vary(scene, vary)
@@ -150,19 +153,33 @@ def run_batch(
     device = cluster.device(device) if cluster else device
     require_room(scene, world_count, vary, device, schedule, laws, spread=cluster is not None)
     groups = plan_groups(scene, world_count, vary, laws)
-    task = BatchTask(scene, groups, vary, chosen, Path(folder), schedule, on_blowup)
+    files, kind = _files(trajectories, folder), settled_table(table, world_count * (scene.frames + 1))
+    task = BatchTask(scene, groups, vary, chosen, Path(folder), schedule, on_blowup, files, kind)
     description = describe_batch(task)
     checkpoints = BatchCheckpoints(task, description, checkpoint_seconds, resume, on_note)
     try:
         outcome = _simulate(task, cluster, device, checkpoints, _warning(task, on_begin, on_warning), on_frame)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(checkpoints.advice) from None
-    names = [*TABLE_NAMES, *WORLDS_NAMES, *([STAGE_NAME] if len(chosen) else [])]
+    names = [*table_names(task.table), *WORLDS_NAMES, *([STAGE_NAME] if len(chosen) else [])]
     write_manifest(task, description, {"name": name, **(provenance or {})}, outcome, names)
     checkpoints.remove()
+    remove_partial(task.trajectories)
     for sentence in _remarks(outcome):
         on_warning(sentence)
     return _summary(task, outcome, name)
+
+
+def _files(trajectories: TrajectoryFiles | str | Path | None, folder: str | Path) -> TrajectoryFiles | None:
+    """Return where trajectories go.
+
+    Raises:
+        InputError: it is where the tables are.
+    """
+    files = TrajectoryFiles.of(trajectories)
+    if files and is_same_file(Path(files.folder), Path(folder)):
+        raise InputError(f"--trajectories {files.folder}: is the batch's own folder; expected another, or one in it")
+    return files
 
 
 def _warning(
@@ -209,7 +226,7 @@ def _simulate(
 def _remarks(outcome: Outcome) -> list[str]:
     """Return the remarks at the end of a batch."""
     ends, worlds = ending_sentences(outcome.bad_endings), remark_sentences(outcome.remarks)
-    return [*ends, *worlds, *crowding_remarks(outcome.crowded)]
+    return [*ends, *worlds, *overflow_remarks(outcome.overflow)]
 
 
 def _summary(task: BatchTask, outcome: Outcome, name: str) -> BatchSummary:
@@ -220,9 +237,10 @@ def _summary(task: BatchTask, outcome: Outcome, name: str) -> BatchSummary:
     simulated = particles * substeps * scene.frames * (1.0 - outcome.resumed)
     return BatchSummary(
         output=str(task.folder),
-        table=[str(task.folder / table) for table in TABLE_NAMES],
+        table=[str(task.folder / table) for table in table_names(task.table)],
         worlds_table=[str(task.folder / table) for table in WORLDS_NAMES],
         stage=stage if len(task.chosen) else None,
+        trajectories=str(task.trajectories.folder) if task.trajectories else None,
         manifest=str(task.folder / MANIFEST_NAME),
         removed_stage=stage if outcome.removed_stage else None,
         scene=name,

@@ -71,7 +71,7 @@ def _report(simulator: Simulator, group: Group, row: int, frame: int) -> BlowUp:
 
 
 def restart_failures(
-    group: Group, rows: Rows, chosen: Rows, device: wp.Device, schedule: str, put: Replace
+    group: Group, rows: Rows, chosen: Rows, device: wp.Device, schedule: str, put: Replace, every: int = 0
 ) -> dict[int, int]:
     """Simulate worlds anew with half the step, those that blow up again with half of that, and so on.
 
@@ -83,6 +83,7 @@ def restart_failures(
         chosen: the worlds whose shape is wanted, by their numbers in the batch.
         schedule: that simulated the group.
         put: is given every frame of every attempt.
+        every: as of a `Recorder`.
 
     Returns:
         The worlds that are good now, and their substeps.
@@ -97,7 +98,7 @@ def restart_failures(
         simulator = Simulator.of_model(lay_out(plan, device), schedule)
         shown = part.rows_of(chosen)
         places = np.array([places_of_rows[row] for row in rows[shown].tolist()], dtype=np.int64)
-        recorder = Recorder(simulator, shown)
+        recorder = Recorder(simulator, shown, every)
         record = recorder.read()
         put(rows, places, _restarted(record))
         for _ in range(plan.scene.frames):

@@ -60,7 +60,7 @@ def describe_columns(
         laws: your own.
         pairs: that pressed each other.
     """
-    told = dict(OF_ROWS) | {path: (unit, _meaning(path)) for path, unit in _units(scene, varied, laws).items()}
+    told = dict(OF_ROWS) | {path: (unit, _meaning(path)) for path, unit in units_of(scene, varied, laws).items()}
     for name in columns_of(scene):
         unit, meaning = MEASURED.get(name, ("m", "of its center, along the up axis"))
         told[name] = unit, meaning
@@ -69,7 +69,8 @@ def describe_columns(
     return {name: {"unit": unit, "meaning": meaning} for name, (unit, meaning) in told.items()}
 
 
-def _units(scene: Scene, paths: Iterable[str], laws: Sequence[Law]) -> dict[str, str]:
+def units_of(scene: Scene, paths: Iterable[str], laws: Sequence[Law]) -> dict[str, str]:
+    """Return the units of what varies, by path: "1" of what has none, and nothing of words."""
     rows = rows_of((*LAWS, *laws))
     places, units = places_of(with_law_tables(scene, rows), rows), {row.name: row.unit for row in rows}
     found = {}

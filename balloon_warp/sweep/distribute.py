@@ -81,10 +81,11 @@ def distribute_batch(
         kind = "cuda" if all(name.startswith("cuda") for name in devices) else "cpu"
         shares = cut_into_shares(task.groups, kind)
         with (
-            BatchOutput(task.folder, task.scene, shares, task.chosen, task.vary) as output,
+            BatchOutput(task, shares) as output,
             Interrupts() as interrupts,
         ):
             journal = ShareJournal(task, output, checkpoints, kind)
+            output.begin_trajectories(bool(journal.schedules))
             try:
                 for done in _run_shares(
                     client, cluster, task, shares, journal.schedules, device, len(devices), on_frame
@@ -111,7 +112,7 @@ def distribute_batch(
             bad_endings=endings,
             pairs=output.pairs,
             remarks=journal.remarks,
-            crowded=journal.crowded,
+            overflow=journal.overflow,
             seconds=time.perf_counter() - began,
             resumed=journal.resumed,
             removed_stage=output.removed_stage,
@@ -190,8 +191,9 @@ def _run_shares(
 
     def send_next() -> None:
         if (number := next(waiting, None)) is not None:
-            share = (shares[number], task.chosen, device, task.schedule, task.world_count, task.on_blowup)
-            future = client.submit(_work, *share, cluster.prepare, topic, number, key=f"{topic}-{number}", pure=False)
+            share = (shares[number], task.chosen, device, task.schedule, task.world_count)
+            told = (task.on_blowup, task.every, cluster.prepare, topic, number)
+            future = client.submit(_work, *share, *told, key=f"{topic}-{number}", pure=False)
             future.add_done_callback(lambda done: events.put((number, done)))
 
     for _ in range(AHEAD * worker_count):
@@ -258,6 +260,7 @@ def _work(
     schedule: str,
     world_count: int,
     on_blowup: str,
+    every: int,
     prepare: Callable[[], None] | None,
     topic: str,
     number: int,
@@ -276,7 +279,7 @@ def _work(
     with _one_at_a_time:
         if prepare:
             prepare()
-        return simulate_share(share, chosen, device, schedule, world_count, on_blowup, report)
+        return simulate_share(share, chosen, device, schedule, world_count, on_blowup, report, every)
 
 
 def _device_name(device: str | None, prepare: Callable[[], None] | None) -> str:

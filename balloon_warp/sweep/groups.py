@@ -51,7 +51,7 @@ def plan_groups(scene: Scene, world_count: int, vary: BatchVary, laws: Sequence[
     All take the same step, which suits the stiffest world.
 
     Args:
-        laws: your own, which act beside the built-in ones.
+        laws: User-defined laws beside the built-in ones.
 
     Raises:
         InputError: as `plan_model`.

@@ -34,10 +34,10 @@ def simulate_locally(
     """Simulate a batch and write its table and its stage.
 
     Args:
-        device: a Warp device; if missing, the GPU or else the CPU.
+        device: Warp device; the GPU, or else the CPU, if not given.
         checkpoints: what is kept safe meanwhile, and gone on from.
         on_begin: called once all is laid out.
-        on_frame: called with the number of each frame when it is simulated.
+        on_frame: Called with the number of each simulated frame.
 
     Raises:
         InputError, BlowUpError, KeyboardInterrupt: as `run_batch`.
@@ -47,14 +47,14 @@ def simulate_locally(
     with lock_of(target):
         models = [lay_out(group.plan, target) for group in task.groups]
         schedules = [settled_solver(task.schedule, model, task.world_count) for model in models]
-        require_batch_memory(models, schedules, task.groups, task.chosen, task.scene, frames_held=WAITING + 2)
+        require_batch_memory(models, schedules, task.groups, task.chosen, task.scene, WAITING + 2, task.every)
         simulators = [Simulator.of_model(*pair) for pair in zip(models, schedules, strict=True)]
     failures, named = Failures(), ", ".join(sorted(set(schedules)))
     on_begin(task.beginning(str(target), named))
-    with BatchOutput(task.folder, task.scene, task.groups, task.chosen, task.vary) as output:
+    with BatchOutput(task, task.groups) as output:
         begin = _simulate_frames(task, simulators, output, checkpoints, on_frame)
         with lock_of(target):
-            crowded = sum(simulator.schedule.crowded for simulator in simulators)
+            overflow = sum(simulator.schedule.overflow for simulator in simulators)
             remarks = [
                 remark
                 for simulator, group in zip(simulators, task.groups, strict=True)
@@ -77,7 +77,7 @@ def simulate_locally(
         bad_endings=endings,
         pairs=output.pairs,
         remarks=remarks,
-        crowded=crowded,
+        overflow=overflow,
         seconds=time.perf_counter() - began,
         resumed=max(begin - 1, 0) / task.scene.frames,
         removed_stage=output.removed_stage,
@@ -93,11 +93,12 @@ def _simulate_frames(
 ) -> int:
     """Return all frames of all groups, which are written meanwhile; the first that was not there already."""
     recorders = [
-        Recorder(simulator, group.rows_of(task.chosen))
+        Recorder(simulator, group.rows_of(task.chosen), task.every)
         for simulator, group in zip(simulators, task.groups, strict=True)
     ]
     with Background() as writer, Interrupts() as interrupts:
         begin = saved = _take_up(checkpoints, output, simulators, recorders)
+        writer.submit(output.begin_trajectories, begin > 0)
         for number in range(begin, task.scene.frames + 1):
             for simulator in simulators if number else ():
                 simulator.advance()
@@ -162,6 +163,6 @@ def _restart_all(task: BatchTask, output: BatchOutput, device: wp.Device, schedu
     failures = Failures()
     for number, (group, schedule) in enumerate(zip(task.groups, schedules, strict=True)):
         bad, put = np.flatnonzero(output.health_of(number)[-1] == 0), partial(output.replace, number)
-        failures.add(Failures([], restart_failures(group, bad, task.chosen, device, schedule, put)))
+        failures.add(Failures([], restart_failures(group, bad, task.chosen, device, schedule, put, task.every)))
     output.rewrite_table()
     return failures

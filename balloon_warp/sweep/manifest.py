@@ -69,6 +69,8 @@ def write_manifest(
         "on_blowup": task.on_blowup,
         "healthy_worlds": outcome.healthy_worlds,
         "restarted_worlds": {str(world): substeps for world, substeps in outcome.failures.restarted.items()},
+        "table": task.table,
+        "trajectories": task.trajectories.as_json() if task.trajectories else None,
         "blow_ups": [report.as_json() for report in outcome.failures.reports],
         **description,
         "columns": describe_columns(task.scene, task.vary, task.laws, outcome.pairs),

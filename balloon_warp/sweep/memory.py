@@ -15,6 +15,7 @@ from balloon_warp.scene import Scene
 from balloon_warp.solvers.choose import settled_solver, solver_named
 from balloon_warp.sweep.groups import Group
 from balloon_warp.sweep.recorder import columns_of, contact_bytes, picked_bytes, record_bytes
+from balloon_warp.sweep.world_files.tracks import bytes_of_frame
 
 MANY = 50_000
 """Number of worlds whose values take longer to make than the size of one world takes to find"""
@@ -37,7 +38,7 @@ def require_room(
 
     Args:
         varied: the paths of what differs.
-        device: a Warp device; if missing, the GPU or else the CPU.
+        device: Warp device; the GPU, or else the CPU, if not given.
         spread: whether workers simulate them, and only the table is here.
 
     Raises:
@@ -63,6 +64,7 @@ def require_batch_memory(
     chosen: NDArray[np.integer],
     scene: Scene,
     frames_held: int,
+    every: int = 0,
 ) -> None:
     """Make sure that all worlds fit on the device, and the table and some frames of the chosen worlds on the host.
 
@@ -70,6 +72,7 @@ def require_batch_memory(
         models: of the groups, all on one device.
         schedules: the name of each one's.
         frames_held: frames of the chosen worlds that are in the host's memory at a time.
+        every: step between frames that go into files of worlds, and are held likewise; 0 for none.
 
     Raises:
         InputError: they do not, and the message says how many worlds would; or there is no such schedule.
@@ -80,7 +83,8 @@ def require_batch_memory(
         picked = picked_bytes(group.plan) * len(group.rows_of(chosen)) // len(group.worlds)
         simulated = world_bytes(model) + solver_named(schedule, model).world_bytes(model)
         on_device.append(simulated + record_bytes(group.plan) + picked)
-        on_host.append(table_bytes(scene) + contact_bytes(group.plan) + frames_held * picked)
+        tracked = bytes_of_frame(group.plan) * -(-frames_held // every) if every else 0
+        on_host.append(table_bytes(scene) + contact_bytes(group.plan) + frames_held * picked + tracked)
     device = models[0].device
     if device.is_cpu:
         on_host = [sum(both) for both in zip(on_device, on_host, strict=True)]

@@ -1,9 +1,11 @@
 """Outputs of a batch: the tables of all worlds, and the stage of the exported ones."""
 
+import json
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
+from hashlib import sha256
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
@@ -14,13 +16,16 @@ from numpy.typing import NDArray
 from balloon_warp.errors import InputError
 from balloon_warp.files import check_writable, target_of, whole_file
 from balloon_warp.outcomes import BadEnding, LastFrame, bad_endings
-from balloon_warp.outputs.table import TABLE_NAMES, TableWriter
+from balloon_warp.outputs.table import TableWriter, table_names
 from balloon_warp.outputs.worlds_table import WORLDS_NAMES, write_worlds
-from balloon_warp.scene import Scene
+from balloon_warp.provenance import describe_scene
 from balloon_warp.sweep.contacts import COLUMNS, Pair, contacts_shape, pair_columns, pressing_pairs
-from balloon_warp.sweep.groups import BatchVary, Group, vary_columns
+from balloon_warp.sweep.groups import Group, vary_columns
 from balloon_warp.sweep.manifest import MANIFEST_NAME
 from balloon_warp.sweep.recorder import Record, columns_of
+from balloon_warp.sweep.task import BatchTask
+from balloon_warp.sweep.world_files.contents import Contents
+from balloon_warp.sweep.world_files.writer import TrajectoryWriter
 
 if TYPE_CHECKING:
     from balloon_warp.outputs.usd.grid import GridGroup
@@ -34,25 +39,22 @@ class BatchOutput:
     """Writes frames of a batch; its files appear when the `with` block ends well.
 
     Args:
-        folder: where `table.npz`, `table.csv`, `worlds.npz`, `worlds.csv` and `worlds.usdc` go; made if it is not
-            there.
-        scene: what all worlds have in common.
-        groups: the worlds.
-        chosen: those of the stage, ascending; where there are none there is no stage, and an earlier batch's goes.
-        vary: what differs between the worlds.
+        task: what is simulated. Its folder gets the tables and `worlds.usdc`; where no worlds are chosen there is no
+            stage, and an earlier batch's goes.
+        groups: the worlds, as they come together.
 
     Raises:
-        InputError: the folder cannot be written to.
+        InputError: a folder cannot be written to.
     """
 
-    def __init__(
-        self, folder: Path, scene: Scene, groups: Sequence[Group], chosen: NDArray[np.integer], vary: BatchVary
-    ):
-        _prepare_folder(folder)
+    def __init__(self, task: BatchTask, groups: Sequence[Group]):
+        folder, scene, chosen, vary = task.folder, task.scene, task.chosen, task.vary
+        _prepare_folder(folder, task.table)
         self.groups = groups
         worlds = sum(len(group.worlds) for group in groups)
         varied = vary_columns(vary)
-        self.table = TableWriter(folder, scene.frames + 1, scene.frames_per_second, varied, columns_of(scene), worlds)
+        measures, rate = columns_of(scene), scene.frames_per_second
+        self.table = TableWriter(folder, scene.frames + 1, rate, varied, measures, worlds, task.table)
         self._plan = groups[0].plan
         self.contacts = np.zeros((worlds, *contacts_shape(self._plan), len(COLUMNS)), dtype=np.float32)
         """Contact measures of each pair, as in `Recorder`, of all worlds"""
@@ -65,6 +67,7 @@ class BatchOutput:
             from balloon_warp.outputs.usd.grid import GridWriter  # loads USD: only for a stage
 
             self.stage = GridWriter(self.stage_path, [_in_grid(group, chosen, varied) for group in groups])
+        self.trajectories = _trajectories(task, groups)
 
     @property
     def healthy_count(self) -> int:
@@ -78,6 +81,7 @@ class BatchOutput:
             if self.stage:
                 files.enter_context(self.stage)
             files.push(partial(self._write_worlds, *worlds))  # the first to be written, the last to be in their places
+            files.push(self._end_trajectories)
             self._files = files.pop_all()
         return self
 
@@ -92,6 +96,8 @@ class BatchOutput:
         self._put(self.groups[group].worlds, record)
         if self.stage:
             self.stage.write(record.number, group, *record.shapes)
+        if self.trajectories:
+            self.trajectories.add(group, record)
 
     def replace(self, group: int, rows: NDArray[np.integer], places: NDArray[np.integer], record: Record) -> None:
         """Replace the record of some worlds of a group in its frame.
@@ -105,6 +111,8 @@ class BatchOutput:
         self._put(self.groups[group].worlds[rows], record)
         if self.stage:
             self.stage.write(record.number, group, *record.shapes, places=places.tolist())
+        if self.trajectories:
+            self.trajectories.replace(group, rows, record)
 
     def _put(self, worlds: NDArray[np.integer], record: Record) -> None:
         self.table.values[record.number, worlds] = record.measures
@@ -112,13 +120,24 @@ class BatchOutput:
         if record.contacts is not None:
             self.contacts[worlds] = record.contacts
 
+    def begin_trajectories(self, resumed: bool) -> None:
+        """Create the files of worlds, where they are wanted, or go on with those of an earlier batch."""
+        if self.trajectories:
+            self.trajectories.begin(resumed)
+
+    def _end_trajectories(self, kind: type[BaseException] | None, *_: object) -> None:
+        if self.trajectories and kind is None:
+            self.trajectories.finish(self.table.health[-1])
+        elif self.trajectories:
+            self.trajectories.give_up()
+
     @property
     def pairs(self) -> list[Pair]:
         """Pairs of things that pressed each other in any world."""
         return pressing_pairs(self._plan, self.contacts)
 
     def rewrite_table(self) -> None:
-        """Write what was replaced."""
+        """Write the replaced rows of the table."""
         self.table.write_again()
 
     def endings(self) -> list[BadEnding]:
@@ -164,6 +183,16 @@ class BatchOutput:
             self.removed_stage = True
 
 
+def _trajectories(task: BatchTask, groups: Sequence[Group]) -> TrajectoryWriter | None:
+    """Return the writer of files of worlds, where they are wanted."""
+    if task.trajectories is None:
+        return None
+    contents = Contents(task.scene, task.vary, task.laws, task.every)
+    varied = {path: column.tolist() for path, column in vary_columns(task.vary).items()}
+    described = json.dumps([describe_scene(task.scene), varied, task.on_blowup])
+    return TrajectoryWriter(task.trajectories, contents, groups, {"batch": sha256(described.encode()).hexdigest()})
+
+
 def _in_grid(group: Group, chosen: NDArray[np.integer], varied: Mapping[str, NDArray]) -> "GridGroup":
     from balloon_warp.outputs.usd.grid import GridGroup
 
@@ -172,7 +201,7 @@ def _in_grid(group: Group, chosen: NDArray[np.integer], varied: Mapping[str, NDA
     return GridGroup(group.plan, group.rows_of(chosen), worlds, values)
 
 
-def _prepare_folder(folder: Path) -> None:
+def _prepare_folder(folder: Path, table: str) -> None:
     try:
         target_of(folder).mkdir(exist_ok=True)
     except FileNotFoundError:
@@ -181,5 +210,5 @@ def _prepare_folder(folder: Path) -> None:
         raise InputError(f"{folder}: is a file; expected a folder") from None
     except OSError as error:
         raise InputError(f"{folder}: cannot be made: {error.strerror}") from None
-    for name in (*TABLE_NAMES, *WORLDS_NAMES, STAGE_NAME, MANIFEST_NAME):
+    for name in (*table_names(table), *WORLDS_NAMES, STAGE_NAME, MANIFEST_NAME):
         check_writable(folder / name, (Path(name).suffix,))

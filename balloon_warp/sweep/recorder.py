@@ -18,6 +18,7 @@ from balloon_warp.model import ModelPlan
 from balloon_warp.scene import Box, Scene
 from balloon_warp.simulator import Simulator
 from balloon_warp.sweep.contacts import COLUMNS, contacts_shape
+from balloon_warp.sweep.world_files.tracks import Tracker
 from balloon_warp.warp_lock import lock_of, recording
 
 LANES = 32
@@ -44,7 +45,7 @@ def columns_of(scene: Scene) -> list[str]:
 
 @dataclass(frozen=True)
 class Record:
-    """One frame of a batch, on the host. Of a world that blew up it holds the last good frame."""
+    """Frame of a batch, on the host; a world that blew up has its last good frame."""
 
     number: int
     measures: NDArray[np.float32]
@@ -62,6 +63,9 @@ class Record:
     contacts: NDArray[np.float32] | None = None
     """Contact measures of each pair over all frames, in the last frame alone, shape (world_count,
     *contacts_shape(plan), len(COLUMNS))"""
+    tracks: dict[str, NDArray] | None = None
+    """Arrays for the files of worlds, by the names of `TRACKS`, shape (world_count, ...); of worlds that blew up,
+    whatever there is"""
 
     @property
     def shapes(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.int8]]:
@@ -79,10 +83,12 @@ class Recorder:
     Args:
         simulator: what is simulated.
         chosen: the worlds whose shape is wanted.
+        every: step between frames that go into files of worlds; 0 for none.
     """
 
-    def __init__(self, simulator: Simulator, chosen: NDArray[np.integer]):
+    def __init__(self, simulator: Simulator, chosen: NDArray[np.integer], every: int = 0):
         self.simulator = simulator
+        self._tracker = Tracker(simulator, every) if every else None
         with lock_of(simulator.model.device):
             self._allocate(chosen)
 
@@ -133,6 +139,7 @@ class Recorder:
             sphere_positions=_copy(self._sphere_positions),
             body_poses=np.concatenate([_copy(self._body_positions), _copy(self._body_turns)], axis=2),
             torn=_copy(self._torn),
+            tracks=self._tracker.read() if self._tracker else None,
             contacts=self._contacts() if self.simulator.frame_number == self.simulator.model.scene.frames else None,
         )
 
@@ -141,7 +148,7 @@ class Recorder:
 
     @property
     def changing(self) -> dict[str, wp.array]:
-        """Arrays that it keeps from frame to frame, by names that are none of the simulator's: the last good frame."""
+        """Arrays of the last good frame, by names that the simulator does not use."""
         kept = ("measures", "healthy", "points", "sphere_positions", "body_positions", "body_turns", "torn")
         kept += ("contact_means", "contact_peaks")
         return {f"recorded_{name}": getattr(self, f"_{name}") for name in kept}

@@ -10,10 +10,16 @@ from balloon_warp.kernels.laws import Law
 from balloon_warp.provenance import describe_laws, hash_of_file
 from balloon_warp.scene import Scene
 from balloon_warp.sweep.batch import BatchSummary, run_batch
+from balloon_warp.sweep.world_files.options import TrajectoryFiles
 
 
 def repeat_batch(
-    manifest: str | Path, folder: str | Path, device: str | None = None, laws: Sequence[Law] = ()
+    manifest: str | Path,
+    folder: str | Path,
+    device: str | None = None,
+    laws: Sequence[Law] = (),
+    *,
+    trajectories: str | Path | None = None,
 ) -> BatchSummary:
     """Simulate the batch of a manifest again.
 
@@ -21,10 +27,11 @@ def repeat_batch(
     shares came in any order, sample by sample.
 
     Args:
-        manifest: the `manifest.json` of the batch. Mesh files are sought where it says, from the current folder.
-        folder: where the files go, as in `run_batch`.
-        device: a Warp device; the manifest's, when missing, and the default one for a batch of a cluster.
-        laws: those of the batch that are not built in.
+        manifest: The `manifest.json` of the batch. Its paths of mesh files are relative to the current folder.
+        folder: Output folder, as in `run_batch`.
+        device: Warp device; the manifest's if not given, and the default one for a batch of a cluster.
+        laws: User-defined laws of the batch.
+        trajectories: Folder for the batch's files of worlds; they are not written again if not given.
 
     Raises:
         InputError: the manifest cannot be read; a mesh is not there, has changed or came from Python; a law is not
@@ -48,8 +55,19 @@ def repeat_batch(
         schedule=batch["schedule_asked"],
         on_blowup=batch.get("on_blowup", "freeze"),
         laws=laws,
+        table=batch.get("table", "csv"),
+        trajectories=_trajectories(manifest, batch.get("trajectories"), trajectories),
         provenance={"repeats": str(manifest)},
     )
+
+
+def _trajectories(manifest: str | Path, said: Any, folder: str | Path | None) -> TrajectoryFiles | None:
+    """Return where files of worlds go, written as the batch did."""
+    if folder is None:
+        return None
+    if not isinstance(said, dict):
+        raise InputError(f"{manifest}: has no trajectories; expected those of a batch with --trajectories")
+    return TrajectoryFiles(**{**said, "folder": folder})
 
 
 def _require_laws(manifest: str, there: dict[str, Any], here: dict[str, Any]) -> None:

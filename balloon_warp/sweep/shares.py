@@ -53,7 +53,7 @@ class ShareResult:
     schedule: str
     failures: Failures
     remarks: list[Remark]
-    crowded: int
+    overflow: int
     """Number of candidate overflows, as schedules count them"""
 
 
@@ -84,16 +84,18 @@ def simulate_share(
     world_count: int,
     on_blowup: str,
     on_frame: Callable[[int], None],
+    every: int = 0,
 ) -> ShareResult:
     """Simulate a share from its start to its end.
 
     Args:
         chosen: the worlds whose shape is wanted, by their numbers in the batch.
-        device: a Warp device; if missing, the GPU or else the CPU.
-        schedule: "scatter", "gather", "block", "lanes", "octets", or "auto" for the fastest.
+        device: Warp device; the GPU, or else the CPU, if not given.
+        schedule: Parallel schedule: "scatter", "gather", "block", "lanes", "octets", or "auto" for the fastest.
         world_count: how many worlds the whole batch has.
         on_blowup: as in `run_batch`.
-        on_frame: called with the number of each frame when it is simulated.
+        on_frame: Called with the number of each simulated frame.
+        every: Interval of recorded frames, as in `Recorder`.
 
     Raises:
         InputError: there is no such device or schedule, or the share does not fit into its memory.
@@ -102,9 +104,9 @@ def simulate_share(
     scene = share.plan.scene
     model = lay_out(share.plan, pick_device(device))
     settled = settled_solver(schedule, model, world_count)
-    require_batch_memory([model], [settled], [share], chosen, scene, frames_held=scene.frames + 1)
+    require_batch_memory([model], [settled], [share], chosen, scene, scene.frames + 1, every)
     simulator = Simulator.of_model(model, settled)
-    recorder = Recorder(simulator, share.rows_of(chosen))
+    recorder = Recorder(simulator, share.rows_of(chosen), every)
     records = []
     for number in range(scene.frames + 1):
         if number:
@@ -114,13 +116,13 @@ def simulate_share(
             require_health(simulator, share, records[-1])
         on_frame(number)
     health = np.stack([record.healthy for record in records])
-    failures, crowded = Failures(report_failures(simulator, share, health)), simulator.schedule.crowded
+    failures, overflow = Failures(report_failures(simulator, share, health)), simulator.schedule.overflow
     remarks = remarks_on(simulator.model, simulator.state, share.worlds)
     del simulator, recorder  # what begins again has their memory
     if on_blowup == "restart":
         bad, put = np.flatnonzero(health[-1] == 0), partial(_replace, records)
-        failures.restarted = restart_failures(share, bad, chosen, model.device, settled, put)
-    return ShareResult(records, settled, failures, remarks, crowded)
+        failures.restarted = restart_failures(share, bad, chosen, model.device, settled, put, every)
+    return ShareResult(records, settled, failures, remarks, overflow)
 
 
 def _replace(records: list[Record], rows: Rows, places: Rows, part: Record) -> None:
@@ -130,5 +132,8 @@ def _replace(records: list[Record], rows: Rows, places: Rows, part: Record) -> N
         array[rows] = values
     if record.contacts is not None and part.contacts is not None:
         record.contacts[rows] = part.contacts
+    for name, values in (part.tracks or {}).items():
+        if record.tracks is not None:
+            record.tracks[name][rows] = values
     for name in SHAPES:
         getattr(record, name)[places] = getattr(part, name)

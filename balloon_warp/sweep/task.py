@@ -14,6 +14,7 @@ from balloon_warp.scene import Scene
 from balloon_warp.sweep.blow_ups import Failures
 from balloon_warp.sweep.contacts import Pair
 from balloon_warp.sweep.groups import BatchVary, Group
+from balloon_warp.sweep.world_files.options import TrajectoryFiles
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,16 @@ class BatchTask:
     """Schedule as asked for"""
     on_blowup: str = "freeze"
     """Action after a blow-up, as in `run_batch`"""
+    trajectories: TrajectoryFiles | None = None
+    """Files of worlds, where they are wanted"""
+
+    table: str = "csv"
+    """Kind of the table beside the .npz: "csv" or "parquet\""""
+
+    @property
+    def every(self) -> int:
+        """Step between frames that go into files of worlds; 0 for none."""
+        return self.trajectories.every if self.trajectories else 0
 
     @property
     def laws(self) -> tuple[Law, ...]:
@@ -75,7 +86,7 @@ class Outcome:
     pairs: list[Pair]
     """Pairs of things in contact that have columns"""
     remarks: list[Remark]
-    crowded: int
+    overflow: int
     """Number of candidate overflows, as schedules count them, since this batch began or resumed"""
     seconds: float
     """Duration of simulating and writing [s]"""

@@ -35,7 +35,7 @@ class Ahead:
 
     @property
     def busy(self) -> bool:
-        """Return whether it compiles."""
+        """Return whether the process is compiling."""
         return self._process is not None and self._process.poll() is None
 
     def begin(self, scene: Scene, device: str, laws: Sequence[Law] = ()) -> None:
@@ -79,14 +79,16 @@ def _task(scene: Scene, device: str, laws: Sequence[Law]) -> bytes | None:
     if any(law.force.func.__module__ == "__main__" for law in laws):
         return None
     try:
-        return pickle.dumps((scene, device, tuple(laws)))
+        return pickle.dumps((scene, device, tuple(laws), wp.config.optimization_level))
     except (pickle.PicklingError, AttributeError, TypeError):
         return None
 
 
 def _mark(scene: Scene, device: str, laws: Sequence[Law]) -> Path:
     """Return the path of a file that marks, beside Warp's kernel cache, that a scene's kernels are complete."""
-    what = json.dumps([device, describe_simulation(scene, laws, 0)], sort_keys=True, default=str)
+    what = json.dumps(
+        [device, wp.config.optimization_level, describe_simulation(scene, laws, 0)], sort_keys=True, default=str
+    )
     return _kernels() / f"balloon_warp_ahead_{hashlib.sha256(what.encode()).hexdigest()[:16]}"
 
 
@@ -145,7 +147,7 @@ def main() -> None:
     length = int.from_bytes(sys.stdin.buffer.read(8), "little")
     task = sys.stdin.buffer.read(length)
     threading.Thread(target=_end_with_the_page, daemon=True).start()
-    scene, device, laws = pickle.loads(task)
+    scene, device, laws, wp.config.optimization_level = pickle.loads(task)
     playground = Playground(scene, device, laws)
     rehearse(playground)
     _mark(scene, device, laws).touch()

@@ -38,7 +38,7 @@ class Dial:
 
     @property
     def visible(self) -> bool:
-        """Return whether it is visible."""
+        """Return whether the dial is visible."""
         return self.box.visible
 
     @visible.setter

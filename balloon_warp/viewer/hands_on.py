@@ -1,4 +1,4 @@
-"""The first things in the panel: what people reach for."""
+"""First controls of the panel: the most used."""
 
 import math
 from collections.abc import Callable

@@ -24,7 +24,7 @@ class KnotLayer:
         self._painted: list[Any] = []
 
     def draw(self, picture: Picture, curves: dict[int, NDArray]) -> None:
-        """Bring them to where they are.
+        """Move the knots to their poses.
 
         Args:
             curves: of the strings that are there, by their numbers, shape (n, 3) each.

@@ -38,7 +38,7 @@ class LevelLayer:
             self._planes[PLANES["water"].height] = self._add_water(SIZES * size)
 
     def draw(self, picture: Picture) -> None:
-        """Move them to where they are; only what moves is told to the page."""
+        """Move the levels to their heights; the page is told only of changes."""
         for height, plane in self._planes.items():
             position = tuple((self._middle + getattr(picture.frame, height) * self._up).tolist())
             if tuple(plane.position) != position:

@@ -11,7 +11,7 @@ from balloon_warp.viewer.journal import Journal
 
 @dataclass(frozen=True)
 class Moment:
-    """All that it takes to go on from here."""
+    """Moment of a simulation, complete enough to go on from."""
 
     frame: int
     scene: Scene

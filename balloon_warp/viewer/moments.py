@@ -13,17 +13,17 @@ SWOLLEN = 3.0
 
 
 class Moments:
-    """The last ones, oldest first."""
+    """Last moments of a simulation, oldest first."""
 
     def __init__(self) -> None:
         self._kept: deque[Moment] = deque(maxlen=MOST)
 
     def clear(self) -> None:
-        """Forget them."""
+        """Drop all kept moments."""
         self._kept.clear()
 
     def note(self, playground: Playground) -> None:
-        """Keep the moment that it is, if it is time for another."""
+        """Keep the current moment, if enough time has passed since the last."""
         if not self._kept or playground.frame - self._kept[-1].frame >= _frames_apart(playground):
             self._kept.append(playground.moment())
 

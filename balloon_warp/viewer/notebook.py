@@ -59,10 +59,10 @@ def show(
     the world is now, in a simulation of its own, with the scene's values, and runs until it is closed: `shown.close()`.
 
     Args:
-        folder: where recordings go.
-        width: in the notebook, as CSS has it, such as "100%" or "800px".
-        height: in pixels.
-        origins: that the page may be shown from beside this machine, such as a proxy's: ["https://hub.example"].
+        folder: Folder of recordings.
+        width: Width in the notebook, in CSS, such as "100%" or "800px".
+        height: Height in pixels.
+        origins: Origins that may show the page besides this machine, such as a proxy: ["https://hub.example"].
 
     Raises:
         InputError: there is no such world, the folder is not there, or the page cannot be served.

@@ -55,7 +55,7 @@ class ObstacleLayer:
         self._shown: list[NDArray[np.float64] | None] = [None] * len(self._meshes)
 
     def draw(self, picture: Picture) -> None:
-        """Move them to where they are; only what moves is told to the page."""
+        """Move obstacles and bodies to their poses; the page is told only of changes."""
         for number, (mesh, pose) in enumerate(zip(self._meshes, _poses(picture), strict=True)):
             shown = self._shown[number]
             if shown is None or not np.array_equal(shown, pose):

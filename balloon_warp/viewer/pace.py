@@ -1,4 +1,4 @@
-"""Real time, kept honestly."""
+"""Pace of the page: simulated time against real time."""
 
 from collections import deque
 

@@ -33,7 +33,7 @@ class Page:
         session: it is started and stopped with the page.
         host: address to listen on.
         port: to listen on; 8080 or the next free one, when missing.
-        origins: that it may be shown from beside its own address, such as a proxy's: "https://hub.example".
+        origins: Origins that may show the page besides its own address, such as a proxy: "https://hub.example".
         on_refused: told once of each other origin that a browser says, in a sentence.
 
     Raises:

@@ -32,12 +32,12 @@ MOST_THROWN = 8
 
 
 class Playground:
-    """One world on one device.
+    """World on a device, to play with.
 
     Args:
         scene: where it starts.
-        device: a Warp device; if missing, the GPU or else the CPU.
-        laws: your own, which act beside the built-in ones; see `balloon_warp.laws`.
+        device: Warp device; the GPU, or else the CPU, if not given.
+        laws: User-defined laws beside the built-in ones; see `balloon_warp.laws`.
 
     Raises:
         InputError: the scene cannot be simulated.
@@ -99,7 +99,7 @@ class Playground:
         self._set([(path, value)])
 
     def inflate(self, value: float) -> None:
-        """Change what is keyframed of all balloons that are inflated as the first one is."""
+        """Change the keyframed values of all balloons of the first one's kind of inflation."""
         self._set(inflating(self.live, value))
 
     def blow(self, wind: list[float]) -> None:
@@ -192,7 +192,7 @@ class Playground:
         return self.simulator.state.points.numpy()[0]
 
     def moment(self) -> Moment:
-        """Return all that it takes to come back here."""
+        """Return the current moment, to come back to."""
         return Moment(
             frame=self.frame,
             scene=self.live,

@@ -32,14 +32,14 @@ SHOWN_SECONDS = 1.0 / 30.0
 
 @dataclass
 class Session:
-    """One simulation, played.
+    """Simulation that is played with.
 
     Args:
         name: of the scene.
         scene: where it starts.
-        device: a Warp device; if missing, the GPU or else the CPU.
-        folder: where recordings go.
-        laws: your own, which act beside the built-in ones; see `balloon_warp.laws`.
+        device: Warp device; the GPU, or else the CPU, if not given.
+        folder: Folder of recordings.
+        laws: User-defined laws beside the built-in ones; see `balloon_warp.laws`.
 
     Raises:
         InputError: the scene cannot be simulated.

@@ -1,4 +1,4 @@
-"""Sliders of the panel: which parameters have one."""
+"""Sliders of the panel, and the parameters that have one."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -27,7 +27,7 @@ class Value:
         return self.row.path if self.row.of == "world" else f"balloon.{self.row.path}"
 
     def read(self, scene: Scene) -> float:
-        """Return Now; of the first balloon."""
+        """Return the current value, that of the first balloon."""
         return float(value_of(scene if self.row.of == "world" else scene.balloon[0], self.row))
 
 

@@ -31,16 +31,16 @@ def view(
     """Play with a scene in the browser, until Ctrl-C.
 
     Args:
-        scene: where it starts: a scene, or what `load_scene` makes one of.
-        name: what the page and recordings call it.
-        device: a Warp device; if missing, the GPU or else the CPU.
-        folder: where recordings go.
-        host: address to listen on; this machine alone, when missing.
-        port: 8080 or the next free one, when missing.
-        origins: that it may be shown from beside its own address, such as a proxy's: ["https://hub.example"].
-        open_page: whether the browser opens it.
-        laws: your own, which act beside the built-in ones; see `balloon_warp.laws`. Their parameters have sliders.
-        on_start: told the page once it is there.
+        scene: Scene to start with, or a source that `load_scene` takes.
+        name: Name of the scene on the page and in recordings.
+        device: Warp device; the GPU, or else the CPU, if not given.
+        folder: Folder of recordings.
+        host: Address to listen on; this machine alone if not given.
+        port: Port; 8080 or the next free one if not given.
+        origins: Origins that may show the page besides its own address, such as a proxy: ["https://hub.example"].
+        open_page: Whether to open the page in the browser.
+        laws: User-defined laws beside the built-in ones; see `balloon_warp.laws`. Their parameters have sliders.
+        on_start: Called with the page once it is served.
         on_warning: told in a sentence what is odd about a mesh, and what became of it, of strings that start
             overstretched, and of spheres that may come through; and what asks for the page and is refused.
 

@@ -18,11 +18,7 @@ from balloon_warp.kernels.tables import SLICE, FanTable, Tables, first_entry
 
 @cache
 def area_adjoint(quads: bool, at: Any) -> Adjoint:
-    """Return the adjoint that gathers the bar of a particle's place from bars of area vectors.
-
-    Args:
-        at: the function that reads a vector.
-    """
+    """Return the adjoint that gathers the bar of a particle's place from bars of area vectors."""
 
     @wp.func
     def back_in_quads(fans: FanTable, points: Any, bars: Any, particle: wp.int32, point: wp.vec3, bar: wp.vec3):
@@ -70,8 +66,8 @@ def area_adjoint(quads: bool, at: Any) -> Adjoint:
 
     @wp.func
     def areas_adjoint(
-        t: Tables, points: Any, own: Any, point: wp.vec3, area_vector_bar: wp.vec3, area_vector_bars: Any
+        t: Tables, points: Any, params: Any, point: wp.vec3, area_vector_bar: wp.vec3, area_vector_bars: Any
     ):
-        return back(t.fans, points, area_vector_bars, own.number, point, area_vector_bar)
+        return back(t.fans, points, area_vector_bars, params.number, point, area_vector_bar)
 
     return Adjoint(areas_adjoint, ("point",))

@@ -6,9 +6,9 @@ import warp as wp
 
 from balloon_warp.kernels.adjoint import Adjoint
 from balloon_warp.kernels.codegen import function_from
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.phase import Adjoints, Look, Phase
 from balloon_warp.kernels.tables import Tables
-from balloon_warp.kernels.traits import Traits
 
 NOT_DIFFERENTIATED = frozenset(
     {
@@ -21,7 +21,7 @@ NOT_DIFFERENTIATED = frozenset(
 
 @wp.struct
 class Constants:
-    """What most phases want of the tables; the tables themselves would be copied for a derivative."""
+    """Numbers of the tables that most phases read; whole tables would be copied for a derivative."""
 
     up: wp.vec3
     step_seconds: float
@@ -36,22 +36,22 @@ def constants_of(t: Tables):
     return constants
 
 
-def nothing(phase: Phase, traits: Traits, look: Look) -> Sequence[Adjoint]:
-    """Return no adjoint, for a phase that nothing else depends on, or whose value is where a derivative ends."""
+def nothing(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
+    """Return no adjoint, for a phase that nothing else depends on, or whose value ends a derivative."""
     return ()
 
 
-def by_grad(phase: Phase, traits: Traits, look: Look) -> Sequence[Adjoint]:
+def by_grad(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
     """Return the adjoint that Warp derives of a phase's function."""
-    return by_grad_but()(phase, traits, look)
+    return by_grad_but()(phase, features, look)
 
 
 def by_grad_but(*frozen: str) -> Adjoints:
-    """Return the factory of what Warp derives of a phase's function, with some of what it reads taken as constant."""
+    """Return the factory of a phase's adjoint by Warp, with some of its arguments taken as constant."""
 
-    def factory(phase: Phase, traits: Traits, look: Look) -> Sequence[Adjoint]:
-        function = phase.function(traits, look)
-        reads = ["constants" if name == "t" else name for name in phase.reads(traits, look)]
+    def factory(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
+        function = phase.function(features, look)
+        reads = ["constants" if name == "t" else name for name in phase.reads(features, look)]
         bars = [f"{name}_bar" for name in phase.writes]
         results = [f"{name}_result" for name in phase.writes]
         products = [

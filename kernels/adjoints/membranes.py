@@ -12,12 +12,12 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.adjoint import Adjoint
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.tension_field import mixed_stretch
-from balloon_warp.kernels.loops.membranes import material_reader, triangle_pull
+from balloon_warp.kernels.loops.membranes import triangle_pull
 from balloon_warp.kernels.memory import four_floats_at, int_pair_at, vector_at
-from balloon_warp.kernels.own import own_functions
+from balloon_warp.kernels.params import params_functions
 from balloon_warp.kernels.tables import SLICE, Tables, first_entry
-from balloon_warp.kernels.traits import Traits
 
 AT_REST = wp.constant(1.0e-4)
 """Largest change of G M from 1 that counts as rest: float32 does not tell which side of the law's kink it is on"""
@@ -25,7 +25,7 @@ AT_REST = wp.constant(1.0e-4)
 
 @wp.func
 def is_at_rest(d1: wp.vec3, d2: wp.vec3, rest: wp.vec4):
-    """Return whether a triangle is as at rest, where it pulls nothing, so that its bars are 0.
+    """Return whether a triangle is at rest, without tension, so that its bars are 0.
 
     There the law has a kink, and each corner, which measures the triangle by edges of its own, might see another side.
     """
@@ -37,9 +37,9 @@ def is_at_rest(d1: wp.vec3, d2: wp.vec3, rest: wp.vec4):
 
 
 @cache
-def triangle_work(traits: Traits) -> Any:
+def triangle_work(features: Features) -> Any:
     """Return the function for a triangle's forces times bars."""
-    pull_of_triangle = triangle_pull(traits)
+    pull_of_triangle = triangle_pull(features)
 
     @wp.func
     def work_of_triangle(
@@ -54,26 +54,26 @@ def triangle_work(traits: Traits) -> Any:
 
 
 @cache
-def membrane_adjoint(traits: Traits, at: Any) -> Adjoint:
+def membrane_adjoint(features: Features, at: Any) -> Adjoint:
     """Return the adjoint that gathers bars of a particle's place and velocity, and of its balloon's numbers."""
-    work_of_triangle, material_of = triangle_work(traits), material_reader(traits)
-    Own, _ = own_functions(traits.columns, traits.balloons)  # noqa: N806 - a type
+    work_of_triangle = triangle_work(features)
+    Params, _ = params_functions(features.columns, features.balloons)  # noqa: N806 - a type
 
     @wp.func
     def triangles_adjoint(
-        t: Tables, points: Any, velocities: Any, own: Any, point: wp.vec3, velocity: wp.vec3, force_bar: wp.vec3,
+        t: Tables, points: Any, velocities: Any, params: Any, point: wp.vec3, velocity: wp.vec3, force_bar: wp.vec3,
         force_bars: Any,
     ):  # fmt: skip
         point_bar = wp.vec3()
         velocity_bar = wp.vec3()
-        own_bar = Own()
-        material = material_of(t.membranes, own.balloon)
-        begin = first_entry(t.membranes.slice_offsets, own.number)
-        for entry in range(begin, begin + SLICE * t.membranes.counts[own.number], SLICE):
+        params_bar = Params()
+        material = t.membranes.materials[params.balloon]
+        begin = first_entry(t.membranes.slice_offsets, params.number)
+        for entry in range(begin, begin + SLICE * t.membranes.counts[params.number], SLICE):
             others = int_pair_at(t.membranes.others, entry)
             v1 = wp.vec3()
             v2 = wp.vec3()
-            if wp.static(traits.viscous):
+            if wp.static(features.viscous):
                 v1 = vector_at(velocities, others[0]) - velocity
                 v2 = vector_at(velocities, others[1]) - velocity
             d1 = at(points, others[0]) - point
@@ -81,13 +81,13 @@ def membrane_adjoint(traits: Traits, at: Any) -> Adjoint:
             rest = four_floats_at(t.membranes.rests, entry)
             if not is_at_rest(d1, d2, rest):
                 by_d1, by_d2, by_v1, by_v2, by_n, _rest, _material, _b1, _b2 = wp.grad(work_of_triangle)(
-                    d1, d2, v1, v2, own.n, rest, material,
+                    d1, d2, v1, v2, params.n, rest, material,
                     at(force_bars, others[0]) - force_bar, at(force_bars, others[1]) - force_bar,
                 )  # fmt: skip
                 point_bar -= by_d1 + by_d2
-                if wp.static(traits.viscous):
+                if wp.static(features.viscous):
                     velocity_bar -= by_v1 + by_v2
-                own_bar.n += (1.0 / 3.0) * by_n
-        return point_bar, velocity_bar, own_bar
+                params_bar.n += (1.0 / 3.0) * by_n
+        return point_bar, velocity_bar, params_bar
 
-    return Adjoint(triangles_adjoint, ("point", "velocity", "own"))
+    return Adjoint(triangles_adjoint, ("point", "velocity", "params"))

@@ -6,16 +6,16 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.adjoint import Adjoint
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.loops.strings import string_pull
 from balloon_warp.kernels.memory import int_at
 from balloon_warp.kernels.tables import StringTable, Tables
-from balloon_warp.kernels.traits import Traits
 
 
 @cache
-def string_adjoint(traits: Traits) -> Adjoint:
+def string_adjoint(features: Features) -> Adjoint:
     """Return the adjoint of a particle's strings, for its place and its velocity."""
-    pull_of_string = string_pull(traits)
+    pull_of_string = string_pull(features)
 
     @wp.func
     def work_of_string(
@@ -25,12 +25,20 @@ def string_adjoint(traits: Traits) -> Adjoint:
         return wp.dot(pull_of_string(strings, world, string, point, velocity, n, step_seconds, time), bar)
 
     @wp.func
-    def strings_adjoint(t: Tables, own: Any, point: wp.vec3, velocity: wp.vec3, time: float, force_bar: wp.vec3):
+    def strings_adjoint(t: Tables, params: Any, point: wp.vec3, velocity: wp.vec3, time: float, force_bar: wp.vec3):
         point_bar = wp.vec3()
         velocity_bar = wp.vec3()
-        for held in range(int_at(t.strings.offsets, own.number), int_at(t.strings.offsets, own.number + 1)):
+        for held in range(int_at(t.strings.offsets, params.number), int_at(t.strings.offsets, params.number + 1)):
             by_point, by_velocity, _bar, _strings, _world, _string, _n, _step, _time = wp.grad(work_of_string)(
-                point, velocity, force_bar, t.strings, own.world, t.strings.order[held], own.n, t.step_seconds, time
+                point,
+                velocity,
+                force_bar,
+                t.strings,
+                params.world,
+                t.strings.order[held],
+                params.n,
+                t.step_seconds,
+                time,
             )
             point_bar += by_point
             velocity_bar += by_velocity

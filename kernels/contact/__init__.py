@@ -1,1 +1,1 @@
-"""Contact: who may touch whom, and what comes of it."""
+"""Contact of balloons: search for pairs, and response."""

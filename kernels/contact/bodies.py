@@ -8,6 +8,7 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.impulse import MOST_TURNS, shift_of_body
 from balloon_warp.kernels.laws.rigid import (
     Change,
@@ -26,18 +27,17 @@ from balloon_warp.kernels.laws.rigid import (
 from balloon_warp.kernels.loops.bodies import Rigid, body_at, pushed_on, put_body, stop_function
 from balloon_warp.kernels.loops.friction import friction_on, number_of_body
 from balloon_warp.kernels.loops.inertia import inertia_function
-from balloon_warp.kernels.own import own_functions
+from balloon_warp.kernels.params import params_functions
 from balloon_warp.kernels.tables import Tables, WorldState
-from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.warps import block_barrier
 from balloon_warp.kernels.working import Working
 
 
 @cache
-def pass_function(traits: Traits) -> Any:
+def pass_function(features: Features) -> Any:
     """Return the function by which a thread's particles meet a body in a pass."""
-    _, read_own = own_functions(traits.columns, traits.balloons)
-    inertia, stop_at = inertia_function(traits), stop_function(traits)
+    _, read_params = params_functions(features.columns, features.balloons)
+    inertia, stop_at = inertia_function(features), stop_function(features)
 
     @wp.func
     def pass_of_thread(
@@ -64,9 +64,9 @@ def pass_function(traits: Traits) -> Any:
             )  # fmt: skip
             pushed = wp.vec3()
             if wp.length_sq(stop.normal) > 0.0:
-                own = read_own(t, world, particle)
-                if own.share > 0.0:
-                    mass = inertia(working, own)
+                params = read_params(t, world, particle)
+                if params.share > 0.0:
+                    mass = inertia(working, params)
                     if not answers:
                         part += push_of_particle(mass, stop.arm, stop.normal, stop.excess, stop.out, last)
                     else:
@@ -86,10 +86,10 @@ def pass_function(traits: Traits) -> Any:
 
 
 @cache
-def rub_function(traits: Traits) -> Any:
+def rub_function(features: Features) -> Any:
     """Return the function by which a thread's particles rub on a body that they press."""
-    _, read_own = own_functions(traits.columns, traits.balloons)
-    inertia = inertia_function(traits)
+    _, read_params = params_functions(features.columns, features.balloons)
+    inertia = inertia_function(features)
 
     @wp.func
     def rub_of_thread(
@@ -108,12 +108,12 @@ def rub_function(traits: Traits) -> Any:
         for particle in range(thread, points.shape[0], wp.block_dim()):
             pushed = working.body_pushes[world, particle]
             if wp.length_sq(pushed) > 0.0:
-                own = read_own(t, world, particle)
-                mass = inertia(working, own)
+                params = read_params(t, world, particle)
+                mass = inertia(working, params)
                 velocity = velocities[particle]
                 arm = points[particle] - t.step_seconds * velocity - center
                 beside = velocity - rigid.velocity - wp.cross(rigid.spin, arm)
-                friction = friction_on(t, world, own.balloon, number_of_body(t, rigid.number))
+                friction = friction_on(t, world, params.balloon, number_of_body(t, rigid.number))
                 rubbed = rub_on(beside, pushed, mass, share, friction)
                 velocities[particle] = velocity + rubbed / mass
                 points[particle] = points[particle] + (t.step_seconds / mass) * rubbed
@@ -124,9 +124,9 @@ def rub_function(traits: Traits) -> Any:
 
 
 @cache
-def bodies_function(traits: Traits) -> Any:
+def bodies_function(features: Features) -> Any:
     """Return the function by which bodies and particles exchange momentum, body by body, once all have moved."""
-    pass_of_thread, rub_of_thread = pass_function(traits), rub_function(traits)
+    pass_of_thread, rub_of_thread = pass_function(features), rub_function(features)
 
     @wp.func
     def touch_bodies(

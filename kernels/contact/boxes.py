@@ -1,14 +1,14 @@
-"""Boxes around what balloons sweep until the next search: which may touch at all, and what there is to do."""
+"""Bounding boxes of balloons swept until the next search: pairs that may touch, and the work on them."""
 
 from functools import cache
 from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.loops.meeting import skin_functions
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.tables import Tables
-from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.warps import any_in_block
 from balloon_warp.kernels.working import Working
 
@@ -16,8 +16,9 @@ wp.set_module_options(OPTIONS)
 
 LOWER, UPPER, PACE = wp.constant(0), wp.constant(1), wp.constant(2)
 """Rows of a box"""
-SPEED, STRAYED = wp.constant(0), wp.constant(1)
-"""Entries of `PACE`: the highest speed [m/s], and whether a particle has strayed, see `Sweep`"""
+SPEED, STRAYED, MOVED = wp.constant(0), wp.constant(1), wp.constant(2)
+"""Entries of `PACE`: the highest speed [m/s], whether a particle has strayed, see `Sweep`, and the longest way that one
+has moved since it was looked for [m]"""
 APART, WAS_NEAR, ARE_NEAR, STILL_NEAR = wp.constant(0), wp.constant(1), wp.constant(2), wp.constant(3)
 """Work in a world: none, clear the lists of near balloons, search, or reuse what was found"""
 ALONE, KNOWN, LOOKS = wp.constant(0), wp.constant(1), wp.constant(2)
@@ -36,6 +37,7 @@ class Sweep:
     upper: wp.vec3
     fastest: float  # square of the highest speed [m^2/s^2]
     strayed: float  # the longest way from where a particle was looked for to where it will be [m]
+    moved: float  # the longest way from there to where it is [m]
 
 
 @wp.func
@@ -62,7 +64,9 @@ def sweep_of(
         sweep.lower = wp.min(sweep.lower, wp.min(here, here + way))
         sweep.upper = wp.max(sweep.upper, wp.max(here, here + way))
         sweep.fastest = wp.max(sweep.fastest, wp.length_sq(velocities[particle]))
-        sweep.strayed = wp.max(sweep.strayed, wp.length(here - sought[particle]) + wp.length(way))
+        moved = wp.length(here - sought[particle])
+        sweep.strayed = wp.max(sweep.strayed, moved + wp.length(way))
+        sweep.moved = wp.max(sweep.moved, moved)
     return sweep
 
 
@@ -83,7 +87,9 @@ def put_sweep(t: Tables, working: Working, world: wp.int32, balloon: wp.int32, s
     strayed = is_first or not is_known(working, world) or sweep.strayed > SPARE * t.touch.slack[balloon]
     working.balloon_boxes[world, balloon, LOWER] = sweep.lower
     working.balloon_boxes[world, balloon, UPPER] = sweep.upper
-    working.balloon_boxes[world, balloon, PACE] = wp.vec3(wp.sqrt(sweep.fastest), wp.where(strayed, 1.0, 0.0), 0.0)
+    working.balloon_boxes[world, balloon, PACE] = wp.vec3(
+        wp.sqrt(sweep.fastest), wp.where(strayed, 1.0, 0.0), sweep.moved
+    )
 
 
 @wp.kernel(enable_backward=False)
@@ -111,6 +117,7 @@ def box_balloons(
     sweep.upper = wp.vec3(x, y, z)
     sweep.fastest = wp.tile_max(wp.tile(float(own.fastest)))[0]
     sweep.strayed = wp.tile_max(wp.tile(float(own.strayed)))[0]
+    sweep.moved = wp.tile_max(wp.tile(float(own.moved)))[0]
     if thread == 0:
         put_sweep(t, working, world, balloon, sweep, is_first == 1)
 
@@ -129,12 +136,12 @@ def squared_distance_to_box(point: wp.vec3, lower: wp.vec3, upper: wp.vec3):
 
 
 @cache
-def pad_function(traits: Traits) -> Any:
+def pad_function(features: Features) -> Any:
     """Return the function for the distance at which particles and triangles of two balloons are near [m].
 
     The distance excludes what they sweep.
     """
-    thickness_between, _ = skin_functions(traits)
+    thickness_between, _ = skin_functions(features)
 
     @wp.func
     def pad_between(t: Tables, world: wp.int32, first: wp.int32, second: wp.int32):
@@ -144,29 +151,26 @@ def pad_function(traits: Traits) -> Any:
 
 
 @cache
-def nearing_function(traits: Traits) -> Any:
+def nearing_function(features: Features) -> Any:
     """Return the function that returns whether a particle may touch a balloon until the next search."""
-    pad_between = pad_function(traits)
+    pad_between = pad_function(features)
 
     @wp.func
     def is_nearing(
         t: Tables,
         working: Working,
         world: wp.int32,
-        own: wp.int32,
+        balloon: wp.int32,
         other: wp.int32,
         point: wp.vec3,
         velocity: wp.vec3,
     ):
         """Return whether a particle may come near another balloon, by the box that the balloon sweeps."""
         end = point + t.touch.seconds * velocity
-        return boxes_meet(
-            wp.min(point, end),
-            wp.max(point, end),
-            working.balloon_boxes[world, other, LOWER],
-            working.balloon_boxes[world, other, UPPER],
-            pad_between(t, world, own, other),
-        )
+        lower = working.balloon_boxes[world, other, LOWER]
+        upper = working.balloon_boxes[world, other, UPPER]
+        pad = pad_between(t, world, balloon, other)
+        return boxes_meet(wp.min(point, end), wp.max(point, end), lower, upper, pad)
 
     return is_nearing
 
@@ -175,35 +179,6 @@ def nearing_function(traits: Traits) -> Any:
 def has_strayed(working: Working, world: wp.int32, balloon: wp.int32):
     """Return whether a balloon's particles may have moved farther than its lists allow."""
     return working.balloon_boxes[world, balloon, PACE][STRAYED] > 0.0
-
-
-@cache
-def meet_function(traits: Traits) -> Any:
-    """Return the function that records the balloons that one may touch, and returns the work of its particles."""
-    pad_between = pad_function(traits)
-
-    @wp.func
-    def meet(t: Tables, working: Working, world: wp.int32, balloon: wp.int32):
-        count = wp.int32(0)
-        strayed = has_strayed(working, world, balloon)
-        for other in range(working.balloon_boxes.shape[1]):
-            near = bool(wp.static(traits.touches_itself))
-            if other != balloon:
-                near = boxes_meet(
-                    working.balloon_boxes[world, balloon, LOWER],
-                    working.balloon_boxes[world, balloon, UPPER],
-                    working.balloon_boxes[world, other, LOWER],
-                    working.balloon_boxes[world, other, UPPER],
-                    pad_between(t, world, balloon, other),
-                )
-            if near:
-                working.neighbors[world, balloon, count] = other
-                count += 1
-                strayed = strayed or has_strayed(working, world, other)
-        working.neighbor_counts[world, balloon] = count
-        return wp.where(count > 0, wp.where(strayed, LOOKS, KNOWN), ALONE)
-
-    return meet
 
 
 @wp.func
@@ -224,13 +199,39 @@ def decide(working: Working, world: wp.int32, near: bool, strayed: bool):
 
 
 @cache
-def meeting_function(traits: Traits) -> Any:
-    """Return the function by which a block notes which balloons of a world may touch, and what there is to do."""
-    meet = meet_function(traits)
+def meet_kernel(features: Features) -> Any:
+    """Return the kernel that finds the balloons that may touch, and what there is to do."""
+    pad_between = pad_function(features)
 
     @wp.func
-    def meet_all(t: Tables, working: Working, world: wp.int32, thread: wp.int32):
-        """Find which balloons may touch, and return whether any may."""
+    def meet(t: Tables, working: Working, world: wp.int32, balloon: wp.int32):
+        """Record the balloons that one may touch, and return the work of its particles."""
+        count = wp.int32(0)
+        strayed = has_strayed(working, world, balloon)
+        lower = working.balloon_boxes[world, balloon, LOWER]
+        upper = working.balloon_boxes[world, balloon, UPPER]
+        for other in range(working.balloon_boxes.shape[1]):
+            near = bool(wp.static(features.touches_itself))
+            if other != balloon:
+                other_lower = working.balloon_boxes[world, other, LOWER]
+                other_upper = working.balloon_boxes[world, other, UPPER]
+                near = boxes_meet(lower, upper, other_lower, other_upper, pad_between(t, world, balloon, other))
+            if near:
+                working.neighbors[world, balloon, count] = other
+                count += 1
+                strayed = strayed or has_strayed(working, world, other)
+        working.neighbor_counts[world, balloon] = count
+        return wp.where(count > 0, wp.where(strayed, LOOKS, KNOWN), ALONE)
+
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def meet_balloons(
+        # model
+        t: Tables,
+        # in and out
+        working: Working,
+    ):
+        """Find the balloons that may touch; a block a world."""
+        world, thread = wp.tid()
         near = bool(False)
         strayed = bool(False)
         for balloon in range(thread, working.balloon_boxes.shape[1], wp.block_dim()):
@@ -242,26 +243,6 @@ def meeting_function(traits: Traits) -> Any:
         any_strayed = any_in_block(strayed)
         if thread == 0:
             decide(working, world, any_near, any_strayed)
-        return any_near
-
-    return meet_all
-
-
-@cache
-def meet_kernel(traits: Traits) -> Any:
-    """Return the kernel that finds the balloons that may touch."""
-    meet_all = meeting_function(traits)
-
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def meet_balloons(
-        # model
-        t: Tables,
-        # in and out
-        working: Working,
-    ):
-        """Find the balloons that may touch; a block a world."""
-        world, thread = wp.tid()
-        meet_all(t, working, world, thread)
 
     return meet_balloons
 

@@ -1,6 +1,8 @@
-"""A contact with a ridge."""
+"""Contacts that may push in a substep: with a ridge, and of two edges, or a particle and a triangle."""
 
 import warp as wp
+
+from balloon_warp.kernels.laws.edges import Crossing
 
 
 @wp.struct
@@ -16,3 +18,14 @@ class Catch:
     moving: wp.vec3  # how fast an obstacle's surface moves there [m/s]
     friction: float
     push: float  # by which it lets them come nearer no faster, this sweep [N s]
+
+
+@wp.struct
+class EdgeCatch:
+    """Two edges, or a triangle and a particle, that may touch in a substep."""
+
+    ends: wp.vec4i  # of the first edge and the second, or the triangle's corners and the particle
+    weights: wp.vec4  # of their velocities in that of the second relative to the first
+    crossing: Crossing  # of a particle, normal and gap alone
+    kept: float  # distance that they keep [m]
+    pushed: wp.int32  # whether they come too near in this sweep

@@ -1,7 +1,8 @@
-"""Contact of sharp edges, a block a world.
+"""Contact of edges, a block a world.
 
 Each piece of a substep is a launch. A search now and then finds edges that are near each other; these push each other
-apart, one pair after the other, in the same order every time.
+apart, all at once, a few times a substep: each of N contacts on a particle has an N-th of its mass (Tonge and others
+2012, mass splitting).
 """
 
 from functools import cache
@@ -9,184 +10,124 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.contact.boxes import ALONE, LOWER, UPPER, boxes_meet, is_searched, pad_function
-from balloon_warp.kernels.contact.lists import Distances, slot_for
-from balloon_warp.kernels.laws.edges import (
-    FOUR,
-    KEPT,
-    crosses,
-    crossing_of,
-    ease_along,
-    friction_of_edges,
-    push_apart,
-    rub_shares,
-    sliding_at,
-    weights_of,
-)
-from balloon_warp.kernels.loops.friction import friction_of_balloons
-from balloon_warp.kernels.loops.inertia import ease_function
-from balloon_warp.kernels.loops.meeting import skin_functions
-from balloon_warp.kernels.options import OPTIONS
+from balloon_warp.kernels.contact.catch import EdgeCatch
+from balloon_warp.kernels.contact.edge_catch import catching_functions, count_ends, excess_of, pushing_functions
+from balloon_warp.kernels.contact.search import TOUCHING
+from balloon_warp.kernels.features import Features
+from balloon_warp.kernels.laws.ridges import way_to_part
 from balloon_warp.kernels.tables import Tables, WorldState
-from balloon_warp.kernels.traits import Traits
+from balloon_warp.kernels.warps import any_in_block, block_barrier
 from balloon_warp.kernels.working import Working
 
-MOST_EDGES = wp.constant(16)
-"""Largest number of edges that an edge keeps: the nearest"""
 PAIRS = wp.constant(2)
 """Index of the number of edge pairs, after the lengths of lists of particles"""
-MOST_SWEEPS = wp.constant(16)
+CAUGHT = wp.constant(3)
+"""Index of the number of pairs that may touch in this substep"""
+MOST_SWEEPS = wp.constant(300)
 """Largest number of sweeps over all pairs in a substep; it ends sooner where none comes too near"""
 SETTLED = wp.constant(0.01)
-"""Fraction of the distance between edges by which they may come nearer in a substep, left to the next one"""
-
-
-@wp.func
-def edge_box(t: Tables, edge: wp.int32, points: wp.array[wp.vec3], velocities: wp.array[wp.vec3]):
-    """Return the box that an edge sweeps until the next search [m]."""
-    ends = t.touch.edges[edge]
-    a = points[ends[0]]
-    b = points[ends[1]]
-    after_a = a + t.touch.seconds * velocities[ends[0]]
-    after_b = b + t.touch.seconds * velocities[ends[1]]
-    lower = wp.min(wp.min(a, b), wp.min(after_a, after_b))
-    return lower, wp.max(wp.max(a, b), wp.max(after_a, after_b))
+"""Fraction of the distance that edges keep by which they may come nearer in a substep, left to the next one"""
+SAFE = wp.constant(0.2)
+"""Fraction of a small distance by which edges may come nearer"""
 
 
 @cache
-def finding_edges_function(traits: Traits) -> Any:
-    """Return the function that finds the edges that an edge may touch, of its balloon's number and above."""
-    pad_between = pad_function(traits)
+def catching_all_function(features: Features) -> Any:
+    """Return the function that lists the pairs of edges, and of particles and triangles, that may touch."""
+    catch_of, catch_of_particle = catching_functions(features)
 
     @wp.func
-    def may_meet(t: Tables, own: wp.int32, edge: wp.int32, other: wp.int32):
-        """Return whether two edges may touch: on one balloon, only those that were apart at the start."""
-        apart = t.touch.apart[own]
-        for end in range(2):
-            for far in range(2):
-                first = t.touch.rest_points[t.touch.edges[edge][end]]
-                second = t.touch.rest_points[t.touch.edges[other][far]]
-                if wp.length_sq(first - second) < apart * apart:
-                    return False
-        return True
+    def put(working: Working, world: wp.int32, catch: EdgeCatch):
+        slot = wp.atomic_add(working.list_lengths, world, CAUGHT, 1)
+        if slot < working.edge_catches.shape[1]:
+            working.edge_catches[world, slot] = catch
+        else:
+            wp.atomic_add(working.overflow, world, 1)
 
     @wp.func
-    def find_edges(
-        t: Tables,
-        working: Working,
-        world: wp.int32,
-        edge: wp.int32,
-        points: wp.array[wp.vec3],
+    def catch_all(
+        t: Tables, working: Working, world: wp.int32, thread: wp.int32, points: wp.array[wp.vec3],
         velocities: wp.array[wp.vec3],
-    ):
-        own = t.particles.balloon[t.touch.edges[edge][0]]
-        a = points[t.touch.edges[edge][0]]
-        b = points[t.touch.edges[edge][1]]
-        lower, upper = edge_box(t, edge, points, velocities)
-        kept = Distances()
-        count = wp.int32(0)
-        begin = wp.where(wp.static(traits.touches_itself), own, own + 1)
-        for balloon in range(begin, working.balloon_boxes.shape[1]):
-            pad = pad_between(t, world, own, balloon)
-            box_lower = working.balloon_boxes[world, balloon, LOWER]
-            box_upper = working.balloon_boxes[world, balloon, UPPER]
-            if working.near_balloons[world, own] != ALONE and boxes_meet(lower, upper, box_lower, box_upper, pad):
-                first = wp.max(t.touch.balloon_edges[balloon], edge + 1)
-                for other in range(first, t.touch.balloon_edges[balloon + 1]):
-                    other_lower, other_upper = edge_box(t, other, points, velocities)
-                    near = boxes_meet(lower, upper, other_lower, other_upper, pad)
-                    if wp.static(traits.touches_itself):
-                        near = near and (balloon != own or may_meet(t, own, edge, other))
-                    if near:
-                        ends = t.touch.edges[other]
-                        gap = crossing_of(a, b, points[ends[0]], points[ends[1]]).gap
-                        slot = slot_for(working, world, kept, gap * gap, count, MOST_EDGES)
-                        if slot >= 0:
-                            kept[slot] = gap * gap
-                            working.edge_candidates[world, edge, slot] = other
-                            count = wp.max(count, slot + 1)
-        working.edge_counts[world, edge] = count
-        if count > 0:
-            wp.atomic_add(working.list_lengths, world, PAIRS, count)
+    ):  # fmt: skip
+        """List pairs that may touch in this substep, by all threads of a block, in any order; return their number."""
+        if thread == 0:
+            working.list_lengths[world, CAUGHT] = 0
+        block_barrier()
+        for edge in range(thread, t.touch.edges.shape[0], wp.block_dim()):
+            for place in range(working.edge_counts[world, edge]):
+                other = working.edge_candidates[world, edge, place]
+                catch, near = catch_of(t, world, edge, other, points, velocities)
+                if near:
+                    put(working, world, catch)
+        for place in range(thread, working.list_lengths[world, TOUCHING], wp.block_dim()):
+            particle = working.particle_lists[world, TOUCHING, place]
+            for at in range(working.candidate_counts[world, particle]):
+                candidate = working.candidates[world, particle, at]
+                catch, near = catch_of_particle(t, world, particle, candidate, points, velocities)
+                if near:
+                    put(working, world, catch)
+        block_barrier()
+        return wp.min(working.list_lengths[world, CAUGHT], working.edge_catches.shape[1])
 
-    return find_edges
+    return catch_all
 
 
 @cache
-def find_edges_kernel(traits: Traits) -> Any:
-    """Return the kernel that finds the edges that may touch."""
-    find_edges = finding_edges_function(traits)
-
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def find_near_edges(
-        # model
-        t: Tables,
-        threads: wp.int32,
-        # state in
-        points: wp.array2d[wp.vec3],
-        velocities: wp.array2d[wp.vec3],
-        # out
-        working: Working,
-    ):
-        """Find the edges near each edge, by some threads a world."""
-        world, thread = wp.tid()
-        if is_searched(working, world):
-            for edge in range(thread, t.touch.edges.shape[0], threads):
-                find_edges(t, working, world, edge, points[world], velocities[world])
-
-    return find_near_edges
-
-
-@cache
-def edges_function(traits: Traits) -> Any:
+def edges_function(features: Features) -> Any:
     """Return the function by which edges push each other apart, once all particles have moved."""
-    ease_of_moving = ease_function(traits)
-    thickness_between, _ = skin_functions(traits)
+    catch_all = catching_all_function(features)
+    push_pair, part_pair, move_ends = pushing_functions(features)
 
     @wp.func
-    def push_pair(
-        t: Tables,
-        working: Working,
-        world: wp.int32,
-        first: wp.int32,
-        second: wp.int32,
-        points: wp.array[wp.vec3],
-        velocities: wp.array[wp.vec3],
+    def find_pushed(
+        t: Tables, working: Working, world: wp.int32, thread: wp.int32, count: wp.int32, velocities: wp.array[wp.vec3]
     ):
-        """Push two edges apart, and return whether the other pairs have to be tested again."""
-        ends = wp.vec4i(
-            t.touch.edges[first][0], t.touch.edges[first][1], t.touch.edges[second][0], t.touch.edges[second][1]
-        )
-        moving = wp.matrix_from_rows(velocities[ends[0]], velocities[ends[1]], velocities[ends[2]], velocities[ends[3]])
-        h = t.step_seconds
-        crossing = crossing_of(
-            points[ends[0]] - h * moving[0], points[ends[1]] - h * moving[1], points[ends[2]] - h * moving[2],
-            points[ends[3]] - h * moving[3],
-        )  # fmt: skip
-        weights = weights_of(crossing.parts)
-        kept = KEPT * thickness_between(t, world, t.particles.balloon[ends[0]], t.particles.balloon[ends[2]])
-        parting = wp.dot(weights * moving, crossing.normal)
-        if push_apart(parting, crossing.gap, kept, 1.0, h) <= 0.0 or wp.length_sq(crossing.normal) == 0.0:
-            return False
-        eases = wp.vec4()
-        for end in range(4):
-            eases[end] = ease_of_moving(t, working, world, ends[end])
-        push = push_apart(parting, crossing.gap, kept, ease_along(weights, eases), h)
-        gains = FOUR()
-        for end in range(4):
-            gains[end] = (eases[end] * weights[end] * push) * crossing.normal
-        if crosses(crossing):
-            own = t.particles.balloon[ends[0]]
-            most = push * friction_of_balloons(t, world, own, t.particles.balloon[ends[2]])
-            slide = sliding_at(crossing, weights, moving + gains)
-            shares = rub_shares(crossing, weights, wp.normalize(slide))
-            rub = friction_of_edges(wp.length(slide), shares, eases, most)
-            for end in range(4):
-                gains[end] = gains[end] - (eases[end] * rub) * shares[end]
-        for end in range(4):
-            velocities[ends[end]] = velocities[ends[end]] + gains[end]
-            points[ends[end]] = points[ends[end]] + h * gains[end]
-        return h * push_apart(parting, crossing.gap, kept, 1.0, h) > SETTLED * kept
+        """Mark the pairs of a thread that come too near, and return whether any needs another sweep."""
+        again = bool(False)
+        for place in range(thread, count, wp.block_dim()):
+            catch = working.edge_catches[world, place]
+            excess = excess_of(t, catch, velocities)
+            working.edge_catches[world, place].pushed = wp.where(excess > 0.0, 1, 0)
+            if excess > 0.0:
+                count_ends(working, world, catch)
+                least = wp.min(SETTLED * catch.kept, SAFE * catch.crossing.gap)
+                again = again or t.step_seconds * excess > least
+        return again
+
+    @wp.func
+    def find_overlaps(working: Working, world: wp.int32, thread: wp.int32, count: wp.int32):
+        """Mark the pairs of a thread that have come so near that they are moved apart, and return whether any has."""
+        overlap = bool(False)
+        for place in range(thread, count, wp.block_dim()):
+            catch = working.edge_catches[world, place]
+            is_near = way_to_part(catch.crossing.gap, catch.kept) > 0.0
+            working.edge_catches[world, place].pushed = wp.where(is_near, 1, 0)
+            if is_near:
+                count_ends(working, world, catch)
+                overlap = True
+        return overlap
+
+    @wp.func
+    def push_all(
+        t: Tables, working: Working, world: wp.int32, thread: wp.int32, count: wp.int32, points: wp.array[wp.vec3],
+        velocities: wp.array[wp.vec3], speeds: float,
+    ):  # fmt: skip
+        """Push all marked pairs apart, by all threads of a block.
+
+        Args:
+            speeds: 1, or 0 where they are moved without speed.
+        """
+        for place in range(thread, count, wp.block_dim()):
+            if working.edge_catches[world, place].pushed == 1:
+                if speeds > 0.0:
+                    push_pair(t, working, world, working.edge_catches[world, place], velocities)
+                else:
+                    part_pair(t, working, world, working.edge_catches[world, place])
+        block_barrier()
+        for place in range(thread, count, wp.block_dim()):
+            if working.edge_catches[world, place].pushed == 1:
+                move_ends(t, working, world, working.edge_catches[world, place], points, velocities, speeds)
+        block_barrier()
 
     @wp.func
     def meet_edges(
@@ -198,17 +139,17 @@ def edges_function(traits: Traits) -> Any:
         points: wp.array[wp.vec3],
         velocities: wp.array[wp.vec3],
     ):
-        """Resolve contacts of the edges of a world, by the first thread of a block."""
-        if thread == 0 and working.list_lengths[world, PAIRS] > 0:
-            pushed = bool(True)
+        """Resolve contacts of the edges of a world, by all threads of a block."""
+        if working.list_lengths[world, PAIRS] > 0:
+            count = catch_all(t, working, world, thread, points, velocities)
             sweep = wp.int32(0)
-            while pushed and sweep < MOST_SWEEPS:
-                pushed = bool(False)
+            while count > 0 and sweep < MOST_SWEEPS:
                 sweep += 1
-                for edge in range(t.touch.edges.shape[0]):
-                    for place in range(working.edge_counts[world, edge]):
-                        other = working.edge_candidates[world, edge, place]
-                        if push_pair(t, working, world, edge, other, points, velocities):
-                            pushed = bool(True)
+                again = any_in_block(find_pushed(t, working, world, thread, count, velocities))
+                push_all(t, working, world, thread, count, points, velocities, 1.0)
+                if not again:
+                    sweep = MOST_SWEEPS
+            if any_in_block(find_overlaps(working, world, thread, count)):
+                push_all(t, working, world, thread, count, points, velocities, 0.0)
 
     return meet_edges

@@ -12,14 +12,14 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.contact.boxes import boxes_meet
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.collision import NEVER
 from balloon_warp.kernels.laws.face_contact import facing_of, impact, part_until_contact
 from balloon_warp.kernels.laws.sliding import spin_by
 from balloon_warp.kernels.loops.friction import friction_on, number_of_sphere
 from balloon_warp.kernels.loops.inertia import ease_function, inertia_function
-from balloon_warp.kernels.own import own_functions
+from balloon_warp.kernels.params import params_functions
 from balloon_warp.kernels.tables import Tables, WorldState, sphere_mass, sphere_radius
-from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.warps import block_barrier
 from balloon_warp.kernels.working import Working
 
@@ -109,9 +109,9 @@ def add_to_lump(lump: wp.array[wp.int32], count: wp.int32, corners: wp.vec3i):
 
 
 @cache
-def meet_face_function(traits: Traits) -> Any:
+def meet_face_function(features: Features) -> Any:
     """Return the function by which a sphere and a triangle exchange momentum."""
-    ease_of_moving = ease_function(traits)
+    ease_of_moving = ease_function(features)
 
     @wp.func
     def meet_face(
@@ -142,13 +142,13 @@ def meet_face_function(traits: Traits) -> Any:
         )
         spin = wp.vec3()
         friction = float(0.0)
-        if wp.static(traits.spheres_rub):
+        if wp.static(features.spheres_rub):
             spin = state.sphere_spins[world, sphere]
             friction = friction_on(t, world, t.particles.balloon[corners[0]], number_of_sphere(t, sphere))
         met = impact(facing, part, velocity, corner_rows(velocities, corners), eases, spin, friction, t.step_seconds)
         gain = met.gains[0] * met.normal
         shift = met.shifts[0] * met.normal
-        if wp.static(traits.spheres_rub):
+        if wp.static(features.spheres_rub):
             rub = met.pulled[0] * met.rub
             gain += rub
             shift += met.seconds * rub
@@ -160,7 +160,7 @@ def meet_face_function(traits: Traits) -> Any:
             particle = corners[corner]
             gain = met.gains[corner + 1] * met.normal
             shift = met.shifts[corner + 1] * met.normal
-            if wp.static(traits.spheres_rub):
+            if wp.static(features.spheres_rub):
                 rub = met.pulled[corner + 1] * met.rub
                 gain += rub
                 shift += met.seconds * rub
@@ -171,10 +171,10 @@ def meet_face_function(traits: Traits) -> Any:
 
 
 @cache
-def move_lump_function(traits: Traits) -> Any:
+def move_lump_function(features: Features) -> Any:
     """Return the function that moves a sphere and its lump as one."""
-    _, read_own = own_functions(traits.columns, traits.balloons)
-    inertia = inertia_function(traits)
+    _, read_params = params_functions(features.columns, features.balloons)
+    inertia = inertia_function(features)
 
     @wp.func
     def move_lump(
@@ -194,11 +194,11 @@ def move_lump_function(traits: Traits) -> Any:
         held = bool(False)
         for place in range(count):
             particle = working.lumps[world, place]
-            own = inertia(working, read_own(t, world, particle))
-            held = held or own == 0.0
-            mass += own
-            way += own * (points[particle] - working.point_starts[world, particle])
-            momentum += own * velocities[particle]
+            its_mass = inertia(working, read_params(t, world, particle))
+            held = held or its_mass == 0.0
+            mass += its_mass
+            way += its_mass * (points[particle] - working.point_starts[world, particle])
+            momentum += its_mass * velocities[particle]
         ease = wp.where(held, 0.0, 1.0 / mass)
         for place in range(count):
             particle = working.lumps[world, place]
@@ -211,9 +211,9 @@ def move_lump_function(traits: Traits) -> Any:
 
 
 @cache
-def faces_function(traits: Traits) -> Any:
+def faces_function(features: Features) -> Any:
     """Return the function that resolves contacts of small spheres with faces, once all have moved."""
-    meet_face, move_lump = meet_face_function(traits), move_lump_function(traits)
+    meet_face, move_lump = meet_face_function(features), move_lump_function(features)
 
     @wp.func
     def meet_faces(

@@ -4,14 +4,11 @@ The threads that find contacts add to both in any order, and the particles take 
 point, whose sums do not depend on the order.
 """
 
-from typing import Any
-
 import warp as wp
 
 from balloon_warp.kernels.fixed_point import growth, quanta
 from balloon_warp.kernels.memory import byte_in
 from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.phases.move import kick
 from balloon_warp.kernels.working import Working
 
 wp.set_module_options(OPTIONS)
@@ -24,7 +21,7 @@ substep, of which the number of contacts is left"""
 
 
 @wp.func
-def add_pushes(
+def add_contact_forces(
     totals: wp.array3d[wp.int64],
     world: wp.int32,
     particle: wp.int32,
@@ -47,29 +44,31 @@ def add_pushes(
 @wp.func
 def add_contact(working: Working, world: wp.int32, particle: wp.int32, corners: wp.vec3i, counts: wp.vec3):
     """Count a contact: one for the particle, and its corners' counts for a triangle."""
-    wp.atomic_add(working.push_quanta, world, particle, CONTACTS, quanta(1.0))
+    wp.atomic_add(working.force_quanta, world, particle, CONTACTS, quanta(1.0))
     working.touched[world, particle] = TOUCHED
     for corner in range(3):
-        wp.atomic_add(working.push_quanta, world, corners[corner], CONTACTS, quanta(counts[corner]))
+        wp.atomic_add(working.force_quanta, world, corners[corner], CONTACTS, quanta(counts[corner]))
         working.touched[world, corners[corner]] = TOUCHED
 
 
 @wp.func
-def tell_push(working: Working, world: wp.int32, particle: wp.int32, other: wp.int32, force: wp.vec3, seconds: float):
+def record_impulse(
+    working: Working, world: wp.int32, particle: wp.int32, other: wp.int32, force: wp.vec3, seconds: float
+):
     """Add up what another balloon does to a particle: balloons are the last of all things."""
-    thing = working.contact_pushes.shape[1] - working.balloon_boxes.shape[1] + other
-    told = working.contact_pushes[world, thing, particle]
+    thing = working.contact_impulses.shape[1] - working.balloon_boxes.shape[1] + other
+    before = working.contact_impulses[world, thing, particle]
     push = seconds * force
-    working.contact_pushes[world, thing, particle] = told + wp.vec4(push[0], push[1], push[2], seconds)
+    working.contact_impulses[world, thing, particle] = before + wp.vec4(push[0], push[1], push[2], seconds)
 
 
 @wp.func
-def take_pushes(working: Working, world: wp.int32, particle: wp.int32):
+def take_contact_forces(working: Working, world: wp.int32, particle: wp.int32):
     """Take the contact forces on a particle [N], and store its number of contacts for the next substep."""
     force = wp.vec3()
     mark = byte_in(working.touched, world, particle)
     if mark != UNTOUCHED:
-        since = growth(working.push_quanta, working.pushes_taken, world, particle)
+        since = growth(working.force_quanta, working.forces_taken, world, particle)
         force = wp.vec3(since[0], since[1], since[2])
         working.contacts[world, particle] = since[3]
         working.touched[world, particle] = wp.where(mark == TOUCHED, COUNTED, UNTOUCHED)
@@ -85,14 +84,4 @@ def take_counts(
     """Store the numbers of contacts, by some threads a world."""
     world, thread = wp.tid()
     for particle in range(thread, working.contacts.shape[1], threads):
-        take_pushes(working, world, particle)
-
-
-@wp.func
-def pushed(working: Working, own: Any, gain: float, velocity: wp.vec3):
-    """Return a particle's velocity once contacts have pushed it, too.
-
-    Args:
-        gain: see `response`.
-    """
-    return kick(velocity, take_pushes(working, own.world, own.number), gain)
+        take_contact_forces(working, world, particle)

@@ -1,4 +1,4 @@
-"""Frames in which the particles of a world are far from all that they might meet, beside the ground and spheres.
+"""Free frames: the particles of a world are far from everything that they may touch but ground and spheres.
 
 Such a frame is simulated as if there were nothing else, or nothing but obstacles, where it is enough that balloons are
 apart. How far each particle may go is known when it begins; if one went further, the world stays where it was, and is
@@ -11,13 +11,13 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.fixed_point import set_quanta, total_newtons
 from balloon_warp.kernels.laws.fixture import FAR_AWAY
 from balloon_warp.kernels.loops.fixtures import free_ball_function
 from balloon_warp.kernels.loops.meeting import skin_functions
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.tables import Tables, WorldState
-from balloon_warp.kernels.traits import Traits
 
 wp.set_module_options(OPTIONS)
 
@@ -30,7 +30,7 @@ CLEARANCE, SPEED = wp.constant(0), wp.constant(1)
 FASTER = wp.constant(2.0)
 """Bound on a particle's speed in a frame, over its speed as the frame begins"""
 FASTER_BETWEEN = wp.constant(1.2)
-"""The same between balloons: closer, since a busy frame of theirs costs more than one that is simulated again"""
+"""Bound between balloons: closer, since a busy frame costs more than one that is simulated again"""
 GAINED = wp.constant(10.0)
 """Bound on a particle's acceleration in a frame [m/s^2]"""
 
@@ -84,10 +84,10 @@ def larger_extent(a: Extent, b: Extent):
 
 
 @cache
-def surround_kernel(traits: Traits) -> Any:
+def surround_kernel(features: Features) -> Any:
     """Return the kernel that finds the distance of each balloon to obstacles."""
-    keeps_off = traits.fixtures and not traits.touches_alone
-    free_ball = free_ball_function(traits) if keeps_off else None
+    keeps_off = features.fixtures and not features.touches_alone
+    free_ball = free_ball_function(features) if keeps_off else None
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def surround_balloons(
@@ -131,9 +131,9 @@ def surround_kernel(traits: Traits) -> Any:
 
 
 @cache
-def judge_kernel(traits: Traits) -> Any:
+def judge_kernel(features: Features) -> Any:
     """Return the kernel that decides which worlds have a free frame ahead."""
-    thickness_between = skin_functions(traits)[0] if traits.touches else None
+    thickness_between = skin_functions(features)[0] if features.touches else None
 
     @wp.func
     def halfway(t: Tables, free: FreeFrames, world: wp.int32, balloon: wp.int32, other: wp.int32):
@@ -158,10 +158,10 @@ def judge_kernel(traits: Traits) -> Any:
         for balloon in range(free.alone.shape[1]):
             way = wp.min(way, free.alone[world, balloon, CLEARANCE])
             fastest = wp.max(fastest, free.alone[world, balloon, SPEED])
-            if wp.static(traits.touches):
+            if wp.static(features.touches):
                 for other in range(balloon + 1, free.alone.shape[1]):
                     between = wp.min(between, halfway(t, free, world, balloon, other))
-        if wp.static(traits.always_busy):
+        if wp.static(features.always_busy):
             way = 0.0
         went = fastest * t.frame_seconds
         gained = GAINED * t.frame_seconds * t.frame_seconds

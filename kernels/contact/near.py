@@ -5,9 +5,9 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.loops.touching import is_near_sphere
+from balloon_warp.kernels.features import Features
+from balloon_warp.kernels.loops.sphere_contact import is_near_sphere
 from balloon_warp.kernels.tables import Tables
-from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.working import Working
 
 PARTICLES_A_MARK = wp.constant(8)
@@ -25,13 +25,9 @@ def are_noted(working: Working, world: wp.int32):
 
 
 @cache
-def noting_function(traits: Traits, sphere_at: Any) -> Any:
-    """Return the function that marks a particle.
-
-    Args:
-        sphere_at: the function that gives a sphere's center, velocity and radius.
-    """
-    spheres_there = traits.spheres
+def noting_function(features: Features, sphere_at: Any) -> Any:
+    """Return the function that marks a particle."""
+    spheres_there = features.spheres
 
     @wp.func
     def is_noted(

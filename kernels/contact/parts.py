@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from balloon_warp.kernels.contact.boxes import ALONE, ARE_NEAR
+from balloon_warp.kernels.contact.boxes import ALONE, ARE_NEAR, LOWER, UPPER
 from balloon_warp.kernels.memory import four_in, four_ints_at, int_at, int_pair_at, put_four_in, vector_at
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.tables import Tables
@@ -38,6 +38,41 @@ def is_boxed(working: Working, world: wp.int32, node: wp.vec4i):
     Balloons without faces, but with edges, have no triangles.
     """
     return node[2] > node[1] and working.near_balloons[world, node[3]] != ALONE
+
+
+@wp.struct
+class Swept:
+    """Box around what a point or an edge sweeps until the next search [m]."""
+
+    lower: wp.vec3
+    upper: wp.vec3
+
+
+@wp.func
+def swept_by_edge(t: Tables, ends: wp.vec2i, points: wp.array[wp.vec3], velocities: wp.array[wp.vec3]):
+    """Return the box around what an edge sweeps."""
+    a = vector_at(points, ends[0])
+    b = vector_at(points, ends[1])
+    after_a = a + t.touch.seconds * vector_at(velocities, ends[0])
+    after_b = b + t.touch.seconds * vector_at(velocities, ends[1])
+    swept = Swept()
+    swept.lower = wp.min(wp.min(a, b), wp.min(after_a, after_b))
+    swept.upper = wp.max(wp.max(a, b), wp.max(after_a, after_b))
+    return swept
+
+
+@wp.func
+def box_edges_of_part(
+    t: Tables, working: Working, world: wp.int32, part: wp.int32, points: wp.array[wp.vec3],
+    velocities: wp.array[wp.vec3],
+):  # fmt: skip
+    """Build the boxes of a leaf's edges: many others will compare theirs with each."""
+    if t.touch.part_edges.shape[0] > 0:
+        own = int_pair_at(t.touch.part_edges, part)
+        for edge in range(own[0], own[1]):
+            swept = swept_by_edge(t, t.touch.edges[edge], points, velocities)
+            working.edge_boxes[world, edge, LOWER] = swept.lower
+            working.edge_boxes[world, edge, UPPER] = swept.upper
 
 
 @wp.func
@@ -96,6 +131,7 @@ def box_parts(
             if is_boxed(working, world, node):
                 if level == 0:
                     box_whole_part(t, working, world, part, points, velocities)
+                    box_edges_of_part(t, working, world, part, points, velocities)
                 else:
                     box_both_halves(working, world, part, four_ints_at(t.touch.parts, part + 1)[0])
         block_barrier()

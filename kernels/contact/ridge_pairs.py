@@ -9,19 +9,19 @@ from balloon_warp.kernels.contact.catch import Catch
 from balloon_warp.kernels.contact.ridge_poses import placing_function
 from balloon_warp.kernels.contact.ridge_search import corners_of, near_in, start_in
 from balloon_warp.kernels.contact.ridge_sums import add_impulse, add_to_body, take_impulse, take_of_body
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.rigid import spin_of
 from balloon_warp.kernels.loops.bodies import body_at, body_mass, pushed_on, put_body
 from balloon_warp.kernels.loops.friction import friction_on
 from balloon_warp.kernels.loops.inertia import ease_function
 from balloon_warp.kernels.tables import Tables, WorldState
-from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.working import Working
 
 
 @cache
-def catching_function(traits: Traits) -> Any:
+def catching_function(features: Features) -> Any:
     """Return the function that measures a pair as a substep begins."""
-    place_of = placing_function(traits)
+    place_of = placing_function(features)
 
     @wp.func
     def catch_of(
@@ -52,9 +52,9 @@ def catching_function(traits: Traits) -> Any:
 
 
 @cache
-def pushing_functions(traits: Traits) -> tuple[Any, Any, Any]:
+def pushing_functions(features: Features) -> tuple[Any, Any, Any]:
     """Return functions for the approach speed of a pair, for its inverse effective mass, and for its impulse."""
-    ease_of_moving = ease_function(traits)
+    ease_of_moving = ease_function(features)
 
     @wp.func
     def beside(
@@ -64,7 +64,7 @@ def pushing_functions(traits: Traits) -> tuple[Any, Any, Any]:
         moving = wp.vec3()
         for corner in range(3):
             moving += catch.weights[corner] * velocities[catch.corners[corner]]
-        if wp.static(traits.bodies > 0):
+        if wp.static(features.bodies > 0):
             body = catch.solid - t.fixtures.solids.shape[0]
             if body >= 0:
                 turn = working.body_start_turns[world, body]
@@ -83,7 +83,7 @@ def pushing_functions(traits: Traits) -> tuple[Any, Any, Any]:
             weight = catch.weights[corner]
             ease += weight * weight * share * ease_of_moving(t, working, world, particle)
         gain = ease * along
-        if wp.static(traits.bodies > 0):
+        if wp.static(features.bodies > 0):
             body = catch.solid - t.fixtures.solids.shape[0]
             if body >= 0:
                 mass = body_mass(t, world, body)
@@ -100,7 +100,7 @@ def pushing_functions(traits: Traits) -> tuple[Any, Any, Any]:
         for corner in range(3):
             if catch.weights[corner] > 0.0:
                 add_impulse(working.ridge_quanta, world, catch.corners[corner], catch.weights[corner] * impulse)
-        if wp.static(traits.bodies > 0):
+        if wp.static(features.bodies > 0):
             body = catch.solid - t.fixtures.solids.shape[0]
             if body >= 0:
                 add_to_body(working.ridge_body_quanta, world, body, -impulse, wp.cross(catch.arm, -impulse))
@@ -109,16 +109,16 @@ def pushing_functions(traits: Traits) -> tuple[Any, Any, Any]:
 
 
 @cache
-def sharing_functions(traits: Traits) -> tuple[Any, Any]:
+def sharing_functions(features: Features) -> tuple[Any, Any]:
     """Return the functions that count the contacts of particles and bodies, and that apply all impulses to them."""
-    ease_of_moving = ease_function(traits)
+    ease_of_moving = ease_function(features)
 
     @wp.func
     def count_in(t: Tables, working: Working, world: wp.int32, catch: Catch):
         for corner in range(3):
             if catch.weights[corner] > 0.0:
                 wp.atomic_add(working.ridge_shares, world, catch.corners[corner], 1)
-        if wp.static(traits.bodies > 0):
+        if wp.static(features.bodies > 0):
             body = catch.solid - t.fixtures.solids.shape[0]
             if body >= 0:
                 wp.atomic_add(working.ridge_body_shares, world, body, 1)
@@ -141,7 +141,7 @@ def sharing_functions(traits: Traits) -> tuple[Any, Any]:
                     gain = ease_of_moving(t, working, world, particle) * impulse
                     velocities[particle] = velocities[particle] + speeds * gain
                     points[particle] = points[particle] + wp.where(speeds > 0.0, t.step_seconds, 1.0) * gain
-        if wp.static(traits.bodies > 0):
+        if wp.static(features.bodies > 0):
             body = catch.solid - t.fixtures.solids.shape[0]
             if body >= 0:
                 if wp.atomic_exch(working.ridge_body_shares, world, body, 0) > 0:

@@ -5,12 +5,12 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.rigid import spin_of, turned_by
 from balloon_warp.kernels.loops.bodies import body_mass
 from balloon_warp.kernels.loops.fixture_poses import pose_function
 from balloon_warp.kernels.loops.friction import number_of_body, number_of_obstacle
 from balloon_warp.kernels.tables import Tables, WorldState
-from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.working import Working
 
 
@@ -27,16 +27,16 @@ class Placed:
 
 
 @cache
-def placing_function(traits: Traits) -> Any:
+def placing_function(features: Features) -> Any:
     """Return the function that returns the pose of a solid with ridges: an obstacle, or a body, numbered after them."""
-    pose_at = pose_function(traits) if traits.fixtures else None
+    pose_at = pose_function(features) if features.fixtures else None
 
     @wp.func
     def place_of(t: Tables, state: WorldState, working: Working, world: wp.int32, number: wp.int32, end: float):
         """Return the pose of a solid in a substep that ends at a time."""
         placed = Placed()
         fixtures = t.fixtures.solids.shape[0]
-        if wp.static(traits.fixtures):
+        if wp.static(features.fixtures):
             if number < fixtures:
                 pose = pose_at(t, world, number, end)
                 placed.center = pose.center - t.step_seconds * pose.velocity
@@ -45,7 +45,7 @@ def placing_function(traits: Traits) -> Any:
                 placed.spin = pose.spin
                 placed.reach = t.fixtures.solids[number].reach
                 placed.thing = number_of_obstacle(number)
-        if wp.static(traits.bodies > 0):
+        if wp.static(features.bodies > 0):
             if number >= fixtures:
                 body = number - fixtures
                 placed.center = working.body_starts[world, body]

@@ -5,10 +5,11 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.contact.boxes import LOWER, UPPER, squared_distance_to_box
 from balloon_warp.kernels.contact.ridge_poses import Placed, placing_function
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.ridges import Ridge, edge_near, face_near
 from balloon_warp.kernels.tables import Tables, WorldState
-from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.warps import block_barrier
 from balloon_warp.kernels.working import Working
 
@@ -25,10 +26,21 @@ def corners_of(feature: wp.vec4i, corner: wp.int32):
 
 
 @wp.func
+def start_of(t: Tables, particle: wp.int32, points: wp.array[wp.vec3], velocities: wp.array[wp.vec3]):
+    """Return the position of a particle at the begin of the substep [m]."""
+    return points[particle] - t.step_seconds * velocities[particle]
+
+
+@wp.func
+def seen_from(placed: Placed, place: wp.vec3):
+    """Return a place relative to a solid."""
+    return wp.quat_rotate_inv(placed.turn, place - placed.center)
+
+
+@wp.func
 def start_in(t: Tables, placed: Placed, particle: wp.int32, points: wp.array[wp.vec3], velocities: wp.array[wp.vec3]):
     """Return the position of a particle at the begin of the substep, relative to a solid."""
-    start = points[particle] - t.step_seconds * velocities[particle]
-    return wp.quat_rotate_inv(placed.turn, start - placed.center)
+    return seen_from(placed, start_of(t, particle, points, velocities))
 
 
 @wp.func
@@ -46,7 +58,7 @@ def note_pair(working: Working, world: wp.int32, feature: wp.int32, ridge: wp.in
     if place < working.ridge_pairs.shape[1]:
         working.ridge_pairs[world, place] = wp.vec3i(feature, ridge, solid)
     else:
-        wp.atomic_add(working.crowded, world, 1)
+        wp.atomic_add(working.overflow, world, 1)
 
 
 @wp.func
@@ -54,16 +66,22 @@ def look_around(
     t: Tables, working: Working, world: wp.int32, number: wp.int32, solid: wp.int32, placed: Placed, within: float,
     points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
 ):  # fmt: skip
-    """Note the ridges of a solid that are near a feature; how far off the solid is at least [m]."""
+    """Note the ridges of a solid that are near a feature, and return how far away its ridges are at least [m]."""
     feature = t.ridges.features[number]
-    a = start_in(t, placed, corners_of(feature, 0), points, velocities)
-    b = start_in(t, placed, corners_of(feature, 1), points, velocities)
-    c = start_in(t, placed, corners_of(feature, 2), points, velocities)
-    lower = wp.min(wp.min(a, b), c)
-    upper = wp.max(wp.max(a, b), c)
-    middle = 0.5 * (lower + upper)
-    apart = wp.length(middle) - wp.length(upper - middle) - placed.reach
+    a = start_of(t, corners_of(feature, 0), points, velocities)
+    b = start_of(t, corners_of(feature, 1), points, velocities)
+    c = start_of(t, corners_of(feature, 2), points, velocities)
+    low = wp.min(wp.min(a, b), c)
+    high = wp.max(wp.max(a, b), c)
+    middle = seen_from(placed, 0.5 * (low + high))
+    squared = squared_distance_to_box(middle, t.ridges.boxes[solid, LOWER], t.ridges.boxes[solid, UPPER])
+    apart = wp.sqrt(squared) - 0.5 * wp.length(high - low)
     if apart < within:
+        a = seen_from(placed, a)
+        b = seen_from(placed, b)
+        c = seen_from(placed, c)
+        lower = wp.min(wp.min(a, b), c)
+        upper = wp.max(wp.max(a, b), c)
         pad = wp.vec3(within, within, within)
         query = wp.bvh_query_aabb(t.ridges.trees[solid], lower - pad, upper + pad)
         found = wp.int32(0)
@@ -78,9 +96,9 @@ def look_around(
 
 
 @cache
-def fastest_function(traits: Traits) -> Any:
-    """Return the function that returns the highest speed of anything."""
-    place_of = placing_function(traits)
+def ridge_search_function(features: Features) -> Any:
+    """Return the function that keeps the list of features and ridges that are near each other."""
+    place_of = placing_function(features)
 
     @wp.func
     def fastest_of_thread(
@@ -97,15 +115,6 @@ def fastest_function(traits: Traits) -> Any:
             placed = place_of(t, state, working, world, number, end)
             solids = wp.max(solids, wp.length(placed.velocity) + placed.reach * wp.length(placed.spin))
         return fastest + solids
-
-    return fastest_of_thread
-
-
-@cache
-def ridge_search_function(traits: Traits) -> Any:
-    """Return the function that keeps the list of features and ridges that are near each other."""
-    place_of = placing_function(traits)
-    fastest_of_thread = fastest_function(traits)
 
     @wp.func
     def search_ridges(
@@ -131,8 +140,8 @@ def ridge_search_function(traits: Traits) -> Any:
                     placed = place_of(t, state, working, world, solid, end)
                     within = margin + t.ridges.kept
                     for number in range(thread, t.ridges.features.shape[0], wp.block_dim()):
-                        own = look_around(t, working, world, number, solid, placed, within, points, velocities)
-                        apart = wp.min(apart, own)
+                        found = look_around(t, working, world, number, solid, placed, within, points, velocities)
+                        apart = wp.min(apart, found)
             nearest = wp.tile_min(wp.tile(apart))[0]
             left = wp.max(margin, nearest - t.ridges.kept)
             block_barrier()

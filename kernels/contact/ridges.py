@@ -11,10 +11,10 @@ import warp as wp
 
 from balloon_warp.kernels.contact.ridge_pairs import catching_function, pushing_functions, sharing_functions
 from balloon_warp.kernels.contact.ridge_search import ridge_search_function
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.ridges import approach_allowed, rub_against, way_to_part
 from balloon_warp.kernels.laws.touch import LEAST
 from balloon_warp.kernels.tables import Tables, WorldState
-from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.warps import block_barrier
 from balloon_warp.kernels.working import Working
 
@@ -27,10 +27,10 @@ SETTLED = wp.constant(0.02)
 
 
 @cache
-def sweeping_functions(traits: Traits) -> tuple[Any, Any]:
+def sweeping_functions(features: Features) -> tuple[Any, Any]:
     """Return the functions that find pairs that approach too fast, and that apply their impulses and friction."""
-    beside, gain_along, push_pair = pushing_functions(traits)
-    count_in, _ = sharing_functions(traits)
+    beside, gain_along, push_pair = pushing_functions(features)
+    count_in, _ = sharing_functions(features)
 
     @wp.func
     def find_pushed(
@@ -74,10 +74,10 @@ def sweeping_functions(traits: Traits) -> tuple[Any, Any]:
 
 
 @cache
-def parting_functions(traits: Traits) -> tuple[Any, Any, Any]:
+def parting_functions(features: Features) -> tuple[Any, Any, Any]:
     """Return functions that find pairs that are too near, that part them, and that apply the displacements."""
-    _, gain_along, push_pair = pushing_functions(traits)
-    count_in, move_by_impulses = sharing_functions(traits)
+    _, gain_along, push_pair = pushing_functions(features)
+    count_in, move_by_impulses = sharing_functions(features)
 
     @wp.func
     def find_overlaps(t: Tables, working: Working, world: wp.int32, thread: wp.int32, count: wp.int32):
@@ -115,12 +115,12 @@ def parting_functions(traits: Traits) -> tuple[Any, Any, Any]:
 
 
 @cache
-def ridges_function(traits: Traits) -> Any:
+def ridges_function(features: Features) -> Any:
     """Return the function that resolves contacts of faces with ridges, once all have moved."""
-    search_ridges = ridge_search_function(traits)
-    catch_of = catching_function(traits)
-    find_pushed, push_apart = sweeping_functions(traits)
-    find_overlaps, move_apart, move_all = parting_functions(traits)
+    search_ridges = ridge_search_function(features)
+    catch_of = catching_function(features)
+    find_pushed, push_apart = sweeping_functions(features)
+    find_overlaps, move_apart, move_all = parting_functions(features)
 
     @wp.func
     def leave_ridges(

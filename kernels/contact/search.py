@@ -15,12 +15,14 @@ from balloon_warp.kernels.contact.boxes import (
     has_strayed,
     is_searched,
     nearing_function,
+    pad_function,
 )
+from balloon_warp.kernels.contact.clearances import is_clear_of_own
 from balloon_warp.kernels.contact.lists import finding_functions
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.memory import vector_at
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.tables import Tables, WorldState
-from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.warps import next_place
 from balloon_warp.kernels.working import Working
 
@@ -38,9 +40,10 @@ def put_on_list(working: Working, world: wp.int32, which: wp.int32, particle: wp
 
 
 @cache
-def looking_function(traits: Traits) -> Any:
-    """Return the function that appends a particle to the list of those that search."""
-    is_nearing = nearing_function(traits)
+def looking_kernel(features: Features) -> Any:
+    """Return the kernel that finds the particles that search."""
+    is_nearing = nearing_function(features)
+    pad_between = pad_function(features)
 
     @wp.func
     def looks(
@@ -51,17 +54,23 @@ def looking_function(traits: Traits) -> Any:
         particle: wp.int32,
         points: wp.array[wp.vec3],
         velocities: wp.array[wp.vec3],
+        is_clear: bool,
     ):
-        """Return whether a particle may touch a balloon, or has touched one until now."""
-        own = t.particles.balloon[particle]
+        """Return whether a particle may touch a balloon, or has touched one until now.
+
+        Args:
+            is_clear: Whether it cannot touch its own.
+        """
+        balloon = t.particles.balloon[particle]
         used = t.faces.particle_offsets[particle + 1] > t.faces.particle_offsets[particle]
-        if used and working.near_balloons[world, own] != ALONE:
+        if used and working.near_balloons[world, balloon] != ALONE:
             point = vector_at(points, particle)
             velocity = vector_at(velocities, particle)
-            for place in range(working.neighbor_counts[world, own]):
-                other = working.neighbors[world, own, place]
-                if is_nearing(t, working, world, own, other, point, velocity):
-                    return True
+            for place in range(working.neighbor_counts[world, balloon]):
+                other = working.neighbors[world, balloon, place]
+                if not (is_clear and other == balloon):
+                    if is_nearing(t, working, world, balloon, other, point, velocity):
+                        return True
         return state.holds[world, particle][3] != 0.0
 
     @wp.func
@@ -75,68 +84,19 @@ def looking_function(traits: Traits) -> Any:
         velocities: wp.array[wp.vec3],
     ):
         """Append a particle that searches to its list, and store its position if the last search is outdated."""
-        own = t.particles.balloon[particle]
-        if has_strayed(working, world, own):
+        balloon = t.particles.balloon[particle]
+        is_clear = bool(False)
+        if wp.static(features.touches_itself):
+            moved = wp.length(points[particle] - working.sought[world, particle])
+            speed = wp.length(velocities[particle])
+            pad = pad_between(t, world, balloon, balloon)
+            is_clear = is_clear_of_own(t, working, world, balloon, particle, working.clearances, moved, speed, pad)
+        if has_strayed(working, world, balloon):
             working.sought[world, particle] = points[particle]
-        if working.near_balloons[world, own] != KNOWN:
+        if working.near_balloons[world, balloon] != KNOWN:
             working.candidate_counts[world, particle] = 0
-        if looks(t, state, working, world, particle, points, velocities):
+        if looks(t, state, working, world, particle, points, velocities, is_clear):
             put_on_list(working, world, LOOKING, particle)
-
-    return note_looking
-
-
-@cache
-def listing_function(traits: Traits) -> Any:
-    """Return the function that builds the list of triangles of a particle that searches."""
-    find_of_balloon, is_nearing = finding_functions(traits), nearing_function(traits)
-
-    @wp.func
-    def list_triangles(
-        t: Tables,
-        state: WorldState,
-        working: Working,
-        world: wp.int32,
-        particle: wp.int32,
-        points: wp.array[wp.vec3],
-        velocities: wp.array[wp.vec3],
-    ):
-        """Find the triangles of all balloons that a particle may touch, if its current ones do not suffice.
-
-        The search extends to the depth of other balloons where a particle may have started, or was pressed in so far;
-        not wherever it has come behind a surface, as in crumpled skin, out of which there is no way.
-        """
-        own = t.particles.balloon[particle]
-        point = vector_at(points, particle)
-        velocity = vector_at(velocities, particle)
-        count = working.candidate_counts[world, particle]
-        if working.near_balloons[world, own] != KNOWN:
-            may_be_deep = state.deep[world, particle] == wp.int8(1)
-            state.deep[world, particle] = wp.int8(0)
-            if working.near_balloons[world, own] == LOOKS:
-                place = wp.int32(0)
-                while place < working.neighbor_counts[world, own]:
-                    other = wp.int32(-1)
-                    while place < working.neighbor_counts[world, own] and other < 0:  # to the next that it may meet
-                        nearby = working.neighbors[world, own, place]
-                        if is_nearing(t, working, world, own, nearby, point, velocity):
-                            other = nearby
-                        place += 1
-                    if other >= 0:
-                        count = find_of_balloon(
-                            t, state, working, world, particle, own, other, points, velocities, may_be_deep, count
-                        )
-        working.candidate_counts[world, particle] = count
-        if count > 0 or state.holds[world, particle][3] != 0.0:
-            put_on_list(working, world, TOUCHING, particle)
-
-    return list_triangles
-
-
-@cache
-def looking_kernel(traits: Traits) -> Any:
-    """Return the kernel that finds the particles that search."""
-    note_looking = looking_function(traits)
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def find_looking(
@@ -160,9 +120,48 @@ def looking_kernel(traits: Traits) -> Any:
 
 
 @cache
-def find_kernel(traits: Traits, fast_math: bool = False) -> Any:
+def find_kernel(features: Features, fast_math: bool = False) -> Any:
     """Return the kernel that finds the triangles that each searching particle may touch."""
-    list_triangles = listing_function(traits)
+    find_of_balloon, is_nearing = finding_functions(features), nearing_function(features)
+
+    @wp.func
+    def list_triangles(
+        t: Tables,
+        state: WorldState,
+        working: Working,
+        world: wp.int32,
+        particle: wp.int32,
+        points: wp.array[wp.vec3],
+        velocities: wp.array[wp.vec3],
+    ):
+        """Find the triangles of all balloons that a particle may touch, if its current ones do not suffice.
+
+        The search extends to the depth of other balloons where a particle may have started, or was pressed in so far;
+        not wherever it has come behind a surface, as in crumpled skin, out of which there is no way.
+        """
+        balloon = t.particles.balloon[particle]
+        point = vector_at(points, particle)
+        velocity = vector_at(velocities, particle)
+        count = working.candidate_counts[world, particle]
+        if working.near_balloons[world, balloon] != KNOWN:
+            may_be_deep = state.deep[world, particle] == wp.int8(1)
+            state.deep[world, particle] = wp.int8(0)
+            if working.near_balloons[world, balloon] == LOOKS:
+                place = wp.int32(0)
+                while place < working.neighbor_counts[world, balloon]:
+                    other = wp.int32(-1)
+                    while place < working.neighbor_counts[world, balloon] and other < 0:  # to the next that it may meet
+                        nearby = working.neighbors[world, balloon, place]
+                        if is_nearing(t, working, world, balloon, nearby, point, velocity):
+                            other = nearby
+                        place += 1
+                    if other >= 0:
+                        count = find_of_balloon(
+                            t, state, working, world, particle, balloon, other, points, velocities, may_be_deep, count
+                        )
+        working.candidate_counts[world, particle] = count
+        if count > 0 or state.holds[world, particle][3] != 0.0:
+            put_on_list(working, world, TOUCHING, particle)
 
     @wp.kernel(
         module="unique",

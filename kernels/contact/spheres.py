@@ -9,11 +9,12 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.contact.near import PARTICLES_A_MARK
-from balloon_warp.kernels.laws.impulse import MOST_TURNS, Press, is_met, is_settled
+from balloon_warp.kernels.features import Features
+from balloon_warp.kernels.laws.impulse import MOST_TURNS, Press, is_met, is_settled, shift_of_body
 from balloon_warp.kernels.loops.friction import friction_on, number_of_sphere
 from balloon_warp.kernels.loops.inertia import inertia_function
 from balloon_warp.kernels.loops.obstacles import around_function, standing_function
-from balloon_warp.kernels.loops.touching import (
+from balloon_warp.kernels.loops.sphere_contact import (
     answer_of_ball,
     answer_to_ball,
     ball_function,
@@ -22,26 +23,23 @@ from balloon_warp.kernels.loops.touching import (
     rub_on_ball,
     rubbed_ball,
     rubbed_point,
-    shift_of_ball,
 )
-from balloon_warp.kernels.own import own_functions
-from balloon_warp.kernels.spheres import sphere_at
+from balloon_warp.kernels.params import params_functions
 from balloon_warp.kernels.tables import Tables
-from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.working import Working
 
 
 @cache
-def marked_functions(traits: Traits, at: Any, put: Any) -> tuple[Any, Any, Any]:
+def marked_functions(features: Features, at: Any, put: Any) -> tuple[Any, Any, Any]:
     """Return functions for the particles of a mark: their pressing, response and friction, and their support.
 
     The first returns what they press a sphere with, the second applies the response and returns the friction, the last
     puts them on the ground and on obstacles. `at` reads a point or velocity, `put` writes it.
     """
-    _, read_own = own_functions(traits.columns, traits.balloons)
-    inertia = inertia_function(traits)
-    stand = standing_function(traits)
-    around_own = around_function(traits)
+    _, read_params = params_functions(features.columns, features.balloons)
+    inertia = inertia_function(features)
+    stand = standing_function(features)
+    around_particle = around_function(features)
 
     @wp.func
     def end_of_mark(mark: wp.int32, count: wp.int32):
@@ -61,9 +59,9 @@ def marked_functions(traits: Traits, at: Any, put: Any) -> tuple[Any, Any, Any]:
     ):
         total = Press()
         for particle in range(mark * PARTICLES_A_MARK, end_of_mark(mark, t.particles.balloon.shape[0])):
-            own = read_own(t, world, particle)
-            if own.share > 0.0:
-                mass = inertia(working, own)
+            params = read_params(t, world, particle)
+            if params.share > 0.0:
+                mass = inertia(working, params)
                 total += press_on_ball(t, ball, change, mass, at(points, particle), at(velocities, particle))
         return total
 
@@ -88,10 +86,10 @@ def marked_functions(traits: Traits, at: Any, put: Any) -> tuple[Any, Any, Any]:
                 start = at(points, particle)
                 speed = at(velocities, particle)
                 point, velocity = answer_to_ball(t, ball, last, change, shift, start, speed)
-                if wp.static(traits.spheres_rub):
-                    own = read_own(t, world, particle)
-                    mass = inertia(working, own)
-                    friction = friction_on(t, world, own.balloon, number_of_sphere(t, sphere))
+                if wp.static(features.spheres_rub):
+                    params = read_params(t, world, particle)
+                    mass = inertia(working, params)
+                    friction = friction_on(t, world, params.balloon, number_of_sphere(t, sphere))
                     rub = rub_on_ball(t, ball, press, last, change, mass, friction, start, speed)
                     total += rub
                     point, velocity = rubbed_point(t, rub, mass, point, velocity)
@@ -102,9 +100,11 @@ def marked_functions(traits: Traits, at: Any, put: Any) -> tuple[Any, Any, Any]:
     @wp.func
     def stand_at_mark(t: Tables, world: wp.int32, time: float, mark: wp.int32, points: Any, velocities: Any):
         for particle in range(mark * PARTICLES_A_MARK, end_of_mark(mark, t.particles.balloon.shape[0])):
-            own = read_own(t, world, particle)
-            if own.share > 0.0:
-                point, velocity = stand(t, around_own(own, time), at(points, particle), at(velocities, particle))
+            params = read_params(t, world, particle)
+            if params.share > 0.0:
+                point, velocity = stand(
+                    t, around_particle(params, time), at(points, particle), at(velocities, particle)
+                )
                 put(points, particle, point)
                 put(velocities, particle, velocity)
 
@@ -112,10 +112,10 @@ def marked_functions(traits: Traits, at: Any, put: Any) -> tuple[Any, Any, Any]:
 
 
 @cache
-def spheres_function(traits: Traits, at: Any, put: Any, total_of: Any) -> Any:
+def spheres_function(features: Features, at: Any, put: Any, total_of: Any) -> Any:
     """Return the function that exchanges momentum between spheres and particles; `total_of` sums over threads."""
-    ball_at = ball_function(traits, sphere_at)
-    press_at_mark, answer_at_mark, stand_at_mark = marked_functions(traits, at, put)
+    ball_at = ball_function(features)
+    press_at_mark, answer_at_mark, stand_at_mark = marked_functions(features, at, put)
 
     @wp.func
     def press_of_thread(
@@ -150,7 +150,7 @@ def spheres_function(traits: Traits, at: Any, put: Any, total_of: Any) -> Any:
         marks = working.near.shape[1] - 1
         if working.near[world, marks] > 0:
             for sphere in range(t.spheres.numbers.shape[1]):
-                ball = ball_at(t, spheres, spheres.sphere_spins, world, sphere)
+                ball = ball_at(t, spheres, world, sphere)
                 last = wp.vec3()
                 part = press_of_thread(t, working, world, thread, ball, last, points, velocities)
                 press = total_of(part)
@@ -163,7 +163,7 @@ def spheres_function(traits: Traits, at: Any, put: Any, total_of: Any) -> Any:
                         press = total_of(part)
                         change = change_of_ball(t, ball, press, last)
                         turn += 1
-                    shift = shift_of_ball(t, ball, press)
+                    shift = shift_of_body(press, ball.mass, t.up)
                     mine = wp.spatial_vector()
                     for mark in range(thread, marks, wp.block_dim()):
                         if working.near[world, mark] > 0:
@@ -172,7 +172,7 @@ def spheres_function(traits: Traits, at: Any, put: Any, total_of: Any) -> Any:
                                 velocities,
                             )  # fmt: skip
                     center, motion, force = answer_of_ball(t, ball, change, shift)
-                    if wp.static(traits.spheres_rub):
+                    if wp.static(features.spheres_rub):
                         rub = total_of(mine)
                         center, motion, spin = rubbed_ball(t, ball, press, change, center, motion, rub)
                         if thread == 0:
@@ -183,7 +183,7 @@ def spheres_function(traits: Traits, at: Any, put: Any, total_of: Any) -> Any:
                         spheres.sphere_forces[world, sphere] = force
             for mark in range(thread, marks, wp.block_dim()):
                 if working.near[world, mark] > 0:
-                    if wp.static(traits.stands):
+                    if wp.static(features.stands):
                         stand_at_mark(t, world, end, mark, points, velocities)
                     working.near[world, mark] = 0
             if thread == 0:

@@ -1,14 +1,18 @@
 """Triangles beside a particle, and what a list says of them."""
 
-from functools import cache
-from typing import Any
-
 import warp as wp
 
 from balloon_warp.kernels.contact.boxes import squared_distance_to_box
 from balloon_warp.kernels.loops.meeting import Place, faced, place_beside
 from balloon_warp.kernels.memory import triple_at, vector_at
 from balloon_warp.kernels.tables import Tables
+
+
+@wp.func
+def are_neighbors(t: Tables, balloon: wp.int32, first: wp.int32, second: wp.int32):
+    """Return whether two particles of a balloon were near each other at the start, so that they do not touch."""
+    way = t.touch.rest_points[second] - t.touch.rest_points[first]
+    return wp.length_sq(way) < t.touch.apart[balloon] * t.touch.apart[balloon]
 
 
 @wp.func
@@ -20,6 +24,29 @@ def candidate_of(triangle: wp.int32, is_behind: bool, is_first: bool):
         is_first: Whether the entry is the first of its balloon.
     """
     return 4 * triangle + wp.where(is_first, 2, 0) + wp.where(is_behind, 1, 0)
+
+
+@wp.func
+def turned(candidate: wp.int32):
+    """Return the list entry of a triangle, with the particle on its other side."""
+    return candidate ^ 1
+
+
+@wp.func
+def on_side(candidate: wp.int32, place: Place):
+    """Return the list entry of a triangle, with the particle on the side of it on which it is."""
+    return (candidate & ~1) | wp.where(wp.dot(place.arm, place.area_vector) < 0.0, 1, 0)
+
+
+@wp.func
+def share_corner(t: Tables, first: wp.int32, second: wp.int32):
+    """Return whether two triangles have a corner in common."""
+    corners = triple_at(t.touch.triangles, first)
+    other = triple_at(t.touch.triangles, second)
+    shared = bool(False)
+    for corner in range(3):
+        shared = shared or corners[corner] == other[0] or corners[corner] == other[1] or corners[corner] == other[2]
+    return shared
 
 
 @wp.func
@@ -40,22 +67,12 @@ def side_of(candidate: wp.int32):
     return 1.0 - 2.0 * float(candidate & 1)
 
 
-@cache
-def rows_function(at: Any) -> Any:
-    """Return the function for the vectors of a triangle's corners, row by row.
-
-    Args:
-        at: the function that reads one.
-    """
-
-    @wp.func
-    def rows(vectors: Any, corners: wp.vec3i):
-        return wp.matrix_from_rows(at(vectors, corners[0]), at(vectors, corners[1]), at(vectors, corners[2]))
-
-    return rows
-
-
-rows_at = rows_function(vector_at)
+@wp.func
+def rows_at(vectors: wp.array[wp.vec3], corners: wp.vec3i):
+    """Return the vectors of a triangle's corners, row by row."""
+    return wp.matrix_from_rows(
+        vector_at(vectors, corners[0]), vector_at(vectors, corners[1]), vector_at(vectors, corners[2])
+    )
 
 
 @wp.func

@@ -8,27 +8,23 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.compose import call_of, function_from
+from balloon_warp.kernels.compose import function_here
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.added_mass import air_along
 from balloon_warp.kernels.laws.air import air_of_height
 from balloon_warp.kernels.laws.inflation import GAS
 from balloon_warp.kernels.loops.areas import volume_origin
 from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.own import numbers_reader
+from balloon_warp.kernels.params import numbers_reader
 from balloon_warp.kernels.tables import Tables, WorldState
-from balloon_warp.kernels.traits import Traits
 
 
 @cache
-def air_kernel(traits: Traits) -> Any:
+def air_kernel(features: Features) -> Any:
     """Return the kernel that updates added mass and air at balloons."""
-    read_numbers = numbers_reader(traits.columns)
-    call = call_of(air_along, "air_along", ["height", "pressure", "free_volume"], traits.columns)
-    source = f"def air_of(height: float, pressure: float, free_volume: float, n: Any):\n    return {call}\n"
-    air_of = function_from("air_of", source, {"air_along": air_along})
-    there = call_of(air_of_height, "air_of_height", ["height"], traits.columns)
-    source = f"def air_at_height(height: float, n: Any):\n    return {there}\n"
-    air_at_height = function_from("air_at_height", source, {"air_of_height": air_of_height})
+    read_numbers = numbers_reader(features.columns)
+    air_of = function_here(air_along, ["height", "pressure", "free_volume"], features.columns)
+    air_at_height = function_here(air_of_height, ["height"], features.columns)
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def weigh_air(
@@ -51,10 +47,10 @@ def air_kernel(traits: Traits) -> Any:
             if of_places.shape[0] > 0:
                 origin = of_places[origin]
             height = wp.dot(state.points[world, origin], t.up)
-            if wp.static(traits.takes_air_along):
+            if wp.static(features.takes_air_along):
                 along = air_of(height, state.pressures[world, balloon], free_volume, numbers)
                 state.air_along[world, balloon] = along
-            if wp.static(traits.gas_meets_air):
+            if wp.static(features.gas_meets_air):
                 state.airs[world, balloon] = air_at_height(height, numbers)
 
     return weigh_air

@@ -81,6 +81,7 @@ def place_balloons(
     centers: wp.array2d[wp.vec3d],
     starts: wp.array2d[wp.vec3],
     spins: wp.array2d[wp.vec3],
+    mask: wp.array[wp.int32],
     # out
     every: wp.array2d[wp.vec3],
     velocities: wp.array2d[wp.vec3],
@@ -88,9 +89,13 @@ def place_balloons(
     """Place particles: rotate each balloon about the mesh's origin, shift it, and set the velocities.
 
     A thread a (world, particle). The velocity is the balloon's plus that of its spin about its center; zero if the
-    particle is fixed. In double precision, so that the place is what the host would place there.
+    particle is fixed. In double precision, so that the place is what the host would place there. Worlds for which a
+    mask is 0 stay as they are; without one all are placed.
     """
     world, particle = wp.tid()
+    if mask.shape[0] > 0:
+        if mask[world] == 0:
+            return
     balloon = particle_balloon[particle]
     arm = points[particle] - origins[balloon]
     place = points[particle] + turns[row_of_world(world, turns.shape[0]), balloon] * arm
@@ -100,6 +105,8 @@ def place_balloons(
         lever = wp.vec3(place - centers[row_of_world(world, centers.shape[0]), balloon])
         spin = spins[row_of_world(world, spins.shape[0]), balloon]
         velocities[world, particle] = starts[row_of_world(world, starts.shape[0]), balloon] + wp.cross(spin, lever)
+    else:
+        velocities[world, particle] = wp.vec3()
 
 
 @wp.kernel

@@ -1,4 +1,4 @@
-"""What happens once a frame when a scene runs backwards: bars are added up by balloon, in the same order every time."""
+"""Sums of bars by balloon, once a frame when a scene runs backwards; in the same order every time."""
 
 from functools import cache
 from typing import Any
@@ -7,31 +7,33 @@ import warp as wp
 
 from balloon_warp.kernels.codegen import function_from
 from balloon_warp.kernels.compose import call_of
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.added_mass import air_along
 from balloon_warp.kernels.laws.inflation import GAS
 from balloon_warp.kernels.loops.areas import volume_origin
 from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.own import numbers_reader
+from balloon_warp.kernels.params import numbers_reader
 from balloon_warp.kernels.tables import Tables, WorldState
-from balloon_warp.kernels.traits import Traits
 
 
 @wp.struct
 class Bars:
-    """Derivatives of what is to be found, by the state of particles and balloons."""
+    """Derivatives of the loss by the state of particles and balloons."""
 
     points: wp.array2d[wp.vec3]
     pressures: wp.array2d[float]
-    """By the pressures that a frame ends with"""
+    """Bars of the pressures that a frame ends with"""
     gas_masses: wp.array2d[float]
-    """By the gas mass that each particle reads, shape (W, P)"""
+    """Bars of the gas mass that each particle reads, shape (W, P)"""
+    gas_masses_of_balloons: wp.array2d[float]
+    """Bars of each balloon's gas mass, where gas comes and goes, added up over the frame so far"""
     keyed: wp.array2d[wp.vec2]
-    """By the keyframed value that each particle reads, and that times the time in the frame [s], shape (W, P)"""
+    """Bars of the keyframed value that each particle reads, and of it times the time in the frame [s], shape (W, P)"""
     keyed_of_balloons: wp.array2d[wp.vec2]
     gas: wp.array2d[wp.vec2]
-    """By amount and free volume of the gas, shape (W, B)"""
+    """Bars of amount and free volume of the gas, shape (W, B)"""
     numbers: wp.array3d[float]
-    """By the numbers that are asked for, of each particle, shape (W, P, count)"""
+    """Bars of the numbers that are asked for, of each particle, shape (W, P, count)"""
     numbers_of_balloons: wp.array3d[float]
     number_totals: wp.array3d[wp.float64]
     """Sums over all frames so far, shape (W, B, count)"""
@@ -41,23 +43,28 @@ class Bars:
 
 
 @cache
-def sum_kernel(traits: Traits, columns: tuple[int, ...]) -> Any:
+def sum_kernel(features: Features, columns: tuple[int, ...], one_by_one: bool = True) -> Any:
     """Return the kernel that adds up a frame's bars by balloon.
 
     Args:
         columns: of the numbers that are asked for.
+        one_by_one: whether each particle has bars of its own; otherwise the only balloon has one of each.
     """
-    weigh_back = _weigh_back(traits, columns) if traits.gas else None
-    count = len(columns)
+    weigh_back = _weigh_back(features, columns) if features.gas else None
+    count, changes = len(columns), features.gas_changes
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def sum_bars(t: Tables, state: WorldState, first_pressures: wp.array2d[float], bars: Bars):
         """Add up bars, and clear them for the next frame; a thread a (world, balloon)."""
         world, balloon = wp.tid()
         keyed = wp.vec2d(bars.keyed_of_balloons[world, balloon])
-        gas_mass_bar = float(0.0)
+        gas_mass_bar = float(bars.gas_masses_of_balloons[world, balloon])
+        bars.gas_masses_of_balloons[world, balloon] = 0.0
         bars.keyed_of_balloons[world, balloon] = wp.vec2()
-        for particle in range(t.particles.offsets[balloon], t.particles.offsets[balloon + 1]):
+        end = t.particles.offsets[balloon + 1]
+        if wp.static(not one_by_one):
+            end = 1
+        for particle in range(t.particles.offsets[balloon], end):
             keyed += wp.vec2d(bars.keyed[world, particle])
             bars.keyed[world, particle] = wp.vec2()
             gas_mass_bar += bars.gas_masses[world, particle]
@@ -68,8 +75,11 @@ def sum_kernel(traits: Traits, columns: tuple[int, ...]) -> Any:
         bars.keyed_totals[world, balloon] = keyed
         if wp.static(weigh_back is not None):
             weigh_back(t, state, first_pressures, bars, world, balloon, gas_mass_bar)
-        bars.gas_totals[world, balloon] += wp.vec2d(bars.gas[world, balloon])
-        bars.gas[world, balloon] = wp.vec2()
+        if wp.static(changes):
+            bars.gas_totals[world, balloon] = wp.vec2d(bars.gas[world, balloon])
+        else:
+            bars.gas_totals[world, balloon] += wp.vec2d(bars.gas[world, balloon])
+            bars.gas[world, balloon] = wp.vec2()
         for number in range(count):
             bars.number_totals[world, balloon, number] += wp.float64(bars.numbers_of_balloons[world, balloon, number])
             bars.numbers_of_balloons[world, balloon, number] = 0.0
@@ -77,19 +87,25 @@ def sum_kernel(traits: Traits, columns: tuple[int, ...]) -> Any:
     return sum_bars
 
 
-def _weigh_back(traits: Traits, columns: tuple[int, ...]) -> Any:
+@cache
+def numbers_adder(columns: tuple[int, ...]) -> Any:
+    """Return the function that adds bars of numbers of a balloon to those that are asked for."""
+    array = "numbers_of_balloons[world, balloon"
+    lines = [f"    {array}, {place}] += by_n[{column}]" for place, column in enumerate(columns)] or ["    return"]
+    arguments = "numbers_of_balloons: wp.array3d[float], world: wp.int32, balloon: wp.int32, by_n: Any"
+    return function_from("add_numbers", "\n".join([f"def add_numbers({arguments}):", *lines, ""]), {})
+
+
+def _weigh_back(features: Features, columns: tuple[int, ...]) -> Any:
     """Return the adjoint of what moves along with a balloon: its gas, and the air of its added mass."""
-    read_numbers, along = numbers_reader(traits.columns), traits.takes_air_along
-    molar_mass = traits.columns.places["molar_mass"]
-    call = call_of(air_along, "air_along", ["height", "pressure", "free_volume"], traits.columns)
+    read_numbers, along = numbers_reader(features.columns), features.takes_air_along
+    molar_mass = features.columns.places["molar_mass"]
+    changes, add_numbers = features.gas_changes, numbers_adder(columns)
+    call = call_of(air_along, "air_along", ["height", "pressure", "free_volume"], features.columns)
     work = (
         f"def work(height: float, pressure: float, free_volume: float, n: Any, bar: float):\n    return bar * {call}\n"
     )
     work_of_air = function_from("work", work, {"air_along": air_along})
-    array = "numbers_of_balloons[world, balloon"
-    lines = [f"    {array}, {place}] += by_n[{column}]" for place, column in enumerate(columns)] or ["    return"]
-    arguments = "numbers_of_balloons: wp.array3d[float], world: wp.int32, balloon: wp.int32, by_n: Any"
-    add_numbers = function_from("add_numbers", "\n".join([f"def add_numbers({arguments}):", *lines, ""]), {})
 
     @wp.func
     def weigh_back(
@@ -104,6 +120,8 @@ def _weigh_back(traits: Traits, columns: tuple[int, ...]) -> Any:
         n = read_numbers(t, world, balloon)
         by_n = 0.0 * n
         gas_bar = wp.vec2(gas_mass_bar * n[molar_mass], 0.0)
+        if wp.static(changes):  # what the gas weighs is known of each substep
+            gas_bar = wp.vec2()
         pressure_bar = float(0.0)
         if wp.static(along):
             if t.inflation_kind[balloon] == GAS:
@@ -116,8 +134,9 @@ def _weigh_back(traits: Traits, columns: tuple[int, ...]) -> Any:
                 pressure_bar = by_pressure
                 gas_bar[1] = by_free
                 bars.points[world, origin] = bars.points[world, origin] + by_height * t.up
-        by_n[molar_mass] += gas_mass_bar * float(state.gas_amounts[world, balloon])
-        bars.pressures[world, balloon] = pressure_bar
+        if wp.static(not changes):
+            by_n[molar_mass] += gas_mass_bar * float(state.gas_amounts[world, balloon])
+        bars.pressures[world, balloon] = bars.pressures[world, balloon] + pressure_bar
         bars.gas[world, balloon] = bars.gas[world, balloon] + gas_bar
         add_numbers(bars.numbers_of_balloons, world, balloon, by_n)
 

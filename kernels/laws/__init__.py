@@ -1,4 +1,4 @@
-"""The laws: what acts on a particle, along a spring or a string, at a hinge, on a face, in a balloon, in a contact.
+"""Laws of forces: on a particle, along a spring or a string, at a hinge, on a face, in a balloon, in a contact.
 
 Each is a file: formula, units, source, energy, and what it asks of the step. The list is all that the rest of the house
 knows of them: a law that stands there has its parameters in scenes, and acts in every schedule.
@@ -9,7 +9,7 @@ from balloon_warp.kernels.laws.body import DAMPING, WEIGHT
 from balloon_warp.kernels.laws.columns import columns_of
 from balloon_warp.kernels.laws.face_air import FACE_AIR
 from balloon_warp.kernels.laws.hooke import HOOKE
-from balloon_warp.kernels.laws.law import Given, Law, Parameter
+from balloon_warp.kernels.laws.law import Law, LawInput, Parameter
 from balloon_warp.kernels.laws.rubber import RUBBER, RUBBER_AT_LIMIT
 from balloon_warp.kernels.laws.softening import PARAMETERS as SOFTENING
 from balloon_warp.kernels.laws.string import STRING
@@ -25,4 +25,4 @@ TAKEN: dict[str, Parameter] = PARAMETERS | {row.name: row for row in (*SOFTENING
 """Reserved names, which user-defined laws cannot give to other parameters: `PARAMETERS`, and those that only few scenes
 have"""
 
-__all__ = ["LAWS", "PARAMETERS", "TAKEN", "Given", "Law", "Parameter"]
+__all__ = ["LAWS", "PARAMETERS", "TAKEN", "Law", "LawInput", "Parameter"]

@@ -101,7 +101,9 @@ def growth_of_wind(height: float, wind_shear: float, wind_height: float, wind_ro
         here = wp.clamp(height, wind_roughness, most) / wind_roughness
         growth = wp.log(here) / wp.log(wp.max(wind_height / wind_roughness, wp.static(1.0 / SMOOTHEST)))
     elif wind_shear > 0.0:
-        growth = wp.pow(wp.clamp(height / wind_height, 0.0, MOST_GROWTH), wind_shear)
+        growth = 0.0
+        if height > 0.0:  # the power of 0 has no derivative
+            growth = wp.pow(wp.min(height / wind_height, MOST_GROWTH), wind_shear)
     return growth
 
 

@@ -1,4 +1,4 @@
-"""Two spheres that meet: where on their ways in a step, and what they exchange there.
+"""Collision of two spheres in a step: the time of impact, and the impulse.
 
 The one sees the other come from s by the way w. They meet where |s + part w| is the sum R of their radii, along the
 unit vector n there. With u how fast the other moves beside the one, an impulse along n makes

@@ -101,13 +101,17 @@ def push_apart(parting: float, gap: float, kept: float, ease: float, step_second
 
 
 @wp.func
+def is_within(crossing: Crossing):
+    """Return whether the closest points are inside both edges."""
+    return wp.min(crossing.parts) > 0.0 and wp.max(crossing.parts) < 1.0
+
+
+@wp.func
 def crosses(crossing: Crossing):
     """Return whether friction acts: closest points are inside both edges, which are not nearly parallel."""
-    s = crossing.parts[0]
-    t = crossing.parts[1]
     least = CROSSED * wp.length(crossing.first) * wp.length(crossing.second)
     across_both = wp.dot(wp.cross(crossing.first, crossing.second), crossing.normal)  # of rounding where the gap is
-    return wp.min(s, t) > 0.0 and wp.max(s, t) < 1.0 and wp.abs(across_both) > least
+    return is_within(crossing) and wp.abs(across_both) > least
 
 
 @wp.func

@@ -1,4 +1,4 @@
-"""A sphere that meets a triangle of a balloon: where on its way in a step, and what both exchange there.
+"""Contact of a sphere with a triangle of a balloon in a step: the time of impact, and the impulse.
 
 With y the triangle's point nearest to the center c, of the corners' weights w_i, and n the unit vector from y to c, an
 impulse along n stops what comes nearer,

@@ -1,4 +1,4 @@
-"""Contact with an obstacle that goes where it is told: its shapes as signed distances, and what they let a particle do.
+"""Contact with an obstacle of prescribed motion: its shapes as signed distances, and the response of a particle.
 
 The distance is that to the surface, negative inside, less the obstacle's thickness; its gradient is the normal. A
 particle that a step has brought inside stands on the surface where it came in, and is slowed as by the ground, see

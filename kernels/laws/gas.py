@@ -75,14 +75,15 @@ def free_along(area_vector: Any, normal: Any):
 def rate_beside_obstacles(area_vector: Any, free: Any, velocity: Any, gain: Any, push: Any):
     """Return the rate of swelling at a particle without pressure [m^3/s], beside obstacles.
 
-    They let it move at a velocity that the old pressure has a part in.
+    They take some of what the old pressure would give it. Where they take none, no bit changes.
 
     Args:
         free: what of the area vector it can follow, see `free_along`.
-        velocity: under the old pressure [m/s].
-        push: the old pressure [Pa], whose part in the velocity does not count.
+        velocity: without pressure, with the change by obstacles that the old pressure led to [m/s].
+        push: the old pressure [Pa].
     """
-    return dot_product(area_vector, velocity) - times(push, times(gain, dot_product(free, free)))
+    lost = dot_product(area_vector, area_vector) - dot_product(free, free)
+    return dot_product(area_vector, velocity) + times(push, times(gain, lost))
 
 
 @wp.func

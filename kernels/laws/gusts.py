@@ -47,7 +47,7 @@ def _turned(draw: random.Random) -> list[tuple[float, float, float]]:
     ]
 
 
-def _waves() -> list[tuple[list[float], list[float]]]:
+def waves() -> list[tuple[list[float], list[float]]]:
     """Return wave vectors k L and amplitudes a of all waves, with a mean square of 1 for each component of the sum."""
     draw = random.Random(1)
     step = OCTAVES / (SHELLS - 1)
@@ -69,17 +69,16 @@ def _listed(numbers: list[float]) -> str:
 
 
 def _table_by_wave() -> str:
-    return _listed([number for k, a in _waves() for number in (*k, *a)])
+    return _listed([number for k, a in waves() for number in (*k, *a)])
 
 
 def _table_by_number() -> str:
     """Arrange each number of all waves side by side, filled up to whole vectors."""
-    waves = _waves()
-    rows = [[wave[which][axis] for wave in waves] for which in range(2) for axis in range(3)]
+    rows = [[wave[which][axis] for wave in waves()] for which in range(2) for axis in range(3)]
     return _listed([number for row in rows for number in (*row, *[0.0] * (-len(row) % AT_ONCE))])
 
 
-def _hash(state: int) -> int:
+def hashed(state: int) -> int:
     """Return the hash of a number, Warp's `rand_pcg`."""
     mixed = (state * 747796405 + 2891336453) % 2**32
     mixed = ((mixed >> ((mixed >> 28) + 4)) ^ mixed) * 277803737 % 2**32
@@ -93,7 +92,7 @@ def _written() -> str:
     `randf` of `rand_init(seed, number)`, from 0 to 1.
     """
     count, vectors = 3 * SHELLS, -(-3 * SHELLS // AT_ONCE)
-    hashes = ", ".join(f"{_hash(number)}u" for number in range(AT_ONCE * vectors))
+    hashes = ", ".join(f"{hashed(number)}u" for number in range(AT_ONCE * vectors))
     return f"""
 #if defined(__CUDA_ARCH__)
     static constexpr float waves[{6 * count}] = {{{_table_by_wave()}}};
@@ -144,7 +143,25 @@ def _written() -> str:
 """
 
 
-@wp.func_native(_written())
+def _derived() -> str:
+    """Write in C++ what derives the sum by the place, on every device one wave after the other."""
+    count = 3 * SHELLS
+    return f"""
+    static constexpr float waves[{6 * count}] = {{{_table_by_wave()}}};
+    for (int number = 0; number < {count}; ++number) {{
+        const float* w = waves + 6 * number;
+        wp::uint32 state = wp::rand_init(seed, number);
+        const float turns = w[0] * place[0] + w[1] * place[1] + w[2] * place[2] + wp::randf(state);
+        const float part = turns - floorf(turns) - 0.5f;
+        const float arch = part * (16.0f * fabsf(part) - 8.0f);
+        const float rise = (32.0f * fabsf(part) - 8.0f) * (0.775f + 0.45f * fabsf(arch));
+        const float along = rise * (w[3] * adj_ret[0] + w[4] * adj_ret[1] + w[5] * adj_ret[2]);
+        adj_place += along * wp::vec3(w[0], w[1], w[2]);
+    }}
+"""
+
+
+@wp.func_native(_written(), adj_snippet=_derived())
 def gusts(place: wp.vec3, seed: wp.int32) -> wp.vec3:
     """Return the velocity over the root mean square of each of its components, at a place over L."""
     ...

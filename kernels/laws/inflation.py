@@ -31,12 +31,12 @@ def nearer_area(nearest: wp.vec2, point: wp.vec3, center: wp.vec3, area_vector: 
 
 
 @wp.func
-def facing_of(normal_sum: wp.vec3, nearest: wp.vec2):
+def vertex_normal_of(normal_sum: wp.vec3, nearest: wp.vec2):
     """Return A_p n from the sum of the unit normals around a particle, and its nearest face [m^2]."""
     return nearest[1] * wp.normalize(normal_sum)
 
 
 @wp.func
-def aim_of(facing: wp.vec3, total_area: float):
+def inflation_direction_of(vertex_normal: wp.vec3, total_area: float):
     """Return (A_p / A_total) n from A_p n."""
-    return facing / wp.max(total_area, 1.0e-20)
+    return vertex_normal / wp.max(total_area, 1.0e-20)

@@ -14,7 +14,7 @@ from typing import Any, Literal, NamedTuple, Self
 Kind = Literal["particle", "spring", "string", "hinge", "face", "membrane"]
 
 
-class Given(NamedTuple):
+class LawInput(NamedTuple):
     """Quantity given to laws of a kind."""
 
     name: str
@@ -23,50 +23,50 @@ class Given(NamedTuple):
 
 
 _MOMENT = (
-    Given("up", "vec3", "unit vector against gravity"),
-    Given("step_seconds", "float", "length of the substep [s]"),
-    Given("time", "float", "since the simulation began [s]"),
+    LawInput("up", "vec3", "unit vector against gravity"),
+    LawInput("step_seconds", "float", "length of the substep [s]"),
+    LawInput("time", "float", "since the simulation began [s]"),
 )
-_AIR = Given("air", "vec4", "how fast it is there [m/s], and its density [kg/m^3]")
+_AIR = LawInput("air", "vec4", "how fast it is there [m/s], and its density [kg/m^3]")
 _PAIR = (
-    Given("squared_length", "float", "|d|^2 [m^2], d from this end to the other; never 0"),
-    Given("opening", "float", "d . d' [m^2/s], d' how fast d changes: it lengthens by opening / |d| each second"),
-    Given("rest_length", "float", "[m]"),
-    Given("stiffness", "float", "its spring constant k [N/m]"),
-    Given("stiffness_times_length", "float", "k times its rest length [N]"),
+    LawInput("squared_length", "float", "|d|^2 [m^2], d from this end to the other; never 0"),
+    LawInput("opening", "float", "d . d' [m^2/s], d' how fast d changes: it lengthens by opening / |d| each second"),
+    LawInput("rest_length", "float", "[m]"),
+    LawInput("stiffness", "float", "its spring constant k [N/m]"),
+    LawInput("stiffness_times_length", "float", "k times its rest length [N]"),
 )
-GIVEN: Mapping[Kind, tuple[Given, ...]] = {
+LAW_INPUTS: Mapping[Kind, tuple[LawInput, ...]] = {
     "particle": (
-        Given("position", "vec3", "[m]"),
-        Given("velocity", "vec3", "[m/s]"),
-        Given("mass", "float", "[kg]; 0 if it is fixed"),
-        Given("mass_share", "float", "its part of the balloon's mass"),
-        Given("area_vector", "vec3", "gradient of the balloon's volume by its place [m^2]"),
-        Given("water_load", "vec4", "depth times area vector of its wetted faces [m^3], and their area [m^2]"),
+        LawInput("position", "vec3", "[m]"),
+        LawInput("velocity", "vec3", "[m/s]"),
+        LawInput("mass", "float", "[kg]; 0 if it is fixed"),
+        LawInput("mass_share", "float", "its part of the balloon's mass"),
+        LawInput("area_vector", "vec3", "gradient of the balloon's volume by its place [m^2]"),
+        LawInput("water_load", "vec4", "depth times area vector of its wetted faces [m^3], and their area [m^2]"),
         _AIR,
         *_MOMENT,
     ),
     "spring": (*_PAIR, *_MOMENT[1:]),
     "string": (*_PAIR, *_MOMENT[1:]),
     "hinge": (
-        Given("role", "int", "0 and 1: the edge's ends a and b; 2 and 3: the corners beside it of the two faces"),
-        Given("a", "vec3", "[m]"),
-        Given("b", "vec3", "[m]"),
-        Given("first", "vec3", "mean of the first face's corners beside the edge [m]"),
-        Given("second", "vec3", "and of the second's [m]"),
-        Given("bend", "float", "the angle between the two faces beyond that at rest [rad]"),
+        LawInput("role", "int", "0 and 1: the edge's ends a and b; 2 and 3: the corners beside it of the two faces"),
+        LawInput("a", "vec3", "[m]"),
+        LawInput("b", "vec3", "[m]"),
+        LawInput("first", "vec3", "mean of the first face's corners beside the edge [m]"),
+        LawInput("second", "vec3", "and of the second's [m]"),
+        LawInput("bend", "float", "the angle between the two faces beyond that at rest [rad]"),
     ),
     "face": (
-        Given("center", "vec3", "mean of its corners [m]"),
-        Given("area_vector", "vec3", "its area along its outer normal [m^2]"),
-        Given("velocity", "vec3", "mean of its corners' [m/s]"),
+        LawInput("center", "vec3", "mean of its corners [m]"),
+        LawInput("area_vector", "vec3", "its area along its outer normal [m^2]"),
+        LawInput("velocity", "vec3", "mean of its corners' [m/s]"),
         _AIR,
         *_MOMENT,
     ),
     "membrane": (
-        Given("trace", "float", "of C, see `laws.membrane`: the sum of the squared principal stretches"),
-        Given("det", "float", "their product; never 0"),
-        Given("spread", "float", "the larger less the smaller"),
+        LawInput("trace", "float", "of C, see `laws.membrane`: the sum of the squared principal stretches"),
+        LawInput("det", "float", "their product; never 0"),
+        LawInput("spread", "float", "the larger less the smaller"),
     ),
 }
 RESULT: Mapping[Kind, str] = {
@@ -118,15 +118,15 @@ class Parameter:
 
 
 _OF_PARTICLE_AT_REST = (
-    Given("mass", "float", "the particle's [kg]"),
-    Given("mass_share", "float", "its part of the balloon's mass"),
-    Given("area", "float", "its share of the balloon's area [m^2]: twice that at the start, for it may grow"),
-    Given("velocity", "vec3", "[m/s]; 0 at the start"),
+    LawInput("mass", "float", "the particle's [kg]"),
+    LawInput("mass_share", "float", "its part of the balloon's mass"),
+    LawInput("area", "float", "its share of the balloon's area [m^2]: twice that at the start, for it may grow"),
+    LawInput("velocity", "vec3", "[m/s]; 0 at the start"),
 )
-GIVEN_TO_BOUNDS: Mapping[Kind, tuple[Given, ...]] = {
+INPUTS_OF_BOUNDS: Mapping[Kind, tuple[LawInput, ...]] = {
     "particle": _OF_PARTICLE_AT_REST,
-    "spring": (Given("stiffness", "float", "its spring constant k [N/m]"),),
-    "string": (Given("stiffness", "float", "its spring constant k [N/m]"),),
+    "spring": (LawInput("stiffness", "float", "its spring constant k [N/m]"),),
+    "string": (LawInput("stiffness", "float", "its spring constant k [N/m]"),),
     "hinge": (),
     "membrane": (),
     "face": _OF_PARTICLE_AT_REST,  # which a face's bound is shared out to, in proportion to the area
@@ -139,14 +139,14 @@ class Law:
     """A law of the simulation.
 
     Its bounds, `stiffness` and `drag`, are Python functions from which the stable step follows. The names of their
-    arguments say what they need: things of `GIVEN_TO_BOUNDS`, and parameters. They get arrays that broadcast: worlds
+    arguments say what they need: things of `INPUTS_OF_BOUNDS`, and parameters. They get arrays that broadcast: worlds
     first, then particles, and a vector's three numbers last. Without bounds the step of "auto" does not take the law
     into account.
     """
 
     kind: Kind
     force: Any
-    """Force, a `wp.func`; see `GIVEN` for its arguments and `RESULT` for its return type"""
+    """Force, a `wp.func`; see `LAW_INPUTS` for its arguments and `RESULT` for its return type"""
     parameters: tuple[Parameter, ...] = ()
     """Rows of the law's parameters, each with a path"""
     name: str = ""

@@ -1,4 +1,4 @@
-"""A free rigid body: how it turns, and what it exchanges with the particles that it meets.
+"""Free rigid body: its rotation, and the impulses between it and particles.
 
 Without torque its angular momentum L stays, in the axes of the world, to the last bit: it is L that is kept, and the
 spin w = R J^-1 R^T L follows from how the body is turned, R. A step turns it by the midpoint rule,

@@ -1,4 +1,4 @@
-"""Coulomb's friction as an impulse, and what it does to a sphere, which it turns.
+"""Coulomb's friction as an impulse, which turns a sphere.
 
 With w the sphere's spin and r the arm from its center to where it touches something, what is there slides at
 

@@ -1,4 +1,4 @@
-"""Rubber's hysteresis: what was stretched once pulls less from then on, until it is stretched further (Mullins 1948).
+"""Softening of rubber (Mullins 1948): once stretched, it pulls less until it is stretched further.
 
 A pseudo-elastic law (Ogden and Roxburgh 1999, A pseudo-elastic model for the Mullins effect in filled rubber), with the
 third number that Mars gave it: the stress is that of the law, times

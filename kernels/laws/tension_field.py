@@ -54,38 +54,12 @@ def trace_and_det(metric: wp.vec3, rest: wp.vec4):
 
 
 @wp.func
-def rest_of_shape(shape: wp.vec4, part: float):
-    """Return G of a triangle, and its area times the part of the thickness that it has.
-
-    Args:
-        shape: the triangle at rest by its angles: the cotangents of those opposite its first, its second and its third
-            edge, and the root of det G [1/m^2]. With them the trace of G M is a sum over the three edges, and so are
-            the forces.
-    """
-    g12 = -shape[2] * shape[3]
-    return wp.vec4(shape[0] * shape[3] - g12, g12, shape[1] * shape[3] - g12, 0.5 * part / shape[3])
-
-
-@wp.func
 def products_at_angles(metric: wp.vec3):
     """Return the dot products of the two edges at the angles opposite the first, the second and the third edge [m^2].
 
     Each is the cotangent of its angle times twice the triangle's area.
     """
     return wp.vec3(metric[2] - metric[1], metric[0] - metric[1], metric[1])
-
-
-@wp.func
-def trace_and_det_of_shape(metric: wp.vec3, products: wp.vec3, shape: wp.vec4):
-    """Return trace and determinant of G M from products of edges.
-
-    Args:
-        products: Products, see `products_at_angles`.
-        shape: Shape, see `rest_of_shape`.
-    """
-    third = products[0] + products[1]  # the square of the third edge
-    trace = shape[3] * (shape[0] * metric[0] + shape[1] * metric[2] + shape[2] * third)
-    return trace, shape[3] * (shape[3] * (metric[0] * metric[2] - metric[1] * metric[1]))
 
 
 @wp.func
@@ -197,17 +171,3 @@ def elastic_tension(metric: wp.vec3, rest: wp.vec4, by_trace: float, by_det: flo
         first * rest[1] - second * metric[1],
         first * rest[2] + second * metric[0],
     )
-
-
-@wp.func
-def elastic_stiffness(shape: wp.vec4, by_trace: float, by_det: float, skin: float):
-    """Return the elastic tension of a triangle as two numbers [N/m, N/m^3].
-
-    An edge pulls its ends together, over its vector, with the first times the cotangent at rest of the angle opposite,
-    plus the second times the product there.
-
-    Args:
-        shape: see `rest_of_shape`, which has the cotangents; for the products see `products_at_angles`.
-        skin: the thickness that the triangle has [m].
-    """
-    return wp.vec2(skin * by_trace, skin * by_det * shape[3])

@@ -1,4 +1,4 @@
-"""Balloons that touch: one particle against one triangle of another surface, or of its own, across a thin skin.
+"""Contact of balloons: a particle against a triangle of another surface, or of its own, across a thin skin.
 
 With y the point of the triangle that is nearest to the particle x, n the unit vector from y to x, turned outward where
 x is behind, and g = n . (x - y) the gap, the particle overlaps by o = thickness - g. It is pushed along n by

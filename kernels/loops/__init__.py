@@ -1,1 +1,1 @@
-"""Loops over what acts on a particle. They know no law, and not where the points are: a function `at` reads those."""
+"""Loops over the forces on a particle. They know neither laws nor storage: a function `at` reads points."""

@@ -5,21 +5,21 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.air import STATE_OF_AIR, density_of_air
 from balloon_warp.kernels.laws.gas import free_volume_there
 from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
-from balloon_warp.kernels.traits import Traits
 
 
 @cache
-def air_function(traits: Traits) -> Any:
+def air_function(features: Features) -> Any:
     """Return the function for the air at a balloon: pressure [Pa], temperature [K] and density [kg/m^3]."""
-    of_world = [traits.columns.places[row.name] - traits.columns.balloon_width for row in STATE_OF_AIR]
+    of_world = [features.columns.places[row.name] - features.columns.balloon_width for row in STATE_OF_AIR]
     pressure_column, temperature_column, density_column = of_world
 
     @wp.func
     def air_at(t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32):
-        if wp.static(traits.gas_meets_air):
+        if wp.static(features.gas_meets_air):
             return state.airs[world, balloon]
         else:
             row = row_of_world(world, t.world_numbers.shape[0])
@@ -33,17 +33,17 @@ def air_function(traits: Traits) -> Any:
 
 
 @cache
-def warmth_function(traits: Traits) -> Any:
+def warmth_function(features: Features) -> Any:
     """Return the function that corrects free volumes of gas by the air's temperature at the balloon.
 
     See `laws.gas.free_volume_there`.
     """
-    temperature_column = traits.columns.places["air_temperature"] - traits.columns.balloon_width
-    gamma_column = traits.columns.places["gamma"]
+    temperature_column = features.columns.places["air_temperature"] - features.columns.balloon_width
+    gamma_column = features.columns.places["gamma"]
 
     @wp.func
     def as_warm_there(t: Tables, world: wp.int32, balloon: wp.int32, free_volume: float, air: wp.vec3):
-        if wp.static(traits.gas_meets_air):
+        if wp.static(features.gas_meets_air):
             gamma = t.balloon_numbers[row_of_world(world, t.balloon_numbers.shape[0]), balloon, gamma_column]
             level = t.world_numbers[row_of_world(world, t.world_numbers.shape[0]), temperature_column]
             return free_volume_there(free_volume, gamma, air[1] / level)

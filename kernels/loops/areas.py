@@ -87,11 +87,7 @@ def area_vector_of_corner(double_area: Any, chord: Any, arms: Any, corners: floa
 
 @cache
 def area_loop(quads: bool, at: Any) -> Any:
-    """Return the function that sums a particle's area vector over its faces, or those of eight particles.
-
-    Args:
-        at: the function that reads a point.
-    """
+    """Return the function that sums a particle's area vector over its faces, or those of eight particles."""
 
     @wp.func
     def area_vector_in_quads(fans: FanTable, points: Any, particle: wp.int32, point: Any):
@@ -158,8 +154,36 @@ def face_measures(at: Any) -> tuple[Any, Any]:
 
 
 @cache
+def corner_area(at: Any) -> Any:
+    """Return the function for a face's contribution to the area vector of one of its corners."""
+
+    @wp.func
+    def area_vector_at_corner(t: Tables, points: Any, face: wp.int32, corner: wp.int32, point: wp.vec3):
+        """Return the contribution of a face [m^2].
+
+        Args:
+            corner: place among those of the face, from 0.
+        """
+        begin = t.faces.offsets[face]
+        count = t.faces.offsets[face + 1] - begin
+        first = at(points, t.faces.particles[begin + (corner + 1) % count]) - point
+        arm = first
+        arms = first
+        double_area = wp.vec3()
+        for further in range(2, count):
+            next_arm = at(points, t.faces.particles[begin + (corner + further) % count]) - point
+            double_area += wp.cross(arm, next_arm)
+            arms += next_arm
+            arm = next_arm
+        return area_vector_of_corner(double_area, first - arm, arms, float(count))
+
+    return area_vector_at_corner
+
+
+@cache
 def hole_loop(at: Any) -> Any:
     """Return the function that sums a particle's area vector over its torn faces alone."""
+    area_vector_at_corner = corner_area(at)
 
     @wp.func
     def area_vector_of_holes(t: Any, points: Any, world: wp.int32, particle: wp.int32, point: wp.vec3):
@@ -169,22 +193,11 @@ def hole_loop(at: Any) -> Any:
         for place in range(t.faces.particle_offsets[particle], t.faces.particle_offsets[particle + 1]):
             face = t.faces.around_particles[place]
             if gone[world, face] == wp.int8(1):
-                begin = t.faces.offsets[face]
-                count = t.faces.offsets[face + 1] - begin
                 corner = wp.int32(0)
-                for each in range(count):
-                    if t.faces.particles[begin + each] == particle:
+                for each in range(t.faces.offsets[face + 1] - t.faces.offsets[face]):
+                    if t.faces.particles[t.faces.offsets[face] + each] == particle:
                         corner = each
-                first = at(points, t.faces.particles[begin + (corner + 1) % count]) - point
-                arm = first
-                arms = first
-                double_area = wp.vec3()
-                for further in range(2, count):
-                    next_arm = at(points, t.faces.particles[begin + (corner + further) % count]) - point
-                    double_area += wp.cross(arm, next_arm)
-                    arms += next_arm
-                    arm = next_arm
-                area_vector += area_vector_of_corner(double_area, first - arm, arms, float(count))
+                area_vector += area_vector_at_corner(t, points, face, corner, point)
         return area_vector
 
     return area_vector_of_holes

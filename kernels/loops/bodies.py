@@ -1,4 +1,4 @@
-"""Free rigid bodies: where they are before a step and after it, and what they stop of a particle's way, or a ball's."""
+"""Free rigid bodies: their poses before and after a step, and the response of particles and balls."""
 
 from functools import cache
 from typing import Any
@@ -6,11 +6,11 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.contact_tables import Solid
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.impulse import FREE, way_apart
 from balloon_warp.kernels.laws.rigid import spin_of, turned
 from balloon_warp.kernels.loops.ways import way_function
 from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
-from balloon_warp.kernels.traits import Traits
 
 STRAIGHT = wp.constant(0.99)
 """Dot product of two unit vectors above which they count as parallel"""
@@ -94,9 +94,9 @@ class Stop:
 
 
 @cache
-def stop_function(traits: Traits) -> Any:
+def stop_function(features: Features) -> Any:
     """Return the function by which a body stops a particle, or a ball."""
-    let_through = way_function(traits.body_meshes)
+    let_through = way_function(features.body_meshes)
 
     @wp.func
     def stop_at(

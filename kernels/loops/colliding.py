@@ -5,11 +5,12 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.collision import collision, mean_restitution, share_of
 from balloon_warp.kernels.laws.contact import bounced, stop_of
 from balloon_warp.kernels.laws.sliding import ease_of_ball, friction_impulse, spin_by
 from balloon_warp.kernels.loops.friction import friction_between, number_of_sphere
-from balloon_warp.kernels.loops.rolling import Course, course_of, ground_rubbing_function, leaving_function
+from balloon_warp.kernels.loops.rolling import Course, course_at, ground_rubbing_function, leaving_function, put_course
 from balloon_warp.kernels.tables import (
     Tables,
     row_of_world,
@@ -17,7 +18,6 @@ from balloon_warp.kernels.tables import (
     sphere_radius,
     sphere_restitution,
 )
-from balloon_warp.kernels.traits import Traits
 
 MOST_SWEEPS = wp.constant(24)
 """Largest number of sweeps over all pairs in a step; a stack of two usually needs one or two"""
@@ -25,77 +25,21 @@ SETTLED = wp.constant(1.0e-6)
 """Displacement below which a sphere counts as at rest, over its radius"""
 
 
-@wp.struct
-class Paths:
-    """Spheres that stand in arrays of the shape (world_count, sphere_count)."""
-
-    starts: wp.array2d[wp.vec3]  # where they were before the step; empty where there are no two
-    positions: wp.array2d[wp.vec3]
-    velocities: wp.array2d[wp.vec3]
-
-
-@wp.func
-def paths_of(starts: wp.array2d[wp.vec3], positions: wp.array2d[wp.vec3], velocities: wp.array2d[wp.vec3]):
-    paths = Paths()
-    paths.starts = starts
-    paths.positions = positions
-    paths.velocities = velocities
-    return paths
-
-
-@wp.func
-def path_in_arrays(t: Tables, paths: Paths, world: wp.int32, sphere: wp.int32):
-    """Return a sphere's position before the step, its position after it, and its velocity."""
-    return paths.starts[world, sphere], paths.positions[world, sphere], paths.velocities[world, sphere]
-
-
-@wp.func
-def put_in_arrays(t: Tables, paths: Paths, world: wp.int32, sphere: wp.int32, position: wp.vec3, velocity: wp.vec3):
-    """Store a sphere's position and velocity after the step."""
-    paths.positions[world, sphere] = position
-    paths.velocities[world, sphere] = velocity
-
-
 @cache
-def spin_function(traits: Traits) -> Any:
-    """Make the function that reads a sphere's spin [rad/s]."""
-
-    @wp.func
-    def spin_at(spins: wp.array2d[wp.vec3], world: wp.int32, sphere: wp.int32):
-        if wp.static(traits.spheres_rub):
-            return spins[world, sphere]
-        else:
-            return wp.vec3()
-
-    return spin_at
-
-
-@cache
-def beside_function(traits: Traits, path_at: Any, put_sphere: Any) -> Any:
-    """Make the function that puts a sphere that another has moved out of the ground and obstacles.
-
-    Args:
-        path_at, put_sphere: as in `colliding_function`.
-    """
-    leave_fixtures = leaving_function(traits) if traits.fixtures else None
-    rub_on_ground = ground_rubbing_function(traits)
+def beside_function(features: Features) -> Any:
+    """Make the function that puts a sphere that another has moved out of the ground and obstacles."""
+    leave_fixtures = leaving_function(features) if features.fixtures else None
+    rub_on_ground = ground_rubbing_function(features)
     height, ground_restitution = (
-        traits.columns.places[name] - traits.columns.balloon_width for name in ("ground_height", "ground_restitution")
+        features.columns.places[name] - features.columns.balloon_width
+        for name in ("ground_height", "ground_restitution")
     )
 
     @wp.func
-    def put_beside(
-        t: Tables,
-        spheres: Any,
-        spins: wp.array2d[wp.vec3],
-        world: wp.int32,
-        time: float,
-        sphere: wp.int32,
-        course: Course,
-    ):
+    def put_beside(t: Tables, spheres: Any, world: wp.int32, time: float, sphere: wp.int32, course: Course):
         """Move a sphere that another has pushed out of the ground and obstacles."""
         radius = sphere_radius(t.spheres, world, sphere)
-        if wp.static(traits.ground):
+        if wp.static(features.ground):
             row = row_of_world(world, t.world_numbers.shape[0])
             depth = t.world_numbers[row, height] + radius - wp.dot(course.position, t.up)
             if depth > 0.0:
@@ -104,18 +48,15 @@ def beside_function(traits: Traits, path_at: Any, put_sphere: Any) -> Any:
                 course.position += depth * t.up
                 course.velocity = bounced(course.velocity, wp.vec3(), t.up, restitution)
                 course = rub_on_ground(t, world, sphere, course, stopped)
-        if wp.static(traits.fixtures):
-            start, _end, _motion = path_at(t, spheres, world, sphere)
-            course = leave_fixtures(t, world, sphere, time, start, course)
-        put_sphere(t, spheres, world, sphere, course.position, course.velocity)
-        if wp.static(traits.spheres_rub):
-            spins[world, sphere] = course.spin
+        if wp.static(features.fixtures):
+            course = leave_fixtures(t, world, sphere, time, spheres.sphere_starts[world, sphere], course)
+        put_course(spheres, world, sphere, course, wp.static(features.spheres_rub))
 
     return put_beside
 
 
 @cache
-def pair_rubbing_function(traits: Traits) -> Any:
+def pair_rubbing_function(features: Features) -> Any:
     """Make the function by which two spheres that meet rub on each other."""
 
     @wp.func
@@ -136,7 +77,7 @@ def pair_rubbing_function(traits: Traits) -> Any:
             normal: from the first to the second.
             pushed: the impulse along it [N s].
         """
-        if wp.static(traits.spheres_rub):
+        if wp.static(features.spheres_rub):
             mass = sphere_mass(t.spheres, world, first)
             other_mass = sphere_mass(t.spheres, world, second)
             radius = sphere_radius(t.spheres, world, first)
@@ -158,54 +99,32 @@ def pair_rubbing_function(traits: Traits) -> Any:
     return rub_pair
 
 
-@cache
-def may_meet_function(path_at: Any) -> Any:
-    """Make the function that tells whether two spheres may meet in a step.
-
-    Args:
-        path_at: as in `colliding_function`.
-    """
-
-    @wp.func
-    def may_meet(t: Tables, spheres: Any, world: wp.int32, first: wp.int32, second: wp.int32):
-        """Return whether two spheres are so near that they may collide in the step."""
-        start, end, _velocity = path_at(t, spheres, world, first)
-        other_start, other_end, _other_velocity = path_at(t, spheres, world, second)
-        reach = sphere_radius(t.spheres, world, first) + sphere_radius(t.spheres, world, second)
-        way = wp.length(end - start) + wp.length(other_end - other_start)
-        return wp.length(other_start - start) <= 1.001 * (reach + way)
-
-    return may_meet
+@wp.func
+def may_meet(t: Tables, spheres: Any, world: wp.int32, first: wp.int32, second: wp.int32):
+    """Return whether two spheres are so near that they may collide in the step."""
+    start = spheres.sphere_starts[world, first]
+    other_start = spheres.sphere_starts[world, second]
+    way = wp.length(spheres.sphere_positions[world, first] - start)
+    way += wp.length(spheres.sphere_positions[world, second] - other_start)
+    reach = sphere_radius(t.spheres, world, first) + sphere_radius(t.spheres, world, second)
+    return wp.length(other_start - start) <= 1.001 * (reach + way)
 
 
 @cache
-def pair_meeting_function(traits: Traits, path_at: Any, put_sphere: Any) -> Any:
-    """Make the function that lets two spheres meet.
-
-    Args:
-        path_at, put_sphere: as in `colliding_function`.
-    """
-    gravity = traits.columns.places["gravity"] - traits.columns.balloon_width
-    spin_at, rub_pair = spin_function(traits), pair_rubbing_function(traits)
-    put_beside = beside_function(traits, path_at, put_sphere)
+def colliding_function(features: Features) -> Any:
+    """Make the function that lets the spheres of a world meet once all have moved: by one thread, in the same order."""
+    gravity = features.columns.places["gravity"] - features.columns.balloon_width
+    rub_pair, put_beside = pair_rubbing_function(features), beside_function(features)
 
     @wp.func
-    def meet_pair(
-        t: Tables,
-        spheres: Any,
-        spins: wp.array2d[wp.vec3],
-        world: wp.int32,
-        time: float,
-        first: wp.int32,
-        second: wp.int32,
-    ):
+    def meet_pair(t: Tables, spheres: Any, world: wp.int32, time: float, first: wp.int32, second: wp.int32):
         """Resolve the collision of two spheres, and return whether it has moved them."""
         reach = sphere_radius(t.spheres, world, first) + sphere_radius(t.spheres, world, second)
-        start, end, velocity = path_at(t, spheres, world, first)
-        other_start, other_end, other_velocity = path_at(t, spheres, world, second)
-        before = other_start - start
+        mine = course_at(spheres, world, first)
+        other = course_at(spheres, world, second)
+        before = spheres.sphere_starts[world, second] - spheres.sphere_starts[world, first]
         shift, gain, part = collision(
-            before, other_end - end - before, other_velocity - velocity, reach,
+            before, other.position - mine.position - before, other.velocity - mine.velocity, reach,
             mean_restitution(
                 sphere_restitution(t.spheres, world, first), sphere_restitution(t.spheres, world, second)
             ),
@@ -215,36 +134,23 @@ def pair_meeting_function(traits: Traits, path_at: Any, put_sphere: Any) -> Any:
         if moved:
             mass = sphere_mass(t.spheres, world, first)
             other_mass = sphere_mass(t.spheres, world, second)
-            own = share_of(mass, other_mass)
+            share = share_of(mass, other_mass)
             others = share_of(other_mass, mass)
-            mine = course_of(end - own * shift, velocity - own * gain, spin_at(spins, world, first))
-            other = course_of(other_end + others * shift, other_velocity + others * gain, spin_at(spins, world, second))
+            mine.position -= share * shift
+            mine.velocity -= share * gain
+            other.position += others * shift
+            other.velocity += others * gain
             if wp.length_sq(gain) > 0.0:
                 mine, other = rub_pair(
-                    t, world, first, second, mine, other, wp.normalize(gain), mass * own * wp.length(gain),
+                    t, world, first, second, mine, other, wp.normalize(gain), mass * share * wp.length(gain),
                     (1.0 - part) * t.step_seconds,
                 )  # fmt: skip
-            put_beside(t, spheres, spins, world, time, first, mine)
-            put_beside(t, spheres, spins, world, time, second, other)
+            put_beside(t, spheres, world, time, first, mine)
+            put_beside(t, spheres, world, time, second, other)
         return moved
 
-    return meet_pair
-
-
-@cache
-def colliding_function(traits: Traits, path_at: Any, put_sphere: Any) -> Any:
-    """Make the function that lets the spheres of a world meet once all have moved, and the one that tells if two may.
-
-    One thread does it, in the same order.
-
-    Args:
-        path_at: the function that gives a sphere's place before the step, its place after it, and its velocity.
-        put_sphere: the function that gives it another place and velocity after the step.
-    """
-    meet_pair = pair_meeting_function(traits, path_at, put_sphere)
-
     @wp.func
-    def collide(t: Tables, spheres: Any, spins: wp.array2d[wp.vec3], world: wp.int32, time: float):
+    def collide(t: Tables, spheres: Any, world: wp.int32, time: float):
         """Resolve collisions of spheres at the end of a step [s]; a sphere of zero radius is absent."""
         count = t.spheres.numbers.shape[1]
         moving = bool(True)
@@ -255,8 +161,8 @@ def colliding_function(traits: Traits, path_at: Any, put_sphere: Any) -> Any:
                 for first in range(second):
                     smallest = wp.min(sphere_radius(t.spheres, world, first), sphere_radius(t.spheres, world, second))
                     if smallest > 0.0:
-                        moved = meet_pair(t, spheres, spins, world, time, first, second)
+                        moved = meet_pair(t, spheres, world, time, first, second)
                         moving = moving or moved
             sweep += 1
 
-    return collide, may_meet_function(path_at)
+    return collide

@@ -5,31 +5,31 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.fixture import FAR_AWAY
 from balloon_warp.kernels.loops.fixture_poses import pose_function
 from balloon_warp.kernels.loops.solids import surface_function
 from balloon_warp.kernels.tables import Tables, WorldState, row_of_world, sphere_radius
-from balloon_warp.kernels.traits import Traits
 
 
 @cache
-def nearest_thing_function(traits: Traits) -> Any:
+def nearest_thing_function(features: Features) -> Any:
     """Return the function that returns the thing nearest to a particle."""
-    pose_at = pose_function(traits) if traits.fixtures else None
-    surface_at = surface_function(traits.body_meshes or traits.fixture_meshes)
-    height = traits.columns.places["ground_height"] - traits.columns.balloon_width
+    pose_at = pose_function(features) if features.fixtures else None
+    surface_at = surface_function(features.body_meshes or features.fixture_meshes)
+    height = features.columns.places["ground_height"] - features.columns.balloon_width
 
     @wp.func
     def nearest_thing(t: Tables, state: WorldState, world: wp.int32, end: float, point: wp.vec3):
         """Return the number of the nearest solid at the end of a substep; -1 if there is none."""
         nearest = float(FAR_AWAY)
         thing = wp.int32(-1)
-        if wp.static(traits.ground):
+        if wp.static(features.ground):
             row = row_of_world(world, t.world_numbers.shape[0])
             nearest = wp.dot(point, t.up) - t.world_numbers[row, height]
             thing = wp.int32(0)
         first = wp.int32(1)
-        if wp.static(traits.fixtures):
+        if wp.static(features.fixtures):
             for fixture in range(t.fixtures.solids.shape[0]):
                 pose = pose_at(t, world, fixture, end)
                 solid = t.fixtures.solids[fixture]
@@ -40,7 +40,7 @@ def nearest_thing_function(traits: Traits) -> Any:
                         nearest = distance
                         thing = first + fixture
             first += t.fixtures.solids.shape[0]
-        if wp.static(traits.spheres > 0):
+        if wp.static(features.spheres > 0):
             for sphere in range(state.sphere_positions.shape[1]):
                 radius = sphere_radius(t.spheres, world, sphere)
                 distance = wp.length(point - state.sphere_positions[world, sphere]) - radius
@@ -48,7 +48,7 @@ def nearest_thing_function(traits: Traits) -> Any:
                     nearest = distance
                     thing = first + sphere
             first += state.sphere_positions.shape[1]
-        if wp.static(traits.bodies > 0):
+        if wp.static(features.bodies > 0):
             for body in range(state.body_positions.shape[1]):
                 solid = t.bodies.solids[body]
                 place = wp.quat_rotate_inv(state.body_turns[world, body], point - state.body_positions[world, body])

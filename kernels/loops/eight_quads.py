@@ -6,16 +6,15 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.algebra import dot_product, times
-from balloon_warp.kernels.lanes import LANE_COUNT, LaneNumbers, Lanes, Lanes4, any_negative, entry_at, of_lane
+from balloon_warp.kernels.features import Features
+from balloon_warp.kernels.lanes import LANE_COUNT, Lanes, Lanes4, any_negative, entry_at, of_lane
 from balloon_warp.kernels.laws.tension_field import NEVER_ZERO, how_surely_taut
 from balloon_warp.kernels.loops.membranes import (
-    material_reader,
     pulls_on_corners,
     taut_tension_function,
     tension_function,
 )
 from balloon_warp.kernels.loops.wear import wear_of_triangle
-from balloon_warp.kernels.traits import Traits
 
 
 @wp.func
@@ -55,36 +54,35 @@ def rates_of(ab: Any, bc: Any, cd: Any, da: Any, a: Any, b: Any, c: Any, d: Any)
 
 
 @cache
-def tensions_function(traits: Traits, surely_taut: bool) -> Any:
+def tensions_function(features: Features, surely_taut: bool) -> Any:
     """Return the function for the tensions of the triangles of a quad, as `pulls_on_corners` takes them.
 
     Args:
         surely_taut: whether all are known to be taut, see `how_surely_taut`, so that it takes less.
     """
-    tension, taut_tension = tension_function(traits), taut_tension_function(traits)
-    material_of = material_reader(traits)
+    tension, taut_tension = tension_function(features), taut_tension_function(features)
 
     @wp.func
-    def tensions(t: Any, own: Any, d11: Lanes4, d12: Lanes4, r11: Lanes4, r12: Lanes4):
+    def tensions(t: Any, params: Any, d11: Lanes4, d12: Lanes4, r11: Lanes4, r12: Lanes4):
         """Return the tensions of a quad from the dot products of its edges and their rates."""
-        material = material_of(t.all.membranes, own.balloon)
+        material = t.all.membranes.materials[params.balloon]
         along, mixed, back = Lanes4(), Lanes4(), Lanes4()
-        for corner in range(t.quad_triangles[own.number]):
+        for corner in range(t.quad_triangles[params.number]):
             e11 = d11[corner]
             e12 = d12[corner]
             e22 = d11[(corner + 3) % 4]
             f11 = r11[corner]
             f12 = r12[corner]
             f22 = r11[(corner + 3) % 4]
-            rests = t.quad_rests[4 * own.number + corner]
+            rests = t.quad_rests[4 * params.number + corner]
             t11, t12, t22 = Lanes(), Lanes(), Lanes()
             for lane in range(LANE_COUNT):
                 metric = wp.vec3(e11[lane], e12[lane], e22[lane])
                 if wp.static(surely_taut):
-                    pulls = taut_tension(metric, of_lane(rests, lane), material, own.n, lane)
+                    pulls = taut_tension(metric, of_lane(rests, lane), material, params.n, lane)
                 else:
                     rate = wp.vec3(f11[lane], f12[lane], f22[lane])
-                    pulls = tension(metric, rate, of_lane(rests, lane), material, own.n, lane)
+                    pulls = tension(metric, rate, of_lane(rests, lane), material, params.n, lane)
                 t11[lane] = pulls[0]
                 t12[lane] = pulls[1]
                 t22[lane] = pulls[2]
@@ -97,14 +95,14 @@ def tensions_function(traits: Traits, surely_taut: bool) -> Any:
 
 
 @wp.func
-def are_surely_taut(t: Any, own: Any, d11: Lanes4, d12: Lanes4):
+def are_surely_taut(t: Any, params: Any, d11: Lanes4, d12: Lanes4):
     """Return whether all triangles of a quad are surely taut, in all lanes."""
     surely = bool(True)
-    for corner in range(t.quad_triangles[own.number]):
+    for corner in range(t.quad_triangles[params.number]):
         e11 = d11[corner]
         e12 = d12[corner]
         e22 = d11[(corner + 3) % 4]
-        rests = t.quad_rests[4 * own.number + corner]
+        rests = t.quad_rests[4 * params.number + corner]
         excess = Lanes()
         for lane in range(LANE_COUNT):
             surplus = how_surely_taut(wp.vec3(e11[lane], e12[lane], e22[lane]), of_lane(rests, lane))
@@ -113,90 +111,80 @@ def are_surely_taut(t: Any, own: Any, d11: Lanes4, d12: Lanes4):
     return surely
 
 
-@wp.func
-def peaks_of(peaks: wp.array2d[Lanes], group: wp.int32, number: wp.int32):
-    """Return the peak stretches of a triangle of eight worlds."""
-    return peaks[group, wp.max(number, 0)]
-
-
-@wp.func
-def peaks_of(peaks: wp.array2d[float], group: wp.int32, numbers: LaneNumbers):  # noqa: F811 - an overload
-    """Return the peak stretches of eight triangles of a world."""
-    kept = Lanes()
-    for lane in range(LANE_COUNT):
-        if numbers[lane] >= 0:
-            kept[lane] = peaks[group, numbers[lane]]
-    return kept
-
-
-@wp.func
-def put_peaks(peaks: wp.array2d[Lanes], group: wp.int32, number: wp.int32, kept: Lanes):
-    """Keep the peak stretches of a triangle of eight worlds."""
-    if number >= 0:
-        peaks[group, number] = kept
-
-
-@wp.func
-def put_peaks(peaks: wp.array2d[float], group: wp.int32, numbers: LaneNumbers, kept: Lanes):  # noqa: F811
-    """Keep the peak stretches of eight triangles of a world."""
-    for lane in range(LANE_COUNT):
-        if numbers[lane] >= 0:
-            peaks[group, numbers[lane]] = kept[lane]
-
-
 @cache
-def wearing_function(traits: Traits, world_of: Any) -> Any:
-    """Return the function that reduces tensions by wear, and keeps the peak stretch of triangles.
+def quad_wear(features: Features, at: Any, world_of: Any) -> Any:
+    """Return the function for the wear of quads.
 
     Args:
-        world_of: the function that gives the world in a lane.
+        at: the function that reads eight points.
+        world_of: the one that gives the world in a lane.
     """
-    wear, material_of = wear_of_triangle(traits), material_reader(traits)
+    wear = wear_of_triangle(features)
 
     @wp.func
-    def worn(t: Any, own: Any, peaks: Any, d11: Lanes4, d12: Lanes4, along: Lanes4, mixed: Lanes4, back: Lanes4):
-        """Return the worn tensions of a quad from the dot products of its edges."""
-        material = material_of(t.all.membranes, own.balloon)
-        for corner in range(t.quad_triangles[own.number]):
+    def wear_of_quad(t: Any, points: Any, params: Any, peaks: wp.array2d[float]):
+        """Find what is left of the tensions of a quad's triangles, and keep their peak stretches."""
+        corners = 4 * params.number
+        a = at(points, entry_at(t.quads, corners))
+        b = at(points, entry_at(t.quads, corners + 1))
+        c = at(points, entry_at(t.quads, corners + 2))
+        d = at(points, entry_at(t.quads, corners + 3))
+        d11, d12 = products_of(b - a, c - b, d - c, a - d)
+        material = t.all.membranes.materials[params.balloon]
+        for corner in range(t.quad_triangles[params.number]):
             e11 = d11[corner]
             e12 = d12[corner]
             e22 = d11[(corner + 3) % 4]
-            rests = t.quad_rests[4 * own.number + corner]
-            numbers = t.quad_numbers[4 * own.number + corner]
-            kept = peaks_of(peaks, own.group, numbers)
-            left = Lanes()
+            rests = t.quad_rests[corners + corner]
+            numbers = t.quad_numbers[corners + corner]
+            kept, left = Lanes(), Lanes()
+            for lane in range(LANE_COUNT):
+                kept[lane] = peaks[world_of(t, params, lane), wp.max(of_lane(numbers, lane), 0)]
             for lane in range(LANE_COUNT):
                 metric = wp.vec3(e11[lane], e12[lane], e22[lane])
                 of_one, greatest, _stress = wear(
-                    t.all, world_of(t, own, lane), own.balloon, material, metric, of_lane(rests, lane), kept[lane],
-                    own.n, lane,
+                    t.all, world_of(t, params, lane), params.balloon, material, metric, of_lane(rests, lane),
+                    kept[lane], params.n, lane,
                 )  # fmt: skip
                 left[lane] = of_one
                 kept[lane] = greatest
-            put_peaks(peaks, own.group, numbers, kept)
-            along[corner] = times(along[corner], left)
-            mixed[corner] = times(mixed[corner], left)
-            back[(corner + 3) % 4] = times(back[(corner + 3) % 4], left)
-        return along, mixed, back
+            for lane in range(LANE_COUNT):
+                triangle = of_lane(numbers, lane)
+                if triangle >= 0:
+                    peaks[world_of(t, params, lane), triangle] = kept[lane]
+                    t.all.membranes.wear.left[world_of(t, params, lane), triangle] = left[lane]
 
-    return worn
+    return wear_of_quad
 
 
 @cache
-def quad_pull(traits: Traits, at: Any, world_of: Any) -> Any:
+def quad_pull(features: Features, at: Any, world_of: Any) -> Any:
     """Return the function for the forces of quads on their corners.
 
     Args:
         at: the function that reads eight points.
         world_of: the one that gives the world in a lane.
     """
-    tensions, taut_tensions = (tensions_function(traits, surely_taut) for surely_taut in (False, True))
-    worn = wearing_function(traits, world_of) if traits.softens else None
+    tensions, taut_tensions = (tensions_function(features, surely_taut) for surely_taut in (False, True))
 
     @wp.func
-    def pull_of_quad(t: Any, points: Any, velocities: Any, own: Any, peaks: Any):
+    def worn(t: Any, params: Any, along: Lanes4, mixed: Lanes4, back: Lanes4):
+        """Return the tensions of a quad reduced by what is left of its triangles, see `phases.wear`."""
+        for corner in range(t.quad_triangles[params.number]):
+            numbers = t.quad_numbers[4 * params.number + corner]
+            left = Lanes()
+            for lane in range(LANE_COUNT):
+                triangle = wp.max(of_lane(numbers, lane), 0)
+                left[lane] = t.all.membranes.wear.left[world_of(t, params, lane), triangle]
+            along[corner] = times(along[corner], left)
+            mixed[corner] = times(mixed[corner], left)
+            back[(corner + 3) % 4] = times(back[(corner + 3) % 4], left)
+        return along, mixed, back
+
+    @wp.func
+    def pull_of_quad(t: Any, points: Any, velocities: Any, params: Any):
         """Return the forces on the four corners of each [N]."""
-        corners = 4 * own.number
+        corners = 4 * params.number
         first = entry_at(t.quads, corners)
         second = entry_at(t.quads, corners + 1)
         third = entry_at(t.quads, corners + 2)
@@ -212,19 +200,19 @@ def quad_pull(traits: Traits, at: Any, world_of: Any) -> Any:
         d11, d12 = products_of(ab, bc, cd, da)
         r11, r12 = Lanes4(), Lanes4()
         along, mixed, back = Lanes4(), Lanes4(), Lanes4()
-        if wp.static(traits.viscous):
+        if wp.static(features.viscous):
             r11, r12 = rates_of(
                 ab, bc, cd, da, at(velocities, first), at(velocities, second), at(velocities, third),
                 at(velocities, fourth),
             )  # fmt: skip
-            along, mixed, back = tensions(t, own, d11, d12, r11, r12)
+            along, mixed, back = tensions(t, params, d11, d12, r11, r12)
         else:
-            if are_surely_taut(t, own, d11, d12):
-                along, mixed, back = taut_tensions(t, own, d11, d12, r11, r12)
+            if are_surely_taut(t, params, d11, d12):
+                along, mixed, back = taut_tensions(t, params, d11, d12, r11, r12)
             else:
-                along, mixed, back = tensions(t, own, d11, d12, r11, r12)
-        if wp.static(worn is not None):
-            along, mixed, back = worn(t, own, peaks, d11, d12, along, mixed, back)
+                along, mixed, back = tensions(t, params, d11, d12, r11, r12)
+        if wp.static(features.wears):
+            along, mixed, back = worn(t, params, along, mixed, back)
         return pulls_on_corners(ab, bc, cd, da, along, mixed, back)
 
     return pull_of_quad

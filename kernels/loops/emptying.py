@@ -5,10 +5,10 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.empty import amount_when_flat
 from balloon_warp.kernels.laws.inflation import GAS
 from balloon_warp.kernels.tables import Tables, WorldState
-from balloon_warp.kernels.traits import Traits
 
 
 @wp.func
@@ -19,13 +19,13 @@ def most_that_leaves(t: Tables, state: WorldState, world: wp.int32, balloon: wp.
 
 
 @cache
-def holding_function(traits: Traits) -> Any:
+def holding_function(features: Features) -> Any:
     """Return the test whether a balloon has gas of its own: one that has burst does, until it is open."""
 
     @wp.func
     def holds_gas(t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32):
         holds = t.inflation_kind[balloon] == GAS
-        if wp.static(traits.bursts):
+        if wp.static(features.bursts):
             burst = state.bursts[world, balloon]
             holds = burst[1] >= 0.0 and (holds or burst[0] >= 0.0)
         return holds

@@ -5,23 +5,23 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.loops.areas import face_measures
-from balloon_warp.kernels.own import numbers_reader
+from balloon_warp.kernels.params import numbers_reader
 from balloon_warp.kernels.tables import Tables
-from balloon_warp.kernels.traits import Traits
 
 
 @cache
-def face_push(traits: Traits, at: Any, velocity_at: Any) -> Any:
+def face_push(features: Features, at: Any, velocity_at: Any) -> Any:
     """Return the function for the force on a corner of a face."""
-    laws, read_numbers = traits.laws_on("face"), numbers_reader(traits.columns)
+    laws, read_numbers = features.laws_on("face"), numbers_reader(features.columns)
     center_of_face, area_vector_of_face = face_measures(at)
-    moving = traits.needs("face", "velocity")
+    moving = features.needs("face", "velocity")
 
     @wp.func
     def push_at_corner(t: Tables, points: Any, velocities: Any, world: wp.int32, face: wp.int32, time: float):
         """Return one corner's share of the force on a face [N]; zero where it is torn."""
-        if wp.static(traits.bursts):
+        if wp.static(features.bursts):
             if t.membranes.wear.tears.gone[world, face] == wp.int8(1):
                 return wp.vec3()
         begin = t.faces.offsets[face]
@@ -60,9 +60,9 @@ def push_of_faces(t: Tables, face_pushes: Any, particle: wp.int32):
 
 
 @cache
-def face_loop(traits: Traits, at: Any, velocity_at: Any) -> Any:
+def face_loop(features: Features, at: Any, velocity_at: Any) -> Any:
     """Return the function that finds the forces of its faces on a particle, and sums them."""
-    push_at_corner = face_push(traits, at, velocity_at)
+    push_at_corner = face_push(features, at, velocity_at)
 
     @wp.func
     def find_push_of_faces(t: Tables, points: Any, velocities: Any, world: wp.int32, particle: wp.int32, time: float):

@@ -5,8 +5,8 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.tables import Tables, row_of_world
-from balloon_warp.kernels.traits import Traits
 
 
 @wp.struct
@@ -27,35 +27,44 @@ def frame_at(t: Tables, time: float):
     return frame, wp.clamp(time / t.frame_seconds - float(frame), 0.0, 1.0)
 
 
+@wp.func
+def seconds_in_frame(t: Tables, time: float):
+    """Return the time since the frame of a step began that ends at a time [s]."""
+    frame = wp.floor((time - 0.5 * t.step_seconds) / t.frame_seconds)
+    return wp.clamp(time - frame * t.frame_seconds, 0.0, t.frame_seconds)
+
+
 @cache
-def center_function(traits: Traits) -> Any:
+def center_function(features: Features) -> Any:
     """Return the function that returns an obstacle's origin at a time."""
 
     @wp.func
     def center_at(t: Tables, world: wp.int32, fixture: wp.int32, time: float):
         """Return the position of an obstacle [m], linear between two frames."""
         shift = wp.transform_get_translation(t.fixtures.motion[0, fixture])
-        if wp.static(traits.fixtures_move):
+        if wp.static(features.fixtures_move):
             frame, part = frame_at(t, time)
             begin = wp.transform_get_translation(t.fixtures.motion[frame, fixture])
             end = wp.transform_get_translation(t.fixtures.motion[frame + 1, fixture])
             shift = begin + part * (end - begin)
+        if wp.static(features.fixtures_steered):
+            shift += seconds_in_frame(t, time) * t.fixtures.velocities[world, fixture]
         return t.fixtures.positions[row_of_world(world, t.fixtures.positions.shape[0]), fixture] + shift
 
     return center_at
 
 
 @cache
-def pose_function(traits: Traits) -> Any:
+def pose_function(features: Features) -> Any:
     """Return the function that returns an obstacle's pose at a time."""
-    center_at = center_function(traits)
+    center_at = center_function(features)
 
     @wp.func
     def pose_at(t: Tables, world: wp.int32, fixture: wp.int32, time: float):
         """Return the pose of an obstacle: between two frames it moves along a line, and turns about an axis."""
         pose = Pose()
         pose.center = center_at(t, world, fixture, time)
-        if wp.static(traits.fixtures_move):
+        if wp.static(features.fixtures_move):
             frame, part = frame_at(t, time)
             begin = t.fixtures.motion[frame, fixture]
             end = t.fixtures.motion[frame + 1, fixture]
@@ -65,6 +74,8 @@ def pose_function(traits: Traits) -> Any:
             )
             pose.turn = wp.quat_from_axis_angle(axis, part * angle) * wp.transform_get_rotation(begin)
             pose.velocity = shift / t.frame_seconds
+            if wp.static(features.fixtures_steered):
+                pose.velocity += t.fixtures.velocities[world, fixture]
             pose.spin = (angle / t.frame_seconds) * axis
         else:
             pose.turn = wp.transform_get_rotation(t.fixtures.motion[0, fixture])

@@ -1,24 +1,24 @@
-"""Obstacles that go where they are told: where they are, and where they let a particle go, or a ball."""
+"""Obstacles of prescribed motion: their poses, and the response of particles and balls."""
 
 from functools import cache
 from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.contact import stand_on
 from balloon_warp.kernels.laws.fixture import FAR_AWAY
-from balloon_warp.kernels.loops.fixture_looks import SURELY, look_functions
+from balloon_warp.kernels.loops.fixture_looks import SURELY, is_free, note_look
 from balloon_warp.kernels.loops.fixture_poses import center_function, pose_function
 from balloon_warp.kernels.loops.friction import friction_on, number_of_obstacle
 from balloon_warp.kernels.loops.solids import surface_function
 from balloon_warp.kernels.loops.ways import way_function
 from balloon_warp.kernels.tables import Tables
-from balloon_warp.kernels.traits import Traits
 
 
 @wp.struct
 class Around:
-    """A particle, and what it has around it at the end of a step."""
+    """Particle, and the obstacles around it at the end of a step."""
 
     world: wp.int32
     particle: wp.int32
@@ -39,11 +39,11 @@ class Meeting:
 
 
 @cache
-def meeting_function(traits: Traits) -> Any:
+def meeting_function(features: Features) -> Any:
     """Return the function for the contact of a particle, or a ball, with an obstacle."""
-    pose_at = pose_function(traits)
-    center_at = center_function(traits)
-    let_through = way_function(traits.fixture_meshes)
+    pose_at = pose_function(features)
+    center_at = center_function(features)
+    let_through = way_function(features.fixture_meshes)
 
     @wp.func
     def meet(t: Tables, world: wp.int32, fixture: wp.int32, time: float, start: wp.vec3, end: wp.vec3, radius: float):
@@ -56,7 +56,7 @@ def meeting_function(traits: Traits) -> Any:
         if met.free <= way:
             pose = pose_at(t, world, fixture, time)
             before = start - pose.center
-            if wp.static(traits.fixtures_move):
+            if wp.static(features.fixtures_move):
                 earlier = pose_at(t, world, fixture, time - t.step_seconds)
                 # where the particle would have been, had the obstacle stood already where it is now
                 before = wp.quat_rotate(pose.turn, wp.quat_rotate_inv(earlier.turn, start - earlier.center))
@@ -81,10 +81,10 @@ def meeting_function(traits: Traits) -> Any:
 
 
 @cache
-def free_ball_function(traits: Traits) -> Any:
+def free_ball_function(features: Features) -> Any:
     """Return the function that returns the clearance of a ball from obstacles."""
-    pose_at = pose_function(traits)
-    surface_at = surface_function(traits.fixture_meshes)
+    pose_at = pose_function(features)
+    surface_at = surface_function(features.fixture_meshes)
 
     @wp.func
     def free_ball(t: Tables, world: wp.int32, time: float, center: wp.vec3, radius: float):
@@ -108,10 +108,9 @@ def free_ball_function(traits: Traits) -> Any:
 
 
 @cache
-def fixture_functions(traits: Traits) -> tuple[Any, Any]:
+def fixture_functions(features: Features) -> tuple[Any, Any]:
     """Return the functions that move a particle out of obstacles, and that foresee its place."""
-    meet = meeting_function(traits)
-    begin_look, look_at, note_look = look_functions(traits.several_fixtures)
+    meet = meeting_function(features)
 
     @wp.func
     def leave_fixtures(t: Tables, around: Around, start: wp.vec3, point: wp.vec3, velocity: wp.vec3):
@@ -124,12 +123,14 @@ def fixture_functions(traits: Traits) -> tuple[Any, Any]:
         """
         moved = bool(False)
         crowded = bool(False)
-        look = begin_look(t, around.world, around.particle, around.time, start, point)
-        if look.first < look.last:
+        if not is_free(t, around.world, around.particle, around.time, point):
             end = point
-            for fixture in range(look.first, look.last):
+            nearest = float(FAR_AWAY)
+            beyond = float(FAR_AWAY)  # of all but the nearest
+            for fixture in range(t.fixtures.solids.shape[0]):
                 met = meet(t, around.world, fixture, around.time, start, point, 0.0)
-                look = look_at(look, fixture, met.free)
+                beyond = wp.min(beyond, wp.max(nearest, met.free))
+                nearest = wp.min(nearest, met.free)
                 if wp.length_sq(met.normal) > 0.0:
                     friction = friction_on(t, around.world, around.balloon, number_of_obstacle(fixture))
                     step = met.part * t.step_seconds
@@ -137,10 +138,8 @@ def fixture_functions(traits: Traits) -> tuple[Any, Any]:
                     point = stood
                     velocity = slowed
                     moved = True
-            note_look(t, around.world, around.particle, around.time, look, end, point)
-            if wp.static(traits.several_fixtures):
-                if look.last - look.first == t.fixtures.solids.shape[0]:
-                    crowded = SURELY * look.beyond < wp.length(end - start) + wp.length(point - end)
+            note_look(t, around.world, around.particle, around.time, nearest, point)
+            crowded = SURELY * beyond < wp.length(end - start) + wp.length(point - end)
         return point, velocity, moved, crowded
 
     @wp.func
@@ -153,16 +152,15 @@ def fixture_functions(traits: Traits) -> tuple[Any, Any]:
         """
         outside = end
         outward = last_normal
-        look = begin_look(t, around.world, around.particle, around.time, start, end)
-        for fixture in range(look.first, look.last):
-            met = meet(t, around.world, fixture, around.time, start, outside, 0.0)
-            if wp.length_sq(met.normal) > 0.0:
-                friction = friction_on(t, around.world, around.balloon, number_of_obstacle(fixture))
-                stood, _slowed = stand_on(
-                    met.let, velocity, met.moving, met.normal, friction, met.part * t.step_seconds
-                )
-                outside = stood
-                outward = met.normal
+        if not is_free(t, around.world, around.particle, around.time, end):
+            for fixture in range(t.fixtures.solids.shape[0]):
+                met = meet(t, around.world, fixture, around.time, start, outside, 0.0)
+                if wp.length_sq(met.normal) > 0.0:
+                    friction = friction_on(t, around.world, around.balloon, number_of_obstacle(fixture))
+                    step = met.part * t.step_seconds
+                    stood, _slowed = stand_on(met.let, velocity, met.moving, met.normal, friction, step)
+                    outside = stood
+                    outward = met.normal
         return outside, outward
 
     return leave_fixtures, out_of_fixtures

@@ -10,25 +10,25 @@ GROUND = wp.constant(0)
 
 @wp.func
 def number_of_obstacle(obstacle: wp.int32):
-    """Return its number among all things."""
+    """Return the number of an obstacle among all things."""
     return 1 + obstacle
 
 
 @wp.func
 def number_of_sphere(t: Tables, sphere: wp.int32):
-    """Return its number among all things."""
+    """Return the number of a sphere among all things."""
     return 1 + t.fixtures.solids.shape[0] + sphere
 
 
 @wp.func
 def number_of_body(t: Tables, body: wp.int32):
-    """Return its number among all things."""
+    """Return the number of a body among all things."""
     return 1 + t.fixtures.solids.shape[0] + t.spheres.numbers.shape[1] + body
 
 
 @wp.func
 def number_of_balloon(t: Tables, balloon: wp.int32):
-    """Return its number among all things: balloons are the last."""
+    """Return the number of a balloon among all things: balloons are the last."""
     return t.friction.shape[1] - t.balloon_numbers.shape[1] + balloon
 
 

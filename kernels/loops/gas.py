@@ -5,7 +5,8 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.compose import call_of, function_from
+from balloon_warp.kernels.compose import function_here
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.air import STATE_OF_AIR
 from balloon_warp.kernels.laws.empty import amount_when_flat
 from balloon_warp.kernels.laws.fill import blown_in, breath_in, up_to
@@ -19,13 +20,11 @@ from balloon_warp.kernels.laws.gas import (
     volume_at,
 )
 from balloon_warp.kernels.laws.inflation import GAS
-from balloon_warp.kernels.laws.orifice import SHARP_EDGE, thrust, vent_flow
+from balloon_warp.kernels.laws.orifice import SHARP_EDGE, neck_opening, thrust, vent_flow
 from balloon_warp.kernels.loops.airs import air_function, warmth_function
 from balloon_warp.kernels.loops.emptying import holding_function, most_that_leaves
-from balloon_warp.kernels.loops.jets import opening_function
-from balloon_warp.kernels.own import numbers_reader
+from balloon_warp.kernels.params import numbers_reader
 from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
-from balloon_warp.kernels.traits import Traits
 
 SWEEPS = 8
 """Number of sweeps over tubes whose flows depend on each other"""
@@ -45,39 +44,62 @@ def put_gas(state: WorldState, world: wp.int32, balloon: wp.int32, gas: wp.vec2d
 
 
 @cache
-def fill_function(traits: Traits) -> Any:
-    """Return the function for the gas blown into a balloon in a substep, besides the pumped gas."""
-    columns = traits.columns
+def filled_function(features: Features) -> Any:
+    """Return the function for the gas blown into a balloon in a substep, from what it depends on."""
+    columns = features.columns
     gamma_column = columns.places["gamma"]
-    air_at, as_warm_there = air_function(traits), warmth_function(traits)
-    told = {"blown_in": blown_in, "breath_in": breath_in, "up_to": up_to}
     air = ["air_pressure", "air_temperature"]
-    given = {
-        "blown_in": ["time", "step_seconds", *air],
-        "breath_in": ["step_seconds", *air],
-        "up_to": ["moles", "pressure", "volume", *air],
-    }
-    functions = {}
-    for name, function in told.items():
-        arguments = ", ".join([*(f"{each}: float" for each in given[name]), "n: Any"])
-        source = f"def {name}_here({arguments}):\n    return {call_of(function, name, given[name], columns)}\n"
-        functions[name] = function_from(f"{name}_here", source, {name: function})
-    blown_in_here, breath_in_here, up_to_here = functions.values()
-    read_numbers = numbers_reader(columns)
+    blown_in_here = function_here(blown_in, ["time", "step_seconds", *air], columns)
+    breath_in_here = function_here(breath_in, ["step_seconds", *air], columns)
+    up_to_here = function_here(up_to, ["moles", "pressure", "volume", *air], columns)
     ends = [columns.places[name] for name in ("fill_to_pressure", "fill_to_diameter")]
     to_pressure_column, to_diameter_column = ends
 
     @wp.func
-    def curve_flow(t: Tables, balloon: wp.int32, pressure: float):
-        """Return the flow of a pump against a pressure [mol/s]: linear between the curve's points, zero beyond them."""
-        flow = t.pumps.flows[balloon, 0]
-        for point in range(t.pumps.flows.shape[1] - 1):
-            begin = t.pumps.pressures[balloon, point]
-            end = t.pumps.pressures[balloon, point + 1]
-            if pressure > begin and end > begin:
-                part = wp.min((pressure - begin) / (end - begin), 1.0)
-                flow = wp.lerp(t.pumps.flows[balloon, point], t.pumps.flows[balloon, point + 1], part)
-        return wp.where(pressure > t.pumps.pressures[balloon, t.pumps.flows.shape[1] - 1], 0.0, flow)
+    def filled(
+        pumped: float, curved: bool, by_curve: float, pressure: float, free_volume: float, time: float,
+        step_seconds: float, air_pressure: float, air_temperature: float, n: Any,
+    ):  # fmt: skip
+        """Return the amount of gas that is filled in [mol].
+
+        Args:
+            pumped: by keyframes [mol].
+            curved: whether there is a pump with a curve, which gives `by_curve` [mol].
+            free_volume: of the gas, as warm as the air there [m^3].
+        """
+        here = wp.max(air_pressure + pressure, THINNEST * STANDARD_PRESSURE)
+        volume = volume_at(free_volume, here, n[gamma_column])
+        moles = pumped + blown_in_here(time, step_seconds, air_pressure, air_temperature, n)
+        if curved:
+            moles += by_curve
+        ends = n[to_pressure_column] > 0.0 or n[to_diameter_column] > 0.0
+        if ends and not curved and pumped == 0.0:
+            moles += breath_in_here(step_seconds, air_pressure, air_temperature, n)
+        if ends and moles > 0.0:
+            moles = up_to_here(moles, pressure, volume, air_pressure, air_temperature, n)
+        return moles
+
+    return filled
+
+
+@wp.func
+def curve_flow(t: Tables, balloon: wp.int32, pressure: float):
+    """Return the flow of a pump against a pressure [mol/s]: linear between the curve's points, zero beyond them."""
+    flow = t.pumps.flows[balloon, 0]
+    for point in range(t.pumps.flows.shape[1] - 1):
+        begin = t.pumps.pressures[balloon, point]
+        end = t.pumps.pressures[balloon, point + 1]
+        if pressure > begin and end > begin:
+            part = wp.min((pressure - begin) / (end - begin), 1.0)
+            flow = wp.lerp(t.pumps.flows[balloon, point], t.pumps.flows[balloon, point + 1], part)
+    return wp.where(pressure > t.pumps.pressures[balloon, t.pumps.flows.shape[1] - 1], 0.0, flow)
+
+
+@cache
+def fill_function(features: Features) -> Any:
+    """Return the function for the gas blown into a balloon in a substep, besides the pumped gas."""
+    air_at, as_warm_there = air_function(features), warmth_function(features)
+    filled, read_numbers = filled_function(features), numbers_reader(features.columns)
 
     @wp.func
     def fill(t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32, pumped: float, time: float):
@@ -85,32 +107,25 @@ def fill_function(traits: Traits) -> Any:
         n = read_numbers(t, world, balloon)
         air = air_at(t, state, world, balloon)
         pressure = state.pressures[world, balloon]
-        here = wp.max(air[0] + pressure, THINNEST * STANDARD_PRESSURE)
         free_volume = as_warm_there(t, world, balloon, float(state.free_volumes[world, balloon]), air)
-        volume = volume_at(free_volume, here, n[gamma_column])
-        moles = pumped + blown_in_here(time, t.step_seconds, air[0], air[1], n)
         curved = t.pumps.has[balloon] > 0
+        by_curve = float(0.0)
         if curved:
-            moles += t.step_seconds * curve_flow(t, balloon, pressure)
-        ends = n[to_pressure_column] > 0.0 or n[to_diameter_column] > 0.0
-        if ends and not curved and pumped == 0.0:
-            moles += breath_in_here(t.step_seconds, air[0], air[1], n)
-        if ends and moles > 0.0:
-            moles = up_to_here(moles, pressure, volume, air[0], air[1], n)
-        return moles
+            by_curve = t.step_seconds * curve_flow(t, balloon, pressure)
+        return filled(pumped, curved, by_curve, pressure, free_volume, time, t.step_seconds, air[0], air[1], n)
 
     return fill
 
 
 @cache
-def pump_function(traits: Traits) -> Any:
+def pump_function(features: Features) -> Any:
     """Return the function that pumps gas, or lets it out."""
-    columns = traits.columns
+    columns = features.columns
     gamma_column = columns.places["gamma"]
     temperature_column = columns.places["air_temperature"] - columns.balloon_width
-    air_at = air_function(traits)
-    fill = fill_function(traits) if traits.fills else None
-    holds_gas = holding_function(traits)
+    air_at = air_function(features)
+    fill = fill_function(features) if features.fills else None
+    holds_gas = holding_function(features)
 
     @wp.func
     def pump_gas(t: Tables, state: WorldState, world: wp.int32, time_in_frame: float, time: float):
@@ -145,30 +160,26 @@ def raise_pressure(state: WorldState, world: wp.int32, balloon: wp.int32, free_v
 
 
 @cache
-def vent_function(traits: Traits) -> tuple[Any, Any]:
+def vent_function(features: Features) -> tuple[Any, Any]:
     """Return functions that find and take the gas that flows out of a balloon, or the air that flows in.
 
     The first needs the pressures without the flow.
     """
-    columns = traits.columns
+    columns = features.columns
     gamma_column, leak_column, temperature_column = (
         columns.places[name] for name in ("gamma", "leak", "air_temperature")
     )
-    air_at, as_warm_there = air_function(traits), warmth_function(traits)
-    read_numbers, opening_of_neck = numbers_reader(columns), opening_function(columns)
-    told = ["flow", "pressure", "taken", "slope", "step_seconds", "opening", "most"]
-    given = [*told, *(row.name for row in STATE_OF_AIR)]
-    arguments = ", ".join([*(f"{name}: float" for name in given), "n: Any"])
-    call = call_of(vent_flow, "vent_flow", given, columns)
-    source = f"def flow_of_vent({arguments}):\n    return {call}\n"
-    flow_of_vent = function_from("flow_of_vent", source, {"vent_flow": vent_flow})
+    air_at, as_warm_there = air_function(features), warmth_function(features)
+    read_numbers, opening_of_neck = numbers_reader(columns), function_here(neck_opening, ["time"], columns)
+    functions_of_laws = ["flow", "pressure", "taken", "slope", "step_seconds", "opening", "most"]
+    flow_of_vent = function_here(vent_flow, [*functions_of_laws, *(row.name for row in STATE_OF_AIR)], columns)
 
     @wp.func
     def find_vent(t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32, time: float):
         """Find the flow out of a balloon by the pressure at the end of the substep, which the flow changes."""
         n = read_numbers(t, world, balloon)
         opening = opening_of_neck(time, n) + n[leak_column]
-        if wp.static(traits.bursts):
+        if wp.static(features.bursts):
             opening += SHARP_EDGE * wp.max(state.bursts[world, balloon][1], 0.0)
         air = air_at(t, state, world, balloon)
         a_mole = as_warm_there(t, world, balloon, molar_free_volume(gas_in(state, world, balloon)), air)
@@ -197,13 +208,13 @@ def vent_function(traits: Traits) -> tuple[Any, Any]:
 
 
 @cache
-def flows_function(traits: Traits) -> Any:
+def flows_function(features: Features) -> Any:
     """Return the function that exchanges gas through tubes and openings, from the loads without flow."""
-    columns = traits.columns
+    columns = features.columns
     gamma_column = columns.places["gamma"]
-    air_at, as_warm_there = air_function(traits), warmth_function(traits)
-    find_vent, take_vented = vent_function(traits) if traits.vents else (None, None)
-    holds_gas = holding_function(traits)
+    air_at, as_warm_there = air_function(features), warmth_function(features)
+    find_vent, take_vented = vent_function(features) if features.vents else (None, None)
+    holds_gas = holding_function(features)
 
     @wp.func
     def find_flow(t: Tables, state: WorldState, world: wp.int32, conductances: wp.int32, tube: wp.int32):
@@ -231,14 +242,14 @@ def flows_function(traits: Traits) -> Any:
         count = t.tubes.balloons.shape[0]
         for tube in range(count):
             state.tube_flows[world, tube] = 0.0
-        sweeps = wp.where(count > 1 or (wp.static(traits.vents) and count > 0), SWEEPS, 1)
-        if wp.static(traits.vents):
+        sweeps = wp.where(count > 1 or (wp.static(features.vents) and count > 0), SWEEPS, 1)
+        if wp.static(features.vents):
             for balloon in range(t.inflation_kind.shape[0]):
                 state.vent_flows[world, balloon] = 0.0
         for _sweep in range(sweeps):
             for tube in range(count):
                 find_flow(t, state, world, row_of_world(world, t.tubes.conductance.shape[0]), tube)
-            if wp.static(traits.vents):
+            if wp.static(features.vents):
                 for balloon in range(t.inflation_kind.shape[0]):
                     if holds_gas(t, state, world, balloon):
                         find_vent(t, state, world, balloon, time)
@@ -260,7 +271,7 @@ def flows_function(traits: Traits) -> Any:
             )  # fmt: skip
             put_gas(state, world, source, left)
             put_gas(state, world, sink, gained)
-        if wp.static(traits.vents):
+        if wp.static(features.vents):
             for balloon in range(t.inflation_kind.shape[0]):
                 if holds_gas(t, state, world, balloon):
                     take_vented(t, state, world, balloon, time)
@@ -269,18 +280,20 @@ def flows_function(traits: Traits) -> Any:
 
 
 @cache
-def gas_mass_function(traits: Traits) -> Any:
+def gas_mass_function(features: Features) -> Any:
     """Return the function for the mass of a balloon's gas, with the added mass of the air around it."""
-    column = traits.columns.places["molar_mass"]
+    column = features.columns.places["molar_mass"]
 
     @wp.func
     def gas_mass(t: Tables, state: WorldState, world: wp.int32, balloon: wp.int32):
         """Return the mass of the gas, which moves along with the balloon [kg]."""
         amount = float(state.gas_amounts[world, balloon])
-        if wp.static(traits.bursts):  # air in a balloon that had a pressure until it burst is not weighed before either
+        if wp.static(
+            features.bursts
+        ):  # air in a balloon that had a pressure until it burst is not weighed before either
             amount = wp.where(t.inflation_kind[balloon] == GAS, amount, 0.0)
         gas = amount * t.balloon_numbers[row_of_world(world, t.balloon_numbers.shape[0]), balloon, column]
-        if wp.static(traits.takes_air_along):
+        if wp.static(features.takes_air_along):
             gas += state.air_along[world, balloon]
         return gas
 

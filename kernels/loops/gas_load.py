@@ -1,4 +1,4 @@
-"""The pressure of a balloon's gas, or what is given, with the numbers that a scene has."""
+"""Pressure of a balloon's gas, or the given one, for a scene's features."""
 
 from functools import cache
 from typing import Any
@@ -6,23 +6,23 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.compose import call_of, function_from
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.gas import Swelling, gas_load
 from balloon_warp.kernels.laws.inflation import GAS
-from balloon_warp.kernels.traits import Traits
 
 
 @cache
-def load_function(traits: Traits) -> Any:
+def load_function(features: Features) -> Any:
     """Make the function that finds a balloon's pressure above the air's from its swelling, its gas and the step.
 
     It gives the pressure at the center of mass [Pa], at height 0, its rise with height [Pa/m], and how more gas would
     raise both.
     """
     given = ["swelling", "amount", "free_volume", "step_seconds"]
-    fixed = {} if traits.breathes_on else {"breathing_damping": "1.0"}
-    if not traits.air_varies:
+    fixed = {} if features.breathes_on else {"breathing_damping": "1.0"}
+    if not features.air_varies:
         fixed["air_lapse"] = "-1.0"
-    call = call_of(gas_load, "gas_load", [*given, *fixed], traits.columns, lambda name: fixed.get(name, name))
+    call = call_of(gas_load, "gas_load", [*given, *fixed], features.columns, lambda name: fixed.get(name, name))
     arguments = "swelling: Any, amount: float, free_volume: float, step_seconds: float, n: Any"
     source = f"def load_of_gas({arguments}):\n    return {call}\n"
     load_of_gas = function_from("load_of_gas", source, {"gas_load": gas_load})

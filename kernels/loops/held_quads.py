@@ -5,15 +5,14 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.loops.areas import crosses_at_quad_corners
-from balloon_warp.kernels.loops.film_places import FilmLayout, film_places
-from balloon_warp.kernels.loops.membranes import material_reader, pulls_between_corners
-from balloon_warp.kernels.loops.quad_tensions import quad_tensions
-from balloon_warp.kernels.loops.quads import products_between
+from balloon_warp.kernels.loops.membrane_face_places import MembraneFaceLayout, membrane_face_places
+from balloon_warp.kernels.loops.membranes import pulls_between_corners
+from balloon_warp.kernels.loops.quad_tensions import Sums, products_between, quad_tensions, sums_reader
 from balloon_warp.kernels.memory import four_ints_at
-from balloon_warp.kernels.own import numbers_reader
+from balloon_warp.kernels.params import numbers_reader
 from balloon_warp.kernels.tables import Tables
-from balloon_warp.kernels.traits import Traits
 
 
 class Quads(NamedTuple):
@@ -22,15 +21,14 @@ class Quads(NamedTuple):
     hold: Any
     """(t, world, n, thread): what it keeps, as a frame begins"""
     stretch: Any
-    """(t, world, thread, n, held, points, pulls, area_vectors): all of its quads; with the numbers of a balloon, if
-    there is one alone"""
+    """(t, world, thread, numbers, films, points, pulls, area_vectors): all of its quads; with the numbers of a
+    balloon, if there is one alone"""
 
 
 @cache
-def quad_reader(traits: Traits) -> tuple[Any, Any]:
+def quad_reader(features: Features) -> tuple[Any, Any]:
     """Return the type of a quad at rest, and the function that reads one."""
-    tensions = quad_tensions(traits)
-    material_of, read_numbers = material_reader(traits), numbers_reader(traits.columns)
+    read_sums, read_numbers = sums_reader(features), numbers_reader(features.columns)
 
     @wp.struct
     class Quad:
@@ -38,31 +36,30 @@ def quad_reader(traits: Traits) -> tuple[Any, Any]:
 
         corners: wp.vec4i  # where their points begin in a tile, in bytes
         balloon: wp.int32
-        rest: tensions.rest
+        rest: Sums
 
     @wp.func
     def read_quad(t: Tables, world: wp.int32, n: Any, number: wp.int32):
-        face = wp.min(number, t.membranes.films.corners.shape[0] - 1)
+        face = wp.min(number, t.membranes.membrane_faces.corners.shape[0] - 1)
         quad = Quad()
-        quad.corners = four_ints_at(t.membranes.films.corners, face)
-        if wp.static(traits.balloons > 1):
-            quad.balloon = t.membranes.films.balloons[face]
+        quad.corners = four_ints_at(t.membranes.membrane_faces.corners, face)
+        if wp.static(features.balloons > 1):
+            quad.balloon = t.membranes.membrane_faces.balloons[face]
             numbers = read_numbers(t, world, quad.balloon)
-            quad.rest = tensions.read(t, face, material_of(t.membranes, quad.balloon), numbers)
+            quad.rest = read_sums(t, face, t.membranes.materials[quad.balloon], numbers)
         else:
-            quad.rest = tensions.read(t, face, material_of(t.membranes, 0), n)
+            quad.rest = read_sums(t, face, t.membranes.materials[0], n)
         return quad
 
     return Quad, read_quad
 
 
 @cache
-def quad_measure(traits: Traits, film: FilmLayout) -> Any:
+def quad_measure(features: Features, membrane_face: MembraneFaceLayout) -> Any:
     """Return the function that measures a quad that a thread keeps."""
-    Quad, _ = quad_reader(traits)  # noqa: N806 - a type
-    put, point_at, step = (getattr(film_places(film), name) for name in ("put", "point_at", "step"))
-    tensions, room = quad_tensions(traits), film.room
-    material_of = material_reader(traits)
+    Quad, _ = quad_reader(features)  # noqa: N806 - a type
+    put, point_at, step = (getattr(membrane_face_places(membrane_face), name) for name in ("put", "point_at", "step"))
+    pulls_of_quad, room = quad_tensions(features), membrane_face.room
 
     @wp.func
     def measure(t: Tables, n: Any, quad: Quad, face: wp.int32, points: Any, pulls: Any, area_vectors: Any):
@@ -78,9 +75,9 @@ def quad_measure(traits: Traits, film: FilmLayout) -> Any:
         ac = c - a
         bd = d - b
         metrics = products_between(ab, bc, cd, da)
-        material = material_of(t.membranes, quad.balloon)
-        along, across = tensions.pulls(
-            t, wp.min(face, t.membranes.films.corners.shape[0] - 1), metrics, quad.rest, 0.0, material, n
+        material = t.membranes.materials[quad.balloon]
+        along, across = pulls_of_quad(
+            t, wp.min(face, t.membranes.membrane_faces.corners.shape[0] - 1), metrics, quad.rest, material, n
         )
         on_a, on_b, on_c, on_d = pulls_between_corners(ab, bc, cd, da, ac, bd, along, across)
         area_a, area_b, area_c, area_d = crosses_at_quad_corners(ab, bc, da, ac, bd)
@@ -93,11 +90,11 @@ def quad_measure(traits: Traits, film: FilmLayout) -> Any:
 
 
 @cache
-def quads_of(traits: Traits, film: FilmLayout) -> Quads:
+def quads_of(features: Features, membrane_face: MembraneFaceLayout) -> Quads:
     """Return the functions of quads for a layout whose threads keep them, and store area vectors, too."""
-    quads, threads = film.quads, film.room // film.quads
-    Quad, read_quad = quad_reader(traits)  # noqa: N806 - a type
-    measure, read_numbers = quad_measure(traits, film), numbers_reader(traits.columns)
+    quads, threads = membrane_face.quads, membrane_face.room // membrane_face.quads
+    Quad, read_quad = quad_reader(features)  # noqa: N806 - a type
+    measure, read_numbers = quad_measure(features, membrane_face), numbers_reader(features.columns)
 
     @wp.struct
     class Held:
@@ -119,7 +116,7 @@ def quads_of(traits: Traits, film: FilmLayout) -> Quads:
         t: Tables, world: wp.int32, n: Any, quad: Quad, face: wp.int32, points: Any, pulls: Any, area_vectors: Any
     ):
         """Store the forces of a quad on its corners, with the numbers of its balloon."""
-        if wp.static(traits.balloons == 1):
+        if wp.static(features.balloons == 1):
             measure(t, n, quad, face, points, pulls, area_vectors)
         else:
             numbers = read_numbers(t, world, quad.balloon)
@@ -130,14 +127,14 @@ def quads_of(traits: Traits, film: FilmLayout) -> Quads:
         t: Tables,
         world: wp.int32,
         thread: wp.int32,
-        n: Any,
-        held: Held,
+        numbers: Any,
+        membrane_faces: Held,
         points: Any,
         pulls: Any,
         area_vectors: Any,
     ):
-        measure_numbered(t, world, n, held.first, thread, points, pulls, area_vectors)
+        measure_numbered(t, world, numbers, membrane_faces.first, thread, points, pulls, area_vectors)
         if wp.static(quads > 1):
-            measure_numbered(t, world, n, held.second, thread + threads, points, pulls, area_vectors)
+            measure_numbered(t, world, numbers, membrane_faces.second, thread + threads, points, pulls, area_vectors)
 
     return Quads(hold, stretch)

@@ -5,9 +5,9 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.torsion import FIRST_WING, angle_beyond
 from balloon_warp.kernels.tables import HingeTable
-from balloon_warp.kernels.traits import Traits
 
 
 @wp.func
@@ -47,28 +47,9 @@ def place_function(at: Any) -> Any:
 
 
 @cache
-def hinge_force(traits: Traits, at: Any) -> Any:
-    """Return the function for the force at one place of a hinge."""
-    laws = traits.laws_on("hinge")
-    places_of_hinge = place_function(at)
-
-    @wp.func
-    def force_at_role(hinges: HingeTable, points: Any, hinge: wp.int32, role: wp.int32, n: Any):
-        """Force on a particle that has this role in a hinge [N]; the corners of a wing share theirs."""
-        a, b, first, second = places_of_hinge(hinges, points, hinge)
-        bend = angle_beyond(a, b, first, second, hinges.rest_angles[hinge])
-        force = laws(role, a, b, first, second, bend, n)
-        if role >= FIRST_WING:
-            force /= float(wing_size(hinges, hinge, role - FIRST_WING))
-        return force
-
-    return force_at_role
-
-
-@cache
-def hinge_forces(traits: Traits, at: Any) -> Any:
+def hinge_forces(features: Features, at: Any) -> Any:
     """Return the function for the forces at all places of a hinge, whose angle is found once."""
-    laws = traits.laws_on("hinge")
+    laws = features.laws_on("hinge")
     places_of_hinge = place_function(at)
 
     @wp.func
@@ -88,9 +69,20 @@ def hinge_forces(traits: Traits, at: Any) -> Any:
 
 
 @cache
-def hinge_loop(traits: Traits, at: Any) -> Any:
+def hinge_loop(features: Features, at: Any) -> Any:
     """Return the function that sums a particle's hinges."""
-    force_at_role = hinge_force(traits, at)
+    laws = features.laws_on("hinge")
+    places_of_hinge = place_function(at)
+
+    @wp.func
+    def force_at_role(hinges: HingeTable, points: Any, hinge: wp.int32, role: wp.int32, n: Any):
+        """Force on a particle that has this role in a hinge [N]; the corners of a wing share theirs."""
+        a, b, first, second = places_of_hinge(hinges, points, hinge)
+        bend = angle_beyond(a, b, first, second, hinges.rest_angles[hinge])
+        force = laws(role, a, b, first, second, bend, n)
+        if role >= FIRST_WING:
+            force /= float(wing_size(hinges, hinge, role - FIRST_WING))
+        return force
 
     @wp.func
     def pull_of_hinges(hinges: HingeTable, points: Any, particle: wp.int32, n: Any):

@@ -5,25 +5,22 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.grip import Grip, clear_gap
 from balloon_warp.kernels.loops.friction import friction_between
 from balloon_warp.kernels.loops.nearest import Thing, thing_functions
 from balloon_warp.kernels.loops.settling import ease_at
 from balloon_warp.kernels.tables import Tables, WorldState
-from balloon_warp.kernels.traits import Traits
+from balloon_warp.kernels.working import Working
 
 LOOKED_AHEAD = wp.constant(1.5)
 """Distance ahead at which contacts are listed, in steps of the current speed"""
 
 
 @wp.func
-def speed_of(t: Tables, state: WorldState, ease: wp.mat33d, world: wp.int32, body: wp.int32, pull: float):
-    """Return the largest speed of a point of a body after gravity has acted [m/s].
-
-    Args:
-        ease: Inverse of the inertia tensor [1/(kg m^2)].
-    """
-    spin = ease * wp.vec3d(state.body_momenta[world, body])
+def speed_of(t: Tables, state: WorldState, working: Working, world: wp.int32, body: wp.int32, pull: float):
+    """Return the largest speed of a point of a body after gravity has acted [m/s]."""
+    spin = working.body_eases[world, body] * wp.vec3d(state.body_momenta[world, body])
     speed = wp.length(state.body_velocities[world, body]) + float(wp.length(spin)) * t.bodies.solids[body].reach
     return speed + t.step_seconds * wp.abs(pull)
 
@@ -53,11 +50,9 @@ def end_of_samples(t: Tables, body: wp.int32, thing: Thing):
 
 @wp.func
 def hold_point(
-    touches: wp.array[wp.int32],
-    impulses: wp.array[wp.vec3],
-    masses: wp.array[float],
-    eases: wp.array[wp.mat33d],
-    grips: wp.array[Grip],
+    state: WorldState,
+    working: Working,
+    world: wp.int32,
     own: Thing,
     thing: Thing,
     key: wp.int32,
@@ -81,28 +76,26 @@ def hold_point(
     grip.other_arm = point - thing.center
     grip.moving = thing.velocity + wp.cross(thing.spin, grip.other_arm)
     grip.gap = clear_gap(gap, own.reach, own.center)
-    grip.ease = ease_at(masses, eases, grip, normal)
+    grip.ease = ease_at(working, world, grip, normal)
     grip.friction = thing.friction
     grip.restitution = wp.sqrt(own.restitution * thing.restitution)
-    impulse, place = last_impulse(touches, impulses, key, places[1])
+    impulse, place = last_impulse(state.body_touches[world], state.body_impulses[world], key, places[1])
     grip.impulse = impulse
-    grips[places[0]] = grip
+    working.grips[world, places[0]] = grip
     return wp.vec2i(places[0] + 1, place)
 
 
 @cache
-def thing_holding_function(traits: Traits) -> Any:
+def thing_holding_function(features: Features) -> Any:
     """Make the function that puts a body and one thing into the list."""
-    _, _, _, gap_to = thing_functions(traits)
+    _, _, _, gap_to = thing_functions(features)
 
     @wp.func
     def hold_thing(
         t: Tables,
-        touches: wp.array[wp.int32],
-        impulses: wp.array[wp.vec3],
-        masses: wp.array[float],
-        eases: wp.array[wp.mat33d],
-        grips: wp.array[Grip],
+        state: WorldState,
+        working: Working,
+        world: wp.int32,
         own: Thing,
         thing: Thing,
         first_key: wp.int32,
@@ -120,7 +113,7 @@ def thing_holding_function(traits: Traits) -> Any:
         first = t.bodies.sample_ends[own.other][0]
         count = end_of_samples(t, own.other, thing) - first
         all_points = count
-        if wp.static(traits.fixtures):
+        if wp.static(features.fixtures):
             if thing.fixture >= 0:
                 all_points += t.fixtures.sample_ends[thing.fixture][1] - t.fixtures.sample_ends[thing.fixture][0]
         for number in range(all_points):
@@ -128,7 +121,7 @@ def thing_holding_function(traits: Traits) -> Any:
             met = thing
             side = float(1.0)
             told = t.bodies.samples[first + wp.min(number, count - 1)]
-            if wp.static(traits.fixtures):
+            if wp.static(features.fixtures):
                 if number >= count:  # a point of the obstacle, at the body
                     bearer = thing
                     met = own
@@ -136,11 +129,10 @@ def thing_holding_function(traits: Traits) -> Any:
                     told = t.fixtures.samples[t.fixtures.sample_ends[thing.fixture][0] + number - count]
             point = bearer.center + wp.quat_rotate(bearer.turn, wp.vec3(told[0], told[1], told[2]))
             gap, normal = gap_to(t, met, point, told[3], within)
-            if gap < within and places[0] < grips.shape[0]:
+            if gap < within and places[0] < working.grips.shape[1]:
                 point -= told[3] * normal
                 places = hold_point(
-                    touches, impulses, masses, eases, grips, own, thing, first_key + number, point, side * normal, gap,
-                    places,
+                    state, working, world, own, thing, first_key + number, point, side * normal, gap, places
                 )  # fmt: skip
         return places
 
@@ -148,29 +140,27 @@ def thing_holding_function(traits: Traits) -> Any:
 
 
 @cache
-def holding_function(traits: Traits) -> Any:
+def holding_function(features: Features) -> Any:
     """Make the function that makes the list."""
-    count_of, body_in, thing_at, _ = thing_functions(traits)
-    hold_thing = thing_holding_function(traits)
+    count_of, body_in, thing_at, _ = thing_functions(features)
+    hold_thing = thing_holding_function(features)
 
     @wp.func
-    def take_hold(t: Tables, state: WorldState, working: Any, world: wp.int32, time: float, pull: float):
+    def take_hold(t: Tables, state: WorldState, working: Working, world: wp.int32, time: float, pull: float):
         """List the contacts in a step that begins at a time, and return their number."""
         bodies = state.body_positions.shape[1]
-        touches, impulses, grips = state.body_touches[world], state.body_impulses[world], working.grips[world]
-        masses, eases = working.body_masses[world], working.body_eases[world]
         things = count_of(t, state)
         fastest = t.fixtures.fastest
         most = wp.int32(0)
         for body in range(bodies):
-            fastest = wp.max(fastest, speed_of(t, state, eases[body], world, body, pull))
+            fastest = wp.max(fastest, speed_of(t, state, working, world, body, pull))
             most = wp.max(most, t.bodies.sample_ends[body][3] - t.bodies.sample_ends[body][0])
-        if wp.static(traits.fixtures):
+        if wp.static(features.fixtures):
             most += t.fixtures.samples.shape[0]
         places = wp.vec2i(0, 0)
         for body in range(bodies):
             own = body_in(t, state, world, body)
-            within = LOOKED_AHEAD * t.step_seconds * (speed_of(t, state, eases[body], world, body, pull) + fastest)
+            within = LOOKED_AHEAD * t.step_seconds * (speed_of(t, state, working, world, body, pull) + fastest)
             for number in range(things):
                 thing = thing_at(t, state, world, number, time)
                 if thing.other != body:
@@ -180,9 +170,7 @@ def holding_function(traits: Traits) -> Any:
                     if away - own.reach - thing.reach < within:
                         key = (body * things + number) * most
                         thing.friction = friction_between(t, world, own.number, thing.number)
-                        places = hold_thing(
-                            t, touches, impulses, masses, eases, grips, own, thing, key, within, places
-                        )  # fmt: skip
+                        places = hold_thing(t, state, working, world, own, thing, key, within, places)
         return places[0]
 
     return take_hold

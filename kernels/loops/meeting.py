@@ -8,6 +8,7 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.touch import (
     NEAR,
     across,
@@ -21,7 +22,6 @@ from balloon_warp.kernels.laws.touch import (
     weighted,
 )
 from balloon_warp.kernels.tables import Tables, row_of_world
-from balloon_warp.kernels.traits import Traits
 
 AS_NEAR = wp.constant(1.0e-5)
 """Relative difference of distance below which two triangles count as equally near, at a shared edge"""
@@ -97,17 +97,17 @@ def is_nearer(place: Place, other: Place):
 
 
 @cache
-def skin_functions(traits: Traits) -> tuple[Any, Any]:
+def skin_functions(features: Features) -> tuple[Any, Any]:
     """Return the functions for the contact's thickness [m] and stiffness [N/m] between two balloons."""
-    split = traits.columns.balloon_width
-    thickness_column = traits.columns.places["touch_thickness"] - split
-    stiffness_column = traits.columns.places["touch_stiffness"] - split
+    split = features.columns.balloon_width
+    thickness_column = features.columns.places["touch_thickness"] - split
+    stiffness_column = features.columns.places["touch_stiffness"] - split
 
     @wp.func
     def thickness_between(t: Tables, world: wp.int32, first: wp.int32, second: wp.int32):
         said = t.world_numbers[row_of_world(world, t.world_numbers.shape[0]), thickness_column]
-        own = 0.5 * (t.touch.thickness[first] + t.touch.thickness[second])
-        return wp.where(said < 0.0, own, said)
+        thickness = 0.5 * (t.touch.thickness[first] + t.touch.thickness[second])
+        return wp.where(said < 0.0, thickness, said)
 
     @wp.func
     def stiffness_between(t: Tables, world: wp.int32, first: wp.int32, second: wp.int32):
@@ -137,7 +137,7 @@ class Touching:
 
 
 @wp.struct
-class Pushes:
+class ContactForces:
     """The forces on a triangle's corners [N]; that on the particle makes their sum nothing. And its hold after."""
 
     a: wp.vec3
@@ -195,11 +195,11 @@ def is_clear(side: float, place: Place, thickness: float, seconds: float, veloci
 
 
 @wp.func
-def comes_at(told: Touching, place: Place, velocity: wp.vec3, moving: wp.mat33):
+def comes_at(inputs: Touching, place: Place, velocity: wp.vec3, moving: wp.mat33):
     """Return whether a particle touches, or will within two substeps at its velocity: such contacts are counted."""
     relative = velocity - weighted(place.weights, moving[0], moving[1], moving[2])
-    approach = -told.side * wp.dot(relative, place.normal)
-    return told.overlap + SOON * told.step_seconds * wp.max(approach, 0.0) > 0.0
+    approach = -inputs.side * wp.dot(relative, place.normal)
+    return inputs.overlap + SOON * inputs.step_seconds * wp.max(approach, 0.0) > 0.0
 
 
 @wp.func
@@ -214,7 +214,7 @@ def corner_counts(place: Place, corners: wp.mat33):
 
 
 @wp.func
-def touch(told: Touching, place: Place, hold: wp.vec4, velocity: wp.vec3, corners: wp.mat33, moving: wp.mat33):
+def touch(inputs: Touching, place: Place, hold: wp.vec4, velocity: wp.vec3, corners: wp.mat33, moving: wp.mat33):
     """Return the forces of a contact.
 
     Args:
@@ -222,8 +222,8 @@ def touch(told: Touching, place: Place, hold: wp.vec4, velocity: wp.vec3, corner
         corners: Positions of the triangle's corners, row by row [m].
         moving: Velocities of the corners [m/s].
     """
-    normal = told.side * place.normal
-    gap = told.side * place.gap
+    normal = inputs.side * place.normal
+    gap = inputs.side * place.gap
     reach = reach_of(place, corners)
     first = reach[0]
     second = reach[1]
@@ -233,31 +233,34 @@ def touch(told: Touching, place: Place, hold: wp.vec4, velocity: wp.vec3, corner
     rises = wp.vec3(wp.dot(moving[0], normal), wp.dot(moving[1], normal), wp.dot(moving[2], normal))
     relative = velocity - weighted(w, moving[0], moving[1], moving[2]) + gap * weighted(rises, first, second, third)
     approach = -wp.dot(relative, normal)
-    share = share_of_contact(told.crowd)
+    share = share_of_contact(inputs.crowd)
     root = wp.sqrt(share)  # what a contact keeps is its energy's root, which stays where its share changes
-    stiffness = share * told.stiffness
+    stiffness = share * inputs.stiffness
     mass = share / (
-        told.masses[0] + w[0] * w[0] * told.masses[1] + w[1] * w[1] * told.masses[2] + w[2] * w[2] * told.masses[3]
+        inputs.masses[0]
+        + w[0] * w[0] * inputs.masses[1]
+        + w[1] * w[1] * inputs.masses[2]
+        + w[2] * w[2] * inputs.masses[3]
     )
     slip = wp.vec3()
-    overlap = told.overlap
-    if told.first:
-        overlap = what_pushes(wp.abs(hold[3]) / root, overlap, approach, told.step_seconds)
+    overlap = inputs.overlap
+    if inputs.first:
+        overlap = what_pushes(wp.abs(hold[3]) / root, overlap, approach, inputs.step_seconds)
         slip = wp.vec3(hold[0], hold[1], hold[2]) / root
     else:
-        overlap = wp.min(overlap, told.thickness)
+        overlap = wp.min(overlap, inputs.thickness)
     push = touch_push(overlap, approach, stiffness, mass)
     force = push * normal
-    pushes = Pushes()
+    forces = ContactForces()
     pull = wp.vec3()
     if reaches:
         slide = across(relative, normal)
-        slip = across(slip, normal) + told.step_seconds * slide
-        pull, slip = touch_friction(slip, slide, told.friction * push, stiffness, mass)
+        slip = across(slip, normal) + inputs.step_seconds * slide
+        pull, slip = touch_friction(slip, slide, inputs.friction * push, stiffness, mass)
         force += pull
-    pushes.a = -w[0] * force + (gap * wp.dot(first, pull)) * normal
-    pushes.b = -w[1] * force + (gap * wp.dot(second, pull)) * normal
-    pushes.c = -w[2] * force + (gap * wp.dot(third, pull)) * normal
+    forces.a = -w[0] * force + (gap * wp.dot(first, pull)) * normal
+    forces.b = -w[1] * force + (gap * wp.dot(second, pull)) * normal
+    forces.c = -w[2] * force + (gap * wp.dot(third, pull)) * normal
     slip *= root
-    pushes.hold = wp.vec4(slip[0], slip[1], slip[2], told.side * wp.max(root * overlap, 1.0e-20))
-    return pushes
+    forces.hold = wp.vec4(slip[0], slip[1], slip[2], inputs.side * wp.max(root * overlap, 1.0e-20))
+    return forces

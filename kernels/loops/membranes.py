@@ -11,24 +11,21 @@ import warp as wp
 
 from balloon_warp.kernels.algebra import scaled
 from balloon_warp.kernels.compose import choice_of_laws
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.lanes import number_in
 from balloon_warp.kernels.laws.tension_field import (
     LEAST_DET,
     compliance_of,
-    elastic_stiffness,
     elastic_tension,
     invariants_of,
     is_taut,
     mixed_stretch,
     relaxed,
-    rest_of_shape,
     trace_and_det,
-    trace_and_det_of_shape,
     viscous_tension,
 )
-from balloon_warp.kernels.memory import found_anew, four_floats_at, int_pair_at
+from balloon_warp.kernels.memory import four_floats_at, int_pair_at
 from balloon_warp.kernels.tables import SLICE, MembraneTable, first_entry
-from balloon_warp.kernels.traits import Traits
 
 
 @wp.func
@@ -64,10 +61,10 @@ def pulls_between_corners(
 
 
 @cache
-def tension_function(traits: Traits) -> Any:
+def tension_function(features: Features) -> Any:
     """Return the function for the tensions along a triangle's edges."""
-    slopes_of_law = choice_of_laws(traits.membranes, traits.columns)
-    columns = traits.columns.places
+    slopes_of_law = choice_of_laws(features.membranes, features.columns)
+    columns = features.columns.places
     thickness, wrinkling, damping = (columns[name] for name in ("thickness", "wrinkling", "film_viscosity"))
 
     @wp.func
@@ -98,7 +95,7 @@ def tension_function(traits: Traits) -> Any:
         by_trace, by_det = relaxed(by_trace, by_det, major, spread, across, taut, wrinkles)
         double_volume = rest[3] * (2.0 * number_in(n, thickness, lane))
         tensions = elastic_tension(metric, rest, by_trace, by_det, double_volume)
-        if wp.static(traits.viscous):
+        if wp.static(features.viscous):
             inverse = compliance_of(rest, metric) / det
             tensions += (0.5 * double_volume) * viscous_tension(
                 mixed, rate, rest, inverse, major, spread, taut, wrinkles, number_in(n, damping, lane)
@@ -109,13 +106,13 @@ def tension_function(traits: Traits) -> Any:
 
 
 @cache
-def taut_tension_function(traits: Traits) -> Any:
+def taut_tension_function(features: Features) -> Any:
     """Return a faster function for the tensions of a triangle that is surely taut, without damping.
 
     See `how_surely_taut`.
     """
-    slopes_of_law = choice_of_laws(traits.membranes, traits.columns)
-    thickness = traits.columns.places["thickness"]
+    slopes_of_law = choice_of_laws(features.membranes, features.columns)
+    thickness = features.columns.places["thickness"]
 
     @wp.func
     def taut_tension(metric: wp.vec3, rest: wp.vec4, material: wp.int32, n: Any, lane: wp.int32):
@@ -130,41 +127,9 @@ def taut_tension_function(traits: Traits) -> Any:
 
 
 @cache
-def taut_stiffness_function(traits: Traits) -> Any:
-    """Return the function for the edge tensions of a triangle that is surely taut, from its shape at rest."""
-    slopes_of_law = choice_of_laws(traits.membranes, traits.columns)
-    thickness = traits.columns.places["thickness"]
-
-    @wp.func
-    def taut_stiffness(metric: wp.vec3, products: wp.vec3, shape: wp.vec4, part: float, material: wp.int32, n: Any):
-        """See `elastic_stiffness`."""
-        trace, det = trace_and_det_of_shape(metric, products, shape)
-        rest = rest_of_shape(shape, part)  # left out where no law asks for the spread
-        _trace, _det, spread = invariants_of(mixed_stretch(metric, rest))
-        by_trace, by_det = slopes_of_law(trace, det, spread, material, n, 0)
-        return elastic_stiffness(shape, by_trace, by_det, part * found_anew(number_in(n, thickness, 0)))
-
-    return taut_stiffness
-
-
-@cache
-def skin_function(traits: Traits) -> Any:
-    """Return the function for the slope by the trace times the thickness [N/m], for laws that are `Law.linear`."""
-    slopes_of_law = choice_of_laws(traits.membranes, traits.columns)
-    thickness = traits.columns.places["thickness"]
-
-    @wp.func
-    def skin_of(part: float, material: wp.int32, n: Any):
-        by_trace, _by_det = slopes_of_law(2.0, 1.0, 0.0, material, n, 0)
-        return part * number_in(n, thickness, 0) * by_trace
-
-    return skin_of
-
-
-@cache
-def triangle_pull(traits: Traits) -> Any:
+def triangle_pull(features: Features) -> Any:
     """Return the function for a triangle's force on the corner that its two edges begin at."""
-    tension = tension_function(traits)
+    tension = tension_function(features)
 
     @wp.func
     def pull_of_triangle(d1: wp.vec3, d2: wp.vec3, v1: wp.vec3, v2: wp.vec3, rest: wp.vec4, material: wp.int32, n: Any):
@@ -176,7 +141,7 @@ def triangle_pull(traits: Traits) -> Any:
         """
         metric = wp.vec3(wp.dot(d1, d1), wp.dot(d1, d2), wp.dot(d2, d2))
         rate = wp.vec3()
-        if wp.static(traits.viscous):
+        if wp.static(features.viscous):
             rate = wp.vec3(2.0 * wp.dot(d1, v1), wp.dot(d1, v2) + wp.dot(v1, d2), 2.0 * wp.dot(d2, v2))
         t = tension(metric, rate, rest, material, n, 0)
         first = -(t[0] * d1 + t[1] * d2)
@@ -187,36 +152,9 @@ def triangle_pull(traits: Traits) -> Any:
 
 
 @cache
-def material_reader(traits: Traits) -> Any:
-    """Return the function that reads the number of a balloon's membrane law."""
-
-    @wp.func
-    def material_of(membranes: MembraneTable, balloon: wp.int32):
-        if wp.static(len(traits.membranes) > 1):
-            return membranes.materials[balloon]
-        else:
-            return 0
-
-    return material_of
-
-
-@cache
-def wear_reader(traits: Traits) -> Any:
-    """Return the function that reads the factor on a triangle's tension that `wear` has found."""
-
-    @wp.func
-    def left_of(membranes: MembraneTable, world: wp.int32, triangle: wp.int32):
-        return membranes.wear.left[world, triangle]
-
-    return left_of
-
-
-@cache
-def membrane_loop(traits: Traits, at: Any, velocity_at: Any) -> Any:
+def membrane_loop(features: Features, at: Any, velocity_at: Any) -> Any:
     """Return the function that sums the triangles of a particle."""
-    pull_of_triangle = triangle_pull(traits)
-    material_of = material_reader(traits)
-    left_of = wear_reader(traits)
+    pull_of_triangle = triangle_pull(features)
 
     @wp.func
     def pull_of_membrane(
@@ -232,21 +170,21 @@ def membrane_loop(traits: Traits, at: Any, velocity_at: Any) -> Any:
     ):
         """Return the net force of the membrane on a particle [N]."""
         force = wp.vec3()
-        material = material_of(membranes, balloon)
+        material = membranes.materials[balloon]
         begin = first_entry(membranes.slice_offsets, particle)
         for entry in range(begin, begin + SLICE * membranes.counts[particle], SLICE):
             others = int_pair_at(membranes.others, entry)
             v1 = wp.vec3()
             v2 = wp.vec3()
-            if wp.static(traits.viscous):
+            if wp.static(features.viscous):
                 v1 = velocity_at(velocities, others[0]) - velocity
                 v2 = velocity_at(velocities, others[1]) - velocity
             pull, _first, _second = pull_of_triangle(
                 at(points, others[0]) - point, at(points, others[1]) - point, v1, v2,
                 four_floats_at(membranes.rests, entry), material, n,
             )  # fmt: skip
-            if wp.static(traits.wears):
-                pull *= left_of(membranes, world, membranes.wear.numbers[entry])
+            if wp.static(features.wears):
+                pull *= membranes.wear.left[world, membranes.wear.numbers[entry]]
             force += pull
         return force
 

@@ -6,17 +6,17 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.contact_tables import Solid
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.rigid import turned_by
 from balloon_warp.kernels.loops.fixture_poses import pose_function
 from balloon_warp.kernels.loops.friction import GROUND, number_of_body, number_of_obstacle
 from balloon_warp.kernels.loops.solids import surface_function
 from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
-from balloon_warp.kernels.traits import Traits
 
 
 @wp.struct
 class Thing:
-    """One of them, in a step."""
+    """Obstacle, body, sphere or ground, in a step."""
 
     fixture: wp.int32  # its number if it is an obstacle, or -1
     other: wp.int32  # its number if it is a body, or -1
@@ -32,19 +32,19 @@ class Thing:
 
 
 @cache
-def thing_functions(traits: Traits) -> tuple[Any, Any, Any, Any]:
+def thing_functions(features: Features) -> tuple[Any, Any, Any, Any]:
     """Return functions for the number of things, for a body, for any thing, and for its distance to a point."""
-    pose_at = pose_function(traits) if traits.fixtures else None
-    surface_at = surface_function(traits.body_meshes or traits.fixture_meshes)
-    split = traits.columns.balloon_width
+    pose_at = pose_function(features) if features.fixtures else None
+    surface_at = surface_function(features.body_meshes or features.fixture_meshes)
+    split = features.columns.balloon_width
     height, ground_restitution = (
-        traits.columns.places[name] - split for name in ("ground_height", "ground_restitution")
+        features.columns.places[name] - split for name in ("ground_height", "ground_restitution")
     )
 
     @wp.func
     def count_of(t: Tables, state: WorldState):
         count = 1 + state.body_positions.shape[1]
-        if wp.static(traits.fixtures):
+        if wp.static(features.fixtures):
             count += t.fixtures.solids.shape[0]
         return count
 
@@ -70,11 +70,11 @@ def thing_functions(traits: Traits) -> tuple[Any, Any, Any, Any]:
         thing.other = number - 1
         if number == 0:
             row = row_of_world(world, t.world_numbers.shape[0])
-            thing.reach = wp.where(wp.static(traits.ground), wp.inf, -wp.inf)
+            thing.reach = wp.where(wp.static(features.ground), wp.inf, -wp.inf)
             thing.center = t.world_numbers[row, height] * t.up
             thing.number = GROUND
             thing.restitution = t.world_numbers[row, ground_restitution]
-        elif wp.static(traits.fixtures):
+        elif wp.static(features.fixtures):
             fixture = number - 1
             thing.other = fixture - t.fixtures.solids.shape[0]
             if thing.other < 0:

@@ -5,56 +5,39 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.features import Features
+from balloon_warp.kernels.fixed_point import add_quanta
 from balloon_warp.kernels.laws.contact import leave_ground, leave_sphere, out_of_sphere, penalty_force
 from balloon_warp.kernels.laws.fixture import MOST_TURNS, is_settled
 from balloon_warp.kernels.loops.fixture_looks import forget_look, is_free
 from balloon_warp.kernels.loops.fixtures import Around, fixture_functions
 from balloon_warp.kernels.loops.friction import GROUND, friction_on
 from balloon_warp.kernels.tables import Tables, sphere_penalty
-from balloon_warp.kernels.traits import Traits
-
-
-@wp.func
-def leave_one_sphere(
-    t: Tables,
-    world: wp.int32,
-    sphere: wp.int32,
-    center: wp.vec3,
-    motion: wp.vec3,
-    radius: float,
-    point: wp.vec3,
-    velocity: wp.vec3,
-    inflation: wp.vec3,
-):
-    """Return a particle's point and velocity out of a sphere, by the paper's rule, and the force on the sphere [N]."""
-    out, stopped, outward = leave_sphere(point, velocity, center, motion, radius, t.up)
-    push = penalty_force(sphere_penalty(t.spheres, world, sphere), inflation, outward)
-    return out, stopped, push
 
 
 @cache
-def around_function(traits: Traits) -> Any:
+def around_function(features: Features) -> Any:
     """Return the function that returns a particle's surroundings, from its own parameters."""
-    height_column = traits.columns.places["ground_height"]
+    height_column = features.columns.places["ground_height"]
 
     @wp.func
-    def around_own(own: Any, time: float):
+    def around_particle(params: Any, time: float):
         """Return the surroundings of a particle at the end of a step [s]."""
         around = Around()
-        around.world = own.world
-        around.particle = own.number
-        around.ground_height = own.n[height_column]
-        around.balloon = own.balloon
+        around.world = params.world
+        around.particle = params.number
+        around.ground_height = params.n[height_column]
+        around.balloon = params.balloon
         around.time = time
         return around
 
-    return around_own
+    return around_particle
 
 
 @cache
-def standing_function(traits: Traits) -> Any:
+def standing_function(features: Features) -> Any:
     """Return the function that holds a particle out of the ground and obstacles."""
-    leave_fixtures = fixture_functions(traits)[0] if traits.stands_on_fixtures else None
+    leave_fixtures = fixture_functions(features)[0] if features.stands_on_fixtures else None
 
     @wp.func
     def stand(
@@ -74,27 +57,27 @@ def standing_function(traits: Traits) -> Any:
             turns += 1
             end = point
             again = bool(False)
-            if wp.static(traits.stands_on_fixtures):
+            if wp.static(features.stands_on_fixtures):
                 left, slowed, moved, crowded = leave_fixtures(t, around, start, point, velocity)
                 point = left
                 velocity = slowed
                 again = moved and crowded
-            if wp.static(traits.ground):
+            if wp.static(features.ground):
                 if wp.dot(point, t.up) < around.ground_height:
                     friction = friction_on(t, around.world, around.balloon, GROUND)
                     stood, after = leave_ground(point, velocity, t.up, around.ground_height, friction, t.step_seconds)
                     point = stood
                     velocity = after
-                    if wp.static(traits.stands_on_fixtures):
+                    if wp.static(features.stands_on_fixtures):
                         again = not (
                             is_free(t, around.world, around.particle, around.time, start)
                             and is_free(t, around.world, around.particle, around.time, point)
                         )
             if not again or is_settled(start, end, point):
                 turns = MOST_TURNS
-            elif wp.static(traits.stands_on_fixtures):
+            elif wp.static(features.stands_on_fixtures):
                 forget_look(t, around.world, around.particle)
-                if wp.static(not traits.fixtures_move):
+                if wp.static(not features.fixtures_move):
                     if turns == MOST_TURNS:
                         point = start
         return point, velocity
@@ -103,14 +86,9 @@ def standing_function(traits: Traits) -> Any:
 
 
 @cache
-def obstacle_loop(traits: Traits, sphere_at: Any, add_force: Any) -> Any:
-    """Return the function that moves a particle out of the ground, obstacles, and by the paper's rule spheres.
-
-    Args:
-        sphere_at: the function that gives a sphere's center, velocity and radius.
-        add_force: the function that adds a force to those on a sphere.
-    """
-    stand, spheres_there = standing_function(traits), traits.spheres
+def obstacle_loop(features: Features, sphere_at: Any) -> Any:
+    """Return the function that moves a particle out of the ground, obstacles, and by the paper's rule spheres."""
+    stand, spheres_there = standing_function(features), features.spheres
 
     @wp.func
     def leave_obstacles(
@@ -125,17 +103,16 @@ def obstacle_loop(traits: Traits, sphere_at: Any, add_force: Any) -> Any:
 
         Each sphere gets its force.
         """
-        if wp.static(traits.penalties):
+        if wp.static(features.penalties):
             for sphere in range(spheres_there):
                 center, motion, radius = sphere_at(t, spheres, around.world, sphere)
                 if wp.length_sq(point - center) < radius * radius:
-                    out, after, push = leave_one_sphere(
-                        t, around.world, sphere, center, motion, radius, point, velocity, inflation
-                    )
+                    out, stopped, outward = leave_sphere(point, velocity, center, motion, radius, t.up)
                     point = out
-                    velocity = after
-                    add_force(spheres, around.world, sphere, push)
-        if wp.static(traits.stands):
+                    velocity = stopped
+                    push = penalty_force(sphere_penalty(t.spheres, around.world, sphere), inflation, outward)
+                    add_quanta(spheres.sphere_quanta, around.world, sphere, push)
+        if wp.static(features.stands):
             stood, slowed = stand(t, around, point, velocity)
             point = stood
             velocity = slowed
@@ -145,14 +122,10 @@ def obstacle_loop(traits: Traits, sphere_at: Any, add_force: Any) -> Any:
 
 
 @cache
-def detour_function(traits: Traits, sphere_at: Any) -> Any:
-    """Return the function that foresees how obstacles deflect a particle.
-
-    Args:
-        sphere_at: the function that gives a sphere's center, velocity and radius.
-    """
-    out_of_fixtures = fixture_functions(traits)[1] if traits.stands_on_fixtures else None
-    spheres_there = traits.spheres
+def detour_function(features: Features, sphere_at: Any) -> Any:
+    """Return the function that foresees how obstacles deflect a particle."""
+    out_of_fixtures = fixture_functions(features)[1] if features.stands_on_fixtures else None
+    spheres_there = features.spheres
 
     @wp.func
     def detour_beside_obstacles(t: Tables, spheres: Any, around: Around, point: wp.vec3, velocity: wp.vec3):
@@ -163,17 +136,17 @@ def detour_function(traits: Traits, sphere_at: Any) -> Any:
         end = point + t.step_seconds * velocity
         outside = end
         normal = wp.vec3()
-        if wp.static(traits.spheres > 0):
+        if wp.static(features.spheres > 0):
             for sphere in range(spheres_there):
                 center, _motion, radius = sphere_at(t, spheres, around.world, sphere)
                 out, outward = out_of_sphere(outside, normal, center, radius, t.up)
                 outside = out
                 normal = outward
-        if wp.static(traits.stands_on_fixtures):
+        if wp.static(features.stands_on_fixtures):
             out, outward = out_of_fixtures(t, around, point, outside, velocity, normal)
             outside = out
             normal = outward
-        if wp.static(traits.ground):
+        if wp.static(features.ground):
             if wp.dot(outside, t.up) < around.ground_height:
                 friction = friction_on(t, around.world, around.balloon, GROUND)
                 stood, _slowed = leave_ground(outside, velocity, t.up, around.ground_height, friction, t.step_seconds)

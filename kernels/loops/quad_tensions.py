@@ -1,68 +1,52 @@
-"""Tensions of a membrane quad along edges and diagonals, from the rest data of its four triangles."""
+"""Tensions of a membrane quad along edges and diagonals, from what its four triangles add up to at rest.
+
+For laws that are `Law.linear`: the constant parts of a taut quad are computed once.
+"""
 
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.laws.tension_field import (
-    products_at_angles,
-    rest_of_shape,
-    tautness,
-    trace_and_det_of_shape,
-)
-from balloon_warp.kernels.loops.membranes import skin_function, taut_stiffness_function, tension_function
-from balloon_warp.kernels.loops.quads import Metrics
+from balloon_warp.kernels.compose import choice_of_laws
+from balloon_warp.kernels.features import Features
+from balloon_warp.kernels.laws.tension_field import products_at_angles
+from balloon_warp.kernels.loops.membranes import tension_function
 from balloon_warp.kernels.memory import four_floats_at
 from balloon_warp.kernels.tables import Tables
-from balloon_warp.kernels.traits import Traits
 
 PART = wp.constant(0.5)
 """Fraction of the thickness that each of a quad's four triangles has"""
 
 
-class QuadTensions(NamedTuple):
-    """Functions for the tensions of quads."""
-
-    rest: Any
-    """Type of the rest data that a thread keeps of a quad"""
-    read: Any
-    """(t, face, material, n): that, which holds as long as the balloon's numbers do"""
-    pulls: Any
-    """(t, face, metrics, rest, before, material, n): what edges pull with and what both diagonals do, over their
-    vectors [N/m]; `before` is added to that of the last edge"""
-
-
 @wp.struct
-class Shapes:
-    """Rest shapes of the triangles at each corner of a quad, see `rest_of_shape`."""
+class Metrics:
+    """Products of the two edges that begin at each corner of a quad, see `products_between`."""
 
-    a: wp.vec4
-    b: wp.vec4
-    c: wp.vec4
-    d: wp.vec4
-
-
-@wp.func
-def shape_of(t: Tables, corner: wp.int32, face: wp.int32):
-    """Return the rest shape of one of a quad's triangles."""
-    return four_floats_at(t.membranes.films.rests, corner * t.membranes.films.corners.shape[0] + face)
+    a: wp.vec3
+    b: wp.vec3
+    c: wp.vec3
+    d: wp.vec3
 
 
 @wp.func
-def shapes_of(t: Tables, face: wp.int32):
-    """Return the rest shapes of a quad."""
-    shapes = Shapes()
-    shapes.a = shape_of(t, 0, face)
-    shapes.b = shape_of(t, 1, face)
-    shapes.c = shape_of(t, 2, face)
-    shapes.d = shape_of(t, 3, face)
-    return shapes
+def products_between(ab: wp.vec3, bc: wp.vec3, cd: wp.vec3, da: wp.vec3):
+    """Return the dot products of a quad's edges [m^2].
+
+    At each corner: of the triangle's first edge with itself, with its second, and of the second with itself.
+    """
+    squares = wp.vec4(wp.dot(ab, ab), wp.dot(bc, bc), wp.dot(cd, cd), wp.dot(da, da))
+    metrics = Metrics()
+    metrics.a = wp.vec3(squares[0], -1.0 * wp.dot(ab, da), squares[3])
+    metrics.b = wp.vec3(squares[1], -1.0 * wp.dot(bc, ab), squares[0])
+    metrics.c = wp.vec3(squares[2], -1.0 * wp.dot(cd, bc), squares[1])
+    metrics.d = wp.vec3(squares[3], -1.0 * wp.dot(da, cd), squares[2])
+    return metrics
 
 
 @wp.struct
 class Sums:
-    """Rest sums of a quad whose law is `Law.linear`, with the k that its tensions are proportional to [N/m]."""
+    """Rest sums of a quad, with the k that its tensions are proportional to [N/m]."""
 
     along: wp.vec4
     """Sum of the opposite cotangents of each edge, times k"""
@@ -75,134 +59,73 @@ class Sums:
     """Largest contribution of two opposite squared edges to a triangle's trace, over its shape's last number and k"""
 
 
-def quad_tensions(traits: Traits) -> QuadTensions:
-    """Return the tensions of quads for the laws of a scene."""
-    linear = all(law.linear for law in traits.membranes)
-    return tensions_by_sums(traits) if linear else tensions_by_shapes(traits)
+@cache
+def sums_reader(features: Features) -> Any:
+    """Return the function that reads the rest sums of a quad, which hold as long as the balloon's numbers do."""
+    slopes_of_law, thickness = (
+        choice_of_laws(features.membranes, features.columns),
+        features.columns.places["thickness"],
+    )
+
+    @wp.func
+    def read_sums(t: Tables, face: wp.int32, material: wp.int32, n: Any):
+        count = t.membranes.membrane_faces.corners.shape[0]
+        by_trace, _by_det = slopes_of_law(2.0, 1.0, 0.0, material, n, 0)
+        k = PART * n[thickness] * by_trace
+        last = four_floats_at(t.membranes.membrane_faces.sums, 2 * count + face)
+        sums = Sums()
+        sums.along = k * four_floats_at(t.membranes.membrane_faces.sums, face)
+        sums.roots = wp.sqrt(k) * four_floats_at(t.membranes.membrane_faces.sums, count + face)
+        sums.across = k * wp.vec2(last[0], last[1])
+        sums.steep = wp.vec2(last[2], last[3]) / k
+        return sums
+
+    return read_sums
 
 
 @cache
-def tensions_whatever(traits: Traits) -> Any:
-    """Return the function of metrics, shapes, the sum so far, material and numbers, for any state of a quad."""
-    tension = tension_function(traits)
+def tensions_whatever(features: Features) -> Any:
+    """Return the function for the tensions of a quad in any state."""
+    tension = tension_function(features)
 
     @wp.func
-    def tension_of(metric: wp.vec3, shape: wp.vec4, material: wp.int32, n: Any):
-        return tension(metric, wp.vec3(), rest_of_shape(shape, PART), material, n, 0)
+    def tension_at(t: Tables, face: wp.int32, corner: wp.int32, metric: wp.vec3, material: wp.int32, n: Any):
+        rest = four_floats_at(
+            t.membranes.membrane_faces.rests, corner * t.membranes.membrane_faces.corners.shape[0] + face
+        )
+        return tension(metric, wp.vec3(), rest, material, n, 0)
 
     @wp.func
-    def pulls_whatever(metrics: Metrics, shapes: Shapes, before: float, material: wp.int32, n: Any):
-        a = tension_of(metrics.a, shapes.a, material, n)
-        b = tension_of(metrics.b, shapes.b, material, n)
-        c = tension_of(metrics.c, shapes.c, material, n)
-        d = tension_of(metrics.d, shapes.d, material, n)
+    def pulls_whatever(t: Tables, face: wp.int32, metrics: Metrics, material: wp.int32, n: Any):
+        a = tension_at(t, face, 0, metrics.a, material, n)
+        b = tension_at(t, face, 1, metrics.b, material, n)
+        c = tension_at(t, face, 2, metrics.c, material, n)
+        d = tension_at(t, face, 3, metrics.d, material, n)
         along = wp.vec4(
             a[0] + a[1] + b[2] + b[1],
             b[0] + b[1] + c[2] + c[1],
             c[0] + c[1] + d[2] + d[1],
-            before + d[0] + d[1] + a[2] + a[1],
+            d[0] + d[1] + a[2] + a[1],
         )
         return along, wp.vec2(-1.0 * b[1] - d[1], -1.0 * a[1] - c[1])
 
     return pulls_whatever
 
 
-@cache
-def tensions_by_shapes(traits: Traits) -> QuadTensions:
-    """Return the tensions of quads for any laws."""
-    taut_stiffness, pulls_whatever = taut_stiffness_function(traits), tensions_whatever(traits)
-
-    @wp.func
-    def read(t: Tables, face: wp.int32, material: wp.int32, n: Any):
-        return shapes_of(t, face)
-
-    @wp.func
-    def how_surely(metric: wp.vec3, shape: wp.vec4):
-        trace, det = trace_and_det_of_shape(metric, products_at_angles(metric), shape)
-        return tautness(trace, det)
-
-    @wp.func
-    def how_surely_taut(metrics: Metrics, shapes: Shapes):
-        surely = wp.min(how_surely(metrics.a, shapes.a), how_surely(metrics.b, shapes.b))
-        surely = wp.min(surely, how_surely(metrics.c, shapes.c))
-        return wp.min(surely, how_surely(metrics.d, shapes.d))
-
-    @wp.func
-    def stiffness_if_taut(metric: wp.vec3, shape: wp.vec4, material: wp.int32, n: Any):
-        return taut_stiffness(metric, products_at_angles(metric), shape, PART, material, n)
-
-    @wp.func
-    def along_edge(
-        before: float, a: wp.vec2, shape_a: wp.vec4, metric_a: wp.vec3, b: wp.vec2, shape_b: wp.vec4, metric_b: wp.vec3
-    ):
-        """Return the tension along the edge that is the first of one triangle and the second of another [N/m].
-
-        It is added to `before`, product by product, each with one instruction.
-        """
-        first = products_at_angles(metric_a)
-        second = products_at_angles(metric_b)
-        return before + a[0] * shape_a[0] + a[1] * first[0] + b[0] * shape_b[1] + b[1] * second[1]
-
-    @wp.func
-    def across_quad(a: wp.vec2, shape_a: wp.vec4, metric_a: wp.vec3, c: wp.vec2, shape_c: wp.vec4, metric_c: wp.vec3):
-        """Return the tension along the diagonal that is the third edge of both triangles [N/m]."""
-        return a[0] * shape_a[2] + a[1] * metric_a[1] + c[0] * shape_c[2] + c[1] * metric_c[1]
-
-    @wp.func
-    def if_taut(metrics: Metrics, shapes: Shapes, before: float, material: wp.int32, n: Any):
-        a = stiffness_if_taut(metrics.a, shapes.a, material, n)
-        b = stiffness_if_taut(metrics.b, shapes.b, material, n)
-        c = stiffness_if_taut(metrics.c, shapes.c, material, n)
-        d = stiffness_if_taut(metrics.d, shapes.d, material, n)
-        along = wp.vec4(
-            along_edge(0.0, a, shapes.a, metrics.a, b, shapes.b, metrics.b),
-            along_edge(0.0, b, shapes.b, metrics.b, c, shapes.c, metrics.c),
-            along_edge(0.0, c, shapes.c, metrics.c, d, shapes.d, metrics.d),
-            along_edge(before, d, shapes.d, metrics.d, a, shapes.a, metrics.a),
-        )
-        across = wp.vec2(
-            across_quad(b, shapes.b, metrics.b, d, shapes.d, metrics.d),
-            across_quad(a, shapes.a, metrics.a, c, shapes.c, metrics.c),
-        )
-        return along, across
-
-    @wp.func
-    def pulls(t: Tables, face: wp.int32, metrics: Metrics, rest: Shapes, before: float, material: wp.int32, n: Any):
-        if how_surely_taut(metrics, rest) > 0.0:
-            return if_taut(metrics, rest, before, material, n)
-        return pulls_whatever(metrics, rest, before, material, n)
-
-    return QuadTensions(Shapes, read, pulls)
+@wp.func
+def taken(metric: wp.vec3, root: float):
+    """Return the part that is subtracted for each product at an angle [N/m^3]."""
+    each = root / (metric[0] * metric[2] - metric[1] * metric[1])
+    return each * each
 
 
 @cache
-def tensions_by_sums(traits: Traits) -> QuadTensions:
-    """Return the tensions of quads for laws that are `Law.linear`.
-
-    The constant parts of a taut quad are precomputed.
-    """
-    skin_of, pulls_whatever = skin_function(traits), tensions_whatever(traits)
+def quad_tensions(features: Features) -> Any:
+    """Return the function for what edges pull with and what both diagonals do, over their vectors [N/m]."""
+    pulls_whatever = tensions_whatever(features)
 
     @wp.func
-    def read(t: Tables, face: wp.int32, material: wp.int32, n: Any):
-        count = t.membranes.films.corners.shape[0]
-        k = skin_of(PART, material, n)
-        last = four_floats_at(t.membranes.films.sums, 2 * count + face)
-        sums = Sums()
-        sums.along = k * four_floats_at(t.membranes.films.sums, face)
-        sums.roots = wp.sqrt(k) * four_floats_at(t.membranes.films.sums, count + face)
-        sums.across = k * wp.vec2(last[0], last[1])
-        sums.steep = wp.vec2(last[2], last[3]) / k
-        return sums
-
-    @wp.func
-    def taken(metric: wp.vec3, root: float):
-        """Return the part that is subtracted for each product at an angle [N/m^3]."""
-        each = root / (metric[0] * metric[2] - metric[1] * metric[1])
-        return each * each
-
-    @wp.func
-    def pulls(t: Tables, face: wp.int32, metrics: Metrics, rest: Sums, before: float, material: wp.int32, n: Any):
+    def pulls(t: Tables, face: wp.int32, metrics: Metrics, rest: Sums, material: wp.int32, n: Any):
         a = taken(metrics.a, rest.roots[0])
         b = taken(metrics.b, rest.roots[1])
         c = taken(metrics.c, rest.roots[2])
@@ -218,11 +141,11 @@ def tensions_by_sums(traits: Traits) -> QuadTensions:
                 rest.along[0] - a * at_a[0] - b * at_b[1],
                 rest.along[1] - b * at_b[0] - c * at_c[1],
                 rest.along[2] - c * at_c[0] - d * at_d[1],
-                before + rest.along[3] - d * at_d[0] - a * at_a[1],
+                rest.along[3] - d * at_d[0] - a * at_a[1],
             )
             return along, wp.vec2(
                 rest.across[0] - b * at_b[2] - d * at_d[2], rest.across[1] - a * at_a[2] - c * at_c[2]
             )
-        return pulls_whatever(metrics, shapes_of(t, face), before, material, n)
+        return pulls_whatever(t, face, metrics, material, n)
 
-    return QuadTensions(Sums, read, pulls)
+    return pulls

@@ -5,6 +5,7 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.contact import bounced, move_sphere, stop_of
 from balloon_warp.kernels.laws.fixture import MOST_TURNS, is_settled
 from balloon_warp.kernels.laws.impulse import fall
@@ -12,7 +13,6 @@ from balloon_warp.kernels.laws.sliding import rubbed
 from balloon_warp.kernels.loops.fixtures import meeting_function
 from balloon_warp.kernels.loops.friction import GROUND, friction_between, number_of_obstacle, number_of_sphere
 from balloon_warp.kernels.tables import Tables, row_of_world, sphere_radius
-from balloon_warp.kernels.traits import Traits
 
 
 @wp.struct
@@ -33,8 +33,27 @@ def course_of(position: wp.vec3, velocity: wp.vec3, spin: wp.vec3):
     return course
 
 
+@wp.func
+def course_at(spheres: Any, world: wp.int32, sphere: wp.int32):
+    """Return the course of a sphere as it is now."""
+    return course_of(
+        spheres.sphere_positions[world, sphere],
+        spheres.sphere_velocities[world, sphere],
+        spheres.sphere_spins[world, sphere],
+    )
+
+
+@wp.func
+def put_course(spheres: Any, world: wp.int32, sphere: wp.int32, course: Course, spins: bool):
+    """Store a sphere's course, with its spin where it has any."""
+    spheres.sphere_positions[world, sphere] = course.position
+    spheres.sphere_velocities[world, sphere] = course.velocity
+    if spins:
+        spheres.sphere_spins[world, sphere] = course.spin
+
+
 @cache
-def rubbing_function(traits: Traits) -> Any:
+def rubbing_function(features: Features) -> Any:
     """Return the function for the friction of a sphere on something immovable."""
 
     @wp.func
@@ -57,7 +76,7 @@ def rubbing_function(traits: Traits) -> Any:
             friction: Coulomb friction coefficient of the pair.
             seconds: Remaining time of the step from the contact [s].
         """
-        if wp.static(traits.spheres_rub):
+        if wp.static(features.spheres_rub):
             if stopped > 0.0:
                 gain, more = rubbed(
                     course.velocity, course.spin, moving, normal, stopped, sphere_radius(t.spheres, world, sphere),
@@ -72,9 +91,9 @@ def rubbing_function(traits: Traits) -> Any:
 
 
 @cache
-def ground_rubbing_function(traits: Traits) -> Any:
+def ground_rubbing_function(features: Features) -> Any:
     """Return the function for the friction of a sphere on the ground."""
-    rub = rubbing_function(traits)
+    rub = rubbing_function(features)
 
     @wp.func
     def rub_on_ground(t: Tables, world: wp.int32, sphere: wp.int32, course: Course, stopped: float):
@@ -86,10 +105,10 @@ def ground_rubbing_function(traits: Traits) -> Any:
 
 
 @cache
-def leaving_function(traits: Traits) -> Any:
+def leaving_function(features: Features) -> Any:
     """Return the function that moves a sphere out of obstacles."""
-    meet = meeting_function(traits)
-    rub = rubbing_function(traits)
+    meet = meeting_function(features)
+    rub = rubbing_function(features)
 
     @wp.func
     def leave_fixtures(t: Tables, world: wp.int32, sphere: wp.int32, time: float, start: wp.vec3, course: Course):
@@ -118,7 +137,7 @@ def leaving_function(traits: Traits) -> Any:
                     course = rub(t, world, sphere, course, met.moving, met.normal, stopped, friction, left)
             if fixtures == 1 or is_settled(start, end, course.position):
                 turns = MOST_TURNS
-            elif wp.static(not traits.fixtures_move):
+            elif wp.static(not features.fixtures_move):
                 if turns == MOST_TURNS:
                     course.position = start
         return course
@@ -127,10 +146,10 @@ def leaving_function(traits: Traits) -> Any:
 
 
 @cache
-def rolling_function(traits: Traits) -> Any:
+def rolling_function(features: Features) -> Any:
     """Return the function that moves a sphere under gravity, beside the ground and obstacles."""
-    leave_fixtures = leaving_function(traits) if traits.fixtures else None
-    rub_on_ground = ground_rubbing_function(traits)
+    leave_fixtures = leaving_function(features) if features.fixtures else None
+    rub_on_ground = ground_rubbing_function(features)
 
     @wp.func
     def roll(
@@ -145,7 +164,7 @@ def rolling_function(traits: Traits) -> Any:
         """
         radius = sphere_radius(t.spheres, world, sphere)
         start = course.position
-        if wp.static(traits.impulses):
+        if wp.static(features.impulses):
             position, velocity, stopped = fall(
                 course.position, course.velocity, radius, around[0], t.up, around[1], around[2], t.step_seconds
             )
@@ -156,7 +175,7 @@ def rolling_function(traits: Traits) -> Any:
                 t.step_seconds,
             )  # fmt: skip
             course = rub_on_ground(t, world, sphere, course_of(position, velocity, course.spin), stopped)
-        if wp.static(traits.fixtures):
+        if wp.static(features.fixtures):
             course = leave_fixtures(t, world, sphere, time, start, course)
         return course
 

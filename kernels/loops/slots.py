@@ -10,12 +10,12 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.algebra import squared_length
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.inflation import FAR
-from balloon_warp.kernels.loops.aims import facing_of_quads, see_quad
 from balloon_warp.kernels.loops.areas import CROSSES, plus_cross_at_quad_corner
+from balloon_warp.kernels.loops.inflation_directions import normal_of_quads, see_quad
 from balloon_warp.kernels.memory import in_tile, vector_at
 from balloon_warp.kernels.tables import Tables
-from balloon_warp.kernels.traits import Traits
 
 
 @wp.struct
@@ -37,13 +37,13 @@ Slots = tuple[int, int, int]
 
 
 @cache
-def springs_reader(traits: Traits, kind_slots: Slots) -> tuple[Any, Any]:
+def springs_reader(features: Features, kind_slots: Slots) -> tuple[Any, Any]:
     """Return the type that holds a particle's springs, and the function that reads it.
 
     Where a thread has no particle, all springs lead to its place.
     """
     shear_begin, flexion_begin = kind_slots[0], kind_slots[0] + kind_slots[1]
-    slots, lengths_matter = sum(kind_slots), traits.needs("spring", "rest_length")
+    slots, lengths_matter = sum(kind_slots), features.needs("spring", "rest_length")
     Indices = wp.types.vector(length=max(slots, 1), dtype=wp.int32)  # noqa: N806 - a type
     Numbers = wp.types.vector(length=max(slots, 1), dtype=wp.float32)  # noqa: N806
 
@@ -58,19 +58,21 @@ def springs_reader(traits: Traits, kind_slots: Slots) -> tuple[Any, Any]:
         lengths: Numbers  # where a law names them [m]
 
     @wp.func
-    def read_springs(t: Tables, slot_table: SlotTable, own: Any, place: wp.int32, active: bool):
+    def read_springs(t: Tables, slot_table: SlotTable, params: Any, place: wp.int32, active: bool):
         """Read a particle's springs into registers."""
         mine = Springs()
-        mine.valence = slot_table.valences[own.number]
+        mine.valence = slot_table.valences[params.number]
         for slot in range(slots):
-            neighbor = slot_table.neighbors[slot, own.number]
+            neighbor = slot_table.neighbors[slot, params.number]
             neighbor = wp.where(active, neighbor, place)
             mine.neighbors[slot] = neighbor & 0xFFFF  # tells the compiler: not negative
-            constant = wp.where(slot < shear_begin, own.n[0], wp.where(slot < flexion_begin, own.n[1], own.n[2]))
-            stiffness = constant * slot_table.scales[slot, own.number]
-            length = slot_table.rest_lengths[slot, own.number]
+            constant = wp.where(
+                slot < shear_begin, params.n[0], wp.where(slot < flexion_begin, params.n[1], params.n[2])
+            )
+            stiffness = constant * slot_table.scales[slot, params.number]
+            length = slot_table.rest_lengths[slot, params.number]
             mine.tensions[slot] = stiffness * length
-            if wp.static(traits.springs_vary):
+            if wp.static(features.springs_vary):
                 mine.stiffness[slot] = stiffness
             if wp.static(lengths_matter):
                 mine.lengths[slot] = length
@@ -80,18 +82,20 @@ def springs_reader(traits: Traits, kind_slots: Slots) -> tuple[Any, Any]:
 
 
 @cache
-def slot_pull(traits: Traits) -> Any:
-    """Return the function for the force of one spring."""
-    coefficient = traits.laws_on("spring")
-    moving = traits.needs("spring", "opening")
-    lengths_matter = traits.needs("spring", "rest_length")
+def slot_loop(features: Features, kind_slots: Slots) -> Any:
+    """Return the function that sums the springs of a particle."""
+    shear_begin, flexion_begin = kind_slots[0], kind_slots[0] + kind_slots[1]
+    slots = sum(kind_slots)
+    coefficient = features.laws_on("spring")
+    moving = features.needs("spring", "opening")
+    lengths_matter = features.needs("spring", "rest_length")
 
     @wp.func
     def pull_of_slot(
         t: Tables,
         points: Any,
         velocities: Any,
-        own: Any,
+        params: Any,
         springs: Any,
         slot: wp.int32,
         constant: float,
@@ -103,7 +107,7 @@ def slot_pull(traits: Traits) -> Any:
         neighbor = springs.neighbors[slot]
         d = points[neighbor] - point
         stiffness = constant
-        if wp.static(traits.springs_vary):
+        if wp.static(features.springs_vary):
             stiffness = springs.stiffness[slot]
         length = float(0.0)
         if wp.static(lengths_matter):
@@ -113,27 +117,18 @@ def slot_pull(traits: Traits) -> Any:
             opening = wp.dot(vector_at(velocities, neighbor) - velocity, d)
         pull = d * coefficient(
             squared_length(d), opening, length, stiffness, springs.tensions[slot],
-            t.step_seconds, time, own.n,
+            t.step_seconds, time, params.n,
         )  # fmt: skip
-        if wp.static(traits.guarded):
-            pull = wp.where(neighbor == own.number, wp.vec3(), pull)
+        if wp.static(features.guarded):
+            pull = wp.where(neighbor == params.number, wp.vec3(), pull)
         return pull
-
-    return pull_of_slot
-
-
-@cache
-def slot_loop(traits: Traits, kind_slots: Slots) -> Any:
-    """Return the function that sums the springs of a particle."""
-    shear_begin, flexion_begin = kind_slots[0], kind_slots[0] + kind_slots[1]
-    slots, pull_of_slot = sum(kind_slots), slot_pull(traits)
 
     @wp.func
     def pull_of_springs(
         t: Tables,
         points: Any,
         velocities: Any,
-        own: Any,
+        params: Any,
         springs: Any,
         point: wp.vec3,
         velocity: wp.vec3,
@@ -142,11 +137,11 @@ def slot_loop(traits: Traits, kind_slots: Slots) -> Any:
         """Return the net force of the springs [N]."""
         force = wp.vec3()
         for slot in range(shear_begin):
-            force += pull_of_slot(t, points, velocities, own, springs, slot, own.n[0], point, velocity, time)
+            force += pull_of_slot(t, points, velocities, params, springs, slot, params.n[0], point, velocity, time)
         for slot in range(shear_begin, flexion_begin):
-            force += pull_of_slot(t, points, velocities, own, springs, slot, own.n[1], point, velocity, time)
+            force += pull_of_slot(t, points, velocities, params, springs, slot, params.n[1], point, velocity, time)
         for slot in range(flexion_begin, slots):
-            force += pull_of_slot(t, points, velocities, own, springs, slot, own.n[2], point, velocity, time)
+            force += pull_of_slot(t, points, velocities, params, springs, slot, params.n[2], point, velocity, time)
         return force
 
     return pull_of_springs
@@ -162,7 +157,7 @@ def ring_area(shear_begin: int, least_valence: int) -> Any:
     """
 
     @wp.func
-    def area_vector_in_ring(t: Tables, points: Any, own: Any, springs: Any, point: wp.vec3):
+    def area_vector_in_ring(t: Tables, points: Any, params: Any, springs: Any, point: wp.vec3):
         """Return the area vector of a particle from the quads around it [m^2].
 
         Slots past its valence hold the particle itself.
@@ -185,11 +180,11 @@ def ring_area(shear_begin: int, least_valence: int) -> Any:
 
 
 @cache
-def ring_facing(shear_begin: int) -> Any:
+def ring_normal(shear_begin: int) -> Any:
     """Return the function for A_p n of a particle by the same quads."""
 
     @wp.func
-    def facing_in_ring(t: Tables, points: Any, own: Any, springs: Any, point: wp.vec3):
+    def normal_in_ring(t: Tables, points: Any, params: Any, springs: Any, point: wp.vec3):
         """Return A_p n of a particle, by the quads around it [m^2]."""
         normal = wp.vec3()
         nearest = wp.vec2(FAR, 0.0)
@@ -207,6 +202,6 @@ def ring_facing(shear_begin: int) -> Any:
         turned, nearer = see_quad(normal, nearest, before, opposite, first)
         normal = wp.where(springs.valence == shear_begin, turned, normal)
         nearest = wp.where(springs.valence == shear_begin, nearer, nearest)
-        return facing_of_quads(normal, nearest)
+        return normal_of_quads(normal, nearest)
 
-    return facing_in_ring
+    return normal_in_ring

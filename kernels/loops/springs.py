@@ -6,10 +6,10 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.algebra import squared_length
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.memory import float_at, int_at, pair_at, vector_at
-from balloon_warp.kernels.own import numbers_reader
+from balloon_warp.kernels.params import numbers_reader
 from balloon_warp.kernels.tables import CHUNK, SLICE, Tables, first_entry
-from balloon_warp.kernels.traits import Traits
 
 
 @wp.func
@@ -19,10 +19,10 @@ def constant_of_kind(n: Any, kind: wp.int32):
 
 
 @cache
-def pair_pull(traits: Traits) -> Any:
+def pair_pull(features: Features) -> Any:
     """Return the function that evaluates one spring of the table of pairs."""
-    coefficient = traits.laws_on("spring")
-    read_numbers = numbers_reader(traits.columns)
+    coefficient = features.laws_on("spring")
+    read_numbers = numbers_reader(features.columns)
 
     @wp.func
     def pull_of_pair(t: Tables, world: wp.int32, spring: wp.int32, points: Any, velocities: Any, time: float):
@@ -45,16 +45,16 @@ def pair_pull(traits: Traits) -> Any:
 
 
 @cache
-def spring_pull(traits: Traits) -> Any:
+def spring_pull(features: Features) -> Any:
     """Return the function for the force of a spring on the particle at one of its ends."""
-    coefficient = traits.laws_on("spring")
-    moving = traits.needs("spring", "opening")
+    coefficient = features.laws_on("spring")
+    moving = features.needs("spring", "opening")
 
     @wp.func
     def pull_of_spring(
         t: Tables,
         velocities: Any,
-        own: Any,
+        params: Any,
         end: wp.int32,
         d: wp.vec3,
         stiffness: float,
@@ -70,26 +70,26 @@ def spring_pull(traits: Traits) -> Any:
         if wp.static(moving):
             opening = wp.dot(vector_at(velocities, end) - velocity, d)
         pull = d * coefficient(
-            squared_length(d), opening, length, stiffness, stiffness * length, t.step_seconds, time, own.n
+            squared_length(d), opening, length, stiffness, stiffness * length, t.step_seconds, time, params.n
         )
-        if wp.static(traits.guarded):
-            pull = wp.where(end == own.number, wp.vec3(), pull)
+        if wp.static(features.guarded):
+            pull = wp.where(end == params.number, wp.vec3(), pull)
         return pull
 
     return pull_of_spring
 
 
 @cache
-def spring_loop(traits: Traits, at: Any) -> Any:
+def spring_loop(features: Features, at: Any) -> Any:
     """Return the function that sums a particle's springs, read from the table."""
-    pull_of_spring = spring_pull(traits)
+    pull_of_spring = spring_pull(features)
 
     @wp.func
     def pull_of_springs(
         t: Tables,
         points: Any,
         velocities: Any,
-        own: Any,
+        params: Any,
         springs: Any,
         point: wp.vec3,
         velocity: wp.vec3,
@@ -97,17 +97,17 @@ def spring_loop(traits: Traits, at: Any) -> Any:
     ):
         """Return the net force of a particle's springs [N]."""
         force = wp.vec3()
-        begin = first_entry(t.springs.slice_offsets, own.number)
-        for chunk in range(begin, begin + SLICE * int_at(t.springs.valences, own.number), SLICE * CHUNK):
+        begin = first_entry(t.springs.slice_offsets, params.number)
+        for chunk in range(begin, begin + SLICE * int_at(t.springs.valences, params.number), SLICE * CHUNK):
             for slot in range(CHUNK):
                 entry = chunk + SLICE * slot
                 spring = pair_at(t.springs.entries, entry)
                 end = wp.cast(spring[0], wp.int32)
-                stiffness = constant_of_kind(own.n, end & 3)
-                if wp.static(traits.springs_vary):
+                stiffness = constant_of_kind(params.n, end & 3)
+                if wp.static(features.springs_vary):
                     stiffness *= float_at(t.springs.scales, entry)
                 force += pull_of_spring(
-                    t, velocities, own, end >> 2, at(points, end >> 2) - point, stiffness,
+                    t, velocities, params, end >> 2, at(points, end >> 2) - point, stiffness,
                     spring[1], velocity, time,
                 )  # fmt: skip
         return force

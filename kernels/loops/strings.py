@@ -6,16 +6,16 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.algebra import squared_length
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.memory import int_at
-from balloon_warp.kernels.own import numbers_reader
+from balloon_warp.kernels.params import numbers_reader
 from balloon_warp.kernels.tables import StringTable, Tables, row_of_world
-from balloon_warp.kernels.traits import Traits
 
 
 @cache
-def string_pull(traits: Traits) -> Any:
+def string_pull(features: Features) -> Any:
     """Return the function for the force of one string."""
-    coefficient = traits.laws_on("string")
+    coefficient = features.laws_on("string")
 
     @wp.func
     def pull_of_string(
@@ -40,10 +40,10 @@ def string_pull(traits: Traits) -> Any:
 
 
 @cache
-def held_string_pull(traits: Traits) -> Any:
+def held_string_pull(features: Features) -> Any:
     """Return the function for the force of one string, in the order of the particles held."""
-    pull_of_string = string_pull(traits)
-    read_numbers = numbers_reader(traits.columns)
+    pull_of_string = string_pull(features)
+    read_numbers = numbers_reader(features.columns)
 
     @wp.func
     def pull_of_held_string(t: Tables, world: wp.int32, held: wp.int32, points: Any, velocities: Any, time: float):
@@ -57,9 +57,9 @@ def held_string_pull(traits: Traits) -> Any:
 
 
 @cache
-def string_loop(traits: Traits) -> Any:
+def string_loop(features: Features) -> Any:
     """Return the function that sums a particle's strings."""
-    pull_of_string = string_pull(traits)
+    pull_of_string = string_pull(features)
 
     @wp.func
     def pull_of_strings(

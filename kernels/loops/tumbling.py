@@ -9,11 +9,11 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.grip import (
     AGREED,
     APART,
     MOST_SWEEPS_OUT,
-    Grip,
     least_speed,
     most_sweeps,
     slowest_rebound,
@@ -33,11 +33,11 @@ from balloon_warp.kernels.tables import (
     sphere_radius,
     sphere_restitution,
 )
-from balloon_warp.kernels.traits import Traits
+from balloon_warp.kernels.working import Working
 
 
 @wp.func
-def begin(t: Tables, state: WorldState, working: Any, world: wp.int32, body: wp.int32):
+def begin(t: Tables, state: WorldState, working: Working, world: wp.int32, body: wp.int32):
     """Store a body's state before the step, and clear its displacement out of overlaps."""
     mass = body_mass(t, world, body)
     ease = inertia_in_world(state.body_turns[world, body], t.bodies.eases[body])
@@ -48,48 +48,30 @@ def begin(t: Tables, state: WorldState, working: Any, world: wp.int32, body: wp.
 
 
 @wp.func
-def part(
-    t: Tables,
-    positions: wp.array[wp.vec3],
-    turns: wp.array[wp.quat],
-    masses: wp.array[float],
-    eases: wp.array[wp.mat33d],
-    going: wp.array[wp.vec3d],
-    turning: wp.array[wp.vec3d],
-    grips: wp.array[Grip],
-    count: wp.int32,
-):
+def part(t: Tables, state: WorldState, working: Working, world: wp.int32, count: wp.int32):
     """Move bodies that overlap apart, each by its mass and inertia, without speed; how far each gap is then."""
     deepest = float(0.0)
     for number in range(count):
-        grip = grips[number]
+        grip = working.grips[world, number]
         deepest = wp.max(deepest, -grip.gap)
         grip.least = way_out_of(grip.gap, t.step_seconds) - wp.dot(grip.normal, grip.moving)
         grip.impulse = wp.vec3()
-        grips[number] = grip
+        working.grips[world, number] = grip
     if deepest > 0.0:
-        settle(masses, eases, going, turning, grips, count, False, APART * deepest, MOST_SWEEPS_OUT)
+        settle(working, world, count, False, APART * deepest, MOST_SWEEPS_OUT)
         for number in range(count):
-            grip = grips[number]
-            shift = beside_at(eases, going, turning, grip) + grip.moving
-            grip.gap += wp.dot(grip.normal, shift)
-            grips[number] = grip
-        for body in range(positions.shape[0]):
-            positions[body] = positions[body] + wp.vec3(going[body])
-            turns[body] = turned_by(turns[body], wp.vec3(eases[body] * turning[body]))
+            grip = working.grips[world, number]
+            grip.gap += wp.dot(grip.normal, beside_at(working, world, grip) + grip.moving)
+            working.grips[world, number] = grip
+        for body in range(state.body_positions.shape[1]):
+            shift = wp.vec3(working.body_going[world, body])
+            turn = wp.vec3(working.body_eases[world, body] * working.body_turning[world, body])
+            state.body_positions[world, body] = state.body_positions[world, body] + shift
+            state.body_turns[world, body] = turned_by(state.body_turns[world, body], turn)
 
 
 @wp.func
-def aim(
-    t: Tables,
-    impulses: wp.array[wp.vec3],
-    eases: wp.array[wp.mat33d],
-    going: wp.array[wp.vec3d],
-    turning: wp.array[wp.vec3d],
-    grips: wp.array[Grip],
-    count: wp.int32,
-    pull: float,
-):
+def inflation_direction(t: Tables, state: WorldState, working: Working, world: wp.int32, count: wp.int32, pull: float):
     """Set the target speed of each contact from its warm start, and return the fastest approach [m/s].
 
     Or a step of gravity, if that is faster.
@@ -97,20 +79,20 @@ def aim(
     slow = slowest_rebound(pull, t.step_seconds)
     fastest = t.step_seconds * wp.abs(pull)
     for number in range(count):
-        grip = grips[number]
-        approach = -wp.dot(beside_at(eases, going, turning, grip), grip.normal)
+        grip = working.grips[world, number]
+        approach = -wp.dot(beside_at(working, world, grip), grip.normal)
         faster = float(0.0)  # two bodies fall alike
         if grip.other < 0:
             faster = pull * wp.dot(grip.normal, t.up)
         grip.least = least_speed(grip.gap, approach, grip.restitution, faster, slow, t.step_seconds)
-        grip.impulse = impulses[number]
-        grips[number] = grip
+        grip.impulse = state.body_impulses[world, number]
+        working.grips[world, number] = grip
         fastest = wp.max(fastest, approach)
     return fastest
 
 
 @wp.func
-def move_body(t: Tables, state: WorldState, working: Any, world: wp.int32, body: wp.int32):
+def move_body(t: Tables, state: WorldState, working: Working, world: wp.int32, body: wp.int32):
     """Move a body by a step."""
     velocity = wp.vec3(working.body_going[world, body])
     momentum = wp.vec3(working.body_turning[world, body])
@@ -123,14 +105,14 @@ def move_body(t: Tables, state: WorldState, working: Any, world: wp.int32, body:
 
 
 @wp.func
-def remember(touches: wp.array[wp.int32], impulses: wp.array[wp.vec3], grips: wp.array[Grip], count: wp.int32):
+def remember(state: WorldState, working: Working, world: wp.int32, count: wp.int32):
     """Keep the impulses of the list for the next step; a rebound's is not one to begin with."""
     for number in range(count):
-        grip = grips[number]
-        touches[number] = grip.key
-        impulses[number] = wp.where(grip.least > 0.0, wp.vec3(), grip.impulse)
-    if count < touches.shape[0]:
-        touches[count] = -1
+        grip = working.grips[world, number]
+        state.body_touches[world, number] = grip.key
+        state.body_impulses[world, number] = wp.where(grip.least > 0.0, wp.vec3(), grip.impulse)
+    if count < state.body_touches.shape[1]:
+        state.body_touches[world, count] = -1
 
 
 @wp.func
@@ -164,15 +146,15 @@ def rub_sphere(
 
 
 @cache
-def sphere_meeting_function(traits: Traits) -> Any:
+def sphere_meeting_function(features: Features) -> Any:
     """Make the function by which a body that has moved meets a sphere that has."""
-    stop_at = stop_function(traits)
+    stop_at = stop_function(features)
 
     @wp.func
     def meet_sphere(
         t: Tables,
         state: WorldState,
-        working: Any,
+        working: Working,
         world: wp.int32,
         body: wp.int32,
         sphere: wp.int32,
@@ -195,16 +177,17 @@ def sphere_meeting_function(traits: Traits) -> Any:
             # one of them may rest on something: gravity's last step is no speed to come back with
             approach -= t.step_seconds * wp.abs(pull * wp.dot(stop.normal, t.up))
             if gain > 0.0 and approach > slowest_rebound(pull, t.step_seconds):
-                own = t.bodies.restitution[row_of_world(world, t.bodies.restitution.shape[0]), body]
-                gain = wp.max(gain, (1.0 + wp.sqrt(own * sphere_restitution(t.spheres, world, sphere))) * approach)
+                restitution = t.bodies.restitution[row_of_world(world, t.bodies.restitution.shape[0]), body]
+                both = restitution * sphere_restitution(t.spheres, world, sphere)
+                gain = wp.max(gain, (1.0 + wp.sqrt(both)) * approach)
             push = (gain / ease) * stop.normal
-            if wp.static(traits.spheres_rub):
+            if wp.static(features.spheres_rub):
                 push += rub_sphere(t, state, world, body, sphere, rigid, stop, velocity, push)
             out = (stop.out / (1.0 / mass + 1.0 / rigid.mass)) * stop.normal
             state.sphere_velocities[world, sphere] = velocity + push / mass
             state.sphere_positions[world, sphere] = end + (t.step_seconds * push + out) / mass
             twist = -wp.cross(stop.arm, push)
-            if wp.static(traits.spheres_rub):  # friction acts where they touch
+            if wp.static(features.spheres_rub):  # friction acts where they touch
                 twist += radius * wp.cross(stop.normal, push)
             put_body(state, world, pushed_on(t, rigid, -push / rigid.mass, twist, -out / rigid.mass))
 
@@ -212,37 +195,34 @@ def sphere_meeting_function(traits: Traits) -> Any:
 
 
 @cache
-def tumbling_function(traits: Traits) -> Any:
+def tumbling_function(features: Features) -> Any:
     """Return the function that moves the bodies of a world by a step."""
-    take_hold = holding_function(traits)
-    meet_sphere = sphere_meeting_function(traits)
-    split = traits.columns.balloon_width
-    gravity = traits.columns.places["gravity"] - split
+    take_hold = holding_function(features)
+    meet_sphere = sphere_meeting_function(features)
+    split = features.columns.balloon_width
+    gravity = features.columns.places["gravity"] - split
 
     @wp.func
-    def tumble(t: Tables, state: WorldState, working: Any, world: wp.int32, time: float):
+    def tumble(t: Tables, state: WorldState, working: Working, world: wp.int32, time: float):
         """Move all bodies in a step that begins at a time [s]; spheres have moved."""
         bodies = state.body_positions.shape[1]
         pull = t.world_numbers[row_of_world(world, t.world_numbers.shape[0]), gravity]
         for body in range(bodies):
             begin(t, state, working, world, body)
-        masses, eases = working.body_masses[world], working.body_eases[world]
-        going, turning = working.body_going[world], working.body_turning[world]
-        touches, impulses, grips = state.body_touches[world], state.body_impulses[world], working.grips[world]
-        positions, turns = state.body_positions[world], state.body_turns[world]
         count = take_hold(t, state, working, world, time, pull)
-        remember(touches, impulses, grips, count)
-        part(t, positions, turns, masses, eases, going, turning, grips, count)
+        remember(state, working, world, count)
+        part(t, state, working, world, count)
         for body in range(bodies):
-            working.body_starts[world, body] = positions[body]
-            working.body_start_turns[world, body] = turns[body]
-            going[body] = wp.vec3d(state.body_velocities[world, body])
-            turning[body] = wp.vec3d(state.body_momenta[world, body])
-        fastest = aim(t, impulses, eases, going, turning, grips, count, pull)
+            working.body_starts[world, body] = state.body_positions[world, body]
+            working.body_start_turns[world, body] = state.body_turns[world, body]
+            working.body_going[world, body] = wp.vec3d(state.body_velocities[world, body])
+            working.body_turning[world, body] = wp.vec3d(state.body_momenta[world, body])
+        fastest = inflation_direction(t, state, working, world, count, pull)
         for body in range(bodies):
-            going[body] = going[body] - wp.vec3d((t.step_seconds * pull) * t.up)
-        settle(masses, eases, going, turning, grips, count, True, AGREED * fastest, most_sweeps(count))
-        remember(touches, impulses, grips, count)
+            fallen = wp.vec3d((t.step_seconds * pull) * t.up)
+            working.body_going[world, body] = working.body_going[world, body] - fallen
+        settle(working, world, count, True, AGREED * fastest, most_sweeps(count))
+        remember(state, working, world, count)
         for body in range(bodies):
             move_body(t, state, working, world, body)
         for sphere in range(state.sphere_positions.shape[1]):

@@ -1,4 +1,4 @@
-"""Solids as seen from themselves: where they let a particle go, or a ball, at any speed and angle."""
+"""Paths of particles and balls past a solid, in the solid's frame, at any speed and angle."""
 
 from functools import cache
 from typing import Any

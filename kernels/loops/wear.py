@@ -1,4 +1,4 @@
-"""Membranes that soften as they are stretched, or tear: what is left of the tension of a triangle, and its stress."""
+"""Membranes that soften or tear: the remaining tension of a triangle, and its stress."""
 
 from functools import cache
 from typing import Any
@@ -6,24 +6,23 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.compose import choice_of_energies, choice_of_laws
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.lanes import number_in
 from balloon_warp.kernels.laws.softening import softened
 from balloon_warp.kernels.laws.tearing import true_stress
 from balloon_warp.kernels.laws.tension_field import LEAST_DET, invariants_of, is_taut, mixed_stretch, relaxed
-from balloon_warp.kernels.loops.membranes import material_reader
 from balloon_warp.kernels.tables import Tables, row_of_world
-from balloon_warp.kernels.traits import Traits
 
 
 @cache
-def wear_of_triangle(traits: Traits) -> Any:
+def wear_of_triangle(features: Features) -> Any:
     """Return the function for the wear of a triangle, from the dot products of its edges as in `loops.membranes`.
 
     It returns the factor on the tension, the greatest energy density so far, and the larger principal true stress.
     """
-    energy_of_law = choice_of_energies(traits.membranes, traits.columns)
-    slopes_of_law = choice_of_laws(traits.membranes, traits.columns)
-    wrinkling = traits.columns.places["wrinkling"]
+    energy_of_law = choice_of_energies(features.membranes, features.columns)
+    slopes_of_law = choice_of_laws(features.membranes, features.columns)
+    wrinkling = features.columns.places["wrinkling"]
 
     @wp.func
     def wear(
@@ -45,7 +44,7 @@ def wear_of_triangle(traits: Traits) -> Any:
         left = float(1.0)
         greatest = float(0.0)
         stress = float(0.0)
-        if wp.static(traits.softens):
+        if wp.static(features.softens):
             energy = wp.max(energy_of_law(law_trace, law_det, law_spread, material, n, lane), 0.0)
             greatest = wp.max(peak, energy)
             table = t.membranes.wear
@@ -55,39 +54,13 @@ def wear_of_triangle(traits: Traits) -> Any:
                 of_balloon(table.softening_energy, world, balloon),
                 of_balloon(table.softening_share, world, balloon),
             )  # fmt: skip
-        if wp.static(traits.bursts):
+        if wp.static(features.bursts):
             by_trace, by_det = slopes_of_law(law_trace, law_det, law_spread, material, n, lane)
             by_trace, by_det = relaxed(by_trace, by_det, major, spread, across, taut, wrinkles)
             stress = left * true_stress(by_trace, by_det, major, major - spread)
         return left, greatest, stress
 
     return wear
-
-
-@cache
-def wear_function(traits: Traits, at: Any) -> Any:
-    """Return the function for the wear of a triangle from a world's points.
-
-    Args:
-        at: Function that reads a point.
-    """
-    wear = wear_of_triangle(traits)
-    material_of = material_reader(traits)
-
-    @wp.func
-    def wear_of_points(t: Tables, world: wp.int32, triangle: wp.int32, points: Any, peak: float, n: Any):
-        """Return the factor on the tension [1], the greatest energy density and the larger stress [Pa]."""
-        corners = t.membranes.corners[triangle]
-        balloon = t.particles.balloon[corners[0]]
-        d1 = at(points, corners[1]) - at(points, corners[0])
-        d2 = at(points, corners[2]) - at(points, corners[0])
-        metric = wp.vec3(wp.dot(d1, d1), wp.dot(d1, d2), wp.dot(d2, d2))
-        left, greatest, stress = wear(
-            t, world, balloon, material_of(t.membranes, balloon), metric, t.membranes.corner_rests[triangle], peak, n, 0
-        )
-        return left, greatest, stress
-
-    return wear_of_points
 
 
 @wp.func

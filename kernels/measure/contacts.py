@@ -61,7 +61,7 @@ def vertex_area(faces: FaceTable, points: wp.array2d[wp.vec3], world: wp.int32, 
 def sum_of_pair(
     faces: FaceTable,
     points: wp.array2d[wp.vec3],
-    pushes: wp.array3d[wp.vec4],
+    impulses: wp.array3d[wp.vec4],
     world: wp.int32,
     thing: wp.int32,
     particles: wp.vec2i,
@@ -70,16 +70,16 @@ def sum_of_pair(
     """Sum what a thing does to the particles from the first to before the last; moments are about a center."""
     sums = PairSums()
     for particle in range(particles[0], particles[1]):
-        told = pushes[world, thing, particle]
-        if told[3] > 0.0:
-            impulse = wp.vec3(told[0], told[1], told[2])
+        entry = impulses[world, thing, particle]
+        if entry[3] > 0.0:
+            impulse = wp.vec3(entry[0], entry[1], entry[2])
             area = vertex_area(faces, points, world, particle)
             arm = points[world, particle] - center
             sums.impulse += impulse
             sums.moment += wp.cross(arm, impulse)
             sums.strength += wp.length(impulse)
             sums.place += wp.length(impulse) * arm
-            sums.area += area * told[3]
+            sums.area += area * entry[3]
             if area > 0.0:
                 sums.pressure = wp.max(sums.pressure, wp.length(impulse) / area)
     return sums
@@ -103,7 +103,7 @@ def sum_contacts(
     frame_seconds: float,
     # state in
     points: wp.array2d[wp.vec3],
-    pushes: wp.array3d[wp.vec4],
+    impulses: wp.array3d[wp.vec4],
     # state out
     forces: wp.array3d[wp.vec3],
     torques: wp.array3d[wp.vec3],
@@ -117,13 +117,13 @@ def sum_contacts(
     their triangles.
     """
     world, balloon, thing = wp.tid()
-    own = wp.vec2i(offsets[balloon], offsets[balloon + 1])
-    origin = points[world, own[0]]
-    sums = sum_of_pair(faces, points, pushes, world, thing, own, origin)
+    particles = wp.vec2i(offsets[balloon], offsets[balloon + 1])
+    origin = points[world, particles[0]]
+    sums = sum_of_pair(faces, points, impulses, world, thing, particles, origin)
     first = forces.shape[2] - forces.shape[1]
     if thing >= first:
         its = wp.vec2i(offsets[thing - first], offsets[thing - first + 1])
-        back = sum_of_pair(faces, points, pushes, world, first + balloon, its, origin)
+        back = sum_of_pair(faces, points, impulses, world, first + balloon, its, origin)
         sums.impulse -= back.impulse
         sums.moment -= back.moment
         sums.strength += back.strength
@@ -131,7 +131,7 @@ def sum_contacts(
         sums.area = wp.max(sums.area, back.area)
         sums.pressure += back.pressure  # each bears a part of what presses them together
     if sums.area > 0.0:
-        sums.moment -= wp.cross(mean_arm(points, world, own), sums.impulse)
+        sums.moment -= wp.cross(mean_arm(points, world, particles), sums.impulse)
     forces[world, balloon, thing] = sums.impulse / frame_seconds
     torques[world, balloon, thing] = sums.moment / frame_seconds
     areas[world, balloon, thing] = sums.area / frame_seconds

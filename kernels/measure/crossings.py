@@ -44,11 +44,11 @@ def corners_of(things: Things, triangle: wp.int32):
 @wp.func
 def may_cross(things: Things, first: wp.int32, second: wp.int32):
     """Return whether two triangles should not cross: of things that touch, without a common corner."""
-    own = things.owners[first]
+    owner = things.owners[first]
     other = things.owners[second]
-    if own != other:
-        return things.groups[own] != things.groups[other]
-    meets = things.soft[own] != 0
+    if owner != other:
+        return things.groups[owner] != things.groups[other]
+    meets = things.soft[owner] != 0
     for end in range(3):
         for far in range(3):
             here = things.vertices[things.triangles[first][end]]

@@ -1,4 +1,4 @@
-"""Rubber that locks: which worlds stretched it further than its law is followed."""
+"""Locking of rubber: the worlds that stretched it beyond its law."""
 
 import warp as wp
 

@@ -6,15 +6,15 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.algebra import squared_length
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.loops.faces import face_loop
 from balloon_warp.kernels.loops.net_force import net_force_function, scalar_loops
 from balloon_warp.kernels.loops.springs import pair_pull
 from balloon_warp.kernels.loops.strings import held_string_pull
 from balloon_warp.kernels.memory import vector_at
 from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.own import own_functions
+from balloon_warp.kernels.params import params_functions
 from balloon_warp.kernels.tables import Tables
-from balloon_warp.kernels.traits import Traits
 
 
 @cache
@@ -44,9 +44,9 @@ def pull_kernel(measure: Any) -> Any:
 
 
 @cache
-def spring_measure(traits: Traits) -> Any:
+def spring_measure(features: Features) -> Any:
     """Return the function that measures a spring."""
-    pull_of_pair = pair_pull(traits)
+    pull_of_pair = pair_pull(features)
 
     @wp.func
     def measure_spring(
@@ -60,9 +60,9 @@ def spring_measure(traits: Traits) -> Any:
 
 
 @cache
-def string_measure(traits: Traits) -> Any:
+def string_measure(features: Features) -> Any:
     """Return the function that measures a string."""
-    pull_of_held_string = held_string_pull(traits)
+    pull_of_held_string = held_string_pull(features)
 
     @wp.func
     def measure_string(
@@ -76,15 +76,15 @@ def string_measure(traits: Traits) -> Any:
 
 
 @cache
-def law_measure(alones: tuple[Traits, ...], number: int = 0) -> Any:
+def law_measure(alones: tuple[Features, ...], number: int = 0) -> Any:
     """Return the function that measures the laws on a particle, one by one.
 
     Args:
-        alones: the traits with one law on particles, hinges or faces alone, or with membranes.
+        alones: the features with one law on particles, hinges or faces alone, or with membranes.
     """
-    traits = alones[0]
-    alone = traits._replace(pressures=False)
-    _, read_own = own_functions(traits.columns, traits.balloons)
+    features = alones[0]
+    alone = features._replace(pressures=False)
+    _, read_params = params_functions(features.columns, features.balloons)
     net_force = net_force_function(alone, scalar_loops(alone, vector_at))
     push_of_faces = face_loop(alone, vector_at, vector_at) if alone.has("face") else None
     others = law_measure(alones[1:], number + 1) if len(alones) > 1 else None
@@ -94,9 +94,9 @@ def law_measure(alones: tuple[Traits, ...], number: int = 0) -> Any:
         t: Tables, world: wp.int32, particle: wp.int32, points: Any, velocities: Any, time: float, pulls: Any
     ):
         """Measure the force of each law [N]."""
-        own = read_own(t, world, particle)
+        params = read_params(t, world, particle)
         point = points[particle]
-        force, _area, _facing = net_force(t, points, velocities, own, particle, point, velocities[particle], time)
+        force, _area, _facing = net_force(t, points, velocities, params, particle, point, velocities[particle], time)
         if wp.static(push_of_faces is not None):
             force += push_of_faces(t, points, velocities, world, particle, time)
         pulls[number, particle] = wp.length(force)

@@ -8,53 +8,30 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.torsion import FIRST_WING
-from balloon_warp.kernels.loops.areas import area_vector_of_corner
+from balloon_warp.kernels.loops.areas import corner_area
 from balloon_warp.kernels.loops.faces import face_push
 from balloon_warp.kernels.loops.hinges import hinge_forces, wing_size
-from balloon_warp.kernels.loops.membranes import material_reader, triangle_pull, wear_reader
+from balloon_warp.kernels.loops.membranes import triangle_pull
 from balloon_warp.kernels.loops.springs import pair_pull
 from balloon_warp.kernels.loops.strings import held_string_pull
 from balloon_warp.kernels.memory import vector_at
-from balloon_warp.kernels.own import numbers_reader
+from balloon_warp.kernels.params import numbers_reader
 from balloon_warp.kernels.phase import Look, phase
 from balloon_warp.kernels.tables import Tables
-from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.working import Working
 
 
 @cache
-def line_functions(traits: Traits) -> tuple[Any, Any]:
-    """Make the functions that add what a spring, and a string, do to a world's forces."""
-    pull_of_pair, pull_of_held_string = pair_pull(traits), held_string_pull(traits)
-
-    @wp.func
-    def add_spring(
-        t: Tables, world: wp.int32, spring: wp.int32, points: Any, velocities: Any, time: float, forces: Any
-    ):
-        """Add a spring's equal and opposite forces to its two particles."""
-        d, coefficient = pull_of_pair(t, world, spring, points, velocities, time)
-        wp.atomic_add(forces, t.pairs.particles[spring][0], d * coefficient)
-        wp.atomic_sub(forces, t.pairs.particles[spring][1], d * coefficient)
-
-    @wp.func
-    def add_string(t: Tables, world: wp.int32, held: wp.int32, points: Any, velocities: Any, time: float, forces: Any):
-        """Add a string's force to its particle."""
-        pull = pull_of_held_string(t, world, held, points, velocities, time)
-        wp.atomic_add(forces, t.strings.particles[held], pull)
-
-    return add_spring, add_string
-
-
-@cache
-def hinge_function(traits: Traits, at: Any, add: Any) -> Any:
+def hinge_function(features: Features, at: Any, add: Any) -> Any:
     """Make the function that adds what a hinge does.
 
     Args:
         at: the function that reads a point.
         add: the one that adds a force to a particle's.
     """
-    forces_of_hinge, read_numbers = hinge_forces(traits, at), numbers_reader(traits.columns)
+    forces_of_hinge, read_numbers = hinge_forces(features, at), numbers_reader(features.columns)
 
     @wp.func
     def add_hinge(t: Tables, world: wp.int32, hinge: wp.int32, points: Any, forces: Any):
@@ -72,16 +49,11 @@ def hinge_function(traits: Traits, at: Any, add: Any) -> Any:
 
 
 @cache
-def surface_functions(traits: Traits, at: Any) -> tuple[Any, Any]:
-    """Make the functions that add what a triangle of a membrane, and a face do to a world's forces.
-
-    Args:
-        at: the function that reads a point.
-    """
-    push_at_corner = face_push(traits, at, vector_at)
-    read_numbers = numbers_reader(traits.columns)
-    pull_of_triangle = triangle_pull(traits) if traits.membranes else None
-    material_of, left_of = material_reader(traits), wear_reader(traits)
+def surface_functions(features: Features, at: Any) -> tuple[Any, Any]:
+    """Make the functions that add what a triangle of a membrane, and a face do to a world's forces."""
+    push_at_corner = face_push(features, at, vector_at)
+    read_numbers = numbers_reader(features.columns)
+    pull_of_triangle = triangle_pull(features) if features.membranes else None
 
     @wp.func
     def add_triangle(t: Tables, world: wp.int32, triangle: wp.int32, points: Any, velocities: Any, forces: Any):
@@ -93,10 +65,10 @@ def surface_functions(traits: Traits, at: Any) -> tuple[Any, Any]:
         pull, first, second = pull_of_triangle(
             points[corners[1]] - points[p], points[corners[2]] - points[p],
             velocities[corners[1]] - velocities[p], velocities[corners[2]] - velocities[p],
-            t.membranes.corner_rests[triangle], material_of(t.membranes, balloon), n,
+            t.membranes.corner_rests[triangle], t.membranes.materials[balloon], n,
         )  # fmt: skip
-        if wp.static(traits.wears):
-            left = left_of(t.membranes, world, triangle)
+        if wp.static(features.wears):
+            left = t.membranes.wear.left[world, triangle]
             pull *= left
             first *= left
             second *= left
@@ -115,11 +87,26 @@ def surface_functions(traits: Traits, at: Any) -> tuple[Any, Any]:
 
 
 @phase("element")
-def add_forces(traits: Traits, look: Look) -> Any:
+def add_forces(features: Features, look: Look) -> Any:
     """Add what a spring, or string, or hinge, or triangle, or face does to its particles, in this order."""
-    add_spring, add_string = line_functions(traits)
-    add_hinge = hinge_function(traits, look.at, look.add)
-    add_triangle, add_face = surface_functions(traits, look.at)
+    add_hinge = hinge_function(features, look.at, look.add)
+    add_triangle, add_face = surface_functions(features, look.at)
+    pull_of_pair, pull_of_held_string = pair_pull(features), held_string_pull(features)
+
+    @wp.func
+    def add_spring(
+        t: Tables, world: wp.int32, spring: wp.int32, points: Any, velocities: Any, time: float, forces: Any
+    ):
+        """Add a spring's equal and opposite forces to its two particles."""
+        d, coefficient = pull_of_pair(t, world, spring, points, velocities, time)
+        wp.atomic_add(forces, t.pairs.particles[spring][0], d * coefficient)
+        wp.atomic_sub(forces, t.pairs.particles[spring][1], d * coefficient)
+
+    @wp.func
+    def add_string(t: Tables, world: wp.int32, held: wp.int32, points: Any, velocities: Any, time: float, forces: Any):
+        """Add a string's force to its particle."""
+        pull = pull_of_held_string(t, world, held, points, velocities, time)
+        wp.atomic_add(forces, t.strings.particles[held], pull)
 
     @wp.func
     def add_forces(
@@ -133,44 +120,34 @@ def add_forces(traits: Traits, look: Look) -> Any:
         if element < first_string:
             add_spring(t, world, element, points, velocities, time, forces)
         elif element < first_hinge:
-            if wp.static(traits.has("string")):
+            if wp.static(features.has("string")):
                 add_string(t, world, element - first_string, points, velocities, time, forces)
         elif element < first_triangle:
-            if wp.static(traits.has("hinge")):
+            if wp.static(features.has("hinge")):
                 add_hinge(t, world, element - first_hinge, points, forces)
         elif element < first_face:
-            if wp.static(bool(traits.membranes)):
+            if wp.static(bool(features.membranes)):
                 add_triangle(t, world, element - first_triangle, points, velocities, forces)
         else:
-            if wp.static(traits.has("face")):
+            if wp.static(features.has("face")):
                 add_face(t, world, element - first_face, points, velocities, time, forces)
 
     return add_forces
 
 
+area_vector_at_corner = corner_area(vector_at)
+
+
 @wp.func
 def add_area_vectors_of_face(t: Tables, working: Working, points: wp.array[wp.vec3], world: wp.int32, face: wp.int32):
     """Add a face's contributions to the area vectors of its particles."""
-    begin = t.faces.offsets[face]
-    end = t.faces.offsets[face + 1]
-    count = end - begin
-    for corner in range(count):
-        particle = t.faces.particles[begin + corner]
-        point = points[particle]
-        first = points[t.faces.particles[begin + (corner + 1) % count]] - point
-        arm = first
-        arms = first
-        double_area = wp.vec3()
-        for further in range(2, count):
-            next_arm = points[t.faces.particles[begin + (corner + further) % count]] - point
-            double_area += wp.cross(arm, next_arm)
-            arms += next_arm
-            arm = next_arm
-        part = area_vector_of_corner(double_area, first - arm, arms, float(count))
+    for corner in range(t.faces.offsets[face + 1] - t.faces.offsets[face]):
+        particle = t.faces.particles[t.faces.offsets[face] + corner]
+        part = area_vector_at_corner(t, points, face, corner, points[particle])
         wp.atomic_add(working.area_vectors, world, particle, part)
 
 
-@phase("face", when=lambda traits: traits.measures_areas)
-def add_area_vectors(traits: Traits, look: Look) -> Any:
+@phase("face", when=lambda features: features.measures_areas)
+def add_area_vectors(features: Features, look: Look) -> Any:
     """Add a face's parts of the area vectors of its particles."""
     return add_area_vectors_of_face

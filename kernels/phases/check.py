@@ -4,19 +4,19 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.measure.health import look_at_particle
 from balloon_warp.kernels.phase import Look, phase
 from balloon_warp.kernels.tables import Tables, WorldState
-from balloon_warp.kernels.traits import Traits
 
 
-@phase("particle", last=True, when=lambda traits: traits.frames == "all")
-def check(traits: Traits, look: Look) -> Any:
+@phase("particle", last=True, when=lambda features: features.frames == "all")
+def check(features: Features, look: Look) -> Any:
     """Record the first particle at a place that it cannot have."""
 
     @wp.func
-    def check(t: Tables, state: WorldState, points: Any, own: Any, particle: wp.int32, number: wp.int32):
-        balloon, share = own.balloon, own.share
-        look_at_particle(t.health, state.first_bad, own.world, particle, number, balloon, share, points)
+    def check(t: Tables, state: WorldState, points: Any, params: Any, particle: wp.int32, number: wp.int32):
+        balloon, share = params.balloon, params.share
+        look_at_particle(t.health, state.first_bad, params.world, particle, number, balloon, share, points)
 
     return check

@@ -4,18 +4,18 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.correction import excess, moves_of_ends
 from balloon_warp.kernels.memory import float_at, int_pair_at
 from balloon_warp.kernels.phase import Look, phase
 from balloon_warp.kernels.tables import Tables, row_of_world
-from balloon_warp.kernels.traits import Traits
 
 
-@phase("spring", when=lambda traits: traits.corrected)
-def correct(traits: Traits, look: Look) -> Any:
+@phase("spring", when=lambda features: features.corrected)
+def correct(features: Features, look: Look) -> Any:
     """Shorten a spring that is too long; no two of one color end at one particle."""
     at, put, velocity_at, put_velocity = look.at, look.put, look.velocity_at, look.put_velocity
-    limit_column = traits.columns.places["correction_limit"] - traits.columns.balloon_width
+    limit_column = features.columns.places["correction_limit"] - features.columns.balloon_width
 
     @wp.func
     def correct(t: Tables, points: Any, velocities: Any, world: wp.int32, spring: wp.int32):

@@ -4,20 +4,22 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.adjoints.derived import nothing
+from balloon_warp.kernels.adjoints.faces import bear_backwards
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.loops.faces import face_push, push_of_faces
 from balloon_warp.kernels.phase import Look, phase
 from balloon_warp.kernels.tables import Tables
-from balloon_warp.kernels.traits import Traits
 
 
-def _acts_on_faces(traits: Traits) -> bool:
-    return traits.has("face")
+def _acts_on_faces(features: Features) -> bool:
+    return features.has("face")
 
 
-@phase("face", {"face_push": wp.vec3}, when=_acts_on_faces)
-def push_face(traits: Traits, look: Look) -> Any:
+@phase("face", {"face_push": wp.vec3}, when=_acts_on_faces, adjoint=nothing)
+def push_face(features: Features, look: Look) -> Any:
     """Find the force on a face, each corner's share [N]."""
-    push_at_corner = face_push(traits, look.at, look.velocity_at)
+    push_at_corner = face_push(features, look.at, look.velocity_at)
 
     @wp.func
     def push_face(t: Tables, world: wp.int32, face: wp.int32, points: Any, time: float):
@@ -27,11 +29,11 @@ def push_face(traits: Traits, look: Look) -> Any:
     def push_by_velocities(t: Tables, world: wp.int32, face: wp.int32, points: Any, velocities: Any, time: float):
         return push_at_corner(t, points, velocities, world, face, time)
 
-    return push_by_velocities if traits.needs("face", "velocity") else push_face
+    return push_by_velocities if features.needs("face", "velocity") else push_face
 
 
-@phase("particle", {"force": wp.vec3}, when=_acts_on_faces)
-def bear(traits: Traits, look: Look) -> Any:
+@phase("particle", {"force": wp.vec3}, when=_acts_on_faces, adjoint=bear_backwards)
+def bear(features: Features, look: Look) -> Any:
     """Add the forces on its faces to a particle."""
 
     @wp.func

@@ -8,30 +8,30 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.adjoints.derived import by_grad
-from balloon_warp.kernels.adjoints.gas import needs_same_gas
+from balloon_warp.kernels.adjoints.gas import pump_backwards
 from balloon_warp.kernels.algebra import times
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.loops.gas import flows_function, gas_mass_function, pump_function
 from balloon_warp.kernels.phase import Look, phase
 from balloon_warp.kernels.tables import Tables, WorldState
-from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.working import Working
 
 
-def _stays(traits: Traits) -> bool:
+def _stays(features: Features) -> bool:
     """Return whether the amount of gas is constant over a frame."""
-    return not traits.gas_changes
+    return not features.gas_changes
 
 
-@phase("world", when=lambda traits: traits.gas, once=_stays, adjoint=needs_same_gas)
-def pump(traits: Traits, look: Look) -> Any:
+@phase("world", when=lambda features: features.gas, once=_stays, adjoint=pump_backwards)
+def pump(features: Features, look: Look) -> Any:
     """Pump gas in, or let it out."""
-    return pump_function(traits)
+    return pump_function(features)
 
 
-@phase("balloon", when=lambda traits: traits.gas, once=_stays, adjoint=needs_same_gas)
-def weigh(traits: Traits, look: Look) -> Any:
+@phase("balloon", when=lambda features: features.gas, once=_stays, adjoint=pump_backwards)
+def weigh(features: Features, look: Look) -> Any:
     """Weigh the gas in a balloon, and the air that moves along."""
-    gas_mass = gas_mass_function(traits)
+    gas_mass = gas_mass_function(features)
 
     @wp.func
     def weigh(t: Tables, state: WorldState, working: Working, world: wp.int32, balloon: wp.int32):
@@ -40,22 +40,22 @@ def weigh(traits: Traits, look: Look) -> Any:
     return weigh
 
 
-@phase("particle", {"inertia": float}, light=True, once=lambda traits: not traits.gas_changes, adjoint=by_grad)
-def burden(traits: Traits, look: Look) -> Any:
+@phase("particle", {"inertia": float}, light=True, once=lambda features: not features.gas_changes, adjoint=by_grad)
+def burden(features: Features, look: Look) -> Any:
     """Find the effective mass of a particle, with its share of the gas, which moves along [kg]."""
 
     @wp.func
-    def burden(own: Any):
-        return own.mass
+    def burden(params: Any):
+        return params.mass
 
     @wp.func
-    def burden_with_gas(own: Any, gas_mass: Any):
-        return own.mass + times(own.share, gas_mass)
+    def burden_with_gas(params: Any, gas_mass: Any):
+        return params.mass + times(params.share, gas_mass)
 
-    return burden_with_gas if traits.gas else burden
+    return burden_with_gas if features.gas else burden
 
 
-@phase("world", when=lambda traits: traits.gas_flows)
-def flow(traits: Traits, look: Look) -> Any:
+@phase("world", when=lambda features: features.gas_flows, adjoint=pump_backwards)
+def flow(features: Features, look: Look) -> Any:
     """Exchange gas through tubes, necks and leaks, driven by the current pressures."""
-    return flows_function(traits)
+    return flows_function(features)

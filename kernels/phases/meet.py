@@ -14,13 +14,13 @@ from balloon_warp.kernels.contact.faces import faces_function
 from balloon_warp.kernels.contact.near import are_noted
 from balloon_warp.kernels.contact.ridges import ridges_function
 from balloon_warp.kernels.contact.spheres import spheres_function
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.phase import Look, phase
-from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.working import Working
 
 
-@phase("particle", when=lambda traits: traits.small_spheres)
-def keep_start(traits: Traits, look: Look) -> Any:
+@phase("particle", when=lambda features: features.small_spheres)
+def keep_start(features: Features, look: Look) -> Any:
     """Store the position of a particle before it moves, for spheres that touch faces."""
 
     @wp.func
@@ -30,31 +30,31 @@ def keep_start(traits: Traits, look: Look) -> Any:
     return keep_start
 
 
-@phase("team", when=lambda traits: traits.ridges)
-def meet_ridges(traits: Traits, look: Look) -> Any:
+@phase("team", when=lambda features: features.ridges)
+def meet_ridges(features: Features, look: Look) -> Any:
     """Resolve contacts of balloon faces with ridges of obstacles and bodies."""
-    return ridges_function(traits)
+    return ridges_function(features)
 
 
-@phase("team", when=lambda traits: traits.impulses, due=lambda traits: are_noted)
-def meet_spheres(traits: Traits, look: Look) -> Any:
+@phase("team", when=lambda features: features.impulses, due=lambda features: are_noted)
+def meet_spheres(features: Features, look: Look) -> Any:
     """Exchange momentum between spheres and particles."""
-    return spheres_function(traits, *look.in_team)
+    return spheres_function(features, *look.in_team)
 
 
-@phase("team", when=lambda traits: traits.bodies > 0)
-def meet_bodies(traits: Traits, look: Look) -> Any:
+@phase("team", when=lambda features: features.bodies > 0)
+def meet_bodies(features: Features, look: Look) -> Any:
     """Exchange momentum between free bodies and particles."""
-    return bodies_function(traits)
+    return bodies_function(features)
 
 
-@phase("team", when=lambda traits: traits.small_spheres)
-def meet_faces(traits: Traits, look: Look) -> Any:
+@phase("team", when=lambda features: features.small_spheres)
+def meet_faces(features: Features, look: Look) -> Any:
     """Resolve contacts of small spheres with faces."""
-    return faces_function(traits)
+    return faces_function(features)
 
 
-@phase("team", when=lambda traits: traits.edges_meet)
-def meet_edges(traits: Traits, look: Look) -> Any:
+@phase("team", when=lambda features: features.edges_meet)
+def meet_edges(features: Features, look: Look) -> Any:
     """Resolve contacts of sharp edges."""
-    return edges_function(traits)
+    return edges_function(features)

@@ -6,9 +6,9 @@ import warp as wp
 
 from balloon_warp.kernels.adjoints.derived import by_grad
 from balloon_warp.kernels.algebra import scaled
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.lanes import Lanes
 from balloon_warp.kernels.phase import Look, phase
-from balloon_warp.kernels.traits import Traits
 
 
 @wp.func
@@ -36,14 +36,8 @@ def kick(velocity: Any, force: Any, gain: Any):
     return velocity + scaled(force, gain)
 
 
-@wp.func
-def drift_symplectic(point: Any, old_velocity: Any, velocity: Any, step_seconds: float):
-    """Return x + h v with the new velocity v: symplectic Euler, in the order of the paper's listing."""
-    return point + scaled(velocity, step_seconds)
-
-
-@phase("particle", {"gain": float}, light=True, once=lambda traits: not traits.gas_changes, adjoint=by_grad)
-def respond(traits: Traits, look: Look) -> Any:
+@phase("particle", {"gain": float}, light=True, once=lambda features: not features.gas_changes, adjoint=by_grad)
+def respond(features: Features, look: Look) -> Any:
     """Find the velocity that a force gives a particle, see `response`."""
 
     @wp.func
@@ -53,8 +47,8 @@ def respond(traits: Traits, look: Look) -> Any:
     return respond
 
 
-@phase("particle", {"free_velocity": wp.vec3}, when=lambda traits: traits.gas, adjoint=by_grad)
-def free(traits: Traits, look: Look) -> Any:
+@phase("particle", {"free_velocity": wp.vec3}, when=lambda features: features.gas, adjoint=by_grad)
+def free(features: Features, look: Look) -> Any:
     """Accelerate a particle by all forces except inflation, from which the gas's pressure follows."""
 
     @wp.func
@@ -65,7 +59,7 @@ def free(traits: Traits, look: Look) -> Any:
 
 
 @phase("particle", {"velocity": wp.vec3}, adjoint=by_grad)
-def push(traits: Traits, look: Look) -> Any:
+def push(features: Features, look: Look) -> Any:
     """Accelerate a particle by all forces."""
 
     @wp.func
@@ -76,25 +70,25 @@ def push(traits: Traits, look: Look) -> Any:
     def push_on(free_velocity: Any, inflation: Any, gain: Any):
         return kick(free_velocity, inflation, gain)
 
-    return push_on if traits.gas else push
+    return push_on if features.gas else push
 
 
-def _move(traits: Traits, look: Look) -> Any:
+def _move(features: Features, look: Look) -> Any:
     @wp.func
     def move(t: Any, point: Any, velocity: Any):
         """Move a point: x + h v [m]."""
-        return drift_symplectic(point, velocity, velocity, t.step_seconds)
+        return point + scaled(velocity, t.step_seconds)
 
     return move
 
 
-@phase("particle", {"point": wp.vec3}, when=lambda traits: traits.forward_euler, adjoint=by_grad)
-def move_first(traits: Traits, look: Look) -> Any:
+@phase("particle", {"point": wp.vec3}, when=lambda features: features.forward_euler, adjoint=by_grad)
+def move_first(features: Features, look: Look) -> Any:
     """Move a particle by the old velocity: forward Euler."""
-    return _move(traits, look)
+    return _move(features, look)
 
 
-@phase("particle", {"point": wp.vec3}, when=lambda traits: not traits.forward_euler, adjoint=by_grad)
-def move(traits: Traits, look: Look) -> Any:
+@phase("particle", {"point": wp.vec3}, when=lambda features: not features.forward_euler, adjoint=by_grad)
+def move(features: Features, look: Look) -> Any:
     """Move a particle by the new velocity: symplectic Euler."""
-    return _move(traits, look)
+    return _move(features, look)

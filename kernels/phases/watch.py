@@ -1,4 +1,4 @@
-"""A particle in a frame in which it is believed to meet nothing: whether it goes further than that holds."""
+"""Watch over a free frame: whether a particle moves farther than assumed."""
 
 from typing import Any
 
@@ -6,19 +6,19 @@ import warp as wp
 
 from balloon_warp.kernels.algebra import squared_length, times
 from balloon_warp.kernels.contact.free_frames import HURRIED
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.lanes import all_positive
 from balloon_warp.kernels.phase import Look, phase
 from balloon_warp.kernels.tables import Tables
-from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.working import Working
 
 
-def _is_free(traits: Traits) -> bool:
-    return traits.watched
+def _is_free(features: Features) -> bool:
+    return features.watched
 
 
 @phase("particle", {"start": wp.vec3}, when=_is_free)
-def set_off(traits: Traits, look: Look) -> Any:
+def set_off(features: Features, look: Look) -> Any:
     """Store a particle's position at the begin of its substep."""
 
     @wp.func
@@ -28,7 +28,7 @@ def set_off(traits: Traits, look: Look) -> Any:
     return set_off
 
 
-def _hurries(traits: Traits, look: Look) -> Any:
+def _hurries(features: Features, look: Look) -> Any:
     if not look.world:  # of one particle it is asked as fast
         return None
 
@@ -42,7 +42,7 @@ def _hurries(traits: Traits, look: Look) -> Any:
 
 
 @phase("particle", when=_is_free, rare=_hurries)
-def watch(traits: Traits, look: Look) -> Any:
+def watch(features: Features, look: Look) -> Any:
     """Mark a world with a particle faster than assumed: its frame does not hold."""
 
     @wp.func

@@ -5,13 +5,13 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.loops.wear import wear_function
-from balloon_warp.kernels.own import numbers_reader
+from balloon_warp.kernels.features import Features
+from balloon_warp.kernels.loops.wear import wear_of_triangle
+from balloon_warp.kernels.params import numbers_reader
 from balloon_warp.kernels.phase import Look, phase
 from balloon_warp.kernels.phases.holes import opening_function
 from balloon_warp.kernels.phases.tears import run_tears, tear_faces, weigh_faces
 from balloon_warp.kernels.tables import Tables
-from balloon_warp.kernels.traits import Traits
 
 
 def _may_wear(scene: Any) -> bool:
@@ -21,19 +21,26 @@ def _may_wear(scene: Any) -> bool:
 
 
 @cache
-def wear_of_points(traits: Traits, at: Any) -> Any:
+def wear_of_points(features: Features, at: Any) -> Any:
     """Make the function that finds what is left of the tension of triangles, and their stresses.
 
     It returns the greatest energy density so far [Pa].
     """
-    read_numbers, wear_of_triangle = numbers_reader(traits.columns), wear_function(traits, at)
+    read_numbers, wear_of_metric = numbers_reader(features.columns), wear_of_triangle(features)
 
     @wp.func
     def wear(t: Tables, points: Any, world: wp.int32, triangle: wp.int32, peak: float):
-        n = read_numbers(t, world, t.particles.balloon[t.membranes.corners[triangle][0]])
-        left, greatest, stress = wear_of_triangle(t, world, triangle, points, peak, n)
+        corners = t.membranes.corners[triangle]
+        balloon = t.particles.balloon[corners[0]]
+        d1 = at(points, corners[1]) - at(points, corners[0])
+        d2 = at(points, corners[2]) - at(points, corners[0])
+        metric = wp.vec3(wp.dot(d1, d1), wp.dot(d1, d2), wp.dot(d2, d2))
+        left, greatest, stress = wear_of_metric(
+            t, world, balloon, t.membranes.materials[balloon], metric, t.membranes.corner_rests[triangle], peak,
+            read_numbers(t, world, balloon), 0,
+        )  # fmt: skip
         t.membranes.wear.left[world, triangle] = left
-        if wp.static(traits.bursts):
+        if wp.static(features.bursts):
             t.membranes.wear.tears.stresses[world, triangle] = stress
         return greatest
 
@@ -41,15 +48,15 @@ def wear_of_points(traits: Traits, at: Any) -> Any:
 
 
 @phase("triangle", {"peak": float}, wants=_may_wear, keeps={"peak": 0.0})
-def wear(traits: Traits, look: Look) -> Any:
+def wear(features: Features, look: Look) -> Any:
     """Find the factor on a triangle's tension, and its peak stretch."""
-    return wear_of_points(traits, look.at)
+    return wear_of_points(features, look.at)
 
 
-@phase("triangle", when=lambda traits: traits.wears)
-def look_at_wear(traits: Traits, look: Look) -> Any:
+@phase("triangle", when=lambda features: features.wears)
+def look_at_wear(features: Features, look: Look) -> Any:
     """Find the factor on a triangle's tension, without keeping its peak stretch."""
-    wear = wear_of_points(traits, look.at)
+    wear = wear_of_points(features, look.at)
 
     @wp.func
     def look_at_wear(t: Tables, points: Any, world: wp.int32, triangle: wp.int32, peak: float):
@@ -58,25 +65,25 @@ def look_at_wear(traits: Traits, look: Look) -> Any:
     return look_at_wear
 
 
-@phase("face", when=lambda traits: traits.bursts)
-def weigh_skin(traits: Traits, look: Look) -> Any:
+@phase("face", when=lambda features: features.bursts)
+def weigh_skin(features: Features, look: Look) -> Any:
     """Find the stress of a face; a torn face has no tension."""
     return weigh_faces
 
 
-@phase("face", when=lambda traits: traits.bursts)
-def run(traits: Traits, look: Look) -> Any:
+@phase("face", when=lambda features: features.bursts)
+def run(features: Features, look: Look) -> Any:
     """Find whether a tear begins at a face, or arrives there."""
     return run_tears
 
 
-@phase("face", when=lambda traits: traits.bursts)
-def tear(traits: Traits, look: Look) -> Any:
+@phase("face", when=lambda features: features.bursts)
+def tear(features: Features, look: Look) -> Any:
     """Tear a face that a tear has reached."""
     return tear_faces
 
 
-@phase("balloon", when=lambda traits: traits.bursts)
-def burst(traits: Traits, look: Look) -> Any:
+@phase("balloon", when=lambda features: features.bursts)
+def burst(features: Features, look: Look) -> Any:
     """Burst a balloon, and find the area of its hole."""
-    return opening_function(traits.columns)
+    return opening_function(features.columns)

@@ -5,7 +5,7 @@ import warp as wp
 
 @wp.struct
 class Prints:
-    """All images, one after the other."""
+    """Images, one after the other."""
 
     texels: wp.array[wp.vec3]
     """Linear RGB, row by row from the top"""

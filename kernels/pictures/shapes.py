@@ -7,7 +7,7 @@ from balloon_warp.kernels.pictures.printed import Prints, printed_color
 
 @wp.struct
 class Shapes:
-    """All that is drawn, in a frame where the action is about one unit large."""
+    """Shapes to draw, in a frame where the action is about one unit large."""
 
     mesh: wp.uint64
     """Triangles of all meshes; 0 where there are none"""

@@ -57,7 +57,7 @@ def ground_answer(hit: Hit, studio: Studio):
 
 @wp.func
 def water_answer(hit: Hit, studio: Studio, direction: wp.vec3, ground_color: wp.vec3):
-    """Clear where one looks down on it, a mirror where one looks along it, and a little murky, so that shadows show.
+    """Return the response of water: clear from above, a mirror at grazing angles, a little murky, so that shadows show.
 
     Args:
         direction: of the ray that hit.

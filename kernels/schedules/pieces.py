@@ -3,8 +3,8 @@
 from collections.abc import Collection, Sequence
 from typing import Any, NamedTuple
 
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.phase import STATE, VIEWS, Item, Look, Phase
-from balloon_warp.kernels.traits import Traits
 
 
 class Piece(NamedTuple):
@@ -33,24 +33,24 @@ class Piece(NamedTuple):
 
     @property
     def item(self) -> Item:
-        """Return the kind of item that it belongs to."""
+        """Return the kind of item that the piece belongs to."""
         return self.phases[0].item
 
     @property
     def last(self) -> bool:
-        """Return whether it happens only as a frame ends."""
+        """Return whether the piece is executed only at a frame's end."""
         return self.phases[0].last
 
     @property
     def sums(self) -> bool:
-        """Return whether a block adds up what its items give, and goes on with the balloon that they belong to."""
+        """Return whether a block sums the results of its items over their balloon."""
         return self.phases[0].sums
 
 
 class Step(NamedTuple):
     """Hold the phases that a scene has, in pieces, for a schedule that launches them."""
 
-    traits: Traits
+    features: Features
     look: Look
     pieces: tuple[Piece, ...]
     light: tuple[Phase, ...]
@@ -78,7 +78,7 @@ class Step(NamedTuple):
 
 def cut(
     phases: Sequence[Phase],
-    traits: Traits,
+    features: Features,
     look: Look,
     *,
     doubles: bool = True,
@@ -100,21 +100,23 @@ def cut(
     for phase in phases:
         if phase.light:
             continue
-        if not groups or phase.name in apart or not _goes_on(groups[-1], phase, traits, look, doubles, sums_along):
+        if not groups or phase.name in apart or not _goes_on(groups[-1], phase, features, look, doubles, sums_along):
             groups.append([])
         groups[-1].append(phase)
-    read = [_read(group, light, traits, look) for group in groups]
+    read = [_read(group, light, features, look) for group in groups]
     pieces = [
-        _piece(group, read[place], set(shown).union(*read[place + 1 :], *read[:place]), traits, look)
+        _piece(group, read[place], set(shown).union(*read[place + 1 :], *read[:place]), features, look)
         for place, group in enumerate(groups)
     ]
-    return Step(traits, look, tuple(pieces), light)
+    return Step(features, look, tuple(pieces), light)
 
 
-def _goes_on(group: Sequence[Phase], phase: Phase, traits: Traits, look: Look, doubles: bool, sums_along: bool) -> bool:
+def _goes_on(
+    group: Sequence[Phase], phase: Phase, features: Features, look: Look, doubles: bool, sums_along: bool
+) -> bool:
     """Return whether the thread that executes a group may go on with a phase."""
     first = group[0]
-    if phase.once(traits) != first.once(traits) or phase.last != first.last:
+    if phase.once(features) != first.once(features) or phase.last != first.last:
         return False
     if any(each.sums for each in group):
         return not sums_along and phase.item == "balloon"
@@ -122,50 +124,50 @@ def _goes_on(group: Sequence[Phase], phase: Phase, traits: Traits, look: Look, d
         return False
     if first.item in ("particle", "face"):
         written = {name for each in group for name in each.writes}
-        looked_at = {name for each in group for name in each.views(traits, look)}
-        places = traits.kept if doubles else STATE | traits.kept
-        waits = phase.views(traits, look) & written or places.keys() & phase.writes.keys() & looked_at
+        looked_at = {name for each in group for name in each.views(features, look)}
+        places = features.kept if doubles else STATE | features.kept
+        waits = phase.views(features, look) & written or places.keys() & phase.writes.keys() & looked_at
         return phase.item == first.item and (phase.item == "particle" or phase.sums) and not waits
     small = ("world", "balloon")
     return first.item in small and phase.item in small
 
 
-def _read(group: Sequence[Phase], light: Sequence[Phase], traits: Traits, look: Look) -> set[str]:
+def _read(group: Sequence[Phase], light: Sequence[Phase], features: Features, look: Look) -> set[str]:
     """Return what a group reads that it has not written itself, with what light phases need for it."""
     found: set[str] = set()
     written: set[str] = set()
     for phase in group:
-        found |= _with_light(phase.reads(traits, look), light, traits, look) - written
+        found |= _with_light(phase.reads(features, look), light, features, look) - written
         written |= phase.writes.keys()
     return found
 
 
-def _with_light(names: Collection[str], light: Sequence[Phase], traits: Traits, look: Look) -> set[str]:
+def _with_light(names: Collection[str], light: Sequence[Phase], features: Features, look: Look) -> set[str]:
     """Return names, with what light phases read that write them; of a view, what is seen."""
     found: set[str] = set()
     to_see = list(names)
-    views = VIEWS | traits.kept_views
+    views = VIEWS | features.kept_views
     while to_see:
         name = to_see.pop()
         found.add(views.get(name, name))
         for phase in light:
             if name in phase.writes:
-                to_see += phase.reads(traits, look)
+                to_see += phase.reads(features, look)
     return found
 
 
-def _piece(group: Sequence[Phase], read: set[str], read_elsewhere: set[str], traits: Traits, look: Look) -> Piece:
+def _piece(group: Sequence[Phase], read: set[str], read_elsewhere: set[str], features: Features, look: Look) -> Piece:
     written = tuple(dict.fromkeys(name for phase in group for name in phase.writes))
-    values = tuple(name for name in written if name not in STATE and name not in traits.kept)
-    looked_at: set[str] = set().union(*(phase.views(traits, look) for phase in group))
+    values = tuple(name for name in written if name not in STATE and name not in features.kept)
+    looked_at: set[str] = set().union(*(phase.views(features, look) for phase in group))
     moves = tuple(name for name in written if name in STATE)
     return Piece(
         tuple(group),
-        group[0].once(traits),
+        group[0].once(features),
         takes=tuple(sorted(read)),
         leaves=tuple(name for name in values if name in read_elsewhere),
         moves=moves,
-        keeps=tuple(name for name in written if name in traits.kept),
+        keeps=tuple(name for name in written if name in features.kept),
         doubles=tuple(name for name in moves if name in looked_at),
     )
 

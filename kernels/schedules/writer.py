@@ -8,7 +8,7 @@ from typing import Any
 from balloon_warp.kernels.clock import end_of_step, ramp_at, time_of
 from balloon_warp.kernels.loops.areas import volume_origin
 from balloon_warp.kernels.memory import put_vector_in, two_in, vector_in
-from balloon_warp.kernels.own import numbers_reader, own_functions
+from balloon_warp.kernels.params import numbers_reader, params_functions
 from balloon_warp.kernels.phase import Phase
 from balloon_warp.kernels.schedules.pieces import Step, values_of
 from balloon_warp.kernels.spheres import spheres_in_state
@@ -67,11 +67,11 @@ class Writer(ABC):
         return f"{phase.name}({', '.join(self.bound(name) for name in self.reads(phase))})"
 
     def reads(self, phase: Phase) -> list[str]:
-        """Return the names that a phase reads, as the writer knows them."""
-        return [self.aliases.get(name, name) for name in phase.reads(self.step.traits, self.step.look)]
+        """Return the names that a phase reads, by the writer's own names."""
+        return [self.aliases.get(name, name) for name in phase.reads(self.step.features, self.step.look)]
 
     def need(self, name: str) -> None:
-        """See to it that a name is bound."""
+        """Bind a name."""
         variable = self.bound(name)
         if variable in self.known:
             return
@@ -97,33 +97,34 @@ class Writer(ABC):
     @property
     def kept_arrays(self) -> dict[str, str]:
         """The arguments that hold what items keep, and their types."""
-        return {f"kept_{name}": f"wp.array2d[{name}_type]" for name in self.step.traits.kept}
+        return {f"kept_{name}": f"wp.array2d[{name}_type]" for name in self.step.features.kept}
 
     def kept_at(self, name: str, world: str = "world") -> str:
         """Return the text that finds what an item keeps, or all of a world do; "" where it is nothing of that."""
-        traits = self.step.traits
-        if name in traits.kept_views:
-            return f"kept_{traits.kept_views[name]}[{world}]"
-        return f"kept_{name}[{world}, {traits.kept[name].item}]" if name in traits.kept else ""
+        features = self.step.features
+        if name in features.kept_views:
+            return f"kept_{features.kept_views[name]}[{world}]"
+        return f"kept_{name}[{world}, {features.kept[name].item}]" if name in features.kept else ""
 
-    def number_at(self, name: str, own: str = "own") -> tuple[str, str] | None:
-        """Return what it takes to find a parameter by its name, and how: of the particle or the sphere at hand."""
-        columns = self.step.traits.columns
+    def number_at(self, name: str, params: str = "params") -> tuple[str, str] | None:
+        """Return the arguments of a parameter, and the text that reads it for the particle or sphere at hand."""
+        columns = self.step.features.columns
         if "sphere" in self.known and name in columns.places_of_spheres:
             return "", f"sphere_number(t.spheres, world, sphere, {columns.places_of_spheres[name]})"
         if name not in columns.places:
             return None
-        parts = [f"{own}.n[{columns.places[name] + place}]" for place in range(columns.sizes[name])]
-        return own, parts[0] if len(parts) == 1 else f"wp.vec3({', '.join(parts)})"
+        parts = [f"{params}.n[{columns.places[name] + place}]" for place in range(columns.sizes[name])]
+        return params, parts[0] if len(parts) == 1 else f"wp.vec3({', '.join(parts)})"
 
     def scope(self, phases: Iterable[Phase]) -> dict[str, Any]:
         """Return what the text refers to, for its phases."""
         step = self.step
-        called = {phase.name: phase.function(step.traits, step.look) for phase in (*phases, *step.light)}
+        called = {phase.name: phase.function(step.features, step.look) for phase in (*phases, *step.light)}
         types = {f"{value}_type": dtype for value, dtype in written_types(step).items()}
-        _, read_own = own_functions(step.traits.columns, step.traits.balloons)
+        _, read_params = params_functions(step.features.columns, step.features.balloons)
         return {
-            **SCOPE, "read_own": read_own, "read_numbers": numbers_reader(step.traits.columns), **types, **called
+            **SCOPE, "read_params": read_params, "read_numbers": numbers_reader(step.features.columns),
+            **types, **called,
         }  # fmt: skip
 
 
@@ -133,7 +134,7 @@ def head(name: str, arguments: Mapping[str, str], remark: str) -> list[str]:
 
 
 def named_in(lines: Iterable[str], arguments: Mapping[str, str]) -> dict[str, str]:
-    """Return those arguments that lines name."""
+    """Return the arguments that lines name."""
     named = set(re.findall(r"\w+", "\n".join(lines)))
     return {name: kind for name, kind in arguments.items() if name in named}
 
@@ -141,4 +142,4 @@ def named_in(lines: Iterable[str], arguments: Mapping[str, str]) -> dict[str, st
 def written_types(step: Step) -> dict[str, Any]:
     """Return the types of all values."""
     written = {value: dtype for piece in step.pieces for phase in piece.phases for value, dtype in phase.writes.items()}
-    return values_of(step) | {each.name: each.type for each in step.traits.keeps} | written
+    return values_of(step) | {each.name: each.type for each in step.features.keeps} | written

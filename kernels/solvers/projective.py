@@ -23,42 +23,42 @@ import warp as wp
 
 from balloon_warp.kernels.clock import time_of
 from balloon_warp.kernels.compose import sum_of_laws
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.body import DAMPING
 from balloon_warp.kernels.laws.law import RESULT
 from balloon_warp.kernels.loops.springs import spring_loop
 from balloon_warp.kernels.loops.strings import string_loop
 from balloon_warp.kernels.memory import vector_at
 from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.own import own_functions
+from balloon_warp.kernels.params import params_functions
 from balloon_warp.kernels.solvers.settling import Settling
 from balloon_warp.kernels.tables import Tables, WorldState
-from balloon_warp.kernels.traits import Traits
 
 wp.set_module_options(OPTIONS)
 
 
 @cache
-def inertia_function(traits: Traits) -> Any:
+def inertia_function(features: Features) -> Any:
     """Return the function for the effective mass of a particle in a step h, m + h c [kg], damping included.
 
     It is 0 for a fixed particle.
     """
-    column = traits.columns.places["damping"]
+    column = features.columns.places["damping"]
 
     @wp.func
-    def inertia(own: Any, step_seconds: float):
-        return own.mass + step_seconds * own.share * own.n[column]
+    def inertia(params: Any, step_seconds: float):
+        return params.mass + step_seconds * params.share * params.n[column]
 
     return inertia
 
 
 @cache
-def foreseeing_kernel(traits: Traits) -> Any:
+def foreseeing_kernel(features: Features) -> Any:
     """Return the kernel that predicts displacements."""
-    _, read_own = own_functions(traits.columns, traits.balloons)
-    outer = tuple(law for law in traits.of_kind("particle") if law is not DAMPING)
-    particle_laws = sum_of_laws("particle", RESULT["particle"], outer, traits.columns, traits.air)
-    inertia = inertia_function(traits)
+    _, read_params = params_functions(features.columns, features.balloons)
+    outer = tuple(law for law in features.of_kind("particle") if law is not DAMPING)
+    particle_laws = sum_of_laws("particle", RESULT["particle"], outer, features.columns, features.air)
+    inertia = inertia_function(features)
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def foresee_displacements(
@@ -77,17 +77,17 @@ def foreseeing_kernel(traits: Traits) -> Any:
     ):
         """Predict the displacements w, where the iterations begin; a thread a (world, particle)."""
         world, particle = wp.tid()
-        own = read_own(t, world, particle)
+        params = read_params(t, world, particle)
         point = state.points[world, particle]
         free = wp.vec3()
-        if own.mass > 0.0:
+        if params.mass > 0.0:
             velocity = state.velocities[world, particle]
             time = time_of(t, state.frame, time_in_frame)
             force = inflations[world, particle] + particle_laws(
-                point, velocity, own.mass, own.share, wp.vec3(), wp.vec4(), t.up, t.step_seconds, time, own.n
+                point, velocity, params.mass, params.share, wp.vec3(), wp.vec4(), t.up, t.step_seconds, time, params.n
             )
-            impulse = own.mass * velocity + t.step_seconds * force
-            free = (t.step_seconds / inertia(own, t.step_seconds)) * impulse
+            impulse = params.mass * velocity + t.step_seconds * force
+            free = (t.step_seconds / inertia(params, t.step_seconds)) * impulse
         free_displacements[world, particle] = free
         displacements[world, particle] = free
         reached[world, particle] = free
@@ -102,12 +102,12 @@ def foreseeing_kernel(traits: Traits) -> Any:
 
 
 @cache
-def local_step_kernel(traits: Traits) -> Any:
+def local_step_kernel(features: Features) -> Any:
     """Return the kernel of the local step."""
-    _, read_own = own_functions(traits.columns, traits.balloons)
-    pull_of_springs = spring_loop(traits, vector_at)
-    pull_of_strings = string_loop(traits)
-    inertia = inertia_function(traits)
+    _, read_params = params_functions(features.columns, features.balloons)
+    pull_of_springs = spring_loop(features, vector_at)
+    pull_of_strings = string_loop(features)
+    inertia = inertia_function(features)
 
     @wp.kernel(module="unique", enable_backward=False, module_options={**OPTIONS, "fast_math": True})
     def find_residuals(
@@ -130,19 +130,19 @@ def local_step_kernel(traits: Traits) -> Any:
             settling.any_going[0] = 0  # until one says so
         if settling.going[world] == 0:
             return
-        own = read_own(t, world, particle)
+        params = read_params(t, world, particle)
         residual = wp.vec3()
-        if own.share > 0.0:
+        if params.share > 0.0:
             point = trial_points[world, particle]
             displacement = displacements[world, particle]
             # No law here looks at velocities or at the time.
             pull = pull_of_springs(
-                t, trial_points[world], displacements[world], own, own.number, point, displacement, 0.0
+                t, trial_points[world], displacements[world], params, params.number, point, displacement, 0.0
             )
-            if wp.static(traits.has("string")):
-                pull += pull_of_strings(t.strings, world, particle, point, displacement, own.n, t.step_seconds, 0.0)
+            if wp.static(features.has("string")):
+                pull += pull_of_strings(t.strings, world, particle, point, displacement, params.n, t.step_seconds, 0.0)
             lag = free_displacements[world, particle] - displacement
-            residual = inertia(own, t.step_seconds) * lag + t.step_seconds * t.step_seconds * pull
+            residual = inertia(params, t.step_seconds) * lag + t.step_seconds * t.step_seconds * pull
         residuals[world, particle] = residual
 
     return find_residuals

@@ -16,10 +16,10 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.own import own_functions
+from balloon_warp.kernels.params import params_functions
 from balloon_warp.kernels.tables import Tables
-from balloon_warp.kernels.traits import Traits
 
 TOLERANCE = 2.0e-3
 """Tolerance: change of the last iteration over the change of springs in a substep"""
@@ -51,7 +51,7 @@ class Settling:
     iterations: wp.array[wp.int32]
     """Number of iterations made, shape (world_count,), as the next two"""
     gathered: wp.array[wp.int32]
-    """Number of those in which momentum was gathered"""
+    """Number of iterations in which momentum was gathered"""
     going: wp.array[wp.int32]
     """Whether a world needs more iterations"""
     any_going: wp.array[wp.int32]
@@ -59,14 +59,14 @@ class Settling:
 
 
 @cache
-def settling_kernel(traits: Traits, inertia: Any) -> Any:
+def settling_kernel(features: Features, inertia: Any) -> Any:
     """Return the kernel that applies the global step, and tests for convergence.
 
     Args:
-        traits: of the model.
+        features: of the model.
         inertia: see `projective.inertia_function`.
     """
-    _, read_own = own_functions(traits.columns, traits.balloons)
+    _, read_params = params_functions(features.columns, features.balloons)
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def apply_increments(
@@ -96,8 +96,8 @@ def settling_kernel(traits: Traits, inertia: Any) -> Any:
         matrix = settling.of_world[world]
         part = wp.vec4()
         for particle in range(thread, points.shape[1], wp.block_dim()):
-            own = read_own(t, world, particle)
-            if own.share > 0.0:
+            params = read_params(t, world, particle)
+            if params.share > 0.0:
                 increment = increments[world, particle]
                 residual = residuals[world, particle]
                 new = displacements[world, particle] + increment
@@ -106,7 +106,7 @@ def settling_kernel(traits: Traits, inertia: Any) -> Any:
                 part += wp.vec4(
                     wp.dot(residual, new - reached[world, particle]),
                     wp.dot(residual, increment),
-                    inertia(own, t.step_seconds) * wp.length_sq(lag),
+                    inertia(params, t.step_seconds) * wp.length_sq(lag),
                     coarse,
                 )
         sums = wp.tile_sum(wp.tile(part, preserve_type=True))[0]

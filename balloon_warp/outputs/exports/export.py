@@ -46,7 +46,7 @@ def check_export(output: Path) -> None:
 
         require_blender()
     elif suffix in HDF5_SUFFIXES:
-        from balloon_warp.outputs.exports.hdf5 import require_h5py
+        from balloon_warp.outputs.hdf5_arrays import require_h5py
 
         require_h5py()
 
@@ -58,16 +58,16 @@ def export_stage(
     on_note: Callable[[str], None] = lambda sentence: None,
     on_frame: Callable[[int, int], None] = lambda done, count: None,
 ) -> None:
-    """Write what a stage shows into a file of another kind.
+    """Convert a stage to a file of another kind.
 
     That is .usdc, .usda, .usd, .usdz, .glb, .abc, .h5, .pvd, or one .obj or .ply for each frame, where the name has
     #### for its number. Files appear whole or not at all.
 
     Args:
-        stage: any file that USD opens.
-        output: where to.
-        on_note: called with sentences, such as how large a file will be.
-        on_frame: called with how much is done, and of how much.
+        stage: Any file that USD opens.
+        output: File to write.
+        on_note: Called with sentences, such as how large a file will be.
+        on_frame: Called with the amount done, and the whole.
 
     Raises:
         InputError: the stage cannot be read, or the output cannot be written.

@@ -6,37 +6,20 @@ Places are the stage's own, in its unit. Dimensions are named as netCDF 4 does i
 """
 
 from collections.abc import Callable
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from balloon_warp.errors import MissingExtraError
 from balloon_warp.files import whole_file
-from balloon_warp.mesh import PolygonMesh
-from balloon_warp.mesh.corners import next_corners
+from balloon_warp.mesh.corners import edges_of
 from balloon_warp.mesh.geometry import triangulate
 from balloon_warp.outputs.exports.parts import Animation, Part
+from balloon_warp.outputs.hdf5_arrays import NamedArrays, require_h5py
 
-NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable. "
-"""Name by which netCDF 4 marks a dimension that has a length and no values"""
 PACKED = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
 MEASURES = {"volume": "m^3", "area": "m^2", "pressure": "Pa"}
 """Measures of our stages' balloons, and their units"""
-
-
-def require_h5py() -> Any:
-    """Return the module.
-
-    Raises:
-        MissingExtraError: it is not installed.
-    """
-    try:
-        return import_module("h5py")
-    except ImportError:
-        raise MissingExtraError("an .h5 needs h5py: pip install 'balloon-warp[data]'") from None
 
 
 def write_hdf5(
@@ -58,34 +41,32 @@ class _Group:
     """Group of a part in the file."""
 
     def __init__(self, group: Any, animation: Animation):
-        self.group, self.animation = group, animation
-        self._dimensions: dict[str, Any] = {}
+        self.arrays, self.animation = NamedArrays(group), animation
 
     def fill(self, part: Part) -> None:
-        frames = self.animation.frames
-        self._add("time", np.array([self.animation.seconds(frame) for frame in frames]), ["time"], "s")
+        frames, add = self.animation.frames, self.arrays.add
+        add("time", np.array([self.animation.seconds(frame) for frame in frames]), ("time",), "s")
         mesh, count = part.mesh, part.mesh.vertex_count
         unit = "m" if self.animation.meters_per_unit == 1.0 else f"{self.animation.meters_per_unit:g} m"
         if part.soft:
-            places = self._room("mesh_pos", (len(frames), count, 3), ["time", "particle", "axis"], unit)
+            places = self._room("mesh_pos", count, unit)
             for row, frame in enumerate(frames):
                 places[row] = part.points(frame)
             self._add_velocities(part, f"{unit}/s")
             self._add_measures(part)
         else:
-            poses = np.array([part.matrix(frame) for frame in frames])
-            self._add("pose", poses, ["time", "row", "column"], "1")
-            self._add("points", mesh.points, ["particle", "axis"], unit)
-        self._add("edges", edges_of(mesh), ["edge", "end"], "1")
-        self._add("triangles", triangulate(mesh)[0], ["triangle", "triangle_corner"], "1")
-        self._add("face_vertex_counts", mesh.face_vertex_counts, ["face"], "1")
-        self._add("face_vertex_indices", mesh.face_vertex_indices, ["face_corner"], "1")
+            poses = np.array([part.matrix(frame) for frame in frames], dtype=np.float32)
+            add("pose", poses, ("time", "row", "column"), "1")
+            add("points", mesh.points.astype(np.float32), ("particle", "axis"), unit)
+        add("edges", edges_of(mesh), ("edge", "end"), "1")
+        add("triangles", triangulate(mesh)[0], ("triangle", "triangle_corner"), "1")
+        add("face_vertex_counts", mesh.face_vertex_counts, ("face",), "1")
+        add("face_vertex_indices", mesh.face_vertex_indices, ("face_corner",), "1")
 
     def _add_velocities(self, part: Part, unit: str) -> None:
         frames = self.animation.frames
         if part.velocities(frames[0]) is not None:
-            shape = len(frames), part.mesh.vertex_count, 3
-            room = self._room("velocity", shape, ["time", "particle", "axis"], unit)
+            room = self._room("velocity", part.mesh.vertex_count, unit)
             for row, frame in enumerate(frames):
                 room[row] = part.velocities(frame)
 
@@ -94,36 +75,9 @@ class _Group:
             attribute = part.prim.GetAttribute(f"userProperties:{name}")
             if attribute and attribute.GetNumTimeSamples():
                 values = np.array([attribute.Get(frame) for frame in self.animation.frames], np.float64)
-                self._add(name, values, ["time"], unit)
+                self.arrays.add(name, values, ("time",), unit)
 
-    def _add(self, name: str, values: NDArray, dimensions: list[str], unit: str) -> None:
-        values = values.astype(np.float32 if values.ndim > 1 and values.dtype == np.float64 else values.dtype)
-        if name in dimensions:  # the values of a dimension
-            data = self._dimensions[name] = self.group.create_dataset(name, data=values)
-            data.make_scale(name)
-        else:
-            data = self.group.create_dataset(name, data=values)
-            self._name(data, dimensions)
-        data.attrs["units"] = unit
-
-    def _room(self, name: str, shape: tuple[int, ...], dimensions: list[str], unit: str) -> Any:
-        """Create a dataset for float32 numbers that are written frame by frame."""
-        data = self.group.create_dataset(name, shape, np.float32, chunks=(1, *shape[1:]), **PACKED)
-        data.attrs["units"] = unit
-        self._name(data, dimensions)
-        return data
-
-    def _name(self, data: Any, dimensions: list[str]) -> None:
-        for place, (name, length) in enumerate(zip(dimensions, data.shape, strict=True)):
-            if name not in self._dimensions:
-                scale = self.group.create_dataset(name, (length,), np.float32)
-                scale.make_scale(f"{NO_VARIABLE}{length:10d}")
-                self._dimensions[name] = scale
-            data.dims[place].attach_scale(self._dimensions[name])
-
-
-def edges_of(mesh: PolygonMesh) -> NDArray[np.int32]:
-    """Return each pair of vertices that is a side of a face, once, lower first, shape (edge_count, 2)."""
-    corners = mesh.face_vertex_indices
-    sides = np.stack([corners, corners[next_corners(mesh)]], axis=1)
-    return np.unique(np.sort(sides, axis=1), axis=0).astype(np.int32)
+    def _room(self, name: str, count: int, unit: str) -> Any:
+        """Create an array for particles, which is written frame by frame."""
+        shape, dimensions = (len(self.animation.frames), count, 3), ("time", "particle", "axis")
+        return self.arrays.room(name, shape, dimensions, unit, np.float32, chunks=(1, count, 3), **PACKED)

@@ -26,7 +26,7 @@ LEVEL = ("ground", "floor", "water", "pool")
 
 @dataclass(frozen=True)
 class Part:
-    """One thing that a stage shows."""
+    """Thing that a stage shows."""
 
     name: str
     prim: Usd.Prim
@@ -37,7 +37,7 @@ class Part:
     local_points: Callable[[float], NDArray[np.float64]]
     """Function for the points in a frame, in the prim's own coordinates, shape (vertex_count, 3)"""
     covering: Covering
-    """Look of its faces; images are placed by `mesh.texture_coordinates`"""
+    """Look of the faces; images are placed by `mesh.texture_coordinates`"""
 
     @property
     def color(self) -> tuple[float, float, float]:
@@ -50,7 +50,7 @@ class Part:
         return np.array(UsdGeom.XformCache(Usd.TimeCode(frame)).GetLocalToWorldTransform(self.prim))
 
     def points(self, frame: float) -> NDArray[np.float64]:
-        """Return its points in the stage, in the stage's unit, shape (vertex_count, 3)."""
+        """Return the part's points in the stage, in the stage's unit, shape (vertex_count, 3)."""
         points = self.local_points(frame)
         if len(points) != self.mesh.vertex_count or not np.isfinite(points).all():
             raise InputError(
@@ -69,7 +69,7 @@ class Part:
         return np.asarray(own, np.float64) @ self.matrix(frame)[:3, :3]
 
     def seen(self, frame: float) -> bool:
-        """Return whether it is visible."""
+        """Return whether the part is visible."""
         visibility = UsdGeom.Imageable(self.prim).ComputeVisibility(Usd.TimeCode(frame))
         return visibility != UsdGeom.Tokens.invisible
 

@@ -18,8 +18,8 @@ def render_alike(
     Args:
         moments: stages and the frame of each that is shown.
         size: width and height of a picture in pixels.
-        samples: rays a pixel.
-        device: a Warp device; if missing, the GPU or else the CPU.
+        samples: Rays per pixel.
+        device: Warp device; the GPU, or else the CPU, if not given.
 
     Raises:
         InputError: a stage cannot be read, or there is nothing to draw.

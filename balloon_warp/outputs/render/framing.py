@@ -21,7 +21,7 @@ class Framing:
     """The union over some moments of everything but ground, water and backdrops, with Y up, in the stage's unit."""
 
     center: NDArray[np.float64]
-    """Center of its bounding box, shape (3,)"""
+    """Center of the bounding box, shape (3,)"""
     size: float
     """Longest side of its bounding box"""
     camera: Camera

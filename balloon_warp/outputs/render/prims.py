@@ -133,7 +133,7 @@ class CubePrim:
         return np.ones(self.surface.vertex_count)
 
     def points(self, moment: Moment) -> NDArray[np.float64]:
-        """Return its corners, shape (8, 3)."""
+        """Return the corners, shape (8, 3)."""
         placed = moment.place(self._cube.GetPrim(), self._cube.GetSizeAttr().Get(moment.time) * CORNERS)
         return _require_finite(self._cube.GetPrim(), placed, moment)
 

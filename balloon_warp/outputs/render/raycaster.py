@@ -33,11 +33,11 @@ class RayCaster:
         stage: its prims have been read.
         center: the middle of the action in the world, shape (3,).
         size: how large the action is, in the stage's unit.
-        picture_size: width and height in pixels.
-        samples: rays a pixel.
-        device: a Warp device; if missing, the GPU or else the CPU.
+        picture_size: Width and height in pixels.
+        samples: Rays per pixel.
+        device: Warp device; the GPU, or else the CPU, if not given.
         threads: CPU threads; all cores when missing. The picture does not depend on it.
-        transparent: leave out backdrop, water, and ground but for the shadows on it; pictures say how opaque they are
+        transparent: Omit backdrop, water, and ground but for the shadows on it; pictures say how opaque they are
             then.
 
     Raises:

@@ -74,24 +74,24 @@ def render_stage(
     """Make a picture (.png) or an animation (.webp, .gif, .mp4) of a stage. The file appears whole or not at all.
 
     Args:
-        path: any USD stage with meshes, spheres or linear curves.
-        output: the picture to write.
-        frame: the frame for a .png; when missing, the one that the stage names as its picture, else the last.
-        size: width and height in pixels.
-        samples: rays a pixel.
-        device: a Warp device; if missing, the GPU or else the CPU.
-        azimuth: where one looks from [degrees], from the front, +Z, or -Y where Z is up, toward +X; `AZIMUTH` when
-            missing.
-        elevation: from level toward above, 0 to 90 [degrees]; `ELEVATION` when missing. With both missing a camera of
+        path: Any USD stage with meshes, spheres or linear curves.
+        output: Picture to write.
+        frame: Frame of a .png; if not given, the one that the stage names as its picture, else the last.
+        size: Width and height in pixels.
+        samples: Rays per pixel.
+        device: Warp device; the GPU, or else the CPU, if not given.
+        azimuth: Azimuth of the camera [degrees], from the front, +Z, or -Y where Z is up, toward +X; `AZIMUTH` if
+            not given.
+        elevation: Elevation of the camera, 0 to 90 [degrees]; `ELEVATION` if not given. Without both, a camera of
             the stage comes first.
-        on_frame: told how many frames are done, and of how many, after each.
-        zoom, look_at, follow, aperture, focus: as `View` has them. What is not asked for is as the stage says, if it
-            says from where its picture is taken.
-        shutter: how long it is open, in frames, 0 to 1: what moves is blurred. It takes `MOMENTS` times as long.
-        transparent: leave out backdrop, ground and water, for a .png or .webp that is laid over something else. The
+        on_frame: Called with the number of frames done, and of all.
+        zoom, look_at, follow, aperture, focus: As in `View`; if not given, those of the stage's picture, if it has
+            one.
+        shutter: Shutter time in frames, 0 to 1, for motion blur. It takes `MOMENTS` times as long.
+        transparent: Omit backdrop, ground and water, for a .png or .webp that is laid over something else. The
             ground's shadow stays, unless there is water.
-        frames: the first and the last of an animation; when missing, the stage's.
-        frames_per_second: of an animation, which keeps its true speed; the stage's when missing.
+        frames: First and last frame of an animation; the stage's if not given.
+        frames_per_second: Frame rate of an animation, which keeps its true speed; the stage's if not given.
 
     Returns:
         The frames that were drawn.

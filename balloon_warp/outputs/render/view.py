@@ -69,7 +69,7 @@ class View:
         if isinstance(self.focus, tuple) and not all(map(math.isfinite, self.focus)):
             raise InputError(f"focus: {self.focus}; expected finite numbers")
         if self.focus is not None and self.aperture == 0.0:
-            raise InputError("focus: everything is sharp; expected aperture, too")
+            raise InputError("focus: has no effect without an aperture; expected aperture, too")
 
     @property
     def from_own_place(self) -> bool:

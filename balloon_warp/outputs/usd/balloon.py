@@ -72,7 +72,7 @@ def _crease(prim: UsdGeom.Mesh, mesh: PolygonMesh) -> None:
 
 
 class BalloonPrim:
-    """One balloon of the scene."""
+    """Balloon of the scene."""
 
     def __init__(self, stage: Usd.Stage, path: Sdf.Path, model: Model, number: int):
         self.number = number
@@ -102,7 +102,7 @@ class BalloonPrim:
         self._contacts.write(frame)
 
     def _seen(self, frame: Frame) -> Vt.Vec3fArray:
-        """Return its points without those that a tear cut off from all faces: they fly far, and are invisible."""
+        """Return the balloon's points but those that a tear cut off from all faces: they fly far, and are invisible."""
         points = frame.points[self.number]
         if frame.torn and frame.torn[self.number].any():
             points = points[beside_faces(self.mesh, frame.torn[self.number])]

@@ -50,7 +50,7 @@ def _principal(shape: BodyShape) -> tuple[NDArray[np.float64], NDArray[np.float6
 
 
 class BodyPrim:
-    """One body of the scene, with what it weighs and how it moves as `UsdPhysics` has them."""
+    """Body of the scene, with its mass and velocities as `UsdPhysics` has them."""
 
     def __init__(self, stage: Usd.Stage, path: Sdf.Path, model: Model, number: int):
         self.number = number
@@ -63,7 +63,7 @@ class BodyPrim:
         self._start(model)
 
     def _start(self, model: Model) -> None:
-        """Write its place and motion before there are any frames."""
+        """Write the body's start pose and velocities, before there are any frames."""
         from scipy.spatial.transform import Rotation  # takes long to load
 
         def own(name: str) -> NDArray[np.float32]:
@@ -79,7 +79,7 @@ class BodyPrim:
         move_freely(self.prim.GetPrim(), velocity, spin)
 
     def write(self, frame: Frame) -> None:
-        """Write where it is."""
+        """Write the body's pose."""
         self._put(frame.body_poses[self.number], Usd.TimeCode(frame.number))
 
     def _put(self, pose: NDArray[np.floating], time: Usd.TimeCode) -> None:

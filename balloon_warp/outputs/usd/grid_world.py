@@ -1,4 +1,4 @@
-"""One world of a batch in the stage: prims that refer to the prototypes, and their time samples.
+"""World of a batch in the stage: prims that refer to the prototypes, and their time samples.
 
 Authored in Sdf, on the layer itself: the stage's own functions look up the composed prim at each call.
 """

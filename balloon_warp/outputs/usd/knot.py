@@ -56,6 +56,6 @@ class KnotPrim:
         self._place, self._turn = self.prim.GetOrderedXformOps()
 
     def write(self, points: NDArray[np.float32], curve: NDArray[np.float32], time: float) -> None:
-        """Write where it is; arguments as `Knot.pose` has them."""
+        """Write the knot's pose; arguments as in `Knot.pose`."""
         for op, value in zip((self._place, self._turn), as_gf(self._knot.pose(points, curve, self._up)), strict=True):
             op.Set(value, time)

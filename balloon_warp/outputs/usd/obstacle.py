@@ -84,7 +84,7 @@ def as_gf(pose: NDArray[np.floating]) -> tuple[Gf.Vec3d, Gf.Quatf]:
 
 
 class ObstaclePrim:
-    """One obstacle of the scene."""
+    """Obstacle of the scene."""
 
     def __init__(self, stage: Usd.Stage, path: Sdf.Path, model: Model, number: int):
         self.number = number
@@ -110,7 +110,7 @@ class ObstaclePrim:
             be_moved(self.prim.GetPrim())
 
     def write(self, frame: Frame) -> None:
-        """Write where it is, if it moves: what stays has no time samples."""
+        """Write the obstacle's pose, if it moves: one at rest has no time samples."""
         if self._moves:
             self._put(frame.obstacle_poses[self.number], Usd.TimeCode(frame.number))
 

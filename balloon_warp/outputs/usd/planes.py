@@ -21,11 +21,11 @@ class Plane(NamedTuple):
     """Name and look of a level plane."""
 
     name: str
-    """Name of its prim"""
+    """Name of the plane's prim"""
     piece: str
     """Name of the prims of worlds that each have their own, at their own height"""
     height: str
-    """Name of its height, in the model and in a frame"""
+    """Name of the plane's height, in the model and in a frame"""
     color: Color
     roughness: float
     opacity: float
@@ -81,7 +81,7 @@ class PlanePrim:
             be_hit(self.prim.GetPrim(), *(float(model.parameters[f"ground_{each}"].numpy()[0]) for each in SURFACE))
 
     def write(self, frame: Frame) -> None:
-        """Write where it is, if the scene moves it: what stays has no time samples."""
+        """Write the plane's height, if the scene moves it: one at rest has no time samples."""
         if self._moves:
             self._place(getattr(frame, self.plane.height), frame.number)
 

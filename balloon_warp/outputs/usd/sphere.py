@@ -21,7 +21,7 @@ def define_sphere(stage: Usd.Stage, path: Sdf.Path, sphere: Sphere, number: int)
 
 
 class SpherePrim:
-    """One sphere of the scene."""
+    """Sphere of the scene."""
 
     def __init__(self, stage: Usd.Stage, path: Sdf.Path, model: Model, number: int):
         self.number, self._scene = number, model.scene
@@ -31,7 +31,7 @@ class SpherePrim:
             self._start(model)
 
     def _start(self, model: Model) -> None:
-        """Write its place, mass and motion before there are any frames."""
+        """Write the sphere's start position, mass and velocities, before there are any frames."""
         names = ("mass", *SURFACE)
         mass, friction, restitution = (
             float(model.parameters[f"sphere_{name}"].numpy()[0, self.number]) for name in names

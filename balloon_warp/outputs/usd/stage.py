@@ -44,11 +44,11 @@ class StageWriter:
     A frame's velocities are differences of points, and so come with the frame that follows; the last one's at the end.
 
     Args:
-        path: where the stage goes; .usdc, .usda or .usd.
-        model: what is simulated.
-        provenance: what the stage is to say of where it comes from, see `describe_stage`.
-        lights: whether it has lights, a backdrop and a camera.
-        ground: whether it has the ground, if the scene does, and the backdrop.
+        path: Stage to write, .usdc, .usda or .usd.
+        model: Model that is simulated.
+        provenance: Provenance of the stage, see `describe_stage`.
+        lights: Whether it has lights, a backdrop and a camera.
+        ground: Whether it has the ground, if the scene does, and the backdrop.
 
     Raises:
         InputError: the file cannot be written there.

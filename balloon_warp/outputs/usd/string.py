@@ -23,7 +23,7 @@ def define_string(stage: Usd.Stage, path: Sdf.Path, held: PolygonMesh) -> UsdGeo
 
 
 class StringPrim:
-    """One string of the scene, as a curve, the mesh around it, and the knot where it is tied."""
+    """String of the scene, as a curve, the mesh around it, and the knot where it is tied."""
 
     def __init__(self, stage: Usd.Stage, path: Sdf.Path, model: Model, number: int):
         self.model, self.number = model, number

@@ -11,7 +11,7 @@ from balloon_warp.outputs.usd.strand import Strand
 
 
 class TubePrim:
-    """One tube of the scene, as a straight curve and the mesh around it.
+    """Tube of the scene, as a straight curve and the mesh around it.
 
     It goes between the particles that face each other at the start.
     """

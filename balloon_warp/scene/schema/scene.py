@@ -143,7 +143,7 @@ class Scene(Table):
 
     @property
     def meshes_settle_itself(self) -> bool:
-        """Return whether it is by their meshes whether balloons touch themselves."""
+        """Return whether the meshes decide if balloons touch themselves."""
         leaves_it = self.touch is None or (bool(self.touch) and self.touch.itself == "auto")
         return leaves_it and self._can_touch
 

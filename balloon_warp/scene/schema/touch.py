@@ -15,6 +15,9 @@ class Touch(Table):
     itself: bool | Literal["auto"] = "auto"
     """Parts of a balloon touch each other; "auto" where parts of a mesh face each other across a gap that inflation may
     close"""
+    edges: bool | Literal["auto"] = "auto"
+    """Edges of balloons touch edges, so that no fold crosses another; "auto" takes those that are sharp at the start,
+    all edges of balloons that bend freely and are folded, flat or open then, and all where balloons touch themselves"""
     spheres: bool = True
     """Small spheres touch faces, not only particles, so that none passes through, however small and fast"""
     thickness: float | None = optional_field_of("touch_thickness")

@@ -54,6 +54,7 @@ class BatchCheckpoints:
             **description,
             "substeps": task.groups[0].plan.substeps,
             "on_blowup": task.on_blowup,
+            "trajectories": task.trajectories.as_json() if task.trajectories else None,
             "versions": installed_versions(),
         }
         self._begun = False

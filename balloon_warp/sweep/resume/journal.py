@@ -35,7 +35,7 @@ class ShareJournal:
         self.failures = Failures()
         self.remarks: list[Remark] = []
         """Remarks on worlds of the shares that this batch has done"""
-        self.crowded = 0
+        self.overflow = 0
         """Candidate overflows in the shares that this batch has done, as schedules count them"""
         self._unsafe: list[int] = []
         self._unsafe_failures = Failures()
@@ -59,7 +59,7 @@ class ShareJournal:
             self._output.add(number, record)
         self.schedules[number] = result.schedule
         self.remarks += result.remarks
-        self.crowded += result.crowded
+        self.overflow += result.overflow
         for failures in (self.failures, self._unsafe_failures):
             failures.add(result.failures)
         self._unsafe.append(number)

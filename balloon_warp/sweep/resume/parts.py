@@ -35,6 +35,8 @@ def write_rows(output: BatchOutput, part: Part, rows: Path) -> None:
     Raises:
         InputError: it cannot be written.
     """
+    if output.trajectories:
+        output.trajectories.save()
     table = output.table
     worlds = np.concatenate([output.groups[group].worlds for group in part.groups])
     block = slice(part.frames.start, part.frames.stop), worlds

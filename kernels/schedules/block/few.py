@@ -9,7 +9,7 @@ from balloon_warp.kernels.schedules.pieces import Piece
 
 
 class FewInBlock(NamesInBlock):
-    """Write how particles are noted, and what is done for those."""
+    """Write the list of few particles, and the phases for them."""
 
     def compacted(self, piece: Piece) -> int | None:
         """Return which phase of particles, and all after it, only those go through that it acts on; None if all do.
@@ -23,7 +23,7 @@ class FewInBlock(NamesInBlock):
         for number, phase in enumerate(piece.phases):
             of_others = {name for each in piece.phases[number:] for name in self.reads(each)} & written
             of_others -= {name for each in self._from_start(piece) for name in each.writes}
-            if phase.rare and phase.asked(self.traits, self.step.look) and of_others <= STATE.keys():
+            if phase.rare and phase.asked(self.features, self.step.look) and of_others <= STATE.keys():
                 return number
             written |= phase.writes.keys()
         return None
@@ -59,7 +59,7 @@ class FewInBlock(NamesInBlock):
     def _note_or_go_on(self, phases: Sequence[Phase]) -> None:
         """Write how an item is noted, if the first of phases may act on it, and otherwise goes through the others."""
         phase, *others = phases
-        asked = inspect.signature(phase.asked(self.traits, self.step.look).func).parameters
+        asked = inspect.signature(phase.asked(self.features, self.step.look).func).parameters
         for name in asked:
             self.need(name)
         self.line(f"if {phase.name}_may_act({', '.join(map(self.bound, asked))}):")

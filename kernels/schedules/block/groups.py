@@ -8,7 +8,7 @@ from balloon_warp.kernels.schedules.pieces import Piece
 
 
 class GroupsInBlock(ItemsInBlock):
-    """Write what one thread does for all, or all do together."""
+    """Write phases of a whole group: by one thread for all, or by all together."""
 
     def _worlds(self, piece: Piece) -> None:
         """Write phases of the world and its balloons.
@@ -133,7 +133,7 @@ class GroupsInBlock(ItemsInBlock):
     @property
     def notes(self) -> tuple[Phase, ...]:
         """Return the phases that note what all threads know anyway, for who asks once the frame has ended."""
-        if not self.keeps_load or self.traits.gas_changes:
+        if not self.keeps_load or self.features.gas_changes:
             return ()
         behind = (piece for piece in self.step.pieces if piece.item == "balloon" and piece.phases[0].writes)
         return tuple(phase for piece in behind for phase in piece.phases if not phase.writes)

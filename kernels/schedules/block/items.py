@@ -14,17 +14,17 @@ COUNTS = {
     "face": "t.faces.balloon.shape[0]",
     "triangle": "t.membranes.corners.shape[0]",
     "sphere": "t.spheres.numbers.shape[1]",
-    "film": "t.membranes.films.corners.shape[0]",
+    "membrane_face": "t.membranes.membrane_faces.corners.shape[0]",
 }
 """Expressions for the number of items in a world"""
 BALLOON_OF = {"particle": "t.particles.balloon", "face": "t.faces.balloon"}
 
 
 class ItemsInBlock(FewInBlock):
-    """Write what threads do for items."""
+    """Write phases of items, by a thread each."""
 
     def __init__(self, step: Step, layout: Layout, alone: bool | None = None):
-        super().__init__(step, layout, step.traits.balloons == 1 if alone is None else alone)
+        super().__init__(step, layout, step.features.balloons == 1 if alone is None else alone)
         self.deferred: list[Piece] = []
         """Pieces about spheres that are deferred until a later piece needs the moved spheres"""
         self.spheres_moved = False
@@ -57,7 +57,7 @@ class ItemsInBlock(FewInBlock):
     def _asked(self, phase: Phase) -> str:
         """Return the arguments of the function that says whether there is anything to do."""
         assert phase.due is not None
-        return ", ".join(inspect.signature(phase.due(self.traits).func).parameters)
+        return ", ".join(inspect.signature(phase.due(self.features).func).parameters)
 
     def _held_particles(self, piece: Piece) -> None:
         summed = self._begin_sum(piece)
@@ -79,7 +79,7 @@ class ItemsInBlock(FewInBlock):
             self._end_sum(summed)
 
     def _exchange(self, piece: Piece) -> None:
-        """Write what blocks tell each other of what a piece has moved: nothing, where each has a world."""
+        """Write the halo exchange after a piece: none, where each block has a world of its own."""
 
     def _show_held(self, piece: Piece) -> None:
         """Write what a piece has moved to where others see it."""
@@ -95,7 +95,7 @@ class ItemsInBlock(FewInBlock):
 
     def _is_seen(self, name: str) -> bool:
         """Return whether a phase looks at what others keep."""
-        return any(name in phase.views(self.traits, self.step.look) for phase in self.phases)
+        return any(name in phase.views(self.features, self.step.look) for phase in self.phases)
 
     def _take_kept(self) -> None:
         """Write how a thread takes what one of its particles keeps."""
@@ -111,7 +111,7 @@ class ItemsInBlock(FewInBlock):
     @property
     def kept_of_particles(self) -> tuple[str, ...]:
         """The values that particles keep."""
-        return tuple(each.name for each in self.traits.keeps if each.item == "particle")
+        return tuple(each.name for each in self.features.keeps if each.item == "particle")
 
     def _items(self, piece: Piece) -> None:
         """Write what threads do in a loop over items, whose values then wait in memory."""
@@ -245,7 +245,7 @@ class ItemsInBlock(FewInBlock):
 
     @property
     def _warps_of_balloons(self) -> str:
-        return f"thread // WARP_THREADS, {self.traits.balloons}, {self.layout.warps}"
+        return f"thread // WARP_THREADS, {self.features.balloons}, {self.layout.warps}"
 
 
 def _nothing(summed: Phase) -> str:

@@ -2,11 +2,11 @@
 
 from typing import NamedTuple
 
-from balloon_warp.kernels.loops.film_places import FilmLayout
+from balloon_warp.kernels.loops.membrane_face_places import MembraneFaceLayout
 
 
 class Layout(NamedTuple):
-    """Hold what a kernel is written for, beside the scene's traits."""
+    """Layout of a kernel, beside the scene's features."""
 
     threads: int
     """Number of threads in a block"""
@@ -24,7 +24,7 @@ class Layout(NamedTuple):
     """Whether particles stand by their number of springs, so that no thread of a warp waits for another"""
     doubled: bool = True
     """Whether points may have a second tile in place of a barrier"""
-    film: FilmLayout | None = None
+    membrane_face: MembraneFaceLayout | None = None
     """Layout of the faces of membranes, if each face is measured once"""
     odd: bool = False
     """Whether a frame has an odd number of substeps"""

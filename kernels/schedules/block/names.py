@@ -8,7 +8,7 @@ from balloon_warp.kernels.schedules.block.layout import Layout
 from balloon_warp.kernels.schedules.pieces import Step
 from balloon_warp.kernels.schedules.writer import Writer
 
-HANDLES = ("t", "slots", "state", "working", "world", "thread", "spheres", "films", "pulls", "area_vectors")
+HANDLES = ("t", "slots", "state", "working", "world", "thread", "spheres", "membrane_faces", "pulls", "area_vectors")
 OF_SUBSTEP = ("time_in_frame", "time", "end")
 OF_BALLOON = ("balloon", "ramp", "keyed", "load", "gas_mass", "origin", "origin_place", "numbers")
 """Values that the particles of a balloon have in common"""
@@ -19,9 +19,10 @@ class NamesInBlock(Writer):
 
     def __init__(self, step: Step, layout: Layout, alone: bool):
         super().__init__(step, (*HANDLES, "points", "new_points", "velocities", "new_velocities"))
-        self.layout, self.traits = layout, step.traits
+        self.layout, self.features = layout, step.features
         self.alone = alone
         """Whether the block has particles of one balloon only, so that its sums and values hold for all threads"""
+        self.aliases = {"springs": "skin"} if layout.membrane_face else {}
         self.place: int | None = None
         """Index of the thread's particle at hand"""
         self.turn, self.next_turn = "0", "1"
@@ -47,7 +48,7 @@ class NamesInBlock(Writer):
     @property
     def keeps_load(self) -> bool:
         """Return whether all threads find the pressure of the one balloon, so that none need read it."""
-        return self.traits.gas and self.alone and not self.traits.gas_flows
+        return self.features.gas and self.alone and not self.features.gas_flows
 
     def bound(self, name: str) -> str:
         """Return the variable that holds what a phase names; each particle that a thread keeps has its own."""
@@ -66,16 +67,16 @@ class NamesInBlock(Writer):
         """
         return self.layout.held > 1 or (self.layout.held == 1 and not self.alone)
 
-    def own_of_any(self) -> str:
+    def params_of_any(self) -> str:
         """Return the variable of what some particle of a thread knows of itself."""
-        return ("own_0" if self.are_numbered else "own") if self.layout.held else "first"
+        return ("params_0" if self.are_numbered else "params") if self.layout.held else "first"
 
     def forget(self, name: str) -> None:
-        """Find a name anew wherever it is read from here on."""
+        """Drop a name: it is computed again wherever it is read from here on."""
         self.known -= {name, *(f"{name}_{place}" for place in self.places)}
 
     def found(self, name: str) -> tuple[str, str] | None:
-        """Return what it takes to find a name, and how."""
+        """Return the arguments that a name depends on, and the text that computes it."""
         anywhere = {
             "time": ("", "frame_begin + time_in_frame"),
             "end": ("time", "time + t.step_seconds"),
@@ -92,19 +93,20 @@ class NamesInBlock(Writer):
 
     def _of_balloon(self, name: str) -> tuple[str, str] | None:
         if name == "numbers":
-            return "", f"{self.own_of_any()}.n" if self.alone else "read_numbers(t, world, balloon)"
+            return "", f"{self.params_of_any()}.n" if self.alone else "read_numbers(t, world, balloon)"
         if name == "balloon" and self.alone:
-            return "", f"{self.own_of_any()}.balloon"
+            return "", f"{self.params_of_any()}.balloon"
         if name in self.step.kept and self.step.owner(name) == "balloon":
             return "", f"all_{name}[world, balloon]"
         return self.number_at(name) if "sphere" in self.known else None
 
     def _of_particle(self, name: str) -> tuple[str, str] | None:
-        own, balloon, ramp = self.bound("own"), self.bound("balloon"), self.bound("ramp")
+        params, balloon, ramp = self.bound("params"), self.bound("balloon"), self.bound("ramp")
+        reads = "read_params_beside(t, first, particle)" if self.alone else "read_params(t, world, particle)"
         texts = {
-            "own": ("", "read_own_beside(t, first, particle)" if self.alone else "read_own(t, world, particle)"),
-            "balloon": ("", f"{self.own_of_any()}.balloon") if self.alone else ("own", f"{own}.balloon"),
-            "numbers": ("own", f"{own}.n"),
+            "params": ("", reads),
+            "balloon": ("", f"{self.params_of_any()}.balloon") if self.alone else ("params", f"{params}.balloon"),
+            "numbers": ("params", f"{params}.n"),
             "number": ("", self.number),
             "point": ("", f"in_tile({self.points[0]}, particle)"),
             "velocity": ("", self.read("velocity")),
@@ -122,8 +124,8 @@ class NamesInBlock(Writer):
         if name in self.step.kept:
             of_particle = self.step.owner(name) == "particle"
             return ("", self.read(name)) if of_particle else ("balloon", f"all_{name}[world, {balloon}]")
-        number = self.number_at(name, own)
-        return ("own", number[1]) if number else None
+        number = self.number_at(name, params)
+        return ("params", number[1]) if number else None
 
     @property
     def number(self) -> str:
@@ -139,7 +141,7 @@ class NamesInBlock(Writer):
         return f"{'in_tile' if name in self.layout.tiles else 'vector_at'}({self.home(name)}, particle)"
 
     def write(self, name: str, target: str) -> str:
-        """Return how it is written there."""
+        """Return the statement that stores a value of a particle."""
         return f"{'put_in_tile' if name in self.layout.tiles else 'put_vector'}({target}, particle, {name})"
 
     @contextmanager

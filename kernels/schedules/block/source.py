@@ -12,10 +12,11 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.codegen import kernel_from
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.loops.slots import SlotTable
 from balloon_warp.kernels.memory import in_tile, put_in_tile, put_vector, vector_at
 from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.own import own_beside_function, own_functions
+from balloon_warp.kernels.params import params_beside_function, params_functions
 from balloon_warp.kernels.schedules.block.compaction import compaction
 from balloon_warp.kernels.schedules.block.layout import Layout
 from balloon_warp.kernels.schedules.block.looks import reader_of_springs
@@ -25,7 +26,6 @@ from balloon_warp.kernels.schedules.pieces import Piece, Step
 from balloon_warp.kernels.schedules.writer import head, named_in
 from balloon_warp.kernels.spheres import shared_spheres
 from balloon_warp.kernels.tables import WorldState
-from balloon_warp.kernels.traits import Traits
 from balloon_warp.kernels.warps import WARP_THREADS, any_in_block, block_barrier
 
 TURNS = {"substep": ("substep % 2", "1 - substep % 2"), "2 * pair + 1": ("1", "0")}
@@ -59,7 +59,7 @@ class BlockWriter(StateInBlock):
     def _arguments(self) -> dict[str, str]:
         return {
             "t": "Tables", "slots": "SlotTable", "state": "WorldState", "working": "Working",
-            "second_velocities": "wp.array2d[wp.vec3]", "film_pulls": "wp.array2d[wp.vec3]",
+            "second_velocities": "wp.array2d[wp.vec3]", "membrane_face_pulls": "wp.array2d[wp.vec3]",
             "state_numbers": "wp.array[wp.int32]",
             **{f"all_{value}": f"wp.array2d[{value}_type]" for value in self.step.kept}, **self.kept_arrays,
         }  # fmt: skip
@@ -71,26 +71,26 @@ class BlockWriter(StateInBlock):
             "in_tile": in_tile, "put_in_tile": put_in_tile, "vector_at": vector_at, "put_vector": put_vector,
             "block_barrier": block_barrier, "any_in_block": any_in_block, "WARP_THREADS": WARP_THREADS,
             "SlotTable": SlotTable,
-            "read_own_beside": own_beside_function(self.traits.columns, self.traits.balloons),
-            "take_place": place_function(self.traits), "load_in": load_in,
+            "read_params_beside": params_beside_function(self.features.columns, self.features.balloons),
+            "take_place": place_function(self.features), "load_in": load_in,
         }  # fmt: skip
         if self.layout.held:
-            names["read_springs"] = reader_of_springs(self.traits, self.layout)
-        if self.layout.film and self.layout.film.quads:
-            names["hold_films"] = self.step.look.films(self.traits).keeps
-        if self.traits.spheres:
-            names["share_spheres"], names["put_spheres"], _ = shared_spheres(self.traits.spheres)
+            names["read_springs"] = reader_of_springs(self.features, self.layout)
+        if self.layout.membrane_face and self.layout.membrane_face.quads:
+            names["hold_membrane_faces"] = self.step.look.membrane_faces(self.features).keeps
+        if self.features.spheres:
+            names["share_spheres"], names["put_spheres"], _ = shared_spheres(self.features.spheres)
         for phase in self.phases:
             if phase.due:
-                names[f"{phase.name}_is_due"] = phase.due(self.traits)
+                names[f"{phase.name}_is_due"] = phase.due(self.features)
             if phase.name in self._compacted:
                 functions = compaction(phase.name, self.layout.capacity)
-                names[f"{phase.name}_may_act"] = phase.asked(self.traits, self.step.look)
+                names[f"{phase.name}_may_act"] = phase.asked(self.features, self.step.look)
                 names |= {f"{verb}_{phase.name}": getattr(functions, verb) for verb in ("clear", "note")}
                 names |= {f"count_of_{phase.name}": functions.count, f"item_of_{phase.name}": functions.at}
             if phase.sums:
                 (value,) = phase.writes
-                functions = block_sum(value, phase.writes[value], self.traits.balloons, self.layout.warps)
+                functions = block_sum(value, phase.writes[value], self.features.balloons, self.layout.warps)
                 names |= {f"{verb}_{value}": function for verb, function in functions._asdict().items()}
         return names
 
@@ -109,8 +109,8 @@ class BlockWriter(StateInBlock):
 
     def _body(self) -> None:
         self._find_world()
-        if self.traits.frames != "all":
-            self.line(f"if working.verdicts[world] {'!=' if self.traits.watched else '=='} 0: return")
+        if self.features.frames != "all":
+            self.line(f"if working.verdicts[world] {'!=' if self.features.watched else '=='} 0: return")
         self._places_of_values()
         self.line("# Particles come from the state.")
         self._take_particles()
@@ -121,6 +121,7 @@ class BlockWriter(StateInBlock):
         self.line("block_barrier()")
         self._write_pieces(piece for piece in self.step.pieces if piece.once)
         self._keep_once()
+        self._forget_times()
         self._substeps()
         self._write_pieces(piece for piece in self.step.pieces if piece.last)
         self.line("# Particles go back to the state.")
@@ -137,13 +138,13 @@ class BlockWriter(StateInBlock):
         tiles += [self.home(name) for name in layout.tiles]
         for tile in tiles:
             self.line(f'{tile} = wp.tile_empty(shape={layout.capacity}, dtype=wp.vec3, storage="shared")')
-        if layout.film and layout.film.tile:
-            areas = layout.film.tile if layout.film.areas else 1
-            self.line(f'pulls = wp.tile_empty(shape={layout.film.tile}, dtype=wp.vec4, storage="shared")')
+        if layout.membrane_face and layout.membrane_face.tile:
+            areas = layout.membrane_face.tile if layout.membrane_face.areas else 1
+            self.line(f'pulls = wp.tile_empty(shape={layout.membrane_face.tile}, dtype=wp.vec4, storage="shared")')
             self.line(f'area_vectors = wp.tile_empty(shape={areas}, dtype=wp.vec2, storage="shared")')
-        elif layout.film:
-            self.line("pulls = film_pulls[world]")
-            self.line("area_vectors = film_pulls[world]")
+        elif layout.membrane_face:
+            self.line("pulls = membrane_face_pulls[world]")
+            self.line("area_vectors = membrane_face_pulls[world]")
         if "velocity" not in layout.tiles:
             self.line("velocities = state.velocities[world]")
             self.line("new_velocities = second_velocities[world]")
@@ -156,11 +157,16 @@ class BlockWriter(StateInBlock):
         self.line("time_in_frame = float(0.0)")
         self.known.add("time_in_frame")
 
+    def _forget_times(self) -> None:
+        """Find times anew in each substep: what happens once a frame has found those of its beginning."""
+        for name in ("time", "end"):
+            self.forget(name)
+
     def _keep_once(self) -> None:
         """Write what stays the same in a frame, where registers keep it."""
         read = {name for piece in self.step.pieces if not piece.once for name in piece.takes}
         for phase in self.step.light:
-            if phase.once(self.traits) and not read.isdisjoint(phase.writes):
+            if phase.once(self.features) and not read.isdisjoint(phase.writes):
                 (value,) = phase.writes
                 if phase.item == "balloon" and self.alone:
                     self.need(value)
@@ -200,7 +206,7 @@ class BlockWriter(StateInBlock):
                 self._worlds(piece)
             elif piece.item == "spring":
                 self._springs(piece)
-            elif piece.item == "film" and self.layout.film and self.layout.film.quads:
+            elif piece.item == "membrane_face" and self.layout.membrane_face and self.layout.membrane_face.quads:
                 self.calls(piece.phases)
                 self.line("block_barrier()")
             elif piece.item == "team":
@@ -225,16 +231,16 @@ def load_in(state: WorldState, world: wp.int32, balloon: wp.int32):
 
 
 @cache
-def place_function(traits: Traits) -> Any:
+def place_function(features: Features) -> Any:
     """Return the function that makes a particle what a thread has: where there is none, one that does not move."""
-    Own, _ = own_functions(traits.columns, traits.balloons)  # noqa: N806 - a type
+    Params, _ = params_functions(features.columns, features.balloons)  # noqa: N806 - a type
 
     @wp.func
-    def take_place(own: Own, there: bool):
+    def take_place(params: Params, there: bool):
         if not there:
-            own.share = 0.0
-            own.mass = 0.0
-        return own
+            params.share = 0.0
+            params.mass = 0.0
+        return params
 
     return take_place
 

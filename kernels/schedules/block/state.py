@@ -8,7 +8,7 @@ class StateInBlock(GroupsInBlock):
 
     def _take_particles(self) -> None:
         if not self.layout.held:
-            self.line("first = read_own(t, world, wp.min(thread, count - 1))")
+            self.line("first = read_params(t, world, wp.min(thread, count - 1))")
             with self._over("particle"):
                 self.line(f"put_in_tile(points, particle, state.points[world, {self.number}])")
                 if "velocity" in self.layout.tiles:
@@ -16,9 +16,9 @@ class StateInBlock(GroupsInBlock):
         for place in self.places:
             with self.about(place):
                 self._take_particle(place)
-        if self.layout.film and self.layout.film.quads:
-            self.line(f"films = hold_films(t, world, {self.own_of_any()}.n, thread)")
-        if self.traits.spheres:
+        if self.layout.membrane_face and self.layout.membrane_face.quads:
+            self.line(f"membrane_faces = hold_membrane_faces(t, world, {self.params_of_any()}.n, thread)")
+        if self.features.spheres:
             self.line("spheres = share_spheres(t, state, world, thread)")
         if self.alone:
             with self.about(0):
@@ -32,16 +32,17 @@ class StateInBlock(GroupsInBlock):
         """Write how a thread takes one of the particles that it keeps; where there is none, one that does not move."""
         b = self.bound
         self._find_particle(number)
-        first_own = self.own_of_any()
-        whose = f"read_own(t, world, {b('particle')})"
+        first_params = self.params_of_any()
+        whose = f"read_params(t, world, {b('particle')})"
         if number and self.alone:
-            whose = f"read_own_beside(t, {first_own}, {b('particle')})"
-        self.line(f"{b('own')} = take_place({whose}, {b('is_there')})")
-        self.line(f"{b('springs')} = read_springs(t, slots, {b('own')}, {b('place')}, {b('is_there')})")
+            whose = f"read_params_beside(t, {first_params}, {b('particle')})"
+        self.line(f"{b('params')} = take_place({whose}, {b('is_there')})")
+        kept = "kept" if self.layout.membrane_face else "springs"
+        self.line(f"{b(kept)} = read_springs(t, slots, {b('params')}, {b('place')}, {b('is_there')})")
         self.line(f"{b('point')} = state.points[world, {b('particle')}]")
         self.line(f"{b('velocity')} = state.velocities[world, {b('particle')}]")
         self.line(f"put_in_tile(points, {b('place')}, {b('point')})")
-        self.known |= {b(name) for name in ("place", "is_there", "particle", "own", "springs", "point", "velocity")}
+        self.known |= {b(name) for name in ("place", "is_there", "particle", "params", kept, "point", "velocity")}
         self._take_kept()
 
     def _find_particle(self, number: int) -> None:
@@ -54,8 +55,8 @@ class StateInBlock(GroupsInBlock):
     def _put_particles(self) -> None:
         for phase in self.notes:
             self._by_one_thread(phase)
-        if self.traits.spheres:
-            self.line(f"put_spheres(state, world, thread, spheres, {self.traits.penalties})")
+        if self.features.spheres:
+            self.line(f"put_spheres(state, world, thread, spheres, {self.features.penalties})")
         for place in self.places:
             with self.about(place):
                 b = self.bound

@@ -5,6 +5,7 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.lanes import Lanes3
 from balloon_warp.kernels.loops.eight import loops_of_eight
 from balloon_warp.kernels.loops.net_force import Loops
@@ -21,17 +22,16 @@ from balloon_warp.kernels.schedules.lanes.layouts import (
     put_item,
     view_of,
 )
-from balloon_warp.kernels.schedules.lanes.state import own_functions_of
+from balloon_warp.kernels.schedules.lanes.state import params_functions_of
 from balloon_warp.kernels.spheres import sphere_at
-from balloon_warp.kernels.traits import Traits
 
 
 @wp.func
-def take_forces(t: Any, own: Any):
+def take_forces(t: Any, params: Any):
     """Take the forces that hinges, faces and membranes have added to an item [N], and clear them."""
-    forces = t.forces[own.group]
-    force = of_item(forces, own.number)
-    put_item(forces, own.number, Lanes3())
+    forces = t.forces[params.group]
+    force = of_item(forces, params.number)
+    put_item(forces, params.number, Lanes3())
     return force
 
 
@@ -45,14 +45,14 @@ def _look(layout: Layout) -> Look:
     places = places_of(layout)
 
     @cache
-    def loops(traits: Traits) -> Loops:
+    def loops(features: Features) -> Loops:
         """Return the loops over all forces on an item."""
-        _, _, own_of_one = own_functions_of(traits.columns.places["mass"], layout)
-        return loops_of_eight(traits, near, take_forces, view_of, own_of_one)
+        _, _, params_of_one = params_functions_of(features.columns.places["mass"], layout)
+        return loops_of_eight(features, near, take_forces, view_of, params_of_one)
 
     @wp.func
-    def world_of(t: Any, own: Any, lane: wp.int32):
-        return places.world(own.group, lane, t.world_count)
+    def world_of(t: Any, params: Any, lane: wp.int32):
+        return places.world(params.group, lane, t.world_count)
 
     return Look(
         near, sphere_at, loops, put=put, velocity_at=near, put_velocity=put,

@@ -54,7 +54,7 @@ class NamesInLanes(Writer):
             name
             for piece in self.step.pieces
             for phase in piece.phases
-            for name in phase.reads(self.step.traits, self.step.look)
+            for name in phase.reads(self.step.features, self.step.look)
         }
         return {name for name in read if name in STATE.values()} | {VIEWS[name] for name in read if name in VIEWS}
 
@@ -62,24 +62,6 @@ class NamesInLanes(Writer):
     def doubled(self) -> list[str]:
         """Return the views of state that have two places."""
         return [STATE[name] for name in self.step.doubled]
-
-    @property
-    def in_lanes(self) -> tuple[str, ...]:
-        """Return what items of eight worlds keep that phases of eight look at: it stands side by side for a frame."""
-        traits, look = self.step.traits, self.step.look
-        wide = (phase for piece in self.step.pieces for phase in piece.phases if phase.takes_eight(traits, look))
-        seen = {name for phase in wide for name in phase.views(traits, look)} if self.layout.worlds else set()
-        return tuple(name for name in traits.kept if name in seen)
-
-    @property
-    def lane_arrays(self) -> dict[str, str]:
-        """Return the arguments in which that stands, and their types."""
-        return {f"lanes_{name}": f"wp.array2d[{name}_lanes]" for name in self.in_lanes}
-
-    def transfer(self, verb: str) -> None:
-        """Write how it is taken from the state, or put there."""
-        for name in self.in_lanes:
-            self.line(f"{verb}_all_{name}(t, kept_{name}, lanes_{name}, group)")
 
     @contextmanager
     def deeper(self, levels: int = 1) -> Iterator[None]:
@@ -95,17 +77,17 @@ class NamesInLanes(Writer):
                 call = self._call_of_one(phase)
                 self.line(f"# {phase.summary}")
                 self._bind_of_one(phase, call)
-            elif phase.takes_eight(self.step.traits, self.step.look):
+            elif phase.takes_eight(self.step.features, self.step.look):
                 super().calls((phase,))
             else:
                 self._lane_by_lane(phase)
 
     def need(self, name: str) -> None:
-        """See to it that a name is bound; what is of a balloon before the loop over its items."""
+        """Bind a name: one of a balloon before the loop over its items."""
         light = next((phase for phase in self.step.light if name in phase.writes), None)
         if self.bound(name) in self.known:
             return
-        if light and not light.takes_eight(self.step.traits, self.step.look):
+        if light and not light.takes_eight(self.step.features, self.step.look):
             self._lane_by_lane(light)
         elif not light and (text := self.found_of_balloon(name)):
             self.known.add(name)
@@ -133,7 +115,7 @@ class NamesInLanes(Writer):
         return f"new_{view}" if flips % 2 else view
 
     def found(self, name: str) -> tuple[str, str] | None:
-        """Return what it takes to find a name, and how."""
+        """Return the arguments that a name depends on, and the text that computes it."""
         kept = self.step.kept
         if name in kept:
             return (
@@ -142,17 +124,17 @@ class NamesInLanes(Writer):
             )
         if name in STATE:
             return "", f"of_item({self.bound(STATE[name])}, {self.item})"
-        if name == "own":
-            return "", f"{'own_of_quad' if self.item == 'quad' else 'own_of'}(t, group, balloon, {self.item})"
-        if name in self.step.traits.kept:
+        if name == "params":
+            return "", f"{'params_of_quad' if self.item == 'quad' else 'params_of'}(t, group, balloon, {self.item})"
+        if name in self.step.features.kept:
             return "", f"{name}_of(t, kept_{name}, group, {self.item})"
-        if kept := self.step.traits.kept_views.get(name):
-            return "", f"{'lanes' if self.layout.worlds else 'kept'}_{kept}"
+        if kept := self.step.features.kept_views.get(name):
+            return "", f"kept_{kept}"
         return self.number_at(name)
 
     def _call_of_one(self, phase: Phase) -> str:
         """Return the call of a phase for one lane or world."""
-        reads = phase.reads(self.step.traits, self.step.look)
+        reads = phase.reads(self.step.features, self.step.look)
         return f"{phase.name}({', '.join(self._of_one(name) for name in reads)})"
 
     def _bind_of_one(self, phase: Phase, call: str) -> None:
@@ -171,14 +153,14 @@ class NamesInLanes(Writer):
             return self.single.get(name, name)
         texts = {
             "t": "tables", "thread": "0",
-            "numbers": f"t.rows[group, {lane}, balloon]", "own": f"own_of_one(t, own, {lane})",
+            "numbers": f"t.rows[group, {lane}, balloon]", "params": f"params_of_one(t, params, {lane})",
             "world": f"world_in_lane(group, {lane}, t.world_count)", "particle": f"particle_in_lane(t, item, {lane})",
         }  # fmt: skip
-        if name in self.step.traits.kept_views or (lane == "place" and name in self.step.traits.kept):
+        if name in self.step.features.kept_views or (lane == "place" and name in self.step.features.kept):
             return self.kept_at(name, "world" if lane == "place" else texts["world"])
         if "sphere" in self.single and (number := self.number_at(name)):
             return number[1]
-        if name == "own":
+        if name == "params":
             self.need(name)
         if name in texts:
             return texts[name]
@@ -198,8 +180,8 @@ class NamesInLanes(Writer):
 
     def _lane_by_lane(self, phase: Phase) -> None:
         """Write the call of a phase for one in each lane, if it is rare once it is known that any needs it."""
-        traits, look = self.step.traits, self.step.look
-        reads = phase.reads(traits, look)
+        features, look = self.step.features, self.step.look
+        reads = phase.reads(features, look)
         call = self._call_of_one(phase)
         begins = {name: name if name in self.known or name in STATE else "" for name in phase.writes}
         for name, start in begins.items():
@@ -224,7 +206,7 @@ class NamesInLanes(Writer):
 
     def _question(self, phase: Phase) -> bool:
         """Write whether a rare phase has anything to do."""
-        asked = phase.asked(self.step.traits, self.step.look)
+        asked = phase.asked(self.step.features, self.step.look)
         if not asked:
             return False
         for name in self.names_of(asked):

@@ -21,7 +21,7 @@ from balloon_warp.kernels.schedules.lanes.state import (
     balloon_functions,
     frame_functions,
     kept_functions,
-    own_functions_of,
+    params_functions_of,
     showing_function,
 )
 from balloon_warp.kernels.schedules.lanes.tables import lane_structs
@@ -66,7 +66,7 @@ class _Writer(NamesInLanes):
         states = {view: "Seen" if view in self.seen else "Lanes3" for view in STATE.values()}
         may_be = {
             "t": "LaneTables", "tables": "Tables", "first_group": "wp.int32", "state": "WorldState",
-            "working": "Working", "solids": "Solids", **self.kept_arrays, **self.lane_arrays,
+            "working": "Working", "solids": "Solids", **self.kept_arrays,
             **{f"all_{view}": f"wp.array2d[{kind}]" for view, kind in states.items()},
             **{f"other_{view}": f"wp.array2d[{kind}]" for view, kind in states.items()},
             **{
@@ -78,17 +78,16 @@ class _Writer(NamesInLanes):
 
     def _frame(self) -> None:
         self.line("group = first_group + wp.tid()")
-        if self.step.traits.watched:
+        if self.step.features.watched:
             self.line("if not any_free(t, working, group):")
             self.line("    return")
-        if self.step.traits.spheres:
+        if self.step.features.spheres:
             self.line("spheres = spheres_in_state(tables, state, working)")
         for view in STATE.values():
             self.line(f"{view} = all_{view}[group]")
         for view in self.doubled:
             self.line(f"new_{view} = other_{view}[group]")
         self.line("read_frame(t, state, working, group, points, velocities)")
-        self.transfer("take")
         self.line("for substep in range(tables.substeps):")
         with self.deeper():
             self._begin_substep()
@@ -98,7 +97,6 @@ class _Writer(NamesInLanes):
                 with self.deeper(int(once)):
                     for piece in pieces:
                         self._piece(piece)
-        self.transfer("put")
         self.line(f"write_frame(t, state, working, group, {self.bound('points')}, {self.bound('velocities')})")
 
     def _begin_substep(self) -> None:
@@ -121,7 +119,7 @@ class _Writer(NamesInLanes):
 
     def _piece(self, piece: Piece) -> None:
         known, single = set(self.known), dict(self.single)
-        wide = piece.phases[0].takes_eight(self.step.traits, self.step.look)
+        wide = piece.phases[0].takes_eight(self.step.features, self.step.look)
         self._show_solids(piece)
         if piece.phases[-1].sums:
             self._sum(piece)
@@ -139,7 +137,7 @@ class _Writer(NamesInLanes):
     def _show_solids(self, piece: Piece) -> None:
         """Show spheres and obstacles, if the piece asks about them and they may have moved."""
         phases = (*piece.phases, *self.step.light)
-        asks = any("solids" in self.names_of(phase.asked(self.step.traits, self.step.look)) for phase in phases)
+        asks = any("solids" in self.names_of(phase.asked(self.step.features, self.step.look)) for phase in phases)
         if asks and piece.item == "particle" and not self.shown:
             self.line("show_solids(t, tables, state, solids, group, end)")
             self.shown = True
@@ -246,25 +244,25 @@ class _Writer(NamesInLanes):
     def names(self) -> dict[str, Any]:
         """Return what the text refers to."""
         step, layout = self.step, self.layout
-        traits, look = step.traits, step.look
+        features, look = step.features, step.look
         phases = [phase for piece in step.pieces for phase in piece.phases]
         structs, places = lane_structs(layout), places_of(layout)
-        read_frame, write_frame = frame_functions(traits, layout)
-        own_of, own_of_quad, own_of_one = own_functions_of(traits.columns.places["mass"], layout)
+        read_frame, write_frame = frame_functions(features, layout)
+        params_of, params_of_quad, params_of_one = params_functions_of(features.columns.places["mass"], layout)
         types = written_types(step) | {name: kind for phase in step.light for name, kind in phase.writes.items()}
         return {
             **self.scope(phases), **balloon_functions(layout),
             "LaneTables": structs.tables, "Solids": Solids, "Seen": layout.vector,
             "Lanes3": Lanes3, "LANE_COUNT": LANE_COUNT,
-            "read_frame": read_frame, "write_frame": write_frame, "show_solids": showing_function(traits, layout),
-            "own_of": own_of, "own_of_quad": own_of_quad, "own_of_one": own_of_one,
+            "read_frame": read_frame, "write_frame": write_frame, "show_solids": showing_function(features, layout),
+            "params_of": params_of, "params_of_quad": params_of_quad, "params_of_one": params_of_one,
             "world_in_lane": places.world, "worlds_of": places.worlds, "first_world": places.first_world,
             "is_there": places.is_there, "particle_in_lane": places.particle, "totals_of": places.totals,
             "of_item": of_item, "put_item": put_item, "of_particle": of_particle, "view_of": view_of,
             "of_lane": of_lane, "set_lane": set_lane, "scaled": scaled,
             **{f"{name}_lanes": IN_LANES[kind] for name, kind in types.items()},
-            **{name: function for each in traits.keeps for name, function in kept_functions(each, layout).items()},
-            **{f"{each.name}_may_act": each.asked(traits, look) for each in (*phases, *step.light) if each.rare},
+            **{name: function for each in features.keeps for name, function in kept_functions(each, layout).items()},
+            **{f"{each.name}_may_act": each.asked(features, look) for each in (*phases, *step.light) if each.rare},
         }  # fmt: skip
 
 

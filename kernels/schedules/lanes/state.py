@@ -8,6 +8,7 @@ import warp as wp
 from balloon_warp.kernels.algebra import times
 from balloon_warp.kernels.clock import ramp_at
 from balloon_warp.kernels.contact.free_frames import FREE
+from balloon_warp.kernels.features import Features, Kept
 from balloon_warp.kernels.fixed_point import set_quanta, total_newtons
 from balloon_warp.kernels.lanes import IN_LANES, Lanes, Lanes2, Lanes3, of_lane, set_lane
 from balloon_warp.kernels.loops.near_solids import Solids, solid_function
@@ -15,7 +16,6 @@ from balloon_warp.kernels.memory import two_in
 from balloon_warp.kernels.schedules.lanes.layouts import Layout, of_item, places_of, put_item
 from balloon_warp.kernels.schedules.lanes.tables import lane_structs
 from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
-from balloon_warp.kernels.traits import Kept, Traits
 from balloon_warp.kernels.working import Working
 
 
@@ -24,7 +24,6 @@ def kept_functions(kept: Kept, layout: Layout) -> dict[str, Any]:
     """Return the functions that read what particles keep from the state, and write it there, by their names."""
     LaneTables, places = lane_structs(layout).tables, places_of(layout)  # noqa: N806 - a type
     InLanes, number_type = IN_LANES[kept.type], wp.array2d(dtype=kept.type)  # noqa: N806 - a type
-    lanes_type = wp.array2d(dtype=InLanes)
 
     @wp.func
     def take_kept(t: LaneTables, kept: number_type, group: wp.int32, item: wp.int32):
@@ -41,35 +40,19 @@ def kept_functions(kept: Kept, layout: Layout) -> dict[str, Any]:
                 world = places.world(group, lane, t.world_count)
                 kept[world, places.particle(t, item, lane)] = of_lane(lanes, lane)
 
-    @wp.func
-    def take_all(t: LaneTables, kept: number_type, in_lanes: lanes_type, group: wp.int32):
-        for item in range(kept.shape[1]):
-            lanes = InLanes()
-            for lane in range(t.lane_count):
-                lanes = set_lane(lanes, lane, kept[places.world(group, lane, t.world_count), item])
-            in_lanes[group, item] = lanes
-
-    @wp.func
-    def put_all(t: LaneTables, kept: number_type, in_lanes: lanes_type, group: wp.int32):
-        for item in range(kept.shape[1]):
-            lanes = in_lanes[group, item]
-            for lane in range(t.lane_count):
-                kept[places.world(group, lane, t.world_count), item] = of_lane(lanes, lane)
-
-    functions = {"take_all_": take_all, "put_all_": put_all, "put_": put_kept}
-    return {f"{kept.name}_of": take_kept} | {f"{name}{kept.name}": function for name, function in functions.items()}
+    return {f"{kept.name}_of": take_kept, f"put_{kept.name}": put_kept}
 
 
 @cache
-def frame_functions(traits: Traits, layout: Layout) -> tuple[Any, Any]:
+def frame_functions(features: Features, layout: Layout) -> tuple[Any, Any]:
     """Return the functions that read the state as a frame begins, and that write it as it ends."""
     LaneTables, places = lane_structs(layout).tables, places_of(layout)  # noqa: N806 - a type
-    split = traits.columns.balloon_width
+    split = features.columns.balloon_width
 
     @wp.func
     def counts(working: Working, world: wp.int32):
         """Return whether the results of a world count: not if its frame was not free, where only free frames count."""
-        if wp.static(traits.watched):
+        if wp.static(features.watched):
             return working.verdicts[world] == FREE
         else:
             return True
@@ -96,7 +79,7 @@ def frame_functions(traits: Traits, layout: Layout) -> tuple[Any, Any]:
     def read_frame(t: LaneTables, state: WorldState, working: Working, group: wp.int32, points: Any, velocities: Any):
         """Read numbers, points and velocities, and the forces that the last frame left on spheres."""
         read_numbers(t, group)
-        if wp.static(traits.penalties):
+        if wp.static(features.penalties):
             for world in range(places.first_world(group), end_of(t, group)):
                 for sphere in range(state.sphere_forces.shape[1]):
                     set_quanta(working.sphere_quanta, world, sphere, state.sphere_forces[world, sphere])
@@ -124,7 +107,7 @@ def frame_functions(traits: Traits, layout: Layout) -> tuple[Any, Any]:
 
         If only free frames count, of worlds with a free frame.
         """
-        if wp.static(traits.penalties):
+        if wp.static(features.penalties):
             for world in range(places.first_world(group), end_of(t, group)):
                 for sphere in range(state.sphere_forces.shape[1]):
                     state.sphere_forces[world, sphere] = total_newtons(working.sphere_quanta, world, sphere)
@@ -197,52 +180,52 @@ def balloon_functions(layout: Layout) -> dict[str, Any]:
 
 
 @cache
-def own_functions_of(mass: int, layout: Layout) -> tuple[Any, Any, Any]:
+def params_functions_of(mass: int, layout: Layout) -> tuple[Any, Any, Any]:
     """Return the functions that read the parameters of an item, of a quad, and of one particle.
 
     Args:
         mass: its column.
     """
-    LaneTables, LaneOwn, OneOwn = lane_structs(layout)  # noqa: N806 - types
+    LaneTables, LaneParams, OneParams = lane_structs(layout)  # noqa: N806 - types
     places = places_of(layout)
 
     @wp.func
-    def own_of_quad(t: LaneTables, group: wp.int32, balloon: wp.int32, number: wp.int32):
-        own = LaneOwn()
-        own.group = group
-        own.number = number
-        own.balloon = balloon
-        own.kind = t.all.inflation_kind[balloon]
-        own.n = t.numbers[group, balloon]
-        return own
+    def params_of_quad(t: LaneTables, group: wp.int32, balloon: wp.int32, number: wp.int32):
+        params = LaneParams()
+        params.group = group
+        params.number = number
+        params.balloon = balloon
+        params.kind = t.all.inflation_kind[balloon]
+        params.n = t.numbers[group, balloon]
+        return params
 
     @wp.func
-    def own_of(t: LaneTables, group: wp.int32, balloon: wp.int32, item: wp.int32):
-        own = own_of_quad(t, group, balloon, item)
-        own.share = t.shares[item]
-        own.mass = times(own.share, own.n[mass])
-        return own
+    def params_of(t: LaneTables, group: wp.int32, balloon: wp.int32, item: wp.int32):
+        params = params_of_quad(t, group, balloon, item)
+        params.share = t.shares[item]
+        params.mass = times(params.share, params.n[mass])
+        return params
 
     @wp.func
-    def own_of_one(t: LaneTables, own: LaneOwn, lane: wp.int32):
-        one = OneOwn()
-        one.world = places.world(own.group, lane, t.world_count)
-        one.number = places.particle(t, own.number, lane)
-        one.balloon = own.balloon
-        one.kind = own.kind
-        one.share = of_lane(own.share, lane)
-        one.mass = own.mass[lane]
-        one.n = t.rows[own.group, lane, own.balloon]
+    def params_of_one(t: LaneTables, params: LaneParams, lane: wp.int32):
+        one = OneParams()
+        one.world = places.world(params.group, lane, t.world_count)
+        one.number = places.particle(t, params.number, lane)
+        one.balloon = params.balloon
+        one.kind = params.kind
+        one.share = of_lane(params.share, lane)
+        one.mass = params.mass[lane]
+        one.n = t.rows[params.group, lane, params.balloon]
         return one
 
-    return own_of, own_of_quad, own_of_one
+    return params_of, params_of_quad, params_of_one
 
 
 @cache
-def showing_function(traits: Traits, layout: Layout) -> Any:
+def showing_function(features: Features, layout: Layout) -> Any:
     """Return the function that loads spheres and obstacles into the lanes."""
     LaneTables, places = lane_structs(layout).tables, places_of(layout)  # noqa: N806 - a type
-    solid_at = solid_function(traits)
+    solid_at = solid_function(features)
 
     @wp.func
     def show_solids(t: LaneTables, tables: Tables, state: WorldState, solids: Solids, group: wp.int32, end: float):

@@ -40,7 +40,7 @@ def part_structs(layout: Layout) -> tuple[Any, Any, Any]:
 
     @wp.struct
     class LaneNecks:
-        """Each item's part of the thrust of an open neck; empty if there is none."""
+        """Shares of items in the thrust of an open neck; empty if there is none."""
 
         weights: wp.array[Number]
 
@@ -48,12 +48,12 @@ def part_structs(layout: Layout) -> tuple[Any, Any, Any]:
 
 
 @cache
-def own_structs(layout: Layout) -> tuple[Any, Any]:
+def params_structs(layout: Layout) -> tuple[Any, Any]:
     """Return the types of an item's parameters and indices, and of one particle's."""
     Number = layout.number  # noqa: N806 - a type
 
     @wp.struct
-    class LaneOwn:
+    class LaneParams:
         """Parameters and indices of an item."""
 
         group: wp.int32
@@ -65,7 +65,7 @@ def own_structs(layout: Layout) -> tuple[Any, Any]:
         n: wp.array[Lanes]
 
     @wp.struct
-    class OneOwn:
+    class OneParams:
         """Parameters and indices of one particle."""
 
         world: wp.int32
@@ -76,14 +76,14 @@ def own_structs(layout: Layout) -> tuple[Any, Any]:
         mass: float
         n: wp.array[float]
 
-    return LaneOwn, OneOwn
+    return LaneParams, OneParams
 
 
 class LaneStructs(NamedTuple):
     """Types."""
 
     tables: Any
-    own: Any
+    params: Any
     """Function that reads the parameters of an item"""
     one: Any
     """Function that reads the parameters of one of its particles"""
@@ -146,4 +146,4 @@ def lane_structs(layout: Layout) -> LaneStructs:
         forces: wp.array2d[Vector]
         """Forces of hinges and membranes on each particle [N]"""
 
-    return LaneStructs(LaneTables, *own_structs(layout))
+    return LaneStructs(LaneTables, *params_structs(layout))

@@ -5,8 +5,9 @@ their bars; a sum hands its bar to all; and what is read of other particles come
 them. What was found on the way forward is read again where it was stored, or else found again.
 """
 
+from collections.abc import Callable, Iterator
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from balloon_warp.kernels.adjoints.derived import constants_of
 from balloon_warp.kernels.codegen import kernel_from
@@ -16,6 +17,8 @@ from balloon_warp.kernels.schedules.launched.backward_writer import BackwardWrit
 from balloon_warp.kernels.schedules.launched.trace import Trace, arguments_of, looks_around, traces_of
 from balloon_warp.kernels.schedules.pieces import Step
 from balloon_warp.kernels.schedules.writer import head
+
+W = TypeVar("W", bound=BackwardWriter)
 
 
 class BackwardKernel(NamedTuple):
@@ -27,13 +30,13 @@ class BackwardKernel(NamedTuple):
     lines: tuple[str, ...]
     arguments: dict[str, str]
     names: dict[str, Any]
-    """What the text refers to"""
+    """Names that the text refers to"""
     after_note: bool
     """Whether it is of phases that read the pressure of this substep, not of the one before"""
 
     @property
     def source(self) -> str:
-        """Return its text."""
+        """Return the kernel's source."""
         whose = "A block for each balloon." if self.item == "balloon" else "A thread for each particle of each world."
         return "\n".join([*head(self.name, self.arguments, whose), *self.lines, ""])
 
@@ -58,11 +61,25 @@ def backward_kernels(step: Step, columns: tuple[int, ...]) -> tuple[BackwardKern
     Raises:
         NoAdjointError: a phase of the step has no adjoint.
     """
+    kernels: list[BackwardKernel] = []
+    for writer in writers_backwards(step, columns, BackwardWriter):
+        lines = writer.written()
+        names = {**writer.scope([]), **writer.called, "constants_of": constants_of}
+        after = writer.after_note
+        kernels.append(BackwardKernel(writer.name, writer.trace.item, lines, writer.taken(), names, after))
+    return tuple(kernels)
+
+
+def writers_backwards(step: Step, columns: tuple[int, ...], make: Callable[..., W]) -> Iterator[W]:
+    """Yield what writes the turns of a step backwards, between one wait and the next; each writes before the next.
+
+    Raises:
+        NoAdjointError: a phase of the step has no adjoint.
+    """
     traces = traces_of(step)
     notes = [place for place, trace in enumerate(traces) if _finds_loads(trace)]
     before_note = traces[: notes[0]] if notes else ()
     sinks = Sinks(any("load" in entry.seen for trace in before_note for entry in trace.entries))
-    kernels: list[BackwardKernel] = []
     for place, trace in reversed(list(enumerate(traces))):
         external = {name for later in traces[place + 1 :] for entry in later.entries for name in entry.seen.values()}
         sinks.begun -= trace.current.keys() & STATE.keys()
@@ -71,12 +88,8 @@ def backward_kernels(step: Step, columns: tuple[int, ...]) -> tuple[BackwardKern
         cuts = _cut(trace)
         for number, turns in enumerate(cuts):
             left = [turn for later in cuts[number + 1 :] for turn in later]
-            writer = BackwardWriter(trace, turns, left, done, sinks, columns, external)
-            lines = writer.written()
-            names = {**writer.scope([]), **writer.called, "constants_of": constants_of}
             after = bool(notes) and place > notes[0]
-            kernels.append(BackwardKernel(writer.name, trace.item, lines, writer.taken(), names, after))
-    return tuple(kernels)
+            yield make(trace, turns, left, done, sinks, columns, external, after)
 
 
 def _finds_loads(trace: Trace) -> bool:

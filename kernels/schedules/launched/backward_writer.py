@@ -22,7 +22,7 @@ in the frame"""
 
 
 class Sinks:
-    """Which sums of bars have been begun, in the order in which a step runs backwards.
+    """Sums of bars that have been begun, in the order in which a step runs backwards.
 
     Args:
         load_carried: whether the pressure of the substep before is read, too.
@@ -45,12 +45,14 @@ class BackwardWriter(PieceWriter):
 
     def __init__(
         self, trace: Trace, turns: Sequence[Turn], left: Sequence[Turn], done: set[str], sinks: Sinks,
-        columns: Sequence[int], external: set[str],
+        columns: Sequence[int], external: set[str], after_note: bool,
     ):  # fmt: skip
         super().__init__(trace.step)
         self.trace, self.turns, self.left, self._done, self.sinks = trace, turns, left, done, sinks
         self.columns, self.external = columns, external
         """Columns of the numbers that are derived by; values that later phases read"""
+        self.after_note = after_note
+        """Whether it is of phases that read the pressure of this substep, not of the one before"""
         self.bars: dict[str, str] = {}
         """Names by the variables whose bars are known here"""
         self.called: dict[str, Any] = {}
@@ -63,16 +65,17 @@ class BackwardWriter(PieceWriter):
 
     def written(self) -> tuple[str, ...]:
         """Return the lines of the body."""
-        if self.trace.item == "balloon":
-            self._sum_loads()
-        else:
-            self._begin("world, particle")
+        self.open()
         for entry, adjoint in self.turns:
             self._turn(entry, adjoint)
         self._sink()
         return tuple(self.lines)
 
-    def _sum_loads(self) -> None:
+    def open(self) -> None:
+        """Write whose thread it is, and of a balloon the sum of what its particles have found."""
+        if self.trace.item == "particle":
+            self._begin("world, particle")
+            return
         self._begin("world, balloon, thread")
         self.line("total = wp.vec2()")
         begin, end = f"{OFFSETS['particle']}[balloon]", f"{OFFSETS['particle']}[balloon + 1]"
@@ -85,11 +88,13 @@ class BackwardWriter(PieceWriter):
         self.sinks.begun.discard("load")
 
     def found(self, name: str) -> tuple[str, str] | None:
-        """Return what it takes to find a name, and how."""
+        """Return the arguments that a name depends on, and the text that computes it."""
         if name == "constants":
             return "", "constants_of(t)"
         if name == "pressure_bar":
-            return "", "all_pressure_bar[world, balloon]"
+            return "", self.bar_at("pressure", "balloon")
+        if name == "gas_after_bar":
+            return "", "all_gas_bar[world, balloon]"
         if name.endswith("_bars"):
             return "", f"all_{name[:-1]}[world]"
         if name == "keyed" and self.trace.item == "balloon":
@@ -97,7 +102,7 @@ class BackwardWriter(PieceWriter):
         return super().found(name)
 
     def have(self, variable: str) -> str:
-        """See to it that a variable is bound, and return it."""
+        """Bind a variable, and return it."""
         variable = self.aliases.get(variable, variable)
         entry = self.trace.writer(variable)
         if variable in self.known:
@@ -108,10 +113,10 @@ class BackwardWriter(PieceWriter):
         (name,) = (name for name, each in entry.writes.items() if each == variable)
         if name in self.step.kept and not entry.phase.light:
             self.known.add(variable)
-            self.line(f"{variable} = all_{name}[world, {self._owner(name)}]")
+            self.line(f"{variable} = all_{name}[{self.row}, {self._owner(name)}]")
             return variable
         inputs = [self.have(each) for each in entry.reads.values()]
-        self.called[entry.phase.name] = entry.phase.function(self.step.traits, self.step.look)
+        self.called[entry.phase.name] = entry.phase.function(self.step.features, self.step.look)
         self.line(f"{', '.join(entry.writes.values())} = {entry.phase.name}({', '.join(inputs)})")
         self.known |= set(entry.writes.values())
         return variable
@@ -158,7 +163,7 @@ class BackwardWriter(PieceWriter):
         outside = last and (name in STATE or name in self.external)
         if variable in self._done or outside:
             owner = self.trace.item if name in STATE else self._owner(name)
-            return f"all_{name}_bar[world, {owner}]"
+            return self.bar_at(name, owner)
         return ""
 
     def _zero(self, name: str) -> str:
@@ -167,9 +172,9 @@ class BackwardWriter(PieceWriter):
 
     def _add(self, variable: str, name: str, result: str) -> None:
         """Add to the bar of a variable."""
-        if name in ("own", "numbers"):
+        if name in ("params", "numbers"):
             self._add_numbers(result)
-        elif name in self.step.traits.columns.places:
+        elif name in self.step.features.columns.places:
             self._add_number(name, result)
         else:
             before = f"{variable}_bar" if variable in self.bars else self._begun(variable, name)
@@ -178,20 +183,43 @@ class BackwardWriter(PieceWriter):
 
     def _add_number(self, name: str, result: str) -> None:
         """Add the bar of a number by its name, if it is asked for."""
-        column = self.step.traits.columns.places[name]
+        column = self.step.features.columns.places[name]
         if column in self.columns:
-            self.line(f"number_bars[world, particle, {self.columns.index(column)}] += {result}")
+            self.add_to_number(self.columns.index(column), result)
 
     def _add_numbers(self, result: str) -> None:
         """Add the bars of the numbers that are asked for, and of a mass, which is one of them."""
         of_balloon = self.trace.item == "balloon"
-        array = "number_bars_of_balloons[world, balloon" if of_balloon else "number_bars[world, particle"
-        mass = self.step.traits.columns.places["mass"]
+        mass = self.step.features.columns.places["mass"]
         for place, column in enumerate(self.columns):
             text = f"{result}[{column}]" if of_balloon else f"{result}.n[{column}]"
             if column == mass and not of_balloon:
-                text += f" + {result}.mass * own.share"
-            self.line(f"{array}, {place}] += {text}")
+                text += f" + {result}.mass * params.share"
+            self.add_to_number(place, text)
+
+    # ---- where bars stand
+
+    row = "world"
+    """Index of what was found on the way forward"""
+
+    def bar_at(self, name: str, owner: str) -> str:
+        """Return the text that finds a bar that others have found, of an item or of its balloon."""
+        return f"all_{name}_bar[world, {owner}]"
+
+    def put_bar(self, name: str, owner: str, sign: str, text: str) -> None:
+        """Write a bar to where others find it, or add to it."""
+        self.line(f"all_{name}_bar[world, {owner}] {sign} {text}")
+
+    def add_to_number(self, place: int, text: str) -> None:
+        """Add to the bar of a number that is asked for."""
+        of_balloon = self.trace.item == "balloon"
+        array = "number_bars_of_balloons[world, balloon" if of_balloon else "number_bars[world, particle"
+        self.line(f"{array}, {place}] += {text}")
+
+    def add_over_frame(self, name: str, text: str) -> None:
+        """Add to the bar of what stays the same in a frame."""
+        of_balloon = "_of_balloons" if name == "keyed" and self.trace.item == "balloon" else ""
+        self.line(f"all_{name}_bar{of_balloon}[world, {self.trace.item}] += {text}")
 
     def _sink(self) -> None:
         """Write bars to where others find them."""
@@ -202,16 +230,16 @@ class BackwardWriter(PieceWriter):
             if self.trace.writer(variable) is None:
                 self._sink_source(name)
             elif variable in waiting:
-                self.line(f"all_{name}_bar[world, {self.trace.item}] = {variable}_bar")
+                self.put_bar(name, self.trace.item, "=", f"{variable}_bar")
                 self._done.add(variable)
         for variable, name in waiting.items():
             if variable not in self.bars and variable not in self._done and name not in self.external | STATE.keys():
-                self.line(f"all_{name}_bar[world, {self.trace.item}] = {self._zero(name)}")
+                self.put_bar(name, self.trace.item, "=", self._zero(name))
                 self._done.add(variable)
         if not self.left:
             for name in STATE:
                 if name in self.trace.current and name not in self.sinks.begun:
-                    self.line(f"all_{name}_bar[world, particle] {self.sinks.sign(name)} wp.vec3()")
+                    self.put_bar(name, "particle", self.sinks.sign(name), "wp.vec3()")
 
     def _sink_source(self, name: str) -> None:
         """Write the bar of what was there as the phases began."""
@@ -219,19 +247,18 @@ class BackwardWriter(PieceWriter):
             return
         item = self.trace.item
         if name == "keyed":
-            array = "all_keyed_bar_of_balloons" if item == "balloon" else "all_keyed_bar"
-            self.line(f"{array}[world, {item}] += wp.vec2({name}_bar, {name}_bar * time_in_frame)")
+            self.add_over_frame(name, f"wp.vec2({name}_bar, {name}_bar * time_in_frame)")
         elif name in ("gas_mass", "gas"):
-            self.line(f"all_{name}_bar[world, {item}] += {name}_bar")
+            self.add_over_frame(name, f"{name}_bar")
         elif name in STATE or name == "load":
-            self.line(f"all_{name}_bar[world, {item}] {self.sinks.sign(name)} {name}_bar")
+            self.put_bar(name, item, self.sinks.sign(name), f"{name}_bar")
         elif name in self.step.kept:
             owner = self._owner(name)
             if owner != item:
                 raise TypeError(
                     f"{self.name}: many read {name}, which each balloon has once, and nobody adds up its bar"
                 )
-            self.line(f"all_{name}_bar[world, {owner}] {self.sinks.sign(name)} {name}_bar")
+            self.put_bar(name, owner, self.sinks.sign(name), f"{name}_bar")
         else:
             raise TypeError(f"{self.name}: nobody takes the bar of {name}")
 

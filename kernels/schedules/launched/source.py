@@ -27,8 +27,8 @@ NAMES: Mapping[str, tuple[str, str]] = {
 }
 """Expressions for the names that phases read: names that the expression needs, and its text"""
 OF_PARTICLE: Mapping[str, tuple[str, str]] = {
-    "own": ("", "read_own(t, world, particle)"),
-    "balloon": ("own", "own.balloon"),
+    "params": ("", "read_params(t, world, particle)"),
+    "balloon": ("params", "params.balloon"),
     "point": ("", "vector_in(all_points, world, particle)"),
     "velocity": ("", "vector_in(all_velocities, world, particle)"),
     "origin": ("balloon", "all_points[world, volume_origin(t, balloon)]"),
@@ -51,13 +51,13 @@ class PieceWriter(Writer):
 
     def _begin(self, indices: str) -> None:
         self.line(f"{indices} = wp.tid()")
-        if self.step.traits.frames == "busy":
+        if self.step.features.frames == "busy":
             self.line("if working.verdicts[world] == 0:")
             self.line("    return")
         self.known |= set(indices.split(", "))
 
     def found(self, name: str) -> tuple[str, str] | None:
-        """Return what it takes to find a name, and how."""
+        """Return the arguments that a name depends on, and the text that computes it."""
         kept = self.step.kept
         if VIEWS.get(name) in kept:
             return "", f"all_{VIEWS[name]}[world]"

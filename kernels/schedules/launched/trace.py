@@ -1,4 +1,4 @@
-"""What particles or balloons do between two waits for each other, in values that are written once.
+"""Trace of phases between two barriers, in single assignment: each value is written once.
 
 A value that is written again, such as a velocity, has a name of its own each time: `velocity`, as it is before,
 `velocity_1`, `velocity_2`. So it can be told by which of them each phase is derived.
@@ -53,8 +53,8 @@ class Trace:
 
     def _add(self, phase: Phase) -> None:
         step = self.step
-        reads = {name: self._read(name) for name in phase.reads(step.traits, step.look)}
-        adjoints = tuple(phase.adjoints(step.traits, step.look))
+        reads = {name: self._read(name) for name in phase.reads(step.features, step.look)}
+        adjoints = tuple(phase.adjoints(step.features, step.look))
         asked = {name for adjoint in adjoints for name in (*arguments_of(adjoint), *adjoint.of) if not is_bar(name)}
         seen = {name: self._read(name) for name in sorted(asked - phase.writes.keys() - reads.keys())}
         writes = {name: self._next(name) for name in phase.writes}
@@ -65,7 +65,7 @@ class Trace:
         """Return the variable of a name, once what is light has been found again."""
         if name not in self.current:
             for phase in self.step.light:
-                if name in phase.writes and phase.adjoints(self.step.traits, self.step.look):
+                if name in phase.writes and phase.adjoints(self.step.features, self.step.look):
                     self._add(phase)
         return self.current.get(name, name)
 
@@ -100,11 +100,11 @@ def traces_of(step: Step) -> tuple[Trace, ...]:
         if phase.keeps:
             raise NoAdjointError(f"`{phase.name}`, which keeps values from substep to substep,")
         try:
-            phase.adjoints(step.traits, step.look)
+            phase.adjoints(step.features, step.look)
         except NoAdjointError as missing:
             of_what = "" if str(missing) == phase.name else f" of {missing}"
             raise NoAdjointError(f"`{phase.name}`{of_what}") from None
-        if phase.once(step.traits):
+        if phase.once(step.features):
             continue  # as a frame begins
         if not groups or groups[-1][0].item != phase.item:
             groups.append([])

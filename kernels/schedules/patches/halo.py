@@ -24,7 +24,7 @@ Six = wp.types.vector(length=6, dtype=wp.float32)
         :: "l"(entries.data + place), "l"(low), "l"(high) : "memory");
 #endif
 """)
-def tell(entries: wp.array[wp.vec4], place: wp.int32, round: wp.int32, v: wp.vec3):
+def publish(entries: wp.array[wp.vec4], place: wp.int32, round: wp.int32, v: wp.vec3):
     """Publish a vector."""
     ...
 
@@ -39,7 +39,7 @@ def _listening(count: int) -> str:
 #if defined(__CUDA_ARCH__)
     unsigned long long low[{count}] = {{}}, high[{count}] = {{}};
     unsigned looks = 0;
-    bool waits = listens;
+    bool waits = is_needed;
     do {{
         if (++looks == 1u << 25) {{
             __trap();
@@ -68,28 +68,28 @@ def _listening(count: int) -> str:
 
 
 @wp.func_native(_listening(1))
-def hear(entries: wp.array[wp.vec4], place: wp.int32, round: wp.int32, listens: bool) -> wp.vec3:
+def wait_for(entries: wp.array[wp.vec4], place: wp.int32, round: wp.int32, is_needed: bool) -> wp.vec3:
     """Wait for another block's entry of a round, or of a later one; called by all threads of a warp."""
     ...
 
 
 @wp.func_native(_listening(2))
-def hear_two(entries: wp.array[wp.vec4], place: wp.int32, round: wp.int32, listens: bool) -> Six:
+def wait_for_two(entries: wp.array[wp.vec4], place: wp.int32, round: wp.int32, is_needed: bool) -> Six:
     """Wait for two entries of another block."""
     ...
 
 
 @wp.func
-def tell_sums(entries: wp.array[wp.vec4], place: wp.int32, round: wp.int32, sums: Five):
+def publish_sums(entries: wp.array[wp.vec4], place: wp.int32, round: wp.int32, sums: Five):
     """Publish five numbers, in two entries."""
-    tell(entries, 2 * place, round, wp.vec3(sums[0], sums[1], sums[2]))
-    tell(entries, 2 * place + 1, round, wp.vec3(sums[3], sums[4], 0.0))
+    publish(entries, 2 * place, round, wp.vec3(sums[0], sums[1], sums[2]))
+    publish(entries, 2 * place + 1, round, wp.vec3(sums[3], sums[4], 0.0))
 
 
 @wp.func
-def hear_sums(entries: wp.array[wp.vec4], place: wp.int32, round: wp.int32, listens: bool):
+def wait_for_sums(entries: wp.array[wp.vec4], place: wp.int32, round: wp.int32, is_needed: bool):
     """Wait for the sums of another block; called by all threads of a warp."""
-    heard = hear_two(entries, 2 * place, round, listens)
+    heard = wait_for_two(entries, 2 * place, round, is_needed)
     return Five(heard[0], heard[1], heard[2], heard[3], heard[4])
 
 
@@ -106,8 +106,8 @@ def exchange(
 ):
     """Exchange the positions of halo particles with the blocks around, after a substep."""
     row = ((substep & 1) * seat.slots + seat.slot) * count
-    if seat.told:
-        tell(memory.points, row + particle, substep + 1, point)
-    at_rim = hear(memory.points, row + seat.rim, substep + 1, seat.rim >= 0)
-    if seat.rim >= 0:
-        put_in_tile(points, threads + seat.thread, at_rim)
+    if seat.is_published:
+        publish(memory.points, row + particle, substep + 1, point)
+    at_halo = wait_for(memory.points, row + seat.halo, substep + 1, seat.halo >= 0)
+    if seat.halo >= 0:
+        put_in_tile(points, threads + seat.thread, at_halo)

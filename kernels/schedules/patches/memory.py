@@ -13,9 +13,9 @@ class PatchTable:
 
     numbers: wp.array2d[wp.int32]
     """Particle of each thread; the particle count where there is none, shape (patches, threads)"""
-    rims: wp.array2d[wp.int32]
+    halos: wp.array2d[wp.int32]
     """Halo particle that each thread reads, -1 where there is none, shape (patches, threads)"""
-    in_rims: wp.array[wp.int32]
+    in_halos: wp.array[wp.int32]
     """1 for a particle that is in the rim of another patch"""
     origins: wp.array[wp.int32]
     """Index of the particle about which a balloon's volume is summed"""
@@ -51,8 +51,8 @@ class PatchSeat:
     patches: wp.int32  # of a world
     patch: wp.int32
     thread: wp.int32
-    rim: wp.int32  # the particle that it reads, or -1
-    told: bool  # its own particle is read by others
+    halo: wp.int32  # the particle that it reads, or -1
+    is_published: bool  # its own particle is read by others
     begin: wp.int32  # first patch of the balloon
     count: wp.int32  # patches of the balloon
 
@@ -71,10 +71,10 @@ def take_patch(patches: PatchTable, count: wp.int32, slot: wp.int32, patch: wp.i
     seat.patches = patches.balloons.shape[0]
     seat.patch = patch
     seat.thread = thread
-    seat.rim = patches.rims[patch, thread]
+    seat.halo = patches.halos[patch, thread]
     number = patches.numbers[patch, thread]
-    if number < patches.in_rims.shape[0]:
-        seat.told = patches.in_rims[number] != 0
+    if number < patches.in_halos.shape[0]:
+        seat.is_published = patches.in_halos[number] != 0
     seat.begin = patches.firsts[patches.balloons[patch]]
     seat.count = patches.firsts[patches.balloons[patch] + 1] - seat.begin
     return seat

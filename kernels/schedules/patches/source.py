@@ -40,7 +40,7 @@ class PatchWriter(BlockWriter):
     def _arguments(self) -> dict[str, str]:
         of_patches = {
             "patches": "PatchTable", "memory": "PatchMemory", "first_world": "wp.int32", "worlds_at_work": "wp.int32",
-            "aims": "wp.array2d[wp.vec3]",
+            "inflation_directions": "wp.array2d[wp.vec3]",
         }  # fmt: skip
         return super()._arguments() | of_patches
 
@@ -56,7 +56,7 @@ class PatchWriter(BlockWriter):
         return super().names() | of_patches
 
     def found(self, name: str) -> tuple[str, str] | None:
-        """Return what it takes to find a name, and how."""
+        """Return the arguments that a name depends on, and the text that computes it."""
         if name == "origin_place":
             return "", "patches.origins[patch]"
         if name == "balloon":
@@ -74,11 +74,11 @@ class PatchWriter(BlockWriter):
         self.line("place = thread")
         self.line("is_there = patches.numbers[patch, thread] < count")
         self.line("particle = wp.min(patches.numbers[patch, thread], count - 1)")
-        if "aim" not in {value for phase in self.phases for value in phase.writes}:
-            self.line("aim = vector_in(aims, world, particle)")
-            self.known.add("aim")
-        self.line("if seat.rim >= 0:")
-        self.line(f"    put_in_tile(points, {self.layout.threads} + thread, state.points[world, seat.rim])")
+        if "inflation_direction" not in {value for phase in self.phases for value in phase.writes}:
+            self.line("inflation_direction = vector_in(inflation_directions, world, particle)")
+            self.known.add("inflation_direction")
+        self.line("if seat.halo >= 0:")
+        self.line(f"    put_in_tile(points, {self.layout.threads} + thread, state.points[world, seat.halo])")
 
     def _exchange(self, piece: Piece) -> None:
         if "point" in piece.moves:
@@ -117,8 +117,3 @@ def kernel_of_patches(step: Step, layout: Layout) -> Any:
 def arguments_of_patches(step: Step, layout: Layout) -> tuple[str, ...]:
     """Return the names of what the kernel of a list takes."""
     return PatchWriter(step, layout).arguments()
-
-
-def source_of_patches(step: Step, layout: Layout) -> str:
-    """Write the kernel of a list."""
-    return PatchWriter(step, layout).source()

@@ -1,4 +1,4 @@
-"""Sums over all patches of a balloon: each block adds up its own part, tells the others, and adds up what all tell."""
+"""Sums over all patches of a balloon: each block adds up its part, publishes it, and adds up all parts."""
 
 from functools import cache
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.schedules.block.sums import WORDS
-from balloon_warp.kernels.schedules.patches.halo import hear_sums, tell_sums
+from balloon_warp.kernels.schedules.patches.halo import publish_sums, wait_for_sums
 from balloon_warp.kernels.schedules.patches.memory import PatchMemory, PatchSeat
 from balloon_warp.kernels.warp_sums import Five, put_warp_sums, sum_of_warp_sums
 from balloon_warp.kernels.warps import WARP_THREADS, block_barrier, shared_words
@@ -15,20 +15,20 @@ from balloon_warp.kernels.warps import WARP_THREADS, block_barrier, shared_words
 @cache
 def sums_of(name: str, dtype: Any, warps: int) -> Any:
     """Return the function that adds up a number, or five, over a balloon, once a substep."""
-    own, others = (shared_words(f"{name} of {each}", WORDS * warps) for each in ("a patch", "patches"))
+    params, others = (shared_words(f"{name} of {each}", WORDS * warps) for each in ("a patch", "patches"))
 
     @wp.func
     def sum_in_balloon(memory: PatchMemory, seat: PatchSeat, substep: wp.int32, part: Five):
         """Return the sum over a balloon, which is bitwise reproducible; called by all threads of all its blocks."""
         warp = WORDS * (seat.thread // WARP_THREADS)
         row = ((substep & 1) * seat.slots + seat.slot) * seat.patches
-        put_warp_sums(own(), warp, part, False)
+        put_warp_sums(params(), warp, part, False)
         block_barrier()
         if seat.thread < WARP_THREADS:
-            of_patch = sum_of_warp_sums(own(), 0, warps)
+            of_patch = sum_of_warp_sums(params(), 0, warps)
             if seat.thread == 0:
-                tell_sums(memory.sums, row + seat.patch, substep + 1, of_patch)
-        other = hear_sums(memory.sums, row + seat.begin + seat.thread, substep + 1, seat.thread < seat.count)
+                publish_sums(memory.sums, row + seat.patch, substep + 1, of_patch)
+        other = wait_for_sums(memory.sums, row + seat.begin + seat.thread, substep + 1, seat.thread < seat.count)
         put_warp_sums(others(), warp, other, False)
         block_barrier()
         return sum_of_warp_sums(others(), 0, warps)

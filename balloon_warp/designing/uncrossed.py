@@ -1,0 +1,37 @@
+"""Limits on changes of a surface, so that it does not cross itself."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.designing.crossings import NearPairs
+from balloon_warp.mesh import PolygonMesh
+
+Values = NDArray[np.float64]
+ROUNDS, LEFT = 8, 0.4
+"""Largest number of times that changes are held back, and the fraction that each time leaves where it crosses"""
+AROUND = 2
+"""Number of rings of neighbors that are held back, too, ever less"""
+
+
+def uncrossed(mesh: PolygonMesh, moves: Values, together: Any) -> Values:
+    """Return moves of a mesh's vertices, less of them where it would cross itself, shape (n, 3).
+
+    It may still cross itself after the last round.
+
+    Args:
+        together: Means over neighbors, shape (n, n).
+    """
+    near = NearPairs.of(mesh, float(np.linalg.norm(moves, axis=1).max()))
+    for _ in range(ROUNDS):
+        crossing = near.crossing(mesh.points + moves)
+        if not crossing.any():
+            break
+        held = np.zeros(mesh.vertex_count)
+        held[near.ends[crossing]] = 1.0
+        held[near.corners[crossing]] = 1.0
+        for _ in range(AROUND):
+            held = np.maximum(held, np.minimum(1.0, 2.0 * (together @ held)))
+        moves = moves * (1.0 - (1.0 - LEFT) * held)[:, None]
+    return moves

@@ -1,0 +1,172 @@
+"""Many worlds of a task as one environment of Gymnasium."""
+
+import io
+from typing import Any, Literal
+
+import numpy as np
+import warp as wp
+from gymnasium.spaces import Box
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from balloon_warp.envs.arrays import Output, actions_array, output_of
+from balloon_warp.envs.buffers import Buffers
+from balloon_warp.envs.task import Task
+from balloon_warp.errors import InputError
+from balloon_warp.kernels.frames.stepping import finish_step, restart_steps, take_actions
+from balloon_warp.launching import launch
+from balloon_warp.simulator import Simulator
+
+CAUSES = ("", "an action is not finite", "a control is not finite or out of bounds", "the simulation blew up")
+"""Values of `info["cause"]` for a world, by the numbers of kernels"""
+Mode = AutoresetMode | Literal["NextStep", "SameStep", "Disabled"]
+
+
+class BalloonVectorEnv(VectorEnv[Any, Any, Any]):
+    """A batch of worlds of a task, which step together on one device.
+
+    `info` has `cause`, a number a world: 0 if all is well, 1 if an action was not finite, 2 if a control was not finite
+    or out of its bounds, 3 if the simulation blew up. Such a world ends, and the others go on.
+
+    Args:
+        task: what is to be done.
+        num_envs: number of worlds.
+        device: a Warp device such as "cpu" or "cuda:0"; if missing, the GPU or else the CPU.
+        autoreset_mode: when a world that is over begins anew: in the next step, in the same step, or when `reset` is
+            told so, `options={"reset_mask": mask}`.
+        output: "numpy", or "torch" for tensors on the device, which do not pass the host.
+        schedule: how the work is laid out, see `Simulator`.
+        render_mode: "rgb_array", or nothing.
+
+    Raises:
+        InputError: a value cannot be.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012 - as Gymnasium has it
+        "render_modes": ["rgb_array"],
+        "render_fps": 60,
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
+
+    def __init__(
+        self,
+        task: Task,
+        num_envs: int = 1,
+        *,
+        device: str | None = None,
+        autoreset_mode: Mode = AutoresetMode.NEXT_STEP,
+        output: Output = "numpy",
+        schedule: str = "auto",
+        render_mode: str | None = None,
+    ):
+        _require(num_envs, autoreset_mode, render_mode)
+        self.mode = AutoresetMode(autoreset_mode)
+        self.metadata = {**type(self).metadata, "autoreset_mode": self.mode}
+        self.num_envs, self.task, self.render_mode = int(num_envs), task, render_mode
+        self._out = output_of(output)
+        self.simulator = Simulator(task.scene(), device, self.num_envs, schedule=schedule, laws=task.laws())
+        task.begin(self.simulator)
+        self._first_bad = self.simulator.observations["first_bad"]
+        self._buffers = Buffers.of(task, self.num_envs, self.simulator.model.device)
+        self.single_observation_space = Box(-np.inf, np.inf, (task.observations,), np.float32)
+        self.single_action_space = Box(-1.0, 1.0, (task.actions,), np.float32)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Begin all worlds anew, or those of `options={"reset_mask": mask}`.
+
+        What is drawn follows from the seed, the number of the world and its episode. Without a seed episodes go on.
+
+        Raises:
+            InputError: the mask has another length.
+        """
+        super().reset(seed=seed)
+        starts, buffers = self.simulator.starts, self._buffers
+        if seed is not None or self._np_random_seed is None:
+            starts.seed = int(self.np_random_seed or 0)
+            starts.episodes.zero_()
+        mask = (options or {}).get("reset_mask", np.ones(self.num_envs))
+        self.simulator.reset(mask)
+        wp.copy(buffers.begun, starts.mask)
+        launch(restart_steps, self.num_envs, [buffers.begun], [buffers.steps], device=self.simulator.model.device)
+        self._judge(buffers.scratch)
+        buffers.over.zero_()
+        return self._out(buffers.observations), {}
+
+    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
+        """Advance all worlds by the frames of a step.
+
+        Raises:
+            InputError: the actions have another shape, or are no numbers.
+        """
+        buffers, device = self._buffers, self.simulator.model.device
+        given = actions_array(actions, buffers.actions)
+        launch(take_actions, self.num_envs, [given], [buffers.actions, buffers.causes], device=device)
+        self.task.act(buffers.actions)
+        for _ in range(self.task.frames):
+            self.simulator.advance()
+        buffers.begun.zero_()
+        if self.mode is AutoresetMode.NEXT_STEP:
+            wp.copy(buffers.begun, buffers.over)
+            self.simulator.reset(buffers.begun)
+        self._judge(buffers.rewards)
+        self._finish()
+        info: dict[str, Any] = {"cause": self._out(buffers.causes)}
+        over = self._out(buffers.over, flags=True)
+        if self.mode is AutoresetMode.SAME_STEP:
+            info |= {"final_obs": self._out(buffers.observations), "_final_obs": over}
+            info |= {"final_info": {"cause": info["cause"]}, "_final_info": over}
+            self._begin_over()
+        ends = (self._out(flags, flags=True) for flags in (buffers.terminated, buffers.truncated))
+        return self._out(buffers.observations), self._out(buffers.rewards), *ends, info
+
+    def _judge(self, rewards: wp.array) -> None:
+        buffers = self._buffers
+        flags = buffers.terminated if rewards is buffers.rewards else buffers.ignored
+        flags.zero_()
+        self.task.judge(buffers.observations, rewards, flags)
+
+    def _finish(self) -> None:
+        buffers, simulator = self._buffers, self.simulator
+        launch(
+            finish_step,
+            self.num_envs,
+            [simulator.controls.faults, self._first_bad, self.task.most_steps, buffers.begun],
+            [
+                *(buffers.steps, buffers.causes, buffers.observations, buffers.rewards),
+                *(buffers.terminated, buffers.truncated, buffers.over),
+            ],
+            device=simulator.model.device,
+        )
+
+    def _begin_over(self) -> None:
+        """Reset the worlds whose episode is over, and observe them again."""
+        buffers = self._buffers
+        self.simulator.reset(buffers.over)
+        launch(restart_steps, self.num_envs, [buffers.over], [buffers.steps], device=self.simulator.model.device)
+        self._judge(buffers.scratch)
+
+    def render(self) -> tuple[Any, ...] | None:
+        """Return a picture of each world, shape (height, width, 3), uint8."""
+        if self.render_mode is None:
+            return None
+        from PIL import Image
+
+        pictures = (self.simulator.picture(world, (320, 180), samples=1) for world in range(self.num_envs))
+        return tuple(np.asarray(Image.open(io.BytesIO(picture)).convert("RGB")) for picture in pictures)
+
+
+def _require(num_envs: Any, mode: Any, render_mode: Any) -> None:
+    """Make sure that an environment can be made of these.
+
+    Raises:
+        InputError: it cannot.
+    """
+    if isinstance(num_envs, bool) or not isinstance(num_envs, int | np.integer) or num_envs < 1:
+        raise InputError(f"num_envs: must be a whole number of at least 1 (got {num_envs!r})")
+    modes = [mode.value for mode in AutoresetMode]
+    if mode not in (*AutoresetMode, *modes):
+        raise InputError(f"autoreset_mode: must be one of {', '.join(modes)} (got {mode!r})")
+    if render_mode not in (None, "rgb_array"):
+        raise InputError(f'render_mode: must be "rgb_array" or None (got {render_mode!r})')

@@ -1,0 +1,234 @@
+"""Frames of a model, one after the other, forward and backwards, for frameworks that derive what goes on between them.
+
+What a frame begins with is handed out and taken again as arrays of the device; whoever keeps them can run the frame
+backwards.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from typing import Any, NamedTuple
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from balloon_warp.device import pick_device
+from balloon_warp.errors import BlowUpError, InputError
+from balloon_warp.gradients.bars import by_friction, by_keyframes, by_numbers, by_start, columns_of_names
+from balloon_warp.gradients.chain import Chain, chains_of, names_in, product
+from balloon_warp.gradients.refusals import require_differentiable, require_paths
+from balloon_warp.kernels.laws import Law
+from balloon_warp.kernels.measure.health import HEALTHY
+from balloon_warp.model import initial_state, lay_out
+from balloon_warp.model.memory import require_memory
+from balloon_warp.model.plan import settled_parameters
+from balloon_warp.model.varied_scene import scene_to_vary
+from balloon_warp.scene import SceneLike
+from balloon_warp.schedules.choose_backward import backwards_of, bytes_backwards, forward_of
+from balloon_warp.simulator import Simulator
+from balloon_warp.sweep.groups import plan_groups
+from balloon_warp.warp_lock import lock_of
+
+Values = NDArray[np.float64]
+AT_START = "initial_"
+"""Names of parameters that count at the start alone"""
+
+
+class Moving(NamedTuple):
+    """Hold what a frame begins with: arrays of the device, worlds first."""
+
+    points: Any
+    """Places of particles [m], shape (W, P, 3)"""
+    velocities: Any
+    """[m/s], shape (W, P, 3)"""
+    loads: Any
+    """Pressure at height 0 [Pa], and its rise with height [Pa/m], shape (W, B, 2)"""
+    pressures: Any
+    """Gauge pressures [Pa], shape (W, B)"""
+    gas: Any
+    """Amounts [mol] and free volumes [m^3] of gas, shape (W, B, 2)"""
+
+
+class Steps:
+    """Advance a scene frame by frame, and run each frame backwards.
+
+    Args:
+        of: dotted paths of the values to derive by.
+
+    Raises:
+        InputError: The scene cannot be simulated or differentiated, or a path not.
+    """
+
+    def __init__(
+        self,
+        scene: SceneLike,
+        of: Sequence[str],
+        world_count: int,
+        device: str | None,
+        schedule: str,
+        laws: Sequence[Law],
+    ):
+        groups = plan_groups(scene_to_vary(scene, {}, ()), world_count, {}, laws)
+        self.plan = groups[0].plan
+        require_differentiable(self.plan)
+        if self.plan.scene.sphere:
+            raise InputError("rollout: spheres are not carried from frame to frame yet; expected a scene without")
+        if self.plan.due_changes:
+            raise InputError("rollout: expected a scene without [[change]]; `step` takes other values in each frame")
+        self.paths = list(of)
+        chains = chains_of(self.plan, of, {})
+        model = lay_out(self.plan, pick_device(device))
+        require_paths(self.plan, model, chains)
+        self.columns = columns_of_names(model.columns, names_in(chains))
+        self.model = model.with_rows_of_worlds()
+        with lock_of(model.device):
+            require_memory(model.device, [world_count], [bytes_backwards(model, self.columns, 1, schedule)])
+            runs_back = backwards_of(self.model, schedule)
+            self._simulator = Simulator.of_model(self.model, forward_of(self.model, runs_back))
+            self._backward = runs_back(self.model, self._simulator.state, self.columns)
+        self._set: Values | None = None
+        self._chains: list[Chain] = []
+
+    # ---- values
+
+    def set_values(self, values: Values) -> None:
+        """Set the values at all paths from now on, shape (world_count, path_count).
+
+        Raises:
+            InputError: they have another shape, or cannot be.
+        """
+        expected = (self.model.world_count, len(self.paths))
+        if values.shape != expected:
+            raise InputError(f"rollout: expected values of shape {expected}, worlds and paths (got {values.shape})")
+        if not np.isfinite(values).all():
+            raise InputError("rollout: values must be finite")
+        if self._set is not None and np.array_equal(values, self._set):
+            return
+        vary = dict(zip(self.paths, values.T, strict=True))
+        self._chains = chains_of(self.plan, self.paths, vary)
+        changed = names_in(self._chains)
+        parameters = settled_parameters(self.plan, vary)
+        self._simulator.set_parameters({name: parameters[name] for name in changed if name in self.model.parameters})
+        self._set = values.copy()
+
+    # ---- forward
+
+    def start(self, values: Values) -> Moving:
+        """Return where the scene begins, with these values."""
+        self.set_values(values)
+        with lock_of(self.model.device):
+            state = initial_state(self.model)
+            for field in fields(state):
+                array = getattr(self._simulator.state, field.name)
+                if isinstance(array, wp.array) and array.size:
+                    wp.copy(array, getattr(state, field.name))
+            return self._now()
+
+    def advance(self, begin: Moving, frame: int, values: Values) -> Moving:
+        """Simulate a frame, and return where it ends.
+
+        Raises:
+            BlowUpError: a world blew up.
+        """
+        self.set_values(values)
+        self._fill(begin, frame)
+        self._simulator.frame_number = frame
+        self._simulator.advance()
+        bad = np.asarray(self._simulator.state.first_bad.numpy())
+        if (worlds := np.flatnonzero(bad != HEALTHY)).size:
+            raise BlowUpError(self._simulator.diagnose(int(worlds[0]), frame + 1, int(bad[worlds[0]])))
+        with lock_of(self.model.device):
+            return self._now()
+
+    def _now(self) -> Moving:
+        state = self._simulator.state
+        gas = np.stack([state.gas_amounts.numpy(), state.free_volumes.numpy()], axis=-1)
+        return Moving(
+            wp.clone(state.points),
+            wp.clone(state.velocities),
+            wp.clone(state.inflation_loads),
+            wp.clone(state.pressures),
+            wp.array(gas, dtype=wp.vec2d, device=self.model.device),
+        )
+
+    def _fill(self, begin: Moving, frame: int) -> None:
+        state = self._simulator.state
+        with lock_of(self.model.device):
+            for array, values in zip(
+                (state.points, state.velocities, state.inflation_loads, state.pressures), begin[:4], strict=True
+            ):
+                wp.copy(array, values)
+            gas = begin.gas.numpy()
+            state.gas_amounts.assign(np.ascontiguousarray(gas[..., 0]))
+            state.free_volumes.assign(np.ascontiguousarray(gas[..., 1]))
+            state.frame.assign(np.array([frame], dtype=np.int32))
+
+    # ---- backwards
+
+    def turn_back(self, begin: Moving, frame: int, values: Values, bars: Moving) -> tuple[Moving, Values]:
+        """Return the derivatives by where a frame begins, and by the values, from those by where it ends."""
+        self.set_values(values)
+        self._fill(begin, frame)
+        back, model = self._backward, self.model
+        with lock_of(model.device):
+            self._put(bars)
+            back.turn_back(back.checkpoint(self._simulator.state))
+            keyed = np.asarray(back.bars.keyed_totals.numpy(), dtype=np.float64)
+            totals = np.asarray(back.bars.number_totals.numpy(), dtype=np.float64)
+            found = back.by_state()
+            if not back.step.features.gas:  # as a frame ends, the given pressure of its last substep is noted
+                noted = np.asarray(bars.pressures.numpy(), dtype=np.float64)
+                keyed = keyed + np.stack([noted, noted * (model.substeps - 1) * model.step_seconds], axis=-1)
+            gas = np.asarray(back.bars.gas_totals.numpy(), dtype=np.float64)
+            if not back.step.features.gas_changes:
+                gas = gas + np.asarray(bars.gas.numpy(), dtype=np.float64)
+            by_begin = self._taken(found, gas)
+        numbers = by_numbers(model.columns, back.columns, totals)
+        numbers |= by_friction(model, numbers)
+        numbers["keyframe_values"] = by_keyframes(model, frame, keyed)
+        return by_begin, self._by_values(numbers)
+
+    def turn_start_back(self, values: Values, bars: Moving) -> Values:
+        """Return the derivatives by the values, from those by where the scene begins."""
+        self.set_values(values)
+        points, velocities, loads, pressures, gas = (np.asarray(array.numpy(), dtype=np.float64) for array in bars)
+        return self._by_values(
+            {
+                **by_start(self.plan, self.model, points, velocities),
+                "initial_loads": loads, "initial_pressures": pressures,
+                "initial_gas_amounts": gas[..., 0], "initial_free_volumes": gas[..., 1],
+            }
+        )  # fmt: skip
+
+    def _put(self, bars: Moving) -> None:
+        """Write the bars of where a frame ends."""
+        back = self._backward
+        wp.copy(back.bars.points, bars.points)
+        wp.copy(back.arrays["all_velocity_bar"], bars.velocities)
+        back.bars.pressures.assign(back.step.features.gas * bars.pressures.numpy())
+        loads = np.zeros((*back.arrays["all_load_bar"].shape, 2), dtype=np.float32)
+        loads[:, self.model.particle_offsets[:-1]] = bars.loads.numpy()
+        back.arrays["all_load_bar"].assign(loads)
+        gas = back.step.features.gas_changes * bars.gas.numpy().astype(np.float32)
+        back.bars.gas.assign(gas)
+        for array in (back.bars.number_totals, back.bars.gas_totals):
+            array.zero_()
+
+    def _taken(self, found: Mapping[str, Values], gas: Values) -> Moving:
+        """Return the bars of where a frame begins, as arrays of their own."""
+        back, device = self._backward, self.model.device
+        return Moving(
+            wp.clone(back.bars.points),
+            wp.clone(back.arrays["all_velocity_bar"]),
+            wp.array(found["loads"], dtype=wp.vec2, device=device),
+            wp.array(found["pressures"], dtype=wp.float32, device=device),
+            wp.array(gas, dtype=wp.vec2d, device=device),
+        )
+
+    def _by_values(self, bars: Mapping[str, Values]) -> Values:
+        totals = np.zeros((self.model.world_count, len(self.paths)))
+        for column, chain in enumerate(self._chains):
+            for name, slopes in chain.slopes.items():
+                if name in bars:
+                    totals[:, column] += product(slopes, bars[name])
+        return totals

@@ -1,0 +1,39 @@
+"""Balloons that are folded at the start: what is near in space there is not near along the surface."""
+
+import numpy as np
+
+from balloon_warp.mesh.polygon_mesh import PolygonMesh
+from balloon_warp.mesh.thickness import length_graph
+from balloon_warp.model.touch import APART, edge_length
+
+DETOUR = 1.2
+"""Least length of the way along the surface, over the distance below which particles are near each other in space, of
+such that show that a surface is folded: along edges and diagonals, a flat one has ways up to 1.16"""
+HOPS = 2
+"""Number of edges or diagonals that lead to all that is near in an even mesh"""
+ROWS = 256
+"""Number of particles whose ways are measured together, to bound the memory"""
+
+
+def is_folded(mesh: PolygonMesh) -> bool:
+    """Return whether parts of a surface are so near each other that they count as neighbors, and are far along it."""
+    from scipy.sparse.csgraph import dijkstra  # takes long to load
+    from scipy.spatial import KDTree
+
+    apart = APART * edge_length(mesh)
+    graph = length_graph(mesh)
+    hops = graph.astype(bool)
+    for _ in range(HOPS - 1):
+        hops = hops + hops @ graph.astype(bool)
+    used = np.zeros(mesh.vertex_count, dtype=bool)
+    used[mesh.face_vertex_indices] = True
+    pairs = KDTree(mesh.points).query_pairs(apart, output_type="ndarray").astype(np.int64)
+    pairs = pairs[used[pairs].all(axis=1)]
+    pairs = pairs[~np.asarray(hops[pairs[:, 0], pairs[:, 1]]).ravel().astype(bool)]
+    starts, rows = np.unique(pairs[:, 0], return_inverse=True)
+    for begin in range(0, len(starts), ROWS):
+        own = (rows >= begin) & (rows < begin + ROWS)
+        ways = dijkstra(graph, indices=starts[begin : begin + ROWS], limit=DETOUR * apart)
+        if np.isinf(ways[rows[own] - begin, pairs[own, 1]]).any():
+            return True
+    return False

@@ -1,0 +1,87 @@
+"""Rows of a batch's table as Parquet, which pandas, Polars, DuckDB and Arrow read."""
+
+from collections.abc import Mapping, Sequence
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.errors import MissingExtraError
+
+ROWS = 2**20
+"""Number of rows that are written together, at least, unless they are the last: a row group of the file"""
+
+
+def has_parquet() -> bool:
+    """Return whether Parquet can be written."""
+    return find_spec("pyarrow") is not None
+
+
+def require_pyarrow() -> tuple[Any, Any]:
+    """Return Arrow and its Parquet.
+
+    Raises:
+        MissingExtraError: it is not installed.
+    """
+    try:
+        return import_module("pyarrow"), import_module("pyarrow.parquet")
+    except ImportError:
+        raise MissingExtraError("Parquet needs pyarrow: pip install 'balloon-warp[data]'") from None
+
+
+class ParquetRows:
+    """Writes rows of a table, frame by frame, as `TableWriter` tells.
+
+    Args:
+        path: of the file.
+        columns: names of the columns.
+        varied: what differs between the worlds: columns of shape (world_count,), numbers or words.
+        world_count: how many worlds there are.
+
+    Raises:
+        MissingExtraError: pyarrow is not installed.
+    """
+
+    def __init__(self, path: Path, columns: Sequence[str], varied: Mapping[str, NDArray], world_count: int):
+        self._arrow, self._parquet = require_pyarrow()
+        self._path, self._columns, self._varied, self._world_count = path, columns, varied, world_count
+        measured = columns[3 + len(varied) : -1]
+        kinds = {"world": np.int32, "frame": np.int32, "time": np.float64, "health": np.int32}
+        types = {name: self._arrow.from_numpy_dtype(kind) for name, kind in kinds.items()}
+        types |= {name: self._arrow.array(values[:1]).type for name, values in varied.items()}
+        types |= dict.fromkeys(measured, self._arrow.float32())
+        self._schema = self._arrow.schema([(name, types[name]) for name in columns])
+        self._open()
+
+    def write(self, frame: int, time: float, values: NDArray[np.float32], health: NDArray[np.int32]) -> None:
+        """Write a frame: values of shape (world_count, measures), health of shape (world_count,)."""
+        count = self._world_count
+        first = [np.arange(count, dtype=np.int32), np.full(count, frame, dtype=np.int32), np.full(count, time)]
+        measured = (np.ascontiguousarray(column) for column in values.T)
+        arrays = [*first, *self._varied.values(), *measured, health]
+        self._waiting.append(self._arrow.record_batch(list(map(self._arrow.array, arrays)), schema=self._schema))
+        if len(self._waiting) * count >= ROWS:
+            self._flush()
+
+    def begin_again(self) -> None:
+        """Forget what was written."""
+        self._waiting.clear()
+        self._writer.close()
+        self._open()
+
+    def close(self) -> None:
+        """Write what waits, and close the file."""
+        self._flush()
+        self._writer.close()
+
+    def _open(self) -> None:
+        self._waiting: list[Any] = []
+        self._writer = self._parquet.ParquetWriter(self._path, self._schema, compression="zstd", compression_level=1)
+
+    def _flush(self) -> None:
+        if self._waiting:
+            self._writer.write_table(self._arrow.Table.from_batches(self._waiting), row_group_size=2**31 - 1)
+            self._waiting.clear()

@@ -1,0 +1,196 @@
+"""Frames backwards, as launches: a thread has a particle of a world."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.errors import InputError
+from balloon_warp.kernels.adjoint import NoAdjointError
+from balloon_warp.kernels.features import Features
+from balloon_warp.kernels.phase import STATE
+from balloon_warp.kernels.schedules.launched.backward import BackwardKernel, backward_kernels, made_kernels
+from balloon_warp.kernels.schedules.launched.looks import GATHERED
+from balloon_warp.kernels.schedules.pieces import Piece, Step, cut
+from balloon_warp.kernels.substep import SOAKED, phases_of
+from balloon_warp.launching import launch, launch_tiled
+from balloon_warp.model import Model, State
+from balloon_warp.model.memory import Allocating, Room
+from balloon_warp.schedules.backward import BackwardFrames
+from balloon_warp.schedules.backward_directions import DirectionsBackward
+from balloon_warp.schedules.backward_gas import GasBackward
+from balloon_warp.schedules.backward_spheres import STATE_OF_SPHERES, SpheresBackward
+from balloon_warp.schedules.features import model_features
+from balloon_warp.schedules.framing import Framing
+from balloon_warp.schedules.launches import Launches, Moving, step_arrays, team_threads
+from balloon_warp.schedules.tables import make_tables, world_state
+
+
+class _Remembering(Launches):
+    """Launch a step's pieces, and keep what each substep finds.
+
+    Args:
+        remembered: where the values of each substep are kept.
+    """
+
+    def __init__(self, model: Model, step: Step, tables: Any, room: Room, remembered: "_Remembered"):
+        super().__init__(model, step, tables, room)
+        self._remembered, self._substep = remembered, 0
+
+    def substep(self, state: State, substep: int, now: Moving) -> Moving:
+        """Execute a substep, and return where particles are then."""
+        self._substep, self.values = substep, self._remembered.values[substep]
+        return super().substep(state, substep, now)
+
+    def _targets(self, piece: Piece, state: State, now: Moving) -> Moving:
+        after = dict(zip(STATE, self._remembered.moving[self._substep + 1], strict=True))
+        points, velocities = (after[name] if name in piece.moves else old for name, old in zip(STATE, now, strict=True))
+        return points, velocities
+
+
+CARRIED = {"inflation_loads": wp.vec2}
+"""Values that balloons carry from one substep to the next, and their types"""
+GAS_CARRIED = {"pressures": wp.float32, "gas_amounts": wp.float64, "free_volumes": wp.float64}
+"""Further values that balloons carry, where gas comes and goes"""
+
+
+class _Remembered:
+    """Hold all values that the substeps of a frame find."""
+
+    def __init__(self, model: Model, step: Step, state: State, room: Room):
+        of_particles = (model.world_count, model.particle_count)
+        self.values = [step_arrays(model, step, room)[0] for _ in range(model.substeps)]
+        once = {name for piece in step.pieces if piece.once for name in piece.leaves}
+        for values in self.values[1:]:
+            values.update({name: self.values[0][name] for name in once})
+        self.moving: list[Moving] = [(state.points, state.velocities)] + [
+            (room.array(of_particles, wp.vec3), room.array(of_particles, wp.vec3)) for _ in range(model.substeps)
+        ]
+        """Points and velocities before each substep, and after the last"""
+        balloons = (model.world_count, model.balloon_count)
+        carried = CARRIED | GAS_CARRIED if step.features.gas_changes else CARRIED
+        spheres = (model.world_count, model.sphere_count)
+        self.carried = [
+            {name: room.array(balloons, dtype) for name, dtype in carried.items()}
+            | ({name: room.array(spheres, wp.vec3) for name in STATE_OF_SPHERES} if model.sphere_count else {})
+            for _ in range(model.substeps + 1)
+        ]
+        """What balloons and spheres bring along to each substep, by its names in the state, and what the last leaves"""
+
+    def note(self, state: State) -> None:
+        """Keep what a frame begins with."""
+        for name, array in self.carried[0].items():
+            wp.copy(array, getattr(state, name))
+
+    def state_after(self, state: State, substep: int) -> State:
+        """Return a state in which a substep may change what balloons carry."""
+        for name, array in self.carried[substep + 1].items():
+            wp.copy(array, self.carried[substep][name])
+        return replace(state, **self.carried[substep + 1])
+
+
+def gradient_step(model: Model, features: Features) -> Step:
+    """Return the phases of a model, in pieces, with all that they write kept.
+
+    Raises:
+        InputError: a phase has no adjoint.
+    """
+    phases = phases_of(features, instead=SOAKED)
+    shown = [name for phase in phases if not phase.light for name in phase.writes]
+    return cut(phases, features, GATHERED, shown=shown)
+
+
+def kernels_of(step: Step, columns: tuple[int, ...]) -> tuple[BackwardKernel, ...]:
+    """Return the kernels of a step backwards.
+
+    Raises:
+        InputError: a phase has no adjoint.
+    """
+    try:
+        return backward_kernels(step, columns)
+    except NoAdjointError as missing:
+        raise InputError(
+            f"gradients: {missing} has no adjoint yet; expected a scene without, see docs/GRADIENTS.md"
+        ) from None
+
+
+class LaunchedBackward(BackwardFrames):
+    """Run frames backwards by launches of each piece.
+
+    Raises:
+        InputError: a phase has no adjoint.
+    """
+
+    _directions: DirectionsBackward | None = None
+
+    def __init__(self, model: Model, state: State, columns: Sequence[int]):
+        features, room = model_features(model), Allocating(model.device)
+        step, tables = gradient_step(model, features), make_tables(model, features)
+        super().__init__(model, state, columns, step, tables, room)
+        kernels = kernels_of(step, self.columns)
+        self._remembered = _Remembered(model, step, self.state, room)
+        self._launches = _Remembering(model, step, tables, room, self._remembered)
+        self._framing = Framing(model, features, tables, self._launches.working)
+        self._kernels = list(zip(kernels, made_kernels(step, self.columns), strict=True))
+        self._gas_back = None
+        working = self._launches.working
+        if features.inflation_directions:
+            self._directions = DirectionsBackward(model, tables, working, self.bars.points, room)
+        if model.sphere_count:
+            self.spheres = SpheresBackward(model, features, self.columns, tables, working, self.bars, room)
+        if features.gas_changes:
+            self._gas_back = GasBackward(model, features, self.columns, tables, self._launches.working, self.bars)
+        self.carries_loads = any(
+            kernel.item == "particle" and not kernel.after_note and "all_load_bar" in kernel.arguments
+            for kernel in kernels
+        )
+
+    @staticmethod
+    def room_of_frame(model: Model, room: Room) -> None:
+        """Ask for what the substeps of a frame keep."""
+        step = gradient_step(model, model_features(model))
+        for _ in range(model.substeps):
+            step_arrays(model, step, room)
+            room.array((2, model.world_count, model.particle_count), wp.vec3)
+
+    def frame(self) -> None:
+        """Launch a frame forward, and then its substeps backwards."""
+        state, kept = self.state, self._remembered
+        self._framing.begin(state)
+        now = kept.moving[0]
+        kept.note(state)
+        for substep in range(self.model.substeps):
+            if self.spheres:
+                self.spheres.note(substep)
+            now = self._launches.substep(kept.state_after(state, substep), substep, now)
+        for substep in reversed(range(self.model.substeps)):
+            self._substep_back(substep)
+
+    def _substep_back(self, substep: int) -> None:
+        m, kept = self.model, self._remembered
+        points, velocities = kept.moving[substep]
+        found = self._gas_back.found_again(self.state, kept.carried[substep], substep) if self._gas_back else {}
+        left = {name: array for name, array in kept.carried[substep + 1].items() if name in STATE_OF_SPHERES}
+        for kernel, made in self._kernels:
+            loads = kept.carried[substep + kernel.after_note]["inflation_loads"]
+            has = {
+                "t": self.tables, "time_in_frame": substep * m.step_seconds,
+                "state": world_state(replace(self.state, inflation_loads=loads, **found, **left)),
+                "working": self._launches.working, "all_points": points, "all_velocities": velocities,
+                **{f"all_{name}": array for name, array in kept.values[substep].items()}, **self.arrays,
+            }  # fmt: skip
+            inputs = [has[name] for name in kernel.arguments]
+            if kernel.item == "balloon":
+                places = (m.world_count, m.balloon_count)
+                launch_tiled(made, dim=places, inputs=inputs, block_dim=team_threads(m), device=m.device)
+            else:
+                launch(made, (m.world_count, m.particle_count), inputs, device=m.device)
+        if self._directions and (substep == 0 or self.step.features.fresh_normals):
+            self._directions.turn_back(points, kept.values[substep]["balloon_area"])
+        if self.spheres:
+            self.spheres.turn_back(self.state, kept.carried[substep], left, substep)
+        if self._gas_back:
+            self._gas_back.turn_back(self.state, kept.carried[substep], substep)
+        elif substep == m.substeps - 1:
+            self.bars.pressures.zero_()  # of the frame's end alone

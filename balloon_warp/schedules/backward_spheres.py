@@ -1,0 +1,96 @@
+"""Spheres backwards: what particles have found of them in a substep is added up, and carried on."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from balloon_warp.kernels.adjoints.rolling import COLUMNS, BarsOfSpheres, roll_back_kernel, sum_sphere_bars
+from balloon_warp.kernels.features import Features
+from balloon_warp.kernels.working import SphereBars
+from balloon_warp.launching import launch, launch_tiled
+from balloon_warp.model import Model, State
+from balloon_warp.model.memory import Room
+from balloon_warp.schedules.launches import team_threads
+from balloon_warp.schedules.tables import world_state
+
+STATE_OF_SPHERES = ("sphere_positions", "sphere_velocities", "sphere_spins")
+"""Arrays of the state that a substep takes from the one before"""
+
+
+class SpheresBackward:
+    """Run the spheres of all worlds backwards, a substep at a time.
+
+    Args:
+        columns: of the numbers that are derived by.
+        working: of the launches that compute frames again.
+        bars: of the frame.
+    """
+
+    def __init__(
+        self, model: Model, features: Features, columns: tuple[int, ...], tables: Any, working: Any, bars: Any,
+        room: Room,
+    ):  # fmt: skip
+        self._model, self._tables, self._working, self._of_frame = model, tables, working, bars
+        self._roll_back = roll_back_kernel(features, columns)
+        worlds, spheres = model.world_count, model.sphere_count
+        working.sphere_bars = room.array((worlds, model.particle_count, spheres), SphereBars)
+        working.sphere_push_bars = room.array((worlds, spheres), wp.vec3)
+        self.bars = BarsOfSpheres()
+        for name in ("positions", "velocities", "spins"):
+            setattr(self.bars, name, room.array((worlds, spheres), wp.vec3))
+        self.bars.totals = room.array((worlds, spheres), SphereBars)
+        self.bars.numbers = room.array((worlds, spheres, len(COLUMNS)), wp.float64)
+        self.bars.met = room.array(worlds, wp.int32)
+        self._quanta = [room.array((worlds, spheres, 3), wp.int64) for _ in range(model.substeps)]
+        """Forces on spheres as each substep begins"""
+
+    def note(self, substep: int) -> None:
+        """Keep the forces with which a substep begins."""
+        wp.copy(self._quanta[substep], self._working.sphere_quanta)
+
+    def turn_back(
+        self, state: State, carried: Mapping[str, wp.array], left: Mapping[str, wp.array], substep: int
+    ) -> None:
+        """Turn the bars of spheres in a substep into those of what came to it.
+
+        Args:
+            carried: what the substep began with, by its names in the state.
+            left: what it ended with.
+        """
+        device, model = self._model.device, self._model
+        inputs = [self._working, self.bars]
+        places = (model.world_count, model.sphere_count)
+        launch_tiled(sum_sphere_bars, dim=places, inputs=inputs, block_dim=team_threads(model), device=device)
+        before, after = (world_state(replace(state, **each)) for each in (carried, left))
+        inputs = [
+            self._tables, before, after, self._quanta[substep], self._working, substep * model.step_seconds,
+            self.bars, self._of_frame,
+        ]  # fmt: skip
+        launch(self._roll_back, model.world_count, inputs, device=device)
+
+    def add(self, positions: NDArray[np.float64], velocities: NDArray[np.float64]) -> None:
+        """Add to the bars of where a frame ends, as they are now: arrays of all worlds."""
+        for array, more in ((self.bars.positions, positions), (self.bars.velocities, velocities)):
+            if more.any():
+                array.assign((array.numpy() + more).astype(np.float32))
+
+    def by_start(self) -> dict[str, NDArray[np.float64]]:
+        """Return the bars of where spheres start, by the names of parameters."""
+        return {
+            f"initial_sphere_{name}": getattr(self.bars, name).numpy().astype(np.float64)
+            for name in ("positions", "velocities", "spins")
+        }
+
+    def taken_numbers(self) -> dict[str, NDArray[np.float64]]:
+        """Return the bars of spheres' numbers since they were last taken, by the names of parameters."""
+        numbers = self.bars.numbers.numpy().copy()
+        self.bars.numbers.zero_()
+        return {name: numbers[..., column] for column, name in enumerate(COLUMNS)}
+
+    def worlds_that_met(self) -> NDArray[np.intp]:
+        """Return the worlds in which spheres have met each other, or an obstacle."""
+        return np.flatnonzero(self.bars.met.numpy())

@@ -1,0 +1,149 @@
+"""Balloons that touch, in schedules that launch a kernel for each piece of a substep: memory and launches."""
+
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.contact.boxes import ARE_NEAR, box_balloons, meet_kernel
+from balloon_warp.kernels.contact.catch import EdgeCatch
+from balloon_warp.kernels.contact.edge_search import MOST_EDGES, find_edges_kernel
+from balloon_warp.kernels.contact.forces import take_counts
+from balloon_warp.kernels.contact.near_parts import MOST_PARTS, near_parts_kernel
+from balloon_warp.kernels.contact.nearby import MOST_OF_BALLOON, MOST_TRIANGLES
+from balloon_warp.kernels.contact.parts import box_parts_of_worlds
+from balloon_warp.kernels.contact.response import response_kernel
+from balloon_warp.kernels.contact.search import find_kernel, looking_kernel
+from balloon_warp.kernels.features import Features
+from balloon_warp.launching import launch, launch_tiled
+from balloon_warp.model import Model, State
+from balloon_warp.model.meeting_edges import meeting_edges
+from balloon_warp.model.memory import Room
+from balloon_warp.schedules.deferred import FEW_THREADS, threads_of_list
+from balloon_warp.schedules.tables import world_state
+from balloon_warp.schedules.touch_table import part_count, substeps_of_search
+
+BOX_THREADS = 128
+"""Threads that loop over the particles of a balloon on a GPU"""
+MEET_THREADS = 32
+"""Threads that loop over the balloons of a world on a GPU"""
+LEAST_CATCHES, CATCHES = 256, 8
+"""Least number of pairs of edges that a world has room for in a substep, and number for each edge"""
+PART_THREADS = 512
+"""Threads that loop over the parts of a world on a GPU"""
+
+
+class TouchLaunches:
+    """Launches what finds and presses balloons that touch."""
+
+    def __init__(self, model: Model, features: Features, tables: Any, working: Any, fast_math: bool = False):
+        self.model, self._features, self._tables, self._working = model, features, tables, working
+        self._interval, self._fast_math = substeps_of_search(model), fast_math
+        working.near_balloons.fill_(int(ARE_NEAR))  # before the first search they may have been, in another schedule
+        # a thread for each item on a GPU; on a CPU one goes through them, and is soon done where nothing is near
+        self._edge_threads = working.edge_counts.shape[1] if model.device.is_cuda else 1
+        self._part_threads = working.near_parts.shape[1] if model.device.is_cuda else 1
+        self._particle_threads = model.particle_count if model.device.is_cuda else 1
+        self._list_threads = threads_of_list(model)
+
+    def search(self, state: State, substep: int, points: wp.array, velocities: wp.array) -> None:
+        """Search for contacts, at a frame's first substep, and now and then after it where particles have strayed."""
+        if substep % self._interval:
+            return
+        m, t, working = self.model, self._tables, self._working
+        launch_tiled(
+            box_balloons,
+            dim=(m.world_count, m.balloon_count),
+            inputs=[t, points, velocities, int(substep == 0), working],
+            block_dim=BOX_THREADS if m.device.is_cuda else 1,
+            device=m.device,
+        )
+        launch_tiled(
+            meet_kernel(self._features),
+            dim=[m.world_count],
+            inputs=[t, working],
+            block_dim=MEET_THREADS if m.device.is_cuda else 1,
+            device=m.device,
+        )
+        particles = self._particle_threads
+        launch_tiled(
+            box_parts_of_worlds,
+            dim=[m.world_count],
+            inputs=[t, points, velocities, working],
+            block_dim=PART_THREADS if m.device.is_cuda else 1,
+            device=m.device,
+        )
+        if self._features.touches_itself:
+            dim = m.world_count, self._part_threads
+            launch(near_parts_kernel(self._features), dim, [t, self._part_threads, working], device=m.device)
+        if self._features.edges_meet:  # before particles note where they are
+            threads = self._edge_threads
+            inputs = [t, threads, points, velocities, working]
+            launch(find_edges_kernel(self._features), (m.world_count, threads), inputs, device=m.device)
+        place: dict[str, Any] = {"dim": (m.world_count, particles), "device": m.device, "block_dim": FEW_THREADS}
+        moving = world_state(state), points, velocities, working
+        launch(looking_kernel(self._features), inputs=[t, particles, *moving], **place)
+        place["dim"] = m.world_count, self._list_threads
+        launch(find_kernel(self._features, self._fast_math), inputs=[t, self._list_threads, *moving], **place)
+        if substep == 0:  # what came before is not known where a run begins with a saved state
+            wp.copy(working.forces_taken, working.force_quanta)
+            for counted in (working.contacts, working.touched):
+                counted.zero_()
+            self._press(state, points, velocities, only_counts=True)
+            launch(take_counts, (m.world_count, particles), [particles, working], device=m.device)
+
+    def press(self, state: State, points: wp.array, velocities: wp.array) -> None:
+        """Add the contact forces of particles and triangles."""
+        self._press(state, points, velocities, only_counts=False)
+
+    def _press(self, state: State, points: wp.array, velocities: wp.array, only_counts: bool) -> None:
+        m, threads = self.model, self._list_threads
+        inputs = [self._tables, threads, int(only_counts), points, velocities, world_state(state), self._working]
+        shape = (m.world_count, threads)
+        launch(response_kernel(self._features, self._fast_math), shape, inputs, block_dim=FEW_THREADS, device=m.device)
+
+
+def overflow_remarks(overflow: int) -> list[str]:
+    """Return the warning for a number of candidate overflows."""
+    if not overflow:
+        return []
+    return [
+        f"touch: contacts were too crowded {overflow:,} times and some were ignored: a particle keeps the "
+        f"{int(MOST_OF_BALLOON)} nearest triangles of a balloon, a sharp edge {int(MOST_EDGES)}; more substeps help"
+    ]
+
+
+def touch_arrays(model: Model, features: Features, room: Room) -> dict[str, Any]:
+    """Return the arrays of `Working` for balloons that touch."""
+    worlds = model.world_count
+    balloons, particles = (model.balloon_count, model.particle_count) if features.touches else (0, 0)
+    parts = sum(part_count(shape.mesh) for shape in model.shapes) if features.touches else 0
+    own_parts = parts if features.touches_itself else 0
+    edges = sum(map(len, meeting_edges(model.scene, model.shapes))) if features.edges_meet else 0
+    crossings = max(LEAST_CATCHES, CATCHES * edges) if edges else 0
+    return {
+        "balloon_boxes": room.array((worlds, balloons, 3), wp.vec3),
+        "sought": room.array((worlds, particles), wp.vec3),
+        "clearances": room.array((worlds, particles if features.touches_itself else 0), wp.float32),
+        "part_boxes": room.array((worlds, 2 * parts), wp.vec4),
+        "near_parts": room.array((worlds, own_parts, int(MOST_PARTS)), wp.int32),
+        "near_part_counts": room.array((worlds, own_parts), wp.int32),
+        "neighbors": room.array((worlds, balloons, balloons), wp.int32),
+        "neighbor_counts": room.array((worlds, balloons), wp.int32),
+        "near_balloons": room.array((worlds, balloons + 1 if features.touches else 0), wp.int32),
+        "candidate_counts": room.array((worlds, particles), wp.int32),
+        "candidates": room.array((worlds, particles, int(MOST_TRIANGLES)), wp.int32),
+        "particle_lists": room.array((worlds, 2, particles), wp.int32),
+        "list_lengths": room.array((worlds, 4 if features.touches else 0), wp.int32),
+        "force_quanta": room.array((worlds, particles, 4), wp.int64),
+        "forces_taken": room.array((worlds, particles, 4), wp.int64),
+        "contacts": room.array((worlds, particles), wp.float32),
+        "touched": room.array((worlds, particles), wp.int8),
+        "edge_candidates": room.array((worlds, edges, int(MOST_EDGES)), wp.int32),
+        "edge_boxes": room.array((worlds, edges, 2), wp.vec3),
+        "edge_clearances": room.array((worlds, edges if features.touches_itself else 0), wp.float32),
+        "edge_counts": room.array((worlds, edges), wp.int32),
+        "edge_catches": room.array((worlds, crossings), EdgeCatch),
+        "edge_shares": room.array((worlds, particles if edges else 0), wp.int32),
+        "edge_quanta": room.array((worlds, particles if edges else 0, 3), wp.int64),
+        "overflow": room.array(worlds if features.touches or features.ridges else 0, wp.int32),
+    }

@@ -1,0 +1,52 @@
+"""Choice of how frames run backwards: in blocks, or as launches."""
+
+from collections.abc import Sequence
+
+from balloon_warp.errors import InputError
+from balloon_warp.model import Model
+from balloon_warp.model.memory import Counting
+from balloon_warp.schedules.backward_block import BlockBackward, fits_in_block_backwards
+from balloon_warp.schedules.backward_launched import LaunchedBackward
+from balloon_warp.schedules.block_room import fits_in_block
+
+Backward = type[LaunchedBackward] | type[BlockBackward]
+"""Schedules that run frames backwards"""
+
+BACKWARDS: dict[str, Backward] = {"launched": LaunchedBackward, "block": BlockBackward}
+
+
+def backwards_of(model: Model, name: str = "auto") -> Backward:
+    """Return what runs a model backwards, whatever the number of its worlds: of that name, or the fastest.
+
+    Raises:
+        InputError: there is none of that name, or it cannot run this model backwards.
+    """
+    fits = fits_in_block_backwards(model)
+    if name == "auto":
+        name = "block" if fits else "launched"
+    if name not in BACKWARDS:
+        raise InputError(f"schedule: expected auto, {' or '.join(BACKWARDS)}, which run backwards (got {name!r})")
+    if name == "block" and not fits:
+        raise InputError(
+            "schedule: block runs one balloon backwards that fits in a block, out of water, without spheres or "
+            "normal forces, with as much gas all the time; expected launched"
+        )
+    return BACKWARDS[name]
+
+
+def forward_of(model: Model, backward: Backward) -> str:
+    """Return the schedule of the frames forward: one whose results are the same for any number of worlds."""
+    if backward is not BlockBackward:
+        return "gather"
+    if model.device.is_cpu:
+        return "octets"
+    return "block" if fits_in_block(model) else "gather"
+
+
+def bytes_backwards(model: Model, columns: Sequence[int], frames: int, name: str = "auto") -> int:
+    """Return the device memory that gradients take of each world: a frame's substeps, and a little of each frame."""
+    room = Counting()
+    backwards_of(model, name).room_of_frame(model, room)
+    bars = 4 * model.world_count * model.particle_count * (len(columns) + 24 + 8 * model.sphere_count)
+    of_frame = 40 * model.balloon_count + 48 * model.sphere_count
+    return (room.bytes + bars) // model.world_count + frames * of_frame

@@ -1,0 +1,239 @@
+"""Starts: some worlds begin anew, by a mask on the device, with values drawn for each."""
+
+import zlib
+from dataclasses import dataclass
+from typing import Any, Literal, Protocol
+
+import numpy as np
+import warp as wp
+
+from balloon_warp.errors import InputError
+from balloon_warp.kernels.frames.starting import begin_episodes, copy_rows, draw_values
+from balloon_warp.launching import launch
+from balloon_warp.model import Model, State, initial_state
+from balloon_warp.model.placing import place_particles
+from balloon_warp.model.rows import KEYFRAME_VALUES
+from balloon_warp.shown import Shown
+from balloon_warp.steering.controls import Controls
+from balloon_warp.steering.given import copy_given
+from balloon_warp.steering.observations import Observations
+from balloon_warp.steering.start_values import Shifts, StartValue, start_value
+from balloon_warp.steering.views import rows_of_words
+from balloon_warp.warp_lock import recording
+
+Kind = Literal["uniform", "log_uniform", "normal"]
+KINDS: tuple[Kind, ...] = ("uniform", "log_uniform", "normal")
+THREADS = 32
+"""Number of threads that copy a world's row on a GPU"""
+PLACED = ("frame", "points", "velocities")
+"""Arrays of the state that are not copied: the clock is all worlds', and particles are placed"""
+DRAWN = ("initial_velocities", "initial_spins", "initial_shifts", "initial_centers")
+"""Parameters that count for the places and velocities of particles alone"""
+
+
+@dataclass(frozen=True)
+class Draw:
+    """A number that is drawn for each episode."""
+
+    path: str
+    axis: int
+    kind: int
+    first: float
+    second: float
+    start: StartValue | None
+    """Value that counts at the start alone; None where a control has it"""
+
+    @property
+    def number(self) -> int:
+        """Number that tells its generator from others."""
+        return zlib.crc32(f"{self.path}.{self.axis}".encode()) & 0x7FFFFFFF
+
+
+class Starting(Protocol):
+    """A simulator, as starts know it."""
+
+    model: Model
+    state: State
+    controls: Controls
+    observations: Observations
+
+    def go_on_in(self, model: Model) -> None: ...
+
+
+class Starts(Shown):
+    """Distributions of initial values: `simulator.starts.draw("balloon.mass", 0.1, 0.2)`, then `simulator.reset(mask)`.
+
+    What is drawn follows from the seed, the number of the world, its episode and the path: it repeats, whatever the
+    number of worlds.
+    """
+
+    _internal = ("begin", "begin_again", "forget")
+
+    def __init__(self, simulator: Starting):
+        self._simulator = simulator
+        model = simulator.model
+        self.episodes = wp.zeros(model.world_count, dtype=wp.int32, device=model.device)
+        """Number of times that each world has begun anew"""
+        self.mask = wp.zeros(model.world_count, dtype=wp.int32, device=model.device)
+        """Worlds that begin anew with `reset(simulator.starts.mask)`, not 0"""
+        self._seed = wp.zeros(1, dtype=wp.int32, device=model.device)
+        self._draws: list[Draw] = []
+        self._own: dict[str, wp.array] = {}
+        self._shifts: Shifts | None = None
+        self._start: State | None = None
+        self._graph: Any = None
+
+    def __repr__(self) -> str:
+        return f"Starts({', '.join(dict.fromkeys(draw.path for draw in self._draws)) or 'nothing is drawn'})"
+
+    @property
+    def seed(self) -> int:
+        """Seed of what is drawn."""
+        return int(self._seed.numpy()[0])
+
+    @seed.setter
+    def seed(self, seed: int) -> None:
+        self._seed.fill_(int(seed) % 2**31)
+
+    def draw(self, path: str, first: float, second: float, kind: Kind = "uniform") -> None:
+        """Draw a value anew whenever a world begins anew.
+
+        A value that may change opens a control, which has it. Of what counts at the start alone, positions, velocities
+        and spins of balloons and spheres can be drawn.
+
+        Args:
+            path: to a number, or to all three of a vector, which are drawn one by one.
+            first: least value; the mean, if "normal".
+            second: largest value, or the deviation.
+            kind: "uniform", "log_uniform" or "normal".
+
+        Raises:
+            InputError: there is no such path or kind, or the numbers cannot be.
+        """
+        _require_numbers(path, first, second, kind)
+        controls, model = self._simulator.controls, self._simulator.model
+        start = start_value(model, path)
+        if start:
+            self._simulator.go_on_in(model.with_rows_of_worlds())
+            self._shifts = self._shifts or Shifts(self._simulator.model)
+        elif path not in controls:
+            controls.open(path, *((None, None) if kind == "normal" else (first, second)))
+        axes = start.axes if start else range(controls.size(path))
+        self._draws += [Draw(path, axis, KINDS.index(kind), float(first), float(second), start) for axis in axes]
+        self.forget()
+
+    def value(self, name: str, first: float, second: float, kind: Kind = "uniform") -> wp.array:
+        """Draw a value of your own for each episode, such as a goal; return its array, shape (world_count,), float32.
+
+        Raises:
+            InputError: the name is taken, or the numbers cannot be.
+        """
+        _require_numbers(name, first, second, kind)
+        if name in self._own:
+            raise InputError(f"{name}: is drawn already")
+        model = self._simulator.model
+        self._own[name] = wp.zeros(model.world_count, dtype=wp.float32, device=model.device)
+        self._draws.append(Draw(name, 0, KINDS.index(kind), float(first), float(second), None))
+        self.forget()
+        return self._own[name]
+
+    def begin_again(self) -> None:
+        """Begin all worlds again, as the scene says: nothing is drawn yet."""
+        self.episodes.zero_()
+        self._simulator.controls.begin_again()
+        self._simulator.observations.refresh()
+
+    def forget(self) -> None:
+        """Forget the recorded graph: the model or the state is another."""
+        self._graph = self._start = None
+
+    def begin(self, mask: Any) -> None:
+        """Reset the worlds for which a mask is not 0.
+
+        Raises:
+            InputError: the mask has another length, or the scene has a clock, which is that of all worlds.
+        """
+        if mask is not self.mask:
+            copy_given(self.mask, mask, "reset")
+        if self._graph is None:
+            model = self._simulator.model
+            _require_timeless(model)
+            self._start = _start_of(model)
+            with recording(model.device) as capture:
+                self._launch(self._start)
+            self._graph = capture.graph
+        wp.capture_launch(self._graph)
+
+    def _launch(self, start: State) -> None:
+        model, state, mask = self._simulator.model, self._simulator.state, self.mask
+        controls = self._simulator.controls
+        counted = [controls.faults, self.episodes]
+        launch(begin_episodes, model.world_count, [mask], counted, device=model.device)
+        threads = 1 if model.device.is_cpu else THREADS
+        begins = start.arrays
+        for name, array in state.arrays.items():
+            if name not in PLACED and array.size:
+                source, target = rows_of_words(begins[name]), rows_of_words(array)
+                launch(copy_rows, (model.world_count, threads), [mask, source], [target, threads], device=model.device)
+        controls.restart(mask)
+        for draw in self._draws:
+            self._draw(draw)
+        place_particles(model, state.points, state.velocities, mask)
+        self._simulator.observations.refresh()
+
+    def _draw(self, draw: Draw) -> None:
+        model, start = self._simulator.model, draw.start
+        generated = [self.mask, self._seed, self.episodes, draw.number, draw.kind, draw.first, draw.second]
+        if draw.path in self._own:
+            columns = [self._own[draw.path]]
+        elif start is None:
+            columns = [self._simulator.controls.column(draw.path, draw.axis)]
+        else:
+            columns = start.columns(model, self._simulator.state, draw.axis)
+        shifts = self._shifts if start and not columns else None
+        for column in [shifts.column(draw.axis)] if shifts else columns:
+            launch(draw_values, model.world_count, generated, [column], device=model.device)
+        if shifts and start:
+            shifts.shift(model, start, draw.axis, self.mask)
+
+
+def _start_of(model: Model) -> State:
+    """Return the state at the start, with a single row where all worlds begin alike."""
+    rows = [
+        array.numpy()
+        for name, array in model.parameters.items()
+        if name.startswith("initial_") and name not in DRAWN and array.size
+    ]
+    alike = all((values == values[:1]).all() for values in rows)
+    return initial_state(model.of_world(0) if alike else model)
+
+
+def _require_numbers(path: str, first: float, second: float, kind: str) -> None:
+    if kind not in KINDS:
+        raise InputError(f"{path}: kind must be one of {', '.join(KINDS)} (got {kind!r})")
+    numbers = [first, second]
+    if not all(isinstance(each, int | float | np.number) and np.isfinite(each) for each in numbers):
+        raise InputError(f"{path}: must be drawn by finite numbers (got {first!r} and {second!r})")
+    if (second < 0.0) if kind == "normal" else second < first:
+        raise InputError(f"{path}: must be drawn from the least to the largest (got {first:g} and {second:g})")
+    if kind == "log_uniform" and first <= 0.0:
+        raise InputError(f"{path}: must be above 0 where its logarithm is uniform (got {first:g})")
+
+
+def _require_timeless(model: Model) -> None:
+    """Make sure that nothing in a scene depends on the clock.
+
+    Raises:
+        InputError: something does.
+    """
+    scene = model.scene
+    lasting = [*scene.sphere, *scene.string]
+    reasons = {
+        "change": bool(scene.change),
+        "keyframes of its inflation, which no control has": KEYFRAME_VALUES.name not in model.reach
+        and any(balloon.inflation.has_keyframes for balloon in scene.balloon),
+        "obstacle.motion": np.ptp(np.asarray(model.obstacle_motion.numpy()), axis=0).any(),
+        "start or end": any(thing.start > 0.0 or thing.end is not None for thing in lasting),
+    }
+    if reason := next((name for name, depends in reasons.items() if depends), None):
+        raise InputError(f"reset: some worlds cannot begin anew where the scene has {reason}: the clock is that of all")

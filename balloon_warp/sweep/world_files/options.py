@@ -1,0 +1,54 @@
+"""Options of the trajectories of a batch: their folder, kind and interval."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, Self
+
+from typing_extensions import TypeAliasType
+
+from balloon_warp.errors import InputError
+from balloon_warp.outputs.world_files import format_named
+from balloon_warp.shown import Shown, described
+
+
+@described
+@dataclass(frozen=True)
+class TrajectoryFiles(Shown):
+    """Files of a batch's trajectories, one for each world, in folders for training, validation and test.
+
+    Raises:
+        InputError: a value cannot be.
+        MissingExtraError: the format is "h5", and h5py is not installed.
+    """
+
+    folder: str | Path
+    """Folder, made if it is not there"""
+    every: int = 1
+    """Step between frames that are written: 2 for every second"""
+    format: Literal["h5", "zarr", "npz"] = "h5"
+    seed: int = 0
+    """Seed of the splits"""
+
+    def __post_init__(self) -> None:
+        if isinstance(self.every, bool) or not isinstance(self.every, int) or self.every < 1:
+            raise InputError(f"--every {self.every}: expected a whole number of at least 1")
+        if isinstance(self.seed, bool) or not isinstance(self.seed, int) or self.seed < 0:
+            raise InputError(f"--seed {self.seed}: expected a whole number of at least 0")
+        format_named(self.format)
+
+    @classmethod
+    def of(cls, given: "TrajectoryFiles | str | Path | None") -> Self | None:
+        """Return the options, made of a folder alone if need be."""
+        if given is None or isinstance(given, cls):
+            return given
+        if not isinstance(given, str | Path):
+            raise InputError(f"trajectories: expected a folder, or TrajectoryFiles (got {given!r})")
+        return cls(given)
+
+    def as_json(self) -> dict[str, Any]:
+        """Describe the options for a manifest."""
+        return {"folder": str(self.folder), "every": self.every, "format": self.format, "seed": self.seed}
+
+
+TrajectoryFilesLike = TypeAliasType("TrajectoryFilesLike", TrajectoryFiles | str | Path)
+"""Files of trajectories, or a folder for them with the defaults"""

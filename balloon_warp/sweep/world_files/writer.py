@@ -1,0 +1,287 @@
+"""Frames of a batch as they come, into the files of all worlds."""
+
+import os
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.errors import InputError
+from balloon_warp.files import target_of
+from balloon_warp.outputs.world_files import FORMATS, Field, Slot, WorldFile
+from balloon_warp.resume import PartialFolder, as_json
+from balloon_warp.sweep.groups import Group
+from balloon_warp.sweep.recorder import Record
+from balloon_warp.sweep.world_files.catalog import MANIFEST_NAME, listed_files, write_catalog
+from balloon_warp.sweep.world_files.contents import Contents
+from balloon_warp.sweep.world_files.options import TrajectoryFiles
+from balloon_warp.sweep.world_files.splits import SPLITS, splits_of
+
+BLOCK_BYTES = 2**26
+"""Size of the frames that are written together: many small writes would take longer"""
+PARTIAL_NAME = "partial"
+
+
+class TrajectoryWriter:
+    """Writes the files of worlds into the folder `partial`, from which they move to their places once all are whole.
+
+    Frames of a world may come in any order, and again. Of a world that blew up the last good frame is repeated.
+
+    Args:
+        options: where they go, and how.
+        contents: what stands in them.
+        groups: the worlds, as they come together.
+        job: what they are of; the same when a batch goes on.
+
+    Raises:
+        InputError: the folder cannot be written to, or the disk is too small.
+    """
+
+    def __init__(self, options: TrajectoryFiles, contents: Contents, groups: Sequence[Group], job: Mapping[str, Any]):
+        self.options, self._contents, self._groups = options, contents, groups
+        self.folder = _prepared(Path(options.folder))
+        self._partial = PartialFolder(self.folder / PARTIAL_NAME)
+        self._partial.require_own()
+        self._job = as_json({"trajectories": options.as_json(), **job})
+        self._commons = [contents.of_group(group) for group in groups]
+        self._formats = [FORMATS[options.format]() for _ in groups]
+        self.world_count = sum(len(group.worlds) for group in groups)
+        self._splits = splits_of(self.world_count, options.seed)
+        self._waiting: list[list[Record]] = [[] for _ in groups]
+        self._waiting_bytes = 0
+        self._safe = False
+        """Whether a checkpoint counts on the frames that are there"""
+        _require_disk(self.folder, sum(len(g.worlds) * _size(c) for g, c in zip(groups, self._commons, strict=True)))
+
+    def begin(self, resumed: bool) -> None:
+        """Create all files; or go on with those of an earlier batch.
+
+        Raises:
+            InputError: they cannot be written, or are not there.
+        """
+        with self._telling():
+            if resumed:
+                self._take_up()
+                return
+            self._partial.begin(self._job)
+            for number, group in enumerate(self._groups):
+                for world in group.worlds.tolist():
+                    self._formats[number].create(self._path(number, world), self._contents_of(number, world, 1))
+
+    def add(self, group: int, record: Record) -> None:
+        """Add a frame of a group."""
+        if record.tracks is not None:
+            self._waiting[group].append(record)
+            self._waiting_bytes += sum(values.nbytes for values in record.tracks.values())
+        if self._waiting_bytes >= BLOCK_BYTES:
+            self.flush()
+
+    def replace(self, group: int, rows: NDArray[np.integer], record: Record) -> None:
+        """Replace a frame of some worlds of a group, by their numbers in it."""
+        if record.tracks is not None:
+            self.flush()
+            with self._telling():
+                self._write(group, rows, [record])
+
+    def flush(self) -> None:
+        """Write all frames that wait."""
+        with self._telling():
+            for number, records in enumerate(self._waiting):
+                for run in _runs(records, self.options.every):
+                    self._write(number, np.arange(len(self._groups[number].worlds)), run)
+                records.clear()
+        self._waiting_bytes = 0
+
+    def save(self) -> None:
+        """Write all frames that wait to the disk, for a checkpoint."""
+        self.flush()
+        os.sync()
+        self._safe = True
+
+    def finish(self, health: NDArray[np.integer]) -> None:
+        """Put all files into their places, and the manifest beside them.
+
+        Args:
+            health: of each world at the end, shape (world_count,).
+
+        Raises:
+            InputError: they cannot be written.
+        """
+        self.flush()
+        with self._telling():
+            whole = dict(self._finished(health))
+            os.sync()
+            old = listed_files(self.folder)
+            (self.folder / MANIFEST_NAME).unlink(missing_ok=True)  # a folder without one is not whole
+            for name in SPLITS:
+                (self.folder / name).mkdir(exist_ok=True)
+            for world, path in sorted(whole.items()):
+                _move(path, self.folder / self._name(world), self._partial.path)
+            for name in old - {self._name(world) for world in whole}:
+                _remove(self.folder / name)
+        named = [self._name(world) for world in range(self.world_count)]
+        write_catalog(self.folder, self.options, self._contents, self._commons[0], named, health)
+
+    def give_up(self) -> None:
+        """Remove what no checkpoint counts on, after a failure."""
+        if not self._safe:
+            with suppress(InputError):
+                self._partial.remove()
+            with suppress(OSError):  # there are other files
+                self.folder.rmdir()
+
+    def _take_up(self) -> None:
+        """Go on with the files of an earlier batch, of which some may be in their places already."""
+        if self._partial.job() != self._job:
+            raise InputError(
+                f"--resume: {self._partial.path} has not the trajectories of this batch; expected those that it had "
+                "written, or no --resume to start anew"
+            )
+        self._partial.go_on()
+        self._safe = True
+        for number, group in enumerate(self._groups):
+            for world in group.worlds.tolist():
+                path, place = self._path(number, world), self.folder / self._name(world)
+                if not path.exists():
+                    if not place.exists():
+                        raise InputError(f"{path}: is not there; expected the trajectory of world {world}")
+                    place.rename(path)
+
+    def _finished(self, health: NDArray[np.integer]) -> Iterator[tuple[int, Path]]:
+        for number, group in enumerate(self._groups):
+            for world in group.worlds.tolist():
+                contents = self._contents_of(number, world, int(health[world]))
+                yield world, self._formats[number].finish(self._path(number, world), contents)
+
+    def _write(self, group: int, rows: NDArray[np.integer], records: Sequence[Record]) -> None:
+        """Write frames that follow each other."""
+        format_, moving = self._formats[group], self._commons[group].moving
+        begin = records[0].number // self.options.every
+        health = np.stack([record.healthy for record in records]).astype(np.int32)
+        for place, row in enumerate(rows.tolist()):
+            slots = format_.slots(self._path(group, int(self._groups[group].worlds[row])), moving)
+            arrays = {"health": health[:, place]}
+            for field in moving[:-1]:
+                arrays[field.name] = np.stack([(record.tracks or {})[field.name][place] for record in records])
+            bad = np.flatnonzero(arrays["health"] == 0)
+            if len(bad):
+                _freeze(arrays, moving, slots, begin, int(bad[0]))
+            for path in dict.fromkeys(slot.path for slot in slots.values()):
+                here = [field for field in moving if slots[field.name].path == path]
+                _put(path, [(slots[f.name].offset + begin * f.bytes_of_frame, arrays[f.name]) for f in here])
+
+    def _contents_of(self, group: int, world: int, health: int) -> WorldFile:
+        return self._contents.of_world(self._commons[group], world, health)
+
+    def _path(self, group: int, world: int) -> Path:
+        return self._partial.path / f"world_{world:06d}{self._formats[group].work_suffix}"
+
+    def _name(self, world: int) -> str:
+        return f"{SPLITS[self._splits[world]]}/world_{world:06d}{self._formats[0].suffix}"
+
+    @contextmanager
+    def _telling(self) -> Iterator[None]:
+        """Tell of a file that cannot be written in a sentence."""
+        try:
+            yield
+        except OSError as error:
+            reason = error.strerror or str(error).partition("\n")[0]
+            raise InputError(f"{self.folder}: trajectories cannot be written: {reason}") from None
+
+
+def remove_partial(options: TrajectoryFiles | None) -> None:
+    """Remove what was needed to go on, once all of the batch is there."""
+    if options:
+        PartialFolder(Path(options.folder) / PARTIAL_NAME).remove()
+
+
+def _prepared(folder: Path) -> Path:
+    """Return the folder, which is made if it is not there."""
+    try:
+        folder = target_of(folder)
+        folder.mkdir(exist_ok=True)
+        if not os.access(folder, os.W_OK | os.X_OK):
+            raise InputError(f"{folder}: cannot be written: Permission denied")
+    except FileNotFoundError:
+        raise InputError(f"{folder}: the folder {folder.parent} does not exist") from None
+    except (FileExistsError, NotADirectoryError):
+        raise InputError(f"{folder}: is a file; expected a folder") from None
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be made: {error.strerror}") from None
+    return folder
+
+
+def _require_disk(folder: Path, needed: int) -> None:
+    if needed > (free := shutil.disk_usage(folder).free):
+        raise InputError(
+            f"{folder}: the trajectories need {needed / 2**30:.2f} GiB, and the disk has {free / 2**30:.2f} GiB; "
+            "expected more room, fewer worlds or a larger --every"
+        )
+
+
+def _size(world: WorldFile) -> int:
+    return sum(field.bytes for field in (*world.moving, *(field for field, _ in world.fixed)))
+
+
+def _runs(records: Sequence[Record], every: int) -> Iterator[list[Record]]:
+    """Split records where one does not follow the one before."""
+    run: list[Record] = []
+    for record in records:
+        if run and record.number != run[-1].number + every:
+            yield run
+            run = []
+        run.append(record)
+    if run:
+        yield run
+
+
+def _freeze(
+    arrays: Mapping[str, NDArray], moving: Sequence[Field], slots: Mapping[str, Slot], begin: int, bad: int
+) -> None:
+    """Repeat the last good frame from a bad one on."""
+    for field in moving[:-1]:
+        values = arrays[field.name]
+        if bad:
+            values[bad:] = values[bad - 1]
+        elif begin:
+            values[:] = _frame(field, slots[field.name], begin - 1)
+        else:
+            values[:] = 0.0
+
+
+def _frame(field: Field, slot: Slot, number: int) -> NDArray:
+    with slot.path.open("rb") as file:
+        file.seek(slot.offset + number * field.bytes_of_frame)
+        return np.frombuffer(file.read(field.bytes_of_frame), field.dtype).reshape(field.shape[1:])
+
+
+def _put(path: Path, pieces: Sequence[tuple[int, NDArray]]) -> None:
+    """Write into a file that is there."""
+    descriptor = os.open(path, os.O_WRONLY)
+    try:
+        for offset, values in pieces:
+            left = np.ascontiguousarray(values).data.cast("B")
+            while left:
+                written = os.pwrite(descriptor, left, offset)
+                left, offset = left[written:], offset + written
+    finally:
+        os.close(descriptor)
+
+
+def _move(path: Path, place: Path, aside: Path) -> None:
+    """Move a file or folder to its place, where there may be an earlier one."""
+    if path.is_dir() and place.exists():
+        place.rename(aside / f"earlier_{place.name}")
+    os.replace(path, place)
+
+
+def _remove(path: Path) -> None:
+    with suppress(OSError):
+        if path.is_dir():
+            shutil.rmtree(path)
+        else:
+            path.unlink(missing_ok=True)

@@ -1,0 +1,145 @@
+"""Adjoints of spheres by the paper's rule: a particle leaves them, or will.
+
+Which particles are in which sphere is frozen; the normals are derived. What a particle finds of a sphere it leaves in
+`working.sphere_bars`, and who runs spheres backwards adds that up, see `adjoints.rolling`.
+"""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.features import Features
+from balloon_warp.kernels.laws.contact import leave_sphere, out_of_sphere, penalty_force
+from balloon_warp.kernels.tables import Tables, sphere_penalty
+from balloon_warp.kernels.working import SphereBars, Working
+
+
+@wp.struct
+class BarsBesideSpheres:
+    """Derivatives by what a particle comes with to spheres."""
+
+    point: wp.vec3
+    velocity: wp.vec3
+    inflation: wp.vec3
+
+
+@wp.func
+def bars_of_sphere(center: wp.vec3, motion: wp.vec3, radius: float, penalty: float):
+    """Return the derivatives by a sphere in a row."""
+    bars = SphereBars()
+    for axis in range(3):
+        bars[axis] = center[axis]
+        bars[3 + axis] = motion[axis]
+    bars[6] = radius
+    bars[7] = penalty
+    return bars
+
+
+@wp.func
+def work_of_sphere(
+    point: wp.vec3, velocity: wp.vec3, center: wp.vec3, motion: wp.vec3, radius: float, penalty: float,
+    inflation: wp.vec3, up: wp.vec3, point_bar: wp.vec3, velocity_bar: wp.vec3, push_bar: wp.vec3,
+):  # fmt: skip
+    """Return where a particle leaves a sphere, its velocity, and how it pushes the sphere, times their bars."""
+    out, after, outward = leave_sphere(point, velocity, center, motion, radius, up)
+    push = penalty_force(penalty, inflation, outward)
+    return wp.dot(out, point_bar) + wp.dot(after, velocity_bar) + wp.dot(push, push_bar)
+
+
+@wp.func
+def work_of_way_out(
+    point: wp.vec3, center: wp.vec3, radius: float, up: wp.vec3, point_bar: wp.vec3, normal_bar: wp.vec3
+):
+    """Return where a particle will leave a sphere, and the normal there, times their bars."""
+    out, normal = out_of_sphere(point, wp.vec3(), center, radius, up)
+    return wp.dot(out, point_bar) + wp.dot(normal, normal_bar)
+
+
+@cache
+def past_spheres_function(sphere_at: Any) -> Any:
+    """Return the function that moves a particle out of the first spheres."""
+
+    @wp.func
+    def past_spheres(t: Tables, spheres: Any, world: wp.int32, most: wp.int32, point: wp.vec3, velocity: wp.vec3):
+        """Return a particle's point and velocity past so many spheres, and whether it was in any."""
+        is_met = bool(False)
+        for sphere in range(most):
+            center, motion, radius = sphere_at(t, spheres, world, sphere)
+            out, after, outward = leave_sphere(point, velocity, center, motion, radius, t.up)
+            point = out
+            velocity = after
+            is_met = is_met or wp.length_sq(outward) > 0.0
+        return point, velocity, is_met
+
+    return past_spheres
+
+
+@cache
+def leaving_spheres_adjoint(features: Features, sphere_at: Any) -> Any:
+    """Return the function that runs backwards how a particle leaves spheres, from the last to the first."""
+    past_spheres = past_spheres_function(sphere_at)
+
+    @wp.func
+    def leave_spheres_backwards(
+        t: Tables, spheres: Any, working: Working, world: wp.int32, particle: wp.int32, point: wp.vec3,
+        velocity: wp.vec3, inflation: wp.vec3, point_bar: wp.vec3, velocity_bar: wp.vec3,
+    ):  # fmt: skip
+        bars = BarsBesideSpheres()
+        bars.point = point_bar
+        bars.velocity = velocity_bar
+        sphere = t.spheres.numbers.shape[1]
+        _out, _after, is_met = past_spheres(t, spheres, world, sphere, point, velocity)
+        while is_met and sphere > 0:
+            sphere -= 1
+            came, before, _met = past_spheres(t, spheres, world, sphere, point, velocity)
+            center, motion, radius = sphere_at(t, spheres, world, sphere)
+            if wp.length_sq(came - center) < radius * radius:
+                by_point, by_velocity, by_center, by_motion, by_radius, by_penalty, by_push, _u, _p, _v, _f = wp.grad(
+                    work_of_sphere
+                )(
+                    came, before, center, motion, radius, sphere_penalty(t.spheres, world, sphere), inflation, t.up,
+                    bars.point, bars.velocity, working.sphere_push_bars[world, sphere],
+                )  # fmt: skip
+                bars.point = by_point
+                bars.velocity = by_velocity
+                bars.inflation += by_push
+                more = bars_of_sphere(by_center, by_motion, by_radius, by_penalty)
+                working.sphere_bars[world, particle, sphere] = working.sphere_bars[world, particle, sphere] + more
+        return bars
+
+    return leave_spheres_backwards
+
+
+@cache
+def foreseen_spheres_adjoint(features: Features, sphere_at: Any) -> Any:
+    """Return the function that runs backwards where spheres will let a particle go, from the last to the first."""
+    past_spheres = past_spheres_function(sphere_at)
+
+    @wp.func
+    def foresee_spheres_backwards(
+        t: Tables, spheres: Any, working: Working, world: wp.int32, particle: wp.int32, ahead: wp.vec3,
+        place_bar: wp.vec3, normal_bar: wp.vec3,
+    ):  # fmt: skip
+        """Return the derivative by the place ahead.
+
+        Args:
+            normal_bar: derivative by the normal of the last that is met.
+        """
+        sphere = t.spheres.numbers.shape[1]
+        _out, _after, is_met = past_spheres(t, spheres, world, sphere, ahead, wp.vec3())
+        while is_met and sphere > 0:
+            sphere -= 1
+            came, _before, _met = past_spheres(t, spheres, world, sphere, ahead, wp.vec3())
+            center, _motion, radius = sphere_at(t, spheres, world, sphere)
+            if wp.length_sq(came - center) < radius * radius:
+                by_place, by_center, by_radius, _up, _place, _normal = wp.grad(work_of_way_out)(
+                    came, center, radius, t.up, place_bar, normal_bar
+                )
+                place_bar = by_place
+                normal_bar = wp.vec3()
+                more = bars_of_sphere(by_center, wp.vec3(), by_radius, 0.0)
+                working.sphere_bars[world, particle, sphere] = working.sphere_bars[world, particle, sphere] + more
+        return place_bar
+
+    return foresee_spheres_backwards

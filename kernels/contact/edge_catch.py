@@ -1,0 +1,181 @@
+"""Edges of balloons that may touch in a substep, as they were at its start: approach speed and impulses.
+
+So may a particle and a triangle: where the spring between them, see `laws.touch`, would let the particle through.
+"""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.contact.catch import EdgeCatch
+from balloon_warp.kernels.contact.ridge_sums import add_impulse, take_impulse
+from balloon_warp.kernels.contact.triangles import side_of, triangle_of
+from balloon_warp.kernels.features import Features
+from balloon_warp.kernels.laws.edges import (
+    FOUR,
+    KEPT,
+    crosses,
+    crossing_of,
+    ease_along,
+    friction_of_edges,
+    push_apart,
+    rub_shares,
+    sliding_at,
+    weights_of,
+)
+from balloon_warp.kernels.laws.ridges import way_to_part
+from balloon_warp.kernels.laws.touch import LEAST
+from balloon_warp.kernels.loops.friction import friction_of_balloons
+from balloon_warp.kernels.loops.inertia import ease_function
+from balloon_warp.kernels.loops.meeting import place_beside, skin_functions
+from balloon_warp.kernels.tables import Tables
+from balloon_warp.kernels.working import Working
+
+AHEAD = wp.constant(2.0)
+"""Number of substeps ahead in which edges at their speeds would touch, so that they count as near in this one"""
+
+
+@wp.func
+def four_of(vectors: wp.array[wp.vec3], ends: wp.vec4i):
+    """Return the vectors of the four ends, row by row."""
+    return wp.matrix_from_rows(vectors[ends[0]], vectors[ends[1]], vectors[ends[2]], vectors[ends[3]])
+
+
+@cache
+def catching_functions(features: Features) -> tuple[Any, Any]:
+    """Return the functions that measure two edges, and a particle and a triangle, as a substep begins."""
+    thickness_between, _ = skin_functions(features)
+
+    @wp.func
+    def may_touch(t: Tables, catch: EdgeCatch, moving: FOUR):
+        """Return whether two edges may touch in this substep."""
+        speed = wp.length(catch.weights * moving)
+        near = catch.crossing.gap < 2.0 * catch.kept + AHEAD * t.step_seconds * speed
+        return near and wp.length_sq(catch.crossing.normal) > 0.0
+
+    @wp.func
+    def catch_of(
+        t: Tables, world: wp.int32, first: wp.int32, second: wp.int32, points: wp.array[wp.vec3],
+        velocities: wp.array[wp.vec3],
+    ):  # fmt: skip
+        """Return two edges at the start of the substep, and whether they may touch in it."""
+        catch = EdgeCatch()
+        own = t.touch.edges[first]
+        other = t.touch.edges[second]
+        catch.ends = wp.vec4i(own[0], own[1], other[0], other[1])
+        moving = four_of(velocities, catch.ends)
+        before = four_of(points, catch.ends) - t.step_seconds * moving
+        catch.crossing = crossing_of(before[0], before[1], before[2], before[3])
+        catch.kept = KEPT * thickness_between(t, world, t.particles.balloon[own[0]], t.particles.balloon[other[0]])
+        catch.weights = weights_of(catch.crossing.parts)
+        return catch, may_touch(t, catch, moving)
+
+    @wp.func
+    def catch_of_particle(
+        t: Tables, world: wp.int32, particle: wp.int32, candidate: wp.int32, points: wp.array[wp.vec3],
+        velocities: wp.array[wp.vec3],
+    ):  # fmt: skip
+        """Return a particle and a triangle at the start of the substep, and whether they may touch in it.
+
+        One that is behind the triangle already, and to be pushed out of it, is let through.
+        """
+        catch = EdgeCatch()
+        corners = t.touch.triangles[triangle_of(candidate)]
+        catch.ends = wp.vec4i(corners[0], corners[1], corners[2], particle)
+        moving = four_of(velocities, catch.ends)
+        before = four_of(points, catch.ends) - t.step_seconds * moving
+        place = place_beside(before[3], before[0], before[1], before[2])
+        catch.crossing.gap = wp.sqrt(place.squared)
+        catch.crossing.normal = wp.normalize(place.arm)
+        catch.kept = KEPT * thickness_between(t, world, t.particles.balloon[particle], t.particles.balloon[corners[0]])
+        catch.weights = wp.vec4(-place.weights[0], -place.weights[1], -place.weights[2], 1.0)
+        own = t.particles.balloon[particle]
+        is_right = side_of(candidate) * wp.dot(place.arm, place.area_vector) >= 0.0
+        is_right = is_right or t.particles.balloon[corners[0]] == own
+        return catch, is_right and may_touch(t, catch, moving)
+
+    return catch_of, catch_of_particle
+
+
+@wp.func
+def excess_of(t: Tables, catch: EdgeCatch, velocities: wp.array[wp.vec3]):
+    """Return the speed by which two edges come nearer than they may [m/s]."""
+    moving = four_of(velocities, catch.ends)
+    parting = wp.dot(catch.weights * moving, catch.crossing.normal)
+    return push_apart(parting, catch.crossing.gap, catch.kept, 1.0, t.step_seconds)
+
+
+@wp.func
+def count_ends(working: Working, world: wp.int32, catch: EdgeCatch):
+    """Count a contact of the ends that bear it."""
+    for end in range(4):
+        if catch.weights[end] != 0.0:
+            wp.atomic_add(working.edge_shares, world, catch.ends[end], 1)
+
+
+@cache
+def pushing_functions(features: Features) -> tuple[Any, Any, Any]:
+    """Return the functions that push two edges apart, that part those that overlap, and that move their ends by all."""
+    ease_of_moving = ease_function(features)
+
+    @wp.func
+    def shared_eases(t: Tables, working: Working, world: wp.int32, catch: EdgeCatch):
+        """Return the inverse masses of the four ends, of which this contact has a share [1/kg]."""
+        eases = wp.vec4()
+        for end in range(4):
+            shares = float(working.edge_shares[world, catch.ends[end]])
+            eases[end] = shares * ease_of_moving(t, working, world, catch.ends[end])
+        return eases
+
+    @wp.func
+    def part_pair(t: Tables, working: Working, world: wp.int32, catch: EdgeCatch):
+        """Add the moves, times masses, by which two edges get back what little is left of their distance."""
+        ease = ease_along(catch.weights, shared_eases(t, working, world, catch))
+        move = way_to_part(catch.crossing.gap, catch.kept) / wp.max(ease, LEAST)
+        for end in range(4):
+            if catch.weights[end] != 0.0:
+                impulse = (catch.weights[end] * move) * catch.crossing.normal
+                add_impulse(working.edge_quanta, world, catch.ends[end], impulse)
+
+    @wp.func
+    def push_pair(t: Tables, working: Working, world: wp.int32, catch: EdgeCatch, velocities: wp.array[wp.vec3]):
+        """Add the impulse between two edges, and friction; each has its share of the mass of their ends."""
+        weights = catch.weights
+        moving = four_of(velocities, catch.ends)
+        parting = wp.dot(weights * moving, catch.crossing.normal)
+        eases = shared_eases(t, working, world, catch)
+        push = push_apart(parting, catch.crossing.gap, catch.kept, ease_along(weights, eases), t.step_seconds)
+        impulses = FOUR()
+        gains = FOUR()
+        for end in range(4):
+            impulses[end] = (weights[end] * push) * catch.crossing.normal
+            gains[end] = eases[end] * impulses[end]
+        if crosses(catch.crossing):
+            own = t.particles.balloon[catch.ends[0]]
+            most = push * friction_of_balloons(t, world, own, t.particles.balloon[catch.ends[2]])
+            slide = sliding_at(catch.crossing, weights, moving + gains)
+            shares_of_rub = rub_shares(catch.crossing, weights, wp.normalize(slide))
+            impulses -= friction_of_edges(wp.length(slide), shares_of_rub, eases, most) * shares_of_rub
+        for end in range(4):
+            if weights[end] != 0.0:  # no friction acts where one bears nothing
+                add_impulse(working.edge_quanta, world, catch.ends[end], impulses[end])
+
+    @wp.func
+    def move_ends(
+        t: Tables, working: Working, world: wp.int32, catch: EdgeCatch, points: wp.array[wp.vec3],
+        velocities: wp.array[wp.vec3], speeds: float,
+    ):  # fmt: skip
+        """Move the ends, each by who comes first, which is the same for all of its sum.
+
+        Args:
+            speeds: 1, or 0 where impulses are moves without speed.
+        """
+        for end in range(4):
+            particle = catch.ends[end]
+            if wp.atomic_exch(working.edge_shares, world, particle, 0) > 0:
+                gain = ease_of_moving(t, working, world, particle) * take_impulse(working.edge_quanta, world, particle)
+                velocities[particle] = velocities[particle] + speeds * gain
+                points[particle] = points[particle] + wp.where(speeds > 0.0, t.step_seconds, 1.0) * gain
+
+    return push_pair, part_pair, move_ends

@@ -1,0 +1,258 @@
+"""Balloons that touch push each other off, where each piece of a substep is a launch: a particle after the other."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.contact.forces import add_contact, add_contact_forces, record_impulse
+from balloon_warp.kernels.contact.search import TOUCHING
+from balloon_warp.kernels.contact.triangles import (
+    is_first_of_balloon,
+    on_side,
+    rows_at,
+    side_of,
+    triangle_of,
+)
+from balloon_warp.kernels.features import Features
+from balloon_warp.kernels.loops.friction import friction_of_balloons
+from balloon_warp.kernels.loops.meeting import (
+    FARTHEST,
+    SOON,
+    Place,
+    Touching,
+    comes_at,
+    corner_counts,
+    faced,
+    is_clear,
+    is_nearer,
+    place_beside,
+    skin_functions,
+    touch,
+)
+from balloon_warp.kernels.memory import (
+    float_at,
+    float_in,
+    four_in,
+    four_on_page,
+    int_at,
+    one_of_four,
+    triple_at,
+    vector_at,
+)
+from balloon_warp.kernels.options import OPTIONS
+from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
+from balloon_warp.kernels.working import Working
+
+RESPONSE_REGISTERS = 96
+"""Registers of a thread: a multiprocessor then has 20 warps, whose memory latencies overlap, and 12 without a limit"""
+
+
+@wp.func
+def ease_of_moving(t: Tables, mass_of_balloon: float, particle: wp.int32):
+    """Return the inverse mass of a particle [1/kg], 0 if it is fixed."""
+    mass = float_at(t.particles.mass_share, particle) * mass_of_balloon
+    return wp.where(mass > 0.0, 1.0 / mass, 0.0)
+
+
+@wp.func
+def contacts_at(working: Working, world: wp.int32, particle: wp.int32, ease: float):
+    """Return the contacts of a particle; none if it is fixed."""
+    return wp.where(ease > 0.0, float_in(working.contacts, world, particle), 0.0)
+
+
+@cache
+def response_function(features: Features) -> Any:
+    """Make the function by which a particle touches one triangle."""
+    thickness_between, stiffness_between = skin_functions(features)
+    mass_column = features.columns.places["mass"]
+
+    @wp.func
+    def mass_of(t: Tables, world: wp.int32, balloon: wp.int32):
+        """Return a balloon's mass [kg]."""
+        return t.balloon_numbers[row_of_world(world, t.balloon_numbers.shape[0]), balloon, mass_column]
+
+    @wp.func
+    def respond(
+        t: Tables,
+        working: Working,
+        world: wp.int32,
+        particle: wp.int32,
+        candidate: wp.int32,
+        place: Place,
+        points: Any,
+        velocities: wp.array[wp.vec3],
+        only_counts: bool,
+        first: bool,
+        hold: wp.vec4,
+    ):
+        """Press a particle against a triangle, and return its hold; zero if they do not touch."""
+        corners = triple_at(t.touch.triangles, triangle_of(candidate))
+        balloon = int_at(t.particles.balloon, particle)
+        other = int_at(t.particles.balloon, corners[0])
+        velocity = vector_at(velocities, particle)
+        kept = wp.vec4()
+        inputs = Touching()
+        inputs.side = side_of(candidate)
+        inputs.thickness = thickness_between(t, world, balloon, other)
+        inputs.step_seconds = t.step_seconds
+        moving = rows_at(velocities, corners)
+        if is_clear(inputs.side, place, inputs.thickness, SOON * t.step_seconds, velocity, moving):
+            return kept
+        places = rows_at(points, corners)
+        place = faced(place, places[0], places[1], places[2])
+        inputs.overlap = inputs.thickness - inputs.side * place.gap
+        its_mass = mass_of(t, world, other)
+        inputs.masses = wp.vec4(
+            ease_of_moving(t, mass_of(t, world, balloon), particle),
+            ease_of_moving(t, its_mass, corners[0]),
+            ease_of_moving(t, its_mass, corners[1]),
+            ease_of_moving(t, its_mass, corners[2]),
+        )
+        if comes_at(inputs, place, velocity, moving):
+            add_contact(working, world, particle, corners, corner_counts(place, places))
+        if inputs.overlap > 0.0 and wp.max(inputs.masses) > 0.0 and not only_counts:
+            inputs.stiffness = stiffness_between(t, world, balloon, other)
+            inputs.friction = friction_of_balloons(t, world, balloon, other)
+            inputs.first = first
+            its_contacts = wp.max(
+                wp.max(
+                    contacts_at(working, world, corners[0], inputs.masses[1]),
+                    contacts_at(working, world, corners[1], inputs.masses[2]),
+                ),
+                contacts_at(working, world, corners[2], inputs.masses[3]),
+            )
+            inputs.crowd = wp.max(
+                contacts_at(working, world, particle, inputs.masses[0]) / float_at(t.touch.crowd, balloon),
+                its_contacts / float_at(t.touch.crowd, other),
+            )
+            forces = touch(inputs, place, hold, velocity, places, moving)
+            add_contact_forces(working.force_quanta, world, particle, corners, forces.a, forces.b, forces.c)
+            if wp.static(features.tells_contacts):
+                record_impulse(working, world, particle, other, -(forces.a + forces.b + forces.c), t.step_seconds)
+            kept = forces.hold
+        return kept
+
+    return respond
+
+
+@wp.struct
+class Found:
+    """Triangle of a balloon, among those of a particle's list, to which the particle is nearest."""
+
+    nearest: wp.int32  # list entry, -1 if there is none
+    place: Place  # beside that
+    end: wp.int32  # of the balloon's triangles in the list
+
+
+@cache
+def nearest_function(features: Features) -> Any:
+    """Return the function that finds the nearest triangle of the next balloon in a particle's list."""
+    sees_sides = features.touches_itself and features.edges_meet
+
+    @wp.func
+    def nearest_from(
+        t: Tables, working: Working, world: wp.int32, particle: wp.int32, begin: wp.int32, count: wp.int32,
+        points: wp.array[wp.vec3],
+    ):  # fmt: skip
+        """Return the nearest triangle of one balloon.
+
+        Args:
+            begin: First of the balloon's triangles in the list.
+            count: Length of the list.
+        """
+        own = int_at(t.particles.balloon, particle)
+        point = vector_at(points, particle)
+        found = Found()
+        found.nearest = wp.int32(-1)
+        found.place.squared = FARTHEST
+        four = four_on_page(working.candidates, world, particle, begin - begin % 4)
+        at = begin
+        beside = bool(True)
+        while at < count and beside:
+            if at % 4 == 0:
+                four = four_on_page(working.candidates, world, particle, at)
+            candidate = one_of_four(four, at % 4)
+            beside = at == begin or not is_first_of_balloon(candidate)
+            if beside:
+                numbers = triple_at(t.touch.triangles, triangle_of(candidate))
+                corners = rows_at(points, numbers)
+                place = place_beside(point, corners[0], corners[1], corners[2])
+                if wp.static(sees_sides):  # impulses see to it that none comes through, see `contact.edges`
+                    if int_at(t.particles.balloon, numbers[0]) == own:
+                        candidate = on_side(candidate, place)
+                if is_nearer(place, found.place):
+                    found.nearest = candidate
+                    found.place = place
+                at += 1
+        found.end = at
+        return found
+
+    return nearest_from
+
+
+@cache
+def response_kernel(features: Features, fast_math: bool = False) -> Any:
+    """Return the kernel that presses particles against the triangles found near them."""
+    respond = response_function(features)
+    nearest_from = nearest_function(features)
+
+    @wp.func
+    def respond_to_contacts(
+        t: Tables,
+        state: WorldState,
+        working: Working,
+        world: wp.int32,
+        particle: wp.int32,
+        points: Any,
+        velocities: wp.array[wp.vec3],
+        only_counts: bool,
+    ):
+        """Press a particle against the nearest triangle of each balloon that is near."""
+        count = working.candidate_counts[world, particle]
+        hold = four_in(state.holds, world, particle)
+        after = wp.vec4()
+        found = Found()
+        while found.end < count:
+            found = nearest_from(t, working, world, particle, found.end, count, points)
+            if found.nearest >= 0:  # a point that is not a number is near nothing
+                first = after[3] == 0.0
+                kept = respond(
+                    t, working, world, particle, found.nearest, found.place, points, velocities, only_counts, first,
+                    hold,
+                )  # fmt: skip
+                if first:
+                    after = kept
+        if not only_counts and (count > 0 or hold[3] != 0.0):
+            state.holds[world, particle] = after
+
+    @wp.kernel(
+        module="unique",
+        enable_backward=False,
+        cuda_max_registers=RESPONSE_REGISTERS,
+        module_options={**OPTIONS, "fast_math": fast_math},
+    )
+    def press_particles(
+        # model
+        t: Tables,
+        threads: wp.int32,
+        only_counts: wp.int32,
+        # state in
+        points: wp.array2d[wp.vec3],
+        velocities: wp.array2d[wp.vec3],
+        # state in and out
+        state: WorldState,
+        # out
+        working: Working,
+    ):
+        """Press the particles of a world, by some threads a world.
+
+        Args:
+            only_counts: Whether contacts are only counted, without forces.
+        """
+        world, thread = wp.tid()
+        for place in range(thread, working.list_lengths[world, TOUCHING], threads):
+            particle = working.particle_lists[world, TOUCHING, place]
+            respond_to_contacts(t, state, working, world, particle, points[world], velocities[world], only_counts == 1)
+
+    return press_particles

@@ -1,0 +1,98 @@
+"""Kernels that begin some worlds anew, by a mask, with values drawn for each."""
+
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.options import OPTIONS
+
+wp.set_module_options({**OPTIONS, "enable_backward": False})
+
+UNIFORM = wp.constant(0)
+LOG_UNIFORM = wp.constant(1)
+NORMAL = wp.constant(2)
+
+
+@wp.func
+def random_of(seed: wp.int32, world: wp.int32, episode: wp.int32, number: wp.int32):
+    """Return the generator of one value of one episode of one world, whatever the number of worlds."""
+    of_world = wp.rand_init(seed, world)
+    of_episode = wp.rand_init(wp.int32(of_world), episode)
+    return wp.rand_init(wp.int32(of_episode), number)
+
+
+@wp.func
+def drawn(state: wp.uint32, kind: wp.int32, first: float, second: float):
+    """Draw a value: uniform, or its logarithm uniform, between both; or normal of that mean and deviation."""
+    value = first
+    if kind == NORMAL:
+        value = first + second * wp.randn(state)
+    elif kind == LOG_UNIFORM:
+        value = first * wp.exp(wp.randf(state) * wp.log(second / first))
+    else:
+        value = wp.lerp(first, second, wp.randf(state))
+    return value
+
+
+@wp.kernel
+def begin_episodes(mask: wp.array[wp.int32], faults: wp.array[wp.int32], episodes: wp.array[wp.int32]):
+    """Count the episodes of worlds that begin anew; a thread a world."""
+    world = wp.tid()
+    if mask[world] != 0:
+        episodes[world] = episodes[world] + 1
+        faults[world] = 0
+
+
+@wp.kernel
+def draw_values(
+    mask: wp.array[wp.int32],
+    seed: wp.array[wp.int32],
+    episodes: wp.array[wp.int32],
+    number: wp.int32,
+    kind: wp.int32,
+    first: float,
+    second: float,
+    # out
+    values: wp.array[float],
+):
+    """Draw a value for worlds that begin anew; a thread a world."""
+    world = wp.tid()
+    if mask[world] != 0:
+        values[world] = drawn(random_of(seed[0], world, episodes[world], number), kind, first, second)
+
+
+@wp.kernel
+def shift_balloon(
+    mask: wp.array[wp.int32],
+    positions: wp.array[float],
+    placed: wp.float64,
+    first_center: wp.array[wp.float64],
+    # out
+    shifts: wp.array[wp.float64],
+    centers: wp.array[wp.float64],
+):
+    """Shift where a balloon starts, and its center, along an axis; a thread a world."""
+    world = wp.tid()
+    if mask[world] != 0:
+        shift = wp.float64(positions[world]) - placed
+        shifts[world] = shift
+        centers[world] = first_center[world] + shift
+
+
+@wp.kernel
+def copy_rows(
+    mask: wp.array[wp.int32],
+    source: wp.array2d[Any],
+    # out
+    target: wp.array2d[Any],
+    threads: wp.int32,
+):
+    """Copy the rows of worlds that begin anew, from the world's row or the one row of all worlds.
+
+    A thread a (world, thread), which takes every n-th place.
+    """
+    world, thread = wp.tid()
+    if mask[world] != 0:
+        row = world % source.shape[0]
+        for place in range(thread, target.shape[1], threads):
+            target[world, place] = source[row, place]

@@ -1,0 +1,85 @@
+"""Kernels of environments: what comes before a step and after it, beside the task."""
+
+import warp as wp
+
+from balloon_warp.kernels.measure.health import HEALTHY
+from balloon_warp.kernels.options import OPTIONS
+
+wp.set_module_options({**OPTIONS, "enable_backward": False})
+
+WELL = wp.constant(0)
+BAD_ACTION = wp.constant(1)
+BAD_CONTROL = wp.constant(2)
+BLEW_UP = wp.constant(3)
+
+
+@wp.kernel
+def take_actions(
+    given: wp.array2d[float],
+    # out
+    actions: wp.array2d[float],
+    causes: wp.array[wp.int32],
+):
+    """Take actions, each within -1 and 1; one that is not finite does nothing, and ends its world. A thread a world."""
+    world = wp.tid()
+    cause = WELL
+    for number in range(given.shape[1]):
+        action = given[world, number]
+        if not wp.isfinite(action):
+            cause = BAD_ACTION
+            action = 0.0
+        actions[world, number] = wp.clamp(action, -1.0, 1.0)
+    causes[world] = cause
+
+
+@wp.kernel
+def finish_step(
+    faults: wp.array[wp.int32],
+    first_bad: wp.array[wp.int32],
+    most_steps: wp.int32,
+    begun: wp.array[wp.int32],
+    # in and out
+    steps: wp.array[wp.int32],
+    causes: wp.array[wp.int32],
+    observations: wp.array2d[float],
+    rewards: wp.array[float],
+    terminated: wp.array[wp.int32],
+    # out
+    truncated: wp.array[wp.int32],
+    over: wp.array[wp.int32],
+):
+    """Count a step, and find which worlds are over; a thread a world.
+
+    Worlds that have just begun anew have neither reward nor end. What has ended by a bad action, a bad control or a
+    blow-up has no reward, and nothing of it is observed that is not finite.
+    """
+    world = wp.tid()
+    truncated[world] = 0
+    if begun[world] != 0:
+        steps[world] = 0
+        causes[world] = WELL
+        rewards[world] = 0.0
+        terminated[world] = 0
+    else:
+        steps[world] = steps[world] + 1
+        if faults[world] > 0:
+            causes[world] = BAD_CONTROL
+        if first_bad[world] != HEALTHY:
+            causes[world] = BLEW_UP
+        if causes[world] != WELL:
+            rewards[world] = 0.0
+            terminated[world] = 1
+        elif steps[world] >= most_steps:
+            truncated[world] = 1
+    for number in range(observations.shape[1]):
+        if not wp.isfinite(observations[world, number]):
+            observations[world, number] = 0.0
+    over[world] = wp.max(terminated[world], truncated[world])
+
+
+@wp.kernel
+def restart_steps(begun: wp.array[wp.int32], steps: wp.array[wp.int32]):
+    """Count the steps of worlds that have begun anew from 0; a thread a world."""
+    world = wp.tid()
+    if begun[world] != 0:
+        steps[world] = 0

@@ -1,0 +1,12 @@
+"""Contact of balloons: the push, and now and then the search for pairs."""
+
+from typing import Any
+
+from balloon_warp.kernels.features import Features
+from balloon_warp.kernels.phase import Look, phase
+
+
+@phase("launches", when=lambda features: features.touches)
+def touch_balloons(features: Features, look: Look) -> Any:
+    """Search for contacts now and then, and apply their forces: own launches, see `schedules.balloon_contact`."""
+    return None

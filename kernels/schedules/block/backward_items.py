@@ -1,0 +1,109 @@
+"""Phases backwards within a block: threads loop over particles, or all find the same of the one balloon.
+
+Bars that others look at stand in shared memory. What adds up over a frame does so in each thread's registers.
+"""
+
+from collections.abc import Collection
+from typing import Any, ClassVar
+
+import warp as wp
+
+from balloon_warp.kernels.phase import STATE
+from balloon_warp.kernels.schedules.block.layout import Layout
+from balloon_warp.kernels.schedules.launched.backward_writer import BackwardWriter
+from balloon_warp.kernels.schedules.writer import written_types
+
+KNOWN = ("thread", "first", "balloon", "points")
+"""Names that the block has found before, besides handles"""
+OVER_FRAME: dict[str, int] = {"keyed": 2, "gas": 2, "gas_mass": 1}
+"""Bars that add up over a frame, and how many numbers they have"""
+
+
+class TurnsInBlock(BackwardWriter):
+    """Write turns between two barriers.
+
+    Args:
+        tiles: names of the bars that stand in shared memory.
+    """
+
+    row: ClassVar[str] = "row"
+
+    def __init__(self, layout: Layout, tiles: Collection[str], *of_turns: Any):
+        super().__init__(*of_turns)
+        self.layout, self.tiles = layout, tiles
+        self.known |= {*KNOWN, *(f"{name}_bars" for name in tiles)}
+        self.indent = "        "
+
+    @property
+    def of_balloon(self) -> bool:
+        """Return whether all threads find the same."""
+        return self.trace.item == "balloon"
+
+    def open(self) -> None:
+        """Write a loop over particles, or the sum of what they have found."""
+        if not self.of_balloon:
+            self.line(f"for particle in range(thread, count, {self.layout.threads}):")
+            self.indent += "    "
+            self.known.add("particle")
+            return
+        self.line("put_load_bar(thread, Five(load_part[0], load_part[1], 0.0, 0.0, 0.0))")
+        self.line("block_barrier()")
+        self.line("load_sum = total_load_bar(0)")
+        self.line("load_part = wp.vec2()")
+        self.line("load_bar = wp.vec2(load_sum[0], load_sum[1])")
+        self.known.add("load_bar")
+
+    def found(self, name: str) -> tuple[str, str] | None:
+        """Return the arguments that a name depends on, and the text that computes it."""
+        texts = {
+            "load": "load_after" if self.after_note else "load_before",
+            "params": "read_params_beside(t, first, particle)",
+            "numbers": "first.n",
+            "velocities": "all_velocities[row]",
+            "point": "vector_in(all_points, row, particle)",
+            "velocity": "vector_in(all_velocities, row, particle)",
+            "origin": "vector_in(all_points, row, volume_origin(t, balloon))",
+        }
+        if name in texts:
+            return "", texts[name]
+        if name in self.step.kept:
+            return "", f"all_{name}[row, {self.step.owner(name)}]"
+        return super().found(name)
+
+    # ---- where bars stand
+
+    def bar_at(self, name: str, owner: str) -> str:
+        """Return the text that finds a bar that others have found."""
+        if owner == "balloon":
+            return f"found_{name}_bar"
+        if name in self.tiles:
+            return f"in_tile({name}_bars, particle)"
+        return f"vector_in(all_{name}_bar, world, particle)" if self._is_vector(name) else super().bar_at(name, owner)
+
+    def put_bar(self, name: str, owner: str, sign: str, text: str) -> None:
+        """Write a bar to where others find it, or add to it."""
+        if name == "load":
+            self.line(f"load_part += {text}")
+        elif owner == "balloon":
+            self.line(f"found_{name}_bar {sign} {text}")
+        elif name in self.tiles or self._is_vector(name):
+            put = f"put_in_tile({name}_bars," if name in self.tiles else f"put_vector_in(all_{name}_bar, world,"
+            before = f"{self.bar_at(name, owner)} + " if sign == "+=" else ""
+            self.line(f"{put} particle, {before}{text})")
+        else:
+            super().put_bar(name, owner, sign, text)
+
+    def add_to_number(self, place: int, text: str) -> None:
+        """Add to the bar of a number that is asked for."""
+        self.line(f"number_{place} += {self._once(text)}")
+
+    def add_over_frame(self, name: str, text: str) -> None:
+        """Add to the bar of what stays the same in a frame."""
+        self.line(f"over_{name} += {self._once(text)}")
+
+    def _once(self, text: str) -> str:
+        """Return what one of the threads adds, where all have found the same."""
+        return f"is_first * ({text})" if self.of_balloon else text
+
+    def _is_vector(self, name: str) -> bool:
+        return name in STATE or written_types(self.step).get(name) is wp.vec3
