@@ -1,1 +1,1 @@
-"""What the site has beside the pages: parts of Sphinx, each small."""
+"""Extensions of Sphinx for the site, each small."""

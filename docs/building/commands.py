@@ -8,7 +8,7 @@ from balloon_warp.cli.app import app
 
 
 def command_reference() -> str:
-    """A section a command: what its help says, and its arguments and options."""
+    """Return a section a command: its help, its arguments and its options."""
     commands = typer.main.get_command(app).commands  # pyright: ignore[reportAttributeAccessIssue]
     return "## Every option\n\n" + "\n\n".join(_section(name, command) for name, command in commands.items())
 
@@ -22,7 +22,7 @@ def _section(name: str, command: Any) -> str:
 
 
 def _row(parameter: Any) -> str:
-    """An option by all of its names."""
+    """Return the row of an option, with all of its names."""
     if parameter.param_type_name == "argument":
         names = f"`{parameter.metavar}`"
     else:

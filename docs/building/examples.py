@@ -8,15 +8,16 @@ from typing import Any
 from sphinx.application import Sphinx
 
 from building.sources import ROOT
+from building.written_pages import write_pages
 
 PROGRAMS = ROOT / "docs" / "examples"
 FOLDER = "example_pages"
-"""in docs/, made anew by each build and no part of the repository"""
+"""Folder in docs/ of the pages"""
 
 
 @dataclass(frozen=True)
 class Example:
-    """One program, by what its docstring says of it."""
+    """Example program, as its docstring describes it."""
 
     file: Path
     title: str
@@ -29,7 +30,7 @@ class Example:
 
     @property
     def picture(self) -> str | None:
-        """What it draws, from docs/."""
+        """Path of the picture that the example draws, from docs/."""
         path = f"pictures/example_{self.file.stem}.png"
         return path if (ROOT / "docs" / path).exists() else None
 
@@ -44,7 +45,7 @@ def examples() -> list[Example]:
 
 
 def cards() -> str:
-    """All of them, each with its picture and its title, and what the site's contents have of them."""
+    """Return cards of the examples, each with picture and title, and their entries in the site's contents."""
     shown = [f"```{{container}} card\n{_image(each)}[{each.title}]({each.page})\n```" for each in examples()]
     listed = "\n".join(each.page for each in examples())
     grid = "````{container} cards\n" + "\n\n".join(shown) + "\n````"
@@ -76,14 +77,4 @@ def _page(example: Example) -> str:
 
 
 def _write_pages(app: Sphinx) -> None:
-    """Files that are as they should be are left alone: Sphinx then reads nothing twice."""
-    folder = Path(app.srcdir) / FOLDER
-    folder.mkdir(exist_ok=True)
-    pages = {f"{each.file.stem}.md": _page(each) for each in examples()}
-    for old in folder.glob("*.md"):
-        if old.name not in pages:
-            old.unlink()
-    for name, text in pages.items():
-        file = folder / name
-        if not file.exists() or file.read_text(encoding="utf-8") != text:
-            file.write_text(text, encoding="utf-8")
+    write_pages(app, FOLDER, {f"{each.file.stem}.md": _page(each) for each in examples()})

@@ -1,7 +1,8 @@
-"""What pages have on the site beside their own text: made of the code, or standing elsewhere in the repository."""
+"""Parts of pages that are made of the code, or that stand elsewhere in the repository."""
 
 from collections.abc import Callable
 from dataclasses import is_dataclass
+from types import ModuleType
 from typing import Any
 
 from sphinx.application import Sphinx
@@ -20,13 +21,13 @@ def setup(app: Sphinx) -> dict[str, Any]:
 
 
 def _add(app: Sphinx, name: str, text: list[str]) -> None:
-    """At the end, or in place of what stands below the mark."""
+    """Add text at the page's end, or in place of everything below the mark."""
     if name in ADDED:
         text[0] = f"{text[0].partition(INSTEAD)[0]}\n\n{ADDED[name]()}\n"
 
 
 def _file(path: str) -> str:
-    """A file of Markdown, without its title."""
+    """Return a file of Markdown, without its title."""
     folder = path.rpartition("/")[0]
     text = (ROOT / path).read_text(encoding="utf-8").partition("\n")[2]
     return within(f"{folder}/" if folder else "", text)
@@ -42,6 +43,8 @@ def _python_names() -> str:
 
 
 def _directive(name: str, found: object) -> str:
+    if isinstance(found, ModuleType):
+        return f".. automodule:: {found.__name__}\n   :members:"
     if not isinstance(found, type):
         return f".. autofunction:: balloon_warp.{name}"
     if hasattr(found, "model_fields"):  # its fields stand in SCENE.md

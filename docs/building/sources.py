@@ -27,7 +27,7 @@ def setup(app: Sphinx) -> dict[str, Any]:
 
 
 def within(folder: str, text: str) -> str:
-    """A text that stands in a folder of the repository, with its links as from docs/."""
+    """Return a text from a folder of the repository, with its links as from docs/."""
     return re.sub(r"\]\((?!\w+:|#)([^)]+)\)", lambda link: f"]({_from_docs(folder, link[1])})", text)
 
 
@@ -37,9 +37,10 @@ def _from_docs(folder: str, link: str) -> str:
 
 def _lead_to_pages(app: Sphinx, name: str, text: list[str]) -> None:
     text[0] = re.sub(r"\]\(examples/(\w+)\.py\)", r"](example_pages/\1.md)", text[0])
+    text[0] = re.sub(r"\]\(notebooks/(\w+)\.ipynb\)", r"](notebook_pages/\1.md)", text[0])
     if "/" in name:  # its links to files go up one folder more
         text[0] = text[0].replace("](../../", "](../")
-    up = "../" * name.startswith("design/")
+    up = "../" * ("/" in name)
     text[0] = re.sub(r"\]\(\.\./([^)#]+)(#[^)]*)?\)", lambda link: f"]({_target(link[1], up)}{link[2] or ''})", text[0])
 
 
@@ -64,7 +65,7 @@ def _target(path: str, up: str) -> str:
 
 
 def _write_sources(app: Sphinx, failed: Exception | None) -> None:
-    """A page of each file that a link leads to, its lines numbered."""
+    """Write a page of each file that a link leads to, its lines numbered."""
     for name in sorted(_wanted) if failed is None else ():
         page = Path(app.outdir) / "source" / f"{name}.html"
         page.parent.mkdir(parents=True, exist_ok=True)

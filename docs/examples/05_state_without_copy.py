@@ -15,7 +15,7 @@ simulator.step()
 
 
 def center() -> np.ndarray:
-    """Of the balloon [m]."""
+    """Return the balloon's center [m]."""
     return simulator.read_frame().points[0].mean(axis=0)
 
 

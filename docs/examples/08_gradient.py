@@ -1,4 +1,4 @@
-"""Which springs, and which pressure? Two numbers found from how a balloon moved, by its gradient.
+"""Stiffness and pressure of a balloon, found from its motion by gradients.
 
 A ball that is let go swells and falls. From its particles' places alone, SciPy finds the stiffness of its
 springs and its pressure: the gradient says which way to go, in one run however many numbers are unknown.
