@@ -1,1 +1,1 @@
-"""How fast the schedules are, side by side with a peer."""
+"""Benchmarks: speed of the schedules, side by side with a peer."""

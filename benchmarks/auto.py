@@ -1,4 +1,4 @@
-"""Whether `auto` takes the right schedule: every bundled scene, alone and in batches, with each schedule of the device.
+"""Check of the schedule `auto`: every bundled scene, alone and in batches, with each schedule of the device.
 
     python -m balloon_warp.benchmarks.auto [DEVICE [WORLDS,WORLDS,...]]
 
@@ -47,7 +47,7 @@ FRAMES_BEFORE = 60
 
 @dataclass(frozen=True)
 class Choice:
-    """Of one scene and number of worlds."""
+    """Choice of `auto` for a scene and a number of worlds, beside the fastest."""
 
     scene: str
     worlds: int
@@ -64,7 +64,7 @@ class Choice:
 
 
 def measure(name: str, worlds: int, device: wp.Device) -> Choice:
-    """The schedules in turns."""
+    """Return the rates of the schedules, measured in turns."""
     source, overrides = VARIANTS.get(name, (name, {}))
     model = build_model(load_scene(source, overrides), device, worlds)
     named = ON_CPU if device.is_cpu else ON_GPU
@@ -79,7 +79,7 @@ def measure(name: str, worlds: int, device: wp.Device) -> Choice:
 
 
 def _begun(schedule: Any, model: Model) -> State:
-    """A state with which measuring begins."""
+    """Return a state from which to measure."""
     state = initial_state(model)
     for _ in range(FRAMES_BEFORE if model.scene.touches and model.device.is_cuda else 0):
         schedule.advance_frame(state)
@@ -87,13 +87,15 @@ def _begun(schedule: Any, model: Model) -> State:
 
 
 def measured_scenes() -> list[str]:
-    """The bundled scenes and the variants, by their names."""
+    """Return the bundled scenes and the variants, by their names."""
     return sorted([*bundled_scenes(), *VARIANTS])
 
 
 def scene_results(device: wp.Device, counts: Sequence[int] = WORLDS) -> Iterator[Result]:
-    """Every bundled scene, and its variants, so many times side by side, in each schedule; beside it what `auto`
-    takes."""
+    """Yield the results of every bundled scene and variant in each schedule, beside the one that `auto` takes.
+
+    Each scene is simulated so many times side by side.
+    """
     for name in measured_scenes():
         for worlds in counts:
             choice = measure(name, worlds, device)

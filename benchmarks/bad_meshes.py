@@ -1,5 +1,7 @@
-"""Meshes as they come from the wild: what each is, and what must become of it. The tests hold every row to it, and the
-fuzzer begins with them."""
+"""Meshes as they come from the wild: each with its defect, and the required outcome.
+
+The tests hold every row to it, and the fuzzer begins with them.
+"""
 
 import gzip
 from collections.abc import Callable
@@ -44,20 +46,20 @@ def _warned(name: str, content: bytes | Callable[[], bytes], says: str, *overrid
 
 
 def obj(points: object, faces: object) -> bytes:
-    """An OBJ file of points and faces, whose corners count from 0."""
+    """Return an OBJ file of points and faces, whose corners count from 0."""
     lines = [f"v {x!r} {y!r} {z!r}\n" for x, y, z in np.asarray(points, dtype=np.float64).tolist()]
     lines += [f"f {' '.join(str(corner + 1) for corner in face)}\n" for face in faces]  # type: ignore[attr-defined]
     return "".join(lines).encode()
 
 
 def cube_of(scale: float = 1.0, shift: float = 0.0) -> bytes:
-    """The cube, scaled and moved along x."""
+    """Return the cube, scaled and moved along x."""
     points = np.array([line.split()[1:] for line in CUBE_POINTS.splitlines()], dtype=np.float64)
     return obj(points * scale + [shift, 0.0, 0.0], []) + CUBE_FACES
 
 
 def one_big_face(corners: int = 100_000) -> bytes:
-    """A disk of a single face."""
+    """Return a disk of a single face."""
     turn = 2.0 * np.pi * np.arange(corners) / corners
     return obj(np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=1), [range(corners)])
 
@@ -78,7 +80,7 @@ def hub(quads: int = 5000) -> bytes:
 
 
 def moebius(quads: int = 12) -> bytes:
-    """A strip that closes with half a turn."""
+    """Return a strip that closes with half a turn."""
     turn = 2.0 * np.pi * np.arange(quads) / quads
     sides = []
     for width in (-0.3, 0.3):
@@ -89,38 +91,38 @@ def moebius(quads: int = 12) -> bytes:
 
 
 def seams() -> bytes:
-    """The cube as six quads that share no vertex."""
+    """Return the cube as six quads that share no vertex."""
     points = CUBE_POINTS.splitlines(keepends=True)
     faces = [[int(corner) - 1 for corner in line.split()[1:]] for line in CUBE_FACES.splitlines()]
     return b"".join(b"".join(points[corner] for corner in face) + b"f -4 -3 -2 -1\n" for face in faces)
 
 
 def with_lines(*lines: bytes, at: int = 14) -> bytes:
-    """The cube with more lines after so many of its own."""
+    """Return the cube with more lines after so many of its own."""
     own = CUBE.splitlines(keepends=True)
     return b"".join([*own[:at], *(line + b"\n" for line in lines), *own[at:]])
 
 
 def without_face(number: int) -> bytes:
-    """The cube without a face, from 1."""
+    """Return the cube without a face, from 1."""
     return b"".join(line for n, line in enumerate(CUBE.splitlines(keepends=True)) if n != 7 + number)
 
 
 def with_face(number: int, corners: bytes) -> bytes:
-    """The cube with a face, from 1, that has other corners."""
+    """Return the cube with a face, from 1, that has other corners."""
     lines = CUBE.splitlines(keepends=True)
     lines[7 + number] = b"f " + corners + b"\n"
     return b"".join(lines)
 
 
 def inside_out() -> bytes:
-    """The cube with all its faces wound inward."""
+    """Return the cube with all its faces wound inward."""
     faces = [line.split()[1:] for line in CUBE_FACES.splitlines()]
     return CUBE_POINTS + b"".join(b"f " + b" ".join(reversed(face)) + b"\n" for face in faces)
 
 
 def pierced() -> bytes:
-    """A cube of 8 by 8 quads a side, without one of them."""
+    """Return a cube of 8 by 8 quads a side, without one of them."""
     places, faces = {}, []
     for axis in range(3):
         for side in (0, 8):

@@ -10,8 +10,10 @@ PRESSURE = 5.0
 
 
 class BlenderPeer:
-    """Advances one world's balloons by frames, like a schedule, as one cloth, without collisions with anything else.
-    Spheres and ground are left out; where balloons touch it collides with itself.
+    """Advances one world's balloons by frames, like a schedule, as one cloth of Blender's.
+
+    The cloth collides with nothing but itself, and with itself only where balloons touch; spheres and ground are left
+    out.
 
     Meshes, masses, fixed particles, gravity and frame rate are the model's. Its springs are Blender's: stiffness 15, as
     it comes.
@@ -52,18 +54,18 @@ class BlenderPeer:
         self._scene.frame_set(1)
 
     def advance_frame(self, state: State) -> None:
-        """One frame, of Blender's own state."""
+        """Advance Blender's own state by a frame."""
         self._scene.frame_set(self._scene.frame_current + 1)
 
     @property
     def points(self) -> np.ndarray:
-        """[m], shape (particle_count, 3)"""
+        """Points of the cloth [m], shape (particle_count, 3)."""
         data = self._balloon.evaluated_get(self._graph()).data
         return np.array([vertex.co[:] for vertex in data.vertices])
 
 
 def _faces(model: Model) -> list[list[int]]:
-    """Of all balloons, by the particles of the world."""
+    """Return the faces of all balloons, by the particles of the world."""
     faces = []
     for shape, first in zip(model.shapes, model.particle_offsets[:-1], strict=True):
         corners = np.asarray(shape.mesh.face_vertex_indices) + first

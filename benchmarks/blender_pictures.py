@@ -47,7 +47,7 @@ TRANSFORM = "Khronos PBR Neutral"
 
 
 def blender_python() -> str | None:
-    """The Python that has Blender's module; None where none has it."""
+    """Return the path of a Python that has Blender's module, or None."""
     python = os.environ.get("BALLOON_WARP_BLENDER", sys.executable)
     look = [python, "-c", "import importlib.util as u, sys; sys.exit(u.find_spec('bpy') is None)"]
     return None if subprocess.run(look, capture_output=True, check=False).returncode else python

@@ -1,4 +1,4 @@
-"""What a GPU could do at most, by what a schedule issues and moves."""
+"""Upper bound on a GPU's rate, by the instructions and bytes of a schedule."""
 
 import time
 from typing import Any
@@ -6,8 +6,8 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.model import Model
+from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.patches import cut_into_patches
-from balloon_warp.schedules.traits import model_traits
 
 ISSUE_RATE = 4 * 32 * 1.98e9
 """thread instructions a second and multiprocessor of an H100 or H200 at its highest clock"""
@@ -39,7 +39,7 @@ def bound(model: Model, schedule: str) -> float | None:
     if schedule == "block":
         multiprocessors = min(model.device.sm_count, model.world_count)  # a world runs on one
         return block_bound(multiprocessors, obstacles=model.sphere_count > 0)
-    if schedule == "gather" and (patches := cut_into_patches(model, model_traits(model))):
+    if schedule == "gather" and (patches := cut_into_patches(model, model_features(model))):
         blocks = min(model.device.sm_count, model.world_count * patches.count)
         return block_bound(blocks, obstacles=False)  # by the same code; what blocks tell each other is not counted
     if schedule == "gather":
@@ -50,7 +50,7 @@ def bound(model: Model, schedule: str) -> float | None:
 
 
 def block_bound(multiprocessors: int, obstacles: bool) -> float:
-    """By instructions: all that moves is in shared memory and registers.
+    """Return the bound by instructions: all that moves is in shared memory and registers.
 
     Counted in its machine code for sm_90, for 12 springs a particle: 14 a spring (3 loads, 3 differences, 3 for the
     squared length, 1 root, 1 for the coefficient, 3 for the force) and 23 for inflation, damping, the step, the store
@@ -63,7 +63,7 @@ def block_bound(multiprocessors: int, obstacles: bool) -> float:
 
 
 def gather_bound(particles: int, multiprocessors: int, launch_seconds: float, obstacles: bool) -> float:
-    """A substep takes its launch, and then the slowest of issue, L2 cache and memory.
+    """Return the lower bound of a substep's time: its launch, and the slowest of issue, L2 cache and memory.
 
     Instructions, counted in its machine code for sm_90, for 12 springs a particle in three chunks of four: 108 a chunk,
     of which 20 are its loads and 48 the law's; 440 more for a particle's own numbers, whose addresses allow for
@@ -91,11 +91,11 @@ def gather_bound(particles: int, multiprocessors: int, launch_seconds: float, ob
 
 @wp.kernel(enable_backward=False)
 def do_nothing(unused: wp.int32):
-    """A thread a particle."""
+    """Launch a thread a particle that does nothing."""
 
 
 def launch_seconds(device: wp.Device, threads: int) -> float:
-    """From one launch of a graph to the next that waits for it, when neither does anything."""
+    """Return the time from one empty launch of a graph to the next that waits for it."""
     with wp.ScopedDevice(device), wp.ScopedCapture(device) as capture:
         for _ in range(LAUNCHES):
             wp.launch(do_nothing, threads, inputs=[0], device=device)

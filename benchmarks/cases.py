@@ -6,8 +6,8 @@ from math import cos, pi, sin
 from typing import Literal
 
 from balloon_warp.benchmarks.crowd import CrowdCase
-from balloon_warp.benchmarks.quad_sphere import quad_sphere
 from balloon_warp.benchmarks.rubber import RubberCase, rubber_cases
+from balloon_warp.mesh.quad_sphere import quad_sphere
 from balloon_warp.scene import Balloon, Ground, Inflation, Obstacle, Scene, Sphere, Stiffness, Touch, load_scene
 
 
@@ -33,7 +33,7 @@ class Case:
 
     @property
     def particles(self) -> int:
-        """in one world"""
+        """Number of particles in one world."""
         return 6 * self.cells**2 + 2
 
     def scene(self) -> Scene:
@@ -58,7 +58,7 @@ class Case:
 
 
 def _spheres(count: int) -> list[Sphere]:
-    """One above the middle, or some in a ring above the balloon."""
+    """Place one sphere above the middle, or some in a ring above the balloon."""
     ring = 0.0 if count == 1 else 0.35
     turns = [2.0 * pi * number / max(count, 1) for number in range(count)]
     return [Sphere(position=(ring * cos(turn), 1.4, ring * sin(turn)), radius=0.2, mass=0.3) for turn in turns]
@@ -75,7 +75,7 @@ class ExportCase:
     quick: bool = False
 
     def scene(self) -> Scene:
-        """As the other cases', the step aside."""
+        """Return the scene of the other cases, but for the step."""
         batch = Case(self.name, "auto", self.worlds, self.cells, spheres=1, ground=True)
         return batch.scene().model_copy(update={"frames": self.frames, "substeps": "auto"})
 
@@ -93,14 +93,14 @@ class FirstFrameCase:
 
 @dataclass(frozen=True)
 class RealTimeCase:
-    """One balloon side by side with Blender's cloth, with pressure, on the same mesh: simulated seconds a second."""
+    """Balloon beside Blender's cloth with pressure, on the same mesh: simulated seconds a second."""
 
     name: str
     cells: int = 9
     quick: bool = False
 
     def scene(self) -> Scene:
-        """With the step that stability asks for, at Blender's 24 frames a second."""
+        """Return the scene with the step that stability asks for, at Blender's 24 frames a second."""
         return (
             Case(self.name, "auto", 1, self.cells)
             .scene()
@@ -125,8 +125,10 @@ class ReadingCase:
 
 @dataclass(frozen=True)
 class ContactCase:
-    """Balloons of a batch that may meet an obstacle, or each other, in turns with the same that can meet nothing: their
-    particle-substeps a second."""
+    """Batch of balloons that may meet an obstacle, or each other, in turns with one that can meet nothing.
+
+    The rates are in particle-substeps a second.
+    """
 
     name: str
     schedule: str
@@ -140,22 +142,22 @@ class ContactCase:
 
     @property
     def particles(self) -> int:
-        """in one world"""
+        """Number of particles in one world."""
         return (1 if self.meets == "obstacle" else EIGHT) * (6 * self.cells**2 + 2)
 
     @property
     def frames_before(self) -> int:
-        """before it is measured: until those that are packed lie still"""
+        """Frames before measuring begins, until packed balloons lie still."""
         return 60 if self.near and self.meets == "touch" else 0
 
     def scene(self) -> Scene:
-        """One balloon above a box, or eight."""
+        """Return the scene of one balloon above a box, or of eight."""
         if self.meets == "obstacle":
             return _lying(self)
         return _packed(self) if self.near else _apart(self)
 
     def without(self) -> Scene:
-        """The same balloons with nothing to meet."""
+        """Return the case without contact."""
         return self.scene().model_copy(update={"obstacle": [], "touch": False})
 
 
@@ -169,14 +171,16 @@ def _lying(case: ContactCase) -> Scene:
 
 
 def _apart(case: ContactCase) -> Scene:
-    """In two layers of four."""
+    """Place balloons in two layers of four."""
     held = [balloon.model_copy(update={"fixed": [0]}) for balloon in _eight(case, 4.0, 20.0)]
     return Scene(balloon=held, touch=Touch(), substeps=case.substeps, gravity=0.0)
 
 
 def _packed(case: ContactCase) -> Scene:
-    """In two layers of four, in a box that presses each from all sides by a twentieth of its width: free they would
-    swell to a radius of 0.535 m."""
+    """Pack balloons in two layers of four, in a box that is a twentieth of its width too narrow for each.
+
+    Free they would swell to a radius of 0.535 m.
+    """
     side = 4.0 * 0.535 * 0.95
     walls = [((0.0, -0.5, 0.0), (0.0, 0.0, 0.0)), ((0.0, 0.5, 0.0), (0.0, 0.0, 180.0))]
     walls += [((-0.5, 0.0, 0.0), (0.0, 0.0, -90.0)), ((0.5, 0.0, 0.0), (0.0, 0.0, 90.0))]
@@ -219,8 +223,10 @@ COMMON_CASES: list[AnyCase] = [
 
 
 def beside(base: Case, **changed: Sequence[int]) -> Iterator[Case]:
-    """The base case with other values of one field, each in turns with the base case itself, to see how the cost grows.
-    With `cells`, the worlds are as many as keep the number of all particles."""
+    """Return the base case with other values of one field, each in turns with the base case, to see how the cost grows.
+
+    With `cells`, the worlds are as many as keep the number of all particles.
+    """
     for field, values in changed.items():
         for value in values:
             case = replace(base, **{field: value}, peer="base", quick=False)
@@ -232,7 +238,7 @@ def beside(base: Case, **changed: Sequence[int]) -> Iterator[Case]:
 
 
 def contact_cases(schedule: str, worlds: int, worlds_of_eight: int) -> Iterator[ContactCase]:
-    """One balloon and a box, and eight balloons."""
+    """Return the cases of one balloon and a box, and of eight balloons."""
     for near, where in ((False, "far from"), (True, "on")):
         yield ContactCase(f"{worlds:,} balloons {where} a box", schedule, worlds, "obstacle", near)
     for near, how in ((False, "far apart"), (True, "packed in a box")):

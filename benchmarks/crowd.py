@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from balloon_warp.benchmarks.quad_sphere import quad_sphere
+from balloon_warp.mesh.quad_sphere import quad_sphere
 from balloon_warp.scene import Balloon, Inflation, Scene, Stiffness, Touch
 
 APART = 1.05
@@ -18,8 +18,10 @@ PRESSURE = 12.0
 
 @dataclass(frozen=True)
 class CrowdCase:
-    """Eight balloons in two layers of four, held from outside, are blown up into each other: simulated seconds a
-    second, in turns with a peer that has the same meshes."""
+    """Eight balloons in two layers of four, held from outside, that are inflated into each other.
+
+    The rate is simulated seconds a second, in turns with a peer that has the same meshes.
+    """
 
     name: str
     peer: Literal["newton", "blender"]
@@ -30,7 +32,7 @@ class CrowdCase:
     quick: bool = False
 
     def scene(self) -> Scene:
-        """At Blender's 24 frames a second; with no gravity, and the step that stability asks for."""
+        """Return the scene: Blender's 24 frames a second, no gravity, and the largest stable step."""
         mesh = quad_sphere(self.cells, self.radius)
         mass = 0.3 * mesh.vertex_count / 488
         balloons = []

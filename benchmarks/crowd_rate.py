@@ -1,4 +1,4 @@
-"""How much faster than real time balloons are that touch, and a peer's in the same run."""
+"""Real-time factor of balloons that touch, beside a peer's in the same run."""
 
 from contextlib import suppress
 from typing import Any
@@ -21,8 +21,7 @@ BLENDER_PRESSURE = 130.0
 
 
 def measure_crowd(case: CrowdCase, device: wp.Device) -> Result:
-    """Simulated seconds a second, in turns with the peer's where that is installed, and how deep particles are in other
-    balloons when both are done."""
+    """Measure simulated seconds a second, in turns with an installed peer's, and how deep particles are in balloons."""
     model = build_model(case.scene(), device)
     schedule, peers = make_schedule(model), peers_of(case, model)
     states = [initial_state(model) for _ in (schedule, *peers)]
@@ -43,13 +42,13 @@ def measure_crowd(case: CrowdCase, device: wp.Device) -> Result:
 
 
 def peers_of(case: CrowdCase, model: Model) -> list[Any]:
-    """The case's, or none."""
+    """Return the case's peer, or none."""
     with suppress(MissingExtraError):
         return [NewtonCrowd(model) if case.peer == "newton" else BlenderPeer(model, BLENDER_PRESSURE)]
     return []
 
 
 def _overlap(points: np.ndarray, model: Model) -> float:
-    """Of the deepest particle [m]."""
+    """Return the depth of the deepest particle [m]."""
     parts = np.split(points.astype(np.float64), model.particle_offsets[1:-1])
     return deepest_overlap(parts, [shape.mesh for shape in model.shapes])

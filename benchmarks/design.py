@@ -1,13 +1,16 @@
-"""How near designs come to their targets, beside their rivals: python -m balloon_warp.benchmarks.design [NAME ...]
+"""Distance of designs from their targets, beside their rivals.
+
+Run it by python -m balloon_warp.benchmarks.design [NAME ...].
 
 A case is its kind, its stretch and its target: springs/any/1.2/pear. latex/thickness/2.0/cube lets the thickness vary,
-latex/gravity/1.3/pear is of 3 m and hangs by its top, and foil/panels/8/fine_ball has gores. Targets are analytic
-shapes on a ball, bundled meshes, and those in the folder that `BALLOON_WARP_TEST_MESHES` names. Everything is simulated
-from rest.
+latex/gravity/1.3/pear is of 3 m and hangs by its top, foil/panels/8/fine_ball has gores, and foil/rim/0.9/heart is an
+outline of 0.9 m, or a letter. Targets are analytic shapes on a ball, bundled meshes, and those in the folder that
+`BALLOON_WARP_TEST_MESHES` names. Everything is simulated from rest.
 """
 
 import os
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -26,10 +29,21 @@ from balloon_warp.scene import bundled_scenes
 from balloon_warp.warp_logging import quiet_warp
 
 Points = NDArray[np.float64]
+
+
+def heart(points: Points) -> Points:
+    """Move points of a ball along their rays onto a heart, Y up: Taubin's of 1994, with a shallower cleft."""
+    (x, y, z), lengths = points.T, np.linspace(0.0, 1.5, 3001)
+    radial, cleft = x**2 + y**2 + 1.6 * z**2, 0.5 * (x**2 + 0.1 * z**2) * y**3
+    outside = (radial[:, None] * lengths**2 - 1.0) ** 3 - cleft[:, None] * lengths**5 > 0.0
+    return points * lengths[outside.argmax(axis=1)][:, None]
+
+
 SHAPES: dict[str, Callable[[Points], Points]] = {
     "ellipsoid": lambda x: x * [1.0, 1.0, 1.5],
     "pear": lambda x: x * (1.0 + 0.25 * x[:, 2:]) * [1.0, 1.0, 1.2],
     "peanut": lambda x: x * np.stack([1.0 - 0.35 * np.exp(-6.0 * x[:, 2] ** 2)] * 2 + [np.full(len(x), 1.5)], axis=1),
+    "heart": heart,
     "cube": lambda x: x / (np.sum(x**4, axis=1) ** 0.15)[:, None],
 }
 """of points on a ball"""
@@ -39,15 +53,22 @@ CASES = (
     *(f"springs/any/1.2/{name}" for name in ("toy", "squirrel", "knot", "turtle", "spot_quadrangulated")),
     *(f"springs/tension/1.2/{name}" for name in ("toy", "squirrel", "knot", "turtle", "spot_quadrangulated")),
     *(f"latex/tension/{stretch}/{name}" for stretch in (1.3, 2.0, 4.0) for name in ("ellipsoid", "pear")),
-    *(f"latex/tension/2.0/{name}" for name in ("peanut", "cube", "toy", "spot_quadrangulated")),
+    "latex/tension/1.3/spot_quadrangulated",
+    *(f"latex/tension/2.0/{name}" for name in ("peanut", "cube", "heart", "toy", "spot_quadrangulated")),
     *(f"latex/thickness/2.0/{name}" for name in ("cube", "toy")),
     *(f"latex/gravity/1.3/{name}" for name in ("ellipsoid", "pear")),
     *(f"foil/panels/{gores}/fine_ball" for gores in (8, 16)),
     "foil/panels/groups/cylinder",
     "foil/panels/marked/squirrel",
+    *(f"foil/rim/0.9/{name}" for name in ("circle", "ellipse", "heart", "A")),
 )
 
-
+OUTLINES = {
+    "circle": '<circle r="40"/>',
+    "ellipse": '<ellipse rx="45" ry="30"/>',
+    "heart": '<path d="M 0 35 C -60 -5 -35 -50 0 -20 C 35 -50 60 -5 0 35 Z"/>',
+}
+"""Drawings of rims, one part each"""
 TOP = 0.1
 """Part of the height that is held under gravity"""
 MARKED = Path(__file__).parent / "squirrel_seams.txt"
@@ -56,7 +77,7 @@ MARKED = Path(__file__).parent / "squirrel_seams.txt"
 
 @dataclass(frozen=True)
 class Row:
-    """What came of a case."""
+    """Result of a case."""
 
     case: str
     said: str
@@ -66,6 +87,15 @@ class Row:
 
     def __str__(self) -> str:
         return f"| {self.case} | {self.said} | {self.seconds:.0f} | {self.worked:.0f} |"
+
+
+def outline(name: str) -> str | Path:
+    """Return a rim by its name: the path of its drawing, or the letters that it is."""
+    if name not in OUTLINES:
+        return name
+    drawing = Path(tempfile.mkdtemp(prefix="balloon_outline_")) / f"{name}.svg"
+    drawing.write_text(f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="-50 -50 100 100">{OUTLINES[name]}</svg>')
+    return drawing
 
 
 def target(name: str) -> PolygonMesh | Path:
@@ -89,7 +119,7 @@ def target(name: str) -> PolygonMesh | Path:
 
 
 def cylinder(around: int = 32, up: int = 8, across: int = 5) -> PolygonMesh:
-    """As high as it is wide by three quarters, of two lids and two halves of its side as groups."""
+    """Return a cylinder, three quarters as high as wide, of two lids and two halves of its side as groups."""
     angles = 2.0 * np.pi * np.arange(around) / around
     ring = np.stack([np.cos(angles), np.zeros(around), np.sin(angles)], axis=1)
     lid = [ring * (1.0 - k / across) for k in range(across)]
@@ -121,11 +151,14 @@ def cylinder(around: int = 32, up: int = 8, across: int = 5) -> PolygonMesh:
     )
 
 
-def asked(how: str, number: str, wanted: PolygonMesh | Path) -> dict[str, Any]:
-    """What the second and third word of a case ask for: panels, a range of thickness, gravity, or what springs hold."""
+def asked(how: str, number: str, wanted: PolygonMesh | Path | str) -> dict[str, Any]:
+    """Return the arguments that the second and third word of a case stand for."""
     if how == "panels":
         return {"panels": MARKED if number == "marked" else number, "thickness": 1.0e-4}
+    if how == "rim":
+        return {"size": float(number), "thickness": 1.0e-4}
     if how == "gravity":
+        assert not isinstance(wanted, str)
         heights = (load_mesh(wanted) if isinstance(wanted, Path) else wanted).points[:, 1]
         top = np.flatnonzero(heights > heights.max() - TOP * np.ptp(heights)).tolist()
         return {"stretch": float(number), "gravity": 9.81, "fixed": top, "size": 3.0}
@@ -138,7 +171,7 @@ def run(case: str, steps: int = 30) -> Row:
     of, hold, stretch, name = case.split("/")
     began, idle = time.perf_counter(), time.process_time()
     try:
-        wanted = target(name)
+        wanted = outline(name) if hold == "rim" else target(name)
         found = design(wanted, of=cast(Of, of), steps=steps, device="cpu", **asked(hold, stretch, wanted))
     except InputError as mistake:
         return Row(case, str(mistake), time.perf_counter() - began, time.process_time() - idle)
@@ -147,7 +180,7 @@ def run(case: str, steps: int = 30) -> Row:
 
 
 def rows(cases: list[str]) -> Iterator[Row]:
-    """Those of some cases, or of all."""
+    """Iterate over the rows of some cases, or of all."""
     return (run(case) for case in cases or CASES)
 
 

@@ -1,4 +1,4 @@
-"""How fast stages are written."""
+"""Speed of writing stages."""
 
 import tempfile
 import time
@@ -22,7 +22,7 @@ REPEATS = 3
 
 
 def measure_export(case: ExportCase, device: wp.Device) -> Result:
-    """One world as `run` writes it, or several as `batch` does, from frames that are in memory.
+    """Measure writing one world as `run` does, or several as `batch` does, from frames that are in memory.
 
     The worlds differ: USD would store alike ones once.
     """

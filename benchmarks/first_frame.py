@@ -1,5 +1,7 @@
-"""How long a user waits for the first frame: a process of its own that imports, loads, compiles and simulates it. What
-it takes to end afterwards is not counted."""
+"""Time to the first frame: a process of its own imports, loads, compiles and simulates it.
+
+The time that the process takes to end is not counted.
+"""
 
 import os
 import subprocess
@@ -30,7 +32,7 @@ print(simulator.schedule.name, sum(len(points) for points in frame.points), flus
 
 
 def measure_first_frame(case: FirstFrameCase, device: wp.Device) -> Result:
-    """The median of some processes; Warp's cache of kernels is a new folder, filled beforehand where it is to be warm.
+    """Return the median of some processes, with a new folder as kernel cache, filled beforehand for a warm start.
 
     Raises:
         subprocess.CalledProcessError: a process failed.

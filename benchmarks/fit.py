@@ -1,4 +1,6 @@
-"""How surely fits find what is true: python -m balloon_warp.benchmarks.fit [curve] [flight] [SEED ...]
+"""Accuracy of fits.
+
+Run it by python -m balloon_warp.benchmarks.fit [curve] [flight] [cuda:0] [SEED ...].
 
 Curves of rubber have noise of 1% of their top, and 300 draws of it. A flight is one second of a latex balloon that
 spins, trembles and bounces: half of its points are hidden, and those that are seen are 2 mm off. Each seed has other
@@ -16,13 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 import balloon_warp as bw
-from balloon_warp.benchmarks.quad_sphere import quad_sphere
-from balloon_warp.fitting.curve import Curve, Kind, fit_curve, sphere_pressures
+from balloon_warp.fitting.curve import Kind, fit_curve, sphere_pressures
+from balloon_warp.fitting.read_curve import Curve
 from balloon_warp.fitting.result import Fit
+from balloon_warp.mesh.quad_sphere import quad_sphere
 from balloon_warp.warp_logging import quiet_warp
 
 Values = NDArray[np.float64]
-DRAWS, SEEDS = 300, 20
+DRAWS, SEEDS, STARTS = 300, 20, 4
 RADIUS, THICKNESS, CURVE_NOISE = 0.05, 2.0e-4, 0.01
 RUBBERS: dict[str, dict[str, float]] = {
     "mooney_rivlin": {"shear_modulus": 3.3e5, "mooney_ratio": 0.1},
@@ -49,7 +52,7 @@ CELLS = 4
 
 @dataclass(frozen=True)
 class CurveRow:
-    """What came of a rubber and so many rows of its curve."""
+    """Errors of fits to so many rows of a rubber's curve."""
 
     kind: str
     rows: int
@@ -87,7 +90,7 @@ def curve(kind: str, rows: int, draws: int = DRAWS) -> CurveRow:
 
 @dataclass(frozen=True)
 class FlightRow:
-    """What came of a seed."""
+    """Result of a seed."""
 
     seed: int
     fit: Fit
@@ -95,32 +98,34 @@ class FlightRow:
 
     @property
     def off(self) -> dict[str, float]:
-        """What each value is off [1]."""
+        """Relative error of each value [1]."""
         return {path: self.fit.values[path] / true - 1.0 for path, true in TRUE.items()}
 
     def __str__(self) -> str:
-        off = " | ".join(f"{100.0 * each:+.3f}% ({self._error(path):.2f})" for path, each in self.off.items())
+        off = " | ".join(f"{100.0 * each:+.3f}% ({100.0 * self.error(path):.2f})" for path, each in self.off.items())
         return f"| {self.seed} | {off} | {self.fit.misfit:.4f} | {self.seconds:.0f} |"
 
-    def _error(self, path: str) -> float:
-        return 100.0 * self.fit.errors[path] / TRUE[path]
+    def error(self, path: str) -> float:
+        """Return the standard deviation that is told, over the true value [1]."""
+        return self.fit.errors[path] / TRUE[path]
 
 
-def flight(seed: int, cells: int = CELLS, **more: Any) -> FlightRow:
+def flight(seed: int, cells: int = CELLS, device: str = "cpu", starts: int = STARTS) -> FlightRow:
     """Fit a scene to a flight that was seen.
 
     Args:
         seed: of the noise, of what is hidden and of the starts.
         cells: along an edge of the egg's mesh.
-        more: for the fit.
+        device: that worlds are simulated on; the true flight is one on a CPU.
+        starts: of the search.
     """
     began = time.perf_counter()
-    fit = bw.fit(flying(cells), seen(seed, cells), free=FREE, seed=seed, device="cpu", **more)
+    fit = bw.fit(flying(cells), seen(seed, cells), free=FREE, starts=starts, seed=seed, device=device)
     return FlightRow(seed, fit, time.perf_counter() - began)
 
 
 def flying(cells: int = CELLS) -> bw.Scene:
-    """An egg of latex that is filled, spins, and bounces off the ground."""
+    """Return the scene of an egg of latex that is filled, spins, and bounces off the ground."""
     ball = quad_sphere(cells, 1.0)
     points = ball.points / np.linalg.norm(ball.points, axis=1)[:, None] * [1.0, 1.0, 1.5] * RADIUS
     balloon = bw.Balloon(
@@ -133,7 +138,7 @@ def flying(cells: int = CELLS) -> bw.Scene:
 
 
 def seen(seed: int, cells: int = CELLS) -> dict[str, Any]:
-    """What is seen of the true flight."""
+    """Return the noisy observations of the true flight."""
     times, points = _true_flight(cells)
     rng = np.random.default_rng(seed)
     particles = np.flatnonzero(rng.random(points.shape[1]) < 1.0 - HIDDEN)
@@ -155,13 +160,13 @@ def _curves() -> Iterator[str]:
             yield str(curve(kind, rows))
 
 
-def _flights(seeds: list[int]) -> Iterator[str]:
+def _flights(seeds: list[int], device: str) -> Iterator[str]:
     names = [path.rpartition(".")[2] for path in TRUE]
     yield f"| seed | {' | '.join(f'{name} (1 sd)' for name in names)} | misfit | s |"
     yield f"|---|{'---|' * len(names)}---|---|"
     rows = []
     for seed in seeds:
-        rows.append(flight(seed))
+        rows.append(flight(seed, device=device))
         yield str(rows[-1])
     off = np.abs([list(row.off.values()) for row in rows])
     yield f"| worst | {' | '.join(f'{100.0 * each:.3f}%' for each in off.max(axis=0))} | | |"
@@ -174,8 +179,9 @@ if __name__ == "__main__":
         [word for word in sys.argv[1:] if not word.isdigit()],
         [int(w) for w in sys.argv[1:] if w.isdigit()],
     )
-    if "curve" in asked or not asked:
+    kinds, devices = {"curve", "flight"} & set(asked), [word for word in asked if word.startswith(("cpu", "cuda"))]
+    if "curve" in kinds or not kinds:
         print(*_curves(), sep="\n")
-    if "flight" in asked or not asked:
-        for line in _flights(numbers or list(range(SEEDS))):
+    if "flight" in kinds or not kinds:
+        for line in _flights(numbers or list(range(SEEDS)), devices[0] if devices else "cpu"):
             print(line, flush=True)

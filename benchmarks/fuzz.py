@@ -46,7 +46,7 @@ Count = Counter[str]
 
 
 def try_case(case: MeshCase, folder: Path) -> str | None:
-    """What is wrong with how a mesh of the table is met; None where nothing is."""
+    """Return a sentence on how a mesh of the table is mishandled; None if it is not."""
     path = folder / "case.obj"
     path.write_bytes(case.content())
     try:
@@ -224,7 +224,7 @@ def main() -> None:
 
 
 def shown(count: Count) -> str:
-    """Such as `3 accepted, 5 refused`."""
+    """Return counts of outcomes in words, such as `3 accepted, 5 refused`."""
     return ", ".join(f"{number:,} {outcome}" for outcome, number in sorted(count.items()))
 
 

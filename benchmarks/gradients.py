@@ -1,20 +1,23 @@
-"""What gradients cost: a frame backwards, with its recomputation, over a frame forward.
+"""Cost of gradients: a frame forward, and backwards with its recomputation, over a frame forward.
 
-python -m balloon_warp.benchmarks.gradients [DEVICE]
+python -m balloon_warp.benchmarks.gradients [DEVICE] [CELLS]
+python -m balloon_warp.benchmarks.gradients horizon     how far they tell anything
 """
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from time import perf_counter
 from typing import Any
 
 import warp as wp
 
-from balloon_warp.benchmarks.quad_sphere import quad_sphere
+from balloon_warp.benchmarks.gradient_horizon import tables
 from balloon_warp.device import pick_device
-from balloon_warp.model import build_model
+from balloon_warp.mesh.quad_sphere import quad_sphere
+from balloon_warp.model import Model, build_model
 from balloon_warp.scene import Balloon, Inflation, Scene, Stiffness
-from balloon_warp.schedules.backward import BackwardFrames
+from balloon_warp.schedules.choose_backward import BACKWARDS, backwards_of, forward_of
 from balloon_warp.simulator import Simulator
 from balloon_warp.warp_logging import quiet_warp
 
@@ -30,31 +33,46 @@ CASES = {
 def main(arguments: Sequence[str]) -> int:
     """Print a line a case."""
     quiet_warp()
+    if list(arguments) == ["horizon"]:
+        for line in tables():
+            print(line, flush=True)
+        return 0
     device = pick_device(arguments[0] if arguments else None)
+    cells = int(arguments[1]) if len(arguments) > 1 else CELLS
     for name, inflation in CASES.items():
         for worlds in (1, 64) if device.is_cpu else (64, 4096):
-            print(_line(name, inflation, worlds, device), flush=True)
+            for line in _lines(name, _model(inflation, cells, worlds, device)):
+                print(line, flush=True)
     return 0
 
 
-def _line(name: str, inflation: dict[str, Any], worlds: int, device: wp.Device) -> str:
+def _model(inflation: dict[str, Any], cells: int, worlds: int, device: wp.Device) -> Model:
     balloon = Balloon(
-        mesh=quad_sphere(CELLS, 1.0), mass=1.0, stiffness=Stiffness(structural=50.0, shear=20.0, flexion=5.0),
+        mesh=quad_sphere(cells, 1.0), mass=1.0, stiffness=Stiffness(structural=50.0, shear=20.0, flexion=5.0),
         inflation=Inflation(**inflation),
     )  # fmt: skip
-    model = build_model(Scene(balloon=[balloon], gravity=0.0, substeps=32), str(device), worlds)
-    rates = {}
-    for schedule in ("gather", "auto"):
+    return build_model(Scene(balloon=[balloon], gravity=0.0, substeps=32), str(device), worlds)
+
+
+def _lines(name: str, model: Model) -> Iterator[str]:
+    """Yield a line for each way backwards, after the run forward that `gradient` makes for it."""
+    forward = {}
+    for schedule in ("gather", forward_of(model, backwards_of(model)), "auto"):
         simulator = Simulator.of_model(model, schedule)
-        rates[simulator.schedule.name] = _seconds(simulator.advance, device)
+        forward[simulator.schedule.name] = _seconds(simulator.advance, model.device)
     simulator = Simulator.of_model(model, "gather")
-    backward = BackwardFrames(model, simulator.state, ())
-    checkpoint = backward.checkpoint(simulator.state)
-    back = _seconds(lambda: backward.turn_back(checkpoint), device)
-    work = worlds * model.particle_count * model.substeps
-    gradient = rates["gather"] + back
-    over = ", ".join(f"{gradient / seconds:.1f} of {each}" for each, seconds in rates.items())
-    return f"{name}, {worlds} x {model.particle_count}: {work / gradient:.3g} particle-substeps/s; over forward {over}"
+    work = model.world_count * model.particle_count * model.substeps
+    yield f"{name}, {model.world_count} x {model.particle_count}: " + ", ".join(
+        f"{schedule} {work / seconds:.3g}" for schedule, seconds in forward.items()
+    )
+    for how in BACKWARDS:
+        backward = backwards_of(model, how)(model, simulator.state, ())
+        checkpoint = backward.checkpoint(simulator.state)
+        whole = forward[forward_of(model, BACKWARDS[how])] + _seconds(
+            partial(backward.turn_back, checkpoint), model.device
+        )
+        over = ", ".join(f"{whole / seconds:.2f} of {schedule}" for schedule, seconds in forward.items())
+        yield f"    {how}: whole gradient {work / whole:.3g} particle-substeps/s, {over}"
 
 
 def _seconds(turn: Callable[[], Any], device: wp.Device) -> float:

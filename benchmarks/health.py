@@ -1,5 +1,7 @@
-"""What it costs to look after the worlds: the part of a frame that finds what blew up, and that keeps a state now and
-then to see why: python -m balloon_warp.benchmarks.health [DEVICE]; status 1 where it is more than it may be."""
+"""Cost of health checks: detection of blow-ups, and the states kept to diagnose them.
+
+Run it by python -m balloon_warp.benchmarks.health [DEVICE]; status 1 where the cost is more than allowed.
+"""
 
 import sys
 from dataclasses import dataclass, replace
@@ -63,19 +65,19 @@ class Copies(Launches):
 
 @wp.kernel(enable_backward=False)
 def count_frame(frame: Any):
-    """One thread."""
+    """Count a frame, in one thread."""
     frame[0] = frame[0] + 1
 
 
 def blind_schedule(model: Model, name: str) -> Schedule:
-    """One whose kernels, of those that look themselves, do not."""
-    with patch.object(block_layout, "check", replace(check, when=lambda traits: False)):
+    """Make a schedule whose kernels leave out their own health checks."""
+    with patch.object(block_layout, "check", replace(check, when=lambda features: False)):
         return make_schedule(model, name)
 
 
 @dataclass(frozen=True)
 class Cost:
-    """Of one case."""
+    """Cost of a case."""
 
     name: str
     frame: float
@@ -87,12 +89,12 @@ class Cost:
 
     @property
     def is_small(self) -> bool:
-        """Whether both together are what they may be."""
+        """Return whether both together are within their limit."""
         return self.look + self.copy < MOST
 
 
 def cost_of(case: Case, device: wp.Device) -> Cost:
-    """The schedule, the same without looks, the ends of frames and the copies, in turns."""
+    """Return the cost of the checks: the schedule, and the same without checks, ends of frames and copies, in turns."""
     model = build_model(case.scene(), device, case.worlds)
     schedules = [make_schedule(model, case.schedule), blind_schedule(model, case.schedule)]
     beside: list[Any] = [Launches(model), Counts(model), Copies(model)]

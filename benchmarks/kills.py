@@ -22,8 +22,8 @@ from pathlib import Path
 
 from pxr import Usd, UsdGeom
 
-from balloon_warp.benchmarks.quad_sphere import quad_sphere
 from balloon_warp.mesh.obj import write_obj
+from balloon_warp.mesh.quad_sphere import quad_sphere
 from balloon_warp.scene import Scene, load_scene
 from balloon_warp.warp_logging import quiet_warp
 
@@ -47,7 +47,7 @@ Files = Mapping[str, bytes | None]
 
 
 def judge(found: Files, before: Files, after: Files) -> str:
-    """What became of an output: "kept", "replaced", "between" (each file is whole, some are old) or "damaged"."""
+    """Return the state of an output: "kept", "replaced", "between" (each file is whole, some are old) or "damaged"."""
     if any(found.get(name) not in (before[name], content) for name, content in after.items()):
         return "damaged"
     if all(found[name] == content for name, content in after.items()):
@@ -95,17 +95,17 @@ def kill_at_random(kind: str, count: int, folder: Path, seed: int = 0) -> Counte
 
 
 def _saved(kind: str, output: Path) -> bool:
-    """Whether there is a checkpoint."""
+    """Return whether there is a checkpoint."""
     return any(any(folder.glob("state_*.npz" if kind == "run" else "rows_*.npz")) for folder in _partial(output))
 
 
 def _partial(output: Path) -> list[Path]:
-    """The folder of what is not finished, if it is there; not one that was being removed."""
+    """Return the folder of an unfinished run, if there is one; not one that was being removed."""
     return [path for path in output.glob("*partial") if path.is_dir() and not path.name.startswith(".")]
 
 
 def _plays(stage: Path) -> bool:
-    """Whether a stage opens and has the frames that it says it has."""
+    """Return whether a stage opens and has the frames that it claims."""
     opened = Usd.Stage.Open(str(stage))
     meshes = [mesh for prim in opened.Traverse() if (mesh := UsdGeom.Mesh(prim))]
     moving = [mesh.GetPointsAttr() for mesh in meshes if mesh.GetVelocitiesAttr().GetNumTimeSamples()]
@@ -114,7 +114,7 @@ def _plays(stage: Path) -> bool:
 
 
 def _goes_on(kind: str, output: Path, after: Files) -> bool:
-    """Whether what is saved plays, and leads to the output."""
+    """Return whether saved frames play, and resuming leads to the output."""
     stages = [path for folder in _partial(output) for path in folder.glob("[!.]*.usd*") if path.name != "still.usdc"]
     if not all(map(_plays, stages)):
         return False
@@ -124,7 +124,7 @@ def _goes_on(kind: str, output: Path, after: Files) -> bool:
 
 
 def _written(kind: str, output: Path, frames: int) -> dict[str, bytes | None]:
-    """What an undisturbed process writes."""
+    """Return the output of an undisturbed process."""
     process = _start(kind, output, frames)
     process.join()
     assert process.exitcode == 0
@@ -132,7 +132,7 @@ def _written(kind: str, output: Path, frames: int) -> dict[str, bytes | None]:
 
 
 def _seconds_to_write(kind: str, output: Path) -> float:
-    """From the first touch to the end of a process that is left alone."""
+    """Return the seconds from the first touch to the end of an undisturbed process."""
     process = _start_to_write(kind, output)
     began = time.monotonic()
     process.join()
@@ -149,7 +149,7 @@ def _start(kind: str, output: Path, frames: int, resume: bool = False) -> BasePr
 
 
 def _write(kind: str, output: Path, frames: int, resume: bool) -> None:
-    """Runs in the process that is killed."""
+    """Write the output, in the process that is killed."""
     quiet_warp()
     scene: Scene = load_scene(output.parent / "ball.obj", [("frames", frames)])
     often = CHECKPOINT_SECONDS if frames == FRAMES else 0.0
@@ -167,7 +167,7 @@ def _write(kind: str, output: Path, frames: int, resume: bool) -> None:
 
 
 def _start_to_write(kind: str, output: Path) -> BaseProcess:
-    """A process that has just touched its folder, or a file in it."""
+    """Return a process that has just touched its folder, or a file in it."""
     before = _touched(output)
     process = _start(kind, output, FRAMES)
     while process.is_alive() and _touched(output) == before:

@@ -20,9 +20,8 @@ from balloon_warp.benchmarks.overlap import Points, deepest_in_itself, deepest_o
 from balloon_warp.frame import Frame
 from balloon_warp.mesh.geometry import signed_volume, total_area
 from balloon_warp.model import Model
-from balloon_warp.model.touch import edge_length
+from balloon_warp.model.touch import APART, edge_length
 from balloon_warp.scene import load_scene
-from balloon_warp.schedules.touch_table import APART
 from balloon_warp.simulator import Simulator
 from balloon_warp.warp_logging import quiet_warp
 
@@ -36,7 +35,7 @@ ROUNDING = 2e-5
 
 @dataclass(frozen=True)
 class Look:
-    """How deep anything is in anything at a frame [m]."""
+    """Depths of all that may touch, at a frame [m]."""
 
     frame: int
     others: float
@@ -51,7 +50,7 @@ class Look:
 
 
 def look_at(model: Model, frame: Frame, number: int) -> Look:
-    """At all that may touch."""
+    """Measure the depths of all that may touch."""
     parts = [points.astype(np.float64) for points in frame.points]
     meshes = [shape.mesh for shape in model.shapes]
     itself = 0.0
@@ -64,7 +63,7 @@ def look_at(model: Model, frame: Frame, number: int) -> Look:
 
 
 def distances_to(model: Model, frame: Frame, number: int, points: Points) -> Points:
-    """Of points from an obstacle [m], negative in it; from one that is neither box nor capsule, endless."""
+    """Return the distances of points from a box or capsule [m], negative in it; infinite for other obstacles."""
     shape, pose = model.obstacles[number], frame.obstacle_poses[number]
     seen = turned_back(pose[3:], points - pose[:3])
     if shape.kind == "box":
@@ -78,14 +77,14 @@ def distances_to(model: Model, frame: Frame, number: int, points: Points) -> Poi
 
 
 def turned_back(turn: Points, points: Points) -> Points:
-    """By a quaternion (x, y, z, w)."""
+    """Turn points back by a quaternion (x, y, z, w)."""
     axis = -turn[:3]
     aside = 2.0 * np.cross(axis, points)
     return points + turn[3] * aside + np.cross(axis, aside)
 
 
 def radius_of(model: Model) -> float:
-    """Of the first balloon at the start, as if it were a tube: two thirds of a ball's [m]."""
+    """Return the radius of the first balloon at the start, as if it were a tube: two thirds of a ball's [m]."""
     mesh = model.shapes[0].mesh
     return 2.0 * abs(signed_volume(mesh)) / total_area(mesh)
 

@@ -1,4 +1,6 @@
-"""Which schedule and solver simulates which method, asked of each: python -m balloon_warp.benchmarks.matrix
+"""Table of methods by schedule and solver, asked of each.
+
+Run it by python -m balloon_warp.benchmarks.matrix.
 
 The tests hold the table of docs/MATRIX.md to this, and run every method in every schedule.
 """
@@ -10,13 +12,13 @@ from typing import NamedTuple
 import numpy as np
 import warp as wp
 
-from balloon_warp.benchmarks.quad_sphere import quad_sphere
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Law, Parameter
 from balloon_warp.kernels.phase import Phase
 from balloon_warp.kernels.substep import asking_phases
 from balloon_warp.laws import face_law, particle_law, spring_law
 from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.quad_sphere import quad_sphere
 from balloon_warp.model import Model, build_model
 from balloon_warp.scene import Balloon, Body, Inflation, Obstacle, Scene
 from balloon_warp.scene.overrides import override_scene, parse_override
@@ -27,19 +29,19 @@ from balloon_warp.warp_logging import quiet_warp
 
 @wp.func
 def hold(position: wp.vec3):
-    """A pull to the origin, as a law of one's own on particles."""
+    """Pull to the origin, as a law of one's own on particles."""
     return -position
 
 
 @wp.func
 def tighten(stiffness: float):
-    """A pull of springs without a rest length, as a law of one's own on springs."""
+    """Pull of springs without a rest length, as a law of one's own on springs."""
     return stiffness
 
 
 @wp.func
 def blow(area_vector: wp.vec3):
-    """A push outward, as a law of one's own on faces."""
+    """Push outward, as a law of one's own on faces."""
     return area_vector
 
 
@@ -52,7 +54,7 @@ PYRAMID = PolygonMesh(
 
 
 class Method(NamedTuple):
-    """One line of the table."""
+    """Line of the table."""
 
     name: str
     overrides: tuple[str, ...] = ()
@@ -67,7 +69,7 @@ class Method(NamedTuple):
     """that move freely"""
 
     def scene(self) -> Scene:
-        """The least that has it."""
+        """Smallest scene that has the method."""
         balloons = [Balloon(mesh=mesh, inflation=Inflation(k_normal=0.2)) for mesh in self.meshes]
         obstacles = [Obstacle(mesh=mesh, position=(0.0, -9.0, 0.0)) for mesh in self.obstacles]
         bodies = [Body(mesh=mesh, position=(0.0, -9.0, 0.0)) for mesh in self.bodies]
@@ -75,7 +77,7 @@ class Method(NamedTuple):
         return override_scene(scene, map(parse_override, self.overrides))
 
     def model(self) -> Model:
-        """The same, laid out on the CPU."""
+        """Return the model, laid out on the CPU."""
         return build_model(self.scene(), "cpu", laws=self.laws)
 
 
@@ -134,14 +136,13 @@ METHODS = (
 
 
 def usual_value(row: Parameter) -> float | list[float]:
-    """A value with which a parameter does something: its default, the middle of its domain, or something within its
-    bounds."""
+    """Return a value with which a parameter has an effect: its default, or a value within its domain or bounds."""
     middle = sum(row.domain) / 2.0 if row.domain else row.default or min(max(0.4, row.least), row.most)
     return middle if row.size == 1 else [middle] * row.size
 
 
 def of_phase(phase: Phase) -> Method:
-    """The line of a phase that has parameters."""
+    """Return the line of a phase that has parameters."""
     sphere = ("sphere=[{position=[0, 2, 0]}]", "faces=false") if any(row.of == "sphere" for row in phase.rows) else ()
     paths = (row.path if row.of == "world" else f"{row.of}.{row.path}" for row in phase.rows)
     said = (f"{path}={usual_value(row)}" for path, row in zip(paths, phase.rows, strict=True))
@@ -152,7 +153,7 @@ METHODS = (*METHODS, *(of_phase(phase) for phase in asking_phases() if phase.row
 
 
 def simulates(name: str, model: Model) -> bool:
-    """Whether a schedule, or the projective solver, takes a model."""
+    """Return whether a schedule, or the projective solver, takes a model."""
     try:
         solver_named(name, model)(model)
     except InputError:
@@ -161,7 +162,7 @@ def simulates(name: str, model: Model) -> bool:
 
 
 def as_markdown(methods: Sequence[Method] = METHODS) -> str:
-    """The table; a method that is itself a solver has no other."""
+    """Return the table; a method that is itself a solver has no other."""
     lines = [f"| method | {' | '.join(f'`{name}`' for name in (*SCHEDULES, PROJECTIVE))} |"]
     lines.append("|---" * (2 + len(SCHEDULES)) + "|")
     for method in methods:

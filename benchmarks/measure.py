@@ -17,8 +17,9 @@ REPEATS = 5
 def seconds_a_frame(
     contenders: Sequence[Any], frames: int = FRAMES, states: Sequence[State] | None = None
 ) -> list[float]:
-    """Of each contender the median over some repeats, after a warm-up; the contenders take turns, so that what else
-    the machine does slows all of them.
+    """Return the median time of a frame for each contender, over some repeats, after a warm-up.
+
+    The contenders take turns, so that what else the machine does slows all of them.
 
     Args:
         contenders: schedules, or what has a model and advances its states like one.
@@ -33,7 +34,7 @@ def seconds_a_frame(
 
 
 def prepared(schedule: Any, state: State) -> Callable[[], None]:
-    """What advances the state by a frame, warmed up; recorded and replayed where the schedule allows."""
+    """Return a function that advances the state by a frame: warmed up, and recorded where the schedule allows."""
     schedule.advance_frame(state)
     if not schedule.capturable:
         return lambda: schedule.advance_frame(state)

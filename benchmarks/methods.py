@@ -1,5 +1,7 @@
-"""What each method costs beside the paper's step, and what the balloon looks like with it, on one bundled scene:
-python -m balloon_warp.benchmarks.methods [DEVICE]"""
+"""Cost of each method beside the paper's step, and its look, on one bundled scene.
+
+Run it by python -m balloon_warp.benchmarks.methods [DEVICE].
+"""
 
 import sys
 import time
@@ -21,7 +23,7 @@ ROUNDS = 3
 
 
 class Method(NamedTuple):
-    """One line of the table."""
+    """Line of the table."""
 
     name: str
     overrides: tuple[str, ...] = ()
@@ -56,7 +58,7 @@ METHODS = [
 
 
 class Row(NamedTuple):
-    """What a method costs, and its last run. None where a run blew up."""
+    """Cost of a method, and its last run; None where a run blew up."""
 
     method: Method
     ratio: float | None
@@ -76,7 +78,7 @@ def measure_methods(
     frames: int | None = None,
     on_run: Callable[[Run], None] = lambda run: None,
 ) -> list[Row]:
-    """A row for each method; the first is what the others' cost is compared with.
+    """Return a row for each method; costs are relative to the first.
 
     Args:
         frames: of the scene; its own when missing.
@@ -114,8 +116,7 @@ def measure_methods(
 
 
 def _seconds(runs: Sequence[Run]) -> float | None:
-    """What a frame takes where nothing else disturbs it: the fastest tenth of all frames does; None where a run is not
-    done."""
+    """Return the undisturbed time of a frame, that of the fastest tenth of all frames; None where a run is not done."""
     if not all(run.figures for run in runs):
         return None
     return float(np.percentile([seconds for run in runs for seconds in run.frame_seconds], 10))
@@ -126,7 +127,7 @@ def _ratio(own: float | None, first: float | None) -> float | None:
 
 
 def as_markdown(rows: Sequence[Row]) -> str:
-    """The rows as a table of docs/METHODS.md."""
+    """Return the rows as a table of docs/METHODS.md."""
     lines = [
         "| method | cost | in `gather` | substeps | volume [L] | stretch | unrest [mJ] |",
         "|---|---|---|---|---|---|---|",

@@ -26,13 +26,13 @@ SCENE_PIECES = [
 
 
 def mesh_seeds() -> list[bytes]:
-    """The OBJ files of the table that are small."""
+    """Return the small OBJ files of the table."""
     contents = [case.content() for case in MESH_CASES]
     return [content for content in contents if len(content) <= LARGEST_SEED]
 
 
 def scene_seeds() -> list[bytes]:
-    """The bundled scenes, with `cube.obj` for their meshes."""
+    """Return the bundled scenes, with `cube.obj` for their meshes."""
     contents = [path.read_bytes() for path in bundled_scenes().values()]
     return [re.sub(rb'mesh = "[^"]*"', b'mesh = "cube.obj"', content) for content in contents]
 
@@ -43,7 +43,7 @@ NUMBERS = b"0 1 2 3 -1 -2 5 8 1e-3 0.5 1e-9 1e-18 1e3 1e9 1e11 1e18 1e38 3.5e38 
 
 @st.composite
 def mutated(draw: st.DrawFn, seeds: Sequence[bytes], pieces: Sequence[bytes]) -> bytes:
-    """One of the seeds with a few changes, of its numbers or of anything."""
+    """Return a random seed file with a few changes, of its numbers or of anything."""
     content = draw(st.sampled_from(seeds))
     for _ in range(draw(st.integers(1, 4))):
         change = draw(st.sampled_from([_other_number, _other_number, _other_parts]))

@@ -1,5 +1,7 @@
-"""Newton's `SolverVBD` with self-contact on the same balloons: its implicit solver of springs, with our damping and
-pressure written into its particle forces, since it has no inflation."""
+"""Peer of balloons that touch: Newton's `SolverVBD` with self-contact.
+
+Its implicit solver of springs has our damping and pressure written into its particle forces, since it has no inflation.
+"""
 # pyright: reportArgumentType=false, reportAssignmentType=false, reportIndexIssue=false, reportOperatorIssue=false
 
 from typing import Any
@@ -53,7 +55,7 @@ class NewtonCrowd:
         self._damping = balloon.damping / (model.particle_count / model.balloon_count)
 
     def advance_frame(self, state: State) -> None:
-        """One frame, of Newton's own state."""
+        """Advance Newton's own state by a frame."""
         now, after = self._states
         self._solver.rebuild_bvh(now)
         for _ in range(self._substeps):
@@ -76,19 +78,19 @@ class NewtonCrowd:
 
     @property
     def points(self) -> np.ndarray:
-        """[m], shape (particle_count, 3)"""
+        """Points of the balloons [m], shape (particle_count, 3)."""
         return self._states[0].particle_q.numpy()
 
 
 @wp.kernel(enable_backward=False)
 def damp(velocities: wp.array[wp.vec3], damping: float, forces: wp.array[wp.vec3]):
-    """A thread a particle: its drag alone [N]."""
+    """Set the drag of a particle [N]; a thread a particle."""
     forces[wp.tid()] = -damping * velocities[wp.tid()]
 
 
 @wp.kernel(enable_backward=False)
 def inflate(triangles: wp.array2d[wp.int32], points: wp.array[wp.vec3], pressure: float, forces: wp.array[wp.vec3]):
-    """A thread a triangle: a third of what presses it out is each corner's [N]."""
+    """Add a third of a triangle's pressure force to each corner [N]; a thread a triangle."""
     triangle = wp.tid()
     a, b, c = triangles[triangle, 0], triangles[triangle, 1], triangles[triangle, 2]
     third = (pressure / 6.0) * wp.cross(points[b] - points[a], points[c] - points[a])
@@ -98,7 +100,7 @@ def inflate(triangles: wp.array2d[wp.int32], points: wp.array[wp.vec3], pressure
 
 
 def _newton_model(newton: Any, model: Model) -> Any:
-    """The balloons with our springs, and triangles that only touch; colored, as the solver wants it."""
+    """Return the balloons with our springs, and triangles that only touch; colored, as the solver wants it."""
     builder = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
     add_balloons(builder, model)
     triangles = [

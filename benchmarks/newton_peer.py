@@ -1,5 +1,8 @@
-"""Newton's `SolverSemiImplicit` on the same balloons: its springs and its integrator, with our gravity, damping and
-inflation written into its particle forces, since it has no inflation."""
+"""Peer of free balloons: Newton's `SolverSemiImplicit`.
+
+Its springs and integrator have our gravity, damping and inflation written into its particle forces, since it has no
+inflation.
+"""
 # pyright: reportArgumentType=false, reportAssignmentType=false, reportGeneralTypeIssues=false, reportIndexIssue=false
 
 from functools import cache
@@ -10,20 +13,20 @@ import warp as wp
 
 from balloon_warp.errors import MissingExtraError
 from balloon_warp.kernels.clock import ramp_at
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.hooke import KINDS
-from balloon_warp.kernels.own import own_functions
+from balloon_warp.kernels.params import params_functions
 from balloon_warp.kernels.phases.inflate import inflation_of
 from balloon_warp.kernels.schedules.launched.looks import GATHERED
 from balloon_warp.kernels.schedules.pieces import cut
 from balloon_warp.kernels.substep import AIMING, phases_of
 from balloon_warp.kernels.tables import Tables, WorldState
-from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating
+from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.launches import Launches
 from balloon_warp.schedules.ramp import refresh_ramp
 from balloon_warp.schedules.tables import make_tables, world_state
-from balloon_warp.schedules.traits import model_traits
 
 
 class NewtonPeer:
@@ -43,13 +46,13 @@ class NewtonPeer:
         self._solver = newton.solvers.SolverSemiImplicit(self._newton)
         self._states = self._newton.state(), self._newton.state()
         self._control = self._newton.control()
-        self._traits = model_traits(model)
-        self._tables, room = make_tables(model, self._traits), Allocating(model.device)
-        aiming = cut(phases_of(self._traits, AIMING), self._traits, GATHERED, shown=("aim",))
+        self._features = model_features(model)
+        self._tables, room = make_tables(model, self._features), Allocating(model.device)
+        aiming = cut(phases_of(self._features, AIMING), self._features, GATHERED, shown=("inflation_direction",))
         self._aiming = Launches(model, aiming, self._tables, room)
 
     def advance_frame(self, state: State) -> None:
-        """One frame, of Newton's own state; the ramp of `state` serves as working memory."""
+        """Advance Newton's own state by a frame; the ramp of `state` serves as working memory."""
         model = self.model
         refresh_ramp(model, state)
         now, after = self._states
@@ -57,11 +60,11 @@ class NewtonPeer:
             if substep == 0 or model.scene.normals == "fresh":
                 self._aiming.substep(state, 0, (self._rows(now.particle_q), self._rows(now.particle_qd)))
             wp.launch(
-                outer_force_kernel(self._traits),
+                outer_force_kernel(self._features),
                 (model.world_count, model.particle_count),
                 inputs=[
                     *(self._tables, substep * model.step_seconds, self._rows(now.particle_qd)),
-                    *(world_state(state), self._aiming.values["aim"]),
+                    *(world_state(state), self._aiming.values["inflation_direction"]),
                 ],
                 outputs=[self._rows(now.particle_f)],
                 device=model.device,
@@ -74,7 +77,7 @@ class NewtonPeer:
 
     @property
     def points(self) -> wp.array:
-        """[m], shape (world_count, particle_count), vec3"""
+        """Points of the balloons [m], shape (world_count, particle_count), vec3."""
         return self._rows(self._states[0].particle_q)
 
     def _rows(self, array: wp.array) -> wp.array:
@@ -82,7 +85,11 @@ class NewtonPeer:
 
 
 def import_newton() -> Any:
-    """Raises: MissingExtraError: newton is not installed."""
+    """Import Newton.
+
+    Raises:
+        MissingExtraError: newton is not installed.
+    """
     try:
         import newton
     except ImportError:
@@ -91,11 +98,11 @@ def import_newton() -> Any:
 
 
 @cache
-def outer_force_kernel(traits: Traits) -> Any:
-    """The kernel of what Newton lacks: laws on particles, and the inflation."""
-    _, read_own = own_functions(traits.columns, traits.balloons)
-    particle_laws = traits.laws_on("particle")
-    inflation = inflation_of(traits)
+def outer_force_kernel(features: Features) -> Any:
+    """Return the kernel of the forces that Newton lacks: laws on particles, and the inflation."""
+    _, read_params = params_functions(features.columns, features.balloons)
+    particle_laws = features.laws_on("particle")
+    inflation = inflation_of(features)
 
     @wp.kernel(module="unique", enable_backward=False)
     def set_outer_forces(
@@ -107,9 +114,9 @@ def outer_force_kernel(traits: Traits) -> Any:
         # out
         forces: wp.array2d[wp.vec3],
     ):
-        """A thread a (world, particle)."""
+        """Set the outer forces; a thread a (world, particle)."""
         world, particle = wp.tid()
-        own = read_own(t, world, particle)
+        own = read_params(t, world, particle)
         value = ramp_at(state, world, own.balloon, time_in_frame)
         push = inflation(own.kind, value, 0.0, 0.0, t.up, wp.vec3(), aims[world, particle], wp.vec3())
         forces[world, particle] = push + particle_laws(
@@ -121,7 +128,7 @@ def outer_force_kernel(traits: Traits) -> Any:
 
 
 def add_balloons(builder: Any, model: Model) -> None:
-    """The balloons of a world as Newton's particles and springs."""
+    """Add the balloons of a world as Newton's particles and springs."""
     balloon = np.asarray(model.particle_balloon.numpy(), dtype=np.int64)
     pairs = np.asarray(model.spring_particles.numpy(), dtype=np.int64)
     kind = np.asarray(model.spring_kind.numpy(), dtype=np.int64)
@@ -136,7 +143,7 @@ def add_balloons(builder: Any, model: Model) -> None:
 
 
 def _newton_model(newton: Any, model: Model) -> Any:
-    """The balloons without Newton's gravity and without contacts between particles."""
+    """Return the balloons without Newton's gravity and without contacts between particles."""
     one = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
     add_balloons(one, model)
     builder = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))

@@ -1,5 +1,4 @@
-"""How deep particles are in other balloons, and in other parts of their own, found on the host in another way than the
-simulation does."""
+"""Depth of particles in balloons, found on the host by another method than the simulation's."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -14,7 +13,7 @@ Points = NDArray[np.float64]
 
 
 def deepest_overlap(parts: Sequence[Points], meshes: Sequence[PolygonMesh]) -> float:
-    """How far the particle that is deepest in another balloon is from that one's surface [m]; 0 if none is in any.
+    """Return the largest distance of a particle within another balloon from its surface [m]; 0 if none is in any.
 
     Args:
         parts: the particles of each balloon.
@@ -28,8 +27,9 @@ def deepest_overlap(parts: Sequence[Points], meshes: Sequence[PolygonMesh]) -> f
 
 
 def deepest_in_itself(points: Points, mesh: PolygonMesh, apart: float) -> float:
-    """How far the particle of a balloon that is deepest in another part of it is from that [m]: what its surface winds
-    around once more than around those on it.
+    """Return the largest distance of a particle within another part of its balloon from its surface [m].
+
+    The surface winds around it once more than around particles on it.
 
     Args:
         points: of its particles.
@@ -48,7 +48,7 @@ def deepest_in_itself(points: Points, mesh: PolygonMesh, apart: float) -> float:
 
 
 def surface(mesh: PolygonMesh) -> Points:
-    """Its faces as fans about their centers, shape (triangles, 3, 3)."""
+    """Return the faces of a mesh as fans about their centers, shape (triangles, 3, 3)."""
     triangles = []
     for face in np.split(mesh.face_vertex_indices, np.cumsum(mesh.face_vertex_counts)[:-1]):
         center = mesh.points[face].mean(axis=0)
@@ -57,19 +57,19 @@ def surface(mesh: PolygonMesh) -> Points:
 
 
 def depth(points: Points, triangles: Points) -> float:
-    """Of the points that a closed surface winds around, how far the deepest is from it [m]."""
+    """Return the largest distance from a closed surface of the points that it winds around [m]."""
     near = ((points > triangles.min(axis=(0, 1))) & (points < triangles.max(axis=(0, 1)))).all(axis=1)
     inside = points[near][winding(points[near], triangles) > 0.5]
     return max((float(distances(point, triangles).min()) for point in inside), default=0.0)
 
 
 def dot(u: Points, v: Points) -> Points:
-    """Of the last dimension."""
+    """Return the dot product over the last dimension."""
     return (u * v).sum(axis=-1)
 
 
 def winding(points: Points, triangles: Points) -> Points:
-    """How often the surface winds around each point: solid angles over 4 pi (van Oosterom and Strackee 1983)."""
+    """Return the surface's winding number about each point: solid angles over 4 pi (van Oosterom and Strackee 1983)."""
     a, b, c = triangles.swapaxes(0, 1)
     normals = np.cross(b - a, c - a)
     height = dot(a, normals) - points @ normals.T  # times twice the area: the triple product of the arms
@@ -82,7 +82,7 @@ def winding(points: Points, triangles: Points) -> Points:
 
 
 def distances(point: Points, triangles: Points) -> Points:
-    """From a point to each triangle [m]: to its plane, where it is above the triangle, and to its edges."""
+    """Return the distance from a point to each triangle [m]: to its plane, if the point is above it, or its edges."""
     a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
     normal = np.cross(b - a, c - a)
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)

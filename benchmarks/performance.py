@@ -1,5 +1,7 @@
-"""A picture of how fast it is, from what `balloon-warp bench` measured and RESULTS.md keeps. In the project's folder:
-python -m balloon_warp.benchmarks.performance docs/pictures/performance.svg"""
+"""Chart of the speed, from the measurements that RESULTS.md keeps.
+
+Run it in the project's folder, by python -m balloon_warp.benchmarks.performance docs/pictures/performance.svg.
+"""
 
 import sys
 from pathlib import Path

@@ -22,7 +22,7 @@ FRAMES = 3
 
 
 def named(name: str, device: str | None) -> tuple[Model, str]:
-    """The case or the scene, and its schedule.
+    """Return the case or the scene, and its schedule.
 
     Raises:
         InputError: there is none of this name.
@@ -36,7 +36,7 @@ def named(name: str, device: str | None) -> tuple[Model, str]:
 
 
 def main() -> None:
-    """Advance it, and say what it was, for instructions by particle and substep."""
+    """Advance a case, and print its size, for instructions by particle and substep."""
     quiet_warp()
     if len(sys.argv) < 2:
         sys.exit("expected the name of a scene or of a case, then perhaps a device")

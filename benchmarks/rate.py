@@ -17,7 +17,7 @@ from balloon_warp.schedules import make_schedule
 
 
 def measure_rate(case: Case | ContactCase | RubberCase, device: wp.Device) -> Result:
-    """A case's rate, in turns with its peer's where it has one; Newton only where that is installed."""
+    """Measure a case's rate, in turns with an installed peer's."""
     schedule = _schedule(case, device)
     peer_name, peers = _peers(case, schedule.model)
     contenders = [schedule, *peers]
@@ -41,7 +41,7 @@ def _schedule(case: Case | ContactCase | RubberCase, device: wp.Device) -> Any:
 
 
 def _state_after(frames: int, schedule: Any) -> State:
-    """What it begins with, so many frames later."""
+    """Return the contender's state at the start, so many frames later."""
     state = initial_state(schedule.model)
     for _ in range(frames):
         schedule.advance_frame(state)
@@ -54,7 +54,7 @@ def _work(model: Model) -> int:
 
 
 def _peers(case: Case | ContactCase | RubberCase, model: Model) -> tuple[str, list[Any]]:
-    """What the case is measured in turns with, one or nothing, and its name."""
+    """Return the peer that the case is measured in turns with, and its name, or none."""
     if isinstance(case, (ContactCase, RubberCase)):
         plain = build_model(case.without(), model.device, case.worlds)
         name = "nothing to meet" if isinstance(case, ContactCase) else "springs"

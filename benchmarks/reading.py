@@ -1,4 +1,4 @@
-"""What it costs to hand out every frame of one world."""
+"""Cost of handing out every frame of one world."""
 
 import time
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""How much faster than real time one balloon is, and Blender's cloth in the same run."""
+"""Real-time factor of one balloon, beside Blender's cloth in the same run."""
 
 import warp as wp
 
@@ -12,7 +12,7 @@ from balloon_warp.schedules import make_schedule
 
 
 def measure_real_time(case: RealTimeCase, device: wp.Device) -> Result:
-    """Simulated seconds a second, in turns with Blender's where it is installed."""
+    """Measure simulated seconds a second, in turns with an installed Blender's."""
     model = build_model(case.scene(), device)
     schedule = make_schedule(model)
     peers = _peers(model)

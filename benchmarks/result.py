@@ -1,4 +1,4 @@
-"""What a case gives."""
+"""Result of a case."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -31,7 +31,7 @@ class Result:
 
 
 def beside(peer: str, rates: Sequence[float]) -> dict[str, Any]:
-    """A result's fields of rates: ours, and the peer's where it took part."""
+    """Return a result's fields of rates: ours, and a peer's that took part."""
     ours, *others = rates
     if not others:
         return {"rate": ours}

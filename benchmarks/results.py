@@ -1,4 +1,4 @@
-"""What was measured: a file a command, with the day, the machine and the table that it printed.
+"""Results of measurements: a file a command, with the day, the machine and the table that it printed.
 
     python -m balloon_warp.benchmarks.results               writes RESULTS.md of all files
     python -m balloon_warp.benchmarks.results cpu health    first runs the commands of these again, here and now

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from balloon_warp.benchmarks.quad_sphere import quad_sphere
+from balloon_warp.mesh.quad_sphere import quad_sphere
 from balloon_warp.scene import Balloon, Inflation, Scene, Stiffness
 
 RADIUS = 0.05
@@ -29,16 +29,16 @@ class RubberCase:
 
     @property
     def particles(self) -> int:
-        """in one world"""
+        """Number of particles in one world."""
         return 6 * self.cells**2 + 2
 
     def scene(self) -> Scene:
-        """Of rubber, stretched."""
+        """Return a scene of stretched rubber."""
         preset = "natural_rubber_treloar" if self.law == "ogden" else "latex"
         return self._of({"material": {"preset": preset, "kind": self.law, "most_stretch": 6.0}})
 
     def without(self) -> Scene:
-        """Of springs as stiff, and as heavy."""
+        """Return the scene with springs as stiff, and as heavy."""
         return self._of({"mass": MASS, "stiffness": Stiffness(structural=40.0, shear=20.0, flexion=4.0)})
 
     def _of(self, made: Mapping[str, Any]) -> Scene:
@@ -48,7 +48,7 @@ class RubberCase:
 
 
 def rubber_cases(schedule: str, worlds: int) -> Iterator[RubberCase]:
-    """Of each law."""
+    """Return the cases of each law."""
     names = {"neo_hookean": "neo-Hookean", "mooney_rivlin": "Mooney-Rivlin", "gent": "Gent", "ogden": "Ogden"}
     for law, name in names.items():
         substeps = 320 if law == "gent" else 192

@@ -33,7 +33,7 @@ Answer = tuple[int, list[tuple[float, float]]]
 
 @dataclass(frozen=True)
 class Share:
-    """What each process simulates, whatever their number."""
+    """Share of each process, whatever the number of processes."""
 
     device: str
     """"cuda:0", of the GPUs that the process sees, or "cpu", of which it takes a thread"""
@@ -47,8 +47,9 @@ CPU_SHARE = Share("cpu", Case("64 balloons in a process", "lanes", 64), frames=5
 
 
 def measure_scaling(share: Share, counts: Sequence[int]) -> Iterator[Result]:
-    """Rates of so many processes together. Their peer is as many that are each as fast as those of the first count, so
-    that the ratio is the efficiency.
+    """Return rates of so many processes together, beside as many that are each as fast as those of the first count.
+
+    The ratio of both is the efficiency.
 
     Raises:
         InputError: a count is below 1, or there are fewer GPUs.
@@ -73,7 +74,7 @@ def measure_scaling(share: Share, counts: Sequence[int]) -> Iterator[Result]:
 
 
 def _environments(share: Share, counts: Sequence[int]) -> list[dict[str, str]]:
-    """Of each process: which GPU it sees."""
+    """Return the environment of each process, with the GPU that it sees."""
     on_cpu = share.device == "cpu"
     option = "--workers" if on_cpu else "--gpus"
     if not counts or min(counts) < 1:
@@ -118,7 +119,7 @@ def spans_together(told: Sequence[Answer]) -> list[float]:
 
 
 def _simulate(share: Share, environment: dict[str, str], barrier: Any, answers: Any) -> None:
-    """Runs in a process of its own, and answers an `Answer`, by the clock that all processes share."""
+    """Simulate in a process of its own, and answer by the clock that all processes share."""
     os.environ.update(environment)
     try:
         quiet_warp()

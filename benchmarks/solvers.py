@@ -1,5 +1,7 @@
-"""What a frame costs by small explicit steps and by large implicit ones, and how far each is from the right motion, for
-soft springs and stiff ones: python -m balloon_warp.benchmarks.solvers [DEVICE]"""
+"""Cost and error of small explicit and large implicit steps, for soft and stiff springs.
+
+Run it by python -m balloon_warp.benchmarks.solvers [DEVICE].
+"""
 
 import sys
 import time
@@ -10,8 +12,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.benchmarks.quad_sphere import quad_sphere
 from balloon_warp.device import pick_device
+from balloon_warp.mesh.quad_sphere import quad_sphere
 from balloon_warp.model import build_model
 from balloon_warp.scene import Balloon, Inflation, Scene, Stiffness, String
 from balloon_warp.simulator import Simulator
@@ -30,7 +32,7 @@ WORLDS = {"cpu": (1, 64), "cuda": (1, 4096)}
 
 
 class Row(NamedTuple):
-    """One line of the table."""
+    """Line of the table."""
 
     stiffness: float
     worlds: int
@@ -45,7 +47,7 @@ class Row(NamedTuple):
 
 
 def hanging_balloon(stiffness: float, **fields: Any) -> Scene:
-    """A balloon that swings on a string while it is inflated: 488 particles, 2,904 springs."""
+    """Return the scene of a balloon on a string that is inflated: 488 particles, 2,904 springs."""
     balloon = Balloon(
         mesh=quad_sphere(9, radius=RADIUS),
         mass=0.3,
@@ -58,7 +60,7 @@ def hanging_balloon(stiffness: float, **fields: Any) -> Scene:
 
 
 def measure_solvers(device: wp.Device) -> Iterator[Row]:
-    """The rows, as soon as each is measured."""
+    """Yield the rows, as soon as each is measured."""
     for stiffness in STIFFNESS:
         stable = build_model(hanging_balloon(stiffness), device).substeps
         _, expected, _ = _simulate(hanging_balloon(stiffness, substeps=REFINED * stable), device, 1)
@@ -77,7 +79,7 @@ def measure_solvers(device: wp.Device) -> Iterator[Row]:
 
 
 def _simulate(scene: Scene, device: wp.Device, worlds: int) -> tuple[Simulator, NDArray[np.float64], float]:
-    """The simulator, the points of its first world after the frames, and the seconds that a frame took."""
+    """Return the simulator, its first world's points after the frames, and the seconds that a frame took."""
     simulator = Simulator(scene, str(device), worlds)
     simulator.advance()
     wp.synchronize_device(device)

@@ -14,8 +14,8 @@ from dataclasses import replace
 import numpy as np
 
 from balloon_warp.benchmarks.overlap import Points, deepest_overlap
-from balloon_warp.benchmarks.quad_sphere import quad_sphere
 from balloon_warp.frame import Frame
+from balloon_warp.mesh.quad_sphere import quad_sphere
 from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Stiffness, Touch
 from balloon_warp.simulator import Simulator
 from balloon_warp.warp_logging import quiet_warp
@@ -34,7 +34,7 @@ SETTLING = 5
 
 
 def stack() -> Scene:
-    """A little askew."""
+    """Return the scene of a stack that is a little askew."""
     ball = quad_sphere(4, 1.0)
     mesh = replace(ball, points=0.5 * SIZE * ball.points / np.abs(ball.points).max(axis=1, keepdims=True))
     firm = Stiffness(structural=200.0, shear=100.0, flexion=100.0, viscosity=2e-3)
@@ -45,12 +45,12 @@ def stack() -> Scene:
 
 
 def centers(frame: Frame) -> Points:
-    """[m], shape (COUNT, 3)"""
+    """Return the centers [m], shape (COUNT, 3)."""
     return np.array([points.astype(np.float64).mean(axis=0) for points in frame.points])
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Watch it; status 1 where it does not stand still."""
+    """Watch the stack; status 1 if it moves."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--seconds", type=int, default=60)
     told = parser.parse_args(arguments)

@@ -1,4 +1,4 @@
-"""All counts that the guarantees speak of, by one command.
+"""Counts of all trials that the guarantees speak of, by one command.
 
     python -m balloon_warp.benchmarks.trust [--quick] [--json]
 
@@ -25,7 +25,7 @@ from balloon_warp.warp_logging import quiet_warp
 
 @dataclass(frozen=True)
 class Effort:
-    """How much is tried."""
+    """Number of trials of each kind."""
 
     fuzz_seconds: float
     """of each kind of file"""
@@ -41,7 +41,7 @@ QUICK = Effort(fuzz_seconds=3.0, kills=3, worker_kills=1, messages=400)
 
 @dataclass(frozen=True)
 class Count:
-    """What was tried of a kind, and what became of it."""
+    """Trials of a kind, and their outcomes."""
 
     what: str
     tried: int
@@ -65,7 +65,7 @@ def mutated_files(what: str, seconds: float) -> Count:
 
 
 def killed(kind: str, count: int) -> Count:
-    """Processes that write an output; of some outcomes it is said besides that they were resumed."""
+    """Count the outcomes of killed processes that wrote an output, and those of them that were resumed."""
     with tempfile.TemporaryDirectory() as folder:
         outcomes = kills.kill_at_random(kind, count, Path(folder))
     return Count(f"kills: {kind}", count, dict(outcomes), _failures(outcomes, "damaged"))
@@ -81,7 +81,7 @@ def killed_workers(count: int) -> Count:
 
 
 def viewer_messages(count: int) -> Count:
-    """What no window says."""
+    """Count the outcomes of messages that no window sends."""
     from balloon_warp.benchmarks.viewer_nonsense import STOOD_STILL, send_nonsense
 
     looks = send_nonsense(count)
@@ -93,7 +93,7 @@ def _failures(outcomes: Counter[str], bad: str) -> list[str]:
 
 
 def counted(efforts: Sequence[Callable[[], Count]]) -> Iterator[Count]:
-    """What came of each, in a process of its own."""
+    """Count the outcomes of each kind, in a process of its own."""
     for effort in efforts:
         with ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), initializer=quiet_warp) as process:
             try:
@@ -103,7 +103,7 @@ def counted(efforts: Sequence[Callable[[], Count]]) -> Iterator[Count]:
 
 
 def efforts_of(effort: Effort) -> list[Callable[[], Count]]:
-    """All that is tried."""
+    """Return all trials."""
     return [
         bad_meshes,
         *(partial(mutated_files, what, effort.fuzz_seconds) for what in fuzz.FUZZERS),
@@ -114,7 +114,7 @@ def efforts_of(effort: Effort) -> list[Callable[[], Count]]:
 
 
 def _name(effort: Callable[[], Count]) -> str:
-    """Of one that cannot say it any more."""
+    """Return the name of a kind whose process died."""
     if isinstance(effort, partial):
         return " ".join([effort.func.__name__, *map(str, effort.args)]).replace("_", " ")
     return effort.__name__.replace("_", " ")

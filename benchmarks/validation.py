@@ -1,5 +1,7 @@
-"""Simulations beside formulas: curves, and how far apart they are. `python -m balloon_warp.benchmarks.validation docs`
-makes docs/VALIDATION.md's numbers and pictures again."""
+"""Simulations beside formulas: curves, and how far apart they are.
+
+Run `python -m balloon_warp.benchmarks.validation docs` to renew the numbers and pictures of docs/VALIDATION.md.
+"""
 
 import json
 import re
@@ -12,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.benchmarks.quad_sphere import quad_sphere
 from balloon_warp.mesh.geometry import signed_volume, total_area
+from balloon_warp.mesh.quad_sphere import quad_sphere
 from balloon_warp.scene import Atmosphere, Balloon, Change, Inflation, Material, Scene, Stiffness
 from balloon_warp.trajectories import simulate
 
@@ -24,7 +26,7 @@ OGDEN = (6.3e5, 1.2e3, -1.0e4), (1.3, 5.0, -2.0)
 
 @dataclass(frozen=True)
 class Curve:
-    """What was simulated, and what a formula says of the same."""
+    """Simulated curve, and a formula's."""
 
     name: str
     x: list[float]
@@ -33,7 +35,7 @@ class Curve:
 
     @property
     def error(self) -> float:
-        """the largest difference, over the largest value"""
+        """Largest difference, over the largest value."""
         simulated, expected = np.array(self.simulated), np.array(self.expected)
         return float(np.abs(simulated - expected).max() / np.abs(expected).max())
 
@@ -92,7 +94,7 @@ def rubber() -> Case:
 
 
 def gas() -> Case:
-    """The air's pressure falls in steps, and balloons of sealed gas grow."""
+    """Simulate balloons of sealed gas that grow as the air's pressure falls in steps."""
     inflation = [Inflation(kind="gas", start_pressure=0.0, gamma=gamma) for gamma in (1.0, 1.4, 1.667)]
     steps = [Change(time=0.1 * number, set={"atmosphere.pressure": 101325.0 * 0.85**number}) for number in range(1, 10)]
     curves = []
@@ -131,7 +133,7 @@ def drag() -> Case:
 
 
 def convergence() -> Case:
-    """A ball of springs swings under a pressure that comes at once: half the step, half the error."""
+    """Simulate a ball of springs that swings under a sudden pressure: half the step, half the error."""
 
     def points(substeps: int) -> NDArray[np.float32]:
         balloon = Balloon(mesh=quad_sphere(4, 0.5), mass=1.0, damping=0.0, inflation=Inflation(pressure=50.0))

@@ -60,7 +60,7 @@ COUNT_FRAMES = """() => {
 
 
 def find_chromium() -> str:
-    """The browser's program."""
+    """Return the path of the browser's program."""
     found = next(filter(None, map(shutil.which, CHROMIUM)), None)
     if not found:
         raise SystemExit(f"this needs Chromium; expected one of {', '.join(CHROMIUM)} on the path")

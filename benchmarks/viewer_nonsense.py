@@ -1,4 +1,4 @@
-"""Sends the viewer messages that are none: does time go on?
+"""Test of the viewer with messages that make no sense: time must go on.
 
     python -m balloon_warp.benchmarks.viewer_nonsense --count 10000
 
@@ -25,7 +25,7 @@ import viser
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from balloon_warp.benchmarks.quad_sphere import quad_sphere
+from balloon_warp.mesh.quad_sphere import quad_sphere
 from balloon_warp.scene import Balloon, Scene, String
 from balloon_warp.viewer.guard import MOST_NONSENSE
 from balloon_warp.viewer.messages import understood
@@ -70,7 +70,7 @@ def send_nonsense(count: int, seed: int = 0) -> Counter[str]:
 
 
 def _messages(page: Page) -> list[dict[str, Any]]:
-    """One of each kind that a window sends."""
+    """Return a message of each kind that a window sends."""
     camera = {
         **{"type": "ViewerCameraMessage", "wxyz": [0.0, 0.0, 1.0, 0.0], "position": [0.0, 0.0, 3.0], "fov": 1.3},
         **{"near": 0.01, "far": 1000.0, "image_height": 600, "image_width": 900},
@@ -99,7 +99,7 @@ def _messages(page: Page) -> list[dict[str, Any]]:
 
 
 def _nonsense(good: list[dict[str, Any]], page: Page, choices: random.Random) -> bytes:
-    """A message that makes no sense, after one that does."""
+    """Return a message that makes no sense, derived from one that does."""
     while True:
         message = dict(choices.choice(good))
         for _ in range(choices.choice((1, 1, 2, 3))):
@@ -117,7 +117,7 @@ def _change(message: dict[str, Any], choices: random.Random) -> None:
 
 
 def _change_deep(message: dict[str, Any], choices: random.Random) -> None:
-    """One of a list's values, or of a field's fields."""
+    """Change a value of a list, or a field of a table."""
     deep = [name for name, value in message.items() if isinstance(value, list | dict) and value]
     if deep:
         name = choices.choice(deep)
@@ -138,7 +138,7 @@ CHANGES: dict[str, Callable[[dict[str, Any], random.Random], None]] = {
 
 
 def _send(page: Page, messages: list[bytes]) -> None:
-    """By windows that are heard to the end: after so many a connection would be closed."""
+    """Send messages from windows that are heard to the end: a connection is closed after so many."""
     for begin in range(0, len(messages), MOST_NONSENSE):
         with _joined(page) as window, contextlib.suppress(ConnectionClosed):
             for message in messages[begin : begin + MOST_NONSENSE]:
@@ -146,7 +146,7 @@ def _send(page: Page, messages: list[bytes]) -> None:
 
 
 def _goes_on(page: Page) -> bool:
-    """Whether a window that looks on sees time go on, with all at finite places."""
+    """Return whether another window sees time go on, with all at finite places."""
     with _joined(page) as window:
         camera = _messages(page)[0]
         window.send(msgspec.msgpack.encode(camera))
@@ -162,7 +162,7 @@ def _goes_on(page: Page) -> bool:
 
 @contextlib.contextmanager
 def _joined(page: Page):
-    """A window without a browser, that reads what it is sent, as a browser does."""
+    """Open a window without a browser, that reads its messages as a browser does."""
     address = f"ws://127.0.0.1:{page.server.get_port()}"
     protocol: Any = f"viser-v{viser.__version__}"
     with connect(address, subprotocols=[protocol], max_size=None, proxy=None, compression=None) as window:

@@ -1,4 +1,4 @@
-"""Random clicks, drags, keys and values for minutes: does the page survive, and does its memory grow?
+"""Soak test of the viewer: random clicks, drags, keys and values, while memory is watched.
 
     python -m balloon_warp.benchmarks.viewer_soak [--minutes 10] [--seed 0]
 
@@ -71,7 +71,7 @@ def main() -> None:
 
 
 def act_at_random(random: np.random.Generator, window: Any, page: Any) -> None:
-    """One of the things that a restless user does."""
+    """Act like a restless user, once."""
     kind = random.choice(["click", "drag", "key", "value", "toggle", "scene", "rest"], p=RESTLESS)
     x, y = (float(place) for place in random.uniform((50, 100), (700, 800)))
     if kind == "click":
@@ -111,7 +111,7 @@ RESTLESS = (0.3, 0.2, 0.15, 0.15, 0.1, 0.02, 0.08)
 
 
 def resident_megabytes() -> float:
-    """Of this process, which simulates and serves."""
+    """Return the memory of this process, which simulates and serves [MB]."""
     fields = dict(line.split(":") for line in Path("/proc/self/status").read_text().splitlines())
     return int(fields["VmRSS"].split()[0]) / 1024
 

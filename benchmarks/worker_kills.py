@@ -18,7 +18,7 @@ from pathlib import Path
 
 from pxr import Sdf
 
-from balloon_warp.benchmarks.quad_sphere import quad_sphere
+from balloon_warp.mesh.quad_sphere import quad_sphere
 from balloon_warp.scene import Balloon, Inflation, Scene, String
 from balloon_warp.sweep.batch import run_batch
 from balloon_warp.sweep.cluster import Cluster
@@ -66,7 +66,7 @@ class _Killer:
 
 
 def _prepare(folder: str) -> None:
-    """A worker: it notes its process."""
+    """Note the worker's process."""
     quiet_warp()
     (Path(folder) / str(os.getpid())).touch()
 
@@ -87,7 +87,7 @@ def _simulate(
 
 
 def _are_same(folder: Path, other: Path) -> bool:
-    """The table byte by byte, the stage sample by sample: these come in another order."""
+    """Return whether the tables agree byte by byte, and the stages sample by sample, in any order."""
     tables = [[(place / name).read_bytes() for name in ("table.csv", "table.npz")] for place in (folder, other)]
     stages = [Sdf.Layer.FindOrOpen(str(place / "worlds.usdc")).ExportToString() for place in (folder, other)]
     return tables[0] == tables[1] and stages[0] == stages[1]

@@ -1,4 +1,4 @@
-"""What the tests of stopped runs and batches share."""
+"""Helpers of the tests of stopped runs and batches."""
 
 import json
 import os
@@ -43,7 +43,7 @@ def watch_names(monkeypatch: pytest.MonkeyPatch) -> set[Path]:
 
 
 class Spy:
-    """What a pickle can do when it is read."""
+    """Pickle that does what it likes when it is read."""
 
     def __reduce__(self) -> tuple:
         return os.mkdir, ("run",)

@@ -127,7 +127,7 @@ def unfold(window, folder: str, inside: str) -> None:
 
 
 def click_inside(window, folder: str, label: str) -> None:
-    """What stands in a folder, which a panel that is made anew meanwhile has folded again."""
+    """Click inside a folder, even if a panel that is made anew meanwhile has folded it again."""
     for patience in (5_000, 10_000, 30_000):  # [ms]
         unfold(window, folder, label)
         with contextlib.suppress(playwright.TimeoutError):
@@ -141,7 +141,7 @@ def toggle(window, label: str) -> None:
 
 
 def redness(window) -> int:
-    """How many pixels beside the panel are as red as the balloon."""
+    """Return the number of pixels beside the panel that are as red as the balloon."""
     return int(red(window).sum())
 
 
@@ -153,7 +153,7 @@ def middle_of_the_balloon(window) -> tuple[float, float]:
 
 
 def highlights(window) -> int:
-    """How many pixels in the middle of the balloon are nearly white."""
+    """Return the number of pixels in the middle of the balloon that are nearly white."""
     rows, columns = np.nonzero(red(window)[:, 320:])  # beside the messages
     pixels = picture_of(window)[rows.min() : rows.max(), 320 + columns.min() : 320 + columns.max()]
     middle = pixels[len(pixels) // 4 : -len(pixels) // 4, pixels.shape[1] // 4 : -pixels.shape[1] // 4]  # no backdrop
@@ -161,20 +161,20 @@ def highlights(window) -> int:
 
 
 def box(window, found: str) -> dict[str, float]:
-    """Where something is in a window, right and down from its corner, and how large; nowhere if it is not there."""
+    """Return the place and size of an element in a window, right and down from its corner; nothing if there is none."""
     there = window.locator(found)
     nowhere = {"x": 0.0, "y": 0.0, "width": 0.0, "height": 0.0}
     return (there.first.bounding_box() if there.count() else None) or nowhere
 
 
 def red(window) -> NDArray[np.bool_]:
-    """Which pixels beside the panel are as red as the balloon."""
+    """Return the mask of the pixels beside the panel that are as red as the balloon."""
     pixels = picture_of(window)
     return (pixels[..., 0] > 1.6 * pixels[..., 1]) & (pixels[..., 0] > 90)
 
 
 def picture_of(window) -> NDArray[np.int_]:
-    """What is seen beside the panel, shape (rows, columns, 3)."""
+    """Return the picture beside the panel, shape (rows, columns, 3)."""
     from io import BytesIO
 
     from PIL import Image

@@ -1,4 +1,4 @@
-"""What the tests of clusters share."""
+"""Helpers of the tests of clusters."""
 
 import sys
 from pathlib import Path
@@ -12,7 +12,7 @@ from balloon_warp.mesh.obj import write_obj
 
 
 def address_of(workers: Any) -> str:
-    """Of their scheduler; Dask's types take them for something to wait for."""
+    """Address of the scheduler of workers, which Dask's types take for something to wait for."""
     return workers.scheduler_address
 
 

@@ -1,4 +1,4 @@
-"""What all tests share."""
+"""Configuration and fixtures of all tests."""
 
 import gc
 import os
@@ -38,15 +38,25 @@ LEFT_TO_THE_MATRIX = ("gather", "lanes", "block")
 """schedules that tests of physics leave out on a CPU"""
 
 BRIEF = (
-    *("atmosphere", "collision", "contact", "diagnosis", "euler", "free_frames", "gas", "gas_heat", "grazing"),
-    *("health", "law_schedules", "necks", "obstacles", "odd_meshes", "restore", "setting"),
-    *("tubes", "water"),
+    *("atmosphere", "block_layouts", "collision", "contact", "diagnosis", "euler", "free_frames"),
+    *("gas", "gas_heat", "gradients", "grazing", "health", "law_schedules", "necks"),
+    *("obstacles", "odd_meshes", "own_phases", "restore", "setting", "times", "tubes", "water"),
 )
 """files of tests that simulate for a shorter time than it takes to optimize their many kernels: these stay as they are
 written, which compiles in a quarter of the time. So do the scenes of methods in test_matrix.py; its bundled scenes, and
 all other tests, run what people run"""
 
-LONGEST = ("crowded", "bundled", "matrix")
+OF_METHODS = {
+    "test_a_schedule_gives_scatters_trajectory": "",
+    "test_corrections_show_in_the_scene_with_everything": "",
+    "test_the_scene_with_everything_has_contacts": "everything",
+}
+"""tests of test_matrix.py of scenes of methods: which scene, where their parameters do not say so"""
+
+PLAYED = ("folded", "tether_scene")
+"""files that look at bundled scenes, too"""
+
+LONGEST = ("crowded", "bundled", "matrix", "gradients", "block_layouts")
 """groups of tests"""
 
 
@@ -59,7 +69,7 @@ class ByGroups(LoadScopeScheduling):
 
 
 def pytest_xdist_auto_num_workers() -> int:
-    """One more than there are cores: who goes through the crowded waits for half of the time."""
+    """Return one more than there are cores: a process on the crowded tests waits for half of the time."""
     return (os.cpu_count() or 1) + 1
 
 
@@ -68,7 +78,9 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> LoadScopeSch
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    config.addinivalue_line("markers", "long: simulates for longer than it takes to optimize its kernels")
+    config.addinivalue_line(
+        "markers", "long: simulates for longer than it takes to optimize its kernels, or to the last bit"
+    )
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -85,15 +97,16 @@ def group_of(nodeid: str) -> str:
     once."""
     file, _, test = nodeid.partition("::")
     name = Path(file).stem.removeprefix("test_")
-    if test.startswith("test_a_schedule_gives_scatters_trajectory[") and name == "matrix":
-        return f"matrix {test.rpartition('-')[2]}"
+    if name == "matrix" and (asked := test.partition("[")[0]) in OF_METHODS:
+        return f"matrix {OF_METHODS[asked] or test.rpartition('-')[2]}"
     if name in CROWDED:
         return "crowded"
-    return "bundled" if name.startswith("bundled_") else name  # each scene is simulated once, see `played`
+    # each bundled scene is simulated once, see `played`
+    return "bundled" if name.startswith("bundled_") or name in PLAYED else name
 
 
 def is_left_to_the_matrix(item: pytest.Item) -> bool:
-    """Whether it is a test of physics that a CPU need not do in this schedule."""
+    """Return whether a test is one of physics that a CPU need not do in this schedule."""
     file, call = item.path.stem.removeprefix("test_"), getattr(item, "callspec", None)
     if file not in PHYSICS or call is None or call.params.get("device") != "cpu":
         return False
@@ -102,7 +115,7 @@ def is_left_to_the_matrix(item: pytest.Item) -> bool:
 
 
 def is_brief(item: pytest.Item) -> bool:
-    """Whether its kernels stay as they are written: not those of a test that is marked as `long` in such a file."""
+    """Return whether a test's kernels stay as they are written: not if it is marked as `long` in such a file."""
     group = group_of(item.nodeid)
     return (group.startswith("matrix ") or group in BRIEF) and not item.get_closest_marker("long")
 

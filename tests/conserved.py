@@ -1,4 +1,4 @@
-"""What physics conserves, of a simulation's first world, in float64."""
+"""Conserved quantities of a simulation's first world, in float64."""
 
 import numpy as np
 import warp as wp
@@ -8,7 +8,7 @@ from balloon_warp.simulator import Simulator
 
 
 def masses(simulator: Simulator) -> NDArray[np.float64]:
-    """What moves with each particle [kg], its part of its balloon's gas included, shape (particle_count,)."""
+    """Return the moving mass of each particle [kg], with its share of the balloon's gas, shape (particle_count,)."""
     model = simulator.model
     amounts = simulator.state.gas_amounts.numpy()[0]
     parts = []
@@ -25,19 +25,19 @@ def motion(simulator: Simulator) -> tuple[NDArray[np.float64], NDArray[np.float6
 
 
 def momentum(simulator: Simulator) -> NDArray[np.float64]:
-    """Of the balloons [kg m/s], shape (3,)."""
+    """Return the momentum of the balloons [kg m/s], shape (3,)."""
     _, velocities = motion(simulator)
     return masses(simulator) @ velocities
 
 
 def angular_momentum(simulator: Simulator) -> NDArray[np.float64]:
-    """Of the balloons about the origin [kg m^2/s], shape (3,)."""
+    """Return the angular momentum of the balloons about the origin [kg m^2/s], shape (3,)."""
     points, velocities = motion(simulator)
     return masses(simulator) @ np.cross(points, velocities)
 
 
 def energy(simulator: Simulator) -> float:
-    """Of the first balloon's motion and its springs [J], from the scene's own numbers."""
+    """Return the energy of the first balloon's motion and springs [J], from the scene's own numbers."""
     shape, balloon = simulator.model.shapes[0], simulator.model.scene.balloon[0]
     points, velocities = motion(simulator)
     kinds = np.array([balloon.stiffness.structural, balloon.stiffness.shear, balloon.stiffness.flexion])
@@ -56,7 +56,7 @@ def put(simulator: Simulator, points: NDArray | None = None, velocities: NDArray
 
 
 def sphere_momenta(simulator: Simulator) -> NDArray[np.float64]:
-    """Of the spheres [kg m/s], by the paper's rule with what they get when they next move, shape (sphere_count, 3)."""
+    """Return the momenta of the spheres [kg m/s], with their next push by the paper's rule, shape (sphere_count, 3)."""
     model, state = simulator.model, simulator.state
     velocities, forces = (a.numpy()[0].astype(np.float64) for a in (state.sphere_velocities, state.sphere_forces))
     coming = model.step_seconds * forces if model.scene.contact == "penalty" else 0.0
@@ -64,7 +64,7 @@ def sphere_momenta(simulator: Simulator) -> NDArray[np.float64]:
 
 
 def sphere_energies(simulator: Simulator) -> NDArray[np.float64]:
-    """Of the spheres' motion [J], shape (sphere_count,)."""
+    """Return the energies of the spheres' motion [J], shape (sphere_count,)."""
     return (sphere_momenta(simulator) ** 2).sum(axis=1) / (
         2.0 * simulator.model.parameters["sphere_mass"].numpy()[0].astype(np.float64)
     )

@@ -17,7 +17,7 @@ UV = np.random.default_rng(1).random((len(BALL.face_vertex_indices), 2)).astype(
 
 
 def scene(**fields) -> Scene:
-    """One of each that moves in its own way; the second sphere appears after two frames."""
+    """Return a scene with one of each kind of motion; the second sphere appears after two frames."""
     textured = PolygonMesh(BALL.points, BALL.face_vertex_counts, BALL.face_vertex_indices, texture_coordinates=UV)
     fields = {
         "balloon": [
@@ -46,7 +46,7 @@ def scene(**fields) -> Scene:
 
 
 def points(path: Path, prim: str, frame: float) -> np.ndarray:
-    """Of a mesh in the stage with Y up."""
+    """Return the points of a mesh in the stage with Y up."""
     stage = Usd.Stage.Open(str(path))
     found = np.array(UsdGeom.Mesh(stage.GetPrimAtPath(prim)).GetPointsAttr().Get(frame), np.float64)
     return found @ turned(stage)

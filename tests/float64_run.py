@@ -1,18 +1,21 @@
-"""A scene's motion in NumPy and double precision: springs or a film, damping, weight, a pressure or a gas, the ground.
+"""A scene's motion in NumPy and double precision: springs or a film, damping, weight, a pressure or a gas, contact.
 
-Written from the formulas, not from the kernels, so that differences of it tell what gradients are to be. Films are
-those of `statics`.
+Contact is with the ground and obstacles. Written from the formulas, not from the kernels, so that differences of it
+tell what gradients are to be. Films are those of `statics`.
 """
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
+from float64_parts import directions, gusts, let_through, out_of_sphere, rolled, thrusts, torsion, water
 
-from balloon_warp.kernels.laws.air import density_of_given_air
+from balloon_warp.kernels.laws.air import GAS_CONSTANT, density_of_given_air
 from balloon_warp.kernels.laws.gas import STANDARD_PRESSURE
 from balloon_warp.model import plan_model
 from balloon_warp.model.friction import FRICTION
+from balloon_warp.model.neck import neck_of
 from balloon_warp.model.plan import settled_parameters
 from balloon_warp.model.starts import start_of
 from balloon_warp.scene import Scene
@@ -22,9 +25,20 @@ from balloon_warp.statics.volume import Volume
 Array = np.ndarray
 
 
-def motion(scene: Scene, values: Mapping[str, float] | None = None) -> tuple[Array, Array, Array]:
-    """Places and velocities of the first balloon in all frames, shape (frames + 1, n, 3), and its pressures."""
-    return _Motion(scene, values or {}).frames()
+def motion(
+    scene: Scene, values: Mapping[str, float] | None = None, shifts: tuple[Any, Any] = (0.0, 0.0)
+) -> tuple[Array, Array, Array]:
+    """Places and velocities of the first balloon in all frames, shape (frames + 1, n, 3), and its pressures.
+
+    Args:
+        shifts: what is added to places and velocities at the start, with the amount of gas as it is.
+    """
+    told = dict(values or {})
+    changes = [change.model_copy(update={"set": dict(change.set)}) for change in scene.change]
+    for path in [path for path in told if path.startswith("change.")]:
+        number, inner = path.removeprefix("change.").split(".set.")
+        changes[int(number)].set[inner] = told.pop(path)
+    return _Motion(scene.model_copy(update={"change": changes}), told).frames(*shifts)
 
 
 class _Motion:
@@ -40,57 +54,110 @@ class _Motion:
         self.gas = scene.balloon[0].inflation.kind == "gas"
         springs = self.shape.springs
         self.ends, self.lengths = springs.pairs, np.float32(springs.rest_lengths).astype(float)
-        constants = np.array([self.of("structural"), self.of("shear"), self.of("flexion")])
-        self.constants = constants[springs.kind]
         of_film = scene.balloon[0].material.law != "springs"
         self.film = film_of(self.scene, 0, self.shape, self.p) if of_film else None
+        self.hinges = self.shape.hinges
         self.load = np.zeros(2)
+        neck = scene.balloon[0].neck
+        self.neck = neck_of(neck.at, self.shape.mesh, self.share, self.up) if neck else None
+        self.spheres = [self._sphere(number) for number in range(len(scene.sphere))]
+
+    def _sphere(self, number: int) -> dict[str, Any]:
+        """A sphere's state and numbers."""
+        starts = {name: self.p[f"initial_sphere_{name}"][0, number] for name in ("positions", "velocities", "spins")}
+        numbers = {name: self.p[f"sphere_{name}"][0, number] for name in ("mass", "radius", "penalty")}
+        friction = self.p[FRICTION][0, 1 + len(self.scene.obstacle) + number, 0]
+        return {**starts, **numbers, "friction": friction, "force": np.zeros(3)}
+
+    @property
+    def constants(self) -> Array:
+        """Return the constants of all springs."""
+        constants = np.array([self.of("structural"), self.of("shear"), self.of("flexion")])
+        return constants[self.shape.springs.kind]
+
+    def _change(self, frame: int) -> None:
+        """Apply the scene's planned changes for the start of a frame."""
+        for change in self.plan.due_changes:
+            for name in change.values if change.frame == frame else ():
+                self.p[name] = self.p[name].copy()
+                change.apply(name, self.p[name])
 
     def of(self, name: str) -> Any:
         value = self.p[name][0]
         return float(np.ravel(value)[0])
 
-    def frames(self) -> tuple[Array, Array, Array]:
+    def frames(self, shift: Any, push: Any) -> tuple[Array, Array, Array]:
         x = start_of(self.scene, self.p, 0, self.shape.mesh.points)[0]
         spin, center = self.p["initial_spins"][0, 0], self.p["initial_centers"][0, 0]
         v = self.p["initial_velocities"][0, 0] + np.cross(spin, x - center)
+        x, v = x + shift, v + push
+        self.moles = self.of("initial_gas_amounts") if self.gas else 0.0
         self.load, self.pressure = self.p["initial_loads"][0, 0], self.of("initial_pressures")
         found = [(x, v, self.pressure)]
         for frame in range(self.scene.frames):
-            mass = self._mass()
+            self._change(frame)
+            along = self._air_along() if self.gas else 0.0
             for substep in range(self.plan.substeps):
-                x, v = self._substep(x, v, mass, frame, substep / self.plan.substeps)
+                part = substep / self.plan.substeps
+                self.time = (frame + part) / self.scene.frames_per_second
+                self._pump(frame, part)
+                mass = self.share * (self.of("mass") + self.moles * self.of("molar_mass") + along)
+                x, v = self._substep(x, v, mass, frame, part)
             found.append((x, v, self.pressure))
         points, velocities, pressures = (np.array(each) for each in zip(*found, strict=True))
         return points, velocities, pressures
 
-    def _mass(self) -> Array:
-        mass = self.of("mass")
-        if self.gas:
-            outside = self.of("air_pressure")
-            volume = self.of("initial_free_volumes") * STANDARD_PRESSURE / (outside + self.pressure)
-            mass += (
-                self.of("initial_gas_amounts") * self.of("molar_mass") + self.of("added_mass") * self._air() * volume
-            )
-        return self.share * mass
+    def _air_along(self) -> float:
+        volume = self.free_volume * STANDARD_PRESSURE / (self.of("air_pressure") + self.pressure)
+        return self.of("added_mass") * self._air() * volume
+
+    @property
+    def free_volume(self) -> float:
+        """Return the free volume of the gas at the air's temperature, under one atmosphere."""
+        return self.moles * GAS_CONSTANT * self.of("air_temperature") / STANDARD_PRESSURE
+
+    def _pump(self, frame: int, part: float) -> None:
+        """Gas that is pumped, by keyframes, or a number of moles in some time."""
+        if not self.gas:
+            return
+        self.moles += self.h * self._given(frame, part + 0.5 / self.plan.substeps)
+        during = np.clip(self.of("fill_time") - self.time, 0.0, self.h) if self.of("fill_moles") else 0.0
+        self.moles += self.of("fill_moles") * during / self.of("fill_time")
 
     def _air(self) -> float:
         return density_of_given_air(*(self.of(f"air_{name}") for name in ("pressure", "temperature", "density")))
 
     def _substep(self, x: Array, v: Array, mass: Array, frame: int, part: float) -> tuple[Array, Array]:
+        for sphere in self.spheres:
+            around = self.of("gravity"), self.of("ground_height"), self.of("ground_restitution")
+            rolled(sphere, self.up, self.h, *around)
         gain = (self.h / mass)[:, None]
         force = self._springs(x) + (self.share * self.of("mass") * -self.of("gravity"))[:, None] * self.up
         force -= (self.share * self.of("damping"))[:, None] * v
         area = self.volume.slopes(x)
+        force += self._drag(x, v, area) + self._faces(x, v)
+        if self.neck:
+            force += thrusts(x, self.neck, self._opening(), self.load[0] + self.load[1] * (x @ self.up))
+        if self.scene.water is not None:
+            numbers = (self.of(f"water_{name}") for name in ("level", "density", "drag"))
+            force += water(self.shape.mesh, x, v, self.h / mass, self.up, self.of("gravity"), *numbers)
+        if self.of("torsion"):
+            force += torsion(self.shape, self.of("torsion"), x)
         if self.gas:
             free = v + gain * force
             self._find_load(x, area, free, gain)
-            push = self.load[0] + self.load[1] * (x @ self.up)
-            v = free + gain * push[:, None] * area
+            inflation = (self.load[0] + self.load[1] * (x @ self.up))[:, None] * area
+            v = free + gain * inflation
+        elif self.scene.balloon[0].inflation.kind == "normal_force":
+            if part == 0.0 or self.scene.normals == "fresh":
+                self.directions = directions(self.shape.mesh, x)
+            inflation = 100.0 * self._given(frame, part) * self.directions
+            v = v + gain * (force + inflation)
         else:
             self.pressure = self._given(frame, part)
-            v = v + gain * (force + self.pressure * area)
-        return self._leave(x + self.h * v, v)
+            inflation = self.pressure * area
+            v = v + gain * (force + inflation)
+        return self._leave(x + self.h * v, v, inflation)
 
     def _springs(self, x: Array) -> Array:
         if self.film:
@@ -102,6 +169,39 @@ class _Motion:
         np.add.at(force, self.ends[:, 1], -pull)
         return force
 
+    def _wind(self, x: Array) -> Array:
+        """The power law of the wind's growth with height, and gusts, which the wind carries along."""
+        wind = np.ravel(self.p["wind"][0])
+        heights = np.clip(x @ self.up / self.of("wind_height"), 0.0, 10.0)
+        growth = heights ** self.of("wind_shear") if self.of("wind_shear") > 0.0 else np.ones(len(x))
+        steady = growth[:, None] * wind
+        if not self.of("gusts"):
+            return steady
+        carried = (x - self.time * wind) / self.of("gust_length")
+        return steady + self.of("gusts") * np.linalg.norm(wind) * gusts(carried)
+
+    def _drag(self, x: Array, v: Array, area: Array) -> Array:
+        flux = ((v - self._wind(x)) * area).sum(axis=1)
+        scale = -0.5 * self._air() * self.of("drag_coefficient") * flux * np.abs(flux)
+        return (scale / (area**2).sum(axis=1))[:, None] * area
+
+    def _faces(self, x: Array, v: Array) -> Array:
+        """The air's push on faces, which their corners share."""
+        force = np.zeros_like(x)
+        if not (self.of("face_drag") or self.of("face_friction")):
+            return force
+        mesh = self.shape.mesh
+        faces = np.split(mesh.face_vertex_indices, np.cumsum(mesh.face_vertex_counts)[:-1])
+        winds = iter(self._wind(np.array([x[corners].mean(axis=0) for corners in faces])))
+        for corners in faces:
+            area = 0.5 * np.cross(x[corners], np.roll(x[corners], -1, axis=0)).sum(axis=0)
+            beside = v[corners].mean(axis=0) - next(winds)
+            normal = area / np.linalg.norm(area)
+            across = (beside @ normal) * normal
+            push = self.of("face_drag") * across + self.of("face_friction") * (beside - across)
+            force[corners] -= 0.5 * self._air() * np.linalg.norm(area) * np.linalg.norm(beside) * push / len(corners)
+        return force
+
     def _given(self, frame: int, part: float) -> float:
         """Linear over a frame, whose ends alone see keyframes."""
         times, values = [at for at, _ in self.scene.balloon[0].inflation.keyframes], self.p["keyframe_values"][0, 0]
@@ -111,38 +211,85 @@ class _Motion:
         return float(first + part * (last - first))
 
     def _find_load(self, x: Array, area: Array, free: Array, gain: Array) -> None:
-        """With gamma 1, in uniform air, and backward Euler in the direction in which the gas is stiff."""
+        """Load of the gas, with gamma 1, in uniform air, and backward Euler in the direction in which the gas is
+        stiff."""
         heights = x @ self.up
         before = self.load[0] + self.load[1] * heights
         course = free + gain * before[:, None] * area
-        stood, _ = self._leave(x + self.h * course, course)
-        meets = self._low(x + self.h * course)[:, None]
-        along = area - meets * np.outer(area @ self.up, self.up)
+        stood, _, normals = self._stand(x, x + self.h * course, course, foreseen=True)
+        along = area - (area * normals).sum(axis=1, keepdims=True) * normals
         swings = gain[:, 0] * (along * along).sum(axis=1)
         response, height = swings.sum(), float(self.share @ heights)
         deflected = course + (stood - x - self.h * course) / self.h
         rate = ((area * deflected).sum(axis=1) - before * swings).sum()
         volume, outside = self.volume.of(x), self.of("air_pressure")
-        explicit = STANDARD_PRESSURE * self.of("initial_free_volumes") / volume - outside
-        weight = self._air() - self.of("initial_gas_amounts") * self.of("molar_mass") / volume
+        explicit = STANDARD_PRESSURE * self.free_volume / volume - outside
+        weight = self._air() - self.moles * self.of("molar_mass") / volume
         rise = weight * self.of("gravity")
         rate += rise * ((swings * heights).sum() - height * response)
         pull = (outside + explicit) / volume * self.h
         self.pressure = (explicit - pull * rate) / (1.0 + pull * response)
+        self._leak((outside + explicit) / self.free_volume / (1.0 + pull * response))
         self.load = np.array([self.pressure - rise * height, rise])
 
-    def _low(self, x: Array) -> Array:
-        if self.scene.ground is None:
-            return np.zeros(len(x), dtype=bool)
-        return x @ self.up < self.of("ground_height")
+    def _leak(self, slope: float) -> None:
+        """Bernoulli's law, at the pressure of the substep's end.
 
-    def _leave(self, x: Array, v: Array) -> tuple[Array, Array]:
-        """Coulomb's law: what is stopped into the ground stops at most so much along it."""
-        low = self._low(x)[:, None]
-        rise = (v @ self.up)[:, None]
-        along, stopped = v - rise * self.up, np.maximum(-rise, 0.0)
-        friction = self.p[FRICTION][0, -1, 0] if self.scene.ground is not None else 0.0
-        speed = np.sqrt((along * along).sum(axis=1, keepdims=True) + 1e-20)
-        lost = np.minimum(friction * stopped / speed, 1.0)
-        out = x + np.maximum(self.of("ground_height") - x @ self.up, 0.0)[:, None] * self.up - self.h * lost * along
-        return np.where(low, out, x), np.where(low, v - lost * along + stopped * self.up, v)
+        Args:
+            slope: by which more free volume raises the pressure [Pa/m^3].
+        """
+        opening, outside = self.of("leak") + self._opening(), self.of("air_pressure")
+        mole, sign = self.free_volume / self.moles, np.sign(self.pressure)
+        volume, density = mole * STANDARD_PRESSURE / outside, self._air()  # of what comes in
+        if sign > 0.0:
+            volume *= outside / (outside + self.pressure)
+            density = self.of("molar_mass") / volume
+        squared = 2.0 * opening**2 / (density * volume**2)
+        held, driven = squared * slope * mole * self.h, squared * abs(self.pressure)
+        flow = sign * 2.0 * driven / (held + np.sqrt(held**2 + 4.0 * driven) + 1e-300)
+        self.pressure -= slope * self.h * flow * mole
+        self.moles -= self.h * flow
+
+    def _opening(self) -> float:
+        """Return the opening of the neck."""
+        return 0.25 * np.pi * self.of("neck_diameter") ** 2 * self.of("neck_discharge") if self.neck else 0.0
+
+    def _leave(self, x: Array, v: Array, inflation: Array) -> tuple[Array, Array]:
+        for sphere in self.spheres:
+            x, v, outward = out_of_sphere(sphere, x, v)
+            push = sphere["penalty"] * np.linalg.norm(inflation, axis=1, keepdims=True) * outward
+            sphere["force"] = sphere["force"] - push.sum(axis=0)
+        out, after, _ = self._stand(x - self.h * v, x, v)
+        return out, after
+
+    def _stand(self, start: Array, x: Array, v: Array, foreseen: bool = False) -> tuple[Array, Array, Array]:
+        """Obstacles and then the ground: Coulomb's law, what is stopped stops at most so much along the surface.
+
+        Places, velocities and the normals of what was touched last. Each contact sees the velocity that the one before
+        has left, or what is foreseen always the same.
+        """
+        normals = np.zeros_like(x)
+        if foreseen:
+            for sphere in self.spheres:
+                x, _, outward = out_of_sphere(sphere, x, v)
+                normals = np.where((outward != 0.0).any(axis=1, keepdims=True), outward, normals)
+        ground = [(self._on_ground, self.p[FRICTION][0, -1, 0])] if self.scene.ground is not None else []
+        of_obstacles = [
+            (partial(let_through, obstacle, start), self.p[FRICTION][0, -1, 1 + number])
+            for number, obstacle in enumerate(self.scene.obstacle)
+        ]
+        for let, friction in (*of_obstacles, *ground):
+            low, place, normal, left = let(x)
+            rise = (v * normal).sum(axis=1, keepdims=True)
+            along, stopped = v - rise * normal, np.maximum(-rise, 0.0)
+            speed = np.sqrt((along * along).sum(axis=1, keepdims=True) + 1e-20)
+            lost = np.minimum(friction * stopped / speed, 1.0)
+            x = np.where(low, place - self.h * left * lost * along, x)
+            normals = np.where(low, normal, normals)
+            if not foreseen:
+                v = np.where(low, v - lost * along + stopped * normal, v)
+        return x, v, normals
+
+    def _on_ground(self, x: Array) -> tuple[Array, Array, Array, Array]:
+        depth = (self.of("ground_height") - x @ self.up)[:, None]
+        return depth > 0.0, x + depth * self.up, np.broadcast_to(self.up, x.shape), np.ones_like(depth)

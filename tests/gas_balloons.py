@@ -19,7 +19,7 @@ PRESSURE_ROUNDING = 0.1
 
 
 def octahedron(radius: float = 1.0) -> PolygonMesh:
-    """All vertices alike."""
+    """Return an octahedron, whose vertices are all alike."""
     points = radius * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
     faces = [[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]]
     return mesh_of(points, faces)
@@ -35,7 +35,7 @@ def with_volume(mesh: PolygonMesh, volume: float) -> PolygonMesh:
 
 
 def gas_balloon(mesh: PolygonMesh, gas: dict | None = None, **fields) -> Balloon:
-    """Without springs, damping, and air that moves along."""
+    """Return a balloon of gas without springs, damping and added mass."""
     inflation = Inflation(kind="gas", **({"added_mass": 0.0} | (gas or {})))
     return Balloon(**{"mesh": mesh, "stiffness": NO_SPRINGS, "damping": 0.0, "inflation": inflation} | fields)
 
@@ -46,7 +46,7 @@ def volume_of(simulator: Simulator, frame: Frame, number: int = 0) -> float:
 
 
 def set_state(simulator: Simulator, **arrays: np.ndarray) -> None:
-    """Of one world."""
+    """Set the state of one world."""
     for name, values in arrays.items():
         array = getattr(simulator.state, name)
         wp.copy(array, wp.array(np.asarray(values)[None], dtype=array.dtype, device=array.device))

@@ -9,7 +9,7 @@ import numpy as np
 
 
 class Glb:
-    """What a file says, and its arrays."""
+    """Contents of a .glb file, and its arrays."""
 
     def __init__(self, path: Path):
         data = path.read_bytes()
@@ -39,7 +39,7 @@ class Glb:
         return values
 
     def channels(self, name: str) -> dict[str, tuple[np.ndarray, np.ndarray, str]]:
-        """Of a node by what they move: times, values, and how one goes between them."""
+        """Return a node's channels by their targets: times, values, and interpolation."""
         [animation] = self.said["animations"]
         found = {}
         for channel in animation["channels"]:
@@ -53,7 +53,7 @@ class Glb:
         return self.said["meshes"][self.nodes[name]["mesh"]]["primitives"][0]
 
     def shapes(self, name: str, attribute: str = "POSITION") -> np.ndarray:
-        """What the weights of each keyframe make of a mesh, shape (keyframes, vertex_count, 3)."""
+        """Return the shapes of a mesh at each keyframe's weights, shape (keyframes, vertex_count, 3)."""
         primitive = self.primitive(name)
         rest = self.array(primitive["attributes"][attribute]).astype(np.float64)
         moves = np.array([self.array(target[attribute]) for target in primitive["targets"]], np.float64)

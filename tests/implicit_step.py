@@ -1,4 +1,4 @@
-"""What the `projective` solver minimizes in a step, for Newton's method."""
+"""Objective of a step of the `projective` solver, for Newton's method."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,7 +68,7 @@ class ImplicitStep:
         return k * (size - length) * d / size, k * (along + (1.0 - length / size) * (np.eye(3) - along))
 
     def minimum(self, points: NDArray) -> NDArray:
-        """By Newton's method from there."""
+        """Return the minimum, by Newton's method from a start."""
         moves = np.repeat(self.share > 0.0, 3)
         for _ in range(30):
             slope, curvature = self.derivatives(points)

@@ -1,4 +1,4 @@
-"""What the files of the repository import, in whatever form, and the circles that it makes."""
+"""Import graph of the repository's files, and its cycles."""
 
 import ast
 from collections.abc import Iterator
@@ -54,7 +54,7 @@ def _imported_from(node: ast.ImportFrom, own: str) -> Iterator[str]:
 
 @cache
 def _homes() -> dict[str, str]:
-    """By each name of the package's face the module that it is loaded from."""
+    """Return the module of each name of the package's face."""
     tables = [node.value for node in TREES[FACE].body if isinstance(node, ast.Assign) and _named(node) == "_HOMES"]
     return {f"balloon_warp.{name}": f"balloon_warp.{module}"
             for module, names in ast.literal_eval(tables[0]).items() for name in names}  # fmt: skip

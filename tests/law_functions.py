@@ -52,7 +52,7 @@ def _arrays(samples: Samples, names: Sequence[str], gradients: bool) -> list[wp.
 
 
 def called(function: Any, samples: Samples, result: str = "float32") -> NDArray[np.float64]:
-    """What the function returns, shape (COUNT,) or (COUNT, 3)."""
+    """Return the results of a function, shape (COUNT,) or (COUNT, 3)."""
     out, _ = _launched(function, samples, result, False)
     return out.numpy().astype(np.float64)
 
@@ -79,12 +79,12 @@ def difference(
 
 
 def size_of(values: NDArray) -> float:
-    """By which an argument is measured."""
+    """Return the measure of an argument."""
     return float(np.sqrt(np.mean(np.square(values)))) or 1.0
 
 
 def adjoint(function: Any, samples: Samples, weights: NDArray, result: str) -> dict[str, NDArray[np.float64]]:
-    """By argument, Warp's derivative of the sum of what the function returns times the weights."""
+    """Return Warp's derivatives of the weighted sum of a function's results, by argument."""
     with wp.Tape() as tape:
         out, inputs = _launched(function, samples, result, True)
     tape.backward(grads={out: wp.array(weights, dtype=out.dtype, device="cpu")})

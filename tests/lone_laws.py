@@ -52,13 +52,13 @@ def drawn(row: Parameter, random: np.random.Generator, count: int) -> NDArray[np
 
 
 def values_of(law: Law) -> dict[str, Any]:
-    """Of all that a law is told by name, with which it acts."""
+    """Return values by name of all that a law may ask for, with which it acts."""
     constants = {name: BODY[name] for name in OF_KIND.get(law.kind, ())}
     return {row.name: value_of(row) for row in law.parameters} | constants
 
 
 def values_without(laws: Sequence[Law]) -> dict[str, float]:
-    """Of all that laws are told by name, with which none acts: as each says that it is neutral, or else zero."""
+    """Return values by name of all that laws may ask for, with which none acts: neutral ones, or else zero."""
     zero = [row.name for law in laws if not law.neutral for row in law.parameters]
     neutral = {name: value for law in laws for name, value in law.neutral.items()}
     return dict.fromkeys([*BODY, *zero], 0.0) | neutral
@@ -123,7 +123,7 @@ def model_of_all(law: Law, device: str, step_seconds: float | None = None, subst
 
 
 def stable_step(law: Law) -> float:
-    """What the bounds allow [s]."""
+    """Return the step that the bounds allow [s]."""
     plan, world = plan_of_all(law)
     alone = plan.of_worlds(np.array([world]))
     return Network(alone.shapes, alone.held, alone.laws).stable_step(alone.scene, alone.parameters)

@@ -66,7 +66,7 @@ def tetrahedron() -> PolygonMesh:
 
 
 def polygon(n: int) -> PolygonMesh:
-    """One regular n-gon of radius 1, facing +z."""
+    """Return a regular n-gon of radius 1, facing +z."""
     angles = 2.0 * np.pi * np.arange(n) / n
     return mesh_of(np.stack([np.cos(angles), np.sin(angles), 0.0 * angles], axis=1), [list(range(n))])
 
@@ -109,7 +109,7 @@ def torus(n: int, m: int, major: float = 1.0, minor: float = 0.4) -> PolygonMesh
 
 
 def joined(*meshes: PolygonMesh) -> PolygonMesh:
-    """All the meshes as one, each a component."""
+    """Return all the meshes as one, each a component."""
     offsets = np.cumsum([0, *(mesh.vertex_count for mesh in meshes)])
     return PolygonMesh(
         points=np.concatenate([mesh.points for mesh in meshes]),

@@ -109,7 +109,7 @@ def of_materials(scene: Scene) -> Scene:
 
 
 def softening() -> Scene:
-    """The same with rubber that pulls less once it has been stretched further."""
+    """Return a scene with rubber that pulls less once it has been stretched further."""
     scene = of_materials(in_air())
     softer = {"softening": 0.4, "softening_energy": 3.0e4}
     first, *others = scene.balloon
@@ -171,12 +171,12 @@ def in_air() -> Scene:
 
 
 def in_air_with_rubber() -> Scene:
-    """The same, with springs that look at velocities."""
+    """Return the scene in air, with springs that depend on velocities."""
     return _with_stiffness(in_air(), *[Stiffness(viscosity=2e-3, yield_stretch=1.4)] * 4)
 
 
 def in_air_by_forward_euler() -> Scene:
-    """The same, with points that move by the old velocities."""
+    """Return the scene in air, with points that move by the old velocities."""
     return in_air().model_copy(update={"solver": "forward_euler"})
 
 
@@ -203,7 +203,7 @@ def rubbing(scene: Scene) -> Scene:
 
 
 def in_touch(itself: bool = False) -> Scene:
-    """All of that, with balloons that touch: one comes down on what floats."""
+    """Return the scene with balloons that touch: one comes down on what floats."""
     scene = in_air_with_rubber()
     third = scene.balloon[2].model_copy(update={"position": (0.1, 0.85, 0.0), "helium": 0.0, "velocity": (0, -1, 0)})
     balloons = [*scene.balloon[:2], third, *scene.balloon[3:]]

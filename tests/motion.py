@@ -1,11 +1,11 @@
-"""What a stage says of its motion, held against that motion."""
+"""Motion in a stage, compared with the simulated one."""
 
 import numpy as np
 from pxr import UsdGeom
 
 
 def assert_velocities_are_those_of_the_points(prim: UsdGeom.Mesh, frames_per_second: float) -> None:
-    """They are central differences of the points in time, one-sided at both ends, up to the rounding of a float32."""
+    """Check that velocities are central differences of the points, one-sided at both ends, up to float32's rounding."""
     times = prim.GetPointsAttr().GetTimeSamples()
     assert prim.GetVelocitiesAttr().GetTimeSamples() == times
     points = np.array([prim.GetPointsAttr().Get(time) for time in times], dtype=np.float64)

@@ -34,8 +34,8 @@ def box(center: Size, size: Size, cells: Sequence[int] = (2, 2, 2)) -> PolygonMe
 
 
 def merged(mesh: PolygonMesh, digits: int = 6) -> PolygonMesh:
-    """With one vertex at each place: where boxes stand side by side, edges get three faces and four. Vertices of no
-    face are left out."""
+    """Mesh with one vertex at each place: where boxes stand side by side, edges get three faces and four. Vertices of
+    no face are left out."""
     first = first_coincident(mesh.points.round(digits) + 0.0)[mesh.face_vertex_indices]
     used, numbers = np.unique(first, return_inverse=True)
     return replace(mesh, points=mesh.points[used], face_vertex_indices=numbers.astype(np.int32))
@@ -48,7 +48,7 @@ def without(mesh: PolygonMesh, drop: NDArray[np.bool_]) -> PolygonMesh:
 
 
 def turned_over(mesh: PolygonMesh, faces: NDArray[np.bool_]) -> PolygonMesh:
-    """With some faces run backwards, by a mask."""
+    """Return the mesh with some faces run backwards, by a mask."""
     listed = [
         face[::-1] if turn else face
         for face, turn in zip(
@@ -59,7 +59,7 @@ def turned_over(mesh: PolygonMesh, faces: NDArray[np.bool_]) -> PolygonMesh:
 
 
 def deformed(mesh: PolygonMesh, by: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> PolygonMesh:
-    """With each of its points elsewhere."""
+    """Return the mesh with other points."""
     return replace(mesh, points=by(mesh.points))
 
 

@@ -1,4 +1,4 @@
-"""How deep balloons of a simulation are in each other."""
+"""Interpenetration of a simulation's balloons."""
 
 from itertools import pairwise
 
@@ -11,14 +11,14 @@ from balloon_warp.simulator import Simulator
 
 
 def deepest(simulator: Simulator, world: int = 0) -> float:
-    """How far the particle that is deepest in another balloon is from that one's surface [m]; 0 if none is in any."""
+    """Return the largest distance of a particle within another balloon from its surface [m]; 0 if none is in any."""
     points = simulator.state.points.numpy()[world].astype(np.float64)
     parts = [points[begin:end] for begin, end in pairwise(simulator.model.particle_offsets)]
     return deepest_overlap(parts, [shape.mesh for shape in simulator.model.shapes])
 
 
 def edges_through(points: Points, ends: NDArray[np.int64], mesh: PolygonMesh) -> int:
-    """How many edges of one balloon go through faces of another (Möller and Trumbore 1997).
+    """Return the number of edges of one balloon that go through faces of another (Möller and Trumbore 1997).
 
     Args:
         points: of the one's particles.

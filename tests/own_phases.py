@@ -6,10 +6,10 @@ import pytest
 import warp as wp
 
 from balloon_warp.kernels import substep
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws import Parameter
 from balloon_warp.kernels.phase import Look, Phase, phase
 from balloon_warp.kernels.tables import Tables, sphere_number
-from balloon_warp.kernels.traits import Traits
 
 START = 300.0
 """of temperatures [K]"""
@@ -24,24 +24,24 @@ START = 300.0
     ),
     neutral={"slowing": 0.0},
 )
-def slow(traits: Traits, look: Look) -> Any:
+def slow(features: Features, look: Look) -> Any:
     """Slow a particle that is near a sphere."""
-    sphere_at, places = look.sphere_at, traits.columns.places_of_spheres
+    sphere_at, places = look.sphere_at, features.columns.places_of_spheres
     radius, slowing = places["slow_radius"], places["slowing"]
 
     @wp.func
     def slow(
         t: Tables,  # pyright: ignore[reportGeneralTypeIssues] - a struct
         spheres: Any,
-        own: Any,
+        params: Any,
         point: wp.vec3,
         velocity: wp.vec3,
     ):
         slowed = velocity
         for sphere in range(t.spheres.numbers.shape[1]):
-            center, _motion, _radius = sphere_at(t, spheres, own.world, sphere)
-            if wp.length(point - center) < sphere_number(t.spheres, own.world, sphere, radius):
-                slowed = slowed / (1.0 + t.step_seconds * sphere_number(t.spheres, own.world, sphere, slowing))
+            center, _motion, _radius = sphere_at(t, spheres, params.world, sphere)
+            if wp.length(point - center) < sphere_number(t.spheres, params.world, sphere, radius):
+                slowed = slowed / (1.0 + t.step_seconds * sphere_number(t.spheres, params.world, sphere, slowing))
         return slowed
 
     return slow
@@ -57,7 +57,7 @@ def slow(traits: Traits, look: Look) -> Any:
     neutral={"weakening": 0.0},
     keeps={"temperature": START},
 )
-def warm(traits: Traits, look: Look) -> Any:
+def warm(features: Features, look: Look) -> Any:
     """Let a particle's temperature follow the air's [K]."""
 
     @wp.func
@@ -74,7 +74,7 @@ def warm(traits: Traits, look: Look) -> Any:
 
 
 @phase("particle", {"force": wp.vec3}, neutral={"weakening": 0.0})
-def weaken(traits: Traits, look: Look) -> Any:
+def weaken(features: Features, look: Look) -> Any:
     """Weaken what pulls at a particle that is warm."""
 
     @wp.func

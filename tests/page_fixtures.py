@@ -25,6 +25,7 @@ def browser() -> Iterator:
 def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator:
     """A small balloon, played with."""
     pytest.importorskip("viser")
+    from asked_ahead import AskedAhead
     from browsing import tethered
 
     from balloon_warp.viewer.page import Page
@@ -33,6 +34,7 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator:
 
     folder = tmp_path_factory.mktemp("recordings")
     page = Page(Session("ball", tethered(), "cpu", folder), port=free_port("127.0.0.1", 0))
+    page.ahead = AskedAhead()
     page.start()
     page.layers.show("shadow", False)  # which takes most of the time where no GPU draws
     yield page

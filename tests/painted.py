@@ -23,7 +23,7 @@ WITHIN = np.array([(0.2, 0.2), (0.8, 0.2), (0.8, 0.8), (0.2, 0.8)])
 
 
 def places() -> np.ndarray:
-    """Of each side's corners in the image, three tiles wide and two high, shape (6, 4, 2), v up."""
+    """Return the corners of each side in the image, three tiles wide and two high, shape (6, 4, 2), v up."""
     tiles = np.array([(side % 3, 1 - side // 3) for side in range(6)])
     return (tiles[:, None] + WITHIN) / (3.0, 2.0)
 
@@ -35,7 +35,7 @@ def atlas() -> Image.Image:
 
 
 def linear(color) -> np.ndarray:
-    """Of sRGB from 0 to 255."""
+    """Return linear values of sRGB from 0 to 255."""
     values = np.asarray(color) / 255.0
     return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
 
@@ -66,7 +66,7 @@ def write_painted(folder: Path, kind: str) -> Path:
 
 
 def write_obj_cube(folder: Path, materials: str = "newmtl paint\nKd 0 0 0\nmap_Kd images/the atlas.png\n") -> Path:
-    """With each side in the material of its number, where there is one; else in "paint"."""
+    """Write a cube with each side in the material of its number, where there is one; else in "paint"."""
     (folder / "images").mkdir(exist_ok=True)
     atlas().save(folder / "images/the atlas.png")
     (folder / "cube.mtl").write_text(materials)
@@ -110,8 +110,8 @@ def write_usd_cube(folder: Path) -> Path:
 
 
 def seen_sides(mesh: PolygonMesh) -> list[tuple[int, tuple[float, ...]]]:
-    """Of each face the number of the side that it faces, and the color there, sRGB from 0 to 255 or linear from 0 to 1,
-    as an image or a material has it."""
+    """For each face the number of the side that it faces, and the color there, sRGB from 0 to 255 or linear from 0 to
+    1, as an image or a material has it."""
     looks = mesh.looks
     assert looks is not None
     normals, found = face_vector_areas(mesh), []
@@ -129,6 +129,6 @@ def seen_sides(mesh: PolygonMesh) -> list[tuple[int, tuple[float, ...]]]:
 
 
 def color_in(data, uv) -> tuple[float, ...]:
-    """Of an image's file, or an image, at u and v, v up."""
+    """Return the color in an image or its file at u and v, v up."""
     image = (data if isinstance(data, Image.Image) else Image.open(io.BytesIO(data))).convert("RGB")
     return tuple(np.asarray(image)[int((1.0 - uv[1]) * image.height), int(uv[0] * image.width)].tolist())

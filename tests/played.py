@@ -17,13 +17,13 @@ def played(name: str, overrides: tuple[Override, ...] = ()) -> tuple[Model, list
 
 
 def most_held(name: str) -> int:
-    """How many particles a sharp edge holds, in the frame with most."""
+    """Return the number of particles that a sharp edge holds, in the frame with most."""
     return max(_simulated(name, ())[2])
 
 
 @cache
 def _simulated(name: str, overrides: tuple[Override, ...]) -> tuple[Simulator, list[Frame], list[int]]:
-    """With its frames, and how many particles are held in each."""
+    """Simulator, its frames, and how many particles are held in each."""
     simulator, frames, held = Simulator(load_scene(name, overrides), "cpu"), [], []
     for frame in simulator.run():
         frames.append(frame)

@@ -1,4 +1,4 @@
-"""What a mesh of quads around a solid must be."""
+"""Requirements on a mesh of quads around a solid."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -32,7 +32,7 @@ def after(simulator: Simulator, frames: int) -> Simulator:
 
 
 def body_state(simulator: Simulator, name: str) -> NDArray[np.float64]:
-    """Of the first world, shape (body_count, 3 or 4)."""
+    """Return a state of the bodies of the first world, shape (body_count, 3 or 4)."""
     return getattr(simulator.state, f"body_{name}").numpy()[0].astype(float)
 
 
@@ -41,26 +41,26 @@ def body_masses(simulator: Simulator) -> NDArray[np.float64]:
 
 
 def tensors(simulator: Simulator) -> NDArray[np.float64]:
-    """Of inertia in the axes of the world [kg m^2], shape (body_count, 3, 3)."""
+    """Return the inertia tensors in the axes of the world [kg m^2], shape (body_count, 3, 3)."""
     turns = Rotation.from_quat(body_state(simulator, "turns")).as_matrix()
     own = np.array([shape.inertia for shape in simulator.model.bodies]) * body_masses(simulator)[:, None, None]
     return turns @ own @ turns.swapaxes(1, 2)
 
 
 def kinetic(simulator: Simulator) -> float:
-    """Of the bodies [J]."""
+    """Return the kinetic energy of the bodies [J]."""
     velocities, momenta = body_state(simulator, "velocities"), body_state(simulator, "momenta")
     turning = sum(float(m @ np.linalg.solve(tensor, m)) for m, tensor in zip(momenta, tensors(simulator), strict=True))
     return 0.5 * float(body_masses(simulator) @ (velocities**2).sum(axis=1)) + 0.5 * turning
 
 
 def body_energy(simulator: Simulator, gravity: float = 9.81) -> float:
-    """Of the bodies' motion and weight [J]; the y axis is up."""
+    """Return the energy of the bodies' motion and weight [J]; the y axis is up."""
     return kinetic(simulator) + gravity * float(body_masses(simulator) @ body_state(simulator, "positions")[:, 1])
 
 
 def moved(simulator: Simulator, start: Simulator) -> tuple[float, float]:
-    """How far any body is from where it started in another [m], and how far any is turned [degrees]."""
+    """Return the largest distance [m] and turn [degrees] of any body from its start in another."""
     ways = body_state(simulator, "positions") - body_state(start, "positions")
     turns = Rotation.from_quat(body_state(simulator, "turns")) * Rotation.from_quat(body_state(start, "turns")).inv()
     return float(np.linalg.norm(ways, axis=1).max()), float(np.degrees(turns.magnitude().max()))

@@ -43,26 +43,26 @@ ENERGIES: dict[str, Energy] = {each.__name__: each for each in (neo_hookean, moo
 
 
 def relaxed(energy: Energy, a: NDArray, b: NDArray) -> NDArray:
-    """With wrinkles: the least of the energies that can be reached by more of the second stretch, or of both."""
+    """Energy with wrinkles: the least of the energies that can be reached by more of the second stretch, or of both."""
     a = np.maximum(a, 1.0)
     return energy(a, np.maximum(b, a**-0.5))
 
 
 def slope(energy: Energy, stretch: NDArray) -> NDArray:
-    """Of the energy of stretching both ways alike, by that stretch [Pa], to some 1e-9."""
+    """Return the slope of the energy of equal stretching both ways, by that stretch [Pa], to some 1e-9."""
     h = 1e-3
     both = [energy(stretch + k * h, stretch + k * h) for k in (-2, -1, 1, 2)]
     return (both[0] - 8.0 * both[1] + 8.0 * both[2] - both[3]) / (12.0 * h)
 
 
 def sphere_pressure(energy: Energy, mesh: PolygonMesh, thickness: float, stretch: NDArray) -> NDArray:
-    """Of a balloon that is stretched alike everywhere [Pa], by the mesh's own area and volume: A h W' / (3 V l^2)."""
+    """Return the pressure of an evenly stretched balloon [Pa], by the mesh's area and volume: A h W' / (3 V l^2)."""
     stretch = np.asarray(stretch, dtype=np.float64)
     return total_area(mesh) * thickness * slope(energy, stretch) / (3.0 * signed_volume(mesh) * stretch**2)
 
 
 def principal_stretches(rest: NDArray, now: NDArray) -> tuple[NDArray, NDArray]:
-    """Of triangles, from their two edges at rest and now, shape (T, 2, 3): the larger first."""
+    """Return principal stretches of triangles, from two edges at rest and now, shape (T, 2, 3): the larger first."""
     first = rest[:, 0] / np.linalg.norm(rest[:, 0], axis=1, keepdims=True)
     normal = np.cross(rest[:, 0], rest[:, 1])
     second = np.cross(normal, first)
@@ -75,7 +75,7 @@ def principal_stretches(rest: NDArray, now: NDArray) -> tuple[NDArray, NDArray]:
 
 
 def quad_energy(energy: Energy, rest: NDArray, now: NDArray, faces: NDArray) -> float:
-    """Of a membrane of quads, each its four corner triangles by half, or of triangles, over the thickness [J/m]."""
+    """Return the energy of a membrane of quads, each its corner triangles by half, or of triangles, over h [J/m]."""
     total = 0.0
     size = faces.shape[1]
     for corner in range(size if size == 4 else 1):

@@ -47,7 +47,7 @@ def ico_sphere() -> PolygonMesh:
 
 
 def stretched_quad_sphere() -> PolygonMesh:
-    """Its quads are 1 to 3 times as long as wide."""
+    """Return a sphere whose quads are 1 to 3 times as long as wide."""
     ball = quad_sphere(8)
     points = ball.points * (1.0, 1.7, 0.6)
     return mesh_of(points / np.linalg.norm(points, axis=1, keepdims=True), ball.face_vertex_indices.reshape(-1, 4))
@@ -129,6 +129,6 @@ SHAPES = {  # signed distance, and the width of a cell
 
 
 def solid(name: str) -> PolygonMesh:
-    """One of `SHAPES`, of even quads, about a meter large, its feet at a height of 0."""
+    """Return a solid of `SHAPES`, of even quads, about a meter large, its feet at a height of 0."""
     distance, cell = SHAPES[name]
     return surface_nets(distance, (-0.75, -0.1, -0.6), (0.8, 1.9, 0.6), cell)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from asked_ahead import AskedAhead
 from meshes import quad_sphere
 
 from balloon_warp.scene import Balloon, Ground, Inflation, Scene, String
@@ -122,6 +123,7 @@ def heard(page: Page, window: Connection) -> None:
 def served(folder: Path) -> Iterator[Page]:
     """A page of a ball on a string; its recordings go into the folder."""
     page = Page(Session("ball", ball(), "cpu", folder), port=free_port("127.0.0.1", 0))
+    page.ahead = AskedAhead()
     page.start()
     yield page
     page.stop()

@@ -10,7 +10,7 @@ from meshes import quad_sphere
 from balloon_warp.errors import InputError
 from balloon_warp.model import build_model
 from balloon_warp.scene import Atmosphere, Balloon, Change, Inflation, Material, Scene
-from balloon_warp.schedules.traits import model_traits
+from balloon_warp.schedules.features import model_features
 from balloon_warp.simulator import Simulator
 
 PARTY = with_volume(quad_sphere(3), np.pi / 6.0 * 0.28**3)
@@ -47,7 +47,7 @@ def test_it_is_half_of_what_a_gas_displaces_and_nothing_elsewhere():
     of_paper = build_model(Scene(balloon=[Balloon(mesh=PARTY)]), "cpu")
     of_gas = build_model(Scene(balloon=[Balloon(mesh=PARTY, inflation=Inflation(kind="gas"))]), "cpu")
     none = build_model(Scene(balloon=[gas_balloon(PARTY)]), "cpu")
-    assert [model_traits(model).takes_air_along for model in (of_paper, of_gas, none)] == [False, True, False]
+    assert [model_features(model).takes_air_along for model in (of_paper, of_gas, none)] == [False, True, False]
 
 
 def test_it_changes_as_it_is_told(device: str):

@@ -14,7 +14,7 @@ from balloon_warp.springs import build_springs
 
 
 def stiffest_particle(scene: Scene, number: int) -> int:
-    """By the definition: springs' constants summed at each particle, all of one mass."""
+    """Return the stiffest particle by the definition: springs' constants summed at each particle, all of one mass."""
     balloon = scene.balloon[number]
     mesh = balloon.mesh
     assert isinstance(mesh, PolygonMesh)

@@ -1,5 +1,4 @@
-"""That the code is built as it is said to be: imports go down, a law stands in one place, and nothing is too long to be
-read."""
+"""Architecture: imports go down, a law stands in one place, and nothing is too long to be read."""
 
 import ast
 import ctypes
@@ -26,14 +25,15 @@ LAYERS = (
     ("model", "provenance"),
     ("schedules", "advice", "contacts", "beginning", "inspection", "saved_state", "solids", "swelling"),
     ("solvers", "frame"),
-    ("reading", "statics"),
+    ("reading", "statics", "steering"),
     ("blow_ups", "outputs", "outcomes", "frame_reader", "resting"),
     ("simulator",),
     ("resume",),
     ("job",),
     ("sweep", "viewer"),
-    ("checking", "comparison", "trajectories", "warming", "doctor"),
-    ("designing", "fitting", "gradients"),
+    ("checking", "comparison", "trajectories", "warming", "doctor", "envs"),
+    ("gradients",),
+    ("designing", "fitting"),
     ("benchmarks", "scenes"),
     ("cli",),
 )
@@ -54,7 +54,7 @@ def room(module: str) -> str:
 
 
 def rooms() -> dict[str, str]:
-    """Of each file in balloon_warp/ the room; the package's face and its command may import anything."""
+    """Return the room of each file in balloon_warp/; the package's face and its command may import anything."""
     found = {path: Path(path).with_suffix("").parts[1] for path in TREES if path.startswith("balloon_warp/")}
     return {path: own for path, own in found.items() if own not in ("__init__", "__main__")}
 
@@ -64,7 +64,7 @@ def functions(tree: ast.Module) -> Iterator[ast.FunctionDef | ast.AsyncFunctionD
 
 
 def is_kernel(function: ast.FunctionDef | ast.AsyncFunctionDef) -> bool:
-    """Whether Warp launches it: a kernel's parameters are the arrays that it reads and writes, and may be many."""
+    """Return whether Warp launches a function: a kernel's parameters are the arrays that it uses, and may be many."""
     return any(ast.unparse(decorator).startswith("wp.kernel") for decorator in function.decorator_list)
 
 
@@ -161,7 +161,7 @@ def lines_of(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
 
 
 def too_long(path: str) -> Iterator[str]:
-    """What of a file is over a limit."""
+    """Return the parts of a file that are over a limit."""
     if (lines := (ROOT / path).read_text(encoding="utf-8").count("\n")) > ONE_THING.get(path, MOST_FILE_LINES):
         yield f"{path} has {lines} lines"
     for function in functions(TREES[path]):
@@ -227,7 +227,7 @@ def test_laws_stand_in_their_folder() -> None:
         "balloon_warp/schedules/",
     )
     for path, tree in TREES.items():
-        if path.startswith(folders) or path in ("kernels/substep.py", "kernels/compose.py", "kernels/traits.py"):
+        if path.startswith(folders) or path in ("kernels/substep.py", "kernels/compose.py", "kernels/features.py"):
             assert not words(tree) & (parameters | functions), path
 
 

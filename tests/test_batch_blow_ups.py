@@ -142,7 +142,7 @@ def test_a_frozen_world_is_marked_and_the_others_are_as_if_it_were_not_there(way
 
 
 def batch(folder: Path, on_blowup: str, **options: Any) -> BatchSummary:
-    """Of worlds that blow up, and two that do not."""
+    """Return a batch of worlds that blow up, and two that do not."""
     return run_batch(GAINS_ENERGY, folder, 6, VARY, export=EXPORT, on_blowup=on_blowup, **options)
 
 

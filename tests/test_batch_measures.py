@@ -1,4 +1,4 @@
-"""What a batch's table says of a world, against closed forms and the host's geometry in float64."""
+"""Measures in a batch's table, against closed forms and the host's geometry in float64."""
 
 from dataclasses import replace
 
@@ -51,7 +51,7 @@ def test_a_moving_box_is_measured_exactly(device):
 
 
 def test_what_is_in_the_box_is_counted(device):
-    """By centers, each coordinate for itself; of two worlds in the one a balloon has left it."""
+    """Centers count, each coordinate for itself; of two worlds in the one a balloon has left it."""
     places = [(0.0, 0.0, 0.0), (0.9, 0.0, 0.0), (0.0, -1.7, 0.0), (0.0, 0.0, 5.0)]
     balloons = [Balloon(mesh=cube(), position=place, **STILL) for place in places]
     box = Box(lower=(-0.2, -1.0, 0.0), upper=(1.5, 1.0, 1.0))

@@ -1,4 +1,4 @@
-"""What a batch refuses before it begins, and what it leaves alone."""
+"""Refusals of a batch before it begins, and the files that it leaves alone."""
 
 import contextlib
 from pathlib import Path
@@ -60,7 +60,7 @@ def test_mistakes_are_told_before_the_run(tmp_path: Path, change: dict, complain
 def test_far_too_many_worlds_are_refused_before_they_get_values(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cluster: Cluster | None
 ):
-    """Which took minutes: a hundred million of anything do not fit into memory."""
+    """Drawing them took minutes: a hundred million of anything do not fit into memory."""
     monkeypatch.setattr(batch_module, "plan_groups", never)
     with pytest.raises(InputError, match=r"^100000000 worlds do not fit: they need .* GiB, and cpu has "):
         run_batch(scene(frames=400), tmp_path, 10**8, device=None if cluster else "cpu", cluster=cluster)
@@ -80,7 +80,7 @@ def test_what_is_refused_early_would_be_refused_late(monkeypatch: pytest.MonkeyP
 
 
 def test_far_too_many_worlds_are_refused_without_finding_what_is_thin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """Which takes longer than all the rest, and says nothing of how large a world is."""
+    """The search takes longer than all the rest, and says nothing of how large a world is."""
     monkeypatch.setattr(shape, "relative_thickness", never)
     thin = {"balloon.stiffness.thin": "softer"}
     with pytest.raises(InputError, match=r"^100000000 worlds do not fit: "):

@@ -1,4 +1,4 @@
-"""What a batch writes: the table in both forms, and the stage of the chosen worlds."""
+"""Outputs of a batch: the table in both forms, and the stage of the chosen worlds."""
 
 import csv
 from pathlib import Path

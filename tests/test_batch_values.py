@@ -1,4 +1,4 @@
-"""What the command line says of worlds that differ: ranges, grids and lists."""
+"""Varied values on the command line: ranges, grids and lists."""
 
 from pathlib import Path
 

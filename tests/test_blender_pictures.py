@@ -15,13 +15,13 @@ pytestmark = pytest.mark.skipif(blender_python() is None, reason="Blender's modu
 
 
 def linear(path: Path) -> np.ndarray:
-    """Of a picture's bytes, shape (height, width, 3)."""
+    """Return linear values of a picture's bytes, shape (height, width, 3)."""
     shown = np.asarray(Image.open(path).convert("RGB"), np.float64) / 255.0
     return np.where(shown <= 0.04045, shown / 12.92, ((shown + 0.055) / 1.055) ** 2.4)
 
 
 def vivid(picture: np.ndarray) -> np.ndarray:
-    """Which pixels are of a balloon: those of a color, as all else is gray paper."""
+    """Return the mask of a balloon's pixels: those of a color, as all else is gray paper."""
     return np.ptp(picture, axis=2) > 0.3 * picture.max(axis=2)
 
 

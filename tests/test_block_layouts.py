@@ -16,9 +16,9 @@ from balloon_warp.scene import Balloon, Ground, Inflation, Material, Obstacle, S
 from balloon_warp.schedules import block_frames
 from balloon_warp.schedules.block_layout import step_of
 from balloon_warp.schedules.choose import make_schedule
+from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.slots import kind_slots
 from balloon_warp.schedules.spring_ends import spring_ends
-from balloon_warp.schedules.traits import model_traits
 
 PAPERS, GAS = Inflation(k_normal=0.2), Inflation(kind="gas", start_pressure=50.0)
 LATEX = Material(kind="neo_hookean", shear_modulus=4e5, thickness=3e-4)
@@ -127,9 +127,9 @@ def test_loops_over_items_leave_what_threads_keep_alone() -> None:
     looked at."""
     scene = scenes(3)["two balloons"].model_copy(update={"normals": "cached", "touch": False})
     model = build_model(scene, "cpu")
-    traits = model_traits(model)
+    features = model_features(model)
     layout = Layout(64, 128, 1, kind_slots(spring_ends(model)))
-    source = source_of_frame(step_of(traits, layout), layout)
+    source = source_of_frame(step_of(features, layout), layout)
     text = source.partition('"""\n')[2].splitlines()
     kept, looped, loops = set[str](), set[str](), list[int]()
     for line in text:
@@ -146,4 +146,4 @@ def test_loops_over_items_leave_what_threads_keep_alone() -> None:
             kept |= assigned
     assert {"is_there_0", "balloon_0", "point_0"} <= kept
     assert {"is_there", "balloon"} <= looped
-    assert kept & looped == {"end"}  # of the substep: the same to all
+    assert kept & looped == {"end", "time"}  # of the substep: the same to all

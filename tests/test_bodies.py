@@ -22,7 +22,7 @@ TOP = Body(size=(0.6, 0.3, 0.15), mass=2.0, angular_velocity=(1.5, 8.0, 0.5))
 
 
 def tumbled(device: str, substeps: int, frames: int = 100) -> tuple[float, NDArray[np.float64]]:
-    """How far off its energy comes to be [J], and how it is turned then."""
+    """Return the largest error of the energy, over the energy, and the turn in the end."""
     simulator = started(device, TOP, **SPACE, substeps=substeps)
     energy, momenta, worst = kinetic(simulator), body_state(simulator, "momenta"), 0.0
     for _ in range(frames):
@@ -33,7 +33,7 @@ def tumbled(device: str, substeps: int, frames: int = 100) -> tuple[float, NDArr
 
 
 def exact_turn(seconds: float) -> Rotation:
-    """How the top is turned then, by Euler's equations in float64."""
+    """Return the turn of the top in the end, by Euler's equations in float64."""
     inertia = 2.0 * shape_body(0, TOP, scene_of(TOP)).inertia
     momentum = inertia @ TOP.angular_velocity
 
@@ -47,7 +47,7 @@ def exact_turn(seconds: float) -> Rotation:
 
 
 def test_an_asymmetric_top_tumbles_and_keeps_angular_momentum_and_energy(device):
-    """Of the midpoint rule half the step makes a quarter of the error, of where the top is turned and of the energy.
+    """With the midpoint rule half the step makes a quarter of the error, of where the top is turned and of the energy.
     It turns about its middle axis, which is unstable: it has turned over by then."""
     errors, turns = zip(*[tumbled(device, substeps) for substeps in (1, 2, 4)], strict=True)
     exact = exact_turn(1.0)
@@ -62,7 +62,8 @@ def test_an_asymmetric_top_tumbles_and_keeps_angular_momentum_and_energy(device)
 
 
 def test_inertia_is_that_of_the_solid():
-    """Of boxes, capsules and meshes, about their centers of mass, against trimesh's; a sheet's is that of a plate."""
+    """Inertia of boxes, capsules and meshes, about their centers of mass, against trimesh's; a sheet's is that of a
+    plate."""
     bent = quad_sphere(4, 0.5)
     bent = replace(bent, points=bent.points * (1.0, 0.5, 0.3) + (2.0, 1.0, -1.0))
     scene = scene_of(
@@ -125,7 +126,7 @@ def test_what_is_far_away_or_beside_a_body_may_start(device):
 
 
 def test_auto_takes_launches(device):
-    """With bodies they are as fast as blocks on a CPU, and take worlds of any size."""
+    """Launches are, with bodies, as fast as blocks on a CPU, and take worlds of any size."""
     assert schedule_named("auto", started(device, Body()).model).name == "gather"
 
 

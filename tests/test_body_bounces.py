@@ -56,7 +56,7 @@ def test_each_bounce_comes_back_to_the_square_of_the_restitution(floor, restitut
 
 @pytest.mark.parametrize("way", ["scatter", "gather", "block"])
 def test_bounces_go_on_for_ever_without_loss_or_gain(way, device):
-    """With restitution 1, for ten seconds; it was 79% more then."""
+    """Energy stays for ten seconds at restitution 1; it was 79% more then."""
     simulator = bouncing(device, "ground", 1.0, substeps="auto", schedule=way)
     found = tops(simulator, 10.0, 0.1)
     assert len(found) == 12
@@ -115,13 +115,13 @@ def test_two_that_touch_others_keep_momentum(schedule, device):
 
 
 def substeps_of(**fields: Any) -> int:
-    """Of a scene that by itself needs one."""
+    """Return the substeps of a scene that by itself needs one."""
     slack = Balloon(mesh=cube(), position=(0, 9, 0), fixed=list(range(8)))
     return plan_model(Scene(balloon=[slack], **{"frames_per_second": 60.0} | fields)).substeps
 
 
 def test_auto_counts_bodies_and_spheres():
-    """By what may touch at all, by spin, and by speed over size, that of a fall to come as well."""
+    """Substeps follow from what may touch at all, by spin, and by speed over size, that of a fall to come as well."""
     crate = Body(position=(0, 1, 0))
     assert substeps_of() == 1
     assert substeps_of(sphere=[Sphere(position=(0, 1, 0))]) == 8

@@ -51,7 +51,7 @@ def box(x: float, y: float, size: tuple[float, float, float] = (0.3, 0.2, 0.3), 
 
 
 def stack(*masses: float, **fields: Any) -> list[Body]:
-    """Boxes of those masses on each other, the first at the bottom."""
+    """Return boxes of those masses on each other, the first at the bottom."""
     return [box(0.0, 0.1 + 0.2 * number, mass=mass, **fields) for number, mass in enumerate(masses)]
 
 
@@ -129,7 +129,8 @@ def test_a_plank_lies_on_supports_that_no_point_of_it_meets(width, device):
 
 @pytest.mark.parametrize("degrees", [20.0, 25.0, 35.0])
 def test_two_on_a_slope_stay_or_slide_together(degrees, device):
-    """With friction 0.5: below 26.6 degrees for 20 s, above with g (sin - friction cos), by 0.4 m in a second or so."""
+    """Friction of 0.5 holds them below 26.6 degrees for 20 s; above they slide with g (sin - friction cos), by 0.4 m in
+    a second or so."""
     slope = np.radians(degrees)
     out, along = np.array([-np.sin(slope), np.cos(slope), 0.0]), np.array([np.cos(slope), np.sin(slope), 0.0])
     ramp = Obstacle(shape="plane", rotation=(0, 0, degrees), friction=0.5, restitution=0.0)

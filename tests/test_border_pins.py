@@ -1,4 +1,4 @@
-"""Where a mesh by itself is held: at the borders of what is open, and never so that the rest of it falls."""
+"""Pins of a mesh by itself: at the borders of open parts, and never so that the rest of it falls."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""How a balloon breathes on its gas, damped by the step or not: against what is known of either scheme."""
+"""Breathing of a balloon on its gas, damped by the step or not, against the theory of either scheme."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ OMEGA = float(np.sqrt(GAMMA * AIR_PRESSURE / VOLUME * (3.0 * VOLUME / RADIUS) **
 
 
 def swing(breathing_damping: float, phase_of_step: float, periods: float, schedule: str = "scatter") -> NDArray:
-    """How much larger it is after each step, over where it is at rest; it starts 0.1% too large.
+    """Return the excess size after each step over that at rest; it starts 0.1% too large.
 
     Args:
         phase_of_step: omega h.
@@ -39,13 +39,13 @@ def swing(breathing_damping: float, phase_of_step: float, periods: float, schedu
 
 
 def phase_of(swing: NDArray) -> float:
-    """By how much its phase grows in a step: x_(n+1) + x_(n-1) = 2 cos(phase) x_n."""
+    """Return the growth of the phase in a step: x_(n+1) + x_(n-1) = 2 cos(phase) x_n."""
     around = swing[2:] + swing[:-2]
     return float(np.arccos(0.5 * around @ swing[1:-1] / (swing[1:-1] @ swing[1:-1])))
 
 
 def amplitude(swing: NDArray, phase: float) -> float:
-    """Of the oscillation that fits best."""
+    """Return the amplitude of the oscillation that fits best."""
     angles = phase * np.arange(len(swing))
     waves = np.stack([np.cos(angles), np.sin(angles), np.ones_like(angles)], axis=1)
     return float(np.hypot(*np.linalg.lstsq(waves, swing, rcond=None)[0][:2]))
@@ -74,7 +74,7 @@ def test_a_balloon_breathes_on_in_steps_as_long_as_its_breath():
 
 
 def test_the_default_is_damped_as_by_backward_euler():
-    """By 1 / (1 + (omega h)^2) in the square of the swing each step, so that five periods leave nothing."""
+    """Damping is 1 / (1 + (omega h)^2) in the square of the swing each step, so that five periods leave nothing."""
     found = swing(1.0, 0.83, 5)
     assert np.abs(found[-8:]).max() < 1e-3 * np.abs(found[0])
     slow = swing(1.0, 0.1, 3)

@@ -1,4 +1,4 @@
-"""What the paper says of its methods, measured in bundled scenes."""
+"""Claims of the paper about its methods, measured in bundled scenes."""
 
 import numpy as np
 import pytest

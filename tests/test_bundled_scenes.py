@@ -122,7 +122,7 @@ def test_squirrel_squish_goes_from_free_to_squished_to_very_squished():
 
 
 def rise(mass: float) -> float:
-    """How far the sphere of `sphere_launch` rises above its place at the start [m]."""
+    """Return the rise of the sphere of `sphere_launch` above its start [m]."""
     _, frames = played("sphere_launch", (("sphere.0.mass", mass),))
     heights = [float(frame.sphere_positions[0, 1]) for frame in frames]
     return max(heights) - heights[0]
@@ -286,7 +286,7 @@ def test_bunch_in_wind_leans_as_far_as_drag_and_lift_say_and_sways():
 
 
 def test_the_pieces_of_pop_lie_on_the_ground_as_skin():
-    """At the end of the scene, as large as at rest."""
+    """At the end of the scene, as large as at rest, in heaps no higher than a third of the balloon that they were."""
     model, frames = played("pop")
     for number, shape in enumerate(model.shapes):
         membrane, points = shape.membrane, frames[-1].points[number].astype(np.float64)
@@ -296,4 +296,4 @@ def test_the_pieces_of_pop_lie_on_the_ground_as_skin():
         assert now.sum() == pytest.approx(at_rest.sum(), rel=0.05)
         heights = points[membrane.corners[whole], 1]
         assert heights.min() == pytest.approx(0.0, abs=1e-3)
-        assert heights.max() < 0.05
+        assert heights.max() < 0.25 / 3.0

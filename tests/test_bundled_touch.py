@@ -12,11 +12,11 @@ from balloon_warp import load_scene, run_batch
 from balloon_warp.benchmarks.overlap import deepest_in_itself, deepest_overlap
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.mesh_distance import MeshDistance
+from balloon_warp.model.touch import APART
 from balloon_warp.scenes.model_bead import RADIUS
 from balloon_warp.scenes.model_knot import CELL
 from balloon_warp.scenes.model_knot import RADIUS as TUBE
 from balloon_warp.scenes.pit import HALF, main, scene
-from balloon_warp.schedules.touch_table import APART
 
 ROUNDING = 2e-5
 """float32's, of points on a surface a meter from the origin [m]"""

@@ -1,4 +1,4 @@
-"""What gas lifts and weighs in the air around it."""
+"""Lift and weight of gas in the air around it."""
 
 import numpy as np
 from gas_balloons import advanced, gas_balloon, with_volume
@@ -30,8 +30,8 @@ def test_a_balloon_of_air_weighs_its_rubber_and_the_gas_moves_along(device: str)
 
 
 def test_density_follows_pressure_and_temperature_where_the_scene_says_none(device: str):
-    """Of each world; half the pressure at the same temperature is half the density, of air and gas. At the start, and
-    as the device has it a step later."""
+    """Each world has its own; half the pressure at the same temperature is half the density, of air and gas. At the
+    start, and as the device has it a step later."""
     mesh = with_volume(quad_sphere(3), 0.01)
     scene = Scene(balloon=[gas_balloon(mesh, mass=0.003)], net_forces=True, frames_per_second=1e6, substeps=1)
     vary = {"atmosphere.pressure": [101325.0, 50662.5, 101325.0], "atmosphere.temperature": [293.15, 293.15, 586.3]}

@@ -1,4 +1,4 @@
-"""What is seen of balloons that burst: stages, pictures, tables, and the scene that shows them."""
+"""Outputs of balloons that burst: stages, pictures, tables, and the scene that shows them."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -56,7 +56,7 @@ def momentum(simulator: Simulator) -> NDArray[np.float64]:
 
 
 def energy(simulator: Simulator) -> float:
-    """Of motion, and of the triangles of faces that are whole [J]."""
+    """Return the energy of motion, and of the triangles of whole faces [J]."""
     shape = simulator.model.shapes[0].membrane
     points, speeds = (each.numpy()[0].astype(np.float64) for each in (simulator.state.points,
                                                                      simulator.state.velocities))  # fmt: skip
@@ -172,7 +172,7 @@ def test_pieces_keep_the_skin_whatever_the_mesh(parts: int, device: str):
 
 
 def _kept(simulator: Simulator) -> float:
-    """What part of the skin is not torn."""
+    """Return the part of the skin that is not torn."""
     areas = np.linalg.norm(face_vector_areas(simulator.model.shapes[0].mesh), axis=1)
     return float(areas[~torn(simulator)].sum() / areas.sum())
 
@@ -195,7 +195,7 @@ def test_a_tear_runs_across_the_largest_tension(around: bool, device: str):
 
 
 def _pieces(count: int, pairs: NDArray[np.int64], whole: NDArray[np.bool_]) -> int:
-    """Of at least four faces."""
+    """Return the pieces of at least four faces."""
     names = np.arange(count)
     while True:
         least = names.copy()

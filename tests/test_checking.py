@@ -1,4 +1,4 @@
-"""That a check of a stage finds what crosses, how deep, and nothing else."""
+"""Check of a stage: it finds crossings and their depths, and nothing else."""
 
 import subprocess
 import sys
@@ -186,7 +186,7 @@ def _ball(folder: Path) -> Path:
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ({"frames": (0, 9)}, "has frames 0 to 2; expected a part of these (got 0:9)"),
+        ({"frames": (0, 9)}, "has frames 0 to 2; expected a range within (got 0:9)"),
         ({"within": -1.0}, "expected a length of 0 m or more"),
     ],
 )

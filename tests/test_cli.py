@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,7 @@ from meshes import cube, quad_sphere
 from PIL import Image
 
 from balloon_warp import bundled_scenes, load_scene
+from balloon_warp.cli import main
 from balloon_warp.mesh.obj import read_obj, write_obj
 
 SUMMARY_KEYS = [
@@ -58,6 +60,25 @@ def balloon_warp(folder: Path, *arguments: str) -> subprocess.CompletedProcess[s
         timeout=600,
         env={**os.environ, "NO_COLOR": "1", "COLUMNS": "200"},
     )
+
+
+@pytest.fixture
+def command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> Callable[..., subprocess.CompletedProcess[str]]:
+    """The command line in this process, which is there already: for what is said, not for how a process starts."""
+    monkeypatch.setenv("NO_COLOR", "1")
+    monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.chdir(tmp_path)
+
+    def ended(*arguments: str) -> subprocess.CompletedProcess[str]:
+        monkeypatch.setattr(sys, "argv", ["balloon-warp", *arguments])
+        with pytest.raises(SystemExit) as end:
+            main()
+        said = capfd.readouterr()
+        return subprocess.CompletedProcess(arguments, int(end.value.code or 0), said.out, said.err)
+
+    return ended
 
 
 FIRST_LINE = "note: ball.obj inflates above a floor. Its unit is not known"
@@ -129,10 +150,10 @@ def test_remesh_writes_quads_that_run_can_inflate(ball: Path):
 
 
 @pytest.mark.parametrize(
-    "command", [[], ["run"], ["compare"], ["scenes"], ["inspect"], ["remesh"], ["foil"], ["render"], ["convert"]]
+    "named", [[], ["run"], ["compare"], ["scenes"], ["inspect"], ["remesh"], ["foil"], ["render"], ["convert"]]
 )
-def test_help_explains_itself(tmp_path: Path, command: list[str]):
-    done = balloon_warp(tmp_path, *command, "--help")
+def test_help_explains_itself(command: Callable, named: list[str]):
+    done = command(*named, "--help")
     assert done.returncode == 0
     assert "Usage: " in done.stdout
 
@@ -140,7 +161,7 @@ def test_help_explains_itself(tmp_path: Path, command: list[str]):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["run", "zebra"], "zebra: no such scene or file; bundled scenes are balloon_bunch, "),
+        (["run", "zebra"], "zebra: no such scene or file; bundled scenes are airbag, balloon_bunch, "),
         (["run", "ball.obj", "-o", "film.mp4"], ".pvd; `balloon-warp render` makes pictures and films of these"),
         (["run", "--fps"], "error: --fps: has no value; expected --fps RATE; balloon-warp run --help explains\n"),
         (["run", "ball.txt"], "ball.txt: "),
@@ -174,19 +195,27 @@ def test_help_explains_itself(tmp_path: Path, command: list[str]):
         (["render", "ball.obj", "--size", "big"], "size: 'big'; expected WIDTHxHEIGHT"),
     ],
 )
-def test_a_mistake_gets_one_sentence_and_status_2(ball: Path, arguments: list[str], sentence: str):
+def test_a_mistake_gets_one_sentence_and_status_2(ball: Path, command: Callable, arguments: list[str], sentence: str):
     (ball / "broken.obj").write_text("v 1 2\nf 1 1 1\n")
     (ball / "ball.txt").write_text("not a mesh")
     (ball / "ball.usda").write_text(ONE_FACE)
     (ball / "bad.toml").write_text("frames = 0\n[[balloon]]\nmesh = 'ball.obj'\n")
     before = {path: path.read_bytes() for path in ball.iterdir()}
-    done = balloon_warp(ball, *arguments)
+    done = command(*arguments)
     assert done.returncode == 2
     assert done.stdout == ""
     assert sentence in done.stderr
     assert done.stderr.startswith("error: ")
     assert len(done.stderr.splitlines()) == 1
     assert {path: path.read_bytes() for path in ball.iterdir()} == before
+
+
+def test_a_mistake_ends_a_process_of_its_own_with_one_sentence_and_status_2(ball: Path):
+    """Nothing else is printed, as by a library that is loaded or a process that ends."""
+    done = balloon_warp(ball, "run", "ball.obj", "--set", "balloon.mass=-1")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("error: --set balloon.mass: balloon.0.mass: must be greater than 0")
+    assert len(done.stderr.splitlines()) == 1
 
 
 def test_a_blow_up_gets_one_sentence_and_status_1(tmp_path: Path):

@@ -1,4 +1,4 @@
-"""What a newcomer types wrong, and what is said: one sentence, and status 2. Nothing is simulated."""
+"""Mistakes of a newcomer on the command line: one sentence, and status 2. Nothing is simulated."""
 
 import sys
 from pathlib import Path
@@ -41,7 +41,7 @@ def typed(monkeypatch: pytest.MonkeyPatch, words: str) -> int:
         ("run ball.obj --frames", "--frames: has no value; expected --frames COUNT; balloon-warp run --help explains"),
         ("run ball.obj --set", "--set: has no value; expected --set PATH=VALUE; balloon-warp run --help explains"),
         ("run ball.obj --picture=3", "--picture: takes no value; balloon-warp run --help explains"),
-        ("run ball.obj --zoom 2", "--zoom: is of the picture; expected --picture, too"),
+        ("run ball.obj --zoom 2", "--zoom: applies to the picture only; expected --picture, too"),
         ("run ball.obj --picture --shutter 2", "shutter: 2; expected 0 to 1 of a frame"),
         ("run ball.obj --picture --look-at 1,2", "--look-at 1,2: expected X,Y,Z"),
         ("run ball.obj --picture --look-at Ball", "look-at: 'Ball' is nothing to be seen in ball.usdc; did you mean"),

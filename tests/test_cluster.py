@@ -20,7 +20,7 @@ from clusters import address_of, batch, write_ball
 from meshes import cube, quad_sphere
 from pxr import Sdf
 
-from balloon_warp import Cluster, InputError, Scene, WorkersLostError, run_batch
+from balloon_warp import Cluster, InputError, Scene, TrajectoryFiles, WorkersLostError, run_batch
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.scene import Balloon, Ground, Sphere, String
 from balloon_warp.sweep import cluster as cluster_module
@@ -79,7 +79,7 @@ def address() -> Iterator[str]:
 
 
 def assert_same_files(folder: Path, expected: Path) -> None:
-    """To the last bit: the table byte by byte, the stage sample by sample."""
+    """Check that files agree to the last bit: the table byte by byte, the stage sample by sample."""
     assert sorted(path.name for path in folder.iterdir()) == sorted(path.name for path in expected.iterdir())
     for name in ("table.csv", "table.npz", "worlds.csv", "worlds.npz"):
         assert (folder / name).read_bytes() == (expected / name).read_bytes()
@@ -90,15 +90,19 @@ def assert_same_files(folder: Path, expected: Path) -> None:
 def test_two_workers_give_what_one_process_gives(vary: dict, tmp_path: Path):
     """Without the mesh files: what a worker needs travels with its share."""
     export = [1, 7, 22]
-    alone = run_batch(scene(), tmp_path / "alone", WORLDS, vary, export=export, device="cpu", name="small")
+    files = [TrajectoryFiles(tmp_path / name, 2, "npz") for name in ("data_alone", "data_both")]
+    how = {"export": export, "name": "small"}
+    alone = run_batch(scene(), tmp_path / "alone", WORLDS, vary, **how, device="cpu", trajectories=files[0])
     gone = functools.partial(remove, list(map(str, set(vary["balloon.0.mesh"]))))
     seen = []
     local = Cluster(workers=2, prepare=gone)
     together = run_batch(
-        scene(), tmp_path / "both", WORLDS, vary, export=export, cluster=local, name="small", on_frame=seen.append
+        scene(), tmp_path / "both", WORLDS, vary, **how, cluster=local, on_frame=seen.append, trajectories=files[1]
     )
     assert not any(path.exists() for path in vary["balloon.0.mesh"])
     assert_same_files(tmp_path / "both", tmp_path / "alone")
+    both = [{path.name: path.read_bytes() for path in Path(each.folder).rglob("*.npz")} for each in files]
+    assert both == both[::-1]
     assert (together.workers, together.device, together.schedule) == (2, "cpu", alone.schedule)
     same = ("worlds", "exported_worlds", "unhealthy_worlds", "particles", "springs", "frames", "substeps")
     assert all(getattr(together, name) == getattr(alone, name) for name in same)
@@ -223,7 +227,7 @@ def test_garbage_at_its_ports_does_not_end_a_batch(tmp_path: Path, capfd: pytest
 
 
 def listening() -> list[tuple[str, int]]:
-    """Where this process and those that it started listen."""
+    """Return the addresses at which this process and its children listen."""
     here = psutil.Process()
     return [
         (connection.laddr.ip, connection.laddr.port)
@@ -273,7 +277,7 @@ def test_a_worker_that_lacks_the_device_is_told(address: str, tmp_path: Path):
 
 
 def test_each_gpu_has_a_worker_that_sees_it_alone(monkeypatch: pytest.MonkeyPatch):
-    """And of the GPUs that the process itself may see."""
+    """Workers share the GPUs that the process itself may see."""
     monkeypatch.setattr(wp, "get_cuda_device_count", lambda: 3)
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "5,6,7")
     environments = cluster_module.worker_environments(Cluster(gpus=2))

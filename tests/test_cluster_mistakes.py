@@ -1,4 +1,4 @@
-"""What is wrong with a cluster is told in a sentence."""
+"""Faults of a cluster, each reported in a sentence."""
 
 import subprocess
 import sys

@@ -39,7 +39,7 @@ def after(simulator: Simulator, frames: int) -> tuple[NDArray[np.float64], NDArr
 def pair(
     speed: float = 1.0, aside: float = 0.0, masses: tuple = (1.0, 1.0), restitution: tuple = (1.0, 1.0)
 ) -> list[Sphere]:
-    """One of 10 cm that flies at another of 20 cm, which rests; their surfaces are half a meter apart."""
+    """Return a sphere of 10 cm that flies at one of 20 cm at rest; their surfaces are half a meter apart."""
     return [
         Sphere(
             position=(-0.8, aside, 0), radius=0.1, mass=masses[0], velocity=(speed, 0, 0), restitution=restitution[0]
@@ -66,7 +66,7 @@ def test_they_leave_at_the_speed_of_impact_times_the_restitution(restitution, me
 
 
 def test_an_oblique_impact_is_along_the_line_through_the_centers(layout, device):
-    """With an offset b the normal makes the angle asin(b / R) with the way: of equal ones that are elastic, the struck
+    """At an offset b the normal makes the angle asin(b / R) with the way: of equal ones that are elastic, the struck
     one leaves along it with v cos, the other across it with v sin. The step at which they meet does not matter."""
     angle = 0.6
     simulator = billiard(device, pair(speed=3.0, aside=-0.3 * np.sin(angle)), **layout)
@@ -151,7 +151,7 @@ def test_stacks_stand_still(contact, layout, device):
 
 
 def test_one_that_is_not_there_yet_meets_none(device):
-    """And where it appears inside another, both come apart slowly, without a jump and without speed."""
+    """One that appears inside another is pushed: both come apart slowly, without a jump and without speed."""
     late = [Sphere(position=(0, 0, 0), radius=0.2, start=0.5), Sphere(position=(0.3, 0, 0), radius=0.2)]
     simulator = billiard(device, late)
     centers, _ = after(simulator, 50)

@@ -1,4 +1,4 @@
-"""What is conserved of a balloon that flies alone in vacuum, and what is not."""
+"""Conservation for a balloon that flies alone in vacuum, and its exceptions."""
 
 import numpy as np
 import pytest
@@ -41,7 +41,7 @@ def thrown(device: str, schedule: str = "auto", balloon: dict | None = None, **f
 
 
 def drifts(simulator: Simulator, frames: int = FRAMES) -> tuple[NDArray, NDArray]:
-    """How far momentum and angular momentum ever were from those at the start, over what rounding makes of them.
+    """Return the largest drifts of momentum and angular momentum, over the rounding of each.
 
     A substep rounds each velocity and place by up to half an epsilon of itself, to either side: after n substeps they
     are off by about sqrt(n) of that, and by no more if all particles' roundings went the same way.
@@ -110,7 +110,7 @@ def energy_swing(simulator: Simulator, frames: int) -> NDArray[np.float64]:
 
 
 def test_the_energy_of_a_free_balloon_swings_within_bounds_for_10000_substeps(schedule, device):
-    """By about h omega / 2 of what is in the fastest springs, and it goes nowhere.
+    """It swings by about h omega / 2 of what is in the fastest springs, and it goes nowhere.
 
     The motion is chaotic, and `scatter` adds up in another order every time on a GPU: of 40 starts a micrometer apart
     the farthest swings were 0.013 to 0.026.

@@ -43,7 +43,7 @@ def pile(**given) -> Scene:
 def added_up(simulator: Simulator, world: int, balloon: int, thing: int) -> tuple[np.ndarray, np.ndarray]:
     """Net force and torque of a pair, from what is told of particles, in float64."""
     model, state = simulator.model, simulator.state
-    points, pushes = (array.numpy()[world].astype(np.float64) for array in (state.points, state.contact_pushes))
+    points, pushes = (array.numpy()[world].astype(np.float64) for array in (state.points, state.contact_impulses))
     first = len(things_of(model)) - model.balloon_count
     parts = [(thing, balloon, 1.0)] + ([(first + balloon, thing - first, -1.0)] if thing >= first else [])
     force, torque = np.zeros(3), np.zeros(3)

@@ -1,4 +1,4 @@
-"""What presses on what: forces of each pair of things, on average over a frame."""
+"""Contact forces of each pair of things, averaged over a frame."""
 
 from pathlib import Path
 

@@ -30,7 +30,7 @@ def loose(mesh: PolygonMesh) -> PolygonMesh:
 
 
 def shuffled(mesh: PolygonMesh) -> PolygonMesh:
-    """Its faces in another order, each from another corner."""
+    """Return the mesh with its faces in another order, each from another corner."""
     faces = np.random.default_rng(1).permutation(mesh.face_vertex_indices.reshape(-1, 4))
     return replace(mesh, face_vertex_indices=np.roll(faces, 1, axis=1).ravel())
 
@@ -82,7 +82,7 @@ def test_both_sides_of_a_ball_make_one_ball(mesh: PolygonMesh) -> None:
 
 @pytest.mark.parametrize("sheet", [grid(4, 4), open_cube()])
 def test_both_sides_of_a_sheet_make_one_sheet(sheet: PolygonMesh) -> None:
-    """And not a flat balloon, sewn at the rim."""
+    """It is not a flat balloon, sewn at the rim."""
     once = prepared(joined(sheet, inward(sheet)), "mesh", Treatment())
     assert once.face_count == sheet.face_count
     alone = prepared(sheet, "mesh", Treatment())

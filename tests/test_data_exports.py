@@ -13,8 +13,8 @@ from exported import BALL, FRAMES, RATE, STRING, points, scene
 from pxr import Usd, UsdGeom
 
 from balloon_warp import InputError, MissingExtraError, animate, export_stage
-from balloon_warp.outputs.exports import hdf5
-from balloon_warp.outputs.exports.hdf5 import edges_of
+from balloon_warp.mesh.corners import edges_of
+from balloon_warp.outputs import hdf5_arrays
 from balloon_warp.scene import Balloon
 
 PAGE = (Path(__file__).parent.parent / "docs" / "OUTPUTS.md").read_text(encoding="utf-8")
@@ -29,7 +29,7 @@ def written(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
 
 
 def arrays(path: Path) -> dict[str, np.ndarray]:
-    """Of a .vtu file, by VTK's description of the format."""
+    """Return the arrays of a .vtu file, by VTK's description of the format."""
     root = ElementTree.parse(path).getroot()
     assert (root.get("type"), root.get("header_type"), root.get("byte_order")) == (
         *("UnstructuredGrid", "UInt64", "LittleEndian"),
@@ -186,7 +186,7 @@ def test_mistakes_are_told_before_any_work(written: Path, tmp_path: Path, monkey
     def missing(name: str) -> None:
         raise ImportError(name)
 
-    monkeypatch.setattr(hdf5, "import_module", missing)
+    monkeypatch.setattr(hdf5_arrays, "import_module", missing)
     for output, how in (("out.h5", {}), ("out.usdc", {"save_points": tmp_path / "points.h5"})):
         with pytest.raises(MissingExtraError, match=r"an \.h5 needs h5py: pip install 'balloon-warp\[data\]'"):
             animate(scene(), tmp_path / output, on_frame=told.append, **how)

@@ -1,4 +1,4 @@
-"""That numbers become the same text together as one by one."""
+"""Decimal texts of many numbers at once, the same as one by one."""
 
 import csv
 from pathlib import Path
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from balloon_warp.outputs import table
+from balloon_warp.outputs import table_csv
 from balloon_warp.outputs.decimals import PAD, decimals
 from balloon_warp.outputs.table import TableWriter
 
@@ -43,7 +43,7 @@ def test_columns_keep_their_shape():
 
 def test_a_table_of_many_worlds_is_that_of_its_numbers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Whatever the number of worlds whose rows are made together, and whatever differs between them."""
-    monkeypatch.setattr(table, "BLOCK", 3)
+    monkeypatch.setattr(table_csv, "BLOCK", 3)
     varied = {"balloon.mass": RANDOM.normal(size=11), "balloon.mesh": np.array(['a,"ü".obj'] * 11)}
     with TableWriter(tmp_path, 2, 3.0, varied, ["volume", "area"], 11) as writer:
         writer.values[:] = RANDOM.lognormal(0.0, 9.0, (2, 11, 2))

@@ -1,4 +1,4 @@
-"""What a balloon does when nobody says how it is inflated: it swells by a quarter or so, and then stays where it is."""
+"""Default inflation of a balloon: it swells by a quarter or so, and then stays where it is."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ SCENES = next(iter(bundled_scenes().values())).parent
 
 
 def pressure_of(balloon: Balloon, **fields) -> float:
-    """What it rises to [Pa]."""
+    """Return the pressure that it rises to [Pa]."""
     return float(plan_model(Scene(balloon=[balloon], **fields)).parameters["keyframe_values"][0, 0, -1])
 
 
@@ -41,7 +41,7 @@ def test_the_kind_of_inflation_is_that_of_what_is_given(given: dict, kind: str):
 
 
 def test_its_pressure_is_in_balance_with_a_round_balloon_stretched_by_a_quarter():
-    """Of the virtual work of all springs, scaled alike in all directions: sum k L^2 (s - 1) s = 3 p V s^3."""
+    """Pressure by the virtual work of all springs, scaled alike in all directions: sum k L^2 (s - 1) s = 3 p V s^3."""
     mesh = quad_sphere(8, radius=0.3)
     stiffness = Stiffness(structural=30.0, shear=7.0, flexion=3.0)
     plan = plan_model(Scene(balloon=[Balloon(mesh=mesh, stiffness=stiffness)]))
@@ -134,7 +134,7 @@ def test_worlds_get_the_pressure_of_their_own_springs():
 
 
 def test_worlds_may_differ_in_one_kind_of_spring_alone():
-    """And where none holds the balloon, in nothing that the pressure asks for."""
+    """Where none holds the balloon, they may not differ in anything that the pressure asks for."""
     vary = {"balloon.stiffness.structural": [10.0, 20.0, 30.0]}
     values = plan_model(Scene(balloon=[Balloon(mesh=quad_sphere(3)), Balloon(mesh=open_cube())]), 3, vary)
     pressures = values.parameters["keyframe_values"]

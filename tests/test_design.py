@@ -7,11 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from meshes import quad_sphere
+from PIL import Image
 
 import balloon_warp as bw
 from balloon_warp.designing import picture
+from balloon_warp.designing.crossings import crossing_count
 from balloon_warp.designing.measure import Ruler
-from balloon_warp.designing.target import crossing_triangles, target_of
+from balloon_warp.designing.target import target_of
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.obj import write_obj
@@ -26,7 +28,7 @@ def pear() -> PolygonMesh:
 
 
 def waisted() -> PolygonMesh:
-    """Which springs that only pull do not hold so well."""
+    """Waisted shape, which springs that only pull do not hold so well."""
     points = BALL.points / np.linalg.norm(BALL.points, axis=1)[:, None]
     waist = 1.0 - 0.35 * np.exp(-6.0 * points[:, 2] ** 2)
     return replace(BALL, points=points * np.stack([waist, waist, np.full(len(points), 1.5)], axis=1), name="peanut")
@@ -57,6 +59,8 @@ def test_a_design_becomes_the_shape_from_rest(of: str, stretch: float, steps: in
     assert report["error"]["mean"] == design.error.mean
     assert report["plain_error"]["worst"] == design.plain_error.worst
     assert (tmp_path / "error.png").stat().st_size > 1_000
+    width = Image.open(tmp_path / "error.png").width
+    assert width // picture.SIZE[0] == (4 if of == "latex" else 3)  # of latex the mould, too
     if of == "latex":
         mould, stl = bw.load_mesh(tmp_path / "balloon.obj"), bw.load_mesh(tmp_path / "mould.stl")
         np.testing.assert_allclose(np.ptp(stl.points, axis=0), 1000.0 * np.ptp(mould.points, axis=0), rtol=1e-5)
@@ -94,7 +98,7 @@ def test_rubber_that_varies_in_thickness_comes_nearer(tmp_path: Path):
 
 
 def test_springs_that_may_push_hold_what_tension_does_not(tmp_path: Path):
-    """And springs that only pull are nowhere longer than in the wanted shape."""
+    """Springs that only pull are nowhere longer than in the wanted shape."""
     found = {
         hold: bw.design(waisted(), hold=hold, size=0.2, folder=tmp_path / hold, steps=4, device="cpu")
         for hold in ("tension", "any")
@@ -151,9 +155,10 @@ def opened() -> PolygonMesh:
     [
         (opened(), "open: is open, between vertex .* expected a closed shape"),
         (two_balls(), "two: has 2 parts; expected one closed shape"),
+        (replace(BALL, points=BALL.points * [1.0, 1.0, 0.0], name="disk"), "disk: is flat: it encloses nothing"),
         (crossed(), r"crossed: crosses itself at \d+ places; expected a surface that does not"),
     ],
-    ids=["open", "parts", "crossing"],
+    ids=["open", "parts", "flat", "crossing"],
 )
 def test_shapes_that_no_balloon_becomes_are_refused(mesh: PolygonMesh, sentence: str, tmp_path: Path):
     with pytest.raises(InputError, match=sentence):
@@ -162,8 +167,8 @@ def test_shapes_that_no_balloon_becomes_are_refused(mesh: PolygonMesh, sentence:
 
 
 def test_what_touches_itself_along_edges_does_not_cross():
-    assert len(crossing_triangles(BALL)) == 0
-    assert len(crossing_triangles(bw.load_mesh(Path(__file__).parent.parent / "scenes" / "squirrel.obj"))) == 0
+    assert crossing_count(BALL) == 0
+    assert crossing_count(bw.load_mesh(Path(__file__).parent.parent / "scenes" / "squirrel.obj")) == 0
 
 
 @pytest.mark.parametrize(
@@ -187,7 +192,7 @@ def test_numbers_that_cannot_be_are_refused(asked: dict, sentence: str, tmp_path
 
 
 def test_where_a_shape_is_off_is_said():
-    """By side, with how many vertices, and that flat places are flat."""
+    """Sides are named, with how many vertices, and that flat places are flat."""
     from balloon_warp.designing.where import places_off
 
     cut = replace(BALL, points=BALL.points / np.linalg.norm(BALL.points, axis=1)[:, None])
@@ -236,6 +241,42 @@ def test_foil_gets_an_outline_that_shrinks_to_the_wanted_one(tmp_path: Path, mon
     assert width == pytest.approx(1000.0 * (np.ptp(pattern[:, 0]) + 2 * 0.008 + 2 * 0.01), rel=0.01)
     frames = list(bw.Simulator(tmp_path / "out" / "balloon.toml", "cpu").run())
     assert np.ptp(frames[-1].points[0][:, 0]) == pytest.approx(0.3, rel=0.03)
+
+
+def test_parts_of_a_pattern_do_not_overlap(tmp_path: Path):
+    """Flat parts are larger than they will be: on the pattern they lie side by side."""
+    pytest.importorskip("shapely")
+    from balloon_warp.designing.pattern import write_pattern
+
+    square = np.array([[0.0, 0.0], [0.1, 0.0], [0.1, 0.1], [0.0, 0.1]])
+    rims = [square, square + [0.05, 0.0], square + [0.5, 0.0]]
+    write_pattern(tmp_path / "pattern.svg", rims, [[np.arange(4)]] * 3)
+    cuts = [line for line in (tmp_path / "pattern.svg").read_text().splitlines() if 'class="cut"' in line]
+    across = [[float(pair.split(",")[0]) for pair in cut.split('points="')[1].split('"')[0].split()] for cut in cuts]
+    assert len(cuts) == 3
+    assert max(across[0]) < min(across[1])
+    assert max(across[1]) < min(across[2])
+
+
+def test_foil_of_an_inflated_size_is_drawn_larger(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """`foil --inflated-size` of a circle is larger flat by 1 / 0.7627; its scene brings it to the size."""
+    pytest.importorskip("shapely")
+    from typer.testing import CliRunner
+
+    from balloon_warp.cli.app import app
+    from balloon_warp.designing import of_foil
+
+    monkeypatch.setattr(of_foil, "EDGES", 12)
+    monkeypatch.setattr(of_foil, "CORRECTIONS", 2)
+    (tmp_path / "circle.svg").write_text(CIRCLE)
+    asked = ["foil", str(tmp_path / "circle.svg"), "-o", str(tmp_path / "disk.toml")]
+    said = CliRunner().invoke(app, [*asked, "--inflated-size", "0.3"])
+    assert said.exit_code == 0, said.output
+    assert np.ptp(bw.load_mesh(tmp_path / "disk_1.obj").points[:, 0]) == pytest.approx(0.3 / 0.7627, rel=0.04)
+    frames = list(bw.Simulator(tmp_path / "disk.toml", "cpu").run())
+    assert np.ptp(frames[-1].points[0][:, 0]) == pytest.approx(0.3, rel=0.03)
+    said = CliRunner().invoke(app, [*asked, "--inflated-size", "0.3", "--height", "0.3"])
+    assert "--inflated-size: " in str(said.exception)
 
 
 def test_foil_of_a_mesh_is_refused(tmp_path: Path):

@@ -30,7 +30,7 @@ def step(number: int, longer: float, proven: bool = False) -> DesignStep:
 
 
 def colors(window) -> tuple[int, int]:
-    """How many pixels are red, and how many blue."""
+    """Return the numbers of red and of blue pixels."""
     red, _, blue = np.moveaxis(picture_of(window)[:, 320:], 2, 0)  # beside the messages
     return int((red > 1.3 * blue).sum()), int((blue > 1.15 * red).sum())
 

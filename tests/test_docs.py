@@ -1,4 +1,4 @@
-"""What the pages show works as it stands there: their Python runs, and their commands are ones that there are."""
+"""Code on the pages of the docs: their Python runs, and their commands exist."""
 
 import importlib.util
 import re
@@ -33,7 +33,7 @@ def code(page: Path, language: str) -> list[str]:
 
 
 def commands(page: Path) -> Iterator[str]:
-    """Of `balloon-warp`, in its blocks and in its sentences."""
+    """Yield the commands of `balloon-warp` in a page's blocks and sentences."""
     for block in code(page, "sh"):
         for line in block.replace("\\\n", " ").splitlines():
             yield from (part.strip() for part in line.split("&&") if part.strip().startswith("balloon-warp "))

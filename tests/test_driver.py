@@ -1,4 +1,4 @@
-"""That a GPU's driver begins early, and only where a GPU is wanted."""
+"""Early start of a GPU's driver, only where a GPU is wanted."""
 
 import threading
 from collections.abc import Iterator

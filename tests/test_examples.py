@@ -22,6 +22,9 @@ SMALL: dict[str, dict[str, Any]] = {
     "06_batch_on_a_cluster": {"WORLDS": 2, "FRAMES": 2},
     "07_results_with_pandas": {"FRAMES": 3},
     "08_gradient": {},
+    "09_throw": {"STARTS": 2},
+    "10_pump": {},
+    "11_mesh_graph_net": {"WORLDS": 12, "FRAMES": 4, "STEPS": 2},
 }
 """what replaces each one's numbers"""
 MADE = {
@@ -33,10 +36,14 @@ MADE = {
     "06_batch_on_a_cluster": ["lifts"],
     "07_results_with_pandas": ["pandas.png", "spheres"],
     "08_gradient": [],
+    "09_throw": [],
+    "10_pump": [],
+    "11_mesh_graph_net": ["mesh_graph_net.png", "thrown"],
 }
 NEEDED = {"01_sweep": "matplotlib", "02_pressure_curve": "matplotlib", "03_custom_law": "matplotlib"} | {
     "06_batch_on_a_cluster": "distributed",
     "07_results_with_pandas": "pandas",
+    "11_mesh_graph_net": "torch",
 }
 
 
@@ -90,6 +97,12 @@ def test_it_runs(name: str, here: Path):
         assert 0.5 * 2.0 / 60.0 < module.risen < 2.0 / 60.0 + 0.01
     if name == "08_gradient":
         np.testing.assert_allclose(module.values, module.TRUE, rtol=1e-3)
+    if name == "09_throw":  # through the ground, and into the target to a tenth of a millimeter
+        assert module.moved.points[0][..., 1].min() < 1e-3
+        np.testing.assert_allclose(module.path[-1], module.TARGET, atol=1e-4)
+    if name == "10_pump":  # which falls by 0.9 m without
+        assert module.left[-1] < 0.2
+        np.testing.assert_allclose(module.held, module.HEIGHT, atol=0.05)
     if name == "07_results_with_pandas":
         assert (module.by_mass["health"] == 1).all()
 

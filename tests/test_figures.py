@@ -37,7 +37,7 @@ def test_the_test_of_each_row_exists(row: str):
 
 
 def short(arguments: list[str]) -> list[str]:
-    """The same command for two frames, with small pictures or none: they take longer than all the rest."""
+    """Return the command for two frames, with small pictures or none: they take longer than all the rest."""
     if arguments[0] == "inspect":
         return arguments
     kept = [re.sub("(?<=^picture_frame=).*", "0,1,2", argument) for argument in arguments if argument != "--picture"]

@@ -1,4 +1,4 @@
-"""What Python's users meet in their first minute: names, sources of scenes and meshes, silence, text and pictures."""
+"""First minute of a user of Python: names, sources of scenes and meshes, silence, text and pictures."""
 
 import subprocess
 import sys

@@ -12,9 +12,11 @@ from typer.testing import CliRunner
 import balloon_warp as bw
 from balloon_warp.cli.app import app
 from balloon_warp.errors import InputError
-from balloon_warp.fitting.curve import Curve, fit_curve, sphere_pressures
+from balloon_warp.fitting.curve import fit_curve, sphere_pressures
 from balloon_warp.fitting.fit import ROUNDS
-from balloon_warp.fitting.marquardt import search
+from balloon_warp.fitting.plot import ticks
+from balloon_warp.fitting.read_curve import Curve, read_curve
+from balloon_warp.fitting.search import search
 from balloon_warp.mesh.obj import write_obj
 
 TRUE = {
@@ -128,7 +130,13 @@ def test_what_is_not_seen_is_told():
         ({"times": [9.0], "volumes": [1.0]}, "data: times: expected from 0 to 0.2 s"),
         ({"times": [0.1], "volumes": [np.nan]}, "data: volumes: holds no number"),
         ({"times": [0.1], "volumes": [1.0], "pressures": [1.0]}, "volume_noise and pressure_noise: is missing"),
-        ({"times": [0.1], "volumes": [1.0], "volume_noise": 0.0}, "noise: expected deviations above 0"),
+        (
+            {"times": [0.1], "volumes": [1.0], "volume_noise": 0.0},
+            "noise: expected one standard deviation above 0",
+        ),
+        ({"times": [0.1], "volumes": [1.0], "volume_noise": "low"}, "volume_noise: expected numbers"),
+        ({"times": ["soon"], "volumes": [1.0]}, "data: times: expected numbers"),
+        ({"times": [0.1], "points": np.zeros((1, 1, 3)), "particles": ["x"]}, "data: particles: expected numbers"),
     ],
 )
 def test_data_of_something_else_is_refused(data: dict, sentence: str):
@@ -166,11 +174,19 @@ def test_command_of_a_curve(tmp_path: Path):
 @pytest.mark.parametrize(
     ("words", "rows", "sentence"),
     [
-        ([], "1,2\n", "expected at least 5 rows"),
-        ([], "a,b\nx,y\n", "two numbers in each row"),
-        (["--kind", "steel"], "1,2\n" * 6, "kind: must be mooney_rivlin, gent, ogden"),
-        (["--thickness", "-1"], "1,2\n" * 6, "thickness: must be a number greater than 0"),
+        ([], "1,2\n", "expected at least 5 rows of a volume and a pressure (got 1)"),
+        ([], "", "expected at least 5 rows of a volume and a pressure (got 0)"),
+        ([], "a,b\n" + "1,2\n" * 5 + "3,x\n", "line 7: pressure: expected a number (got x)"),
+        ([], "volume\n" + "1\n" * 6, "line 2: pressure: is missing; expected a volume [m^3] and a pressure [Pa]"),
+        ([], "1,2\n" * 5 + "2,nan\n", "line 6: pressure: expected a number (got nan)"),
+        ([], "1,2\n" * 5 + "-2,1\n", "line 6: volume: expected a number above 0 (got -2)"),
+        ([], "volume [l],pressure [Pa]\n" + "1,2\n" * 6, "volume: expected in m^3 (got l)"),
+        ([], "1,2\n" * 6, "volume: is 1 in each row; expected those of a balloon that grows"),
+        ([], "1,-2\n2,-1\n" * 3, "pressure: expected some above the air's, that is, above 0 (got -1 at most)"),
+        (["--kind", "steel"], "1,2\n2,3\n" * 3, "kind: must be mooney_rivlin, gent, ogden"),
+        (["--thickness", "-1"], "1,2\n2,3\n" * 3, "thickness: must be a number greater than 0"),
         (["knot"], "1,2\n" * 6, "is a curve, which has no SCENE"),
+        (["--resume"], "1,2\n" * 6, "is a curve, whose fit takes seconds; expected no --resume"),
     ],
 )
 def test_curves_that_cannot_be_get_a_sentence(words: list[str], rows: str, sentence: str, tmp_path: Path):
@@ -178,6 +194,37 @@ def test_curves_that_cannot_be_get_a_sentence(words: list[str], rows: str, sente
     said = CliRunner().invoke(app, ["fit", str(tmp_path / "curve.csv"), *words])
     assert isinstance(said.exception, InputError)
     assert sentence in str(said.exception)
+
+
+def test_columns_may_be_separated_by_semicolons(tmp_path: Path):
+    """As spreadsheets write them where decimals have commas."""
+    (tmp_path / "curve.csv").write_text("Pressure [Pa];Volume [m3]\n" + "".join(f"1,5;0,{k}\n" for k in range(1, 7)))
+    curve = read_curve(tmp_path / "curve.csv")
+    np.testing.assert_allclose(curve.volumes, 0.1 * np.arange(1, 7))
+    np.testing.assert_allclose(curve.pressures, 1.5)
+
+
+def test_the_plot_has_round_ticks():
+    assert ticks(0.0, 0.0687) == pytest.approx([0.0, 0.02, 0.04, 0.06])
+    assert ticks(0.0, 1845.0) == pytest.approx([0.0, 500.0, 1000.0, 1500.0])
+
+
+def test_a_value_at_its_bound_is_told():
+    """A sphere that is heavier than it may be: its mass lies at the bound."""
+    moved = bw.simulate(bw.load_scene(falling(), {"balloon.mass": 0.05}), device="cpu")
+    seen = {"times": moved.times[1:], "points": moved.points[0][1:]}
+    fit = bw.fit(falling(), seen, free={"balloon.mass": (0.001, 0.01)}, starts=1, rounds=8, device="cpu")
+    assert fit.at_bounds == {"balloon.mass": 0.01}
+    assert any("balloon.mass lies at its bound, 0.01" in doubt for doubt in fit.doubts)
+
+
+def test_words_on_a_terminal_stay_as_they_are(capsys: pytest.CaptureFixture[str]):
+    """No pair of colons becomes a picture."""
+    from balloon_warp.cli.warn import note, warn
+
+    warn("a=a:b: expected")
+    note("a=a:b: expected")
+    assert capsys.readouterr().err.count("a=a:b: expected") == 2
 
 
 def rippled(true: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
@@ -195,17 +242,25 @@ def test_starts_get_out_of_small_minima(seed: int):
     rng = np.random.default_rng(seed)
     true = rng.uniform(0.2, 0.8, 2)
     found = search(rippled(true), 0.1 + 0.8 * rng.uniform(size=(8, 2)), ROUNDS, lambda number, misfit: None)
-    np.testing.assert_allclose(found.places[found.best], true, atol=1e-3)
+    np.testing.assert_allclose(found.best.place, true, atol=1e-3)
 
 
-def test_a_flight_with_a_bounce_gives_back_its_rubber():
-    """As the benchmark, on a mesh of a quarter of the points, which see it half as well."""
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_flight_with_a_bounce_gives_back_its_rubber(seed: int):
+    """As the benchmark, on a mesh of a quarter of the points.
+
+    The bounce makes the misfit rough: its small minima lie up to 10% off the modulus. What is found lies within three
+    of the standard deviations that are told, and these are of the size that noise and jumps leave open.
+    """
     from balloon_warp.benchmarks.fit import flight
 
-    row = flight(1, cells=2)
+    row = flight(seed, cells=2)
+    for path, off in row.off.items():
+        assert abs(off) < 3.0 * row.error(path)
     modulus, *others = row.off.values()
     assert abs(modulus) < 0.01
     assert max(map(abs, others)) < 0.002
+    assert max(map(row.error, row.off)) < 0.02
     assert row.fit.misfit < 1.02
 
 

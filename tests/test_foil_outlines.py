@@ -1,4 +1,4 @@
-"""What foil balloons are outlined by: closed lines of letters and drawings, and a sentence where there is none."""
+"""Outlines of foil balloons: closed lines of letters and drawings, and a sentence where there is none."""
 
 import re
 import sys

@@ -1,4 +1,4 @@
-"""What a simulator hands out of the moment it is at, and that it goes back to its start."""
+"""Frames that a simulator returns, and its return to the start."""
 
 import io
 from dataclasses import replace
@@ -67,8 +67,8 @@ def test_reset_forgets_what_was_written_where_nothing_changes_by_itself():
 
 
 def test_a_notebook_shows_a_picture(monkeypatch: pytest.MonkeyPatch):
-    """Of the balloons, red and blue on gray; and none of what is not finite."""
-    monkeypatch.setattr("balloon_warp.simulator.NOTEBOOK_SIZE", (64, 36))
+    """Picture of the balloons, red and blue on gray; and none of what is not finite."""
+    monkeypatch.setattr("balloon_warp.outputs.snapshot.NOTEBOOK_SIZE", (64, 36))
     simulator = Simulator(TWO, "cpu")
     shown = simulator._repr_png_()
     assert shown is not None
@@ -85,7 +85,7 @@ def test_a_notebook_shows_a_picture(monkeypatch: pytest.MonkeyPatch):
 
 
 def test_a_world_is_read_among_others_as_alone(device: str):
-    """With all of its own, forces too; and again, which a GPU has recorded then."""
+    """Forces are read, too; and all once more, which a GPU has recorded then."""
     held = Balloon(mesh=quad_sphere(3), inflation={"k_normal": 0.1})
     scene = Scene(balloon=[held], string=[String(balloon=0, anchor=(0.0, 3.0, 0.0), length=1.0)], net_forces=True)
     vary = {"balloon.inflation.k_normal": [0.1, 0.2, 0.4], "string.length": [1.0, 1.1, 1.2]}
@@ -109,7 +109,7 @@ def test_a_world_is_read_among_others_as_alone(device: str):
 
 
 def test_frames_that_are_read_while_the_next_is_simulated_are_the_same(device: str):
-    """Of a scene whose parameters, methods and spheres change as it goes on, to the bit."""
+    """The scene's parameters, methods and spheres change as it goes on, to the bit."""
     scene = TWO.model_copy(update={"frames": 6})
     ahead, simulator = [], Simulator(scene, device)
     for frame in simulator.run(ahead=True):

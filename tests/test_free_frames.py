@@ -15,7 +15,7 @@ FALL = 5000.0
 
 
 def verdicts(simulator: Simulator) -> list[int]:
-    """Of the last frame, by world."""
+    """Return the verdicts on the last frame, by world."""
     return [int(verdict) for verdict in simulator.schedule.busy.outlook.table.verdicts.numpy()]
 
 
@@ -99,7 +99,7 @@ def test_rubber_remembers_nothing_of_a_frame_that_is_simulated_again(device: str
 
 
 def test_a_world_does_not_feel_how_free_another_is(device: str):
-    """Of three worlds one hurries, one is busy, and one is free: each is as it is alone, to the bit."""
+    """Among three worlds one hurries, one is busy, and one is free: each is as it is alone, to the bit."""
     scene = Scene(balloon=[free_particles(0.3)], obstacle=[PLATE], gravity=10.0, substeps=16, frames=1)
     vary = {"gravity": [FALL, 10.0, 10.0], "obstacle.0.position.1": [0.0, 0.299, -0.1]}
     batch = Simulator(scene, device, 3, vary, schedule="block")
@@ -164,6 +164,7 @@ def test_what_is_never_busy_is_not_compiled_and_what_seldom_is_not_recorded(devi
     low, high = (free_particles(height) for height in (0.0, 0.2))
     pair = Scene(balloon=[low, high.model_copy(update={"velocity": (0, -2, 0)})], gravity=0.0, substeps=16, frames=8)
     ends = {}
+    monkeypatch.setattr(recorded_frame, "FEW", 0)
     for rare in (0, 8):
         monkeypatch.setattr(recorded_frame, "RARE", rare)
         simulator = Simulator(pair, device, schedule="octets")
@@ -175,3 +176,17 @@ def test_what_is_never_busy_is_not_compiled_and_what_seldom_is_not_recorded(devi
         assert len(simulator._recorded_frame._graphs) == (2 if rare else 3)
         ends[rare] = np.concatenate(last.points)
     np.testing.assert_array_equal(ends[0], ends[8])
+
+
+@pytest.mark.parametrize("schedule", ["gather", "octets"])
+def test_the_first_frames_are_launched_unrecorded_and_are_the_same(schedule: str, monkeypatch):
+    """On a CPU, where a recording pays after some frames."""
+    scene, ends = Scene(balloon=[free_particles(0.0)], substeps=16), []
+    for few in (recorded_frame.FEW, 0):
+        monkeypatch.setattr(recorded_frame, "FEW", few)
+        simulator = Simulator(scene, "cpu", schedule=schedule)
+        for frame in range(6):
+            assert bool(simulator._recorded_frame._graphs) == (frame > few)
+            simulator.step()
+        ends.append(simulator.state.points.numpy().copy())
+    np.testing.assert_array_equal(*ends)

@@ -17,7 +17,7 @@ COLORFUL = 70
 
 
 def silhouette(path: Path) -> np.ndarray:
-    """Which pixels are of something colorful: what the scene is about."""
+    """Return the mask of colorful pixels, which show the scene's subject."""
     pixels = np.asarray(Image.open(path).convert("RGB")).astype(int)
     return np.ptp(pixels, axis=2) > COLORFUL
 

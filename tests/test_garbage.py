@@ -1,4 +1,4 @@
-"""That Python does not look for garbage while much is made that stays."""
+"""Garbage collection, paused while much is made that stays."""
 
 import gc
 import subprocess

@@ -1,4 +1,4 @@
-"""What cannot hold gas, or does not fit it."""
+"""Refusals of gas: meshes that cannot hold it, and fields that do not fit it."""
 
 from dataclasses import replace
 

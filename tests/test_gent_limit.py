@@ -73,7 +73,7 @@ def test_the_pressure_is_gents_up_to_nearly_the_limit_and_rises_on(schedule: str
     assert stretches[5] < 1.2 * LOCK  # by gas for 1.3, against its law without a limit 1.28
     (sentence,) = simulator.warnings
     assert sentence.startswith("material.most_stretch: in frame ")
-    assert " of world 4 rubber was stretched further than 3.9 both ways" in sentence
+    assert " of world 4 rubber was stretched by more than 3.9 both ways" in sentence
     assert sentence.endswith("(and 1 world more)")
 
 
@@ -82,7 +82,7 @@ def test_a_smaller_most_stretch_takes_longer_steps_and_is_told():
     short, _, _ = filled("octets")
     long, stretches, pressures = filled("octets", most_stretch=0.85 * LOCK)
     assert long.model.substeps < 0.4 * short.model.substeps
-    assert " of world 1 rubber was stretched further than 3.45 " in long.warnings[0]
+    assert " of world 1 rubber was stretched by more than 3.45 " in long.warnings[0]
     assert np.all(np.diff(pressures[1:]) > 100.0)
     assert stretches[-1] > short.state.points.numpy().max()  # finite
 

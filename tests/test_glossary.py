@@ -13,7 +13,7 @@ ROWS = re.findall(
 
 
 def stem(word: str) -> str:
-    """What a word and its other forms have in common."""
+    """Return the common stem of a word and its other forms."""
     return re.sub(r"(es|e|s|ed|y)$", "", word)
 
 

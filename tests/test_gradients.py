@@ -1,120 +1,34 @@
 """Gradients against differences of a run in double precision, and what they must keep."""
 
-import re
 from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 import warp as wp
 from float64_run import motion
-from meshes import mesh_of, quad_sphere
+from gradient_scenes import CASES, N, far, scene, told_loss, told_of, value_at, ways_of
 
 import balloon_warp as bw
-from balloon_warp.kernels.adjoint import NoAdjointError
-from balloon_warp.kernels.adjoints.derived import by_grad
-from balloon_warp.kernels.phase import Look, phase
-from balloon_warp.kernels.schedules.launched.looks import GATHERED
-from balloon_warp.kernels.schedules.launched.trace import traces_of
-from balloon_warp.kernels.schedules.pieces import cut
-from balloon_warp.kernels.traits import Traits
-from balloon_warp.mesh.triangles import triangles_of
-from balloon_warp.model import build_model, plan_model
-from balloon_warp.schedules.traits import model_traits
-from balloon_warp.statics.volume import Volume
 from balloon_warp.trajectories import Trajectories
 
-BALL = quad_sphere(2)
-TRIANGLES = mesh_of(BALL.points, triangles_of(BALL))
-N = len(BALL.points)
-RNG = np.random.default_rng(3)
-WEIGHTS, TARGET = RNG.uniform(0.5, 1.5, (N, 1)), RNG.normal(size=(N, 3))
-SPRINGS = ["balloon.stiffness.structural", "balloon.stiffness.shear", "balloon.stiffness.flexion"]
-MOTION = [
-    *("balloon.mass", "balloon.damping", "gravity", "balloon.position.1", "balloon.velocity.0", "balloon.velocity.1"),
-    *("balloon.angular_velocity.2", "balloon.rotation.0"),
-]
-RUBBER = [f"balloon.material.{name}" for name in ("shear_modulus", "thickness", "mooney_ratio")]
-GAS = [
-    *("balloon.inflation.start_pressure", "balloon.inflation.added_mass", "balloon.inflation.molar_mass"),
-    *("atmosphere.pressure", "atmosphere.temperature"),
-]
+DOT = 1e-5
+"""Of a sum over all places and velocities, whose rounding in float32 is a few 1e-7 each"""
 
 
-def scene(
-    kind: str = "pressure", frames: int = 1, substeps: int = 32, ground: bool = False, rate: float = 60.0, **more: Any
-) -> bw.Scene:
-    """A ball that flies and turns, low enough that its foot is in the ground, if there is one."""
-    inflation: dict[str, Any] = {"kind": "gas", "start_pressure": 500.0}
-    if kind == "pressure":
-        inflation = {"kind": "pressure", "pressure": [[0.0, 20.0], [0.04, 60.0]]}
-    balloon: dict[str, Any] = {
-        "mesh": BALL, "position": (0.0, 0.93, 0.0), "mass": 0.05, "damping": 0.05, "velocity": (0.3, -1.0, 0.1),
-        "angular_velocity": (0.5, 1.0, -2.0), "inflation": inflation,
-        "stiffness": {"structural": 100.0, "shear": 50.0, "flexion": 20.0},
-    }  # fmt: skip
-    if "material" in more:
-        del balloon["mass"], balloon["stiffness"]
-    on = {"ground": {"height": 0.0, "friction": 0.3}} if ground else {}
-    return bw.Scene(frames=frames, frames_per_second=rate, substeps=substeps, balloon=[balloon | more], **on)
+@pytest.fixture(params=["block", "launched"])
+def way(request: pytest.FixtureRequest) -> str:
+    """How frames run backwards."""
+    return request.param
 
 
-def far(moved: Trajectories) -> tuple[np.ndarray, dict[str, Any]]:
-    """How far it ends from somewhere, how large it was on the way, and how fast in the first frame."""
-    points, velocities = ([np.zeros(each.shape)] for each in (moved.points[0], moved.velocities[0]))
-    off, speeds = moved.points[0][..., -1, :, :] - TARGET, moved.velocities[0][..., 1, :, :].astype(float)
-    points[0][..., -1, :, :], velocities[0][..., 1, :, :] = 2.0 * WEIGHTS * off, 0.2 * speeds
-    volumes = np.zeros(moved.volumes.shape)
-    volumes[..., 1:, :] = 2.0 * moved.volumes[..., 1:, :]
-    loss = (WEIGHTS * off**2).sum(axis=(-1, -2)) + 0.1 * (speeds**2).sum(axis=(-1, -2))
-    loss = loss + (moved.volumes[..., 1:, 0] ** 2).sum(axis=-1)
-    return loss, {"points": points, "velocities": velocities, "volumes": volumes}
-
-
-def far_in_float64(of: bw.Scene, values: dict[str, float]) -> float:
-    points, velocities, _ = motion(of, values)
-    volume = Volume(plan_model(of).shapes[0].mesh)
-    sizes = [volume.of(each) ** 2 for each in points[1:]]
-    return float((WEIGHTS * (points[-1] - TARGET) ** 2).sum() + 0.1 * (velocities[1] ** 2).sum() + sum(sizes))
-
-
-def value_at(of: bw.Scene, path: str) -> float:
-    value: Any = of.balloon[0] if path.startswith("balloon") else of
-    *inner, name = path.removeprefix("balloon.").removeprefix("0.").split(".")
-    for each in (*inner, name):
-        value = value[int(each)] if each.isdecimal() else getattr(value, each)
-    return float(plan_model(of).parameters[name][0, 0] if value is None else value)
-
-
-def differences(of: bw.Scene, paths: list[str]) -> dict[str, float]:
-    """Central differences, on the ground so narrow that no particle meets it in another substep."""
-    found = {}
-    for path in paths:
-        value = value_at(of, path)
-        h = (1e-5 if of.ground is None else 3e-7) * (abs(value) or 1.0)
-        more, less = (far_in_float64(of, {path: value + sign * h}) for sign in (1.0, -1.0))
-        found[path] = (more - less) / (2.0 * h)
-    return found
-
-
-CASES = {
-    "pressure": (scene(), [*SPRINGS, *MOTION, "balloon.0.inflation.pressure.0.1", "balloon.0.inflation.pressure.1.1"]),
-    "a substep": (scene(rate=1200.0, substeps=1), [*SPRINGS, *MOTION]),
-    "frames": (scene(frames=4), [*SPRINGS, *MOTION]),
-    "triangles": (scene(mesh=TRIANGLES), [*SPRINGS[::2], *MOTION]),
-    "rubber": (scene(frames=6, material={"kind": "mooney_rivlin"}), [*RUBBER, *MOTION[1:]]),
-    "gas": (scene("gas", frames=2), [*SPRINGS, *MOTION, *GAS]),
-    "ground": (scene(ground=True, frames=2), [*SPRINGS, *MOTION, "ground.height"]),
-    "gas on the ground": (scene("gas", ground=True, frames=2), [*SPRINGS, *MOTION, *GAS, "ground.height"]),
-}
-
-
-@pytest.mark.parametrize("case", CASES)
-def test_gradients_are_the_slopes_of_a_run_in_double_precision(case: str):
+@pytest.mark.parametrize(("case", "way"), [(case, way) for case in CASES for way in ways_of(case)])
+def test_gradients_are_the_slopes_of_a_run_in_double_precision(case: str, way: str, device: str):
     """To 2e-4: states are float32, and forces cancel. Springs at rest pull nothing in a single substep."""
     of, paths = CASES[case]
-    found = bw.gradient(of, of=paths, loss=far, device="cpu")
-    assert found.loss[0] == pytest.approx(far_in_float64(of, {}), rel=1e-5)
-    told = differences(of, paths)
+    found = bw.gradient(of, of=paths, loss=far, device=device, schedule=way)
+    assert found.loss[0] == pytest.approx(told_loss(case), rel=1e-5)
+    told = told_of(case)
     for path in paths:
         assert found.gradients[path][0] == pytest.approx(told[path], rel=2e-4, abs=1e-6), path
     ahead = np.random.default_rng(5).normal(size=len(paths)) * [max(abs(value_at(of, path)), 1.0) for path in paths]
@@ -124,8 +38,40 @@ def test_gradients_are_the_slopes_of_a_run_in_double_precision(case: str):
     assert along == pytest.approx(told_along, rel=1e-4)
 
 
+def ends_at(of: bw.Scene, weights: Any, shifts: Any) -> float:
+    points, velocities, _ = motion(of, {}, shifts)
+    return float((weights[0] * points[-1]).sum() + (weights[1] * velocities[-1]).sum())
+
+
+SHIFTED = {case: CASES[case][0] for case in ("pressure", "gas", "torsion", "wind", "gas on the ground")}
+SHIFTED["pump, leak and jet"] = bw.load_scene(CASES["pump, leak and jet"][0], {"balloon.neck.diameter": 0.3})
+"""Scenes by whose start is derived: none in which a particle has two nearest faces, as with normal
+forces. The jet is strong beside the springs"""
+
+
+@pytest.mark.parametrize(("case", "way"), [(case, way) for case in SHIFTED for way in ways_of(case)])
+def test_what_a_shift_of_the_start_does_to_the_end_is_what_the_end_says_of_the_start(case: str, way: str, device: str):
+    """u . (J w), by differences of the run in double precision, is (u J) . w, of all places and velocities."""
+    of, rng = SHIFTED[case], np.random.default_rng(11)
+    weights, shifts = ([rng.normal(size=(N, 3)), scale * rng.normal(size=(N, 3))] for scale in (0.05, 1.0))
+
+    def loss(moved: Trajectories) -> tuple[Any, dict[str, Any]]:
+        slopes = [np.zeros(each[0].shape) for each in (moved.points, moved.velocities)]
+        ends = moved.points[0][-1], moved.velocities[0][-1]
+        for slope, weight in zip(slopes, weights, strict=True):
+            slope[-1] = weight
+        value = sum((weight * end).sum() for weight, end in zip(weights, ends, strict=True))
+        return value, {"points": slopes[:1], "velocities": slopes[1:]}
+
+    found = bw.gradient(of, of=["balloon.mass"], loss=loss, device=device, schedule=way)
+    back = (found.by_points[0] * shifts[0]).sum() + (found.by_velocities[0] * shifts[1]).sum()
+    h = 1e-6
+    more, less = (ends_at(of, weights, [sign * h * each for each in shifts]) for sign in (1.0, -1.0))
+    assert back == pytest.approx((more - less) / (2.0 * h), rel=DOT)
+
+
 def center(moved: Trajectories) -> tuple[Any, dict[str, Any]]:
-    """How far along x a ball is in the end."""
+    """Return the loss of a ball's final place along x."""
     slopes = np.zeros(moved.points[0].shape)
     slopes[..., -1, :, 0] = 1.0 / N
     return moved.points[0][..., -1, :, 0].mean(axis=-1), {"points": [slopes]}
@@ -141,25 +87,45 @@ def test_the_center_of_what_flies_goes_on_as_it_began():
     assert found["balloon.position.0"][0] == pytest.approx(1.0, rel=1e-5)
 
 
-VARIED = {"balloon.mass": np.array([0.05, 0.06, 0.08]), "balloon.velocity.1": np.array([-1.0, 0.5, -2.0])}
+IN_BATCHES = (
+    "ground",
+    "gas on the ground",
+    "wind",
+    "gas among obstacles",
+    "pump, leak and jet",
+    "water",
+    "gas beside spheres",
+)
 
 
-@pytest.mark.parametrize("kind", ["pressure", "gas"])
-def test_a_world_in_a_batch_has_the_gradients_that_it_has_alone(kind: str):
-    together, paths = CASES["ground" if kind == "pressure" else "gas on the ground"]
-    found = bw.gradient(together, of=paths, loss=far, world_count=3, vary=VARIED, device="cpu")
-    for world in range(3):
-        alone = {path: values[world : world + 1] for path, values in VARIED.items()}
-        single = bw.gradient(together, of=paths, loss=far, vary=alone, device="cpu")
+AS_PEOPLE_RUN_THEM = {"gas on the ground": pytest.mark.long}
+"""cases whose kernels are optimized, where results are compared to the last bit"""
+
+
+@pytest.mark.parametrize(
+    ("case", "way"),
+    [pytest.param(case, way, marks=AS_PEOPLE_RUN_THEM.get(case, ())) for case in IN_BATCHES for way in ways_of(case)],
+)
+def test_a_world_in_a_batch_has_the_gradients_that_it_has_alone(case: str, way: str, device: str):
+    together, paths = CASES[case]
+    slower = value_at(together, "balloon.velocity.1") * np.array([1.0, 0.5])
+    varied = {"balloon.mass": value_at(together, "balloon.mass") * np.array([1.0, 1.2]), "balloon.velocity.1": slower}
+    found = bw.gradient(together, of=paths, loss=far, world_count=2, vary=varied, device=device, schedule=way)
+    for world in range(2):
+        alone = {path: values[world : world + 1] for path, values in varied.items()}
+        single = bw.gradient(together, of=paths, loss=far, vary=alone, device=device, schedule=way)
         assert single.loss[0] == found.loss[world]
         for path in paths:
             assert single.gradients[path][0] == found.gradients[path][world], path
+    assert found.loss[0] != found.loss[1]
 
 
-def test_frames_are_those_without_gradients():
+@pytest.mark.long  # to the last bit
+def test_frames_are_those_without_gradients(way: str, device: str):
     of, paths = CASES["gas on the ground"]
-    found = bw.gradient(of, of=paths, loss=far, device="cpu").trajectories
-    told = bw.simulate(of, device="cpu", schedule="gather")
+    found = bw.gradient(of, of=paths, loss=far, device=device, schedule=way).trajectories
+    schedule = "gather" if way == "launched" else "octets" if device == "cpu" else "block"
+    told = bw.simulate(of, device=device, schedule=schedule)
     for name in ("points", "velocities"):
         np.testing.assert_array_equal(getattr(found, name)[0], getattr(told, name)[0])
     np.testing.assert_array_equal(found.pressures, told.pressures)
@@ -190,79 +156,17 @@ def float32_slope(of: bw.Scene, path: str, value: float, laws: tuple = ()) -> fl
 
 
 def test_laws_that_the_run_in_double_precision_does_not_know():
-    """To 1%, which is what rounding leaves of these differences: viscosity, drag, strings, and a law of one's own."""
-    free = scene(frames=2, drag_coefficient=0.5, stiffness={"structural": 100.0, "viscosity": 0.003})
+    """To 1%, which is what rounding leaves of these differences: viscosity, drag, strings, and a law of one's own.
+
+    And a mesh that moves and turns below.
+    """
+    below = {"mesh": trimesh.creation.box((2.0, 0.5, 2.0)), "position": (0.0, -0.335, 0.0), "friction": 0.2}
+    below["motion"] = [(0.0, (0.0, 0.0, 0.0)), (1.0, (0.0, 0.5, 1.0), (20.0, 0.0, 0.0))]
+    springs = {"structural": 100.0, "viscosity": 0.003}
+    free = scene(frames=2, drag_coefficient=0.5, stiffness=springs, obstacle=[below], faces=False)
     of = free.model_copy(update={"string": [bw.String(anchor=(0.0, 3.0, 0.0), length=1.0, stiffness=30.0)]})
     values = {"balloon.stiffness.viscosity": 0.003, "balloon.drag_coefficient": 0.5, "balloon.law.blow.blowing": 0.2}
     values["balloon.velocity.1"] = -1.0  # up and down on the string
     found = bw.gradient(of, of=list(values), loss=far, device="cpu", laws=(OWN,)).gradients
     for path, value in values.items():
         assert found[path][0] == pytest.approx(float32_slope(of, path, value, (OWN,)), rel=0.01), path
-
-
-def nothing(moved: Trajectories) -> tuple[Any, dict[str, Any]]:
-    return 0.0, {}
-
-
-REFUSED: dict[str, tuple[dict[str, Any], Any, Any, str]] = {
-    "normal forces": ({"inflation": {"kind": "normal_force"}}, SPRINGS, far, "gradients: `measure` has no adjoint yet"),
-    "torsion": ({"stiffness": {"torsion": 0.1}}, SPRINGS, far, "`pull` of the law `torsion` has no adjoint yet"),
-    "unknown": ({}, ["balloon.mas"], far, "balloon.0.mas: unknown field; did you mean mass?"),
-    "a text": ({}, ["balloon.name"], far, "balloon.name: cannot be derived by; expected the path of a number"),
-    "no list": ({}, "balloon.mass", far, "of: expected a list of paths"),
-    "no number a world": ({}, SPRINGS, lambda moved: ([1.0, 2.0], {}), "loss: expected a number for each of 1 worlds"),
-    "a number alone": ({}, SPRINGS, lambda moved: 1.0, "loss: expected two things"),
-    "unknown slopes": ({}, SPRINGS, lambda moved: (1.0, {"areas": 0.0}), "loss: has no derivatives by areas"),
-    "a wrong shape": ({}, SPRINGS, lambda moved: (1.0, {"points": [np.zeros(3)]}), "must have the shape"),
-    "no list by balloon": ({}, SPRINGS, lambda moved: (1.0, {"points": 1.0}), "must be a list of 1"),
-    "not finite": ({}, SPRINGS, lambda moved: (np.nan, {}), "loss: is not finite in world 0"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("case", REFUSED)
-def test_what_cannot_be_derived_is_refused_in_a_sentence(case: str):
-    more, paths, loss, sentence = REFUSED[case]
-    with pytest.raises(bw.InputError, match=re.escape(sentence)):
-        bw.gradient(scene(**more), of=paths, loss=loss, device="cpu")
-
-
-def test_a_scene_with_spheres_is_refused_by_the_phase():
-    of = scene().model_copy(update={"sphere": [bw.Sphere(position=(0.0, 3.0, 0.0))]})
-    with pytest.raises(bw.InputError, match="gradients: `roll` has no adjoint yet"):
-        bw.gradient(of, of=SPRINGS, loss=far, device="cpu")
-
-
-def test_balloons_that_touch_by_default_are_refused_with_a_way_out():
-    alone = scene()
-    pair = alone.model_copy(
-        update={"balloon": [*alone.balloon, bw.Balloon(mesh=quad_sphere(3), position=(3.0, 0.0, 0.0))]}
-    )
-    with pytest.raises(bw.InputError, match="balloons that touch have no adjoint yet; expected touch = false"):
-        bw.gradient(pair, of=SPRINGS, loss=far, device="cpu")
-
-
-def test_what_has_no_effect_is_refused():
-    """Far above the ground."""
-    with pytest.raises(bw.InputError, match=r"ground\.height: no path leads from it to the loss"):
-        bw.gradient(scene(ground=True, position=(0.0, 9.0, 0.0)), of=CASES["ground"][1], loss=far, device="cpu")
-
-
-def test_a_loss_without_slopes_has_gradients_of_zero():
-    found = bw.gradient(scene(), of=CASES["pressure"][1], loss=nothing, device="cpu")
-    assert all((values == 0.0).all() for values in found.gradients.values())
-
-
-@phase("particle", {"warmth": float}, keeps={"warmth": 0.0}, adjoint=by_grad)
-def warm_up(traits: Traits, look: Look) -> Any:
-    @wp.func
-    def warm_up(warmth: float):
-        return warmth + 1.0
-
-    return warm_up
-
-
-def test_a_phase_that_keeps_values_is_refused_by_its_name():
-    """Its derivatives would have to be kept, too."""
-    traits = model_traits(build_model(scene(), "cpu"))
-    with pytest.raises(NoAdjointError, match="`warm_up`, which keeps values"):
-        traces_of(cut((warm_up,), traits, GATHERED))

@@ -64,7 +64,7 @@ def test_addresses_and_own_names_are_this_machine():
 
 
 def ask(page: Page, path: str, *headers: str) -> str:
-    """What a raw socket is answered."""
+    """Return the answer to a raw socket."""
     with socket.create_connection(("127.0.0.1", page.server.get_port()), timeout=60) as raw:
         raw.sendall("\r\n".join([f"GET {path} HTTP/1.1", *headers, "", ""]).encode("latin-1"))
         parts = []
@@ -77,7 +77,7 @@ def ask(page: Page, path: str, *headers: str) -> str:
 
 
 def talks(page: Page, host: str, origin: str) -> str:
-    """What is answered where a web socket is to open."""
+    """Return the answer where a web socket is to open."""
     return ask(
         page,
         "/",

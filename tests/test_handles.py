@@ -1,4 +1,4 @@
-"""That a remeshed surface has the handles of the one that it was made of, or a sentence says why not."""
+"""Handles of a remeshed surface: those of the source, or a sentence says why not."""
 
 from dataclasses import replace
 

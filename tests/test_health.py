@@ -1,4 +1,4 @@
-"""What is found bad after a frame, and what is not."""
+"""Health after a frame: bad worlds are found, and no others."""
 
 import numpy as np
 import pytest
@@ -35,7 +35,7 @@ def found(points: np.ndarray, spheres: np.ndarray, device: str, **balloon: objec
 
 
 def places(worlds: int) -> tuple[np.ndarray, np.ndarray]:
-    """Of the particles and spheres at the start."""
+    """Return the places of particles and spheres at the start."""
     return np.tile(CUBE.points, (worlds, 1, 1)), np.tile([0.0, 4.0, 0.0], (worlds, 2, 1))
 
 

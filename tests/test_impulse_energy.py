@@ -1,4 +1,4 @@
-"""That contact gives no energy, where balloons and spheres exchange momentum: `contact = "impulse"`."""
+"""Energy in contact by impulses, `contact = "impulse"`: it never grows."""
 
 import numpy as np
 import pytest
@@ -30,12 +30,12 @@ def in_space(device: str, spheres: list[Sphere], **fields) -> Simulator:
 
 
 def total_energy(simulator: Simulator) -> float:
-    """Of all motion and of the springs [J]."""
+    """Return the energy of all motion and of the springs [J]."""
     return energy(simulator) + float(sphere_energies(simulator).sum())
 
 
 def energies(simulator: Simulator, frames: int) -> NDArray[np.float64]:
-    """At the start and after each frame [J]."""
+    """Return the energies at the start and after each frame [J]."""
     found = [total_energy(simulator)]
     for _ in range(frames):
         simulator.step()
@@ -44,7 +44,7 @@ def energies(simulator: Simulator, frames: int) -> NDArray[np.float64]:
 
 
 def depth(simulator: Simulator) -> float:
-    """How far a particle is in a sphere [m], if it is above 0."""
+    """Return the largest depth of a particle in a sphere [m], if it is above 0."""
     points, _ = motion(simulator)
     centers = simulator.state.sphere_positions.numpy()[0]
     radii = simulator.model.parameters["sphere_radius"].numpy()[0]

@@ -1,4 +1,4 @@
-"""What the page's slider does to balloons that something else fills."""
+"""Inflation by the page's slider of balloons that something else fills."""
 
 import pytest
 from meshes import quad_sphere

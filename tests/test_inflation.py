@@ -81,7 +81,7 @@ def test_cached_normals_stay_for_a_frame_and_fresh_ones_follow(device):
 
 
 def in_triangles(mesh: PolygonMesh) -> PolygonMesh:
-    """The same points, each quad in two."""
+    """Return the mesh with each quad in two triangles."""
     corners, _ = triangulate(mesh)
     counts = np.full(len(corners), 3, dtype=np.int32)
     return PolygonMesh(points=mesh.points, face_vertex_counts=counts, face_vertex_indices=corners.ravel())

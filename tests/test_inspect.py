@@ -1,4 +1,4 @@
-"""What `balloon-warp inspect` reports."""
+"""Report of `balloon-warp inspect`."""
 
 import json
 import os
@@ -28,7 +28,7 @@ def with_points(mesh: PolygonMesh, *points: tuple[float, float, float]) -> Polyg
 
 
 def curve(count: int) -> np.ndarray:
-    """So many points, no four of them in a plane."""
+    """Return so many points, no four of them in a plane."""
     along = np.arange(count, dtype=np.float64)
     return np.stack([along, along**2, along**3], axis=1)
 

@@ -1,4 +1,4 @@
-"""That `balloon-warp inspect` describes what will be simulated."""
+"""Agreement of `balloon-warp inspect` with the simulation."""
 
 import json
 from dataclasses import replace

@@ -41,7 +41,7 @@ def test_shares_that_are_done_are_taken_up_with_what_became_of_them(device: str,
         safe = BatchCheckpoints(task, describe_batch(task), 0.0, resume, notes.append)
         return ShareJournal(task, output, safe, "cpu")
 
-    with BatchOutput(tmp_path, task.scene, cut, task.chosen, vary) as output:
+    with BatchOutput(task, cut) as output:
         first = journal(output, resume=False)
         for number in (3, 0):
             share = cut[number], task.chosen, device, "gather", 4, task.on_blowup
@@ -55,7 +55,7 @@ def test_shares_that_are_done_are_taken_up_with_what_became_of_them(device: str,
         for frame in range(SCENE.frames + 1):
             np.testing.assert_array_equal(points.Get(frame), there.Get(frame))
     assert [report.world for report in first.failures.reports] == [0]
-    with BatchOutput(tmp_path, task.scene, cut, task.chosen, vary) as output_again:
+    with BatchOutput(task, cut) as output_again:
         again = journal(output_again, resume=True)
     assert (again.schedules, again.failures, again.resumed) == (first.schedules, first.failures, 0.5)
     np.testing.assert_array_equal(output_again.table.values, output.table.values)

@@ -1,4 +1,4 @@
-"""What is left of an output whose process is killed."""
+"""Outputs of processes that are killed."""
 
 import signal
 from multiprocessing.process import BaseProcess

@@ -13,25 +13,27 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from balloon_warp.kernels.laws.law import GIVEN
+from balloon_warp.kernels.laws.law import LAW_INPUTS
 from balloon_warp.simulator import Simulator
 
 ROOT = Path(__file__).parent.parent
 PAGE = (ROOT / "docs" / "LAWS.md").read_text(encoding="utf-8")
 RUN = """
+import warp as wp
 from balloon_warp.scene import load_scene
 from balloon_warp.simulator import Simulator
+wp.config.optimization_level = 0
 for charge in (0.0, 0.5):
     simulator = Simulator(load_scene("net_forces", {"balloon.law.charge.charge": charge}), "cpu", schedule="scatter")
     simulator.step()
     print([law.name for law in simulator.model.laws][-1], float(simulator.state.points.numpy().sum()))
 """
-"""with a law of the package's, without and with it"""
+"""with a law of the package's, without and with it, by kernels that stay as they are written: for a frame"""
 
 
 @pytest.fixture(scope="module")
 def code(tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
-    """All of the page's code as one module, in a file: Warp reads the source of laws."""
+    """Return the page's code as one module, in a file: Warp reads the source of laws."""
     folder = tmp_path_factory.mktemp("laws")
     file = folder / "laws_of_the_docs.py"
     file.write_text("\n\n".join(re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)), encoding="utf-8")
@@ -72,10 +74,12 @@ def test_the_mistake_is_said_as_it_stands_there(code: ModuleType):
 
 
 def given_tables() -> str:
-    """What laws of one's own are told, as the page has it."""
+    """Return the arguments of laws of one's own, as the page has them."""
     tables = []
     for kind in ("particle", "spring", "face"):
-        rows = [f"| `{each.name}` | {each.type} | {each.meaning.replace('|', chr(92) + '|')} |" for each in GIVEN[kind]]
+        rows = [
+            f"| `{each.name}` | {each.type} | {each.meaning.replace('|', chr(92) + '|')} |" for each in LAW_INPUTS[kind]
+        ]
         tables.append("\n".join([f"| of a {kind} | type | |", "|---|---|---|", *rows]))
     return "\n\n".join(tables)
 

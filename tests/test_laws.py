@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.kernels.laws import PARAMETERS, Law
 from balloon_warp.kernels.laws.gas import STANDARD_PRESSURE, gas_energy, gas_pressure
-from balloon_warp.kernels.laws.law import GIVEN, RESULT
+from balloon_warp.kernels.laws.law import LAW_INPUTS, RESULT
 from balloon_warp.kernels.laws.torsion import angle_beyond
 from balloon_warp.model.bounds import told_what_it_names
 
@@ -28,7 +28,7 @@ def samples_of(law: Law) -> dict[str, NDArray]:
     sizes = {"float": (), "vec3": (3,), "vec4": (4,)}
     samples: dict[str, NDArray] = {
         each.name: random.uniform(-1.0, 1.0, (COUNT, *sizes[each.type]))
-        for each in GIVEN[law.kind]
+        for each in LAW_INPUTS[law.kind]
         if each.type != "int"
     }
     lengths, rest_lengths, constants = random.uniform(0.5, 1.5, (3, COUNT))

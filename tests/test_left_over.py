@@ -1,4 +1,4 @@
-"""What a killed process leaves: the next that writes there clears it away, and leaves alone what a living one has."""
+"""Leftovers of killed processes: the next process clears them away, and spares those of living ones."""
 
 import os
 import signal

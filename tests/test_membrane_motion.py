@@ -25,7 +25,7 @@ def simulator_of(balloon: Balloon, device: str, schedule: str = "auto", **fields
 
 
 def masses(simulator: Simulator) -> NDArray[np.float64]:
-    """What moves with each particle [kg], its part of the gas included."""
+    """Return the moving mass of each particle [kg], its part of the gas included."""
     model = simulator.model
     gas = simulator.state.gas_amounts.numpy()[0, 0] * model.parameters["molar_mass"].numpy()[0, 0]
     if model.scene.balloon[0].inflation.kind != "gas":
@@ -39,7 +39,7 @@ def motion(simulator: Simulator) -> tuple[NDArray[np.float64], NDArray[np.float6
 
 
 def energy_of(simulator: Simulator, kind: str) -> float:
-    """Of rubber, gas and motion [J]; of the gas, p_a V - n R T ln V."""
+    """Return the energy of rubber, gas and motion [J]; of the gas, p_a V - n R T ln V."""
     mesh = simulator.model.shapes[0].mesh
     faces = mesh.face_vertex_indices.reshape(mesh.face_count, -1)
     points, velocities = motion(simulator)
@@ -56,7 +56,7 @@ def energy_of(simulator: Simulator, kind: str) -> float:
 
 @pytest.mark.parametrize("kind", ["neo_hookean", "mooney_rivlin"])
 def test_energy_of_gas_and_rubber_and_motion_stays_within_bounds_for_twenty_seconds(kind: str, device: str):
-    """Of a balloon that is dented, swings, breathes and wrinkles, without damping, at half the stable step: symplectic
+    """A balloon that is dented swings, breathes and wrinkles, without damping, at half the stable step: symplectic
     Euler's energy swings by omega h / 2 of what swings, which is the energy above the least, and does not drift."""
     material = MATERIALS[kind].model_copy(update={"thickness": THICKNESS, "density": DENSITY})
     inside = Inflation(kind="gas", start_pressure=3.0e4, breathing_damping=0.0)
@@ -87,7 +87,7 @@ SCHEDULES = ["scatter", "gather", "lanes", "octets", "block"]
 
 @pytest.mark.parametrize("schedule", SCHEDULES)
 def test_momentum_and_angular_momentum_stay(schedule: str, device: str):
-    """Of rubber with damping of its own, which flies and spins; rounded in each step by half an epsilon to either side.
+    """Rubber with damping of its own flies and spins; rounded in each step by half an epsilon to either side.
 
     In `gather` and `block` each corner finds its triangles' tensions for itself, a little differently: by a millionth
     of what the pressure, which they bear, is in all. That is alike in every step.

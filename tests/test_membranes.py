@@ -78,7 +78,7 @@ def test_a_sealed_balloon_has_the_pressure_of_the_analytic_curve(kind: str, devi
 
 @each_law
 def test_the_curve_s_extrema_are_the_analytic_ones(kind: str, device: str):
-    """Of the forces themselves, of worlds stretched alike: by virtual work the pressure is -F . x / 3 V."""
+    """Forces themselves are taken, of worlds stretched alike: by virtual work the pressure is -F . x / 3 V."""
     stretches = np.linspace(1.02, 6.0, 499)
     still = Inflation(kind="pressure", pressure=0.0)
     simulator = Simulator(scene_of(kind, BALL, still, 0.0), device, len(stretches))
@@ -129,7 +129,7 @@ def test_the_sealed_gas_of_the_books(device: str):
 
 
 def breathing(mesh: PolygonMesh, device: str, amount: float) -> tuple[float, float, float]:
-    """Of a sealed balloon that is twice its size: volume [m^3], pressure [Pa] and frequency [1/s]."""
+    """Return volume [m^3], pressure [Pa] and frequency [1/s] of a sealed balloon that is twice its size."""
     still = {"breathing_damping": 0.0, "added_mass": 0.0}  # the formula knows no air around it
     inflation = GAS.model_copy(update=still | {"amount": amount})
     scene = scene_of("neo_hookean", mesh, inflation, 0.0, frames_per_second=20000.0, substeps=4)
@@ -156,7 +156,7 @@ def same_volume(n: int) -> PolygonMesh:
 
 
 def analytic_frequency(mesh: PolygonMesh, amount: float) -> float:
-    """Of a shell of rubber and gas about twice its size: all mass at the radius, at the temperature of the air."""
+    """Return the frequency of a shell of rubber and gas about twice its size, with all mass at the radius."""
     h = 1e-4
 
     def outward(stretch: float) -> float:
@@ -174,7 +174,7 @@ def analytic_frequency(mesh: PolygonMesh, amount: float) -> float:
 
 
 def test_it_breathes_at_the_analytic_frequency_on_any_mesh(device: str):
-    """And a mesh four times as fine has the same volume and pressure."""
+    """A mesh four times as fine has the same volume and pressure."""
     amount = float(amount_at(same_volume(9), 984.375, 2.0))
     coarse, fine = (breathing(same_volume(n), device, amount) for n in (9, 18))
     np.testing.assert_allclose(coarse, fine, rtol=0.01)

@@ -1,4 +1,4 @@
-"""What a mesh becomes when nothing is said of it: a balloon of the same shape, however it is meshed, that stands."""
+"""Mesh by itself: a balloon of the same shape, however it is meshed, that stands."""
 
 from dataclasses import replace
 
@@ -69,7 +69,7 @@ def test_a_closed_mesh_of_any_shape_swells_alike_and_keeps_its_features(name: st
 
 
 def test_the_stretch_is_what_is_asked_for():
-    """Of a ball's skin, on a mesh by itself and in a scene; and a pressure that is given counts instead."""
+    """Stretch of a ball's skin, on a mesh by itself and in a scene; and a pressure that is given counts instead."""
     ball = quad_sphere(6)
     for stretch in (0.05, 0.3):
         before, after = at_the_end(ball, 3.0, **{"balloon.inflation.stretch": stretch, "gravity": 0.0})
@@ -115,7 +115,8 @@ def test_an_even_skin_has_the_same_tension_both_ways_at_each_vertex():
 
 
 def test_springs_go_across_what_is_thin_from_wall_to_wall():
-    """Of a plate, straight across; a ball has none, and neither has each of two parts that are free, to the other."""
+    """A plate has them straight across; a ball has none, and neither has each of two parts that are free, to the
+    other."""
     plate = solid_shapes.solid("plate")
     pairs = springs_across(plate, between_parts=True).pairs
     ways = plate.points[pairs[:, 1]] - plate.points[pairs[:, 0]]

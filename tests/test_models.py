@@ -41,7 +41,7 @@ def test_file_is_what_the_script_makes(name: str) -> None:
     np.testing.assert_allclose(made.points, file.points, atol=1e-4)
 
 
-@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("name", [name for name in MODELS if "airbag" not in name])  # sewn of flat squares
 def test_one_closed_skin_of_even_quads(name: str) -> None:
     mesh = bundled(name)
     edges = mesh_edges(mesh)

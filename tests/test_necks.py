@@ -53,7 +53,7 @@ def rigid(pressure: float, neck: Neck | None, substeps: int = 40, **gas: float) 
 
 
 def flying(neck: Neck | None, device: str, schedule: str = "auto", molar_mass: float = OF_AIR, **fields) -> Simulator:
-    """One of rubber, stretched to twice its size, by the gas that holds it there; the air around takes no part."""
+    """Return a balloon of rubber, held at twice its size by its gas; the air around takes no part."""
     material = MATERIALS["neo_hookean"].model_copy(update={"thickness": 2.5e-4, "density": 950.0})
     ball = fields.pop("mesh", SOFT)
     pressure = float(sphere_pressure(ENERGIES["neo_hookean"], ball, 2.5e-4, np.array(2.0)))
@@ -120,7 +120,7 @@ def test_what_is_drawn_in_is_air_by_the_same_law(device: str):
 
 
 def momentum(simulator: Simulator, frame: Frame) -> NDArray[np.float64]:
-    """Of the balloon and its gas [kg m/s]; gas moves along by the shares of particles."""
+    """Return the momentum of the balloon and its gas [kg m/s]; gas moves along by the shares of particles."""
     model = simulator.model
     mass = float(model.parameters["mass"].numpy()[0, 0]) + frame.gas_amounts[0] * float(
         model.parameters["molar_mass"].numpy()[0, 0]
@@ -129,7 +129,7 @@ def momentum(simulator: Simulator, frame: Frame) -> NDArray[np.float64]:
 
 
 def flown(simulator: Simulator, frames: int) -> tuple[NDArray[np.float64], list[Frame], list[float]]:
-    """Its momentum in the end, and the frames on the way, with what flowed then [mol/s]."""
+    """Return the momentum in the end, and the frames on the way, with the flow then [mol/s]."""
     seen, flows = [], []
     for _ in range(frames):
         seen.append(advanced(simulator, 1))
@@ -176,7 +176,7 @@ def test_the_jet_turns_with_the_mesh(device: str):
 
 
 def test_a_group_of_faces_is_a_neck(device: str):
-    """Of the side at +z; its particles get the thrust, which is that of the diameter all the same."""
+    """Faces of the side at +z are a neck; its particles get the thrust, which is that of the diameter all the same."""
     group = np.flatnonzero(SOFT.points[:, 2] > 0.6 * SOFT.points[:, 2].max())
     mesh = replace(SOFT, groups={"spout": group.astype(np.int32)})
     simulator = flying(Neck(at="spout", diameter=0.03), device, mesh=mesh)

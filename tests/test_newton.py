@@ -45,7 +45,7 @@ def everything(up_axis: str) -> Scene:
 
 
 def taken(scene: Scene, folder: Path) -> tuple:
-    """What Newton makes of a stage: the builder, where balloons are in it, and what it warned of."""
+    """Return Newton's builder for a stage, the places of balloons in it, and its warnings."""
     path = folder / "stage.usdc"
     animate(scene, path, device="cpu")
     builder = newton.ModelBuilder(up_axis=scene.up_axis)

@@ -1,4 +1,4 @@
-"""What windows say to the page, and what becomes of nonsense."""
+"""Messages to the page that make no sense, and their outcomes."""
 
 import contextlib
 import socket
@@ -94,7 +94,7 @@ def test_a_slider_is_heard_at_once(page: Page, watcher: Connection):
 
 
 def nonsense(page: Page) -> dict[str, bytes]:
-    """What no window says, and must not be heard."""
+    """Return messages that no window sends, and that must be ignored."""
     controls = page.controls
     upload = {"transfer_uuid": "x", "filename": "x", "mime_type": "x", "part_count": 0, "size_bytes": 0}
     inflation = controls.hands_on.inflation

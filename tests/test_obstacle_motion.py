@@ -41,7 +41,7 @@ def stage_of(path: Path, up_axis: str = "Z", scales: bool = False) -> Path:
 
 
 def corners_of(path: Path, code: float) -> np.ndarray:
-    """Where USD has the cube's corners at a time code, in meters, y up."""
+    """Return the cube's corners in USD at a time code, in meters, y up."""
     stage = Usd.Stage.Open(str(path))
     matrix = np.array(UsdGeom.Xformable(stage.GetPrimAtPath("/turntable/block")).ComputeLocalToWorldTransform(code))
     local = np.array(UsdGeom.Mesh(stage.GetPrimAtPath("/turntable/block")).GetPointsAttr().Get())

@@ -62,7 +62,7 @@ def along(degrees: float) -> np.ndarray:
 
 
 def way_down(kind: str, degrees: float, device: str, schedule: str, balloon: Balloon, substeps: int) -> float:
-    """How far a body slides down a slope in half a second [m]."""
+    """Return the distance that a body slides down a slope in half a second [m]."""
     turned = balloon.model_copy(update={"rotation": (0.0, 0.0, degrees)})
     scene = Scene(balloon=[turned], obstacle=[slope(kind, degrees)], frames=30, gravity=GRAVITY, substeps=substeps)
     simulator = Simulator(scene, device, schedule=schedule)
@@ -196,7 +196,7 @@ def test_worlds_with_obstacles_of_their_own_are_as_each_is_alone(schedule: str, 
 
 
 def test_contact_gives_no_energy(device: str):
-    """Of a ball thrown at a still block, with friction and without: kinetic energy and that of its springs and height
+    """A ball is thrown at a still block, with friction and without: kinetic energy and that of its springs and height
     never rise above what there was, but for the swing of symplectic Euler's energy, some per mille of it."""
     ball = Balloon(mesh=quad_sphere(4, 0.5), velocity=(4.0, -1.0, 0.0), damping=0.0, inflation={"k_normal": 0.0})
     wall = Obstacle(size=(0.5, 4.0, 4.0), position=(1.2, 0.0, 0.0), rotation=(0.0, 0.0, 10.0))

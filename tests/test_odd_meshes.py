@@ -1,4 +1,4 @@
-"""What odd meshes do once they are taken: the policies that their warnings state, in forces."""
+"""Odd meshes once they are taken: the policies that their warnings state, in forces."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ PRESSURE = {"kind": "pressure", "pressure": 12.0}
 
 
 def simulator_of(content: bytes, folder: Path, device: str, **balloon: object) -> Simulator:
-    """Of a mesh alone: no gravity, and inflation as asked for."""
+    """Return the simulator of a mesh alone: no gravity, and inflation as asked for."""
     path = folder / "mesh.obj"
     path.write_bytes(content)
     overrides = [("gravity", 0.0), *((f"balloon.{name}", value) for name, value in balloon.items())]
@@ -84,7 +84,7 @@ def test_free_components_are_inflated_as_one_and_otherwise_apart(tmp_path: Path,
 
 
 def test_a_mesh_by_itself_is_held_at_its_open_border(tmp_path: Path, device: str):
-    """And is inflated besides."""
+    """It is inflated as well."""
     simulator = simulator_of(case("open border"), tmp_path, device, inflation={"k_normal": 3.0})
     start = simulator.read_frame().points[0]
     for _ in range(5):

@@ -1,4 +1,4 @@
-"""What a run leaves of a simulation that blows up."""
+"""Outputs of a run that blows up."""
 
 from pathlib import Path
 
@@ -28,7 +28,7 @@ GAINS_ENERGY = Scene(
 
 
 def samples(layer: Sdf.Layer) -> dict[tuple[str, float], np.ndarray]:
-    """All numbers that change with time, by the attribute's path and the time."""
+    """Return the numbers that change with time, by the attribute's path and the time."""
     found, stage = {}, Usd.Stage.Open(layer)
     for path in [prim.GetPath() for prim in stage.Traverse()]:
         for prop in layer.GetPrimAtPath(path).properties:
@@ -61,7 +61,7 @@ def test_frozen_the_stage_ends_at_the_last_good_frame(device: str, tmp_path: Pat
 
 def test_restarted_it_is_the_run_with_as_many_substeps_byte_by_byte(device: str, tmp_path: Path):
     def run(name: str, scene: Scene, on_blowup: str, warnings: list[str]) -> Summary:
-        """By a schedule that repeats."""
+        """Run by a schedule that repeats."""
         options = {"device": device, "schedule": "gather", "on_blowup": on_blowup, "on_warning": warnings.append}
         return animate(scene, tmp_path / name, **options)
 

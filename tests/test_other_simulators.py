@@ -1,4 +1,4 @@
-"""What a stage says for others than viewers: simulators that go on, and renderers that know OpenPBR."""
+"""Stages for other simulators, and for renderers that know OpenPBR."""
 
 import tomllib
 from pathlib import Path
@@ -83,7 +83,7 @@ def test_latex_is_a_variant_that_validators_need_not_know(written: Path):
 
 
 def test_openpbr_has_the_inputs_that_latex_sets(written: Path):
-    """By MaterialX's own definition."""
+    """MaterialX's own definition is asked."""
     materialx = pytest.importorskip("MaterialX")
     library = materialx.createDocument()
     folders = materialx.getDefaultDataLibraryFolders()

@@ -16,7 +16,7 @@ BALL = quad_sphere(6)
 
 
 def endings(points: np.ndarray, mesh: PolygonMesh = BALL, speed: float = 0.0, **fields: Any) -> list[BadEnding]:
-    """Of a balloon that has got to these points, and moves downward."""
+    """Outcome checks of a balloon that has got to these points, and moves downward."""
     simulator = Simulator(Scene(**{"balloon": [Balloon(mesh=mesh)], "ground": Ground(), **fields}), "cpu")
     frame = simulator.read_frame()
     velocities = np.full_like(points, -speed) * np.array([0.0, 1.0, 0.0])
@@ -52,8 +52,8 @@ def under(pressure: float, mesh: PolygonMesh = BALL, **fields: Any) -> dict[str,
 
 
 def test_a_balloon_that_grew_past_recognition_has_swollen():
-    """By the pressure that we choose, past 1.6 times the volume that a ball gets: 3.1 times its own by default. Under
-    another pressure it may."""
+    """It swells, by the pressure that we choose, past 1.6 times the volume that a ball gets: 3.1 times its own by
+    default. Under another pressure it may."""
     (ending,) = endings(1.5 * BALL.points)
     assert (ending.kind, ending.measure) == ("swollen", pytest.approx(3.375))
     assert str(ending) == "mesh swelled to 3.4 times its volume; less pressure helps"
@@ -170,7 +170,7 @@ def test_a_run_says_it_in_a_sentence_and_in_its_summary(tmp_path):
     scene = Scene(frames=63, gravity=9.9, balloon=cubes, substeps=8)
     warnings: list[str] = []
     summary = animate(scene, tmp_path / "fall.usdc", device="cpu", on_warning=warnings.append)
-    assert warnings == ["mesh falls for ever: it is 5 times its size below its start; [ground] stops it"]
+    assert warnings == ["mesh falls forever: it is 5 times its size below its start; a [ground] would stop it"]
     (said,) = json.loads(json.dumps(summary.as_json()))["bad_endings"]
     assert said["kind"] == "falling"
     assert said["balloon"] == "mesh"
@@ -183,7 +183,7 @@ def test_a_batch_says_it_of_the_worlds_that_it_exports(tmp_path):
     scene = Scene(frames=63, gravity=9.9, balloon=cubes, substeps=8)
     lift, warnings = {"balloon.helium": [0.0, 9.9, 9.9, 0.0, 0.0]}, list[str]()
     summary = run_batch(scene, tmp_path, 5, lift, export=[0, 1, 2, 3], device="cpu", on_warning=warnings.append)
-    falls = "mesh falls for ever: it is 5 times its size below its start; [ground] stops it"
+    falls = "mesh falls forever: it is 5 times its size below its start; a [ground] would stop it"
     assert warnings == [f"world 0: {falls} (and 1 more like it)"]
     assert [str(ending) for ending in summary.bad_endings] == [f"world 0: {falls}", f"world 3: {falls}"]
     assert run_batch(scene, tmp_path, 5, lift, device="cpu").bad_endings == []

@@ -27,7 +27,7 @@ def loose(strength: float = 2.0, mesh: Path | bw.PolygonMesh | None = None, **fi
 
 
 def sizes(simulator: bw.Simulator) -> np.ndarray:
-    """Of the cube in each world, over that at the start."""
+    """Return the size of the cube in each world, over that at the start."""
     return np.ptp(simulator.state.points.numpy()[:, :, 1], axis=1)
 
 

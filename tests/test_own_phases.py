@@ -32,7 +32,7 @@ import warp as wp
 from balloon_warp.kernels.laws import Parameter
 from balloon_warp.kernels.phase import Look, phase
 from balloon_warp.kernels.tables import Tables, sphere_number
-from balloon_warp.kernels.traits import Traits
+from balloon_warp.kernels.features import Features
 """
 SCENE = Scene(
     balloon=[Balloon(mesh=quad_sphere(3, 0.5), inflation=Inflation(k_normal=0.2))],

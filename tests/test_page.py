@@ -1,4 +1,4 @@
-"""Where the page is, how far it sees, and what it refuses: without a browser."""
+"""Page without a browser: its address, its view distance, and its refusals."""
 
 import re
 import socket
@@ -103,7 +103,7 @@ def test_a_slider_ends_at_a_value_with_two_digits(most: float, end: float):
 
 
 def shown(scene: Scene) -> dict[str, list[str]]:
-    """What has a slider in a scene, beside what every scene has."""
+    """Return the sliders of a scene, beside those that every scene has."""
     pytest.importorskip("viser")
     from balloon_warp.viewer.sliders import does_something, of_tables
 

@@ -12,12 +12,12 @@ from balloon_warp.scene import Atmosphere, Balloon, Ground, Inflation, Scene, St
 from balloon_warp.scene.load import load_scene
 from balloon_warp.schedules import gather
 from balloon_warp.schedules.choose import fastest_schedule, make_schedule
+from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.patches import cut_into_patches, worlds_at_once
 from balloon_warp.schedules.patching import Patches, cut, patch_table, slots_in_patches, tables_in_patches
 from balloon_warp.schedules.rings import quad_rings
 from balloon_warp.schedules.spring_ends import spring_ends
 from balloon_warp.schedules.tables import make_tables
-from balloon_warp.schedules.traits import model_traits
 
 ROUNDING = 2.0e-5
 """of its size: the same sums in another order, over a few frames"""
@@ -77,7 +77,7 @@ def scene(request: pytest.FixtureRequest) -> Scene:
 
 def patches_on_cpu(model: Model) -> Patches:
     """As for a GPU with as many multiprocessors as they need."""
-    return cut(model, 256, model_traits(model).gas)
+    return cut(model, 256, model_features(model).gas)
 
 
 def particles_at(patches: Patches, owners: np.ndarray, places: np.ndarray) -> np.ndarray:
@@ -85,12 +85,12 @@ def particles_at(patches: Patches, owners: np.ndarray, places: np.ndarray) -> np
     count = len(patches.patch)
     seats = zip(patches.patch.tolist(), patches.place.tolist(), strict=True)
     own = {seat: particle for particle, seat in enumerate(seats)}
-    rims = patches.rim_keys % count
+    halos = patches.halo_keys % count
     found = []
     for owner, place in zip(owners.tolist(), places.tolist(), strict=True):
         patch = int(patches.patch[owner])
-        in_rim = place >= patches.threads
-        found.append(rims[patches.rim_offsets[patch] + place - patches.threads] if in_rim else own[patch, place])
+        in_halo = place >= patches.threads
+        found.append(halos[patches.halo_offsets[patch] + place - patches.threads] if in_halo else own[patch, place])
     return np.array(found)
 
 
@@ -106,9 +106,9 @@ def test_each_particle_has_one_place(scene: Scene):
 
 
 def test_patches_are_compact():
-    """A rim of two rings around a square of 256 has about 144 particles; one of a strip would have far more."""
+    """A halo of two rings around a square of 256 has about 144 particles; one of a strip would have far more."""
     patches = patches_on_cpu(build_model(Scene(balloon=[Balloon(mesh=quad_sphere(40), mass=3.0)]), "cpu"))
-    assert patches.most_of_rim < 220
+    assert patches.largest_halo < 220
 
 
 def test_springs_lead_where_they_did(scene: Scene):
@@ -129,7 +129,7 @@ def test_springs_lead_where_they_did(scene: Scene):
 
 def test_faces_and_membranes_lead_where_they_did(scene: Scene):
     model = build_model(scene, "cpu")
-    patches, tables = patches_on_cpu(model), make_tables(model, model_traits(model))
+    patches, tables = patches_on_cpu(model), make_tables(model, model_features(model))
     led = tables_in_patches(model, patches, tables)
     for found, expected in (
         (led.fans.quads, tables.fans.quads),
@@ -142,32 +142,32 @@ def test_faces_and_membranes_lead_where_they_did(scene: Scene):
 
 def assert_led(patches: Patches, model: Model, found: np.ndarray, expected: np.ndarray) -> None:
     """Each entry belongs to some particle, whose patch has what it names at the place that it leads to."""
-    rims = np.split(patches.rim_keys % model.particle_count, patches.rim_offsets[1:-1])
+    halos = np.split(patches.halo_keys % model.particle_count, patches.halo_offsets[1:-1])
     tiles = []
-    for patch, rim in enumerate(rims):
+    for patch, halo in enumerate(halos):
         inside = np.flatnonzero(patches.patch == patch)
         tiles.append({**dict(zip(patches.place[inside].tolist(), inside.tolist(), strict=True))})
-        tiles[-1] |= {patches.threads + place: particle for place, particle in enumerate(rim.tolist())}
+        tiles[-1] |= {patches.threads + place: particle for place, particle in enumerate(halo.tolist())}
     rows = zip(found.reshape(len(found), -1).tolist(), expected.reshape(len(expected), -1).tolist(), strict=True)
     for places, particles in rows:
         assert any([tile.get(place) for place in places] == particles for tile in tiles)
 
 
 def test_what_patches_are_told_of_is_told(scene: Scene):
-    """Who is in a rim is marked; and who hears of a patch is heard by it, or the one would run ahead of the other."""
+    """Who is in a halo is marked; and who hears of a patch is heard by it, or the one would run ahead of the other."""
     model = build_model(scene, "cpu")
     patches = cut(model, 256, volumes=False)
     table = patch_table(model, patches, measures_faces=False)
-    rims = table.rims.numpy()
-    assert set(rims[rims >= 0].tolist()) == set(np.flatnonzero(table.in_rims.numpy()).tolist())
-    pairs = {(patch, int(patches.patch[particle])) for patch, row in enumerate(rims) for particle in row[row >= 0]}
+    halos = table.halos.numpy()
+    assert set(halos[halos >= 0].tolist()) == set(np.flatnonzero(table.in_halos.numpy()).tolist())
+    pairs = {(patch, int(patches.patch[particle])) for patch, row in enumerate(halos) for particle in row[row >= 0]}
     assert pairs == {(other, patch) for patch, other in pairs}
     assert all(patch != other for patch, other in pairs)
 
 
 def test_a_cpu_has_no_patches(scene: Scene):
     model = build_model(scene, "cpu")
-    assert cut_into_patches(model, model_traits(model)) is None
+    assert cut_into_patches(model, model_features(model)) is None
 
 
 def frames_of(model: Model, count: int) -> State:
@@ -180,9 +180,9 @@ def frames_of(model: Model, count: int) -> State:
 
 def assert_moves_as_in_launches(model: Model, frames: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """The same in launch after launch, and to the bit the same again."""
-    assert cut_into_patches(model, model_traits(model))
+    assert cut_into_patches(model, model_features(model))
     found, again = frames_of(model, frames), frames_of(model, frames)
-    monkeypatch.setattr(gather, "cut_into_patches", lambda model, traits: None)
+    monkeypatch.setattr(gather, "cut_into_patches", lambda model, features: None)
     expected = frames_of(model, frames)
     start = initial_state(model).points.numpy()
     size = np.ptp(start[0], axis=0).max()
@@ -206,7 +206,7 @@ def test_so_are_those_of_patches_on_nearly_all_multiprocessors_of_a_gpu(
     balloon = Balloon(mesh=quad_sphere(129), mass=60.0, inflation=inflation)
     normals = "fresh" if name == "fresh normals" else "cached"
     model = build_model(Scene(balloon=[balloon], normals=normals, substeps=40), gpu)
-    patches = cut_into_patches(model, model_traits(model))
+    patches = cut_into_patches(model, model_features(model))
     assert patches
     assert patches.count > 0.9 * gpu.sm_count
     assert_moves_as_in_launches(model, 3, monkeypatch)
@@ -215,10 +215,10 @@ def test_so_are_those_of_patches_on_nearly_all_multiprocessors_of_a_gpu(
 @pytest.mark.parametrize("name", ["fresh normals", "gas, on the ground"])
 def test_more_worlds_than_a_gpu_moves_at_once_are_each_as_alone(name: str, gpu: wp.Device):
     alone = build_model(SCENES[name], gpu)
-    patches = cut_into_patches(alone, model_traits(alone))
+    patches = cut_into_patches(alone, model_features(alone))
     assert patches
     many = build_model(SCENES[name], gpu, 2 * gpu.sm_count)
-    assert worlds_at_once(many, model_traits(many), patches) < many.world_count
+    assert worlds_at_once(many, model_features(many), patches) < many.world_count
     expected, found = frames_of(alone, 2).points.numpy()[0], frames_of(many, 2).points.numpy()
     assert (found == expected).all()
 

@@ -13,21 +13,21 @@ from method_scenes import SCENES
 from toy_phases import KEEPING, LISTS, Values, add, by_numpy, double, follow, halve, heed, look_aside, trade
 
 from balloon_warp.errors import InputError
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.phase import Phase
 from balloon_warp.kernels.schedules.lanes.looks import LOOKS
 from balloon_warp.kernels.schedules.launched.looks import GATHERED, SUMMED
 from balloon_warp.kernels.schedules.launched.source import source_of
 from balloon_warp.kernels.schedules.pieces import Step, cut
 from balloon_warp.kernels.substep import PROJECTIVE_STEP, READING, STEP, phases_of
-from balloon_warp.kernels.traits import Traits
 from balloon_warp.model import Model, State, build_model, initial_state
 from balloon_warp.model.memory import Allocating
 from balloon_warp.scene import Balloon, Scene, load_scene
+from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.lanes import LanesSchedule, OctetsSchedule
 from balloon_warp.schedules.launches import Launches
 from balloon_warp.schedules.source import kernel_source
 from balloon_warp.schedules.tables import make_tables
-from balloon_warp.schedules.traits import model_traits
 
 DOCS = Path(__file__).parent.parent / "docs"
 
@@ -51,9 +51,9 @@ def at_random(model: Model) -> tuple[State, Values]:
     return state, {name: each.astype(np.float64) for name, each in have.items()}
 
 
-def traits_of(model: Model) -> Traits:
-    """Of a model for whose phases items keep something."""
-    return model_traits(model)._replace(keeps=tuple(kept for each in KEEPING for kept in each.kept))
+def features_of(model: Model) -> Features:
+    """Features of a model for whose phases items keep something."""
+    return model_features(model)._replace(keeps=tuple(kept for each in KEEPING for kept in each.kept))
 
 
 def assert_done(
@@ -73,11 +73,11 @@ def assert_done(
 @pytest.mark.parametrize("doubles", [True, False], ids=["two places", "barriers"])
 @pytest.mark.parametrize("phases", LISTS, ids=lambda phases: " ".join(each.name for each in phases))
 def test_a_list_does_what_its_phases_do_one_after_the_other(phases, doubles, model):
-    traits = traits_of(model)
-    step = cut(phases, traits, GATHERED, doubles=doubles)
+    features = features_of(model)
+    step = cut(phases, features, GATHERED, doubles=doubles)
     assert doubles or not step.doubled
     state, have = at_random(model)
-    launches, now = Launches(model, step, make_tables(model, traits), Allocating(model.device)), None
+    launches, now = Launches(model, step, make_tables(model, features), Allocating(model.device)), None
     for substep in range(3):
         now = launches.substep(state, substep, now or (state.points, state.velocities))
     assert now is not None
@@ -91,8 +91,8 @@ def test_eight_side_by_side_do_the_same(phases, schedule, model):
 
     class OfPhases(schedule):
         @classmethod
-        def step_of(cls, traits: Traits) -> Step:
-            return cut(phases, traits_of(model), LOOKS[cls.layout], sums_along=True)
+        def step_of(cls, features: Features) -> Step:
+            return cut(phases, features_of(model), LOOKS[cls.layout], sums_along=True)
 
     state, have = at_random(model)
     of_phases = OfPhases(model)
@@ -103,12 +103,12 @@ def test_eight_side_by_side_do_the_same(phases, schedule, model):
 
 def test_what_nothing_writes_is_refused_by_name(model):
     with pytest.raises(TypeError, match="a phase reads seen, which nothing before it writes"):
-        source_of(cut((follow,), model_traits(model), GATHERED))
+        source_of(cut((follow,), model_features(model), GATHERED))
 
 
 def test_a_phase_that_looks_at_what_others_have_moved_waits_for_them(model):
     def names(phases: Sequence[Phase], **how: Any) -> list[list[str]]:
-        step = cut(phases, model_traits(model), GATHERED, **how)
+        step = cut(phases, model_features(model), GATHERED, **how)
         return [[each.name for each in piece.phases] for piece in step.pieces]
 
     assert names((look_aside, follow)) == [["look_aside", "follow"]]
@@ -127,16 +127,16 @@ def test_phases_of_a_step_have_names_of_their_own():
 def test_a_scene_has_in_its_source_only_what_it_needs():
     """A balloon and nothing else."""
     model = build_model(Scene(balloon=[Balloon(mesh=cube())]), "cpu")
-    traits = model_traits(model)
-    source = source_of(cut(phases_of(traits), traits, GATHERED))
+    features = model_features(model)
+    source = source_of(cut(phases_of(features), features, GATHERED))
     assert "leave" not in source
     assert "pull(" in source
-    scattered = source_of(cut(phases_of(traits), traits, SUMMED, doubles=False))
+    scattered = source_of(cut(phases_of(features), features, SUMMED, doubles=False))
     assert "points" not in scattered.partition("force, area_vector")[2].partition(")")[0]
 
 
 def code_blocks(page: Path) -> list[str]:
-    """Of Python, on a page of the docs."""
+    """Return the blocks of Python on a page of the docs."""
     return re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.S | re.M)
 
 
@@ -153,7 +153,7 @@ def test_the_source_in_the_docs_is_the_one_that_is_printed():
 
 
 def test_a_source_has_its_phases_in_the_order_of_the_list():
-    """Of a scene with much in it."""
+    """The scene has much in it."""
     for schedule in ("gather", "scatter", "block", "lanes", "octets"):
         printed = kernel_source(SCENES["in air"], schedule)
         called = [each.name for each in STEP if not each.light and re.search(rf"\b{each.name}\(", printed)]

@@ -75,7 +75,7 @@ def test_a_file_of_countless_names_is_read(tmp_path: Path):
 
 
 def test_subsets_of_usd_are_known(tmp_path: Path):
-    """Of faces and of points, without what names none of the mesh's."""
+    """Subsets of faces and of points, without what names none of the mesh's."""
     (tmp_path / "corner.usda").write_text(USD)
     groups = {name: vertices.tolist() for name, vertices in bw.load_mesh(tmp_path / "corner.usda").groups.items()}
     assert groups == {"side": [1, 2, 3], "ends": [0, 3]}
@@ -109,7 +109,9 @@ def test_a_pin_that_makes_no_sense_is_told():
     named = replace(cube(), name="box", groups={"top": np.array([2], dtype=np.int32)})
     with pytest.raises(InputError, match=r"^fixed: box has no group tip; it has top$"):
         shape_balloon(Balloon(mesh=named, fixed="tip"), Scene(balloon=[Balloon(mesh=named)]))
-    with pytest.raises(InputError, match=r"^balloon\.fixed: the function must give yes or no for each point, of shape"):
+    with pytest.raises(
+        InputError, match=r"^balloon\.fixed: the function must return a boolean for each point, of shape"
+    ):
         Balloon(mesh=named, fixed=lambda points: points[:, 1])
     with pytest.raises(InputError, match=r"^balloon\.fixed: none\.obj: no such file$"):
         Balloon(mesh="none.obj", fixed=lambda points: points[:, 1] > 0.0)

@@ -1,4 +1,4 @@
-"""What is done to a simulation while it runs, and the scene that replays it."""
+"""Changes to a running simulation, and the scene that replays them."""
 
 from pathlib import Path
 
@@ -189,7 +189,7 @@ def test_reset_goes_back_to_the_start(device):
 
 
 def test_a_moment_brings_everything_back(device):
-    """And what happens next happens again, to the last bit; what was done after it is gone from the journal."""
+    """What happened next happens again, to the last bit; what was done after it is gone from the journal."""
     playground = Playground(on_a_string(), device)
     steps(playground, 3)
     playground.throw(np.array([0.0, 1.5, 0.0]), np.array([0.0, -6.0, 0.0]), 0.2, 1.0)
@@ -272,7 +272,7 @@ def test_a_journal_does_not_grow_forever(monkeypatch):
 
 @pytest.mark.parametrize("name", bundled_scenes())
 def test_bundled_scenes_can_be_played_with(name):
-    """And replay, to the last bit."""
+    """Each replays to the last bit."""
     if name not in some_bundled_scenes():
         pytest.skip("has nothing that others do not have")
     playground = Playground(load_scene(name), "cpu")

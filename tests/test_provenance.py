@@ -1,4 +1,4 @@
-"""What a stage says of where it comes from, and that this depends on nothing else."""
+"""Provenance in a stage, which depends on nothing else."""
 
 import hashlib
 import json
@@ -25,7 +25,7 @@ COMMAND += ["--device", "cpu"]
 
 
 def stage(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture, *more: str) -> Any:
-    """What the command printed as JSON, from a folder with its files in it."""
+    """Return the command's JSON, from a folder with its files in it."""
     folder.mkdir(exist_ok=True)
     (folder / "ball.toml").write_text(SCENE)
     write_obj(folder / "ball.obj", quad_sphere(2))

@@ -1,4 +1,4 @@
-"""What the README shows works as it stands there."""
+"""Code in the README, which works as it stands there."""
 
 import re
 import tomllib

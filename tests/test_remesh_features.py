@@ -1,4 +1,4 @@
-"""What remeshing keeps of a surface: its volume, its thin parts, its tips; and what it refuses before it takes long."""
+"""Features that remeshing keeps: volume, thin parts, tips; and its early refusals."""
 
 from dataclasses import replace
 
@@ -18,7 +18,7 @@ from balloon_warp.mesh.remesh import remesh
 
 
 def standing_out(surface: PolygonMesh, made: PolygonMesh, cells: int) -> float:
-    """How far a vertex of the surface stands out of what was made of it, at most [cells]."""
+    """Return the largest distance of a vertex of the surface outside of the result [cells]."""
     cell = float(np.ptp(surface.points, axis=0).max()) / cells
     distance = MeshDistance(made.points / cell, triangulate(made)[0], thickness=0.0)
     return float(distance(surface.points / cell).max())
@@ -104,7 +104,7 @@ def test_patches_of_a_whole_are_no_hair() -> None:
 
 
 def joined_of(mesh: PolygonMesh, quads: np.ndarray) -> PolygonMesh:
-    """Some of its quads, a little smaller, so that there are cracks beside them."""
+    """Return some of the quads, a little smaller, so that there are cracks beside them."""
     used, numbers = np.unique(quads, return_inverse=True)
     points = mesh.points[used]
     part = grid(1, 1)

@@ -1,4 +1,4 @@
-"""That a remeshed surface is closed, and has every part of it in one piece; or a sentence says why not."""
+"""Fidelity of remeshing: closed, every part in one piece; or a sentence says why not."""
 
 from dataclasses import replace
 from pathlib import Path

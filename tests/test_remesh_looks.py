@@ -1,4 +1,4 @@
-"""That a remeshed surface looks as it did: materials, images and colors of vertices, in memory and in files."""
+"""Looks of a remeshed surface: materials, images and colors of vertices, in memory and in files."""
 
 # A mesh may have no looks: these have some, or the test fails.
 # pyright: reportOptionalMemberAccess=false, reportOptionalSubscript=false

@@ -1,4 +1,4 @@
-"""What pictures show, held against pinhole optics."""
+"""Contents of pictures, compared with pinhole optics."""
 
 from pathlib import Path
 

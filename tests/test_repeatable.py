@@ -1,4 +1,4 @@
-"""The same inputs give the same files, byte by byte, and a world's rows do not depend on its batch."""
+"""Repeatability: the same inputs give the same files, byte by byte, and a world's rows do not depend on its batch."""
 
 from pathlib import Path
 

@@ -199,7 +199,7 @@ def test_nothing_catches_at_a_seam(degrees: float, device: str) -> None:
 
 
 def exposed(obstacles: list[Obstacle], **given: Any) -> list[float]:
-    """How much of the ridges of each obstacle sticks out, over the length of all of them."""
+    """Return the exposed part of each obstacle's ridges, over the length of all of them."""
     scene = Scene(balloon=[ball(5, height=3.0)], obstacle=obstacles, faces=True, **given)
     alone = scene.model_copy(update={"obstacle": obstacles[:1], "ground": None})
     lengths = [
@@ -213,9 +213,9 @@ def exposed(obstacles: list[Obstacle], **given: Any) -> list[float]:
 
 
 def test_ridges_end_where_another_solid_begins() -> None:
-    """Of boxes of 0.3 x 0.1 x 0.3, 2.8 m of edges: one alone keeps all; one that stands on the ground loses the four of
-    its foot; two side by side lose the edges of the side that they share, on both; a moving one shares nothing; and
-    a small one on a large one loses its foot alone, the large one nothing."""
+    """Boxes of 0.3 x 0.1 x 0.3, 2.8 m of edges: one alone keeps all; one that stands on the ground loses the four of
+    its foot; two side by side lose the edges of the side that they share, on both; a moving one shares nothing; and a
+    small one on a large one loses its foot alone, the large one nothing."""
     box = Obstacle(size=(0.3, 0.1, 0.3))
     beside = box.model_copy(update={"position": (0.3, 0.0, 0.0)})
     apart = box.model_copy(update={"position": (0.4, 0.0, 0.0)})

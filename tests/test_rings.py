@@ -15,9 +15,9 @@ from balloon_warp.kernels.working import Working
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.model import Model, build_model
 from balloon_warp.scene import Balloon, Inflation, Scene
+from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.rings import quad_rings
 from balloon_warp.schedules.tables import make_tables
-from balloon_warp.schedules.traits import model_traits
 
 wp.set_module_options(OPTIONS)
 
@@ -59,7 +59,7 @@ def test_rings_of_quads_that_are_not_flat(mesh):
     points = wp.array(bent.points, dtype=wp.vec3, device="cpu")
     expected = wp.zeros((1, len(bent.points)), dtype=wp.vec3, device="cpu")
     found = wp.zeros(len(bent.points), dtype=wp.vec3, device="cpu")
-    tables = make_tables(model, model_traits(model))
+    tables = make_tables(model, model_features(model))
     working = Working()
     working.area_vectors = expected
     wp.launch(_by_faces, model.face_count, [tables, points, working], device="cpu")
@@ -79,8 +79,8 @@ def test_what_has_no_rings(mesh):
 def test_springs_stand_in_their_own_table_beside_rings(inflation: Inflation):
     """For who goes through springs alone, such as the measures of a blow-up: on a GPU an empty table is read past."""
     model = build_model(Scene(balloon=[Balloon(mesh=quad_sphere(5), inflation=inflation)]), "cpu")
-    traits = model_traits(model)
-    assert traits.rings
-    springs = make_tables(model, traits).springs
+    features = model_features(model)
+    assert features.rings
+    springs = make_tables(model, features).springs
     assert springs.valences.numpy().sum() == 2 * model.spring_count
     assert len(springs.entries) >= 2 * model.spring_count

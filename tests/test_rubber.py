@@ -1,5 +1,4 @@
-"""What Tarantino's springs have beyond Hooke's: viscosity, an end to their pull, and constants that change over the
-balloon."""
+"""Tarantino's springs beyond Hooke's: viscosity, an end to their pull, and constants that change over the balloon."""
 
 from dataclasses import replace
 from typing import Any
@@ -151,7 +150,7 @@ def test_weights_of_a_group_or_of_a_rule_are_those_of_its_vertices(tmp_path):
         ({"nek": 2.0}, "stiffness.weights: box has no group nek; it has neck, tip"),
         (
             lambda points: points,
-            r"balloon\.stiffness\.weights: the function must give a number for each point, of shape",
+            r"balloon\.stiffness\.weights: the function must return a number for each point, of shape",
         ),
         (lambda points: -np.ones(len(points)), r"balloon\.stiffness\.weights\.0: must be greater than or equal to 0"),
         ({"neck": -1.0}, r"stiffness\.weights: must be greater than or equal to 0"),

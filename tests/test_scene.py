@@ -107,7 +107,7 @@ def test_an_override_makes_tables_that_are_not_there(scene_file: Path):
         ("balloon.1.position.3=1", r"^balloon\.1\.position\.3: there is no balloon\.1\.position 3, the scene has 3, "),
         ("string.stiffness=1", r"^string\.stiffness: cannot be set, the scene has no string$"),
         ("string.0.stiffness=1", r"^string\.0\.stiffness: cannot be set, the scene has no string$"),
-        ("frames.x=1", r"^frames\.x: cannot be set, 'x' is asked of a plain value$"),
+        ("frames.x=1", r"^frames\.x: cannot be set, since a plain value has no field 'x'$"),
         ("frames", r"^--set frames: expected PATH=VALUE"),
         ("a..b=1", r"^--set a\.\.b=1: expected PATH=VALUE"),
     ],

@@ -76,6 +76,15 @@ def test_a_world_alone_is_the_same_world_in_a_batch(name, schedule, device):
     assert (arrays(batch)["points"][4] != alone["points"][0]).any()
 
 
+def test_among_thousands_of_worlds_sums_have_the_order_of_one(device):
+    """A GPU's threads for a sum are not chosen by the number of worlds, which would round their sums differently."""
+    ball = quad_sphere(3, radius=0.2)
+    gas = Balloon(mesh=ball, position=(0.0, 1.0, 0.0), inflation=Inflation(kind="gas", start_pressure=40.0))
+    alone, among = (arrays(after_frames(Scene(balloon=[gas]), "gather", device, 2, worlds=n)) for n in (1, 2100))
+    for field in ("points", "velocities", "pressures"):
+        np.testing.assert_array_equal(among[field][2099], alone[field][0], err_msg=field)
+
+
 PER_WORLD = ["structural", "shear", "flexion", "mass", "helium", "damping", "keyframe_values", "gravity"]
 PER_WORLD += ["sphere_mass", "sphere_radius", "sphere_penalty", "string_length", "string_stiffness"]
 PER_WORLD += ["string_anchor", "ground_height", "pair_frictions", "ground_restitution"]
@@ -104,8 +113,9 @@ def states_of_worlds(name: str, factors: list[float], schedule: str, device: str
 
 @pytest.mark.parametrize("name", ["everything", "rubber", "in air", "tarantino"])
 def test_parameters_of_worlds_may_differ(name, schedule, device):
-    """Each world of such a batch is that world alone, to the last bit."""
-    factors = [1.0, 0.9, 1.05]
+    """Each world of such a batch is that world alone, to the last bit. No factor is 1: a yield stretch that is as good
+    as infinite would leave a law out of that world alone, and other kernels round differently on a GPU."""
+    factors = [1.1, 0.9, 1.05]
     batch = states_of_worlds(name, factors, schedule, device)
     for world, factor in enumerate(factors):
         for of_batch, of_one in zip(batch, states_of_worlds(name, [factor], schedule, device), strict=True):

@@ -1,4 +1,4 @@
-"""What SECURITY.md promises of the commands: what they open, write, connect to and start."""
+"""Promises of SECURITY.md about commands: the files and addresses that they open, write, connect to and start."""
 
 import json
 import subprocess
@@ -84,7 +84,7 @@ STARTED = ("subprocess.Popen ('uname', ",)
 
 @pytest.fixture(scope="module")
 def told(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, dict]]:
-    """What each command did, in one process: see watched.py."""
+    """Return the actions of each command, in one process: see watched.py."""
     if not sys.platform.startswith("linux"):
         pytest.skip("needs inotify")
     folder = tmp_path_factory.mktemp("watched")
@@ -116,7 +116,7 @@ def test_a_command_opens_and_writes_what_it_is_given_alone(command: str, told: t
 
 
 def is_lock(path: str) -> bool:
-    """Whether a file says that another process is at work in a folder."""
+    """Return whether a file marks a folder in which another process is at work."""
     return Path(path).name.startswith(PREFIX) and path.endswith(LOCK)
 
 
@@ -152,7 +152,7 @@ def test_what_is_watched_is_seen(tmp_path: Path):
 
 
 def run_watched(folder: Path, commands: list[list[str]]) -> list[dict]:
-    """What each command did: see watched.py."""
+    """Return the actions of each command: see watched.py."""
     watched = [sys.executable, str(HERE / "watched.py"), str(folder), json.dumps(commands)]
     done = subprocess.run(watched, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stderr

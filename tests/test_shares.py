@@ -1,4 +1,4 @@
-"""How a batch is cut into shares."""
+"""Division of a batch into shares."""
 
 import numpy as np
 import pytest

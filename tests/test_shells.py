@@ -1,4 +1,4 @@
-"""Which faces a pressure pushes, and where to: those between inside and outside, however a mesh is wound."""
+"""Faces that a pressure pushes, and their side: those between inside and outside, however a mesh is wound."""
 
 from dataclasses import replace
 
@@ -98,7 +98,7 @@ def test_a_border_that_is_held_parts_inside_from_outside() -> None:
 
 
 def test_a_pressure_that_is_said_pushes_a_sheet() -> None:
-    """And what is open beside what is closed is carried along all the same; the paper's push knows of no sides."""
+    """What is open beside what is closed is carried along all the same; the paper's push knows of no sides."""
     assert not shape_of(grid(4, 4), inflation=Inflation(pressure=5.0)).slack.any()
     assert shape_of(finned(), inflation=Inflation(pressure=5.0)).slack.any()
     assert not shape_of(finned(), inflation=Inflation(k_normal=1.0)).slack.any()
@@ -160,7 +160,7 @@ def test_what_is_advised_works() -> None:
 
 
 def test_remesh_is_not_advised_for_hair() -> None:
-    """Which it refuses."""
+    """Remeshing refuses hair."""
     for mesh in (hair(20), haired()):
         assert not [remark for remark in shape_of(mesh).remarks if "remesh" in remark]
     assert "remesh" in shape_of(grid(4, 4)).remarks[0]

@@ -30,7 +30,7 @@ each_schedule = pytest.mark.parametrize("schedule", LAUNCHED)
 
 
 def left(energy: Any, peak: Any) -> NDArray[np.float64]:
-    """Of the stress, by Ogden and Roxburgh's formula, written apart from the simulation."""
+    """Return the remaining part of the stress, by Ogden and Roxburgh's formula, apart from the simulation."""
     over = (np.asarray(peak) - energy) / (SOFT["softening_energy"] + SOFT["softening_share"] * np.asarray(peak))
     return 1.0 - SOFT["softening"] * np.vectorize(erf)(over)
 
@@ -51,8 +51,8 @@ def wear(simulator: Simulator) -> None:
 @each_law
 @each_schedule
 def test_inflated_and_deflated_the_pressure_is_the_analytic_one(kind: str, schedule: str, device: str):
-    """Of the forces themselves, of worlds stretched alike: by virtual work the pressure is -F . x / 3 V. On the way up
-    it is that of the law, and on the way down from a stretch of 5 less."""
+    """Forces themselves are taken, of worlds stretched alike: by virtual work the pressure is -F . x / 3 V. On the way
+    up it is that of the law, and on the way down from a stretch of 5 less."""
     energy, stretches, most = ENERGIES[kind], np.linspace(1.05, 4.9, 40), 5.0
     simulator = Simulator(scene_of(kind, inflation=STILL), device, len(stretches), schedule=schedule)
     start, reader = simulator.state.points.numpy().copy(), ForceReader(simulator.model)
@@ -75,8 +75,8 @@ def test_inflated_and_deflated_the_pressure_is_the_analytic_one(kind: str, sched
 
 @each_schedule
 def test_a_closed_way_costs_energy_and_the_same_way_again_costs_none(schedule: str, device: str):
-    """Of the forces on a sheet that is stretched and let back: the work of the way up less that of the way down, by
-    Ogden and Roxburgh's formula, and then up and down again where it is soft already."""
+    """Work of the forces on a sheet that is stretched and let back: the work of the way up less that of the way down,
+    by Ogden and Roxburgh's formula, and then up and down again where it is soft already."""
     sheet = grid(3, 3)
     simulator = Simulator(scene_of("neo_hookean", sheet, 0.0, inflation=STILL), device,
                           schedule=schedule)  # fmt: skip
@@ -127,7 +127,7 @@ def test_energy_is_only_lost(device: str):
 
 
 def recoverable(simulator: Simulator) -> float:
-    """What the rubber still has to give [J]: the integral of eta dW up to what it has."""
+    """Return the energy that the rubber can still give [J]: the integral of eta dW up to its own."""
     shape, peaks = simulator.model.shapes[0].membrane, simulator.state.kept["peak"].numpy()[0].astype(np.float64)
     points = simulator.state.points.numpy()[0].astype(np.float64)
     edges = points[shape.corners[:, 1:]] - points[shape.corners[:, :1]]
@@ -182,7 +182,7 @@ def by_scatter() -> tuple[NDArray, NDArray]:
 
 
 def test_schedules_agree_and_worlds_differ(schedule: str, device: str, by_scatter: tuple[NDArray, NDArray]):
-    """Of quads and triangles, neither of which come by eights."""
+    """Meshes have quads and triangles, neither of which come by eights."""
     points, peaks = swung(schedule, device)
     np.testing.assert_allclose(points, by_scatter[0], atol=2e-5)
     np.testing.assert_allclose(peaks, by_scatter[1], rtol=1e-3, atol=1e2)

@@ -1,4 +1,4 @@
-"""What commands without frames show of how far they are."""
+"""Progress of commands without frames."""
 
 import io
 import threading

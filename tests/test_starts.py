@@ -1,149 +1,203 @@
-"""How balloons start: turned and shifted from world to world, and already moving."""
+"""Worlds that begin anew by a mask, with values drawn for each, and what is observed of them."""
+
+from typing import Any
 
 import numpy as np
 import pytest
-from meshes import quad_sphere
+from meshes import cube, quad_sphere
 
-from balloon_warp import Balloon, InputError, Scene, Simulator, String
-from balloon_warp.model import build_model, plan_model
-from balloon_warp.model.starts import start_of
-from balloon_warp.outputs.usd.grid_layout import world_bounds
-from balloon_warp.scene.overrides import override_scene
+from balloon_warp import InputError, Simulator
+from balloon_warp.mesh.geometry import signed_volume
+from balloon_warp.scene import Balloon, Body, Change, Ground, Inflation, Scene, Sphere
 
-EGG = quad_sphere(3)
-EGG.points[:] *= (1.0, 2.0, 3.0)
-STRETCHED = Scene(
-    balloon=[
-        Balloon(mesh=quad_sphere(2), position=(-9.0, 0.0, 0.0)),
-        Balloon(mesh=EGG, position=(4.0, 5.0, 6.0), rotation=(10.0, 20.0, 30.0), inflation={"kind": "gas"}),
-    ],
-    string=[String(anchor=(0.0, 0.0, 0.0), balloon=1, particle=5)],
-    substeps=20,
+BALL = Balloon(mesh=quad_sphere(3, 0.5), inflation=Inflation(pressure=5.0), velocity=(0.0, -1.0, 0.0))
+GAS = Balloon(mesh=quad_sphere(3, 0.4), position=(0.0, 1.1, 0.0), inflation=Inflation(kind="gas"))
+TOUCHING = Scene(
+    balloon=[BALL, GAS],
+    sphere=[Sphere(position=(0.0, -0.9, 0.0), radius=0.35)],
+    body=[Body(shape="box", size=(0.2, 0.2, 0.2), position=(2.0, 1.0, 0.0))],
+    ground=Ground(height=-1.3),
+    contacts=True,
 )
-ANGLES = np.array([20.0, 65.0, -170.0])
+ALONE = Scene(balloon=[BALL], substeps=24)
+MISTAKES = {
+    "a name": (("balloon.mas", 0.0, 1.0), r"balloon\.mas: cannot change"),
+    "a kind": (("balloon.damping", 0.0, 1.0, "even"), r"damping: kind must be one of uniform, log_uniform, normal"),
+    "no number": (("balloon.damping", 0.0, np.nan), r"damping: must be drawn by finite numbers \(got 0\.0 and nan\)"),
+    "an order": (("balloon.damping", 2.0, 1.0), r"damping: must be drawn from the least to the largest"),
+    "a logarithm": (("balloon.damping", 0.0, 1.0, "log_uniform"), r"damping: must be above 0 where its logarithm"),
+    "a rotation": (("balloon.rotation", 0.0, 1.0), r"balloon\.rotation: cannot be drawn on the device"),
+    "a gas": (("balloon.1.position", 0.0, 1.0), r"balloon\.1\.position: cannot be drawn for a balloon of gas"),
+}
 
 
-def turned(angle: float) -> Scene:
-    return override_scene(STRETCHED, [("balloon.1.rotation.1", float(angle))])
+def arrays(simulator: Simulator) -> dict[str, np.ndarray]:
+    return {name: array.numpy().copy() for name, array in simulator.state.arrays.items() if name != "frame"}
 
 
-def test_each_world_starts_as_a_scene_with_its_rotation_would():
-    """Also what follows: the length of a string that is not said, the gas's load, and the grid's cells. The host has
-    float64, the device's places are rounded to float32 at 10 m."""
-    vary = {"balloon.1.rotation.1": ANGLES}
-    plan, model = plan_model(STRETCHED, 3, vary), build_model(STRETCHED, "cpu", 3, vary)
-    simulator = Simulator.of_model(model)
-    for world, angle in enumerate(ANGLES):
-        alone = plan_model(turned(angle))
-        placed = start_of(plan.scene, plan.parameters, 1, plan.shapes[1].mesh.points)[world]
-        np.testing.assert_allclose(placed, alone.shapes[1].mesh.points, atol=1e-12)
-        for name in ("string_length", "initial_loads", "initial_centers"):
-            np.testing.assert_allclose(plan.parameters[name][world], alone.parameters[name][0], rtol=1e-12)
-        points = simulator.read_frame(world).points
-        np.testing.assert_allclose(points[1], alone.shapes[1].mesh.points, atol=1e-6)
-        np.testing.assert_array_equal(points[0], Simulator(STRETCHED, "cpu").read_frame().points[0])
-    lowest, highest = world_bounds([plan])
-    for angle in ANGLES:
-        points = plan_model(turned(angle)).shapes[1].mesh.points
-        assert (lowest <= points + 1e-9).all()
-        assert (highest >= points - 1e-9).all()
+def stepped(simulator: Simulator, frames: int) -> Simulator:
+    for _ in range(frames):
+        simulator.step_unread()
+    return simulator
 
 
-def test_a_world_that_keeps_the_scene_s_rotation_keeps_its_bits():
-    vary = {"balloon.1.rotation.1": ANGLES}
-    many, one = Simulator(STRETCHED, "cpu", 3, vary, "gather"), Simulator(STRETCHED, "cpu", schedule="gather")
-    for simulator in (many, one):
-        for _ in range(3):
-            simulator.step()
-    np.testing.assert_array_equal(many.read_frame(0).points[1], one.read_frame().points[1])
-    apart = Simulator(turned(ANGLES[1]), "cpu", schedule="gather")
-    for _ in range(3):
-        apart.step()
-    np.testing.assert_allclose(many.read_frame(1).points[1], apart.read_frame().points[1], atol=1e-4)
+def test_a_world_that_begins_anew_is_as_one_that_begins(schedule: str) -> None:
+    """Bit for bit, with all that schedules keep, while the others go on."""
+    scene = TOUCHING if schedule == "gather" else TOUCHING.model_copy(update={"contacts": False, "body": []})
+    whole, masked = (Simulator(scene, "cpu", 2, schedule=schedule) for _ in range(2))
+    stepped(whole, 8)
+    stepped(masked, 5).reset([0, 1])
+    stepped(masked, 3)
+    fresh = arrays(stepped(Simulator(scene, "cpu", 1, schedule=schedule), 3))
+    gone_on = arrays(whole)
+    for name, array in arrays(masked).items():
+        np.testing.assert_array_equal(array[1:], fresh[name], err_msg=name)
+        np.testing.assert_array_equal(array[:1], gone_on[name][:1], err_msg=name)
 
 
-def test_what_hangs_on_how_a_balloon_stands_is_refused():
-    hung = override_scene(STRETCHED, [("string.0.particle", "lowest")])
-    plan_model(hung, 2, {"balloon.0.rotation.1": [0.0, 50.0]})
-    with pytest.raises(
-        InputError, match=r"^balloon\.1\.rotation: in world 1 another particle is the lowest, which str"
-    ):
-        plan_model(hung, 2, {"balloon.1.rotation.0": [10.0, 90.0]})
-    graded = override_scene(STRETCHED, [("balloon.1.stiffness.gradient", [1.0, 2.0])])
-    with pytest.raises(InputError, match=r"^balloon\.1\.rotation: cannot differ between worlds while stiffness\.grad"):
-        plan_model(graded, 2, {"balloon.1.rotation.0": [10.0, 90.0]})
-    small = quad_sphere(1, 1e-3)
-    small.points[:] += (0.0, 7.0, 0.0)
-    near = Scene(balloon=[Balloon(mesh=small, position=(0.0, -7.0, 0.0))])
-    with pytest.raises(InputError, match=r"14\.0006 m from the origin, too far for 32-bit numbers"):
-        plan_model(near, 2, {"balloon.rotation.0": [0.0, 180.0]})
+def test_what_varies_between_worlds_begins_as_it_began() -> None:
+    vary = {"balloon.0.velocity.1": [-1.0, -2.0, -3.0], "balloon.1.inflation.start_pressure": [0.0, 50.0, 90.0]}
+    simulator = Simulator(TOUCHING, "cpu", 3, vary)
+    began = arrays(simulator)
+    stepped(simulator, 2).reset(np.array([True, True, True]))
+    for name, array in arrays(simulator).items():
+        np.testing.assert_array_equal(array, began[name], err_msg=name)
 
 
-FREE = Scene(
-    gravity=0.0,
-    balloon=[
-        Balloon(
-            mesh=EGG,
-            position=(1.0, 2.0, 3.0),
-            mass=0.5,
-            damping=0.0,
-            helium=0.0,
-            inflation={"kind": "pressure"},
-            velocity=(1.0, -2.0, 0.5),
-            angular_velocity=(0.3, 0.2, -0.4),
-        )
+def drawing(world_count: int, seed: int = 0) -> Simulator:
+    simulator = Simulator(ALONE, "cpu", world_count)
+    simulator.starts.seed = seed
+    simulator.starts.draw("balloon.inflation.pressure", 3.0, 7.0)
+    simulator.starts.draw("balloon.mass", 0.1, 0.4, "log_uniform")
+    simulator.starts.draw("balloon.position", -0.2, 0.2)
+    simulator.starts.draw("balloon.velocity.0", 1.0, 0.5, "normal")
+    return simulator
+
+
+def drawn(simulator: Simulator) -> dict[str, np.ndarray]:
+    return {
+        "pressure": simulator.controls["balloon.inflation.pressure"].numpy().copy(),
+        "mass": simulator.controls["balloon.mass"].numpy().copy(),
+        "center": simulator.observations["centers"].numpy()[:, 0].copy(),
+        "velocity": simulator.observations["velocities"].numpy()[:, 0].copy(),
+    }
+
+
+def test_values_follow_from_the_seed_the_world_and_the_episode() -> None:
+    many, few, other = drawing(64), drawing(3), drawing(3, seed=1)
+    episodes = []
+    for _ in range(2):
+        for simulator in (many, few, other):
+            simulator.reset(np.ones(simulator.model.world_count))
+        episodes.append(drawn(many))
+        for name, values in drawn(few).items():
+            np.testing.assert_array_equal(values, episodes[-1][name][:3])
+            assert not np.array_equal(values, drawn(other)[name])
+    assert all(not np.array_equal(values, episodes[1][name]) for name, values in episodes[0].items())
+    assert few.starts.episodes.numpy().tolist() == [2, 2, 2]
+
+
+def test_values_have_the_distribution_that_is_asked() -> None:
+    """Means within four of their standard errors, 256 worlds."""
+    simulator = drawing(256)
+    simulator.reset(np.ones(256))
+    found = drawn(simulator)
+    error = 4.0 / np.sqrt(256)
+    assert abs(found["pressure"].mean() - 5.0) < error * 4.0 / np.sqrt(12.0)
+    assert abs(np.log(found["mass"]).mean() - np.log(0.2)) < error * np.log(4.0) / np.sqrt(12.0)
+    assert abs(found["velocity"][:, 0].mean() - 1.0) < error * 0.5
+    assert found["pressure"].min() >= 3.0
+    assert found["mass"].max() <= np.float32(0.4)
+    assert (np.abs(found["center"] - found["center"].mean(axis=0)) < 0.21).all()
+    assert abs(np.corrcoef(found["center"].T)[0, 1]) < error
+
+
+def test_worlds_are_what_the_values_say() -> None:
+    simulator = drawing(4)
+    simulator.reset(np.ones(4))
+    found = drawn(simulator)
+    vary = {
+        "balloon.inflation.pressure": found["pressure"],
+        "balloon.mass": found["mass"],
+        "balloon.velocity.0": found["velocity"][:, 0],
+    }
+    alike = Simulator(ALONE, "cpu", 4, vary)
+    for each in (simulator, alike):
+        stepped(each, 1)
+    moved = simulator.state.points.numpy() - alike.state.points.numpy()
+    np.testing.assert_allclose(moved, np.broadcast_to(moved[:, :1], moved.shape), atol=2e-6)
+
+
+def test_worlds_of_one_clock_do_not_begin_anew_by_themselves() -> None:
+    planned = ALONE.model_copy(update={"change": [Change(time=1.0, set={"gravity": 1.0})]})
+    with pytest.raises(InputError, match=r"reset: some worlds cannot begin anew where the scene has change"):
+        Simulator(planned, "cpu", 2).reset([0, 1])
+
+
+@pytest.mark.parametrize("mask", [[1], [[0, 1]], "all", [0, 1, 0]])
+def test_a_mask_of_another_length_is_refused(mask: Any) -> None:
+    with pytest.raises(InputError, match=r"reset: expected a (value|number) for each world"):
+        Simulator(ALONE, "cpu", 2).reset(mask)
+
+
+@pytest.mark.parametrize("case", MISTAKES)
+def test_what_cannot_be_drawn_is_refused(case: str) -> None:
+    told, sentence = MISTAKES[case]
+    simulator = Simulator(TOUCHING, "cpu", 2)
+    with pytest.raises(InputError, match=sentence):
+        simulator.starts.draw(*told)
+
+
+def test_observations_are_what_frames_say() -> None:
+    simulator = Simulator(TOUCHING, "cpu", 2, {"balloon.0.mass": [0.1, 0.2]})
+    names = ("centers", "velocities", "volumes", "pressures", "contact_forces", "sphere_positions", "body_positions")
+    seen = {name: simulator.observations[name] for name in names}
+    chosen = simulator.observations.particles([3, 60])
+    for number in range(4):
+        frame = simulator.read_frame(1)
+        centers = [points.mean(axis=0) for points in frame.points]
+        np.testing.assert_allclose(seen["centers"].numpy()[1], centers, atol=1e-6)
+        np.testing.assert_allclose(seen["velocities"].numpy()[1], [v.mean(axis=0) for v in frame.velocities], atol=1e-6)
+        volumes = [
+            signed_volume(mesh) for mesh in (shape_of(simulator, n, points) for n, points in enumerate(frame.points))
+        ]
+        np.testing.assert_allclose(seen["volumes"].numpy()[1], volumes, rtol=1e-5)
+        np.testing.assert_array_equal(seen["pressures"].numpy()[1], frame.pressures)
+        np.testing.assert_array_equal(chosen.numpy()[1], np.concatenate(frame.points)[[3, 60]])
+        assert all(simulator.observations[name] is array for name, array in seen.items())
+        if number == 2:
+            simulator.reset()
+        else:
+            stepped(simulator, 3)
+
+
+def shape_of(simulator: Simulator, number: int, points: np.ndarray) -> Any:
+    from dataclasses import replace
+
+    return replace(simulator.model.shapes[number].mesh, points=points.astype(np.float64))
+
+
+@pytest.mark.parametrize(
+    ("name", "sentence"),
+    [
+        ("center", r"center: no such observation; known are centers, velocities, turns, volumes, "),
+        ("contact_forces", r"contact_forces: the scene does not ask for them; expected contacts = true"),
     ],
 )
+def test_what_is_not_there_cannot_be_observed(name: str, sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        _ = Simulator(ALONE, "cpu").observations[name]
 
 
-def momenta(simulator: Simulator, world: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Linear and angular, about the origin, in float64."""
-    frame, model = simulator.read_frame(world), simulator.model
-    masses = 0.5 * model.particle_mass_share.numpy().astype(np.float64)[:, None]
-    points, velocities = frame.points[0].astype(np.float64), frame.velocities[0].astype(np.float64)
-    return (masses * velocities).sum(axis=0), (masses * np.cross(points, velocities)).sum(axis=0)
+@pytest.mark.parametrize("numbers", [[-1], [56], [], [0.5], [[1]]])
+def test_particles_that_are_not_there_cannot_be_observed(numbers: Any) -> None:
+    with pytest.raises(InputError, match=r"particles: must be numbers from 0 to 55"):
+        Simulator(ALONE, "cpu").observations.particles(numbers)
 
 
-def test_a_balloon_starts_as_a_rigid_body_moves():
-    frame = Simulator(FREE, "cpu").read_frame()
-    arms = frame.points[0] - frame.points[0].mean(axis=0)
-    expected = np.array([1.0, -2.0, 0.5]) + np.cross([0.3, 0.2, -0.4], arms)
-    np.testing.assert_allclose(frame.velocities[0], expected, atol=1e-5)
-
-
-def test_free_flight_keeps_both_momenta():
-    """Springs pull in pairs along their lengths; float32 rounds 56 particles some hundred times."""
-    simulator = Simulator(FREE, "cpu")
-    start = momenta(simulator)
-    np.testing.assert_allclose(start[0], 0.5 * np.array([1.0, -2.0, 0.5]), atol=1e-6)
-    for _ in range(30):
-        simulator.step()
-    for before, after in zip(start, momenta(simulator), strict=True):
-        np.testing.assert_allclose(after, before, atol=2e-4)
-    center = simulator.read_frame().points[0].mean(axis=0)
-    np.testing.assert_allclose(center, np.array([1.0, 2.0, 3.0]) + 0.5 * np.array([1.0, -2.0, 0.5]), atol=1e-4)
-
-
-def test_velocities_differ_between_worlds_and_pins_stay():
-    pinned = override_scene(FREE, [("balloon.fixed", [4]), ("balloon.angular_velocity", [0.0, 0.0, 0.0])])
-    simulator = Simulator(pinned, "cpu", 2, {"balloon.velocity.0": [0.0, 3.0]})
-    first, second = (simulator.read_frame(world).velocities[0] for world in (0, 1))
-    np.testing.assert_array_equal(np.delete(second - first, 4, axis=0), np.tile([3.0, 0.0, 0.0], (55, 1)))
-    np.testing.assert_array_equal(second[4], 0.0)
-
-
-def test_a_fast_start_takes_the_step_that_its_drag_asks_for():
-    """Drag in air is stiffer the faster a balloon goes; a very light one would be thrown back."""
-    light = override_scene(FREE, [("balloon.mass", 1e-3), ("balloon.drag_coefficient", 2.0)])
-    soft = override_scene(light, [(f"balloon.stiffness.{kind}", 1e-3) for kind in ("structural", "shear", "flexion")])
-    fast = override_scene(soft, [("balloon.velocity.0", 3.0)])
-    assert plan_model(fast).substeps > plan_model(soft).substeps
-
-
-def test_what_starts_cannot_change_later():
-    for path in ("balloon.velocity", "balloon.rotation.1", "balloon.angular_velocity.0"):
-        late = override_scene(
-            FREE, [("change", [{"time": 0.1, "set": {path: 1.0 if path[-1].isdigit() else [1, 0, 0]}}])]
-        )
-        with pytest.raises(InputError, match=f"^change\\.0\\.set: {path}: cannot change"):
-            plan_model(late)
+def test_a_cube_has_its_volume() -> None:
+    """Far from the origin, too."""
+    still = Balloon(mesh=cube(), position=(100.0, 0.0, 0.0), inflation=Inflation(pressure=0.0))
+    simulator = Simulator(Scene(balloon=[still], touch=False), "cpu")
+    expected = signed_volume(cube())
+    np.testing.assert_allclose(simulator.observations["volumes"].numpy(), [[expected]], rtol=1e-5)

@@ -37,7 +37,7 @@ def backdrop_of(stage: Usd.Stage) -> tuple[np.ndarray, np.ndarray]:
 
 
 def meets(origin: np.ndarray, direction: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Which triangles a ray goes through, after Moller and Trumbore."""
+    """Return the triangles that a ray goes through, after Moller and Trumbore."""
     a, ab, ac = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     p = np.cross(direction, ac)
     area = np.einsum("ij,ij->i", ab, p)
@@ -151,7 +151,7 @@ def test_the_scene_may_look_nearer(tmp_path: Path):
 
 
 def test_our_pictures_and_exports_bring_their_own_backdrop(tmp_path: Path):
-    """The same is drawn with a studio as without."""
+    """A picture with a studio is the picture without."""
     staged(tmp_path)
     animate(scene(frames=2), tmp_path / "plain.usdc", device="cpu", lights=False)
     drawn = [RenderStage(tmp_path / name) for name in ("out.usdc", "plain.usdc")]

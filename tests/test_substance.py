@@ -1,4 +1,4 @@
-"""What a stage says of the stuff that balloons are made of, for programs that go on simulating them."""
+"""Materials of balloons in a stage, for programs that go on simulating them."""
 
 from pathlib import Path
 from typing import Any

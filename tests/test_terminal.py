@@ -23,7 +23,7 @@ from balloon_warp.mesh.obj import write_obj
 
 
 def read_all(terminal: int) -> str:
-    """What was written to a pseudo-terminal until its other end closed."""
+    """Return the text written to a pseudo-terminal until its other end closed."""
     parts = []
     while True:
         try:
@@ -72,9 +72,23 @@ def test_a_log_gets_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch):
             progress.update(task, completed=frame)
     lines = log.getvalue().splitlines()
     assert lines[0] == "squirrel: about 2 min (1,170 frames at 10 frames/s)"
-    assert lines[1] == "squirrel: frame 290 of 1,200, 9.67 frames/s, 94 s left"
+    assert lines[1] == "squirrel: frame 290 of 1,200, 10 frames/s, 91 s left"
     assert len(lines) == 1 + 4  # of two minutes
     assert log.getvalue().isascii()
+
+
+def test_a_log_does_not_count_the_frame_in_which_kernels_are_compiled(monkeypatch: pytest.MonkeyPatch):
+    """Or it would foretell twenty minutes for a run of half a minute."""
+    now, log = [0.0], io.StringIO()
+    monkeypatch.setattr("balloon_warp.cli.progress.time.monotonic", lambda: now[0])
+    with FrameProgress(Console(file=log)) as progress:
+        progress.get_time = lambda: now[0]
+        task = progress.add_task("squirrel", total=48)
+        progress.update(task, completed=0)
+        for frame in range(1, 48):
+            now[0] += 31.0 if frame == 1 else 1.0
+            progress.update(task, completed=frame)
+    assert log.getvalue().splitlines() == ["squirrel: frame 1 of 48", "squirrel: frame 31 of 48, 1 frames/s, 17 s left"]
 
 
 BEGINNING = Beginning(

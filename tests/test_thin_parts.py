@@ -73,7 +73,7 @@ def test_what_cannot_be_measured_counts_as_thick_and_crumbs_as_thin():
 
 
 def growth(thin: str) -> tuple[float, float]:
-    """Of the girth at the ball's equator, and half-way along its handle."""
+    """Return the growth of the girth at the ball's equator, and half-way along its handle."""
     mesh = ball_with_handle(0.12, 2.0)
     balloon = Balloon(mesh=mesh, damping=2.0, stiffness=Stiffness(structural=5.0, shear=2.5, flexion=0.5, thin=thin))
     simulator = Simulator(Scene(balloon=[balloon], gravity=0.0, frames_per_second=20.0), "cpu")

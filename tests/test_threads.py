@@ -34,7 +34,7 @@ def scene(number: int) -> Scene:
 
 
 def simulated(number: int, device: str) -> bytes:
-    """All points of a run, made and stepped in whichever thread calls."""
+    """Return the points of a run, made and stepped in whichever thread calls."""
     simulator = Simulator(scene(number), device=device)
     return b"".join(np.concatenate(frame.points).tobytes() for frame in simulator.run())
 

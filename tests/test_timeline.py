@@ -1,4 +1,4 @@
-"""What changes during a simulation, appears and ends."""
+"""Timeline of a simulation: changes, appearances and ends."""
 
 from dataclasses import replace
 from functools import cache
@@ -89,7 +89,7 @@ def with_another(path: str | None) -> Scene:
 
 
 def places(simulator: Simulator) -> dict[str, NDArray[np.float32]]:
-    """Of all that moves."""
+    """Return the places of everything that moves."""
     return {name: getattr(simulator.state, name).numpy().copy() for name in ("points", "sphere_positions")}
 
 
@@ -150,7 +150,8 @@ def changing_to(method: dict[str, Any]) -> Scene:
 
 @cache
 def scatters_points(name: str, device: str) -> list[NDArray[Any]]:
-    """With the method that takes over, without it and with it throughout: once for all schedules."""
+    """Points of `scatter` with the method that takes over, without it and with it throughout: once for all
+    schedules."""
     scenes = changing_to(METHODS[name][0]), busy(), busy(**METHODS[name][0])
     return [np.array(after_frames(scene, 4, device, "scatter").state.points.numpy()) for scene in scenes]
 
@@ -226,7 +227,7 @@ def test_what_changes_cannot_differ_between_worlds():
 
 
 def test_a_model_is_left_as_it_was():
-    """By a simulation that changes its parameters: another starts from the same."""
+    """A simulation that changes its parameters leaves the model: another starts from the same."""
     model = build_model(busy(change=[Change(time=0.01, set={"gravity": 1.0, "balloon.mass": 0.2})]), "cpu")
     runs = [Simulator.of_model(model), Simulator.of_model(model)]
     for simulator in runs:

@@ -1,4 +1,4 @@
-"""What becomes of the pieces of a balloon that has burst: skin that keeps its size, and comes to rest on the ground."""
+"""Pieces of a balloon that has burst: skin that keeps its size, and comes to rest on the ground."""
 
 from typing import Any
 
@@ -53,9 +53,9 @@ def _areas(edges: NDArray[np.floating]) -> NDArray[np.floating]:
 
 @pytest.fixture(scope="module")
 def settled() -> Simulator:
-    """Nine tenths of a second after it burst."""
+    """Two seconds after it burst: how its pieces roll, and so for how long, is chance."""
     simulator = Simulator(scene_of(KINDS, STRUTS), "cpu")
-    for _ in range(100):
+    for _ in range(210):
         simulator.step()
     return simulator
 
@@ -71,8 +71,8 @@ def test_pieces_stay_skin_and_lie_still(settled: Simulator):
     middle = settled.model.shapes[0].mass_share @ frame.points[0]
     settled.step()
     later = settled.read_frame()
-    assert np.linalg.norm(settled.model.shapes[0].mass_share @ later.points[0] - middle) < 1e-3
-    assert np.linalg.norm(later.points[0] - frame.points[0], axis=1).max() < 3e-3, "within a hundredth of a second"
+    assert np.linalg.norm(settled.model.shapes[0].mass_share @ later.points[0] - middle) < 1e-4
+    assert np.linalg.norm(later.points[0] - frame.points[0], axis=1).max() < 1e-3, "within a hundredth of a second"
 
 
 def test_struts_do_not_hold_the_balloon_or_its_tear():

@@ -35,7 +35,7 @@ def sheets() -> Scene:
 
 
 def all_energy(simulator: Simulator) -> float:
-    """Of motion and springs [J]."""
+    """Return the energy of motion and springs [J]."""
     points, velocities = motion(simulator)
     total = 0.5 * masses(simulator) @ (velocities**2).sum(axis=1)
     stiffness = simulator.model.scene.balloon[0].stiffness
@@ -146,8 +146,8 @@ def test_foil_cushions_thrown_at_each_other_stay_apart(device):
 @pytest.mark.parametrize("degrees", [10.0, 20.0, 25.0])
 @pytest.mark.parametrize("friction", [0.0, None], ids=["smooth", "as bundled"])
 def test_heavy_slack_foil_does_not_come_through(friction: float | None, degrees: float, device):
-    """Cushions that are flat at the start, of 0.1 kg and 50 Pa, at 4 m/s: no particle is deeper in the other than a
-    tenth of how thick they are then, and they come apart again. How thick they are at the start says nothing of that.
+    """Cushions that are flat at the start, of 0.1 kg and 50 Pa, at 4 m/s: no particle is deeper in the other than 3%
+    of how thick they are then, and they come apart again. How thick they are at the start says nothing of that.
     Smooth ones bounce off; where skins rub, folds may hold each other until nothing is left of that."""
     mesh = cushion(6)
     foil = {"mass": 0.1, "damping": 0.0, "stiffness": Stiffness(structural=50.0, shear=25.0, flexion=0.0)}
@@ -170,7 +170,7 @@ def test_heavy_slack_foil_does_not_come_through(friction: float | None, degrees:
         assert np.diff(apart)[-1] > 0.0
     assert touching(simulator) == 0
     assert thick > 0.15
-    assert 0.0 < deep < 0.1 * thick
+    assert deep < 0.03 * thick
 
 
 def test_which_edges_are_sharp():

@@ -1,4 +1,4 @@
-"""What one particle does to one triangle: where they stand to each other, and with which forces they push."""
+"""Contact of one particle with one triangle: geometry and forces."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def find_gaps(
     squares: wp.array[float],
     nearest: wp.array[wp.vec3],
 ):
-    """Of each point beside the nearest of all triangles."""
+    """Return the gap of each point beside the nearest of all triangles."""
     number = wp.tid()
     best = Place()
     best.squared = 1.0e30
@@ -108,7 +108,7 @@ def rub(slips: wp.array[wp.vec3], slides: wp.array[wp.vec3], pulls: wp.array[wp.
 
 
 def test_friction_stays_in_its_cone(device):
-    """And pulls back; what has slipped further than the cone holds is let go."""
+    """It pulls back; what has slipped further than the cone holds is let go."""
     slips, slides = [(0.001, 0.0, 0.0), (0.5, 0.0, 0.0), (0.0, 0.0, 0.0)], [(0, 0, 0), (0, 0, 0), (50.0, 0.0, 0.0)]
     inputs = [wp.array(rows, dtype=wp.vec3, device=device) for rows in (slips, slides)]
     outputs = [wp.zeros(3, dtype=wp.vec3, device=device) for _ in range(2)]
@@ -130,19 +130,19 @@ def meet(
     a = wp.vec3(0.0, 0.0, 0.0)
     b = wp.vec3(1.0, 0.1, 0.0)
     c = wp.vec3(0.2, 0.9, 0.1)
-    told = Touching()
-    told.side = side
+    inputs = Touching()
+    inputs.side = side
     place = faced(place_beside(points[number], a, b, c), a, b, c)
-    told.thickness = 0.5
-    told.overlap = 0.5 - side * place.gap
-    told.stiffness = 100.0
-    told.friction = 0.7
-    told.masses = wp.vec4(1.0, 2.0, 3.0, 4.0)
-    told.first = True
-    told.step_seconds = 0.001
+    inputs.thickness = 0.5
+    inputs.overlap = 0.5 - side * place.gap
+    inputs.stiffness = 100.0
+    inputs.friction = 0.7
+    inputs.masses = wp.vec4(1.0, 2.0, 3.0, 4.0)
+    inputs.first = True
+    inputs.step_seconds = 0.001
     v = velocities[number]
     pushes = touch(
-        told, place, wp.vec4(0.1, -0.2, 0.05, 9.0 * side), v[0],
+        inputs, place, wp.vec4(0.1, -0.2, 0.05, 9.0 * side), v[0],
         wp.matrix_from_rows(a, b, c), wp.matrix_from_rows(v[1], v[2], v[3]),
     )  # fmt: skip
     forces[number, 0] = -(pushes.a + pushes.b + pushes.c)

@@ -56,7 +56,7 @@ def test_what_surfaces_there_are_stay_finite_and_slow(mesh, device):
 
 @pytest.mark.parametrize("fine_above", [True, False])
 def test_a_coarse_and_a_fine_ball_touch(fine_above, device):
-    """Of 98 and 1,538 particles: what is fine is held by large triangles, and pushes their few corners."""
+    """They have 98 and 1,538 particles: what is fine is held by large triangles, and pushes their few corners."""
     meshes = [quad_sphere(4, RADIUS), quad_sphere(16, RADIUS)]
     lower, upper = meshes if fine_above else meshes[::-1]
     firm = Inflation(pressure=15.0)
@@ -76,7 +76,7 @@ def test_a_coarse_and_a_fine_ball_touch(fine_above, device):
 
 
 def sagitta(mesh) -> float:
-    """By how much a quad's center may be above its diagonal [m]: faces are not flat, and a fan is not two triangles."""
+    """Return the largest height of a quad over its diagonal [m]: faces are not flat, and a fan is not two triangles."""
     quads = mesh.points[mesh.face_vertex_indices.reshape(-1, 4)]
     return float(np.linalg.norm(0.5 * (quads[:, 0] + quads[:, 2]) - 0.5 * (quads[:, 1] + quads[:, 3]), axis=1).max())
 

@@ -1,4 +1,4 @@
-"""Who may touch whom is found now and then; what was found does until particles have moved too far."""
+"""Search for contact pairs, now and then; its result holds until particles have moved too far."""
 
 from dataclasses import replace
 

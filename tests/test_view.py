@@ -7,6 +7,7 @@ import urllib.request
 
 import numpy as np
 import pytest
+from asked_ahead import AskedAhead
 from browsing import (
     asked,
     click_inside,
@@ -198,6 +199,7 @@ def test_a_second_window_joins_and_leaves(browser, fresh, served):
 
 def test_time_stands_still_while_nobody_watches(browser, tmp_path):
     page = Page(Session("ball", tethered(), "cpu", tmp_path), port=free_port("127.0.0.1", 0))
+    page.ahead = AskedAhead()
     before = threading.active_count()
     page.start()
     window = open_window(browser, page)

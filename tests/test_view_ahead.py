@@ -11,16 +11,18 @@ import pytest
 PAGE = """
 import sys, time
 import numpy as np
+import warp as wp
 from browsing import tethered
 from balloon_warp.viewer.ahead import Ahead
 from balloon_warp.viewer.playground import Playground
 
+wp.config.optimization_level = 0
 playground, ahead = Playground(tethered(), "cpu"), Ahead()
 playground.step()
 ahead.begin(playground.start, "cpu")
 print("process", ahead._process and ahead._process.pid, flush=True)
 """
-"""what the page does first"""
+"""what the page does first, with kernels that stay as they are written: it is about which are compiled"""
 PLAYED = (
     PAGE
     + """
@@ -47,7 +49,7 @@ def page(folder: Path, script: str) -> subprocess.Popen:
 
 
 def is_there(process: int) -> bool:
-    """Whether a process lives: one that ended and waits to be noticed does not."""
+    """Return whether a process lives: one that ended and waits to be noticed does not."""
     try:
         return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except FileNotFoundError:

@@ -4,6 +4,7 @@ import threading
 
 import numpy as np
 import pytest
+from asked_ahead import AskedAhead
 from browsing import LIMIT, click_the_balloon, picture_of, see, tethered, wait_until
 
 pytest.importorskip("viser")
@@ -16,8 +17,9 @@ from balloon_warp.viewer.session import Session
 
 @pytest.mark.parametrize("size", [(1100, 600), (390, 844)])
 def test_a_splash_is_seen_until_something_moves(browser, tmp_path, size):
-    """At a desk and on a phone, whose panel is folded."""
+    """At a desk and on a phone, whose panel is folded. Then what hands may do is compiled ahead."""
     page = Page(Session("ball", tethered(), "cpu", tmp_path), port=free_port("127.0.0.1", 0))
+    page.ahead = asked = AskedAhead()
     page.layers.draw(page.session.picture)
     page.controls.follow(page.session.picture)
     window = browser.new_page(viewport={"width": size[0], "height": size[1]})
@@ -29,6 +31,8 @@ def test_a_splash_is_seen_until_something_moves(browser, tmp_path, size):
     page.start()
     splash.wait_for(state="detached")
     assert page.session.picture.frame.number > 0
+    wait_until(lambda: asked.scenes, "it compiles ahead")
+    assert asked.scenes == [page.session.picture.model.scene]
     window.close()
     page.stop()
 

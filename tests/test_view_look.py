@@ -1,4 +1,4 @@
-"""How the page looks and where its parts are: in headless Chromium, where there is one."""
+"""Look and layout of the page: in headless Chromium, where there is one."""
 
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -62,7 +62,7 @@ def test_a_print_is_seen(fresh, served, tmp_path):
 
 
 def test_contact_forces_are_arrows_where_a_scene_tells_them(fresh, served):
-    """Which are seen through the balloons; elsewhere there is no box for them."""
+    """Arrows are seen through the balloons; elsewhere there is no box for them."""
     told = fresh.get_by_label("contact forces", exact=True)
     unfold(fresh, "Show", "smooth balloon")
     assert not told.is_visible()
@@ -190,5 +190,5 @@ def test_a_notebook_shows_the_page(browser, fresh, served):
 
 
 def above(window, drawer: str) -> bool:
-    """Whether the view ends where the drawer begins, to a pixel."""
+    """Return whether the view ends where the drawer begins, to a pixel."""
     return abs(box(window, "canvas[data-engine]")["height"] - box(window, drawer)["y"]) <= 1.0

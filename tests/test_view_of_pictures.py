@@ -1,4 +1,4 @@
-"""Where one looks from, at what, and which frames an animation shows."""
+"""View of pictures: direction, target, and the frames of an animation."""
 
 from pathlib import Path
 
@@ -47,7 +47,7 @@ def stage(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
 
 
 def seen(camera: Camera, point: tuple[float, float, float]) -> np.ndarray:
-    """Where a point, Y up, is in the picture: -1 to 1 each way."""
+    """Return the place of a point in the picture, Y up: -1 to 1 each way."""
     x, y, z = camera.axes @ (np.array(point) - camera.eye)
     return np.array([x / -z / camera.half_width, y / -z / camera.half_height])
 
@@ -74,7 +74,7 @@ def test_what_is_named_is_in_the_middle(stage: RenderStage):
 
 @pytest.mark.parametrize("look_at", [None, "soft"])
 def test_a_camera_that_follows_keeps_its_subject_large_and_in_the_middle(stage: RenderStage, look_at: str | None):
-    """Of a rise of 50 times its size, it is a speck without. A margin of a fifth is left around it."""
+    """A balloon that rises 50 times its size is a speck without. A margin of a fifth is left around it."""
     for frame, camera in enumerate(cameras(stage, follow=True, look_at=look_at)):
         corners = np.array([seen(camera, (x, 0.5 * frame + y, 0.0)) for x in (-0.1, 0.1) for y in (-0.1, 0.1)])
         assert np.abs(corners).max() < 0.9
@@ -124,7 +124,7 @@ def test_a_lens_is_focused_on_what_is_named(stage: RenderStage):
         ({"look_at": "bal"}, r"look-at: 'bal' is nothing to be seen in .*; did you mean ball\?"),
         ({"look_at": (1.0, 2.0, 3.0), "follow": True}, "follow: a point does not move"),
         ({"aperture": -1.0}, "aperture: -1; expected the lens's diameter, 0 or more"),
-        ({"focus": "ball"}, "focus: everything is sharp; expected aperture, too"),
+        ({"focus": "ball"}, "focus: has no effect without an aperture; expected aperture, too"),
         ({"focus": "nobody", "aperture": 0.1}, "focus: 'nobody' is nothing to be seen"),
         ({"shutter": 1.5}, "shutter: 1.5; expected 0 to 1 of a frame"),
         ({"transparent": True}, r"transparent: out\.gif has no transparency; expected \.png or \.webp"),

@@ -1,4 +1,4 @@
-"""What the page is made of, without a browser."""
+"""Parts of the page, without a browser."""
 
 import threading
 import time
@@ -187,7 +187,7 @@ def test_what_goes_wrong_in_a_wish_does_not_stop_the_simulation(session, capsys)
 
 
 def test_wishes_do_not_pile_up(session):
-    """Of many with one key the last is done; of too many others the rest is not heard."""
+    """The last of many with one key is done; too many others are not heard."""
     hold, busy, free = [], threading.Event(), threading.Event()
     session.ask(lambda playground: busy.set() or free.wait())
     busy.wait()
@@ -239,7 +239,7 @@ def test_a_sphere_out_of_bounds_is_refused_in_a_sentence(session):
 
 
 def test_a_recording_is_a_valid_stage(session, tmp_path, monkeypatch):
-    """Of the frames from its start to its end, written by another process: this one has time to keep."""
+    """Frames from its start to its end are written by another process: this one has time to keep."""
     monkeypatch.setattr("balloon_warp.viewer.saving.write_recording", lambda *_: pytest.fail("it is written here"))
     until(lambda: session.picture.frame.number > 3, "some frames")
     session.record(True)
@@ -267,7 +267,7 @@ def test_a_recording_is_a_valid_stage(session, tmp_path, monkeypatch):
 
 
 def test_a_recorded_scene_file_replays_its_stage(tmp_path):
-    """With a mesh that has a file, as every scene has that comes from the command line."""
+    """Its mesh is one that has a file, as every scene has that comes from the command line."""
     session = Session("squirrel", load_scene("squirrel_tether"), "cpu", tmp_path)
     session.watched = True
     session.start()

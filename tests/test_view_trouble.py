@@ -1,4 +1,4 @@
-"""What the page says and shows after a blow-up, without a browser."""
+"""Page after a blow-up, without a browser."""
 
 from pathlib import Path
 
@@ -22,7 +22,7 @@ from balloon_warp.viewer.session import Session
 def test_a_blow_up_says_what_was_too_much_and_leaves_the_last_good_shape(
     tmp_path: Path, material: Material, inflation: Inflation, sentence: str
 ):
-    """And goes on from there, once it is told to go back."""
+    """It goes on from there, once it is told to go back."""
     scene = Scene(balloon=[Balloon(mesh=quad_sphere(3, 0.5), material=material, inflation=inflation)])
     session = Session("ball", scene, "cpu", tmp_path)
     session.watched = True

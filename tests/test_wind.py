@@ -39,7 +39,7 @@ def blow(
 
 
 def gusts(places: NDArray, device: str, time: float = 0.0, seed: float = 0.0) -> NDArray[np.float64]:
-    """Over their root mean square, shape (count, 3)."""
+    """Return gusts over their root mean square, shape (count, 3)."""
     velocities = air_around(places, device, time, seed=seed, intensity=INTENSITY)
     return (velocities - WIND) / ROOT_MEAN_SQUARE
 
@@ -160,7 +160,7 @@ def test_the_step_allows_for_the_fastest_wind():
 
 
 def test_worlds_have_winds_of_their_own(schedule: str, device: str):
-    """Of equal seeds the same to the bit; of others, other drifts; and gusts shake more, the more there are."""
+    """Equal seeds give equal winds to the bit, others other drifts; and gusts shake more, the more there are."""
     leaf = Balloon(
         mesh=cube(), mass=0.01, stiffness=NO_SPRINGS, damping=0.0, face_drag=1.0, inflation=Inflation(pressure=0)
     )

@@ -100,7 +100,7 @@ def horseshoe(around: int = 24, across: int = 8, gap_degrees: float = 50.0, tube
 
 
 def energy(simulator: Simulator) -> float:
-    """Of the motion and springs of all balloons [J], from the scene's own numbers."""
+    """Return the energy of motion and springs of all balloons [J], from the scene's own numbers."""
     points, velocities = motion(simulator)
     total = 0.5 * masses(simulator) @ (velocities**2).sum(axis=1)
     for number, (shape, balloon) in enumerate(zip(simulator.model.shapes, simulator.model.scene.balloon, strict=True)):
@@ -113,13 +113,13 @@ def energy(simulator: Simulator) -> float:
 
 
 def centers(simulator: Simulator, world: int = 0) -> NDArray[np.float64]:
-    """Of the particles of each balloon [m], shape (balloon_count, 3)."""
+    """Return the centers of the particles of each balloon [m], shape (balloon_count, 3)."""
     points = simulator.state.points.numpy()[world].astype(np.float64)
     return np.array([part.mean(axis=0) for part in np.split(points, simulator.model.particle_offsets[1:-1])])
 
 
 def touching(simulator: Simulator) -> int:
-    """How many particles of all worlds touch anything."""
+    """Return the number of particles of all worlds that touch anything."""
     return int((simulator.state.holds.numpy()[..., 3] != 0.0).sum())
 
 

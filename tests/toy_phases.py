@@ -8,15 +8,15 @@ import numpy as np
 import warp as wp
 
 from balloon_warp.kernels.algebra import dot_product
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.phase import Look, Phase, phase
 from balloon_warp.kernels.tables import Tables
-from balloon_warp.kernels.traits import Traits
 
 Values = dict[str, np.ndarray]
 
 
 @phase("particle", {"seen": wp.vec3})
-def look_aside(traits: Traits, look: Look) -> Any:
+def look_aside(features: Features, look: Look) -> Any:
     at = look.at
 
     @wp.func
@@ -31,7 +31,7 @@ def look_aside(traits: Traits, look: Look) -> Any:
 
 
 @phase("particle", {"point": wp.vec3})
-def follow(traits: Traits, look: Look) -> Any:
+def follow(features: Features, look: Look) -> Any:
     @wp.func
     def follow(point: Any, seen: Any):
         return 0.75 * point + 0.25 * seen
@@ -40,7 +40,7 @@ def follow(traits: Traits, look: Look) -> Any:
 
 
 @phase("particle", {"velocity": wp.vec3, "point": wp.vec3})
-def trade(traits: Traits, look: Look) -> Any:
+def trade(features: Features, look: Look) -> Any:
     @wp.func
     def trade(point: wp.vec3, velocity: wp.vec3):
         return point, velocity
@@ -49,7 +49,7 @@ def trade(traits: Traits, look: Look) -> Any:
 
 
 @phase("particle", {"total": wp.vec3}, sums=True)
-def add(traits: Traits, look: Look) -> Any:
+def add(features: Features, look: Look) -> Any:
     @wp.func
     def add(point: wp.vec3):
         return point
@@ -58,7 +58,7 @@ def add(traits: Traits, look: Look) -> Any:
 
 
 @phase("balloon", {"half": wp.vec3})
-def halve(traits: Traits, look: Look) -> Any:
+def halve(features: Features, look: Look) -> Any:
     @wp.func
     def halve(total: wp.vec3):
         return 0.5 * total
@@ -67,7 +67,7 @@ def halve(traits: Traits, look: Look) -> Any:
 
 
 @phase("particle", {"twice": wp.vec3}, light=True)
-def double(traits: Traits, look: Look) -> Any:
+def double(features: Features, look: Look) -> Any:
     @wp.func
     def double(half: wp.vec3):
         return 2.0 * half
@@ -76,7 +76,7 @@ def double(traits: Traits, look: Look) -> Any:
 
 
 @phase("particle", {"velocity": wp.vec3})
-def heed(traits: Traits, look: Look) -> Any:
+def heed(features: Features, look: Look) -> Any:
     @wp.func
     def heed(velocity: Any, twice: Any):
         return 0.5 * velocity + 0.125 * twice
@@ -85,7 +85,7 @@ def heed(traits: Traits, look: Look) -> Any:
 
 
 @phase("particle", {"trace": float}, keeps={"trace": 1.0})
-def remember(traits: Traits, look: Look) -> Any:
+def remember(features: Features, look: Look) -> Any:
     @wp.func
     def remember(trace: Any, point: Any, velocity: Any):
         return 0.5 * trace + dot_product(point, velocity)
@@ -94,7 +94,7 @@ def remember(traits: Traits, look: Look) -> Any:
 
 
 @phase("particle", {"seen": wp.vec3})
-def look_at_traces(traits: Traits, look: Look) -> Any:
+def look_at_traces(features: Features, look: Look) -> Any:
     @wp.func
     def look_at_traces(
         t: Tables,  # pyright: ignore[reportGeneralTypeIssues] - a struct
@@ -107,7 +107,7 @@ def look_at_traces(traits: Traits, look: Look) -> Any:
 
 
 @phase("face", {"height": float}, keeps={"height": 2.0})
-def rise(traits: Traits, look: Look) -> Any:
+def rise(features: Features, look: Look) -> Any:
     at = look.at
 
     @wp.func
@@ -126,12 +126,12 @@ KEEPING: tuple[Phase, ...] = (remember, rise)
 
 
 def sums_of(points: np.ndarray, offsets: np.ndarray) -> np.ndarray:
-    """Of each balloon, shape (worlds, balloons, 3)."""
+    """Return the sums of each balloon, shape (worlds, balloons, 3)."""
     return np.stack([points[:, a:b].sum(axis=1) for a, b in pairwise(offsets)], axis=1)
 
 
 def by_numpy(name: str, have: Values, offsets: np.ndarray, first: np.ndarray) -> None:
-    """What a phase does to all items at once."""
+    """Return the result of a phase for all items at once."""
 
     def seen_traces() -> np.ndarray:
         trace = np.roll(have["trace"], -5, axis=1)

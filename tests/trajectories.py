@@ -24,9 +24,12 @@ def arrays(simulator: Simulator) -> dict[str, np.ndarray]:
     return {name: array.numpy().copy() for name, array in simulator.state.arrays.items()}
 
 
-def advance_both(scene: Scene, schedule: str, device: str, settled: int, frames: int) -> list[dict[str, np.ndarray]]:
-    """The states that `schedule` and `scatter` reach from what `scatter` reached after `settled` frames, and that."""
-    start, expected = _scatters_way(_Same(scene), device, settled, frames)
+def advance_both(
+    scene: Scene, schedule: str, device: str, settled: int, frames: int, settled_by: str = "scatter"
+) -> list[dict[str, np.ndarray]]:
+    """The states that `schedule` and `scatter` reach from one that `settled_by` reached after `settled` frames, and
+    that."""
+    start, expected = _scatters_way(_Same(scene), device, settled, frames, settled_by)
     return [arrays(_from(start, scene, schedule, device, frames)), expected, start]
 
 
@@ -44,9 +47,11 @@ class _Same:
 
 
 @cache
-def _scatters_way(same: _Same, device: str, settled: int, frames: int) -> tuple[dict[str, np.ndarray], ...]:
+def _scatters_way(
+    same: _Same, device: str, settled: int, frames: int, settled_by: str
+) -> tuple[dict[str, np.ndarray], ...]:
     """Once for all the schedules that are compared with it."""
-    start = arrays(after_frames(same.scene, "scatter", device, settled))
+    start = arrays(after_frames(same.scene, settled_by, device, settled))
     return start, arrays(_from(start, same.scene, "scatter", device, frames))
 
 
@@ -60,9 +65,10 @@ def _from(start: dict[str, np.ndarray], scene: Scene, schedule: str, device: str
 
 
 def tolerance_of(scene: Scene) -> float:
-    """With fresh normals a particle between two faces may take the area of either, by which normal forces go; and
-    whether a spring is corrected, and pulls, hangs on the rounding of its length, and c / h on that of c, and which of
-    two triangles a particle touches on that of its distances: differences grow fourfold each frame."""
+    """Tolerance of a feature: with fresh normals a particle between two faces may take the area of either, by which
+    normal forces go; and whether a spring is corrected, and pulls, hangs on the rounding of its length, and c / h on
+    that of c, and which of two triangles a particle touches on that of its distances: differences grow fourfold each
+    frame."""
     pushed = any(balloon.inflation.kind == "normal_force" for balloon in scene.balloon)
     steady = scene.normals == "cached" or not pushed
     return ROUNDING if steady and scene.correction == "none" and not scene.touches else 10 * ROUNDING
@@ -71,12 +77,13 @@ def tolerance_of(scene: Scene) -> float:
 def assert_close(
     found: dict[str, np.ndarray], expected: dict[str, np.ndarray], tolerance: float, outliers: float = 0.0
 ) -> None:
-    """All but some of the particles; where so many are outliers, those are not far off."""
+    """Check that all but some of the particles are close; where so many are outliers, those are not far off."""
     for name in ("points", "sphere_positions"):
         apart = np.abs(found[name] - expected[name]).max(axis=-1, initial=0.0)
         assert (apart > tolerance).sum() <= outliers * apart.size, (name, apart.max())
         assert apart.max(initial=0.0) <= 10 * tolerance, (name, apart.max())
-    np.testing.assert_allclose(found["gas_amounts"], expected["gas_amounts"], rtol=1e-7)
+    # What leaves through a tear goes by the square root of a pressure that is rounded, see below.
+    np.testing.assert_allclose(found["gas_amounts"], expected["gas_amounts"], rtol=1e-6)
     # A float32 volume is rounded by up to 1e-7 of itself, and so the pressure by that of the air's, over some frames,
     # in which forward Euler does not damp it. Where a point may be off by 1e-4 m, it alone changes the volume of a
     # balloon of 100 particles by 1e-5 of itself: by 1 Pa more.

@@ -19,7 +19,7 @@ CALLS += ("socket.getaddrinfo", "socket.gethostbyname", "socket.sendto", "urllib
 
 
 class Watch:
-    """What happens to the files of some folders."""
+    """Watch over the files of some folders."""
 
     def __init__(self) -> None:
         self._libc = ctypes.CDLL(None, use_errno=True)
@@ -31,7 +31,7 @@ class Watch:
         self._folders[self._libc.inotify_add_watch(self._events, bytes(folder), mask)] = name
 
     def read(self) -> list[tuple[str, str]]:
-        """What happened since, to which file: [("opened", "ball.obj"), ...]; folders that are opened are left out."""
+        """Return the events since, with their files: [("opened", "ball.obj"), ...]; opened folders are left out."""
         happened = []
         while True:
             try:

@@ -1,4 +1,4 @@
-"""What of a mesh is under water, as trimesh cuts it: the reference for water."""
+"""Wetted part of a mesh, as trimesh cuts it: the reference for water."""
 
 import numpy as np
 import trimesh
@@ -8,7 +8,7 @@ from balloon_warp.mesh import PolygonMesh
 
 
 def wet_part(mesh: PolygonMesh, level: float) -> trimesh.Trimesh:
-    """What trimesh cuts off below the level, open at the cut."""
+    """Return the part below the level that trimesh cuts off, open at the cut."""
     solid = fans(mesh)
     points, triangles, _ = trimesh.intersections.slice_faces_plane(
         solid.vertices, solid.faces, plane_normal=np.array([0, -1, 0]), plane_origin=np.array([0, level, 0])

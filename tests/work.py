@@ -1,4 +1,4 @@
-"""How much Python a call executes, whatever else the machine does meanwhile."""
+"""Amount of Python that a call executes, whatever else the machine does meanwhile."""
 
 import sys
 from collections.abc import Callable

@@ -1,0 +1,228 @@
+"""Values that are written on the device, and what the next frame makes of them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import warp as wp
+from meshes import quad_sphere
+
+from balloon_warp import InputError, Simulator
+from balloon_warp.model.acting import acting_laws
+from balloon_warp.scene import Balloon, Change, Ground, Inflation, Obstacle, Scene, Sphere, String
+
+BALL = Balloon(mesh=quad_sphere(3, 0.5), inflation=Inflation(pressure=5.0))
+SCENE = Scene(
+    balloon=[BALL],
+    sphere=[Sphere(position=(0.0, 0.8, 0.0), radius=0.4)],
+    string=[String(anchor=(0.0, -1.0, 0.0), length=0.4)],
+    substeps=24,
+)
+BOUNDED = {
+    "balloon.inflation.pressure": (None, None),
+    "balloon.damping": (0.0, 2.0),
+    "balloon.drag_coefficient": (0.0, 1.0),
+    "atmosphere.wind": (-9.0, 9.0),
+    "string.0.anchor": (None, None),
+    "gravity": (0.0, 10.0),
+}
+"""of `SCENE`: a keyframed value, a material's, a law's that did not act, a world's, a vector, and what falls"""
+PRESSURE = "balloon.inflation.pressure"
+MISTAKES = {
+    "a name": ("balloon.mas", {}, r"balloon\.mas: cannot change"),
+    "the start": ("balloon.position", {}, r"balloon\.position: cannot change"),
+    "a table": ("balloon.stiffness", {}, r"balloon\.stiffness: must lead to a number or a vector; known are "),
+    "no bounds": ("balloon.mass", {}, r"balloon\.mass: the step depends on it; expected bounds, as in open"),
+    "wrong bounds": ("gravity", {"low": 2.0, "high": 1.0}, r"gravity: low must be at most high \(got 2 and 1\)"),
+    "a bound that is none": ("gravity", {"low": np.nan}, r"gravity: low must be a finite number \(got nan\)"),
+    "a scene's bound": (
+        "balloon.mass",
+        {"low": -1.0, "high": 1.0},
+        r"balloon\.0\.mass: must be greater than 0 \(got -1\.0\)",
+    ),
+    "what others follow from": ("ground.friction", {}, r"friction: cannot be written on the device"),
+    "what the host settles": ("sphere.radius", {}, r"sphere\.radius: cannot be written on the device; `set` changes"),
+    "beyond": ("gravity", {"beyond": "stop"}, r'gravity: beyond must be "clip" or "end" \(got \'stop\'\)'),
+    "too long a step": ("balloon.stiffness.structural", {"low": 1.0, "high": 1e7}, r"substeps: 24 are too few"),
+}
+
+
+def points(simulator: Simulator) -> np.ndarray:
+    return simulator.state.points.numpy().copy()
+
+
+def opened(world_count: int, **fields: str) -> Simulator:
+    simulator = Simulator(SCENE, "cpu", world_count, **fields)
+    for path, (low, high) in BOUNDED.items():
+        simulator.controls.open(path, low, high)
+    return simulator
+
+
+def values_of(frame: int, world_count: int) -> dict[str, np.ndarray]:
+    """Return the values of a frame: those of each control in each world."""
+    drawn = np.random.default_rng(frame).uniform(0.1, 0.9, (world_count, 6, 3)).astype(np.float32)
+    vectors = ("atmosphere.wind", "string.0.anchor")
+    return {path: drawn[:, n] if path in vectors else drawn[:, n, 0] for n, path in enumerate(BOUNDED)}
+
+
+def test_a_control_is_what_set_sets_bit_for_bit(schedule: str) -> None:
+    """Laws that did not act until then, too."""
+    controlled, told = opened(3, schedule=schedule), Simulator(SCENE, "cpu", 3, schedule=schedule)
+    for frame in range(3):
+        for path, values in values_of(frame, 3).items():
+            controlled.controls[path] = values
+        told.set(values_of(frame, 3))
+        controlled.step_unread()
+        told.step_unread()
+    np.testing.assert_array_equal(points(controlled), points(told))
+    assert np.ptp(points(controlled), axis=0).max() > 1e-4
+
+
+def test_an_obstacle_that_is_steered_goes_as_one_that_moves_by_keyframes(schedule: str, device: str) -> None:
+    """Askew, up into a ball that it takes along by friction; apart by float32's rounding of where the plate is."""
+    ball = BALL.model_copy(update={"position": (0.0, 0.52, 0.0), "velocity": (0.0, -0.5, 0.0)})
+    plate = Obstacle(
+        shape="box", size=(3.0, 0.2, 3.0), position=(0.0, -0.1, 0.0), rotation=(0.0, 0.0, 5.0), friction=0.6
+    )
+    velocity, seconds = np.array([1.0, 0.7, -0.4]), 12 / 60
+    scene = Scene(balloon=[ball], obstacle=[plate], substeps=24)
+    keyframes = [(0.0, (0.0, 0.0, 0.0)), (seconds, tuple(seconds * velocity))]
+    moving = scene.model_copy(update={"obstacle": [plate.model_copy(update={"motion": keyframes})]})
+    steered, told = (Simulator(each, device, 2, schedule=schedule) for each in (scene, moving))
+    steered.controls.open("obstacle.0.velocity", -2.0, 2.0)
+    steered.controls["obstacle.0.velocity"] = np.tile(velocity, (2, 1))
+    for _ in range(12):
+        steered.step_unread()
+        told.step_unread()
+    np.testing.assert_allclose(points(steered), points(told), atol=2e-5)
+    alone = Simulator(scene, device, 2, schedule=schedule)
+    for _ in range(12):
+        alone.step_unread()
+    assert np.abs(points(alone) - points(told))[..., 0].max() > 0.01, "it is taken along"
+
+
+def test_a_control_is_what_the_scene_plans_bit_for_bit(device: str) -> None:
+    change = Change(time=2 / 60, set={"balloon.inflation.pressure": 9.0, "gravity": 3.0})
+    planned = Simulator(SCENE.model_copy(update={"change": [change]}), device)
+    controlled = Simulator(SCENE, device)
+    pressure, gravity = controlled.controls[PRESSURE], controlled.controls.open("gravity", 0.0, 10.0)
+    for frame in range(4):
+        if frame == 2:
+            pressure.fill_(9.0)
+            gravity.fill_(3.0)
+        planned.step()
+        controlled.step()
+    np.testing.assert_array_equal(points(controlled), points(planned))
+
+
+def test_a_batch_is_what_each_world_is_alone() -> None:
+    batch, alone = opened(3), opened(1)
+    for frame in range(2):
+        for path, values in values_of(frame, 3).items():
+            batch.controls[path] = values
+            alone.controls[path] = values[2:]
+        batch.step_unread()
+        alone.step_unread()
+    np.testing.assert_array_equal(points(batch)[2:], points(alone))
+
+
+def test_an_array_begins_with_what_the_scene_has_and_stays(device: str) -> None:
+    simulator = Simulator(SCENE, device, 2, {PRESSURE: [1.0, 2.0]})
+    pressure = simulator.controls[PRESSURE]
+    assert pressure.numpy().tolist() == [1.0, 2.0]
+    simulator.set({PRESSURE: [3.0, 4.0]})
+    assert pressure.numpy().tolist() == [3.0, 4.0]
+    simulator.step()
+    simulator.reset()
+    assert simulator.controls[PRESSURE] is pressure
+    assert pressure.numpy().tolist() == [1.0, 2.0]
+    again = Simulator(SCENE, device, 2, {PRESSURE: [5.0, 2.0]})
+    pressure.assign([5.0, 2.0])
+    np.testing.assert_array_equal(simulator.step().points[0], again.step().points[0])
+
+
+def test_what_is_beyond_the_bounds_is_clipped(device: str) -> None:
+    clipped, within = (Simulator(SCENE, device) for _ in range(2))
+    clipped.controls.open("gravity", 0.0, 5.0).fill_(1e9)
+    within.controls.open("gravity", 0.0, 5.0).fill_(5.0)
+    np.testing.assert_array_equal(clipped.step().points[0], within.step().points[0])
+
+
+@pytest.mark.parametrize(("value", "beyond"), [(np.nan, "clip"), (np.inf, "clip"), (9.0, "end")])
+def test_a_world_ends_and_the_others_go_on(value: float, beyond: str) -> None:
+    simulator, sound = (Simulator(SCENE, "cpu", 3) for _ in range(2))
+    simulator.controls.open("gravity", 0.0, 5.0, beyond).assign([1.0, value, 2.0])
+    sound.controls.open("gravity", 0.0, 5.0).assign([1.0, 9.8, 2.0])
+    simulator.advance()
+    sound.advance()
+    assert simulator.controls.faults.numpy().tolist() == [0, 1, 0]
+    np.testing.assert_array_equal(points(simulator)[::2], points(sound)[::2])
+    assert np.isfinite(points(simulator)).all()
+    with pytest.raises(InputError, match=r"gravity: must be a finite number.*, in world 1 \(got "):
+        simulator.step()
+
+
+@pytest.mark.parametrize("case", MISTAKES)
+def test_what_cannot_be_a_control_is_refused(case: str) -> None:
+    path, bounds, sentence = MISTAKES[case]
+    simulator = Simulator(SCENE.model_copy(update={"ground": Ground()}), "cpu", 2)
+    with pytest.raises(InputError, match=sentence):
+        simulator.controls.open(path, **bounds)
+    assert len(simulator.controls) == 0
+
+
+@pytest.mark.parametrize("values", [[1.0], [[1.0, 2.0]], "much", [1.0, "b"]])
+def test_values_of_another_shape_are_refused(values: object) -> None:
+    simulator = Simulator(SCENE, "cpu", 2)
+    with pytest.raises(InputError, match=r"inflation\.pressure: expected a (value|number) for each world"):
+        simulator.controls[PRESSURE] = values
+
+
+def test_a_number_has_one_control() -> None:
+    simulator = Simulator(SCENE, "cpu", 2)
+    simulator.controls.open("balloon.damping", 0.0, 1.0)
+    with pytest.raises(InputError, match=r"balloon\.0\.damping: is written by the control balloon\.damping already"):
+        simulator.controls.open("balloon.0.damping", 0.0, 1.0)
+
+
+def test_the_step_allows_for_the_stiffest_values_within_the_bounds() -> None:
+    scene = SCENE.model_copy(update={"substeps": "auto"})
+    stiff = Simulator(scene.model_copy(update={"balloon": [replace_mass(0.01)]}), "cpu")
+    controlled = Simulator(scene, "cpu")
+    controlled.controls.open("balloon.mass", 0.01, 1.0)
+    assert controlled.model.substeps == stiff.model.substeps
+
+
+def replace_mass(mass: float) -> Balloon:
+    return BALL.model_copy(update={"mass": mass})
+
+
+def test_arrays_of_others_are_taken() -> None:
+    simulator = Simulator(SCENE, "cpu", 2)
+    pressure = simulator.controls[PRESSURE]
+    for given in (wp.array([1.0, 2.0], dtype=float, device="cpu"), np.array([1, 2]), [1.0, 2.0]):
+        pressure.zero_()
+        simulator.controls[PRESSURE] = given
+        assert pressure.numpy().tolist() == [1.0, 2.0]
+    simulator.controls[PRESSURE] = 4.0
+    assert pressure.numpy().tolist() == [4.0, 4.0]
+
+
+def test_laws_act_only_where_bounds_let_them() -> None:
+    simulator = Simulator(SCENE, "cpu")
+    before = acting_laws(simulator.model)
+    simulator.controls.open("balloon.drag_coefficient", 0.0, 1.0)
+    assert len(acting_laws(simulator.model)) == len(before) + 1
+    assert acting_laws(replace(simulator.model, reach={})) == before
+
+
+def test_a_blow_up_is_explained_by_the_frame_that_it_came_in() -> None:
+    """Values written before do not explain it."""
+    from balloon_warp import BlowUpError
+
+    simulator = Simulator(SCENE, "cpu", 2)
+    pressure = simulator.controls["balloon.inflation.pressure"]
+    simulator.step()
+    pressure.assign([5.0, 1e9])
+    with pytest.raises(BlowUpError, match=r"in frame 2, world 1.* inflation pushed it"):
+        simulator.step()

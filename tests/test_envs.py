@@ -1,0 +1,243 @@
+"""Environments of Gymnasium, and the tasks that come with them."""
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+import warp as wp
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
+
+from balloon_warp import InputError, MissingExtraError, Simulator
+from balloon_warp.envs import BalloonVectorEnv, make, make_vec, task_named
+from balloon_warp.envs.altitude import COMPLIANCE, VOLUME, Altitude
+from balloon_warp.envs.registration import TASKS
+from balloon_warp.envs.target import Target
+from balloon_warp.scene import Inflation
+
+SHORT = {"Inflate": 60, "Juggle": 120, "Press": 80, "Target": 240}
+"""Steps of a comparison; `Altitude` is too slow for one here"""
+RETURNS = {"Inflate": (25.0, 5.0), "Juggle": (70.0, 50.0), "Press": (20.0, 2.0), "Target": (10.0, 2.0)}
+"""Return in these steps that the scripted policy exceeds, mean over worlds, and that a random one does not"""
+MISTAKES = {
+    "a shape": (np.zeros((3, 2)), r"actions: expected shape \(3, 3\) \(got \(3, 2\)\)"),
+    "one for all": (np.zeros(3), r"actions: expected shape \(3, 3\) \(got \(3,\)\)"),
+    "text": (np.array([["a"] * 3] * 3), r"actions: must be numbers \(got an array of <U1\)"),
+    "a list": ([["a"] * 3] * 3, r"actions: expected a number for each world"),
+}
+
+
+class Brief(Target):
+    """Episodes of four steps."""
+
+    most_steps = 4
+
+
+def steps(env: BalloonVectorEnv, count: int, seed: int = 0) -> list[Any]:
+    """Return the results of an environment's steps, for random actions that differ by world."""
+    told: list[Any] = [env.reset(seed=seed)[0]]
+    for step in range(count):
+        rows = [np.random.default_rng((world, step)).uniform(-1, 1, env.task.actions) for world in range(env.num_envs)]
+        told.append(env.step(np.array(rows, dtype=np.float32)))
+    return told
+
+
+def test_gymnasium_finds_nothing_wrong() -> None:
+    """One task is enough: what it checks is the same code for all of them."""
+    check_env(gymnasium.make("BalloonWarp/Target-v0", device="cpu").unwrapped, skip_render_check=True)
+
+
+def test_gymnasium_knows_all_tasks() -> None:
+    assert set(TASKS) == {*SHORT, "Altitude"}
+    assert all(f"BalloonWarp/{name}-v0" in gymnasium.registry for name in TASKS)
+
+
+def test_many_worlds_are_made_by_name() -> None:
+    env = gymnasium.make_vec("BalloonWarp/Target-v0", num_envs=3, device="cpu", autoreset_mode="SameStep")
+    assert isinstance(env, BalloonVectorEnv)
+    assert env.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
+    observations, info = env.reset(seed=1)
+    assert observations in env.observation_space
+    assert info == {}
+    observations, rewards, terminated, truncated, info = env.step(env.action_space.sample())
+    assert observations in env.observation_space
+    assert [rewards.dtype, terminated.dtype, truncated.dtype] == [np.float32, bool, bool]
+    assert rewards.shape == terminated.shape == truncated.shape == info["cause"].shape == (3,)
+
+
+def test_episodes_repeat_whatever_the_number_of_worlds() -> None:
+    """Episodes follow from the seed, after other episodes, too."""
+    few, many = BalloonVectorEnv(Brief(), 2, device="cpu"), BalloonVectorEnv(Brief(), 9, device="cpu")
+    once = steps(many, 7)
+    for told, of_many in ((steps(few, 7), once), (steps(few, 7), once)):
+        np.testing.assert_array_equal(told[0], of_many[0][:2])
+        for one, other in zip(told[1:], of_many[1:], strict=True):
+            for array, of_other in zip(one[:4], other[:4], strict=True):
+                np.testing.assert_array_equal(array, of_other[:2])
+    assert not np.array_equal(steps(few, 1, seed=5)[0], once[0][:2])
+
+
+def test_worlds_that_are_over_begin_anew_as_asked() -> None:
+    modes = {mode: BalloonVectorEnv(Brief(), 3, device="cpu", autoreset_mode=mode) for mode in AutoresetMode}
+    told = {mode: steps(env, 6) for mode, env in modes.items()}
+    later, same, never = (told[mode] for mode in AutoresetMode)
+    for step in range(1, 4):
+        for mode in AutoresetMode:
+            np.testing.assert_array_equal(told[mode][step][0], never[step][0])
+            assert not told[mode][step][3].any()
+    assert all(each[4][3].all() for each in (later, same, never))
+    np.testing.assert_array_equal(later[4][0], never[4][0])
+    np.testing.assert_array_equal(same[4][4]["final_obs"], never[4][0])
+    assert same[4][4]["_final_obs"].all()
+    np.testing.assert_array_equal(same[4][0], later[5][0])  # the next episode's first observation
+    assert not later[5][1].any()
+    assert not later[5][3].any()
+    assert never[5][3].all()
+    assert not same[5][3].any()
+
+
+def test_a_mask_says_which_worlds_begin_anew() -> None:
+    env = BalloonVectorEnv(Brief(), 3, device="cpu", autoreset_mode="Disabled")
+    before = steps(env, 4)[-1][0]
+    observations, _ = env.reset(options={"reset_mask": np.array([False, True, False])})
+    np.testing.assert_array_equal(observations[::2], before[::2])
+    assert not np.array_equal(observations[1], before[1])
+    _, _, _, truncated, _ = env.step(np.zeros((3, 3), dtype=np.float32))
+    assert truncated.tolist() == [True, False, True]
+    with pytest.raises(InputError, match=r"reset: expected a value for each world, of shape \(3,\) \(got \(2,\)\)"):
+        env.reset(options={"reset_mask": np.array([True, False])})
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_an_action_that_is_not_finite_ends_its_world(bad: float) -> None:
+    envs = [BalloonVectorEnv(Target(), 3, device="cpu") for _ in range(2)]
+    for env in envs:
+        env.reset(seed=0)
+    actions = np.full((3, 3), 0.5, dtype=np.float32)
+    expected = envs[1].step(actions)
+    actions[1, 2] = bad
+    told = envs[0].step(actions)
+    assert told[2].tolist() == [False, True, False]
+    assert told[4]["cause"].tolist() == [0, 1, 0]
+    assert np.isfinite(told[0]).all()
+    np.testing.assert_array_equal(told[0][::2], expected[0][::2])
+    actions[1, 2] = 0.5
+    again = envs[0].step(actions)
+    assert not again[2].any()
+    np.testing.assert_array_equal(again[0][::2], envs[1].step(actions)[0][::2])
+
+
+class Bursting(Target):
+    """A jet that tears its balloon apart in one world."""
+
+    def act(self, actions: wp.array) -> None:
+        super().act(actions)
+        controls = self.simulator.controls
+        controls["balloon.inflation.pressure"].assign([5.0, 1e9])
+
+    def begin(self, simulator: Simulator) -> None:
+        super().begin(simulator)
+        self.simulator = simulator
+        simulator.controls.open("balloon.inflation.pressure")
+
+
+def test_a_world_that_blows_up_ends_and_the_other_goes_on() -> None:
+    env = BalloonVectorEnv(Bursting(), 2, device="cpu", autoreset_mode="SameStep")
+    for observations, rewards, terminated, _, info in steps(env, 6)[1:]:
+        assert np.isfinite(observations).all()
+        assert np.isfinite(rewards).all()
+        assert np.isfinite(info["final_obs"]).all()
+        assert not terminated[0]
+        if terminated[1]:
+            assert info["cause"].tolist() == [0, 3]
+            return
+    pytest.fail("it does not blow up")
+
+
+@pytest.mark.parametrize("case", MISTAKES)
+def test_actions_that_cannot_be_are_refused(case: str) -> None:
+    actions, sentence = MISTAKES[case]
+    env = make_vec("Target", 3, device="cpu")
+    env.reset(seed=0)
+    with pytest.raises(InputError, match=sentence):
+        env.step(actions)
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"num_envs": 0}, r"num_envs: must be a whole number of at least 1 \(got 0\)"),
+        ({"autoreset_mode": "never"}, r"autoreset_mode: must be one of NextStep, SameStep, Disabled \(got 'never'\)"),
+        ({"output": "list"}, r'output: must be "numpy" or "torch" \(got \'list\'\)'),
+        ({"render_mode": "human"}, r'render_mode: must be "rgb_array" or None \(got \'human\'\)'),
+        ({"task": "Fly"}, r"Fly: no such task; known are Altitude, Inflate, Juggle, Press, Target"),
+    ],
+)
+def test_what_cannot_be_made_is_refused(options: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        make_vec(**{"task": "Target", "device": "cpu", **options})
+
+
+def test_torch_is_asked_for_where_it_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("balloon_warp.envs.arrays.find_spec", lambda name: None)
+    with pytest.raises(MissingExtraError, match="needs torch: pip install torch"):
+        make_vec("Target", device="cpu", output="torch")
+
+
+def returns(name: str, policy: Any) -> float:
+    """Mean return over eight worlds, each until its episode is over."""
+    env = make_vec(name, 8, device="cpu")
+    observations, _ = env.reset(seed=0)
+    goes_on, total = np.ones(8, dtype=bool), np.zeros(8)
+    for _ in range(SHORT[name]):
+        observations, rewards, terminated, truncated, _ = env.step(policy(observations).astype(np.float32))
+        total += rewards * goes_on
+        goes_on &= ~(terminated | truncated)
+        if not goes_on.any():
+            break
+    return float(total.mean())
+
+
+@pytest.mark.parametrize("name", SHORT)
+def test_a_simple_policy_earns_more_than_a_random_one(name: str) -> None:
+    least, most = RETURNS[name]
+    task, chance = task_named(name), np.random.default_rng(0)
+    assert returns(name, task.policy) > least
+    assert returns(name, lambda seen: chance.uniform(-1.0, 1.0, (len(seen), task.actions))) < most
+
+
+def test_the_envelope_is_that_of_the_balloon_learning_environment() -> None:
+    """V = 1804 m^3 + 0.0199 m^3/Pa, within 3%: the film becomes thinner, by 1% in area to 1,000 Pa."""
+    scene = Altitude().scene()
+    film = scene.balloon[0].model_copy(update={"inflation": Inflation(pressure=0.0), "damping": 1000.0})
+    still = scene.model_copy(update={"balloon": [film], "gravity": 0.0, "atmosphere": type(scene.atmosphere)()})
+    simulator = Simulator(still, "cpu", 2, {"balloon.inflation.pressure": [200.0, 1000.0]})
+    volumes = simulator.observations["volumes"]
+    for _ in range(20):
+        simulator.step_unread()
+    low, high = volumes.numpy()[:, 0].tolist()
+    slope = (high - low) / 800.0
+    assert slope == pytest.approx(COMPLIANCE, rel=0.03)
+    assert low - 200.0 * slope == pytest.approx(VOLUME, rel=0.003)
+
+
+def test_a_balloon_sinks_with_air_pumped_in_and_rises_without() -> None:
+    env = make_vec("Altitude", 3, device="cpu")
+    env.reset(seed=0)
+    for _ in range(24):
+        env.step(np.array([[1.0], [0.0], [-1.0]], dtype=np.float32))
+    observations, _, terminated, _, _ = env.step(np.array([[1.0], [0.0], [-1.0]], dtype=np.float32))
+    sinking, still, rising = observations[:, 1].tolist()
+    assert sinking < still - 0.01 < rising - 0.02
+    assert not terminated.any()
+    assert observations[0, 2] > observations[1, 2] > observations[2, 2]  # superpressure
+    assert abs(still) < 0.01
+
+
+def test_a_world_is_seen() -> None:
+    env = make("Target", device="cpu", render_mode="rgb_array")
+    env.reset(seed=0)
+    picture = env.render()
+    assert picture.shape == (180, 320, 3)
+    assert np.ptp(picture) > 100

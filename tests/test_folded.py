@@ -1,0 +1,193 @@
+"""Balloons that are folded at the start: their layers touch each other, and no fold crosses another."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from meshes import grid, mesh_of, quad_sphere
+from played import played, shape_at
+from touching import VACUUM
+
+from balloon_warp.foil.make import foil_mesh
+from balloon_warp.mesh import PolygonMesh
+from balloon_warp.mesh.geometry import signed_volume
+from balloon_warp.mesh.triangles import triangles_of
+from balloon_warp.model.folded import is_folded
+from balloon_warp.model.meeting_edges import edges_by_leaf, meeting_edges
+from balloon_warp.model.shape import shape_balloon
+from balloon_warp.scene import Balloon, Inflation, Scene, Stiffness, Touch
+from balloon_warp.scenes.model_airbag import GAP, airbag, airbag_flat
+from balloon_warp.simulator import Simulator
+
+LIMP = Stiffness(structural=50.0, shear=25.0, flexion=0.0)
+
+
+def crossings(points: np.ndarray, mesh: PolygonMesh) -> int:
+    """Return the number of edges through triangles with which they share no corner, in float64."""
+    triangles = triangles_of(mesh)
+    edges = np.unique(np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
+    found = 0
+    a, b, c = points[triangles].swapaxes(0, 1)
+    normals = np.cross(b - a, c - a)
+    for first, second in edges:
+        apart = ~np.isin(triangles, (first, second)).any(axis=1)
+        heights = [((points[end] - a) * normals).sum(axis=1) for end in (first, second)]
+        part = heights[0] / np.where(heights[0] == heights[1], np.inf, heights[0] - heights[1])
+        there = points[first] + part[:, None] * (points[second] - points[first])
+        inside = heights[0] * heights[1] < 0.0
+        for start, end in ((a, b), (b, c), (c, a)):
+            inside &= (np.cross(end - start, there - start) * normals).sum(axis=1) > 0.0
+        found += int((inside & apart).sum())
+    return found
+
+
+def zigzag(folds: int, gap: float) -> PolygonMesh:
+    """A strip 30 cm wide, folded to and fro, of layers that are nearer to each other than its particles."""
+    cells = 3
+    strip = grid((folds + 1) * (cells + 1) - 1, cells)
+    columns = strip.points[:, 0].astype(int)
+    layers, within = np.divmod(columns, cells + 1)
+    across = np.where(layers % 2 == 0, within, cells - within)
+    return replace(strip, points=0.1 * np.column_stack([across, strip.points[:, 1], gap / 0.1 * layers]))
+
+
+def test_the_airbag_is_folded_without_a_crossing_or_a_stretch():
+    """Each of its 32 layers is 2 mm above another; no edge is longer than it was sewn."""
+    mesh, flat = airbag(), airbag_flat()
+    assert np.ptp(mesh.points[:, 1]) == pytest.approx(31 * GAP)
+    assert crossings(mesh.points, mesh) == 0
+    ends = triangles_of(mesh)[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    lengths, sewn = (np.linalg.norm(m.points[ends[:, 0]] - m.points[ends[:, 1]], axis=1) for m in (mesh, flat))
+    assert (lengths < 1.001 * sewn).all()
+
+
+@pytest.mark.parametrize(
+    ("mesh", "folded"),
+    [(airbag(), True), (zigzag(3, 0.002), True), (grid(6, 6), False), (quad_sphere(6), False)],
+    ids=["airbag", "zigzag", "sheet", "ball"],
+)
+def test_what_is_folded_is_known(mesh: PolygonMesh, folded: bool):
+    assert is_folded(mesh) is folded
+
+
+def test_layers_of_a_folded_strip_keep_apart(device: str):
+    """They are pressed on each other from both sides at 0.5 m/s, and none crosses another."""
+    mesh = zigzag(4, 0.004)
+    middle = mesh.points[:, 2].mean()
+    strip = Balloon(mesh=mesh, mass=0.02, stiffness=LIMP, inflation=Inflation(pressure=0.0), damping=0.0)
+    scene = Scene(
+        balloon=[strip], touch=Touch(itself=True, thickness=0.002, stiffness=500.0), frames_per_second=480.0, **VACUUM
+    )
+    simulator = Simulator(scene, device, schedule="gather")
+    heights = simulator.state.points.numpy()
+    velocities = simulator.state.velocities.numpy()
+    velocities[0, :, 2] = -0.5 * np.sign(np.round(heights[0, :, 2] - middle, 6))
+    simulator.state.velocities.assign(velocities)
+    thinnest = np.inf
+    for _ in range(16):
+        simulator.step()
+        points = simulator.state.points.numpy()[0].astype(np.float64)
+        thinnest = min(thinnest, float(np.ptp(points[:, 2])))
+        assert crossings(points, mesh) == 0
+    assert thinnest < 0.7 * np.ptp(mesh.points[:, 2])
+
+
+def test_which_edges_meet():
+    """Sharp ones; all of what bends freely and is folded, flat or open, and where balloons touch themselves; all, or
+    none, where the scene says so."""
+    sheet = mesh_of(0.1 * grid(3, 3).points, grid(3, 3).face_vertex_indices.reshape(-1, 4).tolist())
+    limp, stiff = (Balloon(mesh=sheet, stiffness=replace_flexion(flexion)) for flexion in (0.0, 5.0))
+    ball = Balloon(mesh=quad_sphere(3, 0.3), stiffness=LIMP)
+    shapes = [shape_balloon(balloon, Scene(balloon=[balloon])) for balloon in (limp, stiff, ball)]
+
+    def counts(**said: object) -> list[int]:
+        scene = Scene(balloon=[limp, stiff, ball], touch=Touch(**said))
+        return [len(edges) for edges in meeting_edges(scene, shapes)]
+
+    assert counts() == [33, 12, 0]
+    assert counts(edges=True) == counts(itself=True) == [33, 33, 162]
+    assert counts(edges=False) == [0, 0, 0]
+
+
+def replace_flexion(flexion: float) -> Stiffness:
+    return LIMP.model_copy(update={"flexion": flexion})
+
+
+def test_each_edge_is_in_the_first_leaf_that_has_it():
+    triangles = triangles_of(grid(2, 2))
+    every = np.unique(np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
+    leaves = np.arange(len(triangles)) // 3
+    edges, homes = edges_by_leaf(triangles, leaves, every[::2])
+    assert sorted(edges.tolist()) == every[::2].tolist()
+    assert homes.tolist() == sorted(homes)
+    for edge, home in zip(edges, homes, strict=True):
+        having = [leaf for corners, leaf in zip(triangles, leaves, strict=True) if set(edge) <= set(corners)]
+        assert home == min(having)
+
+
+def test_a_long_tube_that_folds_fast_is_nowhere_in_itself():
+    """Both halves turn about the middle until their ends meet at 8 m/s; without edges they cross at 96 places."""
+    mesh = tube(rings=17, around=12)
+    firm = Stiffness(structural=30.0, shear=15.0, flexion=0.5)
+    thrown = Balloon(mesh=mesh, mass=0.2, damping=0.1, stiffness=firm, inflation=Inflation(pressure=0.0))
+    simulator = Simulator(Scene(balloon=[thrown], touch=Touch(itself=True), frames_per_second=40.0, **VACUUM), "cpu")
+    points = simulator.state.points.numpy()
+    turning = 8.0 * np.clip(points[..., 0] / 0.2, -1.0, 1.0)
+    velocities = np.stack([-turning * points[..., 1], turning * points[..., 0], np.zeros_like(turning)], axis=-1)
+    simulator.state.velocities.assign(velocities)
+    for _ in range(17):
+        simulator.step()
+        points = simulator.state.points.numpy()[0].astype(np.float64)
+        assert crossings(points, mesh) == 0
+    assert np.abs(points[-2:, 0]).max() < 0.1
+
+
+def test_letters_of_foil_that_meet_fast_come_apart_again():
+    """A V and an L at 2 m/s, while they fill; without edges they are 10 cm deep in each other."""
+    letters = [
+        Balloon(
+            mesh=foil_mesh(letter, height=0.35, edge=0.035), mass=0.05, damping=0.02,
+            position=position, rotation=rotation, velocity=velocity,
+            stiffness=Stiffness(structural=100.0, shear=50.0, flexion=0.0),
+            inflation=Inflation(pressure=[(0.0, 0.0), (0.25, 50.0)]),
+        )
+        for letter, position, rotation, velocity in (
+            ("V", (-0.3, 0.0, 0.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)),
+            ("L", (0.3, 0.23, -0.14), (90.0, 0.0, 90.0), (-1.0, 0.0, 0.0)),
+        )
+    ]  # fmt: skip
+    simulator = Simulator(Scene(balloon=letters, touch=Touch(itself=True), frames=45, **VACUUM), "cpu")
+    first, second = (shape.mesh for shape in simulator.model.shapes)
+    faces = [*triangles_of(first).tolist(), *(triangles_of(second) + first.vertex_count).tolist()]
+    gaps = []
+    for frame in simulator.run():
+        gaps.append(frame.points[1][:, 0].mean() - frame.points[0][:, 0].mean())
+        if frame.number % 5 == 0:
+            points = np.concatenate(frame.points).astype(np.float64)
+            assert crossings(points, mesh_of(points, faces)) == 0
+    assert min(gaps) < 0.02
+    assert gaps[-1] > 0.1
+    assert gaps[-1] > gaps[-10]
+
+
+def tube(rings: int, around: int) -> PolygonMesh:
+    """A closed tube of 2 m along x, 16 cm wide."""
+    along, angles = np.linspace(-1.0, 1.0, rings), 2.0 * np.pi * np.arange(around) / around
+    points = [(x, 0.08 * np.cos(a), 0.08 * np.sin(a)) for x in along for a in angles]
+    ends, following = len(points), np.roll(np.arange(around), -1)
+    faces = [
+        [first + i, first + j, first + around + j, first + around + i]
+        for first in range(0, ends - around, around)
+        for i, j in enumerate(following)
+    ]
+    faces += [[ends, j, i] for i, j in enumerate(following)]
+    faces += [[ends + 1, ends - around + i, ends - around + j] for i, j in enumerate(following)]
+    return mesh_of([*points, (-1.04, 0.0, 0.0), (1.04, 0.0, 0.0)], faces)
+
+
+def test_the_airbag_unfolds_without_a_crossing():
+    """From its packet to a cushion of more than 0.15 m^3; looked at in every eighth frame."""
+    model, frames = played("airbag")
+    meshes = [shape_at(model, frame) for frame in frames[::8]]
+    assert [crossings(mesh.points, model.shapes[0].mesh) for mesh in meshes] == [0] * len(meshes)
+    assert signed_volume(shape_at(model, frames[-1])) > 0.15

@@ -1,0 +1,41 @@
+"""Options of Warp's compiler: the sums of structs where they are asked for, and nowhere else."""
+
+import numpy as np
+import warp as wp
+from warp._src import codegen
+
+from balloon_warp.kernels.options import OPTIONS
+
+
+@wp.struct
+class Pair:
+    """Two numbers, whose derivatives add up."""
+
+    first: float
+    second: float
+
+
+@wp.kernel(module="unique", module_options={**OPTIONS, "optimization_level": 0})
+def multiply(pairs: wp.array(dtype=Pair), products: wp.array[float]):
+    pair = pairs[wp.tid() // 2]
+    products[wp.tid()] = pair.first * pair.second
+
+
+def test_sums_of_structs_are_compiled_on_demand():
+    """They were a third of the time of a small kernel, since what is not `inline` is compiled in any case."""
+    declared = [line for line in codegen.codegen_struct(Pair).splitlines() if " add(" in line or " adj_atomic" in line]
+    declared = [line for line in declared if "CUDA_CALLABLE" in line]
+    assert [line.split()[0] for line in declared] == ["inline", "inline"]
+
+
+def test_a_kernel_that_asks_for_them_adds_derivatives():
+    """Derivatives of two threads that read the same pair add up."""
+    numbers = np.array([(2.0, 3.0), (5.0, 7.0)], dtype=Pair.numpy_dtype())
+    pairs = wp.array(numbers, dtype=Pair, device="cpu", requires_grad=True)
+    products = wp.zeros(4, dtype=float, device="cpu", requires_grad=True)
+    with wp.Tape() as tape:
+        wp.launch(multiply, 4, [pairs], [products], device="cpu")
+    tape.backward(grads={products: wp.ones_like(products)})
+    assert pairs.grad is not None
+    np.testing.assert_array_equal(products.numpy(), [6.0, 6.0, 35.0, 35.0])
+    assert [tuple(each) for each in pairs.grad.numpy().tolist()] == [(6.0, 4.0), (14.0, 10.0)]

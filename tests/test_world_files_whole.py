@@ -1,0 +1,194 @@
+"""Files of worlds are whole, and the same however they came."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from batches import OFTEN
+from meshes import cube, quad_sphere
+from stopped_batch import FRAMES, scene, stop_after
+from world_file_batches import BLOWS_UP, WORLDS, arrays_of, attributes_of, batch, files_of, manifest, world_file
+
+from balloon_warp import InputError, MissingExtraError, Scene, TrajectoryFiles, run_batch
+from balloon_warp.mesh.obj import write_obj
+from balloon_warp.outputs import hdf5_arrays
+from balloon_warp.outputs.world_files import FORMATS
+from balloon_warp.scene import Balloon, Inflation
+from balloon_warp.sweep import shares
+from balloon_warp.sweep.groups import plan_groups
+from balloon_warp.sweep.manifest import describe_batch
+from balloon_warp.sweep.output import BatchOutput
+from balloon_warp.sweep.repeat import repeat_batch
+from balloon_warp.sweep.resume import BatchCheckpoints, ShareJournal
+from balloon_warp.sweep.task import BatchTask
+from balloon_warp.sweep.world_files import writer
+from balloon_warp.sweep.world_files.splits import splits_of
+
+GAINS_ENERGY = Scene(
+    balloon=[Balloon(mesh=cube(), mass=1.0, damping=50.0, inflation=Inflation(k_normal=0.2))],
+    solver="forward_euler",
+    substeps=3,
+    frames=40,
+)
+"""with a stiff spring, in such steps"""
+
+
+@pytest.mark.parametrize("format_", ["h5", "npz"])
+def test_a_batch_that_was_stopped_goes_on_to_the_same_bytes(
+    format_: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Stopped once, with a world that blows up; whatever number of frames is written together."""
+    (tmp_path / "whole").mkdir()
+    (tmp_path / "parts").mkdir()
+    whole = batch(tmp_path / "whole", format_, BLOWS_UP)
+    monkeypatch.setattr(writer, "BLOCK_BYTES", 1)
+    for last in (1, 4):
+        with pytest.raises(RuntimeError, match="stopped"):
+            batch(
+                tmp_path / "parts",
+                format_,
+                BLOWS_UP,
+                checkpoint_seconds=OFTEN,
+                resume=True,
+                on_frame=stop_after(last),
+            )
+    notes: list[str] = []
+    data = batch(tmp_path / "parts", format_, BLOWS_UP, resume=True, on_note=notes.append)
+    assert notes[0].startswith("goes on after frame 3")
+    assert files_of(data) == files_of(whole)
+
+
+def test_shares_in_any_order_give_the_same_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As workers hand them over; one begins again there, with shorter steps."""
+    monkeypatch.setitem(shares.GRAIN, "cpu", shares.Grain(1, 1))
+    stiff = {"balloon.stiffness.structural": [100.0, 3000.0, 200.0]}
+    groups, none = plan_groups(GAINS_ENERGY, 3, stiff), np.array([], dtype=np.int64)
+    alone, apart = (TrajectoryFiles(tmp_path / name, every=3) for name in ("alone", "apart"))
+    how = {"device": "cpu", "schedule": "gather", "on_blowup": "restart"}
+    run_batch(GAINS_ENERGY, tmp_path / "out", 3, stiff, **how, trajectories=alone)
+    task = BatchTask(GAINS_ENERGY, groups, stiff, none, tmp_path / "other", "gather", "restart", apart)
+    cut = shares.cut_into_shares(task.groups, "cpu")
+    assert len(cut) == 3
+    with BatchOutput(task, cut) as output:
+        journal = ShareJournal(task, output, BatchCheckpoints(task, describe_batch(task), 0.0, False, print), "cpu")
+        output.begin_trajectories(False)
+        for number in (2, 0, 1):
+            told = (task.chosen, "cpu", "gather", 3, "restart", lambda frame: None, task.every)
+            journal.add(number, shares.simulate_share(cut[number], *told))
+        for _ in range(GAINS_ENERGY.frames + 1):
+            output.end_frame()
+    writer.remove_partial(apart)
+    assert files_of(tmp_path / "apart") == files_of(tmp_path / "alone")
+    assert manifest(tmp_path / "apart")["restarted"] == ["train/world_000001.h5"]
+    restarted = arrays_of(world_file(tmp_path / "apart", 1))
+    assert (restarted["health"] == 2).all()
+    assert (np.diff(restarted["mesh_pos"], axis=0) != 0.0).any(axis=(1, 2)).all()
+
+
+@pytest.mark.parametrize("format_", list(FORMATS))
+def test_a_world_that_blew_up_has_its_flag_and_no_bad_number(format_: str, tmp_path: Path) -> None:
+    data = batch(tmp_path, format_, BLOWS_UP)
+    bad = arrays_of(world_file(data, 1))
+    first = int(np.argmin(bad["health"]))
+    assert 0 < first <= FRAMES
+    assert all(np.isfinite(array).all() for array in bad.values())
+    for name in ("mesh_pos", "velocity", "volume"):
+        for frame in range(first, FRAMES + 1):
+            np.testing.assert_array_equal(bad[name][frame], bad[name][first - 1])
+    told = [attributes_of(world_file(data, world))["health"] for world in range(WORLDS)]
+    assert told == [1, 0, 1, 1, 1]
+    assert manifest(data)["blew_up"] == [str(world_file(data, 1).relative_to(data))]
+
+
+def test_a_batch_repeats_them(tmp_path: Path) -> None:
+    write_obj(tmp_path / "ball.obj", quad_sphere(2))
+    ball = Scene(balloon=[Balloon(mesh=tmp_path / "ball.obj")], frames=3)
+    files = TrajectoryFiles(tmp_path / "data", every=2, format="npz", seed=4)
+    run_batch(ball, tmp_path / "out", 2, {"balloon.mass": [1.0, 2.0]}, device="cpu", trajectories=files)
+    repeat_batch(tmp_path / "out" / "manifest.json", tmp_path / "again", trajectories=tmp_path / "more")
+    assert files_of(tmp_path / "more") == files_of(tmp_path / "data")
+    run_batch(ball, tmp_path / "bare", 1, device="cpu")
+    with pytest.raises(InputError, match=r"manifest\.json: has no trajectories; expected those of a batch with"):
+        repeat_batch(tmp_path / "bare" / "manifest.json", tmp_path / "again", trajectories=tmp_path / "none")
+
+
+def test_a_failed_batch_leaves_the_good_files(tmp_path: Path) -> None:
+    data = batch(tmp_path)
+    good = files_of(data)
+    with pytest.raises(RuntimeError, match="stopped"):
+        batch(tmp_path, vary={"gravity": [9.0] * WORLDS}, on_frame=stop_after(4))
+    assert files_of(data) == good
+
+
+@pytest.mark.parametrize("second", ["h5", "npz"])
+def test_another_batch_takes_the_place_of_all(second: str, tmp_path: Path) -> None:
+    data = batch(tmp_path)
+    (data / "notes.txt").touch()
+    run_batch(scene(), tmp_path / "out", 2, device="cpu", trajectories=TrajectoryFiles(data, format=second))
+    left = {path.name for path in data.rglob("*") if path.is_file()}
+    assert left == {"notes.txt", "manifest.json", f"world_000000.{second}", f"world_000001.{second}"}
+
+
+def test_splits_depend_on_seed_and_number() -> None:
+    many = splits_of(1000, 3)
+    assert np.bincount(many).tolist() == [800, 100, 100]
+    np.testing.assert_array_equal(splits_of(137, 3), many[:137])
+    assert (splits_of(1000, 4) != many).any()
+
+
+def blocked(folder: Path) -> dict[str, Any]:
+    (folder / "taken").touch()
+    return {"trajectories": folder / "taken"}
+
+
+@pytest.mark.parametrize(
+    ("how", "complaint"),
+    [
+        (lambda at: {"trajectories": at / "missing" / "data"}, r"data: the folder .*missing does not exist$"),
+        (blocked, r"taken: is a file; expected a folder$"),
+        (
+            lambda at: {"trajectories": at / "out"},
+            r"^--trajectories .*out: is the batch's own folder; expected",
+        ),
+        (lambda at: {"trajectories": TrajectoryFiles(at, every=0)}, r"^--every 0: expected a whole number"),
+        (lambda at: {"trajectories": TrajectoryFiles(at, seed=-1)}, r"^--seed -1: expected a whole number"),
+        (lambda at: {"trajectories": TrajectoryFiles(at, format="csv")}, r"^--format csv: expected h5, zarr, npz$"),
+        (lambda at: {"trajectories": 3}, r"^trajectories: expected a folder, or TrajectoryFiles \(got 3\)$"),
+    ],
+)
+def test_mistakes_are_told_before_the_run(
+    how: Callable[[Path], dict[str, Any]], complaint: str, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match=complaint):
+        run_batch(scene(), tmp_path / "out", 2, device="cpu", **how(tmp_path), on_frame=never)
+
+
+def never(frame: int) -> None:
+    raise AssertionError(frame)
+
+
+def test_a_disk_that_is_too_small_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(writer.shutil, "disk_usage", lambda folder: type("Disk", (), {"free": 10}))
+    with pytest.raises(InputError, match=r"data: the trajectories need 0\.00 GiB, and the disk has 0\.00 GiB;"):
+        run_batch(scene(), tmp_path / "out", 2, device="cpu", trajectories=tmp_path / "data", on_frame=never)
+
+
+def test_without_h5py_it_says_which_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def missing(name: str) -> None:
+        raise ImportError(name)
+
+    monkeypatch.setattr(hdf5_arrays, "import_module", missing)
+    with pytest.raises(MissingExtraError, match=r"h5py: pip install 'balloon-warp\[data\]'"):
+        run_batch(scene(), tmp_path / "out", 2, device="cpu", trajectories=tmp_path / "data")
+    run_batch(scene(), tmp_path / "out", 2, device="cpu", trajectories=TrajectoryFiles(tmp_path / "data", format="npz"))
+
+
+def test_those_of_another_batch_are_not_gone_on_with(tmp_path: Path) -> None:
+    """Somebody else wrote into the same folder meanwhile."""
+    with pytest.raises(RuntimeError):
+        batch(tmp_path, checkpoint_seconds=OFTEN, on_frame=stop_after(3))
+    run_batch(scene(), tmp_path / "other", 2, device="cpu", trajectories=tmp_path / "data")
+    with pytest.raises(InputError, match=r"^--resume: .*partial has not the trajectories of this batch; expected"):
+        batch(tmp_path, resume=True)
