@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 import warp as wp
+from warp._src import context
 from xdist.scheduler import LoadScopeScheduling
 
 import balloon_warp
@@ -79,13 +80,13 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> LoadScopeSch
 
 def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line(
-        "markers", "long: simulates for longer than it takes to optimize its kernels, or to the last bit"
+        "markers", "long: simulates for longer than it takes to optimize its kernels"
     )
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The longest come first, or a process has nothing to do while another ends; the brief come last, since kernels
-    that are optimized serve them, too, and not the other way round."""
+    """The longest come first, or a process has nothing to do while another ends; the brief come last, so that a process
+    changes its level of optimization once."""
     for item in items:
         if is_left_to_the_matrix(item):
             item.add_marker(pytest.mark.skip("test_matrix.py finds that it gives the same"))
@@ -124,7 +125,16 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     """A GPU's tests are left as they are: the same option is for both devices."""
     if group_of(item.nodeid) != "crowded" and hasattr(os, "nice") and os.nice(0) == 0:
         os.nice(5)  # for good: those whose clocks go on come first
-    wp.config.optimization_level = 0 if is_brief(item) and not wp.is_cuda_available() else None
+    compile_at(0 if is_brief(item) and not wp.is_cuda_available() else None)
+
+
+def compile_at(level: int | None) -> None:
+    """Take that level of optimization for all kernels, those that are loaded, too: two levels round differently."""
+    if level == wp.config.optimization_level:
+        return
+    wp.config.optimization_level = level
+    for module in context.user_modules.values():
+        module.mark_modified()
 
 
 @pytest.fixture(params=["cpu", "cuda:0"])
