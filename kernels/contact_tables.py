@@ -56,6 +56,8 @@ class FixtureTable:
     looks: wp.array2d[wp.vec4]
     """Cache, by world and particle: position at the last query, and the clearance then plus the distance that `fastest`
     covers until then [m]; 0 at the start of a frame"""
+    nearest: wp.array2d[wp.vec2]
+    """Cache beside it: the nearest obstacle, and the clearance from all others [m]; empty if there is one"""
 
 
 @wp.struct

@@ -121,8 +121,8 @@ class Working:
     edge_clearances: wp.array2d[float]
     """Distance of each edge from what it may touch of its own balloon at the last search [m]; empty unless balloons
     touch themselves"""
-    edge_counts: wp.array2d[wp.int32]
-    """Number of edges that each edge may touch"""
+    edge_pairs: wp.array2d[wp.int32]
+    """Places in `edge_candidates` that are taken, of all edges in any order"""
     edge_catches: wp.array2d[EdgeCatch]
     """Pairs of edges that may touch in a substep"""
     edge_shares: wp.array2d[wp.int32]

@@ -79,9 +79,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> LoadScopeSch
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    config.addinivalue_line(
-        "markers", "long: simulates for longer than it takes to optimize its kernels"
-    )
+    config.addinivalue_line("markers", "long: simulates for longer than it takes to optimize its kernels")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

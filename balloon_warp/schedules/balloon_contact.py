@@ -40,7 +40,7 @@ class TouchLaunches:
         self._interval, self._fast_math = substeps_of_search(model), fast_math
         working.near_balloons.fill_(int(ARE_NEAR))  # before the first search they may have been, in another schedule
         # a thread for each item on a GPU; on a CPU one goes through them, and is soon done where nothing is near
-        self._edge_threads = working.edge_counts.shape[1] if model.device.is_cuda else 1
+        self._edge_threads = working.edge_boxes.shape[1] if model.device.is_cuda else 1
         self._part_threads = working.near_parts.shape[1] if model.device.is_cuda else 1
         self._particle_threads = model.particle_count if model.device.is_cuda else 1
         self._list_threads = threads_of_list(model)
@@ -141,7 +141,7 @@ def touch_arrays(model: Model, features: Features, room: Room) -> dict[str, Any]
         "edge_candidates": room.array((worlds, edges, int(MOST_EDGES)), wp.int32),
         "edge_boxes": room.array((worlds, edges, 2), wp.vec3),
         "edge_clearances": room.array((worlds, edges if features.touches_itself else 0), wp.float32),
-        "edge_counts": room.array((worlds, edges), wp.int32),
+        "edge_pairs": room.array((worlds, edges * int(MOST_EDGES)), wp.int32),
         "edge_catches": room.array((worlds, crossings), EdgeCatch),
         "edge_shares": room.array((worlds, particles if edges else 0), wp.int32),
         "edge_quanta": room.array((worlds, particles if edges else 0, 3), wp.int64),

@@ -9,7 +9,7 @@ from balloon_warp.schedules.block_layout import layout_of, step_of
 from balloon_warp.schedules.block_room import fits_in_block, most_particles
 from balloon_warp.schedules.busy_worlds import BusyWorlds
 from balloon_warp.schedules.features import choosing_parameters, model_features
-from balloon_warp.schedules.fixtures import look_array
+from balloon_warp.schedules.fixtures import look_arrays
 from balloon_warp.schedules.framing import Framing
 from balloon_warp.schedules.membranes import left_array
 from balloon_warp.schedules.outlook import free_features, has_free_frames
@@ -44,7 +44,7 @@ class BlockSchedule:
             features = free_features(features)
         BlockFrames.allot(model, features, room, shares)
         left_array(model, room)
-        look_array(model, room)
+        look_arrays(model, room)
         return room.bytes // model.world_count
 
     @staticmethod

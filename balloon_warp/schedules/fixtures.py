@@ -48,7 +48,7 @@ def fixture_table(model: Model) -> Any:
         _put_samples(table, model)
     reaches = np.array([min(shape.reach, NOWHERE) for shape in model.obstacles])
     table.fastest = fastest(_floats(model.obstacle_motion), reaches, model.frame_seconds) + _steered_speed(model)
-    table.looks = look_array(model, Allocating(model.device))
+    table.looks, table.nearest = look_arrays(model, Allocating(model.device))
     return table
 
 
@@ -105,12 +105,15 @@ def _floats(array: wp.array) -> NDArray[np.float32]:
     return np.asarray(array.numpy(), dtype=np.float32)
 
 
-def look_array(model: Model, room: Room) -> Any:
-    """Return the memory for what particles have seen of obstacles, where there are any."""
-    return room.array((model.world_count, model.particle_count if model.obstacles else 0), wp.vec4)
+def look_arrays(model: Model, room: Room) -> tuple[Any, Any]:
+    """Return the memory for what particles have seen of obstacles, where there are any, and of which, where of many."""
+    seen, many = (model.particle_count if len(model.obstacles) > least else 0 for least in (0, 1))
+    return room.array((model.world_count, seen), wp.vec4), room.array((model.world_count, many), wp.vec2)
 
 
 def forget_looks(tables: Any) -> None:
     """Clear cached queries as a frame begins, since balloons and obstacles may have been moved."""
     if tables.fixtures.looks.size:
         tables.fixtures.looks.zero_()
+    if tables.fixtures.nearest.size:
+        tables.fixtures.nearest.zero_()

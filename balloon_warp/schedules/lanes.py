@@ -23,7 +23,7 @@ from balloon_warp.launching import begin_loading, launch
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Counting
 from balloon_warp.schedules.features import choosing_parameters, model_features
-from balloon_warp.schedules.fixtures import forget_looks, look_array
+from balloon_warp.schedules.fixtures import forget_looks, look_arrays
 from balloon_warp.schedules.health import HealthCheck
 from balloon_warp.schedules.lane_memory import allot_lanes, group_count, put_far_away, rows_of
 from balloon_warp.schedules.lane_tables import make_lane_tables
@@ -102,7 +102,7 @@ class LanesSchedule:
             BusyWorlds.allot(model, features, room)
         allot_lanes(model, cls.step_of(features_of(model)), cls.layout, room)
         left_array(model, room)
-        look_array(model, room)
+        look_arrays(model, room)
         return room.bytes // model.world_count
 
     @property

@@ -14,7 +14,7 @@ from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Counting, Room
 from balloon_warp.schedules.balloon_contact import TouchLaunches
 from balloon_warp.schedules.features import choosing_parameters, model_features
-from balloon_warp.schedules.fixtures import look_array
+from balloon_warp.schedules.fixtures import look_arrays
 from balloon_warp.schedules.framing import Framing
 from balloon_warp.schedules.launches import Launches, Moving, Own
 from balloon_warp.schedules.membranes import left_array
@@ -85,7 +85,7 @@ class LaunchedSchedule(ABC):
         left_array(model, room)
         tear_arrays(model, room)
         cls.allot(model, features, room)
-        look_array(model, room)
+        look_arrays(model, room)
         return room.bytes // model.world_count
 
     def advance_frame(self, state: State) -> None:

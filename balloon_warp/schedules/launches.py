@@ -26,6 +26,8 @@ TEAM_THREADS = 256
 """Threads of a block for phases of a world and for sums, on a GPU; more would have too few registers"""
 TEAM_THREADS_OF_SMALL, SMALL = 64, 1024
 """Threads where no balloon has more particles: more blocks then run at once, while one thread of each ends its sum"""
+EDGE_THREADS = 512
+"""Threads for edges that touch, where a world has a multiprocessor of its own: its sums are the same in any order"""
 MOST_REGISTERS = 128
 """Registers of a thread with a particle, so that a multiprocessor has two blocks of 256 where particles touch
 obstacles, too"""
@@ -152,8 +154,16 @@ class Launches:
     def _over(self, piece: Piece, blocks: tuple[int, ...], has: Mapping[str, Any], part: Part = "all") -> None:
         """Launch so many blocks."""
         device = self.model.device
-        inputs, threads = self._inputs(piece, has, part), team_threads(self.model)
+        inputs, threads = self._inputs(piece, has, part), self._team_threads(piece)
         launch_tiled(self.kernel(piece, part), dim=blocks, inputs=inputs, block_dim=threads, device=device)
+
+    def _team_threads(self, piece: Piece) -> int:
+        """Return the threads of a block."""
+        device = self.model.device
+        meets_edges = piece.phases[0].name == "meet_edges"
+        if meets_edges and device.is_cuda and self.model.world_count <= device.sm_count:
+            return EDGE_THREADS
+        return team_threads(self.model)
 
     @property
     def _elements(self) -> int:

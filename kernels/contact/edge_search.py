@@ -125,9 +125,10 @@ def finding_edges_function(features: Features) -> Any:
             if wp.static(features.touches_itself):
                 if balloon == own and not skips and has_strayed(working, world, own):
                     working.edge_clearances[world, edge] = least
-        working.edge_counts[world, edge] = count
         if count > 0:
-            wp.atomic_add(working.list_lengths, world, PAIRS, count)
+            begin = wp.atomic_add(working.list_lengths, world, PAIRS, count)
+            for place in range(count):
+                working.edge_pairs[world, begin + place] = edge * MOST_EDGES + place
 
     return find_edges
 

@@ -49,19 +49,26 @@ def catching_all_function(features: Features) -> Any:
         t: Tables, working: Working, world: wp.int32, thread: wp.int32, points: wp.array[wp.vec3],
         velocities: wp.array[wp.vec3],
     ):  # fmt: skip
-        """List pairs that may touch in this substep, by all threads of a block, in any order; return their number."""
+        """List pairs that may touch in this substep, by all threads of a block, in any order; return their number.
+
+        A thread takes single pairs: where all of an edge or a particle are one's, the others wait for the fullest.
+        """
         if thread == 0:
             working.list_lengths[world, CAUGHT] = 0
         block_barrier()
-        for edge in range(thread, t.touch.edges.shape[0], wp.block_dim()):
-            for place in range(working.edge_counts[world, edge]):
-                other = working.edge_candidates[world, edge, place]
-                catch, near = catch_of(t, world, edge, other, points, velocities)
-                if near:
-                    put(working, world, catch)
-        for place in range(thread, working.list_lengths[world, TOUCHING], wp.block_dim()):
-            particle = working.particle_lists[world, TOUCHING, place]
-            for at in range(working.candidate_counts[world, particle]):
+        most = working.edge_candidates.shape[2]
+        for place in range(thread, working.list_lengths[world, PAIRS], wp.block_dim()):
+            pair = working.edge_pairs[world, place]
+            edge = pair // most
+            other = working.edge_candidates[world, edge, pair - edge * most]
+            catch, near = catch_of(t, world, edge, other, points, velocities)
+            if near:
+                put(working, world, catch)
+        most = working.candidates.shape[2]
+        for place in range(thread, working.list_lengths[world, TOUCHING] * most, wp.block_dim()):
+            particle = working.particle_lists[world, TOUCHING, place // most]
+            at = place % most
+            if at < working.candidate_counts[world, particle]:
                 candidate = working.candidates[world, particle, at]
                 catch, near = catch_of_particle(t, world, particle, candidate, points, velocities)
                 if near:

@@ -8,7 +8,7 @@ import warp as wp
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.contact import stand_on
 from balloon_warp.kernels.laws.fixture import FAR_AWAY
-from balloon_warp.kernels.loops.fixture_looks import SURELY, is_free, note_look
+from balloon_warp.kernels.loops.fixture_looks import SURELY, is_free, nearest_alone, note_look
 from balloon_warp.kernels.loops.fixture_poses import center_function, pose_function
 from balloon_warp.kernels.loops.friction import friction_on, number_of_obstacle
 from balloon_warp.kernels.loops.solids import surface_function
@@ -125,12 +125,22 @@ def fixture_functions(features: Features) -> tuple[Any, Any]:
         crowded = bool(False)
         if not is_free(t, around.world, around.particle, around.time, point):
             end = point
-            nearest = float(FAR_AWAY)
+            free = float(FAR_AWAY)
             beyond = float(FAR_AWAY)  # of all but the nearest
-            for fixture in range(t.fixtures.solids.shape[0]):
+            nearest = wp.int32(0)
+            first = wp.int32(0)
+            last = t.fixtures.solids.shape[0]
+            seen, others = nearest_alone(t, around.world, around.particle, around.time, end)
+            if others > 0.0:
+                first = seen
+                last = seen + 1
+                beyond = others
+            for fixture in range(first, last):
                 met = meet(t, around.world, fixture, around.time, start, point, 0.0)
-                beyond = wp.min(beyond, wp.max(nearest, met.free))
-                nearest = wp.min(nearest, met.free)
+                beyond = wp.min(beyond, wp.max(free, met.free))
+                if met.free < free:
+                    nearest = fixture
+                free = wp.min(free, met.free)
                 if wp.length_sq(met.normal) > 0.0:
                     friction = friction_on(t, around.world, around.balloon, number_of_obstacle(fixture))
                     step = met.part * t.step_seconds
@@ -138,8 +148,10 @@ def fixture_functions(features: Features) -> tuple[Any, Any]:
                     point = stood
                     velocity = slowed
                     moved = True
-            note_look(t, around.world, around.particle, around.time, nearest, point)
-            crowded = SURELY * beyond < wp.length(end - start) + wp.length(point - end)
+            aside = wp.length(point - end)
+            free = wp.min(free, beyond - aside)
+            note_look(t, around.world, around.particle, around.time, free, nearest, beyond - aside, point)
+            crowded = SURELY * beyond < wp.length(end - start) + aside
         return point, velocity, moved, crowded
 
     @wp.func

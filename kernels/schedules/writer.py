@@ -1,5 +1,6 @@
 """Base of all writers of kernels: the call of a phase, once all values that it reads are bound."""
 
+import inspect
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
@@ -65,6 +66,13 @@ class Writer(ABC):
         for name in self.reads(phase):
             self.need(name)
         return f"{phase.name}({', '.join(self.bound(name) for name in self.reads(phase))})"
+
+    def may_act(self, phase: Phase) -> str:
+        """Return the call that asks whether a rare phase has anything to do, once what it reads is at hand."""
+        asked = inspect.signature(phase.asked(self.step.features, self.step.look).func).parameters
+        for name in asked:
+            self.need(name)
+        return f"{phase.name}_may_act({', '.join(map(self.bound, asked))})"
 
     def reads(self, phase: Phase) -> list[str]:
         """Return the names that a phase reads, by the writer's own names."""

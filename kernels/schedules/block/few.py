@@ -1,6 +1,5 @@
 """Code of a block for phases that few particles go through, which all threads share, see `compaction`."""
 
-import inspect
 from collections.abc import Sequence
 
 from balloon_warp.kernels.phase import STATE, Phase
@@ -59,10 +58,7 @@ class FewInBlock(NamesInBlock):
     def _note_or_go_on(self, phases: Sequence[Phase]) -> None:
         """Write how an item is noted, if the first of phases may act on it, and otherwise goes through the others."""
         phase, *others = phases
-        asked = inspect.signature(phase.asked(self.features, self.step.look).func).parameters
-        for name in asked:
-            self.need(name)
-        self.line(f"if {phase.name}_may_act({', '.join(map(self.bound, asked))}):")
+        self.line(f"if {self.may_act(phase)}:")
         self.line(f"    note_{phase.name}({self.turn}, particle)")
         if others:
             self.line("else:")

@@ -206,13 +206,9 @@ class NamesInLanes(Writer):
 
     def _question(self, phase: Phase) -> bool:
         """Write whether a rare phase has anything to do."""
-        asked = phase.asked(self.step.features, self.step.look)
-        if not asked:
+        if not phase.asked(self.step.features, self.step.look):
             return False
-        for name in self.names_of(asked):
-            self.need(name)
-        names = ", ".join(self.bound(name) for name in self.names_of(asked))
-        self.line(f"if {phase.name}_may_act({names}):")
+        self.line(f"if {self.may_act(phase)}:")
         return True
 
     @staticmethod

@@ -8,7 +8,7 @@ import warp as wp
 
 from balloon_warp.kernels.codegen import kernel_from
 from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.phase import STATE, VIEWS
+from balloon_warp.kernels.phase import STATE, VIEWS, Phase
 from balloon_warp.kernels.schedules.pieces import Piece, Step
 from balloon_warp.kernels.schedules.writer import Writer, head, named_in
 
@@ -98,9 +98,19 @@ class _Writer(PieceWriter):
             return f"A {'block' if self.piece.item == 'team' else 'thread'} for each world."
         return f"A thread for each {self.piece.item} of each world."
 
+    @property
+    def _rare(self) -> Phase | None:
+        """Return the phase, if it is the only one, and most items stay as they are."""
+        piece, (first, *others) = self.piece, self.piece.phases
+        stays = not (others or piece.sums or piece.doubles or piece.leaves or piece.keeps)
+        return first if stays and first.asked(self.step.features, self.step.look) else None
+
     def names(self) -> dict[str, Any]:
         """Return what the text refers to."""
-        return {**self.scope(self.piece.phases), "ITEMS_OF_PART": ITEMS_OF_PART}
+        names = {**self.scope(self.piece.phases), "ITEMS_OF_PART": ITEMS_OF_PART}
+        if self._rare:
+            names[f"{self._rare.name}_may_act"] = self._rare.asked(self.step.features, self.step.look)
+        return names
 
     def arguments(self) -> dict[str, str]:
         """Return the names of the kernel's arguments, as it needs them, and their types."""
@@ -139,6 +149,9 @@ class _Writer(PieceWriter):
             self._begin(f"world, {piece.item}")
             if piece.item == "spring":
                 self.line("spring += first_spring")
+            if self._rare:
+                self.line(f"if not {self.may_act(self._rare)}:")
+                self.line("    return")
             self.calls(piece.phases)
             self._leave()
 
