@@ -65,7 +65,7 @@ def heap(count: int, fineness: int, softness: float) -> Scene:
 )
 def test_what_crumples_is_no_faster_than_it_falls(count, fineness, softness, frames, way, device):
     """But for a fifth, by which a skin may whip. What is lost does not come back, beside the little by which explicit
-    steps swing: two thousandths."""
+    steps swing: five thousandths."""
     simulator = Simulator(heap(count, fineness, softness), device, schedule=way)
     weights = 9.81 * masses(simulator)
     fall = np.sqrt(2.0 * 9.81 * motion(simulator)[0][:, 1].max())
