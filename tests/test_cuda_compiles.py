@@ -1,0 +1,70 @@
+"""Kernels for a GPU compile for one where there is none: the compiler comes with Warp."""
+
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+import warp as wp
+from meshes import quad_sphere
+
+from balloon_warp.kernels.features import Features
+from balloon_warp.kernels.schedules.block.source import kernel_of_frame
+from balloon_warp.kernels.schedules.launched.source import kernel_of
+from balloon_warp.model import Model, build_model
+from balloon_warp.scene import Balloon, Obstacle, Scene, load_scene
+from balloon_warp.schedules.block_layout import layout_of, step_of
+from balloon_warp.schedules.features import model_features
+from balloon_warp.schedules.gather import GatherSchedule
+from balloon_warp.schedules.launches import EDGE_THREADS
+from balloon_warp.schedules.outlook import busy_features
+
+pytestmark = pytest.mark.skipif(sys.platform == "darwin", reason="Warp has no CUDA there")
+HOPPER = 90
+GPU = SimpleNamespace(is_cpu=False, is_cuda=True, sm_count=132, max_shared_memory_per_block=226 << 10)
+"""What layouts ask of an H100"""
+IN_A_CORNER = Scene(
+    balloon=[Balloon(mesh=quad_sphere(3), position=(2.0, 2.0, 0.0))],
+    obstacle=[Obstacle(shape="plane"), Obstacle(shape="plane", rotation=(0.0, 0.0, -90.0))],
+)
+
+
+def compiled(kernel: Any, threads: int, folder: Path) -> str:
+    """Return the code of a kernel."""
+    kernel.module.options["block_dim"] = threads
+    (path,) = wp.compile_aot_module(kernel.module, arch=HOPPER, module_dir=folder, use_ptx=True)
+    return next(Path(path).parent.glob("*.ptx")).read_text()
+
+
+def model_for_a_gpu(source: Any) -> Model:
+    """Return a model that says it is on a GPU."""
+    model = build_model(load_scene(source, {"touch": False}), "cpu", 2)
+    object.__setattr__(model, "device", GPU)
+    return model
+
+
+def as_it_is(features: Features) -> Features:
+    return features
+
+
+@pytest.mark.parametrize(
+    ("source", "frames"),
+    [("sphere_launch", as_it_is), ("latex_inflate", as_it_is), (IN_A_CORNER, busy_features)],
+    ids=["spheres", "rubber", "near obstacles"],
+)
+def test_frames_in_blocks_compile(source: Any, frames: Any, tmp_path: Path):
+    model = model_for_a_gpu(source)
+    features = frames(model_features(model))
+    layout = layout_of(model, features)
+    kernel = kernel_of_frame(step_of(features, layout), layout)
+    assert layout.threads > 1
+    assert "bar.sync" in compiled(kernel, layout.threads, tmp_path)
+
+
+def test_edges_that_touch_compile(tmp_path: Path):
+    """A block a world, which leaves its sweeps together."""
+    model = build_model(load_scene("knot"), "cpu", 2)
+    step = GatherSchedule.step_of(model, model_features(model))
+    (piece,) = (each for each in step.pieces if each.name == "worlds_meet_edges")
+    assert "bar.red" in compiled(kernel_of(step, piece), EDGE_THREADS, tmp_path)
