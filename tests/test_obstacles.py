@@ -261,6 +261,17 @@ def test_what_cuts_a_corner_is_stopped(device: str):
     np.testing.assert_allclose(last.velocities[0], [[70.0, 0.0, 0.0]] * 4, atol=1e-3)
 
 
+def test_what_slides_on_one_is_stopped_by_the_next_within_a_frame(schedule: str, device: str):
+    """The floor alone is asked only as far as the wall is away: 0.5 m, of a frame's way of 1 m without friction."""
+    quad = particles([(-0.7, 0, 0), (-0.7, 0, 0.1), (-0.5, 0, 0.1), (-0.5, 0, 0)], velocity=(60.0, 0.0, 0.0))
+    floor = Obstacle(shape="plane", friction=0.0)
+    wall = Obstacle(shape="plane", rotation=(0.0, 0.0, 90.0), friction=0.0)
+    scene = Scene(balloon=[quad], obstacle=[floor, wall], substeps=20, frames=1)
+    *_, last = Simulator(scene, device, schedule=schedule).run()
+    np.testing.assert_allclose(last.points[0][:, :2], 0.0, atol=1e-5)
+    np.testing.assert_allclose(last.velocities[0], 0.0, atol=1e-4)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("schedule", ["octets", "block"])
 def test_looking_at_the_nearest_alone_is_enough(schedule: str, device: str):
