@@ -49,7 +49,7 @@ def draw(path: Path) -> None:
                     axes.text(rate * 1.05, height, f"{rate:.2g}", va="center", fontsize=9)
         axes.set_yticks(range(len(found)), [name.replace(", ", ",\n") for name in found])
         axes.invert_yaxis()
-        axes.set(xscale="log", xlim=(0.05, 15.0), xlabel="million balloon frames a second on one NVIDIA H200")
+        axes.set(xscale="log", xlim=(0.05, 15.0), xlabel="million balloon frames a second on one NVIDIA H100")
         axes.set_title("Balloon Warp (red) and Newton 1.8 (gray), balloons of 488 particles", fontsize=10)
         figure.tight_layout()
         figure.savefig(path, metadata={"Date": None})
