@@ -75,7 +75,7 @@ def test_it_weighs_nothing(device: str):
 
 @pytest.mark.parametrize("made_of", [{"mass": 0.5}, {"material": Material(preset="latex")}], ids=["springs", "rubber"])
 def test_a_block_weighs_air_at_the_height_that_all_do(device: str, made_of: dict[str, Any]):
-    """Where it gets thinner by 1e-4 of itself in a meter. A block may have particles in another order."""
+    """Air thins by 1e-4 of itself in a meter. A block may order particles differently, and weighs it as `gather`."""
     balloon = Balloon(mesh=quad_sphere(9, 2.0), inflation=Inflation(kind="gas", added_mass=0.5), **made_of)
     air = Atmosphere(pressure=101325.0, temperature=288.15, lapse=0.0065)
     weighed = []

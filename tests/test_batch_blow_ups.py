@@ -71,7 +71,7 @@ def rows(folder: Path) -> list[list[str]]:
 
 
 def samples(folder: Path, place: int) -> dict[str, NDArray[np.float64]]:
-    """What changes with time of the so-manyth world of the stage, by the attribute's path in it and the time."""
+    """Return the time samples of the world at a place in the stage, by attribute path and time."""
     stage, found = Usd.Stage.Open(str(folder / "worlds.usdc")), {}
     root = [prim for prim in stage.GetPrimAtPath("/World").GetChildren() if prim.GetName().startswith("World_")][place]
     for prim in Usd.PrimRange(root):

@@ -79,7 +79,7 @@ def test_spheres_of_the_cases_touch_the_balloon_and_nothing_blows_up(spheres):
 
 
 def test_every_frame_that_is_timed_is_simulated(monkeypatch: pytest.MonkeyPatch):
-    """Of each contender: the warm-up, its repeat, and the repeats that count; recorded frames are replayed."""
+    """Each contender runs a warm-up, its repeat, and the repeats that count; recorded frames are replayed."""
     states = []
 
     def kept_state(model: Model) -> State:
@@ -222,7 +222,7 @@ def test_newton_gives_the_same_trajectory(normals, device):
 
 
 def test_blender_simulates_the_same_balloon():
-    """The same mesh, by frames, under pressure: it stays a balloon."""
+    """Blender simulates the same mesh under pressure frame by frame, and it stays a balloon."""
     pytest.importorskip("bpy")
     from balloon_warp.benchmarks.blender_peer import BlenderPeer
 

@@ -28,7 +28,7 @@ BESIDE = Sphere(position=(0.9, 0.95, 0.0), radius=0.5, mass=1.0)
 
 
 def scenes(cells: int) -> dict[str, Scene]:
-    """Of balloons with so many cells along an edge."""
+    """Return scenes of balloons with so many cells along an edge."""
     ball = quad_sphere(cells, radius=0.5)
     falling = Balloon(mesh=ball, position=(0.0, 0.57, 0.0), inflation=PAPERS, velocity=(0.5, -1.0, 0.0))
     return {

@@ -16,7 +16,7 @@ FALL = 0.9
 
 
 def tops(simulator: Simulator, seconds: float, rest: float) -> list[float]:
-    """How high a body comes after each bounce, above where it rests [m]: of each flight the frame nearest to its
+    """Return the apex of a body after each bounce, above where it rests [m]: of each flight the frame nearest to its
     top, less than a hundredth of a second from there, and what is left to go there, v^2 / 2 g."""
     found, best, before = [], (np.inf, 0.0), 0.0
     for _ in range(round(seconds * 60.0)):

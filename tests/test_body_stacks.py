@@ -21,7 +21,7 @@ MOST_GAIN = 1.0e-4
 
 @dataclass
 class Watched:
-    """What has become of bodies."""
+    """Result of a simulation of bodies."""
 
     simulator: Simulator
     way: float

@@ -8,7 +8,7 @@ from balloon_warp.mesh.geometry import signed_volume
 
 
 def test_with_correction_the_shape_is_a_scaled_copy():
-    """What the paper found and did not want: inflated against its limit until it has the volume of the squirrel without
+    """Correction only scales the shape, which the paper did not want. Inflated against its limit to the volume without
     correction, all of it is larger by about the limit's factor, where else some parts stretch twice as differently."""
     strong = (
         *(("correction", "provot"), ("correction_limit", 0.25), ("frames", 110)),
