@@ -139,27 +139,28 @@ def test_keys_are_on_a_sheet(fresh, served):
 
 def test_the_camera_follows(fresh, served):
     """After F it looks at the balloon wherever that goes, and stays after F again."""
-    [camera] = [client.camera for client in served.server.get_clients().values()]
+    [client] = served.server.get_clients().values()
+    camera, follows = client.camera, lambda: served.follower.follows(client)
 
     def beside() -> float:
         return float(np.linalg.norm(np.array(camera.look_at) - served.session.picture.frame.points[0].mean(axis=0)))
 
     fresh.mouse.click(20, 400, button="right")
     fresh.keyboard.press("f")
-    wait_until(lambda: served.follower._following, "it follows")
+    wait_until(follows, "it follows")
     served.session.ask(lambda playground: playground.cut_all())  # and so it rises
     served.session.set("balloon.helium", 30.0)
     start = served.session.picture.frame.points[0].mean(axis=0)[1]
     wait_until(lambda: served.session.picture.frame.points[0].mean(axis=0)[1] > start + 2.0, "it rises")
     wait_until(lambda: beside() < 0.3, "the camera rises along")
     fresh.keyboard.press("f")
-    wait_until(lambda: not served.follower._following, "it stays")
+    wait_until(lambda: not follows(), "it stays")
     wait_until(lambda: beside() > 1.0, "the balloon goes on")
     served.session.reset()
     wait_until(lambda: served.session.picture.frame.points[0].mean(axis=0)[1] < start + 0.5, "it is back")
     for _ in range(2):  # look at it, and stay, for whoever comes next
         fresh.keyboard.press("f")
-    wait_until(lambda: beside() < 0.3 and not served.follower._following, "the camera is back")
+    wait_until(lambda: beside() < 0.3 and not follows(), "the camera is back")
 
 
 def test_a_notebook_shows_the_page(browser, fresh, served):

@@ -1,5 +1,6 @@
 """A camera that goes along with the balloons."""
 
+import threading
 import time
 from typing import Any
 
@@ -20,6 +21,8 @@ class Follower:
     """The windows whose cameras follow."""
 
     def __init__(self) -> None:
+        self._turn = threading.Lock()
+        """Held by whoever reads or writes the windows: each key runs in a thread of its own, beside the drawing"""
         self._following: dict[int, tuple[NDArray[np.float64], float]] = {}
         """Vector to each window's camera from its target [m], and the time until which it is left alone"""
 
@@ -27,28 +30,30 @@ class Follower:
         """Return whether a window's camera follows."""
         return window.client_id in self._following
 
-    def begin(self, window: Any) -> None:
-        """Follow from now on."""
-        self._following[window.client_id] = _away(window), 0.0
-
-    def end(self, window: Any) -> None:
-        """End following; the camera stays where it is."""
-        self._following.pop(window.client_id, None)
+    def toggle(self, window: Any, center: NDArray[np.floating], distance: float) -> None:
+        """Look at the balloons, shape (3,) [m], from a distance [m], and follow them; or stop, if it followed."""
+        with self._turn:
+            if self._following.pop(window.client_id, None) is not None:
+                return
+            away = _away(window)
+            look_at(window, center, away * (distance / max(float(np.linalg.norm(away)), 1e-9)))
+            self._following[window.client_id] = _away(window), 0.0
 
     def follow(self, windows: dict[int, Any], center: NDArray[np.floating]) -> None:
         """Move the cameras of windows along to where the balloons are, shape (3,) [m]; as somebody turned them."""
         now = time.monotonic()
-        for number, (before, until) in list(self._following.items()):
-            if number not in windows:
-                del self._following[number]
-                continue
-            window = windows[number]
-            away = _away(window)
-            if np.linalg.norm(away - before) > TURNED * np.linalg.norm(before):
-                until = now + HELD_SECONDS
-            self._following[number] = away, until
-            if now >= until and np.isfinite(center).all():
-                look_at(window, center, away)
+        with self._turn:
+            for number, (before, until) in list(self._following.items()):
+                if number not in windows:
+                    del self._following[number]
+                    continue
+                window = windows[number]
+                away = _away(window)
+                if np.linalg.norm(away - before) > TURNED * np.linalg.norm(before):
+                    until = now + HELD_SECONDS
+                self._following[number] = away, until
+                if now >= until and np.isfinite(center).all():
+                    look_at(window, center, away)
 
 
 def look_at(window: Any, center: NDArray[np.floating], away: NDArray[np.floating]) -> None:

@@ -11,7 +11,7 @@ import viser
 
 from balloon_warp.viewer.ahead import Ahead
 from balloon_warp.viewer.controls import Controls
-from balloon_warp.viewer.following import Follower, go_home, look_at
+from balloon_warp.viewer.following import Follower, go_home
 from balloon_warp.viewer.layers import Layers
 from balloon_warp.viewer.picture import Picture
 from balloon_warp.viewer.plots import Plots
@@ -118,14 +118,8 @@ class Page:
 
     def _look(self, client: viser.ClientHandle) -> None:
         """Turn a window to the balloons where they are now, as far away as at first, and follow them; or stay."""
-        if self.follower.follows(client):
-            self.follower.end(client)
-            return
         home, middle = self.layers.home
-        away = np.asarray(client.camera.position) - np.asarray(client.camera.look_at)
-        away *= np.linalg.norm(home - middle) / max(float(np.linalg.norm(away)), 1e-9)
-        look_at(client, self._center(self.session.picture), away)
-        self.follower.begin(client)
+        self.follower.toggle(client, self._center(self.session.picture), float(np.linalg.norm(home - middle)))
 
     @staticmethod
     def _center(picture: Picture) -> np.ndarray:
