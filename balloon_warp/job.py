@@ -13,11 +13,18 @@ from balloon_warp.interrupts import Interrupts
 from balloon_warp.kernels.laws import Law
 from balloon_warp.model.remarks import remarks_in_sentences
 from balloon_warp.outcomes import BadEnding, bad_endings, ending_sentences
-from balloon_warp.outputs.background import Background
 from balloon_warp.outputs.usd import StageWriter
 from balloon_warp.outputs.wanted import Wanted
 from balloon_warp.provenance import without_folders
-from balloon_warp.resume import CHECKPOINT_SECONDS, Checkpoints, describe_run, halvings_until, partial_path
+from balloon_warp.resume import (
+    CHECKPOINT_SECONDS,
+    Checkpoints,
+    RunOutput,
+    describe_run,
+    halvings_until,
+    partial_path,
+    record_frames,
+)
 from balloon_warp.scene import Scene, SceneLike, scene_of
 from balloon_warp.schedules.balloon_contact import overflow_remarks
 from balloon_warp.simulator import Simulator
@@ -244,25 +251,22 @@ def _write(
 
     Returns after which frame it began, and what ended them early, where that is to leave a stage.
     """
-    blow_up, job = None, describe_run(simulator) | wanted.left_out
+    blow_up, job, scene = None, describe_run(simulator) | wanted.left_out, simulator.model.scene
     said = {**provenance, **without_folders(job)}
     writer = StageWriter(wanted.stage, simulator.model, said, lights=wanted.lights, ground=wanted.ground)
+    checkpoints = Checkpoints(
+        *(partial_path(wanted.output), "run", job, scene), seconds=checkpoint_seconds, resume=resume, on_note=on_note
+    )
     with writer as stage, Interrupts() as interrupts:
         wanted.check_names(stage.stage)
-        checkpoints = Checkpoints(simulator, stage, job, checkpoint_seconds, wanted.output)
-        begin = _begin(checkpoints, resume, on_note)
+        output = RunOutput(stage)
+        missing = max((part.frames.stop for part in checkpoints.take_up(output)), default=0)
+        checkpoints.restore(missing, [simulator.restore])
+        begin = simulator.frame_number
         on_frame(begin)
+        frames = ((frame.number, frame) for frame in simulator.run())
         try:
-            with Background() as behind:  # while the next frame is simulated
-                for frame in simulator.run():
-                    behind.submit(stage.write, frame)
-                    on_frame(frame.number)
-                    stop = interrupts.pending
-                    if stop or checkpoints.due:
-                        behind.wait()
-                        checkpoints.save()
-                    if stop:
-                        interrupts.deliver(f"{checkpoints.playlist} plays what there is, and --resume goes on from it")
+            record_frames(frames, output, checkpoints, lambda: [simulator.save().items()], interrupts, on_frame)
         except BlowUpError as failure:
             if on_blowup == "restart":
                 checkpoints.remove()  # of another step
@@ -272,26 +276,3 @@ def _write(
     wanted.export(on_note)
     checkpoints.remove()
     return begin, blow_up
-
-
-def _begin(checkpoints: Checkpoints, resume: bool, on_note: Callable[[str], None]) -> int:
-    """Find the frame that a run begins at: the last checkpoint's, if that is wanted and there is one.
-
-    Raises:
-        InputError: it is of another run or damaged, or something else is in its place.
-    """
-    checkpoints.folder.require_own()
-    leftover, folder = checkpoints.leftover, checkpoints.folder.path
-    checkpoints.folder.clear(leftover is not None)
-    if not resume and leftover is not None:
-        on_note(
-            f"{folder} has frames 0 to {leftover} of an earlier run, from which --resume would have gone on; it is "
-            f"kept as {checkpoints.folder.aside.name} until this one is done"
-        )
-    if not resume:
-        return 0
-    if not checkpoints.resume():
-        on_note(f"there is no checkpoint in {folder}: nothing to resume, so this begins at the start")
-        return 0
-    on_note(f"goes on after frame {leftover}, from {folder}")
-    return checkpoints.simulator.frame_number

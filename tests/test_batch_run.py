@@ -12,7 +12,7 @@ from pxr import Sdf, Usd, UsdGeom, UsdShade, UsdValidation
 from small_batch import FRAMES, WORLDS, scene, write_meshes
 
 from balloon_warp import Simulator, run_batch
-from balloon_warp.outputs.usd import grid
+from balloon_warp.outputs.usd import growing
 from balloon_warp.outputs.usd.grid_layout import grid_shifts
 from balloon_warp.outputs.usd.string_curve import string_curve
 from balloon_warp.scene import Water
@@ -259,7 +259,7 @@ def test_saving_often_gives_the_same_samples(
     written: Path, vary: dict, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     """The file is added to after each frame instead of once."""
-    monkeypatch.setattr(grid, "SAVE_BYTES", 0)
+    monkeypatch.setattr(growing, "SAVE_BYTES", 0)
     run_batch(scene(), tmp_path / "out", WORLDS, vary, export=[4, 1, 2], device="cpu")
     often, once = (Sdf.Layer.FindOrOpen(str(folder / "worlds.usdc")) for folder in (tmp_path / "out", written))
     assert often.ExportToString() == once.ExportToString()

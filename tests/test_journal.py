@@ -11,11 +11,11 @@ from balloon_warp.blow_ups import BlowUp, Pull
 from balloon_warp.scene import Balloon, Ground, Inflation, Scene
 from balloon_warp.sweep import shares
 from balloon_warp.sweep.blow_ups import Failures
+from balloon_warp.sweep.checkpoints import batch_checkpoints
 from balloon_warp.sweep.groups import plan_groups
+from balloon_warp.sweep.journal import FAILURES, ShareJournal
 from balloon_warp.sweep.manifest import describe_batch
 from balloon_warp.sweep.output import BatchOutput
-from balloon_warp.sweep.resume import BatchCheckpoints, ShareJournal
-from balloon_warp.sweep.resume.journal import FAILURES
 from balloon_warp.sweep.task import BatchTask
 
 BALL = Balloon(mesh=quad_sphere(3), position=(0, 2, 0), inflation=Inflation(k_normal=0.2))
@@ -38,7 +38,7 @@ def test_shares_that_are_done_are_taken_up_with_what_became_of_them(device: str,
 
     def journal(output: BatchOutput, resume: bool) -> ShareJournal:
         notes: list[str] = []
-        safe = BatchCheckpoints(task, describe_batch(task), 0.0, resume, notes.append)
+        safe = batch_checkpoints(task, describe_batch(task), 0.0, resume, notes.append)
         return ShareJournal(task, output, safe, "cpu")
 
     with BatchOutput(task, cut) as output:
@@ -47,9 +47,9 @@ def test_shares_that_are_done_are_taken_up_with_what_became_of_them(device: str,
             share = cut[number], task.chosen, device, "gather", 4, task.on_blowup
             first.add(number, shares.simulate_share(*share, on_frame=lambda frame: None))
             first.save()
-    played = Usd.Stage.Open(str(tmp_path / "partial" / "worlds.usda"))
+    played = Usd.Stage.Open(str(tmp_path / "partial" / "frames.usda"))
     for part, world in enumerate((3, 0)):
-        alone = Usd.Stage.Open(str(tmp_path / "partial" / f"worlds_{part:06d}.usdc"))
+        alone = Usd.Stage.Open(str(tmp_path / "partial" / f"frames_{part:06d}.usdc"))
         points, there = (stage.GetAttributeAtPath(f"/World/World_{world}/mesh.points") for stage in (played, alone))
         assert points.GetNumTimeSamples() == SCENE.frames + 1
         for frame in range(SCENE.frames + 1):

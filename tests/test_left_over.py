@@ -126,9 +126,9 @@ def test_a_folder_of_checkpoints_stays_only_if_it_has_one(left: str, tmp_path: P
         with pytest.raises(RuntimeError):
             animate(SCENE, tmp_path / "out.usdc", device="cpu", checkpoint_seconds=1e-9, on_frame=stop_at_3)
     if left == "no checkpoint":
-        for state in folder.glob("state_*"):
-            state.unlink()
-    kill(begin(folder / "state_000009.npz"))
+        for rows in folder.glob("rows_*"):
+            rows.unlink()
+    kill(begin(folder / "state_000009_0000.npz"))
     animate(SCENE, tmp_path / "out.usdc", device="cpu", checkpoint_seconds=0.0)
     assert folder.exists() == (left == "a checkpoint")
     if folder.exists():

@@ -13,9 +13,9 @@ from stopped_batch import FRAMES, WORLDS, scene, stop_after, stop_batch
 
 from balloon_warp import InputError, run_batch
 from balloon_warp.mesh.obj import write_obj
-from balloon_warp.outputs.usd import grid
-from balloon_warp.sweep.resume import checkpoints
-from balloon_warp.sweep.resume.parts import write_rows
+from balloon_warp.outputs.usd import growing
+from balloon_warp.resume import Checkpoints, Part
+from balloon_warp.sweep.output import BatchOutput
 
 
 @pytest.fixture(params=["gather", "lanes", "block", "octets"])
@@ -41,7 +41,7 @@ def test_it_goes_on_to_the_same_bytes(
     vary: dict, schedule: str, device: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     """Stopped twice, at a frame before and one after the last world blew up; the stage is saved every few frames."""
-    monkeypatch.setattr(grid, "SAVE_BYTES", 10_000)
+    monkeypatch.setattr(growing, "SAVE_BYTES", 10_000)
     how = {"export": [1, 4], "device": device, "schedule": schedule}
     run_batch(scene(), tmp_path / "whole", WORLDS, vary, **how)
     for last in (2, 5):
@@ -83,7 +83,7 @@ def test_what_was_saved_opens(tmp_path: Path):
             on_frame=stop_after(4),
         )
     run_batch(scene(), tmp_path / "whole", 3, {"gravity": [1, 5, 9]}, export=[2], device="cpu")
-    stages = sorted((tmp_path / "partial").glob("worlds_*.usdc"))
+    stages = sorted((tmp_path / "partial").glob("frames_*.usdc"))
     tables = sorted((tmp_path / "partial").glob("rows_*.npz"))
     assert len(stages) == len(tables) == 4
     whole = Usd.Stage.Open(str(tmp_path / "whole" / "worlds.usdc"))
@@ -92,7 +92,7 @@ def test_what_was_saved_opens(tmp_path: Path):
     )
     with np.load(tmp_path / "whole" / "table.npz") as table:
         volumes = table["volume"].reshape(FRAMES + 1, 3)
-    played = Usd.Stage.Open(str(tmp_path / "partial" / "worlds.usda"))
+    played = Usd.Stage.Open(str(tmp_path / "partial" / "frames.usda"))
     assert (played.GetStartTimeCode(), played.GetEndTimeCode()) == (0, 3)
     for number, (stage_path, rows) in enumerate(zip(stages, tables, strict=True)):
         stage = Usd.Stage.Open(str(stage_path))
@@ -126,13 +126,15 @@ def test_rows_without_their_stage_are_never_there(tmp_path: Path, monkeypatch: p
     """A kill came between the two: the stage's part is there, and that of the table, which makes it count, is not."""
     how = {"vary": {"gravity": [1, 9]}, "export": [1], "device": "cpu"}
 
-    def kill(output: object, part: object, rows: Path) -> None:
-        if rows.name == "rows_000002.npz":
-            assert rows.with_name("worlds_000002.usdc").exists()
-            raise RuntimeError("killed")
-        write_rows(output, part, rows)
+    rows = BatchOutput.rows
 
-    monkeypatch.setattr(checkpoints, "write_rows", kill)
+    def kill(self: BatchOutput, part: Part) -> dict[str, np.ndarray]:
+        if part.frames.start == 2:
+            assert (tmp_path / "out" / "partial" / "frames_000002.usdc").exists()
+            raise RuntimeError("killed")
+        return rows(self, part)
+
+    monkeypatch.setattr(BatchOutput, "rows", kill)
     with pytest.raises(RuntimeError, match="killed"):
         run_batch(scene(), tmp_path / "out", 2, **how, checkpoint_seconds=OFTEN)
     monkeypatch.undo()
@@ -145,14 +147,14 @@ def test_rows_without_their_stage_are_never_there(tmp_path: Path, monkeypatch: p
 
 def test_rows_without_their_state_are_never_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """A kill came between the two."""
-    save_state = checkpoints.BatchCheckpoints.save_state
+    save_state = Checkpoints.save_state
 
-    def kill(self: checkpoints.BatchCheckpoints, frame: int, *state: Any) -> None:
+    def kill(self: Checkpoints, frame: int, *state: Any) -> None:
         if frame == 2:
             raise RuntimeError("killed")
         save_state(self, frame, *state)
 
-    monkeypatch.setattr(checkpoints.BatchCheckpoints, "save_state", kill)
+    monkeypatch.setattr(Checkpoints, "save_state", kill)
     with pytest.raises(RuntimeError, match="killed"):
         run_batch(scene(), tmp_path, 2, device="cpu", checkpoint_seconds=OFTEN)
     assert sorted(path.name for path in (tmp_path / "partial").glob("rows_*")) == ["rows_000000.npz", "rows_000001.npz"]
@@ -164,7 +166,7 @@ def test_each_file_of_a_checkpoint_appears_whole(tmp_path: Path, monkeypatch: py
     with pytest.raises(RuntimeError):
         run_batch(scene(), tmp_path, 2, export=[0], device="cpu", checkpoint_seconds=OFTEN, on_frame=stop_after(FRAMES))
     kinds = {path.name.partition("_")[0] for path in (tmp_path / "partial").iterdir()}
-    assert kinds == {"job.json", "rows", "worlds", "state", "worlds.usda", "still.usdc"}
+    assert kinds == {"job.json", "rows", "frames", "state", "frames.usda", "still.usdc"}
     assert {*(tmp_path / "partial").iterdir()} <= whole
 
 
@@ -235,7 +237,9 @@ def test_ctrl_c_saves_the_frame_that_it_finds(tmp_path: Path):
         press(frame)
 
     how = {"vary": {"gravity": [1, 9]}, "export": [1], "device": "cpu"}
-    with pytest.raises(KeyboardInterrupt, match=r"partial has what there is, and --resume goes on from it$"):
+    with pytest.raises(
+        KeyboardInterrupt, match=r"partial/frames\.usda plays what there is, and --resume goes on from it$"
+    ):
         run_batch(scene(), tmp_path / "out", 2, **how, checkpoint_seconds=0.0, on_frame=look)
     assert frames == [0, 1, 2, 3]
     run_batch(scene(), tmp_path / "out", 2, **how, resume=True, on_frame=frames.append)

@@ -99,10 +99,9 @@ def test_a_process_that_is_told_to_end_finishes_its_frame_and_saves_it(
 ):
     status, said = end(ball, tmp_path / "out", signal.SIGTERM, "--device", "cpu")
     assert status == 128 + signal.SIGTERM
-    sentence = (
-        r"error: ball was stopped after frame (\d+) of 200; .*out/partial has what there is, and --resume goes on"
-    )
-    assert (found := re.fullmatch(rf"{sentence} from it\n", said)), said
+    stopped = r"error: ball was stopped after frame (\d+) of 200"
+    advice = r".*out/partial/frames\.usda plays what there is, and --resume goes on from it"
+    assert (found := re.fullmatch(rf"{stopped}; {advice}\n", said)), said
     assert contents(tmp_path / "out") == {}
     assert go_on(ball, tmp_path / "out") == [f"goes on after frame {found[1]}, from {tmp_path / 'out' / 'partial'}"]
     assert contents(tmp_path / "out") == whole
@@ -134,11 +133,13 @@ def test_a_cluster_goes_on_without_the_shares_that_are_done(
         end(ball, out, number, "--cluster", address, "--device", "cpu")
     else:
         press = press_ctrl_c_once(lambda frame: frame > LONG / 2)  # at most two shares are between start and end
-        with pytest.raises(KeyboardInterrupt, match=r"partial has what there is, and --resume goes on from it$"):
+        with pytest.raises(
+            KeyboardInterrupt, match=r"partial/frames\.usda plays what there is, and --resume goes on from it$"
+        ):
             go_on(ball, out, address, on_frame=press, checkpoint_seconds=0.0)
     assert contents(out) == {}
     together, expected = (
-        Usd.Stage.Open(str(path)) for path in (out / "partial/worlds.usda", ball / "whole" / STAGE_NAME)
+        Usd.Stage.Open(str(path)) for path in (out / "partial/frames.usda", ball / "whole" / STAGE_NAME)
     )
     assert together.GetEndTimeCode() == LONG
     done = np.concatenate([np.load(path)["worlds"] for path in out.glob("partial/rows_*")])

@@ -17,11 +17,12 @@ from balloon_warp.outputs import hdf5_arrays
 from balloon_warp.outputs.world_files import FORMATS
 from balloon_warp.scene import Balloon, Inflation
 from balloon_warp.sweep import shares
+from balloon_warp.sweep.checkpoints import batch_checkpoints
 from balloon_warp.sweep.groups import plan_groups
+from balloon_warp.sweep.journal import ShareJournal
 from balloon_warp.sweep.manifest import describe_batch
 from balloon_warp.sweep.output import BatchOutput
 from balloon_warp.sweep.repeat import repeat_batch
-from balloon_warp.sweep.resume import BatchCheckpoints, ShareJournal
 from balloon_warp.sweep.task import BatchTask
 from balloon_warp.sweep.world_files import writer
 from balloon_warp.sweep.world_files.splits import splits_of
@@ -72,7 +73,7 @@ def test_shares_in_any_order_give_the_same_bytes(tmp_path: Path, monkeypatch: py
     cut = shares.cut_into_shares(task.groups, "cpu")
     assert len(cut) == 3
     with BatchOutput(task, cut) as output:
-        journal = ShareJournal(task, output, BatchCheckpoints(task, describe_batch(task), 0.0, False, print), "cpu")
+        journal = ShareJournal(task, output, batch_checkpoints(task, describe_batch(task), 0.0), "cpu")
         output.begin_trajectories(False)
         for number in (2, 0, 1):
             told = (task.chosen, "cpu", "gather", 3, "restart", lambda frame: None, task.every)

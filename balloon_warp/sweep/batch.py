@@ -18,17 +18,17 @@ from balloon_warp.model.varied_scene import scene_to_vary
 from balloon_warp.outcomes import BadEnding, ending_sentences
 from balloon_warp.outputs.table import settled_table, table_names
 from balloon_warp.outputs.worlds_table import WORLDS_NAMES
-from balloon_warp.resume import CHECKPOINT_SECONDS
+from balloon_warp.resume import CHECKPOINT_SECONDS, Checkpoints
 from balloon_warp.scene import Scene, SceneLike
 from balloon_warp.schedules.balloon_contact import overflow_remarks
 from balloon_warp.shown import Shown, described
+from balloon_warp.sweep.checkpoints import batch_checkpoints
 from balloon_warp.sweep.cluster import Cluster
 from balloon_warp.sweep.groups import BatchVary, plan_groups
 from balloon_warp.sweep.local import simulate_locally
 from balloon_warp.sweep.manifest import MANIFEST_NAME, describe_batch, write_manifest
 from balloon_warp.sweep.memory import require_room
 from balloon_warp.sweep.output import STAGE_NAME
-from balloon_warp.sweep.resume import BatchCheckpoints
 from balloon_warp.sweep.task import BatchTask, Outcome
 from balloon_warp.sweep.world_files.options import TrajectoryFiles, TrajectoryFilesLike
 from balloon_warp.sweep.world_files.writer import remove_partial
@@ -156,7 +156,7 @@ def run_batch(
     files, kind = _files(trajectories, folder), settled_table(table, world_count * (scene.frames + 1))
     task = BatchTask(scene, groups, vary, chosen, Path(folder), schedule, on_blowup, files, kind)
     description = describe_batch(task)
-    checkpoints = BatchCheckpoints(task, description, checkpoint_seconds, resume, on_note)
+    checkpoints = batch_checkpoints(task, description, checkpoint_seconds, resume, on_note)
     try:
         outcome = _simulate(task, cluster, device, checkpoints, _warning(task, on_begin, on_warning), on_frame)
     except KeyboardInterrupt:
@@ -211,7 +211,7 @@ def _simulate(
     task: BatchTask,
     cluster: Cluster | None,
     device: str | None,
-    checkpoints: BatchCheckpoints,
+    checkpoints: Checkpoints,
     on_begin: Callable[[Beginning], None],
     on_frame: Callable[[int], None],
 ) -> Outcome:

@@ -99,16 +99,10 @@ def restart_failures(
         shown = part.rows_of(chosen)
         places = np.array([places_of_rows[row] for row in rows[shown].tolist()], dtype=np.int64)
         recorder = Recorder(simulator, shown, every)
-        record = recorder.read()
-        put(rows, places, _restarted(record))
-        for _ in range(plan.scene.frames):
-            simulator.advance()
-            record = recorder.read()
-            put(rows, places, _restarted(record))
-        good |= dict.fromkeys(part.worlds[record.healthy != 0].tolist(), plan.substeps)
-        rows = rows[record.healthy == 0]
+        healthy = np.ones(len(rows), dtype=np.int32)
+        for record in recorder.run():
+            put(rows, places, replace(record, healthy=RESTARTED * record.healthy))
+            healthy = record.healthy
+        good |= dict.fromkeys(part.worlds[healthy != 0].tolist(), plan.substeps)
+        rows = rows[healthy == 0]
     return good
-
-
-def _restarted(record: Record) -> Record:
-    return replace(record, healthy=RESTARTED * record.healthy)

@@ -20,11 +20,12 @@ from balloon_warp.interrupts import Interrupts
 from balloon_warp.kernels.laws import Law
 from balloon_warp.model.memory import require_memory
 from balloon_warp.outputs.background import Background
+from balloon_warp.resume import Checkpoints
 from balloon_warp.sweep.cluster import Cluster, connect
 from balloon_warp.sweep.groups import Group
+from balloon_warp.sweep.journal import ShareJournal
 from balloon_warp.sweep.memory import table_bytes
 from balloon_warp.sweep.output import BatchOutput
-from balloon_warp.sweep.resume import BatchCheckpoints, ShareJournal
 from balloon_warp.sweep.shares import ShareResult, cut_into_shares, simulate_share
 from balloon_warp.sweep.task import BatchTask, Outcome
 
@@ -54,7 +55,7 @@ def distribute_batch(
     task: BatchTask,
     cluster: Cluster,
     device: str | None,
-    checkpoints: BatchCheckpoints,
+    checkpoints: Checkpoints,
     on_begin: Callable[[Beginning], None],
     on_frame: Callable[[int], None],
 ) -> Outcome:

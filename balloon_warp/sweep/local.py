@@ -6,20 +6,19 @@ from functools import partial
 
 import numpy as np
 import warp as wp
-from numpy.typing import NDArray
 
 from balloon_warp.beginning import Beginning
 from balloon_warp.device import pick_device
 from balloon_warp.interrupts import Interrupts
 from balloon_warp.model import lay_out, remarks_on
-from balloon_warp.outputs.background import WAITING, Background
+from balloon_warp.outputs.background import WAITING
+from balloon_warp.resume import Checkpoints, record_frames
 from balloon_warp.simulator import Simulator
 from balloon_warp.solvers.choose import settled_solver
 from balloon_warp.sweep.blow_ups import Failures, report_failures, require_health, restart_failures
 from balloon_warp.sweep.memory import require_batch_memory
 from balloon_warp.sweep.output import BatchOutput
-from balloon_warp.sweep.recorder import Recorder
-from balloon_warp.sweep.resume import BatchCheckpoints, Part
+from balloon_warp.sweep.recorder import Record, Recorder
 from balloon_warp.sweep.task import BatchTask, Outcome
 from balloon_warp.warp_lock import lock_of
 
@@ -27,7 +26,7 @@ from balloon_warp.warp_lock import lock_of
 def simulate_locally(
     task: BatchTask,
     device: str | None,
-    checkpoints: BatchCheckpoints,
+    checkpoints: Checkpoints,
     on_begin: Callable[[Beginning], None],
     on_frame: Callable[[int], None],
 ) -> Outcome:
@@ -88,42 +87,50 @@ def _simulate_frames(
     task: BatchTask,
     simulators: Sequence[Simulator],
     output: BatchOutput,
-    checkpoints: BatchCheckpoints,
+    checkpoints: Checkpoints,
     on_frame: Callable[[int], None],
 ) -> int:
-    """Return all frames of all groups, which are written meanwhile; the first that was not there already."""
+    """Simulate all frames of all groups, and write them meanwhile; return the first that was not there already."""
     recorders = [
         Recorder(simulator, group.rows_of(task.chosen), task.every)
         for simulator, group in zip(simulators, task.groups, strict=True)
     ]
-    with Background() as writer, Interrupts() as interrupts:
-        begin = saved = _take_up(checkpoints, output, simulators, recorders)
-        writer.submit(output.begin_trajectories, begin > 0)
-        for number in range(begin, task.scene.frames + 1):
-            for simulator in simulators if number else ():
-                simulator.advance()
-            records = [recorder.read() for recorder in recorders]
-            if task.on_blowup == "stop":
-                for each in zip(simulators, task.groups, records, strict=True):
-                    require_health(*each)
-            writer.submit(output.write, records)
-            on_frame(number)
-            if checkpoints.due or interrupts.pending:
-                for group, pair in enumerate(zip(simulators, recorders, strict=True)):
-                    checkpoints.save_state(number, group, _arrays(*pair))
-                part = Part(range(saved, number + 1), range(len(simulators)))
-                writer.submit(checkpoints.save_part, output, part)
-                saved = number + 1
-            if interrupts.pending:
-                writer.wait()
-                interrupts.deliver()
+    with Interrupts() as interrupts:
+        begin = _take_up(checkpoints, output, simulators, recorders)
+        output.begin_trajectories(begin > 0)
+        record_frames(
+            _frames(task, simulators, recorders, begin),
+            output,
+            checkpoints,
+            lambda: (recorder.save() for recorder in recorders),
+            interrupts,
+            on_frame,
+        )
     return begin
 
 
+def _frames(
+    task: BatchTask, simulators: Sequence[Simulator], recorders: Sequence[Recorder], begin: int
+) -> Iterator[tuple[int, list[Record]]]:
+    """Simulate frame by frame; yield the number and a record of each group.
+
+    Raises:
+        BlowUpError: a world blew up, which is to stop all.
+    """
+    for number in range(begin, task.scene.frames + 1):
+        for simulator in simulators if number else ():
+            simulator.advance()
+        records = [recorder.read() for recorder in recorders]
+        if task.on_blowup == "stop":
+            for each in zip(simulators, task.groups, records, strict=True):
+                require_health(*each)
+        yield number, records
+
+
 def _take_up(
-    checkpoints: BatchCheckpoints, output: BatchOutput, simulators: Sequence[Simulator], recorders: Sequence[Recorder]
+    checkpoints: Checkpoints, output: BatchOutput, simulators: Sequence[Simulator], recorders: Sequence[Recorder]
 ) -> int:
-    """Take up what an earlier batch saved, where that is wanted; the first frame that is missing."""
+    """Take up what an earlier batch saved, where that is wanted; return the first frame that is missing."""
     device = simulators[0].model.device
     begin = 0
     for part in checkpoints.take_up(
@@ -135,19 +142,8 @@ def _take_up(
         begin = part.frames.stop
         for _ in part.frames:
             output.end_frame()
-    if begin:
-        for group, (simulator, recorder) in enumerate(zip(simulators, recorders, strict=True)):
-            checkpoints.restore(begin - 1, group, simulator.restore, recorder.restore)
-        checkpoints.on_note(f"goes on after frame {begin - 1}, from {checkpoints.folder.path}")
+    checkpoints.restore(begin, [recorder.restore for recorder in recorders])
     return begin
-
-
-def _arrays(simulator: Simulator, recorder: Recorder) -> Iterator[tuple[str, NDArray]]:
-    """Return all that a frame depends on of those before it; one at a time is on the host."""
-    for name, array in {**simulator.state.arrays, **recorder.changing}.items():
-        with lock_of(array.device):
-            values = array.numpy()
-        yield name, values
 
 
 def _report_all(task: BatchTask, output: BatchOutput, simulators: Sequence[Simulator]) -> Failures:

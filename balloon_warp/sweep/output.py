@@ -19,6 +19,7 @@ from balloon_warp.outcomes import BadEnding, LastFrame, bad_endings
 from balloon_warp.outputs.table import TableWriter, table_names
 from balloon_warp.outputs.worlds_table import WORLDS_NAMES, write_worlds
 from balloon_warp.provenance import describe_scene
+from balloon_warp.resume import Part
 from balloon_warp.sweep.contacts import COLUMNS, Pair, contacts_shape, pair_columns, pressing_pairs
 from balloon_warp.sweep.groups import Group, vary_columns
 from balloon_warp.sweep.manifest import MANIFEST_NAME
@@ -135,6 +136,33 @@ class BatchOutput:
     def pairs(self) -> list[Pair]:
         """Pairs of things that pressed each other in any world."""
         return pressing_pairs(self._plan, self.contacts)
+
+    def rows(self, part: Part) -> dict[str, NDArray]:
+        """Return a part of the table, once the files of worlds are as far: arrays by name.
+
+        They are the `worlds` of the part's groups, the names of what is measured, `columns`, and of each frame and
+        world its `values` and `health`; of each world its `contacts`.
+
+        Raises:
+            InputError: a file of a world cannot be written.
+        """
+        if self.trajectories:
+            self.trajectories.save()
+        worlds = np.concatenate([self.groups[group].worlds for group in part.groups])
+        block = slice(part.frames.start, part.frames.stop), worlds
+        return {
+            "worlds": worlds,
+            "columns": np.array(self.table.measures),
+            "values": self.table.values[block],
+            "health": self.table.health[block],
+            "contacts": self.contacts[worlds],
+        }
+
+    def take_rows(self, part: Part, saved: Mapping[str, NDArray]) -> None:
+        """Put a part of the table in its place, as `rows` gave it."""
+        block = slice(part.frames.start, part.frames.stop), saved["worlds"]
+        self.table.values[block], self.table.health[block] = saved["values"], saved["health"]
+        self.contacts[saved["worlds"]] = saved["contacts"]
 
     def rewrite_table(self) -> None:
         """Write the replaced rows of the table."""

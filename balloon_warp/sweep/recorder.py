@@ -1,6 +1,6 @@
 """Recording of a batch after each frame: a row of measures for each world, and the shapes of exported ones."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -146,18 +146,33 @@ class Recorder:
     def _contacts(self) -> NDArray[np.float32]:
         return np.concatenate([_copy(self._contact_means), _copy(self._contact_peaks)], axis=3)
 
+    def run(self) -> Iterator[Record]:
+        """Simulate from the start to the last frame; yield the record of each."""
+        yield self.read()
+        for _ in range(self.simulator.model.scene.frames):
+            self.simulator.advance()
+            yield self.read()
+
+    def save(self) -> Iterator[tuple[str, NDArray]]:
+        """Iterate over all that a frame depends on of those before it, by name; one array at a time is on the host."""
+        for name, array in {**self.simulator.state.arrays, **self._last_good}.items():
+            with lock_of(array.device):
+                values = array.numpy()
+            yield name, values
+
+    def restore(self, saved: Mapping[str, NDArray]) -> None:
+        """Go on, with the simulator, from where another recorder of the same worlds was saved."""
+        self.simulator.restore(saved)
+        with lock_of(self.simulator.model.device):
+            for name, array in self._last_good.items():
+                array.assign(saved[name])
+
     @property
-    def changing(self) -> dict[str, wp.array]:
+    def _last_good(self) -> dict[str, wp.array]:
         """Arrays of the last good frame, by names that the simulator does not use."""
         kept = ("measures", "healthy", "points", "sphere_positions", "body_positions", "body_turns", "torn")
         kept += ("contact_means", "contact_peaks")
         return {f"recorded_{name}": getattr(self, f"_{name}") for name in kept}
-
-    def restore(self, saved: Mapping[str, NDArray]) -> None:
-        """Go on from where another recorder of the same worlds was, from the contents of its `changing`."""
-        with lock_of(self.simulator.model.device):
-            for name, array in self.changing.items():
-                array.assign(saved[name])
 
     @cached_property
     def _graph(self) -> Any:

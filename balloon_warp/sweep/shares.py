@@ -107,14 +107,12 @@ def simulate_share(
     require_batch_memory([model], [settled], [share], chosen, scene, scene.frames + 1, every)
     simulator = Simulator.of_model(model, settled)
     recorder = Recorder(simulator, share.rows_of(chosen), every)
-    records = []
-    for number in range(scene.frames + 1):
-        if number:
-            simulator.advance()
-        records.append(recorder.read())
+    records: list[Record] = []
+    for record in recorder.run():
+        records.append(record)
         if on_blowup == "stop":
-            require_health(simulator, share, records[-1])
-        on_frame(number)
+            require_health(simulator, share, record)
+        on_frame(record.number)
     health = np.stack([record.healthy for record in records])
     failures, overflow = Failures(report_failures(simulator, share, health)), simulator.schedule.overflow
     remarks = remarks_on(simulator.model, simulator.state, share.worlds)

@@ -16,7 +16,6 @@ from balloon_warp.outputs.usd.contacts import ContactChannels
 from balloon_warp.outputs.usd.deformable import define_deformable
 from balloon_warp.outputs.usd.looks import looks_of_file, paint_as_file, place_texture
 from balloon_warp.outputs.usd.material import offer_latex, paint, palette_color, print_on
-from balloon_warp.outputs.usd.velocities import author_velocities
 from balloon_warp.scene import Balloon
 
 MEASURES = ("volume", "area", "pressure", "stretch")
@@ -83,7 +82,6 @@ class BalloonPrim:
         define_deformable(self.prim, model, number)
         self._may_burst = model.scene.balloon[number].material.strength is not None
         self._first_area = model.shapes[number].area
-        self._layer = stage.GetRootLayer()
         self._measures = {
             name: self.prim.GetPrim().CreateAttribute(f"userProperties:{name}", Sdf.ValueTypeNames.Double, custom=True)
             for name in (*MEASURES, *(OF_GAS if self._has_gas else ()))
@@ -108,10 +106,10 @@ class BalloonPrim:
             points = points[beside_faces(self.mesh, frame.torn[self.number])]
         return Vt.Vec3fArray.FromNumpy(points)
 
-    def write_velocities(self, number: int, source: Sdf.Layer) -> None:
-        """Write the velocities of a frame, from the points in `source`, a layer of the same balloons."""
-        points, velocities = self.prim.GetPointsAttr().GetPath(), self.prim.GetVelocitiesAttr().GetPath()
-        author_velocities(self._layer, velocities, source, points, number)
+    @property
+    def points(self) -> tuple[Sdf.Path, Sdf.Path]:
+        """Attributes of the points and of their velocities."""
+        return self.prim.GetPointsAttr().GetPath(), self.prim.GetVelocitiesAttr().GetPath()
 
     def _measure(self, frame: Frame) -> dict[str, float]:
         volume, area = float(frame.volumes[self.number]), float(frame.areas[self.number])

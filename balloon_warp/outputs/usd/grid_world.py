@@ -5,7 +5,6 @@ Authored in Sdf, on the layer itself: the stage's own functions look up the comp
 
 import re
 from collections.abc import Mapping
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,6 @@ from balloon_warp.outputs.usd.names import identifier, prim_names, show_names
 from balloon_warp.outputs.usd.obstacle import as_gf
 from balloon_warp.outputs.usd.prototypes import Prototypes
 from balloon_warp.outputs.usd.string_curve import string_curve
-from balloon_warp.outputs.usd.velocities import author_velocities
 from balloon_warp.scene.timeline import is_there
 
 Types = Sdf.ValueTypeNames
@@ -48,7 +46,7 @@ class GridWorld:
         plan: ModelPlan,
         row: int,
     ):
-        self.plan, self.layer = plan, world.layer
+        self.plan, self.layer, self.path = plan, world.layer, world.path
         _translated(world, shift)
         for path, value in values.items():
             _say(world, path, value)
@@ -127,7 +125,7 @@ class GridWorld:
         body_poses: NDArray[np.float32],
         torn: NDArray[np.int8],
     ) -> None:
-        """Write a frame's samples, without velocities, see `write_velocities`.
+        """Write a frame's samples, without velocities.
 
         The arrays have shape (particle_count, 3), (sphere_count, 3), (body_count, 7) and (face_count,), or (0,).
         """
@@ -185,21 +183,10 @@ class GridWorld:
         first = sum(shape.mesh.face_count for shape in self.plan.shapes[:number])
         return values[first : first + self.plan.shapes[number].mesh.face_count]
 
-    def write_velocities(self, time: int, source: Sdf.Layer) -> None:
-        """Write the velocities of a frame, from the points in `source`, a layer of the same worlds."""
-        for point_path, velocity_path, _ in self._balloons:
-            author_velocities(self.layer, velocity_path, source, point_path, time)
-
-    def copy(self, source: Sdf.Layer, time: int) -> None:
-        """Write a frame's samples as they are in another stage of the same worlds, in the order of `write`."""
-        balloons = ((points, extent) for points, _, extent in self._balloons)
-        knots = (paths for _, paths in self._knots.values())
-        each = (balloons, self._strings, self._bodies, knots)
-        balloons, strings, bodies, knots = (chain.from_iterable(paths) for paths in each)
-        lasting = (path for path, _ in self._lasting)
-        corners = (path for _, path in self._corners)
-        for path in chain(balloons, corners, self._spheres, bodies, strings, knots, self.obstacles.paths, lasting):
-            self.layer.SetTimeSample(path, time, source.QueryTimeSample(path, time))
+    @property
+    def moving(self) -> list[tuple[Sdf.Path, Sdf.Path]]:
+        """Attributes of the points and the velocities of each balloon."""
+        return [(points, velocities) for points, velocities, _ in self._balloons]
 
     def _held(self, number: int, points: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return the points of the balloon that a string holds."""

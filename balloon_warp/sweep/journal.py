@@ -3,10 +3,9 @@
 from pydantic import TypeAdapter
 
 from balloon_warp.model import Remark
+from balloon_warp.resume import Checkpoints, Part
 from balloon_warp.sweep.blow_ups import Failures
 from balloon_warp.sweep.output import BatchOutput
-from balloon_warp.sweep.resume.checkpoints import BatchCheckpoints
-from balloon_warp.sweep.resume.parts import Part
 from balloon_warp.sweep.shares import ShareResult
 from balloon_warp.sweep.task import BatchTask
 
@@ -24,10 +23,10 @@ class ShareJournal:
         device_kind: "cpu" or "cuda", on which the cut depends.
 
     Raises:
-        InputError: as `BatchCheckpoints.take_up`.
+        InputError: as `Checkpoints.take_up`.
     """
 
-    def __init__(self, task: BatchTask, output: BatchOutput, checkpoints: BatchCheckpoints, device_kind: str):
+    def __init__(self, task: BatchTask, output: BatchOutput, checkpoints: Checkpoints, device_kind: str):
         self._output, self._checkpoints = output, checkpoints
         self._frames = range(task.scene.frames + 1)
         self.schedules: dict[int, str] = {}

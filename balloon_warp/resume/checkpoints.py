@@ -1,8 +1,10 @@
-"""Checkpoints of an unfinished batch: parts of its table and its stage, and the state at their end."""
+"""Checkpoints of an unfinished job: parts of its output, and the states that they end with."""
 
+import json
 import time
 import zipfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,67 +13,66 @@ from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
 from balloon_warp.outputs.npz import write_npz
-from balloon_warp.provenance import installed_versions
-from balloon_warp.resume import PartialFolder, as_json, differences
-from balloon_warp.sweep.output import BatchOutput
-from balloon_warp.sweep.resume.parts import Part, read_part, write_rows
-from balloon_warp.sweep.task import BatchTask
+from balloon_warp.resume.folder import PartialFolder
+from balloon_warp.resume.part import Output, Part
+from balloon_warp.resume.same_job import as_json, differences
+from balloon_warp.scene import Scene
 
 if TYPE_CHECKING:
-    from balloon_warp.outputs.usd.grid import GridWriter
+    from balloon_warp.outputs.usd.growing import GrowingStage
 
-PARTIAL_NAME, PLAYLIST, STILL = "partial", "worlds.usda", "still.usdc"
+CHECKPOINT_SECONDS = 30.0
+"""Time between two checkpoints [s]: the most that a kill costs"""
+PLAYLIST, STILL = "frames.usda", "still.usdc"
 
 
-class BatchCheckpoints:
-    """Keeps a batch safe as it goes.
+class Checkpoints:
+    """Keeps a job safe as it goes: a run, or a batch.
 
-    A checkpoint is a part of the table, `rows_NUMBER.npz`, that of the stage which goes with it, `worlds_NUMBER.usdc`,
-    and where each group's simulation goes on, `state_FRAME_GROUP.npz`; `worlds.usda` plays all of them.
+    A checkpoint is where the simulation of each group goes on, `state_FRAME_GROUP.npz`, the part of the stage since the
+    last, `frames_NUMBER.usdc`, and what goes with it, `rows_NUMBER.npz`; `frames.usda` plays all of them.
 
     Each file appears whole, a part's rows last: a part without them is no part, and a state that no rows lead up to is
     not gone on from.
 
     Args:
-        task: the batch.
-        description: of it, as of `describe_batch`.
-        seconds: between two checkpoints; 0 for none but the last of a batch that is stopped.
+        folder: where they are, or will be.
+        kind: of the job, in sentences: "run" or "batch".
+        job: what the bits of the job depend on.
+        scene: what the stage shows.
+        seconds: between two checkpoints; 0 for none but the last of a job that is stopped.
         resume: whether to go on from those that are there.
         on_note: told what is there, in a sentence.
     """
 
     def __init__(
         self,
-        task: BatchTask,
-        description: Mapping[str, Any],
-        seconds: float,
-        resume: bool,
-        on_note: Callable[[str], None],
+        folder: Path,
+        kind: str,
+        job: Mapping[str, Any],
+        scene: Scene,
+        *,
+        seconds: float = CHECKPOINT_SECONDS,
+        resume: bool = False,
+        on_note: Callable[[str], None] = lambda sentence: None,
     ):
         self.seconds, self.resume, self.on_note = seconds, resume, on_note
-        self.folder = PartialFolder(task.folder / PARTIAL_NAME)
-        self._job: dict[str, Any] = {
-            **description,
-            "substeps": task.groups[0].plan.substeps,
-            "on_blowup": task.on_blowup,
-            "trajectories": task.trajectories.as_json() if task.trajectories else None,
-            "versions": installed_versions(),
-        }
+        self.folder = PartialFolder(folder)
+        self._kind, self._job, self._scene = kind, dict(job), scene
         self._begun = False
-        """Whether the folder belongs to this batch"""
+        """Whether the folder belongs to this job"""
         self._begins: list[int] = []
         """First frame of each part"""
-        self._scene = task.scene
         self._saved_at = time.monotonic()
 
-    def take_up(self, output: BatchOutput, **how: Any) -> Iterator[Part]:
+    def take_up(self, output: Output, **how: Any) -> Iterator[Part]:
         """Put the saved parts into the output, one by one, in the order in which they were saved.
 
         Args:
             how: Place and schedule of the simulation, on which its bits depend besides its description.
 
         Raises:
-            InputError: It is of another batch, or is damaged, or something else is in its place.
+            InputError: It is of another job, or is damaged, or something else is in its place.
         """
         self._job = as_json({**self._job, **how})
         self.folder.require_own()
@@ -80,8 +81,8 @@ class BatchCheckpoints:
         if not self.resume:
             if is_there:
                 self.on_note(
-                    f"{path} has part of an earlier batch, from which --resume would have gone on; it is kept as "
-                    f"{self.folder.aside.name} until this one is done"
+                    f"{path} has part of an earlier {self._kind}, from which --resume would have gone on; it is kept "
+                    f"as {self.folder.aside.name} until this one is done"
                 )
             return
         if not is_there:
@@ -90,29 +91,28 @@ class BatchCheckpoints:
         if different := list(differences(self.folder.job(), self._job)):
             more = f", and {len(different) - 1} more" if len(different) > 1 else ""
             raise InputError(
-                f"--resume: {path} is of another batch: {different[0]}{more}; expected the same worlds, versions and "
-                "device, or no --resume to start anew"
+                f"--resume: {path} is of another {self._kind}: {different[0]}{more}; expected the same inputs, "
+                "versions and device, or no --resume to start anew"
             )
         self.folder.go_on()
         self._begun = True
         while self._rows.exists():
-            part = read_part(output, self._rows, self._stage)
+            part = self._read_part(output)
             self._begins.append(part.frames.start)
             yield part
 
-    def restore(self, frame: int, group: int, *restores: Callable[[Mapping[str, NDArray]], None]) -> None:
-        """Hand over the arrays of a group that were saved with a frame.
+    def restore(self, begin: int, restores: Sequence[Callable[[Mapping[str, NDArray]], None]]) -> None:
+        """Hand each group the arrays that were saved with the frame before the first that is missing.
 
         Raises:
             InputError: they are not there, or damaged.
         """
-        path = self._state(frame, group)
-        try:
-            with np.load(path) as saved:
-                for restore in restores:
-                    restore(saved)
-        except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
-            raise InputError(f"{path}: cannot be read: {error}; expected a checkpoint") from None
+        if begin == 0:
+            return
+        for group, restore in enumerate(restores):
+            with _reading(path := self._state(begin - 1, group), "a checkpoint"), np.load(path) as saved:
+                restore(saved)
+        self.on_note(f"goes on after frame {begin - 1}, from {self.folder.path}")
 
     @property
     def due(self) -> bool:
@@ -124,6 +124,8 @@ class BatchCheckpoints:
         """Advice to a user without the output."""
         if not self._begun:
             return "nothing was written"
+        if (playlist := self.folder.path / PLAYLIST).exists():
+            return f"{playlist} plays what there is, and --resume goes on from it"
         return f"{self.folder.path} has what there is, and --resume goes on from it"
 
     def save_state(self, frame: int, group: int, arrays: Iterable[tuple[str, NDArray]]) -> None:
@@ -136,7 +138,7 @@ class BatchCheckpoints:
         with self.folder.file(self._state(frame, group).name) as path:
             write_npz(path, arrays)
 
-    def save_part(self, output: BatchOutput, part: Part) -> None:
+    def save_part(self, output: Output, part: Part) -> None:
         """Save a part of what is in the output; states of earlier frames are not needed any more.
 
         Raises:
@@ -147,7 +149,14 @@ class BatchCheckpoints:
         if output.stage:
             output.stage.write_part(self._stage, part.frames, part.groups)
             self._write_playlist(output.stage, begins, part.frames[-1])
-        write_rows(output, part, self._rows)
+        arrays = {
+            "frames": np.array(part.frames, dtype=np.int32),
+            "groups": np.array(part.groups, dtype=np.int32),
+            "notes": np.array(json.dumps(part.notes)),
+            **output.rows(part),
+        }
+        with self.folder.file(self._rows.name) as path:
+            write_npz(path, arrays.items())
         self._begins = begins
         for state in self.folder.path.glob("state_*.npz"):
             if int(state.stem.split("_")[1]) < part.frames[-1]:
@@ -155,7 +164,7 @@ class BatchCheckpoints:
         self._saved_at = time.monotonic()  # what takes long to save is saved less often
 
     def remove(self) -> None:
-        """Remove the checkpoints once the whole output exists; those of another batch stay."""
+        """Remove the checkpoints once the whole output exists; those of another job stay."""
         if self._begun:
             self.folder.remove()
 
@@ -165,7 +174,17 @@ class BatchCheckpoints:
             self._begun = True
         self._saved_at = time.monotonic()
 
-    def _write_playlist(self, stage: "GridWriter", begins: Sequence[int], last: int) -> None:
+    def _read_part(self, output: Output) -> Part:
+        """Copy the next part into an output, of the stage, too, if there is one."""
+        with _reading(self._rows, f"a part of a {self._kind}"), np.load(self._rows) as saved:
+            frames = range(int(saved["frames"][0]), int(saved["frames"][-1]) + 1)
+            part = Part(frames, saved["groups"].tolist(), json.loads(str(saved["notes"])))
+            output.take_rows(part, saved)
+        if output.stage:
+            output.stage.copy_part(self._stage, part.frames, part.groups)
+        return part
+
+    def _write_playlist(self, stage: "GrowingStage", begins: Sequence[int], last: int) -> None:
         """Write a stage of all parts: one after the other, or, of shares, which begin alike, together."""
         from balloon_warp.outputs.usd.playlist import write_overlay, write_playlist  # loads USD: only for a stage
 
@@ -193,4 +212,17 @@ class BatchCheckpoints:
 
 
 def _stage_name(part: int) -> str:
-    return f"worlds_{part:06d}.usdc"
+    return f"frames_{part:06d}.usdc"
+
+
+@contextmanager
+def _reading(path: Path, what: str) -> Iterator[None]:
+    """Say of a file that is damaged or not there what was expected.
+
+    Raises:
+        InputError: it is.
+    """
+    try:
+        yield
+    except (OSError, ValueError, KeyError, IndexError, zipfile.BadZipFile) as error:
+        raise InputError(f"{path}: cannot be read: {error}; expected {what}") from None
