@@ -217,16 +217,16 @@ def test_the_line_of_status_says_how_fast_time_runs_and_why():
         return found[2], found[1]
 
     assert said() == ("<b>2.00 s</b> · real time", "")
-    assert said(running=False) == ("<b>2.00 s</b> · stands still", "")
+    assert said(running=False) == ("<b>2.00 s</b> · paused", "")
     assert said(busy=1.26) == ("<b>2.00 s</b> · getting ready: 1.3 s", COMPILING)
     assert said(recorded_seconds=1.5)[0].endswith(" · ● 1.5 s")
-    assert said(speed=0.5, rate=0.49) == ("<b>2.00 s</b> · 0.49 of real time", "")
+    assert said(speed=0.5, rate=0.49) == ("<b>2.00 s</b> · 0.49x real time", "")
     slow, why = said(rate=0.5, step_seconds=2.0 / 60.0)
     assert (slow, why) == (
-        "<b>2.00 s</b> · 0.50 of real time",
-        "slower than asked: to simulate a frame takes 33 ms, and one is due every 17 ms",
+        "<b>2.00 s</b> · 0.50x real time",
+        "slower than requested: a frame takes 33 ms, and one is due every 17 ms",
     )
-    assert said(rate=0.5, step_seconds=0.006)[1].endswith("is busy with other things than the 6 ms that a frame takes")
+    assert said(rate=0.5, step_seconds=0.006)[1].endswith("this machine is busy; simulating a frame takes 6 ms")
 
 
 @pytest.mark.parametrize(

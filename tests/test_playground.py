@@ -266,7 +266,7 @@ def test_a_journal_does_not_grow_forever(monkeypatch):
         playground.set("gravity", float(value))
         playground.step()
     assert len(playground.journal.changes) == 5
-    with pytest.raises(InputError, match="more was done since the start than the 5 entries"):
+    with pytest.raises(InputError, match="the journal of changes is full, at 5 entries"):
         playground.journal.scene(9)
 
 

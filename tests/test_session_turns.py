@@ -51,7 +51,7 @@ def test_a_simulation_that_fails_says_so_and_can_begin_anew(
     until = time.perf_counter() + 60.0
     while not session.picture.trouble and time.perf_counter() < until:
         time.sleep(0.01)
-    assert session.picture.trouble == "It stopped. The terminal says why. Reset begins anew."
+    assert session.picture.trouble == "The simulation failed; the terminal has the error. Reset restarts it."
     assert not session.picture.running
     monkeypatch.setattr(Playground, "step", step)
     session.reset()

@@ -163,7 +163,7 @@ def test_reset_goes_back_to_the_start(fresh, served):
 
 def test_a_blow_up_is_caught_and_undone(fresh, served):
     asked(served, 40)
-    click_inside(fresh, "Advanced", "as many substeps as stability asks")
+    click_inside(fresh, "Advanced", "keep the step stable")
     unfold(fresh, "Balloon", "structural springs")
     stiffness = "structural springs"
     # Softer, which its substeps bear for ever: what is stiffer blows up by itself, and its good states with it.

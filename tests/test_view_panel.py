@@ -62,7 +62,7 @@ def test_a_number_stays_within_its_slider_and_says_so(fresh, served):
 
     unfold(fresh, "Balloon", "structural springs")
     slide(fresh, "structural springs", 1e9, lambda: stiffness() == 400.0)
-    see(fresh, served, fresh.get_by_text("structural springs: 400 is the most here").first.is_visible, "it says so")
+    see(fresh, served, fresh.get_by_text("structural springs: 400 is the maximum here").first.is_visible, "it says so")
     assert dial.slider.value == 1.0
     slide(fresh, "structural springs", 4.0, lambda: stiffness() == 4.0)
     assert dial.slider.value == pytest.approx(-1.0)
