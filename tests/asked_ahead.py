@@ -8,8 +8,8 @@ from balloon_warp.viewer.ahead import Ahead
 
 
 class AskedAhead(Ahead):
-    """Is asked to compile what hands may do, and does not, as test_view_ahead.py does: on a machine of two cores that
-    is time that the page itself lacks."""
+    """Stand-in that records the scenes to compile and compiles none, as test_view_ahead.py does: on a machine of two
+    cores compilation would take time that the page itself lacks."""
 
     def __init__(self) -> None:
         super().__init__()

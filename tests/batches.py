@@ -21,7 +21,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 
 def tamper(job: Path, path: str, value: object) -> None:
-    """Have a job say something else."""
+    """Change the contents of a saved job."""
     said = json.loads(job.read_text())
     *above, name = path.split(".")
     place = said[above[0]] if above else said
@@ -31,7 +31,7 @@ def tamper(job: Path, path: str, value: object) -> None:
 
 
 def watch_names(monkeypatch: pytest.MonkeyPatch) -> set[Path]:
-    """The files that get their names once they are whole, from here on."""
+    """Return the list of files that are renamed into place from here on, each once it is whole."""
     whole, replace = set(), os.replace
 
     def name(source: Path, target: Path) -> None:
@@ -43,21 +43,21 @@ def watch_names(monkeypatch: pytest.MonkeyPatch) -> set[Path]:
 
 
 class Spy:
-    """Pickle that does what it likes when it is read."""
+    """Pickle that runs code when it is loaded."""
 
     def __reduce__(self) -> tuple:
         return os.mkdir, ("run",)
 
 
 def plant_spy(path: Path, array: str) -> None:
-    """Put a pickle, which makes the folder `run` when it is read, in the place of an array of an .npz file."""
+    """Replace an array of an .npz file by a pickle that makes the folder `run` when it is loaded."""
     with np.load(path) as saved:
         arrays = dict(saved)
     np.savez(path, **{**arrays, array: np.array([Spy()], dtype=object)})
 
 
 def press_ctrl_c_once(begun: Callable[[int], bool]) -> Callable[[int], None]:
-    """At the first frame of which that is true."""
+    """Return a callback that sends SIGINT once, at the first frame for which `begun` is true."""
     pressed: list[int] = []
 
     def press(frame: int) -> None:

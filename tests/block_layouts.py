@@ -1,4 +1,4 @@
-"""Layouts that only a GPU chooses by itself, for a CPU, where a block is one thread."""
+"""Block layouts that only a GPU chooses by itself, for a CPU, where a block is one thread."""
 
 from collections.abc import Callable
 

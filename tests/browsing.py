@@ -1,4 +1,4 @@
-"""A person at the page, in a browser: for the tests of it."""
+"""Helpers that act as a person at the page, in a browser."""
 
 import contextlib
 import time
@@ -23,7 +23,7 @@ PATIENCE = 10.0
 
 
 def tethered() -> Scene:
-    """Small, so that a machine that renders in software keeps up."""
+    """Return a ball on a string, small enough for software rendering to keep up."""
     return Scene(
         normals="cached",
         balloon=[
@@ -62,8 +62,8 @@ def open_window(browser, served: Page, fetched: list[str] | None = None):
 
 
 def see(window, served: Page, happened: Callable[[], object], what: str) -> None:
-    """Wait until a window shows something. A window that is behind and shows nothing new at all, as where a browser
-    without a GPU lost what it draws with, is loaded again: so would a person."""
+    """Wait until a window shows something, and reload it if it draws nothing new, as a person would: a browser without
+    a GPU may lose its WebGL context."""
     seen, deadline = [time_shown(window), time.monotonic()], time.monotonic() + LIMIT
     while not happened():
         now, shown = time.monotonic(), time_shown(window)
@@ -77,12 +77,12 @@ def see(window, served: Page, happened: Callable[[], object], what: str) -> None
 
 
 def time_shown(window) -> str:
-    """Simulated time, as the panel has it: "1.23 s"."""
+    """Return the simulated time that the panel shows, such as "1.23 s"."""
     return window.evaluate("(/[0-9.]+ s(?= ·)/.exec(document.body.innerText) || [''])[0]")
 
 
 def again(act: Callable[[], object], happened: Callable[[], object], what: str) -> None:
-    """Do something until it has happened: again, as people do, where the machine was too busy to notice."""
+    """Repeat an action until it has its effect, as people do where the machine was too busy to notice."""
     for _ in range(int(LIMIT / PATIENCE)):
         act()
         with contextlib.suppress(AssertionError):
@@ -95,7 +95,7 @@ def volume(served: Page) -> float:
 
 
 def asked(served: Page, frames: int = 2) -> None:
-    """Some frames pass, so that what was asked is done and seen."""
+    """Wait for some frames, so that a request is carried out and its result seen."""
     number = served.session.picture.frame.number
     wait_until(lambda: served.session.picture.frame.number >= number + frames, "frames pass")
 
@@ -127,7 +127,7 @@ def unfold(window, folder: str, inside: str) -> None:
 
 
 def click_inside(window, folder: str, label: str) -> None:
-    """Click inside a folder, even if a panel that is made anew meanwhile has folded it again."""
+    """Click inside a folder, even if a panel rebuilt meanwhile has folded it again."""
     for patience in (5_000, 10_000, 30_000):  # [ms]
         unfold(window, folder, label)
         with contextlib.suppress(playwright.TimeoutError):
@@ -146,7 +146,7 @@ def redness(window) -> int:
 
 
 def middle_of_the_balloon(window) -> tuple[float, float]:
-    """Right and down from the window's corner, once it is drawn."""
+    """Return the balloon's center in the window, right and down from its corner, once it is drawn."""
     wait_until(lambda: red(window)[:, 320:].any(), "the balloon is drawn")  # beside the messages
     rows, columns = np.nonzero(red(window)[:, 320:])
     return 320.0 + float(columns.mean()), float(rows.mean())

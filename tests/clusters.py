@@ -12,12 +12,12 @@ from balloon_warp.mesh.obj import write_obj
 
 
 def address_of(workers: Any) -> str:
-    """Address of the scheduler of workers, which Dask's types take for something to wait for."""
+    """Return the address of the workers' scheduler, which Dask's types take for an awaitable."""
     return workers.scheduler_address
 
 
 def batch(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
-    """Exit status of the command."""
+    """Run the command in this process and return its exit status."""
     monkeypatch.setattr(sys, "argv", ["balloon-warp", "batch", "ball.obj", *arguments])
     with pytest.raises(SystemExit) as ended:
         main()

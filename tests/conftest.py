@@ -62,8 +62,8 @@ LONGEST = ("crowded", "bundled", "matrix", "gradients", "block_layouts")
 
 
 class ByGroups(LoadScopeScheduling):
-    """Tests of a group share kernels and simulations, which one process makes once. The groups of xdist itself, by
-    marks, are lost in pytest 9.2."""
+    """Distribution of tests by groups: tests of a group share kernels and simulations, which one process makes once.
+    The groups of xdist itself, by marks, are lost in pytest 9.2."""
 
     def _split_scope(self, nodeid: str) -> str:
         return group_of(nodeid)
@@ -83,7 +83,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The longest come first, or a process has nothing to do while another ends; the brief come last, so that a process
+    """Sort the longest groups first, so that no process idles at the end, and the brief ones last, so that a process
     changes its level of optimization once."""
     for item in items:
         if is_left_to_the_matrix(item):
@@ -92,8 +92,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def group_of(nodeid: str) -> str:
-    """A file, or some files together, or a scene of methods in all schedules: test_matrix.py simulates it in `scatter`
-    once."""
+    """Return the group of a test: its file, some files together, or a scene of methods in all schedules, which
+    test_matrix.py simulates once in `scatter`."""
     file, _, test = nodeid.partition("::")
     name = Path(file).stem.removeprefix("test_")
     if name == "matrix" and (asked := test.partition("[")[0]) in OF_METHODS:
@@ -105,7 +105,7 @@ def group_of(nodeid: str) -> str:
 
 
 def is_left_to_the_matrix(item: pytest.Item) -> bool:
-    """Return whether a test is one of physics that a CPU need not do in this schedule."""
+    """Return whether a test is one of physics that a CPU may skip in this schedule."""
     file, call = item.path.stem.removeprefix("test_"), getattr(item, "callspec", None)
     if file not in PHYSICS or call is None or call.params.get("device") != "cpu":
         return False
@@ -114,20 +114,20 @@ def is_left_to_the_matrix(item: pytest.Item) -> bool:
 
 
 def is_brief(item: pytest.Item) -> bool:
-    """Return whether a test's kernels stay as they are written: not if it is marked as `long` in such a file."""
+    """Return whether a test's kernels are compiled unoptimized: all of a brief file, unless marked as `long`."""
     group = group_of(item.nodeid)
     return (group.startswith("matrix ") or group in BRIEF) and not item.get_closest_marker("long")
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """A GPU's tests are left as they are: the same option is for both devices."""
+    """Set the level of optimization for a test, on a CPU only: the option is shared by both devices."""
     if group_of(item.nodeid) != "crowded" and hasattr(os, "nice") and os.nice(0) == 0:
         os.nice(5)  # for good: those whose clocks go on come first
     compile_at(0 if is_brief(item) and not wp.is_cuda_available() else None)
 
 
 def compile_at(level: int | None) -> None:
-    """Take that level of optimization for all kernels, those that are loaded, too: two levels round differently."""
+    """Set the level of optimization for all kernels, loaded ones included: two levels round differently."""
     if level == wp.config.optimization_level:
         return
     wp.config.optimization_level = level
@@ -137,7 +137,7 @@ def compile_at(level: int | None) -> None:
 
 @pytest.fixture(params=["cpu", "cuda:0"])
 def device(request: pytest.FixtureRequest) -> str:
-    """Each device; the GPU's tests skip themselves where there is none."""
+    """Return each device in turn; tests of the GPU are skipped where there is none."""
     if request.param != "cpu" and not wp.is_cuda_available():
         pytest.skip("needs a GPU")
     return request.param
@@ -145,7 +145,7 @@ def device(request: pytest.FixtureRequest) -> str:
 
 @pytest.fixture
 def gpu() -> wp.Device:
-    """The first."""
+    """Return the first GPU."""
     if not wp.is_cuda_available():
         pytest.skip("needs a GPU")
     return wp.get_device("cuda:0")
@@ -153,7 +153,7 @@ def gpu() -> wp.Device:
 
 @pytest.fixture(params=["gather", "lanes", "octets", "block"])
 def schedule(request: pytest.FixtureRequest, device: str) -> str:
-    """Each schedule that is tested against `scatter`, where it runs."""
+    """Return each schedule that is tested against `scatter`, where it runs."""
     if request.param in ("lanes", "octets") and device != "cpu":
         pytest.skip(f"{request.param} is for the CPU")
     return request.param
@@ -161,7 +161,7 @@ def schedule(request: pytest.FixtureRequest, device: str) -> str:
 
 @pytest.fixture(scope="session", autouse=True)
 def ctrl_c_of_this_process() -> Iterator[None]:
-    """Ctrl-C reaches the tests and what they start, though they run where a shell has told them to ignore it."""
+    """Restore the default SIGINT handler, so that Ctrl-C reaches the tests where a shell has told them to ignore it."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
@@ -169,8 +169,8 @@ def ctrl_c_of_this_process() -> Iterator[None]:
 
 @pytest.fixture(scope="session", autouse=True)
 def package_of_this_process() -> Iterator[None]:
-    """Every process that a test starts imports the package that the tests import, wherever it starts: an installed
-    copy may be another."""
+    """Put the tested package first on the path of every process that a test starts, as an installed copy may be
+    another."""
     tested = str(Path(balloon_warp.__path__[0]).resolve().parent)
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PYTHONPATH", tested, prepend=os.pathsep)

@@ -19,7 +19,7 @@ def masses(simulator: Simulator) -> NDArray[np.float64]:
 
 
 def motion(simulator: Simulator) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Points [m] and velocities [m/s] of the particles, shape (particle_count, 3)."""
+    """Return the points [m] and velocities [m/s] of the particles, shape (particle_count, 3)."""
     state = simulator.state
     return state.points.numpy()[0].astype(np.float64), state.velocities.numpy()[0].astype(np.float64)
 
@@ -48,7 +48,7 @@ def energy(simulator: Simulator) -> float:
 
 
 def put(simulator: Simulator, points: NDArray | None = None, velocities: NDArray | None = None) -> None:
-    """Particles to where they are to be, all worlds alike, shape (particle_count, 3)."""
+    """Set the places of the particles, all worlds alike, shape (particle_count, 3)."""
     for array, values in ((simulator.state.points, points), (simulator.state.velocities, velocities)):
         if values is not None:
             rows = np.broadcast_to(values, (*array.shape, 3))

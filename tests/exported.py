@@ -1,4 +1,4 @@
-"""A small stage with one of each that exports have to do with."""
+"""Small stage with one of each kind of thing that an export handles."""
 
 from pathlib import Path
 
@@ -53,5 +53,5 @@ def points(path: Path, prim: str, frame: float) -> np.ndarray:
 
 
 def turned(stage: Usd.Stage) -> np.ndarray:
-    """Turns row vectors of a stage so that Y is up."""
+    """Return the rotation that turns row vectors of a stage so that Y is up."""
     return np.eye(3) if UsdGeom.GetStageUpAxis(stage) == "Y" else np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])

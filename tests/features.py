@@ -35,18 +35,18 @@ def features(model: Model) -> set[str]:
 
 
 def switches(features: Features) -> dict[str, int]:
-    """Return all features but the laws, on or off, or how many."""
+    """Return all features but the laws: whether each is on, or how many there are."""
     return {name: value for name, value in features._asdict().items() if isinstance(value, int)}
 
 
 def meetings(found: set[str]) -> set[tuple[str, ...]]:
-    """Features, and each two of them that a model has, and not only lacks."""
+    """Return the features that a model has, and each pair of two."""
     there = sorted(name for name in found if not name.endswith("False"))
     return {(name,) for name in found} | set(combinations(there, 2))
 
 
 def some_with_all(shown: dict[str, set]) -> list[str]:
-    """Names of some that show everything that all show between them: always the one next that adds most."""
+    """Return names of a few items that have between them what all have, by greedy cover."""
     left, found = set().union(*shown.values()), []
     while left:
         found.append(max(shown, key=lambda name: len(shown[name] & left)))
@@ -56,7 +56,7 @@ def some_with_all(shown: dict[str, set]) -> list[str]:
 
 @cache
 def bundled(name: str) -> Scene:
-    """A bundled scene, the same object each time."""
+    """Return a bundled scene, the same object each time."""
     return load_scene(name)
 
 
@@ -67,5 +67,5 @@ def bundled_model(name: str, device: str = "cpu") -> Model:
 
 @cache
 def some_bundled_scenes() -> list[str]:
-    """Some with all that all of them have."""
+    """Return names of a few bundled scenes that cover the features of all."""
     return some_with_all({name: features(bundled_model(name)) for name in bundled_scenes()})

@@ -12,10 +12,10 @@ Array = np.ndarray
 
 
 def wet_integrals(depths: Array) -> tuple[Array, Array]:
-    """Means over a triangle of depth times barycentric coordinate, and of the coordinate, where the depth is positive.
+    """Return the means over a triangle of depth times barycentric coordinate, and of the coordinate, where the depth is
+    positive.
 
-    Of a polynomial over the wet polygon, cut into triangles.
-    """
+    They are exact integrals of a polynomial over the wet polygon, cut into triangles."""
     corners = np.eye(3)
     polygon = []
     for a, b, first, second in zip(corners, np.roll(corners, -1, axis=0), depths, np.roll(depths, -1), strict=True):
@@ -35,7 +35,7 @@ PHASES = np.array([(hashed(hashed(hashed(number))) >> 8) * 2.0**-24 for number i
 
 
 def gusts(place: Array) -> Array:
-    """The sum of all waves of seed 0, each of them about a sine."""
+    """Return the sum of all waves of seed 0, each about a sine."""
     turns = place @ VECTORS.T + PHASES
     part = turns - np.floor(turns) - 0.5
     arch = part * (16.0 * np.abs(part) - 8.0)
@@ -49,8 +49,7 @@ NEAR = 2e-6
 def let_through(obstacle: Any, start: Array, x: Array) -> tuple[Array, Array, Array, Array]:
     """Return the stopped particles, the places and normals there, and the remaining part of each path.
 
-    A way that comes from beside the plane at its end is stopped where it comes in, and slides on along the plane there.
-    """
+    A path that enters a plane from beside it is stopped at the entry, and slides on along the plane."""
     way = np.linalg.norm(x - start, axis=1, keepdims=True)
     ahead, near = (
         (x - start) / np.maximum(way, 1e-30),
@@ -79,7 +78,7 @@ def let_through(obstacle: Any, start: Array, x: Array) -> tuple[Array, Array, Ar
 
 
 def surface(obstacle: Any, x: Array) -> tuple[Array, Array]:
-    """The signed distance of a box, capsule or plane at rest, with the y axis up, and its normal."""
+    """Return the signed distance of a box, capsule or plane at rest, with the y axis up, and its normal."""
     turn = Rotation.from_euler("xyz", obstacle.rotation, degrees=True)
     here = turn.inv().apply(x - np.array(obstacle.position))
     if obstacle.shape == "plane":
@@ -99,7 +98,7 @@ def surface(obstacle: Any, x: Array) -> tuple[Array, Array]:
 
 
 def rolled(sphere: dict[str, Any], up: Array, h: float, gravity: float, height: float, restitution: float) -> None:
-    """Move a sphere by a step: under its force, and beside the ground, on which it rubs as a solid ball."""
+    """Advance a sphere by a step: under its force, and rolling on the ground as a solid ball."""
     v = sphere["velocities"] + h * (sphere["force"] / sphere["mass"] - gravity * up)
     x, w, radius = sphere["positions"] + h * v, sphere["spins"], sphere["radius"]
     depth = height + radius - x @ up
@@ -116,7 +115,7 @@ def rolled(sphere: dict[str, Any], up: Array, h: float, gravity: float, height: 
 
 
 def out_of_sphere(sphere: dict[str, Any], x: Array, v: Array) -> tuple[Array, Array, Array]:
-    """Places and velocities outside of a sphere, and the way out of those that were in it."""
+    """Return places and velocities projected out of a sphere, and the normals of those that were in it."""
     arm = x - sphere["positions"]
     distance = np.linalg.norm(arm, axis=1, keepdims=True)
     outward = np.where(distance < sphere["radius"], arm / distance, 0.0)
@@ -126,7 +125,7 @@ def out_of_sphere(sphere: dict[str, Any], x: Array, v: Array) -> tuple[Array, Ar
 
 
 def directions(mesh: Any, x: Array) -> Array:
-    """The paper's (A_p / A_total) n: of the face whose center is nearest, and the mean of the unit normals around."""
+    """Return the paper's (A_p / A_total) n of the face whose center is nearest, and the mean of the unit normals."""
     normals, nearest, areas, total = np.zeros_like(x), np.full(len(x), np.inf), np.zeros(len(x)), 0.0
     for corners in np.split(mesh.face_vertex_indices, np.cumsum(mesh.face_vertex_counts)[:-1]):
         center = x[corners].mean(axis=0)
@@ -140,14 +139,14 @@ def directions(mesh: Any, x: Array) -> Array:
 
 
 def thrusts(x: Array, neck: Any, opening: float, pressures: Array) -> Array:
-    """Thrust of a jet: 2 C_d A p in shares, against the area vector that the neck's edges enclose."""
+    """Return the thrust of a jet: 2 C_d A p in shares, against the area vector that the neck's edges enclose."""
     first, second = (x[neck.edges[:, end]] for end in (0, 1))
     out = np.cross(first, second).sum(axis=0)
     return -(neck.weights * 2.0 * opening * np.maximum(pressures, 0.0))[:, None] * out / np.linalg.norm(out)
 
 
 def torsion(shape: Any, constant: float, x: Array) -> Array:
-    """The constant times the angle beyond that at rest, along the normals at the wings; their ends bear it."""
+    """Return torsional forces: the constant times the angle beyond that at rest, along the normals at the wings."""
     hinges = shape.hinges
     edge, first, second = hinges.arms(x)
     rest = hinges.angles(shape.mesh.points)
@@ -168,7 +167,7 @@ def torsion(shape: Any, constant: float, x: Array) -> Array:
 def water(
     mesh: Any, x: Array, v: Array, gain: Array, up: Array, gravity: float, level: float, density: float, drag: float
 ) -> Array:
-    """Hydrostatic pressure and drag on the wetted part of the fan of triangles about each face's center."""
+    """Return hydrostatic pressure and drag on the wetted part of the fan of triangles about each face's center."""
     loads, wet = np.zeros_like(x), np.zeros(len(x))
     for corners in np.split(mesh.face_vertex_indices, np.cumsum(mesh.face_vertex_counts)[:-1]):
         center, size = x[corners].mean(axis=0), len(corners)

@@ -1,8 +1,7 @@
-"""A scene's motion in NumPy and double precision: springs or a film, damping, weight, a pressure or a gas, contact.
+"""Motion of a scene in NumPy and double precision: springs or a film, damping, weight, a pressure or a gas, contact.
 
-Contact is with the ground and obstacles. Written from the formulas, not from the kernels, so that differences of it
-tell what gradients are to be. Films are those of `statics`.
-"""
+Contact is with the ground and obstacles. Written from the formulas, not from the kernels, so that its finite
+differences are a reference for gradients. Films are those of `statics`."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -28,11 +27,9 @@ Array = np.ndarray
 def motion(
     scene: Scene, values: Mapping[str, float] | None = None, shifts: tuple[Any, Any] = (0.0, 0.0)
 ) -> tuple[Array, Array, Array]:
-    """Places and velocities of the first balloon in all frames, shape (frames + 1, n, 3), and its pressures.
+    """Return places and velocities of the first balloon in all frames, shape (frames + 1, n, 3), and its pressures.
 
-    Args:
-        shifts: what is added to places and velocities at the start, with the amount of gas as it is.
-    """
+    Args: shifts: offsets of places and velocities at the start, with the amount of gas unchanged."""
     told = dict(values or {})
     changes = [change.model_copy(update={"set": dict(change.set)}) for change in scene.change]
     for path in [path for path in told if path.startswith("change.")]:
@@ -63,7 +60,7 @@ class _Motion:
         self.spheres = [self._sphere(number) for number in range(len(scene.sphere))]
 
     def _sphere(self, number: int) -> dict[str, Any]:
-        """A sphere's state and numbers."""
+        """State and parameters of a sphere."""
         starts = {name: self.p[f"initial_sphere_{name}"][0, number] for name in ("positions", "velocities", "spins")}
         numbers = {name: self.p[f"sphere_{name}"][0, number] for name in ("mass", "radius", "penalty")}
         friction = self.p[FRICTION][0, 1 + len(self.scene.obstacle) + number, 0]
@@ -117,7 +114,7 @@ class _Motion:
         return self.moles * GAS_CONSTANT * self.of("air_temperature") / STANDARD_PRESSURE
 
     def _pump(self, frame: int, part: float) -> None:
-        """Gas that is pumped, by keyframes, or a number of moles in some time."""
+        """Return the gas that is pumped in: by keyframes, or as a number of moles in some time."""
         if not self.gas:
             return
         self.moles += self.h * self._given(frame, part + 0.5 / self.plan.substeps)
@@ -170,7 +167,7 @@ class _Motion:
         return force
 
     def _wind(self, x: Array) -> Array:
-        """The power law of the wind's growth with height, and gusts, which the wind carries along."""
+        """Return the wind by the power law of height, with gusts that it carries along."""
         wind = np.ravel(self.p["wind"][0])
         heights = np.clip(x @ self.up / self.of("wind_height"), 0.0, 10.0)
         growth = heights ** self.of("wind_shear") if self.of("wind_shear") > 0.0 else np.ones(len(x))
@@ -186,7 +183,7 @@ class _Motion:
         return (scale / (area**2).sum(axis=1))[:, None] * area
 
     def _faces(self, x: Array, v: Array) -> Array:
-        """The air's push on faces, which their corners share."""
+        """Return the air's push on faces, shared by their corners."""
         force = np.zeros_like(x)
         if not (self.of("face_drag") or self.of("face_friction")):
             return force
@@ -203,7 +200,7 @@ class _Motion:
         return force
 
     def _given(self, frame: int, part: float) -> float:
-        """Linear over a frame, whose ends alone see keyframes."""
+        """Interpolate linearly over a frame: keyframes are evaluated at its ends alone."""
         times, values = [at for at, _ in self.scene.balloon[0].inflation.keyframes], self.p["keyframe_values"][0, 0]
         first, last = np.interp(
             [frame / self.scene.frames_per_second, (frame + 1) / self.scene.frames_per_second], times, values
@@ -211,8 +208,8 @@ class _Motion:
         return float(first + part * (last - first))
 
     def _find_load(self, x: Array, area: Array, free: Array, gain: Array) -> None:
-        """Load of the gas, with gamma 1, in uniform air, and backward Euler in the direction in which the gas is
-        stiff."""
+        """Return the load of the gas, with gamma 1, in uniform air, by backward Euler in the direction in which the gas
+        is stiff."""
         heights = x @ self.up
         before = self.load[0] + self.load[1] * heights
         course = free + gain * before[:, None] * area
@@ -233,11 +230,9 @@ class _Motion:
         self.load = np.array([self.pressure - rise * height, rise])
 
     def _leak(self, slope: float) -> None:
-        """Bernoulli's law, at the pressure of the substep's end.
+        """Return the leak by Bernoulli's law, at the pressure of the substep's end.
 
-        Args:
-            slope: by which more free volume raises the pressure [Pa/m^3].
-        """
+        Args: slope: derivative of the pressure by the free volume [Pa/m^3]."""
         opening, outside = self.of("leak") + self._opening(), self.of("air_pressure")
         mole, sign = self.free_volume / self.moles, np.sign(self.pressure)
         volume, density = mole * STANDARD_PRESSURE / outside, self._air()  # of what comes in
@@ -263,11 +258,10 @@ class _Motion:
         return out, after
 
     def _stand(self, start: Array, x: Array, v: Array, foreseen: bool = False) -> tuple[Array, Array, Array]:
-        """Obstacles and then the ground: Coulomb's law, what is stopped stops at most so much along the surface.
+        """Resolve contact with obstacles and then the ground by Coulomb's law, with a bounded slide along the surface.
 
-        Places, velocities and the normals of what was touched last. Each contact sees the velocity that the one before
-        has left, or what is foreseen always the same.
-        """
+        Takes places, velocities and the normals of the last contact. Each contact sees the velocity that the one before
+        has left, or always the predicted one."""
         normals = np.zeros_like(x)
         if foreseen:
             for sphere in self.spheres:

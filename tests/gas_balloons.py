@@ -1,4 +1,4 @@
-"""Balloons that hold gas, and what they do."""
+"""Balloons that hold gas, and their states."""
 
 from dataclasses import replace
 
@@ -26,7 +26,7 @@ def octahedron(radius: float = 1.0) -> PolygonMesh:
 
 
 def jittered(mesh: PolygonMesh, by: float = 0.1) -> PolygonMesh:
-    """Faces that are not flat."""
+    """Return a mesh with jittered points, so that its faces are not flat."""
     return replace(mesh, points=mesh.points + np.random.default_rng(0).uniform(-by, by, mesh.points.shape))
 
 

@@ -1,4 +1,4 @@
-"""A .glb file read by its specification alone: nothing here is of the package."""
+"""Reader of .glb files by the specification alone: nothing here is of the package."""
 
 import json
 import struct
@@ -25,7 +25,7 @@ class Glb:
         self.nodes = {node["name"]: node for node in self.said["nodes"]}
 
     def array(self, number: int) -> np.ndarray:
-        """An accessor's numbers."""
+        """Return the numbers of an accessor."""
         accessor = self.said["accessors"][number]
         view = self.said["bufferViews"][accessor["bufferView"]]
         columns = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}[accessor["type"]]

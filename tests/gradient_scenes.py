@@ -1,4 +1,4 @@
-"""Scenes of gradients, a loss, and what differences of a run in double precision say of them."""
+"""Scenes of gradients, a loss, and finite differences of a run in double precision."""
 
 from functools import cache
 from typing import Any
@@ -70,7 +70,7 @@ WIND = {"wind": (6.0, 0.0, 2.0), "shear": 0.3, "wind_height": 2.0, "gusts": 0.2,
 def scene(
     kind: str = "pressure", frames: int = 1, substeps: int = 32, ground: bool = False, rate: float = 60.0, **more: Any
 ) -> bw.Scene:
-    """A ball that flies and turns, low enough that its foot is in the ground, if there is one."""
+    """Return a scene of a ball that flies and turns, low enough that its foot is in the ground, if there is one."""
     inflation: dict[str, Any] = {"kind": "gas", "start_pressure": 500.0} | more.pop("gas", {})
     if kind == "pressure":
         inflation = {"kind": "pressure", "pressure": [[0.0, 20.0], [0.04, 60.0]]}
@@ -90,7 +90,7 @@ def scene(
 
 
 def far(moved: Trajectories) -> tuple[np.ndarray, dict[str, Any]]:
-    """Return the loss by the end's distance from a place, the size on the way, and the speed in the first frame."""
+    """Return the loss: the distance from a place at the end, the size on the way, and the speed in the first frame."""
     points, velocities = ([np.zeros(each.shape)] for each in (moved.points[0], moved.velocities[0]))
     off, speeds = moved.points[0][..., -1, :, :] - TARGET, moved.velocities[0][..., 1, :, :].astype(float)
     points[0][..., -1, :, :], velocities[0][..., 1, :, :] = 2.0 * WEIGHTS * off, 0.2 * speeds
@@ -120,7 +120,7 @@ def value_at(of: bw.Scene, path: str) -> float:
 
 
 def differences(of: bw.Scene, paths: list[str]) -> dict[str, float]:
-    """Central differences, on the ground so narrow that no particle meets it in another substep."""
+    """Return central differences, on the ground so narrow that no particle meets it in another substep."""
     found = {}
     for path in paths:
         value = value_at(of, path)
@@ -222,5 +222,5 @@ LAUNCHED = ("pump, leak and jet", "water", "gas beside spheres", "fresh normals"
 
 
 def ways_of(case: str) -> tuple[str, ...]:
-    """Return the ways backwards that a case can be run in."""
+    """Return the schedules of the backward pass for a case."""
     return ("launched",) if case in LAUNCHED else ("block", "launched")

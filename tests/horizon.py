@@ -1,7 +1,7 @@
-"""Draw how near gradients are to differences in double precision, over ever longer times: `python tests/horizon.py`.
+"""Accuracy of gradients against differences in double precision, over ever longer horizons: `python tests/horizon.py`
+draws it.
 
-A ball of springs with a sealed gas flies, or bounces on the ground. The loss is how high its center is in the end.
-"""
+A ball of springs with a sealed gas flies, or bounces on the ground. The loss is how high its center is in the end."""
 
 import sys
 from pathlib import Path
@@ -35,7 +35,7 @@ def height_in_float64(of: bw.Scene, values: dict[str, float]) -> np.ndarray:
 
 
 def measured(ground: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Gradients and differences, of all horizons and paths."""
+    """Return gradients and differences of all horizons and paths."""
     of = scene("gas", frames=max(FRAMES), ground=ground, velocity=(0.3, -1.0, 0.1), damping=0.02)
     values = {"balloon.stiffness.structural": 100.0, "balloon.velocity.1": -1.0}
     values["balloon.inflation.start_pressure"] = 500.0
@@ -52,7 +52,7 @@ def measured(ground: bool) -> tuple[np.ndarray, np.ndarray]:
 
 
 def main() -> None:
-    """Print and draw."""
+    """Print the errors and draw them."""
     import matplotlib
 
     matplotlib.use("Agg")

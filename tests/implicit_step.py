@@ -8,7 +8,7 @@ from balloon_warp.simulator import Simulator
 
 
 class ImplicitStep:
-    """The objective of one step of backward Euler, its slope and its curvature, in float64 and by loops."""
+    """Objective of one step of backward Euler, its gradient and its Hessian, in float64 and by loops."""
 
     def __init__(self, simulator: Simulator):
         model, state = simulator.model, simulator.state

@@ -14,7 +14,7 @@ FACE = "balloon_warp/__init__.py"
 
 
 def module_of(path: str) -> str:
-    """Name the module that a file is."""
+    """Return the module name of a file."""
     parts = [part for part in Path(path).with_suffix("").parts if part != "__init__"]
     return ".".join(parts if parts[0] in ("balloon_warp", "tests") else ["balloon_warp", *parts])
 
@@ -75,8 +75,8 @@ def _loads_a_module(call: ast.Call) -> bool:
 def _loaded(call: ast.Call, tree: ast.Module) -> Iterator[str]:
     """Find the modules that a call may load.
 
-    Of a text with a beginning of ours in it, they are all that begin so and go on with a text of the file.
-    """
+    A text that begins with a name of ours stands for every module with that beginning whose rest is a text of the
+    file."""
     given = call.args[0]
     if isinstance(given, ast.Constant):
         yield str(given.value)
@@ -89,12 +89,12 @@ def _loaded(call: ast.Call, tree: ast.Module) -> Iterator[str]:
 
 
 def unknown_imports() -> list[str]:
-    """Find the files that load a module of which they do not say which."""
+    """Find the files that load a module by a name that is not written in them."""
     return sorted({path for path, tree in TREES.items() for name in imports(tree) if name.startswith("?")})
 
 
 def graph() -> dict[str, set[str]]:
-    """Find what each file of the package loads of it, packages that stand around a module with it."""
+    """Return the modules of the package that each file loads, with the packages around each."""
     return {path: _loads(path) for path in MODULES.values() if path != FACE}
 
 
@@ -107,7 +107,7 @@ def _loads(path: str) -> set[str]:
 
 
 def circle(loads: dict[str, set[str]]) -> list[str]:
-    """Find files that load each other in a circle, in order; none where there is none."""
+    """Find a cycle of files that load each other, in order; empty where there is none."""
     done: set[str] = set()
 
     def follow(path: str, way: list[str]) -> list[str]:

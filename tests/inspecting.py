@@ -13,7 +13,7 @@ from balloon_warp.mesh import PolygonMesh
 
 
 def with_faces(mesh: PolygonMesh, *faces: list[int]) -> PolygonMesh:
-    """The mesh and more faces."""
+    """Return the mesh with more faces."""
     added = mesh_of([], faces)
     return replace(
         mesh,

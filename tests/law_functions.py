@@ -26,7 +26,7 @@ TYPES = {1: wp.float32, 3: wp.vec3, 4: wp.vec4}
 
 @cache
 def kernel_of(function: Any, types: tuple[str, ...], result: str) -> Any:
-    """The kernel that calls a function of arguments of these types for each sample."""
+    """Return the kernel that calls a function of arguments of these types for each sample."""
     names = list(inspect.signature(function.func).parameters)
     arguments = ", ".join(f"{name}_: wp.array[wp.{kind}]" for name, kind in zip(names, types, strict=True))
     call = ", ".join(f"{name}_[i]" for name in names)
@@ -69,7 +69,7 @@ def _launched(function: Any, samples: Samples, result: str, gradients: bool) -> 
 def difference(
     function: Any, samples: Samples, name: str, axis: int | None = None, result: str = "float32"
 ) -> NDArray[np.float64]:
-    """The function's derivative by an argument, or by a component of it."""
+    """Return the finite difference of the function by an argument, or by a component of it."""
     size, total = size_of(samples[name]), 0.0
     for steps, weight in ((-2, 1.0), (-1, -8.0), (1, 8.0), (2, -1.0)):
         moved = np.array(samples[name], dtype=np.float64)
@@ -79,7 +79,7 @@ def difference(
 
 
 def size_of(values: NDArray) -> float:
-    """Return the measure of an argument."""
+    """Return the magnitude of an argument."""
     return float(np.sqrt(np.mean(np.square(values)))) or 1.0
 
 
@@ -97,7 +97,7 @@ def adjoint(function: Any, samples: Samples, weights: NDArray, result: str) -> d
 
 
 def most_agree(found: NDArray, expected: NDArray, scale: float) -> None:
-    """Nine samples of ten do, to a thousandth: far above what `STEP` is off by, and far below a wrong term. The others
-    may have a kink between them and where the differences were taken."""
+    """Require that nine samples of ten agree to a thousandth: far above the truncation error of `STEP`, and far below a
+    wrong term. The others may have a kink within the difference's stencil."""
     apart = np.abs(found - expected).reshape(COUNT, -1).max(axis=1)
     assert np.mean(apart <= 1e-3 * scale) >= 0.9, (float(np.median(apart)), scale)

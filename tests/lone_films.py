@@ -24,7 +24,7 @@ TRIANGLES = mesh_of(QUADS.points.tolist(), [c for a, b, d, e in QUADS.face_verte
 
 
 def latex(mesh: PolygonMesh, kind: Kind, viscosity: float = 0.0) -> Scene:
-    """A balloon with nothing in it."""
+    """Return a latex balloon with nothing in it."""
     gas, material = Inflation(kind="gas", start_pressure=0.0), Material(preset="latex", kind=kind, viscosity=viscosity)
     return Scene(balloon=[Balloon(mesh=mesh, material=material, inflation=gas, damping=0.0)])
 
@@ -39,10 +39,7 @@ def measured(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the pull of faces on particles [N], and their area vectors [m^2].
 
-    Args:
-        held: of how many quads each thread keeps what it knows.
-        velocities: where rubber is viscous.
-    """
+    Args: held: number of quads whose data each thread keeps. velocities: velocities [m/s], for viscous rubber."""
     model = build_model(latex(mesh, kind, viscosity), "cpu")
     features = model_features(model)
     membrane_face = membrane_face_layout(model, features)
@@ -99,6 +96,6 @@ def measured(
 
 
 def moved(mesh: PolygonMesh, stretch: float) -> np.ndarray:
-    """Return a mesh's points, stretched, and each a little in or out."""
+    """Return a mesh's points, stretched and jittered in and out."""
     rng = np.random.default_rng(0)
     return (stretch * np.asarray(mesh.points) * rng.uniform(0.9, 1.1, (len(mesh.points), 1))).astype(np.float32)

@@ -1,5 +1,5 @@
-"""A batch in which each world has one law alone. All laws are in its kernels, so that these are compiled once: in the
-other worlds a law's parameters are zero, or neutral."""
+"""Batch in which each world has one law alone. All laws are in its kernels, so that these compile once: in the other
+worlds a law's parameters are zero, or neutral."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -31,7 +31,7 @@ OF_KIND = {"spring": ("structural", "shear", "flexion"), "string": ("string_stif
 
 
 def value_of(row: Parameter) -> Any:
-    """A value with which a parameter does something, by its row: its default, or the middle of its domain."""
+    """Return a value with which a parameter acts, by its row: its default, or the middle of its domain."""
     if row.name in LIQUID:
         return LIQUID[row.name]
     if row.domain:
@@ -42,7 +42,7 @@ def value_of(row: Parameter) -> Any:
 
 
 def drawn(row: Parameter, random: np.random.Generator, count: int) -> NDArray[np.float64]:
-    """Values from a parameter's domain, or from about what `value_of` gives, shape (count,) or (count, size)."""
+    """Draw values from a parameter's domain, or from near `value_of`, shape (count,) or (count, size)."""
     shape = (count, row.size) if row.size > 1 else (count,)
     if row.domain:
         return random.uniform(*row.domain, shape)
@@ -65,17 +65,17 @@ def values_without(laws: Sequence[Law]) -> dict[str, float]:
 
 
 def tent() -> Any:
-    """Two triangles that share an edge, at an angle."""
+    """Return two triangles that share an edge, at an angle."""
     return mesh_of([(0, 0, 0), (1, 0, 0), (0.5, 0.8, 0.4), (0.5, -0.8, 0.4)], [[0, 1, 2], [1, 0, 3]])
 
 
 def square() -> Any:
-    """A raft, face down. Its diagonals are its only shear springs."""
+    """Return a raft, face down, whose diagonals are its only shear springs."""
     return mesh_of([(0, 0, 0), (1, 0, 0), (1, 0, 1), (0, 0, 1)], [[0, 1, 2, 3]])
 
 
 def body_of(law: Law) -> Scene:
-    """A square and a tent without inflation, and a particle between two taut strings; and what the law wants."""
+    """Return a square and a tent without inflation, a particle between two taut strings, and what the law wants."""
     still = Inflation(kind="pressure", pressure=0.0)
     scene = Scene(
         balloon=[
@@ -95,7 +95,7 @@ def body_of(law: Law) -> Scene:
 
 
 def plan_of_each(laws: Sequence[Law]) -> ModelPlan:
-    """A world for each of the laws, which must want the same scene, with that law alone."""
+    """Return a plan with a world for each of the laws, which must want the same scene, with that law alone."""
     plan = plan_model(body_of(laws[0]), len(laws), laws=OWN)
     parameters = {name: np.repeat(values, len(laws) // len(values), axis=0) for name, values in plan.parameters.items()}
     for name, value in values_without(TESTED).items():
@@ -108,13 +108,13 @@ def plan_of_each(laws: Sequence[Law]) -> ModelPlan:
 
 
 def plan_of_all(law: Law) -> tuple[ModelPlan, int]:
-    """The plan in which the law is, and its world."""
+    """Return the plan that the law is in, and its world."""
     same = [other for other in TESTED if body_of(other).correction == body_of(law).correction]
     return plan_of_each(same), same.index(law)
 
 
 def model_of_all(law: Law, device: str, step_seconds: float | None = None, substeps: int = 1) -> tuple[Model, int]:
-    """The model, with a frame of so many substeps, and the law's world."""
+    """Return the model, with a frame of so many substeps, and the law's world."""
     plan, world = plan_of_all(law)
     model = lay_out(plan, device)
     if step_seconds is None:
@@ -130,13 +130,13 @@ def stable_step(law: Law) -> float:
 
 
 def particle_masses(model: Model) -> NDArray[np.float64]:
-    """[kg]"""
+    """Return the mass of each particle [kg]."""
     balloons = zip(model.scene.balloon, model.shapes, strict=True)
     return np.concatenate([balloon.mass * shape.mass_share for balloon, shape in balloons])
 
 
 def shake(state: Any, points: float = 0.0, velocities: float = 0.0, seed: int = 0) -> None:
-    """Move all particles and give them velocities, at random by so much, alike in all worlds."""
+    """Displace all particles and give them velocities, at random by so much, alike in all worlds."""
     random = np.random.default_rng(seed)
     for array, size in ((state.points, points), (state.velocities, velocities)):
         aside = random.uniform(-size, size, (*array.shape[1:], 3))

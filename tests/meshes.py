@@ -9,7 +9,7 @@ from balloon_warp.mesh import PolygonMesh
 
 
 def mesh_of(points: Sequence | np.ndarray, faces: Sequence[Sequence[int]], **fields) -> PolygonMesh:
-    """A mesh of faces given as lists of vertices."""
+    """Return a mesh of faces given as lists of vertices."""
     return PolygonMesh(
         points=np.array(points, dtype=np.float64).reshape(-1, 3),
         face_vertex_counts=np.array([len(face) for face in faces], dtype=np.int32),
@@ -19,7 +19,7 @@ def mesh_of(points: Sequence | np.ndarray, faces: Sequence[Sequence[int]], **fie
 
 
 def grid(nx: int, ny: int) -> PolygonMesh:
-    """nx by ny unit quads in the plane z = 0, facing +z; vertices row by row."""
+    """Return nx by ny unit quads in the plane z = 0, facing +z; vertices row by row."""
     points = [(x, y, 0) for y in range(ny + 1) for x in range(nx + 1)]
     faces = []
     for y in range(ny):
@@ -30,7 +30,7 @@ def grid(nx: int, ny: int) -> PolygonMesh:
 
 
 def quad_sphere(n: int, radius: float = 1.0) -> PolygonMesh:
-    """A cube with n by n quads a side, blown up to a sphere: 6 n^2 + 2 vertices, 6 n^2 quads, winding outward."""
+    """Return a cube with n by n quads a side, projected to a sphere, outward: 6 n^2 + 2 vertices, 6 n^2 quads."""
     numbers: dict[tuple[int, ...], int] = {}
     faces = []
     for axis in range(3):
@@ -50,18 +50,18 @@ def quad_sphere(n: int, radius: float = 1.0) -> PolygonMesh:
 
 
 def cube() -> PolygonMesh:
-    """The unit cube, six quads, winding outward."""
+    """Return the unit cube, six quads, winding outward."""
     points = [(x, y, z) for z in (0, 1) for y in (0, 1) for x in (0, 1)]
     return mesh_of(points, [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]])
 
 
 def open_cube() -> PolygonMesh:
-    """The unit cube without its side at x = 1: five quads, winding outward."""
+    """Return the unit cube without its side at x = 1: five quads, winding outward."""
     return mesh_of(cube().points, cube().face_vertex_indices.reshape(-1, 4)[:5].tolist())
 
 
 def tetrahedron() -> PolygonMesh:
-    """The corner of the unit cube, four triangles, winding outward."""
+    """Return the corner of the unit cube, four triangles, winding outward."""
     return mesh_of([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
 
 
@@ -72,20 +72,20 @@ def polygon(n: int) -> PolygonMesh:
 
 
 def prism(n: int) -> PolygonMesh:
-    """A regular n-gon of radius 1 from z = 0 to z = 1: two n-gons and n quads, winding outward."""
+    """Return a regular n-gon of radius 1 from z = 0 to z = 1: two n-gons and n quads, winding outward."""
     ring = polygon(n).points
     sides = [[i, (i + 1) % n, n + (i + 1) % n, n + i] for i in range(n)]
     return mesh_of(np.concatenate([ring, ring + (0, 0, 1)]), [list(range(n))[::-1], list(range(n, 2 * n)), *sides])
 
 
 def two_quads_at_a_vertex() -> PolygonMesh:
-    """Two unit squares that share vertex 2 only."""
+    """Return two unit squares that share vertex 2 only."""
     points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (2, 1, 0), (2, 2, 0), (1, 2, 0)]
     return mesh_of(points, [[0, 1, 2, 3], [2, 4, 5, 6]])
 
 
 def moebius(n: int) -> PolygonMesh:
-    """A strip of n quads that closes with half a turn: 2 n vertices."""
+    """Return a strip of n quads that closes with half a turn: 2 n vertices."""
     turn = 2.0 * np.pi * np.arange(n) / n
     points = []
     for width in (-0.3, 0.3):
@@ -96,7 +96,7 @@ def moebius(n: int) -> PolygonMesh:
 
 
 def torus(n: int, m: int, major: float = 1.0, minor: float = 0.4) -> PolygonMesh:
-    """n quads around the hole, m around the tube, winding outward."""
+    """Return n quads around the hole, m around the tube, winding outward."""
     around, across = np.meshgrid(2.0 * np.pi * np.arange(n) / n, 2.0 * np.pi * np.arange(m) / m, indexing="ij")
     reach = major + minor * np.cos(across)
     points = np.stack([reach * np.cos(around), reach * np.sin(around), minor * np.sin(across)], axis=-1)
@@ -121,7 +121,7 @@ def joined(*meshes: PolygonMesh) -> PolygonMesh:
 
 
 def fans(mesh: PolygonMesh) -> trimesh.Trimesh:
-    """Each face as a fan of triangles about its center, as the simulation sees it."""
+    """Return each face as a fan of triangles about its center, as the simulation sees it."""
     points, triangles = list(mesh.points), []
     for face in np.split(mesh.face_vertex_indices, np.cumsum(mesh.face_vertex_counts)[:-1]):
         triangles += [(a, b, len(points)) for a, b in zip(np.roll(face, 1), face, strict=True)]
@@ -130,8 +130,8 @@ def fans(mesh: PolygonMesh) -> trimesh.Trimesh:
 
 
 def hook(gap: float, across: int = 12, along: int = 48) -> PolygonMesh:
-    """A tube bent into a ring of radius 1 m whose ends, closed by cones, stay `gap` apart; they overlap where it is
-    negative."""
+    """Return a tube bent into a ring of radius 1 m whose ends, closed by cones, stay `gap` apart; they overlap where it
+    is negative."""
     around = np.linspace(0.0, 2.0 * np.pi, across, endpoint=False)
     ways = np.linspace(0.5 * gap, 2.0 * np.pi - 0.5 * gap, along)
     outward = np.stack([np.cos(ways), np.sin(ways), np.zeros(along)], axis=1)

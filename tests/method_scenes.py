@@ -32,7 +32,7 @@ PAPERS = Inflation(k_normal=0.2)
 
 
 def everything(normals: Literal["cached", "fresh"] = "cached") -> Scene:
-    """Two balloons, with all that a scene can have: n-gons, fixed and unused particles, springs that vary."""
+    """Return two balloons, with all that a scene can have: n-gons, fixed and unused particles, springs that vary."""
     ball = quad_sphere(4, radius=0.5)
     ball = mesh_of([*ball.points, (9.0, 9.0, 9.0)], ball.face_vertex_indices.reshape(-1, 4).tolist())
     return Scene(
@@ -72,17 +72,17 @@ def everything(normals: Literal["cached", "fresh"] = "cached") -> Scene:
 
 
 def bare() -> Scene:
-    """A balloon and nothing else."""
+    """Return a balloon and nothing else."""
     return Scene(balloon=[Balloon(mesh=quad_sphere(3), helium=12.0, inflation=PAPERS)], normals="cached", substeps=33)
 
 
 def afloat() -> Scene:
-    """Everything in a light liquid that cuts through both balloons."""
+    """Return everything in a light liquid whose surface cuts through both balloons."""
     return everything().model_copy(update={"water": Water(level=0.7, density=3.0)})
 
 
 def with_rubber() -> Scene:
-    """Everything, and springs that are viscous and stop pulling, the second balloon's sooner."""
+    """Return everything, with springs that are viscous and yield, the second balloon's sooner."""
     rubber = Stiffness(variation=0.3, viscosity=2e-3, yield_stretch=1.4, gradient=(0.5, 1.5))
     other = Stiffness(viscosity=5e-3, yield_stretch=1.02, torsion=0.05)
     return _with_stiffness(everything(), rubber, other)
@@ -101,7 +101,7 @@ TOUGH = Material(preset="natural_rubber_treloar", thickness=1e-3)
 
 
 def of_materials(scene: Scene) -> Scene:
-    """A scene whose first two balloons are of rubber."""
+    """Return a scene whose first two balloons are of rubber."""
     first, second, *others = scene.balloon
     first = first.model_copy(update={"material": LATEX})
     second = second.model_copy(update={"material": TOUGH})
@@ -109,7 +109,7 @@ def of_materials(scene: Scene) -> Scene:
 
 
 def softening() -> Scene:
-    """Return a scene with rubber that pulls less once it has been stretched further."""
+    """Return a scene with rubber that softens once it has been stretched further (the Mullins effect)."""
     scene = of_materials(in_air())
     softer = {"softening": 0.4, "softening_energy": 3.0e4}
     first, *others = scene.balloon
@@ -118,8 +118,8 @@ def softening() -> Scene:
 
 
 def bursting() -> Scene:
-    """Everything, with a balloon of rubber that a needle pierces, and whose hole stays as it is. It is thinner to one
-    side, or rounding would choose among the faces of a round ball which it is that bears most."""
+    """Return everything, with a balloon of rubber that a needle pierces, and whose hole does not grow. It is thinner to
+    one side, as rounding would choose the most loaded face of a round ball."""
     scene = everything("fresh")
     thinner = (1.0 + 0.6 * scene.balloon[0].mesh.points @ np.array([0.31, 0.17, 0.9])).tolist()
     torn = Material(preset="latex", strength=1e9, tear_strength=1e9, needle_time=0.05, weights=thinner)
@@ -133,23 +133,23 @@ CORRECTED = {"correction": "provot", "correction_limit": 0.01, "correction_sweep
 
 
 def corrected(correction: Literal["provot", "tarantino"]) -> Scene:
-    """Everything, with springs that reach their limit soon."""
+    """Return everything, with springs that reach their strain limit soon."""
     return everything().model_copy(update=CORRECTED | {"correction": correction})
 
 
 def with_torsion() -> Scene:
-    """Everything, and angles that are kept, of quads and of pentagons."""
+    """Return everything, with torsion springs across the edges of quads and of pentagons."""
     return _with_stiffness(everything(), Stiffness(variation=0.3, torsion=0.02), Stiffness(torsion=0.05))
 
 
 def by_forward_euler() -> Scene:
-    """Everything, for so short a time that it does not gain much energy."""
+    """Return everything under forward Euler, for so short a time that it gains little energy."""
     return everything().model_copy(update={"solver": "forward_euler"})
 
 
 def in_air() -> Scene:
-    """Gas that is pumped, flows through a tube, leaks and drives by a jet, pressure and normal forces, beside all that
-    a scene can have."""
+    """Return gas that is pumped, flows through a tube, leaks and drives by a jet, pressure and normal forces, beside
+    all that a scene can have."""
     scene = everything("fresh")
     ball, pentagon = scene.balloon
     gas = Inflation(kind="gas", start_pressure=30.0, pump=[(0.0, 0.02), (0.05, -0.01)], gamma=1.3)
@@ -193,17 +193,17 @@ MOVING = [
 
 
 def among(obstacles: list[Obstacle], scene: Scene) -> Scene:
-    """A scene with obstacles that its balloons touch from the start."""
+    """Return a scene with obstacles that its balloons touch from the start."""
     return scene.model_copy(update={"obstacle": obstacles})
 
 
 def rubbing(scene: Scene) -> Scene:
-    """A scene whose spheres have friction."""
+    """Return a scene whose spheres have friction."""
     return scene.model_copy(update={"sphere": [ball.model_copy(update={"friction": 0.3}) for ball in scene.sphere]})
 
 
 def in_touch(itself: bool = False) -> Scene:
-    """Return the scene with balloons that touch: one comes down on what floats."""
+    """Return the scene with balloons in contact: one comes down on what floats."""
     scene = in_air_with_rubber()
     third = scene.balloon[2].model_copy(update={"position": (0.1, 0.85, 0.0), "helium": 0.0, "velocity": (0, -1, 0)})
     balloons = [*scene.balloon[:2], third, *scene.balloon[3:]]
@@ -213,7 +213,7 @@ def in_touch(itself: bool = False) -> Scene:
 
 
 def with_bodies() -> Scene:
-    """A scene with everything, and free bodies: one falls on a balloon, one on the ground and one on an obstacle."""
+    """Return everything with free bodies: one falls on a balloon, one on the ground and one on an obstacle."""
     scene = everything().model_copy(update={"obstacle": STILL, "touch": Touch(balloons=False)})
     marble = Sphere(position=(0.1, 3.0, 0.05), radius=0.004)
     bodies = [
@@ -224,7 +224,7 @@ def with_bodies() -> Scene:
 
 
 def with_phase(phase: Phase) -> Scene:
-    """Everything, and a phase that has parameters."""
+    """Return everything with a phase and its parameters."""
     overrides = [each for each in of_phase(phase).overrides if not each.startswith("sphere=")]
     return override_scene(everything(), map(parse_override, overrides))
 

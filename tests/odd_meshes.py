@@ -1,4 +1,4 @@
-"""Meshes whose faces meet oddly: three at an edge, wound this way and that, left out, of one side."""
+"""Meshes whose faces meet oddly: non-manifold edges, inconsistent winding, missing faces, a single side."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -16,7 +16,7 @@ Size = Sequence[float]
 
 
 def box(center: Size, size: Size, cells: Sequence[int] = (2, 2, 2)) -> PolygonMesh:
-    """A box of quads, so many along each side, winding outward."""
+    """Return a box of quads, so many along each side, winding outward."""
     places, faces = {}, []
     for axis in range(3):
         one, two = (axis + 1) % 3, (axis + 2) % 3
@@ -34,21 +34,21 @@ def box(center: Size, size: Size, cells: Sequence[int] = (2, 2, 2)) -> PolygonMe
 
 
 def merged(mesh: PolygonMesh, digits: int = 6) -> PolygonMesh:
-    """Mesh with one vertex at each place: where boxes stand side by side, edges get three faces and four. Vertices of
-    no face are left out."""
+    """Return the mesh with coincident vertices merged: where boxes stand side by side, edges get three faces and four.
+    Vertices of no face are left out."""
     first = first_coincident(mesh.points.round(digits) + 0.0)[mesh.face_vertex_indices]
     used, numbers = np.unique(first, return_inverse=True)
     return replace(mesh, points=mesh.points[used], face_vertex_indices=numbers.astype(np.int32))
 
 
 def without(mesh: PolygonMesh, drop: NDArray[np.bool_]) -> PolygonMesh:
-    """The mesh less some faces, by a mask."""
+    """Return the mesh without some faces, by a mask."""
     kept = with_corners(mesh, ~drop[corner_faces(mesh)])
     return replace(kept, face_vertex_counts=mesh.face_vertex_counts[~drop])
 
 
 def turned_over(mesh: PolygonMesh, faces: NDArray[np.bool_]) -> PolygonMesh:
-    """Return the mesh with some faces run backwards, by a mask."""
+    """Return the mesh with some faces' winding reversed, by a mask."""
     listed = [
         face[::-1] if turn else face
         for face, turn in zip(
@@ -64,8 +64,8 @@ def deformed(mesh: PolygonMesh, by: Callable[[NDArray[np.float64]], NDArray[np.f
 
 
 def chair(holes: bool = True, mixed: bool = True, seed: int = 1) -> PolygonMesh:
-    """A seat, a back and four thin legs: boxes of four materials that share vertices, so that edges have up to four
-    faces and walls stand between; some faces are left out and some turned over. Y up, 1 m high."""
+    """Return a seat, a back and four thin legs: boxes of four materials that share vertices, so that edges have up to
+    four faces and walls stand between; some faces are missing and some reversed. Y up, 1 m high."""
     seat = box((0.0, 0.45, 0.0), (0.4, 0.05, 0.4), (8, 1, 8))
     back = box((0.0, 0.725, -0.175), (0.4, 0.5, 0.05), (8, 10, 1))
     legs = [box((x, 0.2125, z), (0.05, 0.425, 0.05), (1, 8, 1)) for x in (-0.175, 0.175) for z in (-0.175, 0.175)]
@@ -77,23 +77,23 @@ def chair(holes: bool = True, mixed: bool = True, seed: int = 1) -> PolygonMesh:
 
 
 def walled() -> PolygonMesh:
-    """Two rooms of a box with the wall between them, whose edges have three faces."""
+    """Return two rooms of a box with the wall between them, whose edges have three faces."""
     rooms = [box((x, 0.0, 0.0), (0.5, 1.0, 1.0), (4, 8, 8)) for x in (0.25, -0.25)]
     return distinct_faces(merged(joined(*rooms)))[0]
 
 
 def two_at_an_edge() -> PolygonMesh:
-    """Two boxes that share an edge, of four faces."""
+    """Return two boxes that share an edge, of four faces."""
     return merged(joined(*(box((x, x, 0.0), (0.5, 0.5, 0.5), (4, 4, 4)) for x in (0.25, -0.25))))
 
 
 def two_at_a_vertex() -> PolygonMesh:
-    """Two boxes that share a vertex."""
+    """Return two boxes that share a vertex."""
     return merged(joined(*(box((x, x, x), (0.5, 0.5, 0.5), (4, 4, 4)) for x in (0.25, -0.25))))
 
 
 def finned() -> PolygonMesh:
-    """A ball with a sheet that stands on it, whose foot has edges of three faces."""
+    """Return a ball with a sheet that stands on it, whose foot has edges of three faces."""
     ball = quad_sphere(8, 0.5)
     around = np.flatnonzero(np.abs(ball.points[:, 0]) < 1e-9)
     around = around[ball.points[around, 1] > 0.1]
@@ -107,7 +107,7 @@ def finned() -> PolygonMesh:
 
 
 def band(quads: int = 40, rows: int = 4, turns: float = 0.5) -> PolygonMesh:
-    """A strip that closes with so many half turns: with an odd number, it has one side."""
+    """Return a strip that closes with so many half turns: with an odd number, it has one side."""
     points, faces = [], []
     for i in range(quads):
         turn = 2.0 * np.pi * i / quads
@@ -125,7 +125,7 @@ def band(quads: int = 40, rows: int = 4, turns: float = 0.5) -> PolygonMesh:
 
 
 def klein(n: int = 24, m: int = 12) -> PolygonMesh:
-    """A bottle without an inside: closed, and of one side."""
+    """Return a Klein bottle: closed, and of one side."""
     points, faces = [], []
     for i in range(n):
         u = 2.0 * np.pi * i / n
@@ -150,7 +150,7 @@ def klein(n: int = 24, m: int = 12) -> PolygonMesh:
 
 
 def t_junction() -> PolygonMesh:
-    """A box of which one side is meshed finer than those beside it, so that borders run along each other."""
+    """Return a box with one side meshed finer than its neighbors (T-junctions): borders run along each other."""
     whole = box((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (4, 4, 4))
     top = box((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (6, 6, 6))
     upper = face_centers(whole)[:, 1] > 0.49
@@ -159,5 +159,5 @@ def t_junction() -> PolygonMesh:
 
 
 def doubled() -> PolygonMesh:
-    """A ball all of whose faces are there twice, the second time with vertices of its own."""
+    """Return a ball with every face twice, the second time with vertices of its own."""
     return joined(quad_sphere(8, 0.5), quad_sphere(8, 0.5))

@@ -1,5 +1,5 @@
-"""Things as one finds them: with legs and thin walls, of many parts, open. `python tests/odd_things.py FOLDER` writes
-these and the meshes of odd_meshes.py as OBJ files."""
+"""Meshes from the wild: with legs and thin walls, of many parts, open. `python tests/odd_things.py FOLDER` writes these
+and the meshes of odd_meshes.py as OBJ files."""
 
 import itertools
 import sys
@@ -32,7 +32,7 @@ from balloon_warp.mesh.obj import write_obj
 
 
 def _twice(mesh: PolygonMesh) -> NDArray[np.bool_]:
-    """Faces with the corners of others: the walls between what stands side by side."""
+    """Return the faces that coincide with others: the walls between neighboring parts."""
     sets = [frozenset(f.tolist()) for f in np.split(mesh.face_vertex_indices, np.cumsum(mesh.face_vertex_counts)[:-1])]
     counts: dict[frozenset[int], int] = {}
     for corners in sets:
@@ -41,7 +41,7 @@ def _twice(mesh: PolygonMesh) -> NDArray[np.bool_]:
 
 
 def ball_with_holes() -> PolygonMesh:
-    """A ball of quads, from whose underside a round patch is missing, and a face elsewhere."""
+    """Return a ball of quads, from whose underside a round patch is missing, and a face elsewhere."""
     ball = quad_sphere(16, 0.5)
     centers = face_centers(ball)
     drop = centers @ np.array([0.0, -1.0, 0.0]) > 0.5 * np.cos(0.22)
@@ -50,7 +50,7 @@ def ball_with_holes() -> PolygonMesh:
 
 
 def table() -> PolygonMesh:
-    """A top on four thin legs, in one piece of quads, Z up."""
+    """Return a top on four thin legs, in one piece of quads, Z up."""
     top = box((0.0, 0.0, 0.7), (1.0, 0.6, 0.06), (20, 12, 1))
     legs = [box((x, y, 0.335), (0.05, 0.05, 0.67), (1, 1, 12)) for x in (-0.475, 0.475) for y in (-0.275, 0.275)]
     whole = merged(joined(top, *legs))
@@ -58,7 +58,7 @@ def table() -> PolygonMesh:
 
 
 def cup() -> PolygonMesh:
-    """Closed, with a wall of a twelfth of its width."""
+    """Return a closed cup, with a wall of a twelfth of its width."""
     n, rings = 32, []
     outer = [(0.0, 0.0), (0.2, 0.0), (0.3, 0.0), *((0.3, h) for h in np.linspace(0.08, 0.7, 9))]
     inner = [*((0.25, h) for h in np.linspace(0.7, 0.1, 9)), (0.25, 0.05), (0.15, 0.05), (0.0, 0.05)]
@@ -78,13 +78,13 @@ def cup() -> PolygonMesh:
 
 
 def bowl() -> PolygonMesh:
-    """Half a ball, open."""
+    """Return an open hemisphere."""
     ball = quad_sphere(12, 0.5)
     return without(ball, face_centers(ball)[:, 1] > 0.0)
 
 
 def sword() -> PolygonMesh:
-    """A flat blade of 1 m by 5 cm by 4 mm, a guard and a grip, which overlap; Y up."""
+    """Return a flat blade of 1 m by 5 cm by 4 mm, a guard and a grip, which overlap; Y up."""
     blade = box((0.0, 0.7, 0.0), (0.05, 1.0, 0.004), (3, 60, 1))
     blade = deformed(blade, lambda p: p * np.where(p[:, 1:2] > 1.05, [[0.3, 1.0, 1.0]], 1.0))
     guard = box((0.0, 0.2, 0.0), (0.2, 0.03, 0.03), (12, 2, 2))
@@ -93,7 +93,7 @@ def sword() -> PolygonMesh:
 
 
 def head() -> PolygonMesh:
-    """A round head with a brow, a nose and thin ears."""
+    """Return a round head with a brow, a nose and thin ears."""
     ball = quad_sphere(24, 0.5)
 
     def shaped(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -108,7 +108,7 @@ def head() -> PolygonMesh:
 
 
 def hair(ribbons: int = 200, length: int = 10) -> PolygonMesh:
-    """Ribbons of quads that hang from a scalp, each by itself, one quad wide."""
+    """Return ribbons of quads that hang from a scalp, each by itself, one quad wide."""
     numbers = np.random.default_rng(3)
     strands = []
     for _ in range(ribbons):
@@ -123,13 +123,13 @@ def hair(ribbons: int = 200, length: int = 10) -> PolygonMesh:
 
 
 def haired() -> PolygonMesh:
-    """A closed head under open hair."""
+    """Return a closed head under open hair."""
     return joined(deformed(quad_sphere(12, 0.12), lambda p: p * [1.0, 1.2, 1.0]), hair(60))
 
 
 def car(windshield: bool = True) -> PolygonMesh:
-    """A body, a cabin, bumpers, lamps, doors, handles and wheels, thirty closed parts that touch and overlap; and an
-    open windshield. Z up, 4 m long."""
+    """Return a body, a cabin, bumpers, lamps, doors, handles and wheels, thirty closed parts that touch and overlap;
+    and an open windshield. Z up, 4 m long."""
     parts = [
         box((0.0, 0.0, 0.6), (4.0, 1.6, 0.5), (16, 8, 2)),
         box((-0.2, 0.0, 1.1), (1.8, 1.4, 0.5), (8, 6, 2)),

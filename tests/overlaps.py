@@ -18,13 +18,9 @@ def deepest(simulator: Simulator, world: int = 0) -> float:
 
 
 def edges_through(points: Points, ends: NDArray[np.int64], mesh: PolygonMesh) -> int:
-    """Return the number of edges of one balloon that go through faces of another (Möller and Trumbore 1997).
+    """Return the number of edges of one balloon that pierce faces of another (Möller and Trumbore 1997).
 
-    Args:
-        points: of the one's particles.
-        ends: of its edges, shape (E, 2).
-        mesh: the other.
-    """
+    Args: points: particles of the first balloon. ends: its edges, shape (E, 2). mesh: the other balloon."""
     triangles, count = surface(mesh), 0
     first, second = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     for begin, end in points[ends]:

@@ -1,4 +1,4 @@
-"""Laws of the tests' own, in a module that workers find, too."""
+"""Laws defined by the tests, in a module that workers can import."""
 
 from typing import Any
 
@@ -9,20 +9,20 @@ from balloon_warp import Parameter, face_law, particle_law, spring_law
 
 @wp.func
 def magnet(position: wp.vec3, mass: float, strength: float, pole: wp.vec3):
-    """A force towards a pole, in proportion to mass and distance [N]."""
+    """Return the force towards a pole, in proportion to mass and distance [N]."""
     return mass * strength * (pole - position)
 
 
 @wp.func
 def magnet_energy(position: wp.vec3, mass: float, strength: float, pole: wp.vec3):
-    """1/2 mass strength distance^2 [J]"""
+    """Return the energy 1/2 mass strength distance^2 [J]."""
     return 0.5 * mass * strength * wp.length_sq(pole - position)
 
 
 @wp.func
 def hardening(squared_length: float, rest_length: float, stiffness: float, hardness: float):
-    """What a spring pulls more than Hooke's [N/m]: its constant grows with the square of its strain e, up to
-    (1 + hardness) times: F = k hardness L e^3 / (1 + e^2)."""
+    """Return the excess pull of a hardening spring over Hooke's [N/m]: its constant grows with the square of its strain
+    e, up to (1 + hardness) times: F = k hardness L e^3 / (1 + e^2)."""
     length = wp.sqrt(squared_length)
     strain = length / rest_length - 1.0
     return stiffness * hardness * rest_length * strain * strain * strain / ((1.0 + strain * strain) * length)
@@ -30,7 +30,7 @@ def hardening(squared_length: float, rest_length: float, stiffness: float, hardn
 
 @wp.func
 def hardening_energy(squared_length: float, rest_length: float, stiffness: float, hardness: float):
-    """1/2 k hardness L^2 (e^2 - log(1 + e^2)) [J]"""
+    """Return the energy 1/2 k hardness L^2 (e^2 - log(1 + e^2)) [J]."""
     strain = wp.sqrt(squared_length) / rest_length - 1.0
     squared = strain * strain
     return 0.5 * stiffness * hardness * rest_length * rest_length * (squared - wp.log(1.0 + squared))
@@ -45,15 +45,14 @@ def gust(
     gust_density: float,
     gust_seconds: float,
 ):
-    """Force of a wind that comes and goes on a face that it meets [N]: 1/2 density u^2 of its area, u how fast it
-    comes to it."""
+    """Return the force of a gust on a windward face [N]: 1/2 density u^2 of its area, u the approach speed."""
     strength = wp.sin(wp.pi * wp.min(time / gust_seconds, 1.0))
     flux = wp.min(wp.dot(strength * gust_velocity - velocity, area_vector), 0.0)
     return (-0.5 * gust_density * flux * flux / wp.max(wp.length_sq(area_vector), 1.0e-30)) * area_vector
 
 
 def gust_bound(area: Any, velocity: Any, gust_velocity: Any, gust_density: Any) -> Any:
-    """Density A u [N s/m], the derivative of the force by u."""
+    """Return density A u [N s/m], the derivative of the force by u."""
     return gust_density * area * ((gust_velocity**2).sum(axis=-1) ** 0.5 + (velocity**2).sum(axis=-1) ** 0.5)
 
 
@@ -88,7 +87,7 @@ GUST = face_law(
 
 @wp.func
 def repelling(squared_length: float, rest_length: float, repulsion: float):
-    """What keeps ends apart [N/m]: F = -c L^8 d / |d|^8, which has a pole where they are at one place."""
+    """Return the repulsion of a spring's ends [N/m]: F = -c L^8 d / |d|^8, with a pole where they coincide."""
     ratio = rest_length * rest_length / squared_length
     squared = ratio * ratio
     return -repulsion * squared * squared

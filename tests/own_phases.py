@@ -1,4 +1,4 @@
-"""Phases that the package does not know, and the step with them."""
+"""Phases from outside the package, and the step with them."""
 
 from typing import Any
 
@@ -75,7 +75,7 @@ def warm(features: Features, look: Look) -> Any:
 
 @phase("particle", {"force": wp.vec3}, neutral={"weakening": 0.0})
 def weaken(features: Features, look: Look) -> Any:
-    """Weaken what pulls at a particle that is warm."""
+    """Weaken the pull on a particle that is warm."""
 
     @wp.func
     def weaken(force: wp.vec3, temperature: float, weakening: float):
@@ -85,7 +85,7 @@ def weaken(features: Features, look: Look) -> Any:
 
 
 def list_after(patch: pytest.MonkeyPatch, line: str, *more: Phase) -> None:
-    """Put phases into the list of the step, after that of a name."""
+    """Insert phases into the list of the step, after the one of a name."""
     names = [each.name for each in substep.STEP]
     place = names.index(line) + 1
     patch.setattr(substep, "STEP", (*substep.STEP[:place], *more, *substep.STEP[place:]))

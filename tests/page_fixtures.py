@@ -1,4 +1,4 @@
-"""A page, and a window of a browser on it, that the tests of a file share."""
+"""Page, and a window of a browser on it, that the tests of a file share."""
 
 import shutil
 from collections.abc import Iterator
@@ -23,7 +23,7 @@ def browser() -> Iterator:
 
 @pytest.fixture(scope="module")
 def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator:
-    """A small balloon, played with."""
+    """Yield a page that plays a small balloon."""
     pytest.importorskip("viser")
     from asked_ahead import AskedAhead
     from browsing import tethered
@@ -43,7 +43,7 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator:
 
 @pytest.fixture(scope="module")
 def window(browser, served) -> Iterator:
-    """Nothing that it needs comes from elsewhere."""
+    """Yield a window on the page, and require that everything it fetches comes from the page's own server."""
     from browsing import open_window
 
     fetched: list[str] = []
@@ -56,7 +56,7 @@ def window(browser, served) -> Iterator:
 
 @pytest.fixture
 def fresh(window, served):
-    """The window, with everything at its start, running."""
+    """Return the window, with everything at its start, running."""
     from browsing import wait_until
 
     revision = served.session.picture.revision

@@ -29,7 +29,7 @@ def places() -> np.ndarray:
 
 
 def atlas() -> Image.Image:
-    """The image: the first three sides above the others."""
+    """Return the image: the first three sides above the others."""
     rows = np.array(SIDES, np.uint8).reshape(2, 3, 3)
     return Image.fromarray(rows.repeat(16, axis=0).repeat(16, axis=1))
 
@@ -41,7 +41,7 @@ def linear(color) -> np.ndarray:
 
 
 def write_painted(folder: Path, kind: str) -> Path:
-    """The cube with its image beside it or in it; kind is the suffix."""
+    """Write the cube with its image beside it or in it; kind is the suffix."""
     path = folder / f"cube.{kind}"
     if kind == "obj":
         write_obj_cube(folder)
@@ -80,7 +80,7 @@ def write_obj_cube(folder: Path, materials: str = "newmtl paint\nKd 0 0 0\nmap_K
 
 
 def write_usd_cube(folder: Path) -> Path:
-    """Left-handed, so that its corners are turned when it is read."""
+    """Write a left-handed cube, so that its corners are reversed when it is read."""
     atlas().save(folder / "atlas.png")
     stage = Usd.Stage.CreateNew(str(folder / "cube.usda"))
     mesh = UsdGeom.Mesh.Define(stage, "/cube")
@@ -110,8 +110,8 @@ def write_usd_cube(folder: Path) -> Path:
 
 
 def seen_sides(mesh: PolygonMesh) -> list[tuple[int, tuple[float, ...]]]:
-    """For each face the number of the side that it faces, and the color there, sRGB from 0 to 255 or linear from 0 to
-    1, as an image or a material has it."""
+    """Return the number of each face's side and its color, sRGB from 0 to 255 or linear from 0 to 1, as an image or a
+    material has it."""
     looks = mesh.looks
     assert looks is not None
     normals, found = face_vector_areas(mesh), []

@@ -17,13 +17,13 @@ def played(name: str, overrides: tuple[Override, ...] = ()) -> tuple[Model, list
 
 
 def most_held(name: str) -> int:
-    """Return the number of particles that a sharp edge holds, in the frame with most."""
+    """Return the largest number of particles in any frame that a sharp edge holds."""
     return max(_simulated(name, ())[2])
 
 
 @cache
 def _simulated(name: str, overrides: tuple[Override, ...]) -> tuple[Simulator, list[Frame], list[int]]:
-    """Simulator, its frames, and how many particles are held in each."""
+    """Return the simulator, its frames, and how many particles are held in each."""
     simulator, frames, held = Simulator(load_scene(name, overrides), "cpu"), [], []
     for frame in simulator.run():
         frames.append(frame)
@@ -36,7 +36,7 @@ def shape_at(model: Model, frame: Frame, balloon: int = 0) -> PolygonMesh:
 
 
 def stretches(model: Model, frame: Frame) -> np.ndarray:
-    """Length over rest length of the springs."""
+    """Return length over rest length of the springs."""
     springs = model.shapes[0].springs
     first, second = frame.points[0].astype(np.float64)[springs.pairs].swapaxes(0, 1)
     return np.linalg.norm(second - first, axis=1) / springs.rest_lengths

@@ -11,7 +11,7 @@ SOFT = Stiffness(structural=20.0, shear=10.0, flexion=5.0)
 
 
 def kicked_balloon(iterations: int = 10, stiffness: Stiffness = SOFT, **fields) -> Scene:
-    """A small balloon in large steps, with fixed particles, a taut string and a slack one; no contacts."""
+    """Return a small balloon in large steps, with fixed particles, a taut string and a slack one; no contacts."""
     balloon = Balloon(
         mesh=quad_sphere(2, radius=0.5),
         damping=0.2,
@@ -28,7 +28,7 @@ def kicked_balloon(iterations: int = 10, stiffness: Stiffness = SOFT, **fields) 
 
 
 def kick(simulator: Simulator, speed: float = 3.0) -> None:
-    """Give every particle that moves a velocity of its own."""
+    """Give every free particle a velocity of its own."""
     shape = (1, simulator.model.particle_count, 3)
     velocities = np.random.default_rng(7).normal(0.0, speed, shape)
     velocities[:, simulator.model.particle_mass_share.numpy() == 0.0] = 0.0
@@ -37,7 +37,7 @@ def kick(simulator: Simulator, speed: float = 3.0) -> None:
 
 
 def full_scene(**fields) -> Scene:
-    """Inflation that changes, springs that vary, fixed particles, strings, a sphere that is hit, and the ground."""
+    """Return a scene with changing inflation, varied springs, fixed particles, strings, a struck sphere, and ground."""
     balloon = Balloon(
         mesh=quad_sphere(3, radius=0.5),
         position=(0.0, 0.495, 0.0),

@@ -25,7 +25,7 @@ def assert_closed_quads(mesh: PolygonMesh, holes_through: int = 0, parts: int = 
 
 
 def assert_none_folded(mesh: PolygonMesh) -> None:
-    """Each face looks the way of the normals at its corners."""
+    """Require that each face points along the normals at its corners."""
     areas = face_vector_areas(mesh)
     normals = vertex_normals(mesh)[mesh.face_vertex_indices.reshape(-1, 4)]
     assert (np.einsum("fcj,fj->fc", normals, areas) > 0.0).all()

@@ -1,4 +1,4 @@
-"""Small stages to make pictures of."""
+"""Small stages to render."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ LATEX = {"roughness": 0.2, "opacity": 0.92, "clearcoat": 1.0}
 
 
 def new_stage(path: Path, up_axis: str = "Y", frames: int = 1) -> Usd.Stage:
-    """An empty stage with /World, whose frames are 0 to frames - 1."""
+    """Return an empty stage with /World, whose frames are 0 to frames - 1."""
     stage = Usd.Stage.CreateNew(str(path))
     stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/World").GetPrim())
     UsdGeom.SetStageUpAxis(stage, up_axis)
@@ -21,7 +21,7 @@ def new_stage(path: Path, up_axis: str = "Y", frames: int = 1) -> Usd.Stage:
 
 
 def upright(stage: Usd.Stage, points) -> np.ndarray:
-    """Points given with Y up, as the stage has them."""
+    """Return points given with Y up in the axes of the stage."""
     points = np.asarray(points, np.float32).reshape(-1, 3)
     if UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.z:
         points = np.stack([points[:, 0], -points[:, 2], points[:, 1]], axis=1)
@@ -44,7 +44,7 @@ def add_ground(stage: Usd.Stage, height: float = 0.0, half: float = 50.0, color=
 
 
 def add_sphere(stage: Usd.Stage, name: str, center, radius: float, color, **finish: float) -> UsdGeom.Sphere:
-    """A sphere; several centers are its places at frames 0, 1, ..."""
+    """Add a sphere; several centers are its places at frames 0, 1, ..."""
     sphere = UsdGeom.Sphere.Define(stage, f"/World/{name}")
     sphere.CreateRadiusAttr(radius)
     translate = sphere.AddTranslateOp()
@@ -56,7 +56,7 @@ def add_sphere(stage: Usd.Stage, name: str, center, radius: float, color, **fini
 
 
 def add_curves(stage: Usd.Stage, name: str, points, counts, width: float, colors) -> UsdGeom.BasisCurves:
-    """Linear curves without a material; one color, or one a curve."""
+    """Add linear curves without a material; one color, or one a curve."""
     curves = UsdGeom.BasisCurves.Define(stage, f"/World/{name}")
     curves.CreateTypeAttr(UsdGeom.Tokens.linear)
     curves.CreatePointsAttr(upright(stage, points))
@@ -70,7 +70,7 @@ def add_curves(stage: Usd.Stage, name: str, points, counts, width: float, colors
 
 
 def add_camera(stage: Usd.Stage, distance: float, focal_length: float, aperture: float = 24.0) -> UsdGeom.Camera:
-    """A camera on the Z axis of a stage with Y up, that looks at the origin; square aperture."""
+    """Add a camera on the Z axis of a stage with Y up, that looks at the origin; square aperture."""
     camera = UsdGeom.Camera.Define(stage, "/World/Camera")
     camera.CreateFocalLengthAttr(focal_length)
     camera.CreateHorizontalApertureAttr(aperture)
@@ -93,7 +93,7 @@ def paint(gprim: UsdGeom.Gprim, color, **finish: float) -> None:
 
 
 def quad_sphere(cells: int, radius: float = 1.0, center=(0.0, 0.0, 0.0)):
-    """Points, face counts and face indices of a cube of cells x cells quads a side, blown up to a sphere."""
+    """Return points, face counts and face indices of a cube of cells x cells quads a side, projected to a sphere."""
     line = np.tan(np.linspace(-np.pi / 4, np.pi / 4, cells + 1))
     u, v = (grid.ravel() for grid in np.meshgrid(line, line, indexing="ij"))
     corner = np.arange(cells)[:, None] * (cells + 1) + np.arange(cells)

@@ -1,4 +1,4 @@
-"""Scenes of free rigid bodies, which tests share, and what physics says of them."""
+"""Scenes of free rigid bodies, which tests share, and their conserved quantities."""
 
 from typing import Any
 
@@ -16,7 +16,7 @@ SPACE: dict[str, Any] = {"gravity": 0.0, "atmosphere": Atmosphere(density=0.0)}
 
 
 def scene_of(*bodies: Body, **fields: Any) -> Scene:
-    """Bodies, and a balloon that is far away and stays there."""
+    """Return bodies, and a balloon that is far away and stays there."""
     away = Balloon(mesh=cube(), position=(0, 90.0, 0), inflation=Inflation(k_normal=0.0), fixed=list(range(8)))
     return Scene(**{"balloon": [away], "body": list(bodies), "frames_per_second": 100.0, "substeps": 10} | fields)
 
@@ -67,7 +67,7 @@ def moved(simulator: Simulator, start: Simulator) -> tuple[float, float]:
 
 
 def whole(simulator: Simulator) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Momentum and angular momentum of balloons, bodies and spheres."""
+    """Return momentum and angular momentum of balloons, bodies and spheres."""
     own = body_masses(simulator)[:, None] * body_state(simulator, "velocities")
     about = np.cross(body_state(simulator, "positions"), own) + body_state(simulator, "momenta")
     total, turning = momentum(simulator) + own.sum(axis=0), angular_momentum(simulator) + about.sum(axis=0)

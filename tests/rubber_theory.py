@@ -43,13 +43,13 @@ ENERGIES: dict[str, Energy] = {each.__name__: each for each in (neo_hookean, moo
 
 
 def relaxed(energy: Energy, a: NDArray, b: NDArray) -> NDArray:
-    """Energy with wrinkles: the least of the energies that can be reached by more of the second stretch, or of both."""
+    """Return the energy with wrinkles: the minimum over larger second stretches, or larger both."""
     a = np.maximum(a, 1.0)
     return energy(a, np.maximum(b, a**-0.5))
 
 
 def slope(energy: Energy, stretch: NDArray) -> NDArray:
-    """Return the slope of the energy of equal stretching both ways, by that stretch [Pa], to some 1e-9."""
+    """Return the derivative of the energy of equibiaxial stretching by that stretch [Pa], to some 1e-9."""
     h = 1e-3
     both = [energy(stretch + k * h, stretch + k * h) for k in (-2, -1, 1, 2)]
     return (both[0] - 8.0 * both[1] + 8.0 * both[2] - both[3]) / (12.0 * h)

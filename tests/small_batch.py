@@ -1,4 +1,4 @@
-"""A small batch with one of each."""
+"""Small batch with one of each kind of thing in a scene."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ FRAMES, WORLDS = 5, 5
 
 
 def scene(**fields) -> Scene:
-    """A small scene with one of each."""
+    """Return a small scene with one of each kind of thing."""
     balloons = [
         Balloon(mesh=quad_sphere(3), name="ball", position=(0, 2, 0), helium=20.0, inflation=Inflation(k_normal=0.2)),
         Balloon(
@@ -39,7 +39,7 @@ def scene(**fields) -> Scene:
 
 
 def write_meshes(folder: Path) -> list[Path]:
-    """Two that differ in how many particles they have."""
+    """Write two meshes that differ in their number of particles."""
     paths = [folder / "coarse.obj", folder / "fine, round.obj"]
     for path, mesh in zip(paths, (quad_sphere(3), quad_sphere(4)), strict=True):
         write_obj(path, mesh)

@@ -10,7 +10,7 @@ from balloon_warp.mesh.surface_nets import surface_nets
 
 
 def uv_sphere(around: int, rings: int) -> PolygonMesh:
-    """Quads between rings, and a fan of triangles at each pole, as Blender makes them; the poles are up and down."""
+    """Return quads between rings, and a fan of triangles at each pole, as Blender makes them, up and down."""
     turns, heights = 2.0 * np.pi * np.arange(around) / around, np.pi * np.arange(1, rings) / rings
     circles = [
         np.stack([np.sin(h) * np.cos(turns), np.full(around, np.cos(h)), np.sin(h) * np.sin(turns)], axis=1)
@@ -26,7 +26,7 @@ def uv_sphere(around: int, rings: int) -> PolygonMesh:
 
 
 def scattered_sphere(count: int, denser: float = 1.0) -> PolygonMesh:
-    """The convex hull of points at random on a sphere, in one half as many times denser."""
+    """Return the convex hull of points at random on a sphere, in one half as many times denser."""
     chance = np.random.default_rng(3)
     points = chance.normal(size=(count, 3))
     points = points[(points[:, 0] > 0.0) | (chance.uniform(size=count) < 1.0 / denser)]
@@ -54,13 +54,13 @@ def stretched_quad_sphere() -> PolygonMesh:
 
 
 def box(points: np.ndarray, middle: tuple, half: tuple) -> np.ndarray:
-    """The signed distance of a box."""
+    """Return the signed distance of a box."""
     beyond = np.abs(points - middle) - half
     return np.linalg.norm(np.maximum(beyond, 0.0), axis=1) + np.minimum(beyond.max(axis=1), 0.0)
 
 
 def rod(points: np.ndarray, begin: tuple, end: tuple, radius: float) -> np.ndarray:
-    """The signed distance of a line with thickness."""
+    """Return the signed distance of a line with thickness."""
     first, way = np.array(begin), np.subtract(end, begin)
     along = np.clip((points - first) @ way / (way @ way), 0.0, 1.0)
     return np.linalg.norm(points - first - along[:, None] * way, axis=1) - radius

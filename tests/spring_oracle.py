@@ -1,4 +1,4 @@
-"""The paper's spring generation written out as its listings stand, loop by loop. Slow, and plain to check."""
+"""Spring generation of the paper, written out as its listings stand, loop by loop. Slow, and plain to check."""
 
 from balloon_warp.mesh import PolygonMesh
 
@@ -6,7 +6,7 @@ Pairs = set[tuple[int, int]]
 
 
 def paper_springs(mesh: PolygonMesh) -> tuple[Pairs, Pairs, Pairs]:
-    """Structural, shear and flexion pairs, the lower particle first."""
+    """Return structural, shear and flexion pairs, the lower particle first."""
     faces = _faces(mesh)
     particles = range(mesh.vertex_count)
     nearest_faces = {p: [face for face in faces if p in face] for p in particles}
@@ -42,11 +42,11 @@ def _faces(mesh: PolygonMesh) -> list[list[int]]:
 
 
 def _should_create_structural_spring(face: list[int], p: int, p2: int) -> bool:
-    """p and p2 are adjacent to each other in the face."""
+    """Return whether p and p2 are adjacent in the face."""
     sides = list(zip(face, face[1:] + face[:1], strict=True))
     return p != p2 and ((p, p2) in sides or (p2, p) in sides)
 
 
 def _should_create_shear_spring(face: list[int], p: int, p2: int) -> bool:
-    """p and p2 are across from each other in the face."""
+    """Return whether p and p2 are opposite in the face."""
     return p != p2 and p in face and p2 in face and not _should_create_structural_spring(face, p, p2)

@@ -1,4 +1,4 @@
-"""A small batch that can be stopped."""
+"""Small batch that can be stopped."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -14,7 +14,7 @@ FRAMES, WORLDS = 6, 5
 
 
 def scene(**fields) -> Scene:
-    """A small scene with one of each."""
+    """Return a small scene with one of each kind of thing."""
     fields = {
         "balloon": [Balloon(mesh=quad_sphere(3), position=(0, 2, 0), helium=20.0, inflation=Inflation(k_normal=0.2))],
         "sphere": [Sphere(position=(0, 4, 0), radius=0.3, start=0.03)],
@@ -28,7 +28,7 @@ def scene(**fields) -> Scene:
 
 
 def stop_after(last: int) -> Callable[[int], None]:
-    """What kills a batch once that frame is simulated, and none of it is saved yet."""
+    """Return a callback that kills a batch once that frame is simulated, before any of it is saved."""
 
     def stop(frame: int) -> None:
         if frame == last:
@@ -38,7 +38,7 @@ def stop_after(last: int) -> Callable[[int], None]:
 
 
 def stop_batch(folder: Path) -> Path:
-    """A folder with a batch that was stopped after frame 3, and saved after frame 2."""
+    """Return a folder with a batch that was stopped after frame 3, and saved after frame 2."""
     with pytest.raises(RuntimeError):
         run_batch(
             scene(), folder, 2, {"gravity": [1, 9]}, device="cpu", checkpoint_seconds=OFTEN, on_frame=stop_after(3)

@@ -1,4 +1,4 @@
-"""Windows without a browser, and what they say: for the tests of who may talk to the page."""
+"""Connections without a browser, for the tests of who may talk to the page."""
 
 import contextlib
 import threading
@@ -78,7 +78,7 @@ def wait_until(happened: Callable[[], object], what: str) -> None:
 
 @contextlib.contextmanager
 def joined(page: Page, **headers: str) -> Iterator[Connection]:
-    """A window, but without a browser, that reads what it is sent, as a browser does."""
+    """Connect without a browser and read all messages, as a browser does."""
     address = f"ws://127.0.0.1:{page.server.get_port()}"
     with connect(
         address, subprotocols=[PROTOCOL], max_size=None, additional_headers=headers, proxy=None, compression=None
@@ -111,7 +111,7 @@ def goes_on(page: Page) -> None:
 
 
 def heard(page: Page, window: Connection) -> None:
-    """All that was said before was handled: a connection's messages are handled in their order."""
+    """Wait until all earlier messages of a connection are handled, which is in their order."""
     mass = page.controls.mass
     value = 3.0 if mass.value != 3.0 else 4.0
     say(window, update(mass, value=value))
@@ -121,7 +121,7 @@ def heard(page: Page, window: Connection) -> None:
 
 @contextlib.contextmanager
 def served(folder: Path) -> Iterator[Page]:
-    """A page of a ball on a string; its recordings go into the folder."""
+    """Yield a page of a ball on a string; its recordings go into the folder."""
     page = Page(Session("ball", ball(), "cpu", folder), port=free_port("127.0.0.1", 0))
     page.ahead = AskedAhead()
     page.start()

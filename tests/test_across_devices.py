@@ -1,5 +1,5 @@
-"""Short runs of every bundled scene: the same on a GPU as on a CPU, within a stated tolerance. test_matrix.py compares
-a CPU's schedules."""
+"""Short runs of every bundled scene: a GPU agrees with a CPU within a stated tolerance. test_matrix.py compares a CPU's
+schedules."""
 
 from functools import cache
 
@@ -27,7 +27,7 @@ SCHEDULES = ("scatter", "gather", "block", "projective")
 
 @cache
 def reference(name: str, solver: str) -> tuple[np.ndarray, np.ndarray]:
-    """Points at the start and the end by the readable schedule on the CPU, shape (particle_count, 3)."""
+    """Return the points at the start and the end by the readable schedule on the CPU, shape (particle_count, 3)."""
     simulator = Simulator(scene(name, solver), "cpu", schedule="auto" if solver == "projective" else "scatter")
     return np.concatenate(simulator.read_frame().points), points_after(simulator)
 

@@ -1,4 +1,4 @@
-"""Air that moves along with a balloon."""
+"""Added mass: air that moves along with a balloon."""
 
 from typing import Any
 
@@ -19,15 +19,15 @@ SHORT = {"frames_per_second": 200.0, "substeps": 8}
 
 
 def accelerations(simulator: Simulator, frames: int = 1) -> list[float]:
-    """Mean upward ones of all worlds [m/s^2], from rest."""
+    """Return the mean upward acceleration of each world from rest [m/s^2]."""
     advanced(simulator, frames)
     velocities = simulator.state.velocities.numpy()[:, :, 1].astype(np.float64)
     return (velocities.mean(axis=1) * simulator.model.scene.frames_per_second / frames).tolist()
 
 
 def test_a_party_balloon_starts_at_the_textbooks_acceleration(schedule: str, device: str):
-    """(rho V - m - n M) g over m + n M + c rho V: 7.40 m/s^2, and 17.82 without air that moves along. What is left is
-    rounding of a gas's 1e5 Pa."""
+    """The acceleration is (rho V - m - n M) g over m + n M + c rho V: 7.40 m/s^2, and 17.82 without added mass. The
+    tolerance is rounding of a gas's 1e5 Pa."""
     scene = Scene(balloon=[gas_balloon(PARTY, {"added_mass": 0.5}, mass=0.003)], **SHORT)
     vary = {"balloon.0.inflation.added_mass": [0.5, 0.0, 1.0], "atmosphere.density": [1.2041, 1.2041, 1.5]}
     simulator = Simulator(scene, device, 3, vary, schedule=schedule)
@@ -51,7 +51,7 @@ def test_it_is_half_of_what_a_gas_displaces_and_nothing_elsewhere():
 
 
 def test_it_changes_as_it_is_told(device: str):
-    """In the frame after."""
+    """A planned change of the added mass acts from the next frame on."""
     change = Change(time=0.005, set={"balloon.0.inflation.added_mass": 2.0})
     still = {"atmosphere": Atmosphere(density=2.0), "gravity": 1.0, **SHORT}
     scene = Scene(balloon=[gas_balloon(PARTY, {"molar_mass": 0.0}, mass=0.01)], change=[change], **still)
@@ -66,7 +66,7 @@ def test_it_changes_as_it_is_told(device: str):
 
 
 def test_it_weighs_nothing(device: str):
-    """As heavy as the air that it displaces, a balloon floats, whatever moves along."""
+    """Added mass has no weight: a balloon as heavy as the air that it displaces floats."""
     displaced = 1.2 * np.pi / 6.0 * 0.28**3
     balloon = gas_balloon(PARTY, {"molar_mass": 0.0, "added_mass": 3.0}, mass=displaced)
     scene = Scene(balloon=[balloon], atmosphere=Atmosphere(density=1.2), **SHORT)

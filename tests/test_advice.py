@@ -1,4 +1,4 @@
-"""The step that a scene allows, and the particle that allows no more."""
+"""Stability limit of the step, and the particle that sets it."""
 
 import numpy as np
 import pytest
@@ -50,7 +50,7 @@ def test_advice_knows_strings_and_passes_over_particles_that_do_not_move():
 
 
 def test_strings_that_start_overstretched_are_named_with_how_much():
-    """Not one that is slack or of its own length, nor one that is tied later."""
+    """A string that starts overstretched is reported with its strain; a slack one or one tied later is not."""
     ends = [String(anchor=(0, -2, 0), length=length, particle=0) for length in (3.0, 1.0, None)]
     strings = [*ends, ends[1].model_copy(update={"start": 1.0})]
     mesh = quad_sphere(2)

@@ -49,7 +49,7 @@ MOST_PARAMETERS = 12
 
 
 def room(module: str) -> str:
-    """The file or folder of balloon_warp/ that a module is in."""
+    """Return the file or folder of balloon_warp/ that a module is in."""
     return module.split(".")[1]
 
 
@@ -86,7 +86,7 @@ def test_imports_go_down() -> None:
 
 
 def test_nothing_loads_what_loads_it() -> None:
-    """Neither at its top, nor within a function, for types alone, or by a string."""
+    """Imports have no cycle, be they at a file's top, within functions, for types alone, or by a string."""
     assert not circle(graph()), " loads\n".join(circle(graph()))
 
 
@@ -156,7 +156,7 @@ def test_kernels_import_warp_and_each_other_alone() -> None:
 
 
 def lines_of(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
-    """Lines of a function, with those of what it nests."""
+    """Return the number of lines of a function, with those of what it nests."""
     return (function.end_lineno or 0) - function.lineno + 1
 
 
@@ -200,7 +200,7 @@ ALSO_ASKED = {
 
 
 def words(tree: ast.Module) -> set[str]:
-    """Names and texts in a file's code, and what it imports by name."""
+    """Return names and texts in a file's code, and what it imports by name."""
     found: set[str] = set()
     for node in ast.walk(tree):
         if isinstance(node, ast.Name):
@@ -215,7 +215,7 @@ def words(tree: ast.Module) -> set[str]:
 
 
 def test_laws_stand_in_their_folder() -> None:
-    """Nothing that simulates knows a law's parameters, or calls its function by name."""
+    """Code that simulates names no law's parameter and calls no law's function."""
     parameters = {row.name for law in LAWS for row in law.parameters} - ALSO_ASKED.keys()
     functions = {law.force.func.__name__ for law in LAWS} - {"string", "weight", "damping"}  # usual words, too
     folders = (
@@ -232,12 +232,13 @@ def test_laws_stand_in_their_folder() -> None:
 
 
 def test_tables_are_small_enough_for_the_compiler_of_a_gpu():
-    """`Tables` says why. For sm_90 the kernel of bodies and particles took 4 s at 8,008 bytes and 131 s at 8,568."""
+    """The parameter struct of a kernel stays small: for sm_90 the kernel of bodies and particles took 4 s to compile at
+    8,008 bytes and 131 s at 8,568 (`Tables` says why)."""
     assert ctypes.sizeof(Tables.ctype) <= 8192
 
 
 def test_every_package_is_installed() -> None:
-    """A folder that the list of packages lacks would be missing where somebody installs it."""
+    """The list of packages is complete: a folder that it lacks would be missing in an installation."""
     packages = set(tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"])
     names = {".".join(Path(file).parent.parts) for file in TREES if not file.startswith("tests")}
     assert len(names) > 30

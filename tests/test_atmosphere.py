@@ -16,7 +16,7 @@ GRAVITY, GAS_CONSTANT, AIR_MASS = 9.80665, 8.314462618, 0.0289652
 
 
 def standard_air(height: float, lapse: float) -> tuple[float, float, float]:
-    """Pressure [Pa], temperature [K] and density [kg/m^3], as textbooks have them, from 101,325 Pa and 288.15 K on."""
+    """Return pressure [Pa], temperature [K] and density [kg/m^3] of standard air, from 101,325 Pa and 288.15 K."""
     temperature = 288.15 - lapse * height
     if lapse:
         pressure = 101325.0 * (temperature / 288.15) ** (GRAVITY * AIR_MASS / (GAS_CONSTANT * lapse))
@@ -26,13 +26,13 @@ def standard_air(height: float, lapse: float) -> tuple[float, float, float]:
 
 
 def test_the_standard_atmosphere_is_the_standard_atmosphere():
-    """Or the formula above would say nothing: 70,109 Pa and 0.9093 kg/m^3 at 3,000 m."""
+    """The reference formula gives the tabulated 70,109 Pa and 0.9093 kg/m^3 at 3,000 m."""
     assert standard_air(3000.0, 0.0065) == pytest.approx((70109.0, 268.65, 0.9093), rel=1e-3)
 
 
 def test_buoyancy_falls_with_height(schedule: str, device: str):
-    """Of a weather balloon of 10 m with 100 kg: it starts upward with what its air weighs less all that it carries,
-    over what moves. Float32 knows a balloon at 9,000 m to a ten-thousandth of its size; 2% is what is asked for."""
+    """A weather balloon of 10 m with 100 kg starts with its net lift over the mass that moves. Float32 resolves a
+    balloon at 9,000 m to a ten-thousandth of its size, so the tolerance is 2%."""
     balloon = gas_balloon(quad_sphere(3, 5.0), {"added_mass": 0.5, "gamma": 1.4}, mass=100.0)
     air = Atmosphere(pressure=101325.0, temperature=288.15, lapse=0.0)
     scene = Scene(balloon=[balloon], atmosphere=air, gravity=GRAVITY, frames_per_second=20.0, substeps=10)
@@ -55,8 +55,8 @@ def test_buoyancy_falls_with_height(schedule: str, device: str):
 
 @pytest.mark.parametrize("gamma", [1.0, 1.4])
 def test_a_gas_that_is_carried_up_presses_more(gamma: float, device: str):
-    """In a balloon too heavy to give way in a millisecond: from 1,000 to 3,000 m, as warm as the air there, or as it
-    was. Its amount is what balances the air at 1,000 m."""
+    """Gas at 3,000 m presses by what it was filled with at 1,000 m, cooled with the air or not. The balloon is too
+    heavy to expand in a millisecond, and its amount of gas balances the air at 1,000 m."""
     (low, warm, _), (high, cold, _) = standard_air(1000.0, 0.0065), standard_air(3000.0, 0.0065)
     ball = quad_sphere(3, 5.0)
     amount = low * signed_volume(ball) / (GAS_CONSTANT * warm)
@@ -77,7 +77,7 @@ def test_a_gas_that_is_carried_up_presses_more(gamma: float, device: str):
 
 
 def test_drag_follows_the_density(device: str):
-    """At 3,000 m in a wind of 10 m/s, on a cube."""
+    """Drag on a cube in a wind of 10 m/s falls with the density from the ground to 3,000 m."""
     box = Balloon(mesh=cube(), drag_coefficient=1.0, damping=0.0, inflation=Inflation(pressure=0.0))
     air = Atmosphere(temperature=288.15, lapse=0.0065, wind=(10.0, 0.0, 0.0))
     scene = Scene(balloon=[box], atmosphere=air, gravity=GRAVITY, net_forces=True)
@@ -87,7 +87,7 @@ def test_drag_follows_the_density(device: str):
 
 
 def aloft(gamma: float) -> Scene:
-    """Rigid balloons of 1 m: one is pumped, one is filled with litres, one leaks helium, and two are joined."""
+    """Return rigid balloons of 1 m: one is pumped, one is filled with litres, one leaks helium, and two are joined."""
     ball, gas = quad_sphere(3, 1.0), {"start_pressure": 2000.0, "gamma": gamma}
     kinds = ({"pump": 2.0}, {"litres": 5.0, "fill_time": 0.02}, {"leak": 1e-3}, {"start_pressure": 8000.0}, {})
     balloons = [
@@ -103,10 +103,10 @@ def aloft(gamma: float) -> Scene:
 
 @pytest.mark.parametrize(("schedule", "gamma"), [("gather", 1.4), ("lanes", 1.4), ("auto", 1.0)])
 def test_gas_meets_the_air_at_its_height(schedule: str, gamma: float, device: str):
-    """What is blown in is as warm as the air there, V_0 = (R T / p_0) (p_0 / p)^(1 - 1 / gamma) a mole at the pressure
-    p in full; litres are the air's there; what leaks does so by its density there, rho C A root(2 p / rho); and a tube
-    keeps p_1 V + p_2 V. At 3,000 m each would be off by 3 % and more by the air at
-    height 0. The pressures that enter are known to a ten-thousandth, by float32's volumes."""
+    """Flows of gas use the air at the balloon's height. Pumped gas has its temperature, V_0 = (R T / p_0) (p_0 / p)^(1
+    - 1 / gamma) a mole at the pressure p in full; litres are litres of it; a leak follows its density, rho C A root(2 p
+    / rho); and a tube conserves p_1 V + p_2 V. At 3,000 m each would be off by 3 % and more with the air at height 0.
+    Float32's volumes give the pressures to a ten-thousandth."""
     heights = [0.0, 3000.0]
     if schedule == "lanes" and device != "cpu":
         pytest.skip("lanes is for the CPU")

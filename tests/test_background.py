@@ -1,4 +1,4 @@
-"""Jobs in the background of a batch."""
+"""Background jobs of a batch."""
 
 import threading
 
@@ -33,7 +33,7 @@ def _fail() -> None:
 
 
 def test_a_failed_job_takes_what_is_behind_it_along():
-    """No part of a batch is saved whose frames could not be written."""
+    """Jobs queued behind a failed one do not run, so that no checkpoint follows frames that could not be written."""
     done: list[int] = []
     gate = threading.Event()
 

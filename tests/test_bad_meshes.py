@@ -1,4 +1,4 @@
-"""Meshes from the wild: what is refused, what is taken without fuss, and what is taken with a warning."""
+"""Meshes from the wild: refused, accepted, or accepted with a warning."""
 
 import os
 import subprocess
@@ -87,7 +87,7 @@ COMMANDS = {
 
 
 class ClosedPage:
-    """Of somebody who presses Ctrl-C at once."""
+    """Page whose user presses Ctrl-C at once."""
 
     def __init__(self, session: object, *_: object, **__: object) -> None:
         self.session = session

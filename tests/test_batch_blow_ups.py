@@ -1,4 +1,4 @@
-"""Worlds of a batch that blow up, and the others."""
+"""Worlds of a batch that blow up, and their neighbors."""
 
 import csv
 import json
@@ -55,14 +55,14 @@ SUBSTEPS = {1: 12, 3: 12, 4: 6}
 
 
 def table(folder: Path) -> dict[str, NDArray]:
-    """The columns, of shape (frame, world)."""
+    """Return the table's columns, of shape (frame, world)."""
     with np.load(folder / "table.npz") as columns:
         worlds = int(columns["world"].max()) + 1
         return {name: columns[name].reshape(-1, worlds) for name in columns}
 
 
 def rows(folder: Path) -> list[list[str]]:
-    """Each world's lines of the table, without its number."""
+    """Return each world's lines of the table, without its number."""
     worlds: dict[str, list[str]] = {}
     for line in (folder / "table.csv").read_text().splitlines()[1:]:
         world, _, row = line.partition(",")
@@ -87,7 +87,7 @@ def samples(folder: Path, place: int) -> dict[str, NDArray[np.float64]]:
 
 
 def assert_finite(folder: Path, exported: int) -> None:
-    """All numbers that were written."""
+    """Require that all numbers that were written are finite."""
     assert all(np.isfinite(column).all() for column in table(folder).values())
     with (folder / "table.csv").open(newline="") as file:
         for line in list(csv.reader(file))[1:]:
@@ -101,7 +101,7 @@ def assert_finite(folder: Path, exported: int) -> None:
 
 @pytest.fixture(params=WAYS)
 def way(request: pytest.FixtureRequest, device: str) -> tuple[Scene, str]:
-    """A scene, and the schedule that simulates it."""
+    """Return a scene, and the schedule that simulates it."""
     if device != "cpu" and request.param in ("octets", "lanes"):
         pytest.skip("simulates on the CPU")
     if device != "cpu" and request.param == "scatter":
@@ -110,7 +110,7 @@ def way(request: pytest.FixtureRequest, device: str) -> tuple[Scene, str]:
 
 
 def test_a_frozen_world_is_marked_and_the_others_are_as_if_it_were_not_there(way, device: str, tmp_path: Path):
-    """To the last bit: the table as text, the stage as numbers."""
+    """Freezing a world leaves the table and the stage of the others bit-identical."""
     scene, schedule = way
     lifts = np.insert(LIFTS, BAD, ASTRAY)
     with_it, without = tmp_path / "with", tmp_path / "without"
@@ -192,7 +192,7 @@ def test_the_manifest_says_what_blew_up_and_repeats_it(tmp_path: Path):
 
 
 def test_a_batch_that_is_stopped_while_worlds_begin_again_goes_on_to_the_same_files(tmp_path: Path):
-    """A checkpoint after every frame; what began again does so again."""
+    """A resumed batch is bit-identical, with a checkpoint after every frame: worlds that restarted do so again."""
     notes: list[str] = []
 
     def stop(sentence: str) -> None:

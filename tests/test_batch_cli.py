@@ -37,7 +37,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def batch(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
-    """Exit status of the command."""
+    """Run the command in this process and return its exit status."""
     monkeypatch.setattr(sys, "argv", ["balloon-warp", "batch", "scenes/ball.toml", "--device", "cpu", *arguments])
     with pytest.raises(SystemExit) as ended:
         main()

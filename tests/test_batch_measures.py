@@ -31,7 +31,7 @@ def put(array: wp.array, values: np.ndarray) -> None:
 
 
 def test_a_moving_box_is_measured_exactly(device):
-    """The unit cube drawn out to 1 x 2 x 1, moving at (1, 2, 2) m/s; numbers that float32 holds."""
+    """Measures are exact for the unit cube drawn out to 1 x 2 x 1 and moving at (1, 2, 2) m/s."""
     scene = Scene(balloon=[Balloon(mesh=cube(), mass=0.5, **STILL)], sphere=[Sphere(position=(7.0, 3.5, 0.0))])
     simulator = Simulator(scene, device)
     put(simulator.state.points, (cube().points * [1, 2, 1])[None])
@@ -51,7 +51,7 @@ def test_a_moving_box_is_measured_exactly(device):
 
 
 def test_what_is_in_the_box_is_counted(device):
-    """Centers count, each coordinate for itself; of two worlds in the one a balloon has left it."""
+    """A box test counts balloon centers, each coordinate by itself; a balloon has left in one of the two worlds."""
     places = [(0.0, 0.0, 0.0), (0.9, 0.0, 0.0), (0.0, -1.7, 0.0), (0.0, 0.0, 5.0)]
     balloons = [Balloon(mesh=cube(), position=place, **STILL) for place in places]
     box = Box(lower=(-0.2, -1.0, 0.0), upper=(1.5, 1.0, 1.0))
@@ -80,16 +80,16 @@ def test_balloons_are_summed_and_their_centers_weighed_by_mass(device):
 
 
 def deformed(mesh: PolygonMesh, shift: float) -> PolygonMesh:
-    """Bent and dented, far from the origin, at places that float32 holds."""
+    """Return a mesh bent and dented, far from the origin, at places that float32 holds."""
     points = mesh.points * [1.0, 1.4, 0.8] + 0.15 * np.sin(4.0 * mesh.points[:, [1, 2, 0]]) + shift
     return replace(mesh, points=points.astype(np.float32).astype(np.float64))
 
 
 def test_volume_and_area_are_those_of_the_host_in_float64(device):
-    """Closed and open, at the origin and 100 m away: about its own center a balloon keeps the digits of float32.
+    """Volume and area agree with the host, closed and open, at the origin and 100 m away: about its own center a
+    balloon keeps the digits of float32.
 
-    About the origin the volume at 100 m would be off by some 100^3 times float32's rounding, a tenth.
-    """
+    About the origin the volume at 100 m would be off by some 100^3 times float32's rounding, a tenth."""
     for mesh in (quad_sphere(9), open_cube(), quad_sphere(2)):
         for shift in (0.0, 100.0):
             bent = deformed(mesh, shift)
@@ -170,8 +170,8 @@ def test_a_world_whose_speeds_overflow_is_bad_before_its_places_are(device):
 
 
 def test_pressure_is_the_mean_by_area(device):
-    """A cube of 6 m^2 under 10 Pa, one of 24 m^2 whose gas starts at 40 Pa, and 100 k_normal over the 6 m^2 of a third;
-    at the start, and when all that is keyframed has changed."""
+    """The pressure is averaged over area: a cube of 6 m^2 under 10 Pa, one of 24 m^2 whose gas starts at 40 Pa, and 100
+    k_normal over the 6 m^2 of a third; at the start, and after all keyframes."""
     balloons = [
         Balloon(mesh=cube(), inflation=Inflation(kind="pressure", pressure=[(0.0, 10.0), (0.02, 30.0)])),
         Balloon(mesh=cube(), scale=2.0, inflation=Inflation(kind="gas", start_pressure=40.0)),

@@ -60,7 +60,7 @@ def test_mistakes_are_told_before_the_run(tmp_path: Path, change: dict, complain
 def test_far_too_many_worlds_are_refused_before_they_get_values(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cluster: Cluster | None
 ):
-    """Drawing them took minutes: a hundred million of anything do not fit into memory."""
+    """The size is checked before values are drawn: a hundred million of anything do not fit into memory."""
     monkeypatch.setattr(batch_module, "plan_groups", never)
     with pytest.raises(InputError, match=r"^100000000 worlds do not fit: they need .* GiB, and cpu has "):
         run_batch(scene(frames=400), tmp_path, 10**8, device=None if cluster else "cpu", cluster=cluster)
@@ -68,7 +68,7 @@ def test_far_too_many_worlds_are_refused_before_they_get_values(
 
 
 def test_what_is_refused_early_would_be_refused_late(monkeypatch: pytest.MonkeyPatch):
-    """Never with room for more worlds than are asked for, which is what takes the table and the worlds as they are."""
+    """The early check of memory refuses no batch that would fit by the bytes of its table and worlds."""
     monkeypatch.setattr(memory, "free_memory", lambda device: 2**30)
     monkeypatch.setattr(sweep_memory, "MANY", 1)
     model = lay_out(plan_groups(scene(), 4096, {"balloon.mass": np.ones(4096)})[0].plan, pick_device("cpu"))
@@ -80,7 +80,7 @@ def test_what_is_refused_early_would_be_refused_late(monkeypatch: pytest.MonkeyP
 
 
 def test_far_too_many_worlds_are_refused_without_finding_what_is_thin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """The search takes longer than all the rest, and says nothing of how large a world is."""
+    """The early check of memory skips the search for thin parts, which takes longest and adds no memory."""
     monkeypatch.setattr(shape, "relative_thickness", never)
     thin = {"balloon.stiffness.thin": "softer"}
     with pytest.raises(InputError, match=r"^100000000 worlds do not fit: "):
@@ -106,8 +106,8 @@ def test_a_varied_value_is_told_with_its_world_in_the_whole_batch(meshes: list[P
 
 
 def test_all_groups_take_the_step_of_the_stiffest_world(meshes: list[Path]):
-    """Whatever is in its group, a world is stepped alike. All are so light that stability asks for more substeps than
-    spheres do."""
+    """The step of a batch is that of its stiffest world, whichever group that is in. All are so light that stability
+    asks for more substeps than spheres do."""
     automatic = scene(substeps="auto")
     vary = {"balloon.0.mesh": [meshes[0], meshes[1], meshes[0]], "balloon.mass": [1e-4, 1e-4, 2e-5]}
     alone = [plan_groups(automatic, 1, {path: [values[n]] for path, values in vary.items()}) for n in range(3)]
@@ -125,7 +125,7 @@ def simulated_bytes(groups: list[Group]) -> int:
 def test_a_batch_that_does_not_fit_is_refused_before_anything_is_made(
     tmp_path: Path, meshes: list[Path], monkeypatch: pytest.MonkeyPatch
 ):
-    """All groups count, what is exported, and the table: in each case the rest alone would fit."""
+    """The memory check counts all groups, the exported worlds and the table: in each case the rest alone would fit."""
     varied = {"balloon.0.mesh": meshes * 20}
     one_mesh = simulated_bytes(plan_groups(scene(), 40, {}))
     two_meshes = simulated_bytes(plan_groups(scene(), 40, varied))

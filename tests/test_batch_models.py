@@ -20,7 +20,7 @@ VARIED = {
 
 
 def test_each_world_is_as_it_is_alone():
-    """To the last bit, and all of them differ."""
+    """A world of a batch is bit-identical to the scene run alone, and all worlds differ."""
     found = simulate(SCENE, world_count=4, vary=VARIED, device="cpu", schedule="gather")
     for world in range(4):
         own = {path: values[world] for path, values in VARIED.items()}
@@ -37,7 +37,7 @@ def test_worlds_of_one_model_stay_together():
 
 
 def test_the_command_line_s_lists_do(tmp_path: Path):
-    """Whose numbers are all floats."""
+    """Lists of the command line, whose numbers are all floats, vary integers such as a seed."""
     vary = spread(dict([parse_vary("balloon.stiffness.seed=1,2"), parse_vary("balloon.stiffness.variation=0.5")]), 3)
     run_batch(SCENE, tmp_path, 3, vary, export=range(3), device="cpu")
     with np.load(tmp_path / "table.npz") as table:

@@ -28,7 +28,7 @@ def meshes(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 @pytest.fixture(scope="module")
 def vary(meshes: list[Path]) -> dict:
-    """Two meshes in turn, which makes two groups of worlds, and a radius and a length of its own for each world."""
+    """Return two meshes in turn, which makes two groups of worlds, and a radius and a length for each world."""
     return {
         "balloon.0.mesh": [meshes[world % 2] for world in range(WORLDS)],
         "sphere.0.radius": RADII,
@@ -96,7 +96,7 @@ def test_csv_and_npz_are_the_same_to_the_last_bit(written: Path, table: dict[str
 
 
 def test_each_world_is_as_it_is_alone(table: dict[str, np.ndarray], stage: Usd.Stage, vary: dict):
-    """Grouped by mesh or not, to the last bit on the CPU; and of the stage, the chosen worlds alone are in it."""
+    """A world is bit-identical alone and in a batch on the CPU; the stage has the chosen worlds only."""
     assert [p.GetName() for p in stage.GetDefaultPrim().GetChildren() if p.GetName().startswith("World_")] == [
         "World_1",
         "World_2",
@@ -151,7 +151,7 @@ def test_stage_says_what_it_is(stage: Usd.Stage):
 
 
 def test_topology_is_stored_once_for_each_mesh(stage: Usd.Stage):
-    """In the layer itself only the prototypes have faces and materials; each world composes them."""
+    """Only the layer's prototypes have faces and materials; each world composes them."""
     with_faces, with_materials = [], []
 
     def look(path: Any) -> None:
@@ -258,8 +258,13 @@ def test_the_grid_is_square_and_centered(up_axis: str, flat: int):
 def test_saving_often_gives_the_same_samples(
     written: Path, vary: dict, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
+<<<<<<< HEAD
     """The file is added to after each frame instead of once."""
     monkeypatch.setattr(growing, "SAVE_BYTES", 0)
+=======
+    """A file that is appended to after each frame has the samples of one that is written once."""
+    monkeypatch.setattr(grid, "SAVE_BYTES", 0)
+>>>>>>> helper-c
     run_batch(scene(), tmp_path / "out", WORLDS, vary, export=[4, 1, 2], device="cpu")
     often, once = (Sdf.Layer.FindOrOpen(str(folder / "worlds.usdc")) for folder in (tmp_path / "out", written))
     assert often.ExportToString() == once.ExportToString()
@@ -273,7 +278,7 @@ def test_no_export_no_stage(tmp_path: Path):
 
 
 def test_a_world_that_blows_up_is_marked_and_never_written(tmp_path: Path):
-    """A pull that no step is small enough for; the other world is as it is alone."""
+    """A pull that no step is small enough for marks its world; the other world is as it is alone."""
     vary = {"balloon.inflation.k_normal": [0.2, 9e11]}
     summary = run_batch(scene(), tmp_path, 2, vary, export=[0, 1], device="cpu")
     assert summary.unhealthy_worlds == 1

@@ -50,7 +50,7 @@ def test_lists_are_cycled():
 
 
 def test_samples_are_uniform_and_go_by_seed_path_and_world():
-    """Mean and spread of 10,000 samples within four standard errors; and nobody else's samples matter."""
+    """Mean and spread of 10,000 samples are within four standard errors, and depend on no other path's samples."""
     samples = spread({"a": Range(2.0, 8.0)}, 10_000, seed=3)["a"]
     assert 2.0 <= np.min(samples) < np.max(samples) < 8.0
     assert np.mean(samples) == pytest.approx(5.0, abs=4 * 6.0 / np.sqrt(12 * 10_000))

@@ -22,7 +22,7 @@ def falling_cube(**fields) -> Balloon:
 
 
 def everything() -> Scene:
-    """Whatever may differ matters here: the sphere lies on the balloon, the string is taut, the inflation ramps."""
+    """Return a scene where every varied value matters: a sphere on the balloon, a taut string, ramped inflation."""
     ramp = Inflation(k_normal=[(0.0, 0.5), (0.05, 1.0), (0.1, 2.0)])
     balloons = [
         Balloon(mesh=quad_sphere(3), helium=3.0, inflation=ramp),
@@ -56,7 +56,7 @@ def run(simulator: Simulator) -> Simulator:
 
 
 def test_free_fall_goes_by_each_worlds_gravity(device):
-    """v += h a before x += h v: x = -g h^2 n (n + 1) / 2 after n steps."""
+    """Symplectic Euler gives x = -g h^2 n (n + 1) / 2 after n steps."""
     gravity = np.array([0.0, 1.62, 9.81, -3.0])
     scene = Scene(balloon=[falling_cube()], frames=6, frames_per_second=6, substeps=20)
     simulator = run(Simulator(scene, device, 4, {"gravity": gravity}))
@@ -67,7 +67,7 @@ def test_free_fall_goes_by_each_worlds_gravity(device):
 
 
 def test_terminal_rise_goes_by_each_worlds_helium_and_damping(device):
-    """m (helium - g) = c v once the start has died away: after 20 time constants m / c or more."""
+    """The terminal velocity is v = m (helium - g) / c once the start has died away: after 20 time constants m / c."""
     helium, damping = np.array([12.0, 20.0, 9.81]), np.array([1.0, 2.0, 1.5])
     scene = Scene(balloon=[falling_cube(mass=0.05)], frames=60, frames_per_second=60, substeps=4)
     simulator = run(Simulator(scene, device, 3, {"balloon.helium": helium, "balloon.0.damping": damping}))
@@ -108,7 +108,7 @@ def test_terminal_rise_goes_by_each_worlds_helium_and_damping(device):
     ],
 )
 def test_a_world_of_a_batch_is_the_overridden_scene_alone(path: str, values: tuple[float, float]):
-    """To the last bit on the CPU, where the order of the sums is fixed; and the two worlds do differ."""
+    """A world of a batch is bit-identical to the overridden scene on the CPU, where the order of the sums is fixed."""
     batch = run(Simulator(everything(), "cpu", 2, {path: np.array(values)}, schedule="lanes"))
     for world, value in enumerate(values):
         alone = run(Simulator(override_scene(everything(), [(path, value)]), "cpu", schedule="lanes"))
@@ -151,7 +151,7 @@ def test_several_things_differ_at_once_and_the_last_named_wins():
     ],
 )
 def test_the_step_suits_the_stiffest_world(path: str, values: list[float]):
-    """So stiff and light that stability asks for more than the 16 substeps that spheres do."""
+    """The stability limit is that of the stiffest world: so stiff and light that it exceeds a sphere's 16 substeps."""
     scene = everything().model_copy(update={"substeps": "auto"})
     alone = [plan_model(override_scene(scene, [(path, value)])).substeps for value in values]
     assert plan_model(scene, 3, {path: values}).substeps == max(alone) == alone[1] > min(alone)
@@ -188,7 +188,7 @@ def test_a_wrong_value_is_told_in_a_sentence(vary: dict, complaint: str):
 
 
 def test_many_worlds_are_planned_without_a_loop_over_them():
-    """As much Python for 65,536 as for 16."""
+    """Planning 65,536 worlds executes as many lines of Python as planning 16."""
     draw = np.random.default_rng(0).uniform(0.1, 1.0, 65_536)
     paths = ["balloon.mass", "balloon.stiffness.shear", "balloon.inflation.k_normal", "sphere.0.position.1"]
     scene = everything().model_copy(update={"substeps": "auto"})

@@ -1,4 +1,4 @@
-"""The benchmark's peer simulates the same balloons, and its cases are what they say."""
+"""Peer of the benchmark simulates the same balloons, and its cases are what they say."""
 
 import subprocess
 import sys
@@ -53,7 +53,7 @@ def test_the_cases_can_be_built(case):
 
 @pytest.mark.parametrize("case", list(rubber_cases("octets", 1)), ids=lambda case: case.law)
 def test_rubber_of_the_cases_is_stretched(case):
-    """To half as large again as it is at rest, and so is what it is measured beside as heavy."""
+    """Rubber of a case is stretched to half as large again as at rest, and as heavy as its peer without rubber."""
     simulator = Simulator(case.scene(), "cpu", schedule=case.schedule)
     for _ in range(60):
         simulator.step()
@@ -66,7 +66,7 @@ def test_rubber_of_the_cases_is_stretched(case):
 
 @pytest.mark.parametrize("spheres", [1, 8])
 def test_spheres_of_the_cases_touch_the_balloon_and_nothing_blows_up(spheres):
-    """Over all frames that are timed."""
+    """Spheres touch the balloon in the timed frames, and all points stay finite."""
     model = build_model(Case("", "lanes", 1, spheres=spheres, ground=True).scene(), "cpu")
     state = initial_state(model)
     schedule = make_schedule(model, "lanes")
@@ -103,7 +103,7 @@ def test_growing_cases_change_one_thing_and_keep_the_particles():
 
 
 def test_a_growing_case_is_measured_beside_its_base(monkeypatch: pytest.MonkeyPatch):
-    """Seconds of a frame as if all frames took alike: then the rates are as the particle-substeps."""
+    """Rates follow the particle-substeps where all frames take the same time."""
     monkeypatch.setattr(rate, "seconds_a_frame", lambda contenders, states: [0.5] * len(contenders))
     (case,) = beside(Case("64 balloons", "lanes", 64), substeps=(8,))
     result = run_case(case, wp.get_device("cpu"))
@@ -139,7 +139,7 @@ def test_an_export_is_of_every_frame_and_of_worlds_that_differ(tmp_path: Path):
 
 @pytest.mark.parametrize("cold", [True, False])
 def test_a_cold_first_frame_has_no_kernels_and_a_warm_one_has_them(cold: bool, monkeypatch: pytest.MonkeyPatch):
-    """The process is replaced by one that says what it found in its cache, and leaves something there."""
+    """The first process finds an empty kernel cache and the second a filled one, as a stand-in process reports."""
     found = []
 
     def process(case: FirstFrameCase, device: wp.Device, cache: str) -> tuple[float, str]:
@@ -181,7 +181,7 @@ def test_a_process_without_a_frame_is_told(tmp_path: Path):
 
 
 def test_gathers_bound_is_the_launch_for_few_particles_and_issue_or_bytes_for_many():
-    """The instructions and bytes that the docstring counts, on 132 multiprocessors, by hand."""
+    """Roofline bounds on 132 multiprocessors are worked out by hand, from the docstring's instructions and bytes."""
     assert bound.gather_bound(10, 132, 1.5e-6, obstacles=False) == pytest.approx(10 / 1.5e-6, rel=1e-3)
     issue = 132 * 128 * 1.98e9 / bound.GATHER_INSTRUCTIONS
     assert bound.gather_bound(10**8, 132, 1.5e-6, obstacles=False) == pytest.approx(issue, rel=1e-3)
@@ -205,7 +205,7 @@ def test_gather_on_a_gpu_stays_below_its_bound(device):
 
 @pytest.mark.parametrize("normals", ["cached", "fresh"])
 def test_newton_gives_the_same_trajectory(normals, device):
-    """Over three frames, but for float32: springs, damping, gravity, inflation and the integrator are the same."""
+    """Newton's trajectory agrees over three frames to float32's rounding: both have the same forces and integrator."""
     pytest.importorskip("newton")
     from balloon_warp.benchmarks.newton_peer import NewtonPeer
 
@@ -251,8 +251,7 @@ def test_explicit_and_implicit_steps_are_measured_on_the_same_motion(monkeypatch
 
 
 def test_what_it_costs_to_look_after_worlds_is_measured_beside_their_frame(monkeypatch: pytest.MonkeyPatch):
-    """The look of a schedule that looks by itself is what it takes longer than one that does not; a batch keeps no
-    states."""
+    """Cost of the health check is the difference to a schedule without it; a batch keeps no states."""
     from balloon_warp.benchmarks import health
 
     cpu, tiny = wp.get_device("cpu"), Case("tiny", "gather", 1, cells=2, substeps=4)

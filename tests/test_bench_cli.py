@@ -1,4 +1,4 @@
-"""`balloon-warp bench` as a user types it; what it measures is made up."""
+"""`balloon-warp bench` as a user types it; its measurements are made up."""
 
 import json
 import sys

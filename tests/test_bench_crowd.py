@@ -1,4 +1,4 @@
-"""The benchmark of balloons that touch: the same balloons on both sides, and how deep they are in each other."""
+"""Benchmark of balloons in contact: the same balloons on both sides, and how deep they are in each other."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -24,13 +24,13 @@ def parts_of(points: np.ndarray, model: Model) -> list[np.ndarray]:
 
 
 def widths(points: np.ndarray, model: Model) -> np.ndarray:
-    """The mean distance of each balloon's particles from their middle, over the radius at the start."""
+    """Return the mean distance of each balloon's particles from their middle, over the radius at the start."""
     parts = parts_of(points, model)
     return np.array([np.linalg.norm(part - part.mean(axis=0), axis=1).mean() for part in parts]) / CASE.radius
 
 
 def check_motion(peer: Any, model: Model, frames: int) -> np.ndarray:
-    """A peer starts with the same balloons; they get wider, and what is held stays. Where they are then."""
+    """Return a peer's final points, and require that the same balloons get wider while fixed particles stay."""
     np.testing.assert_allclose(peer.points, model.initial_points.numpy(), atol=1e-6)
     held = model.particle_mass_share.numpy() == 0.0
     assert 8 <= held.sum() < model.particle_count // 4
@@ -63,8 +63,8 @@ def test_the_balloons_are_apart_at_first_and_press_each_other_then():
 
 
 def test_newton_blows_them_up_alike():
-    """With the same springs and the same pressure, they get as wide as ours, to a few percent, though its steps are
-    implicit ones; and they stay out of each other."""
+    """Newton's balloons get as wide as ours, to a few percent, with the same springs and pressure though by implicit
+    steps; and they do not interpenetrate."""
     pytest.importorskip("newton")
     from balloon_warp.benchmarks.newton_crowd import NewtonCrowd
 
@@ -78,7 +78,7 @@ def test_newton_blows_them_up_alike():
 
 
 def test_blender_blows_them_up_alike():
-    """On the mesh that is measured, on which its pressure was chosen: a seventh wider, as ours."""
+    """Blender's balloons get a seventh wider, as ours, on the measured mesh, for which its pressure was chosen."""
     pytest.importorskip("bpy")
     from balloon_warp.benchmarks.blender_peer import BlenderPeer
 
@@ -88,7 +88,7 @@ def test_blender_blows_them_up_alike():
 
 
 class Mover:
-    """A peer whose second balloon ends a tenth of its radius in the first."""
+    """Peer whose second balloon ends a tenth of its radius in the first."""
 
     def __init__(self, model: Model):
         self.model = model
@@ -99,7 +99,7 @@ class Mover:
 
 
 def test_ratio_and_overlaps_are_of_the_same_run(monkeypatch: pytest.MonkeyPatch):
-    """Seconds of a frame as if all frames took alike, ours half as long; and states as they start."""
+    """Ratio and overlaps come from one run: all frames take the same time, ours half as long."""
     asked = []
 
     def seconds(contenders: list[Any], frames: int, states: list[State]) -> list[float]:

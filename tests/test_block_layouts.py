@@ -1,5 +1,5 @@
-"""Blocks whose threads keep particles in registers, or loop over them, with values in shared memory or not: the same
-kernels that a GPU gets, on a CPU, where a block is one thread. They give what launches do."""
+"""Block layouts with particles in registers or in loops, and values in shared memory or not: the kernels of a GPU, on a
+CPU, where a block is one thread. Results agree with launches."""
 
 import re
 from typing import Any
@@ -122,9 +122,9 @@ def test_blocks_do_what_launches_do(name: str, layout: str, monkeypatch: pytest.
 
 
 def test_loops_over_items_leave_what_threads_keep_alone() -> None:
-    """A thread that keeps one particle of several balloons has loops over faces and balloons beside it; to these, and
-    to the particle, the same names meant different things. A CPU's one thread keeps all particles, so the text is
-    looked at."""
+    """Names in loops over items do not shadow those of a thread's own particle: a thread that keeps one particle of
+    several balloons loops over faces and balloons as well. A CPU's one thread keeps all particles, so the test reads
+    the generated text."""
     scene = scenes(3)["two balloons"].model_copy(update={"normals": "cached", "touch": False})
     model = build_model(scene, "cpu")
     features = model_features(model)

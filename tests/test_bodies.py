@@ -1,4 +1,4 @@
-"""Free rigid bodies by themselves: what they weigh, how they turn, and which are refused."""
+"""Free rigid bodies by themselves: mass, rotation, and refusals."""
 
 from dataclasses import replace
 
@@ -47,8 +47,8 @@ def exact_turn(seconds: float) -> Rotation:
 
 
 def test_an_asymmetric_top_tumbles_and_keeps_angular_momentum_and_energy(device):
-    """With the midpoint rule half the step makes a quarter of the error, of where the top is turned and of the energy.
-    It turns about its middle axis, which is unstable: it has turned over by then."""
+    """The midpoint rule converges at second order: half the step makes a quarter of the error, of the orientation and
+    of the energy. The top turns about its middle axis, which is unstable: it has turned over by then."""
     errors, turns = zip(*[tumbled(device, substeps) for substeps in (1, 2, 4)], strict=True)
     exact = exact_turn(1.0)
     off = [(Rotation.from_quat(turn) * exact.inv()).magnitude() for turn in turns]
@@ -62,7 +62,7 @@ def test_an_asymmetric_top_tumbles_and_keeps_angular_momentum_and_energy(device)
 
 
 def test_inertia_is_that_of_the_solid():
-    """Inertia of boxes, capsules and meshes, about their centers of mass, against trimesh's; a sheet's is that of a
+    """Inertia of boxes, capsules and meshes about their centers of mass agrees with trimesh's; a sheet's is that of a
     plate."""
     bent = quad_sphere(4, 0.5)
     bent = replace(bent, points=bent.points * (1.0, 0.5, 0.3) + (2.0, 1.0, -1.0))
@@ -120,7 +120,7 @@ def test_nonsense_gets_one_sentence(fields, sentence):
 
 
 def test_what_is_far_away_or_beside_a_body_may_start(device):
-    """However large a sphere is, and however near it stands."""
+    """A sphere far from a body, or beside it, is no overlap, however large or near."""
     spheres = [Sphere(position=(20, 2, 0), radius=5.0), Sphere(position=(0, 2.8, 0), radius=0.29)]
     started(device, Body(position=(0, 2, 0)), sphere=spheres, ground=Ground(height=1.5))
 

@@ -1,4 +1,4 @@
-"""Free bodies in a batch: the table and the stage say of each world what it does alone."""
+"""Free bodies in a batch: the table and the stage of each world agree with the scene run alone."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Free rigid bodies that bounce, and how many substeps they ask for."""
+"""Free rigid bodies that bounce, and their number of substeps."""
 
 from typing import Any
 
@@ -31,7 +31,7 @@ def tops(simulator: Simulator, seconds: float, rest: float) -> list[float]:
 
 
 def bouncing(device: str, floor: str, restitution: float, **fields: Any) -> Simulator:
-    """A ball that falls on the ground, or a box on something."""
+    """Return a ball that falls on the ground, or a box on something."""
     ball = Body(radius=0.1, length=0.0, position=(0, FALL + 0.1, 0), restitution=restitution)
     brick = Body(size=(0.3, 0.2, 0.3), position=(0, FALL + 0.1, 0), restitution=restitution)
     table = Obstacle(size=(9, 1, 9), position=(0, -0.5, 0), restitution=restitution)
@@ -45,8 +45,8 @@ def bouncing(device: str, floor: str, restitution: float, **fields: Any) -> Simu
 @pytest.mark.parametrize("restitution", [0.3, 0.7, 1.0])
 @pytest.mark.parametrize("floor", ["ground", "obstacle"])
 def test_each_bounce_comes_back_to_the_square_of_the_restitution(floor, restitution, substeps, device):
-    """Within two hundredths of what the step before had: the step's own energy, which is kept, is off by g h v / 2 from
-    that of what is seen. Those that are told are higher than a step's fall."""
+    """Each apex is e^2 of the one before, within 2 %. The step conserves its own energy, off by g h v / 2 from the one
+    measured, so apexes lower than a step's fall are left out."""
     found = tops(bouncing(device, floor, restitution, substeps=substeps), 2.5, 0.1)
     expected = FALL * restitution ** (2 * np.arange(len(found)))
     told = expected > (0.05 if substeps == 1 else 0.005)
@@ -56,7 +56,7 @@ def test_each_bounce_comes_back_to_the_square_of_the_restitution(floor, restitut
 
 @pytest.mark.parametrize("way", ["scatter", "gather", "block"])
 def test_bounces_go_on_for_ever_without_loss_or_gain(way, device):
-    """Energy stays for ten seconds at restitution 1; it was 79% more then."""
+    """Energy is conserved for ten seconds at restitution 1; a regression gained 79%."""
     simulator = bouncing(device, "ground", 1.0, substeps="auto", schedule=way)
     found = tops(simulator, 10.0, 0.1)
     assert len(found) == 12
@@ -66,8 +66,8 @@ def test_bounces_go_on_for_ever_without_loss_or_gain(way, device):
 @pytest.mark.parametrize("substeps", ["auto", 13, 64])
 @pytest.mark.parametrize("friction", [0.0, 0.5])
 def test_a_box_that_tumbles_gains_no_energy_by_bounces(friction, substeps, device):
-    """Without friction and with restitution 1 it keeps it; what is seen of it is off by m g h v / 2. Its first corner
-    sets it spinning."""
+    """Energy of a tumbling box does not grow by bounces, and is conserved without friction and with restitution 1; the
+    measured one is off by m g h v / 2. Its first corner sets it spinning."""
     crate = Body(size=(0.2, 0.3, 0.15), position=(0, 1, 0), rotation=(20, 30, 10), restitution=1.0, friction=friction)
     simulator = started(
         device, crate, ground=Ground(restitution=1.0, friction=friction), gravity=9.81, frames_per_second=60.0,
@@ -100,7 +100,7 @@ def test_a_sphere_that_falls_on_a_body_at_rest_gains_no_energy(device):
 
 @pytest.mark.parametrize("schedule", ["gather", "block"])
 def test_two_that_touch_others_keep_momentum(schedule, device):
-    """Four boxes that meet in space, one after the other: in each pair the impulses are opposite."""
+    """Momentum is conserved as four boxes meet in space: the impulses of each pair are opposite."""
     bodies = [
         Body(size=(0.3, 0.2, 0.3), position=(0.35 * i, 0.02 * i, 0), velocity=(1.0 - i, 0, 0), mass=1.0 + i)
         for i in range(4)

@@ -1,4 +1,4 @@
-"""Free rigid bodies that meet the ground, obstacles, spheres, each other and balloons: what they exchange."""
+"""Contact of free rigid bodies with the ground, obstacles, spheres, each other and balloons."""
 
 from typing import Any
 
@@ -19,7 +19,7 @@ def laid_out(request: pytest.FixtureRequest) -> str:
 
 @pytest.mark.parametrize("restitution", [0.0, 0.5, 1.0])
 def test_a_ball_bounces_on_the_ground_by_its_restitution(restitution, device):
-    """It comes back to e^2 of where it fell from; a step adds an error of order g h T."""
+    """A ball bounces to e^2 of its drop height; a step adds an error of order g h T."""
     ball = Body(radius=0.2, length=0.0, position=(0, 1.2, 0), restitution=restitution)
     simulator = started(device, ball, ground=Ground(restitution=restitution), gravity=9.8, substeps=40)
     heights = []
@@ -46,7 +46,7 @@ def test_a_box_that_falls_comes_to_rest_on_its_side(floor, device):
 
 @pytest.mark.parametrize(("degrees", "slides"), [(20.0, False), (35.0, True)])
 def test_a_box_slides_on_a_slope_as_coulomb_says(degrees, slides, device):
-    """With friction 0.5 it stays below 26.6 degrees, and slides with g (sin - friction cos) above."""
+    """A box with friction 0.5 sticks below 26.6 degrees, and slides with g (sin - friction cos) above."""
     ramp = Obstacle(shape="plane", rotation=(0, 0, degrees), friction=0.5, restitution=0.0)
     out = np.array([-np.sin(np.radians(degrees)), np.cos(np.radians(degrees)), 0.0])
     box = Body(
@@ -60,7 +60,7 @@ def test_a_box_slides_on_a_slope_as_coulomb_says(degrees, slides, device):
 
 
 def test_two_that_meet_keep_momentum_and_angular_momentum(device):
-    """A box hits another off its center, and both turn away; friction is between them alone."""
+    """Momentum is conserved as a box hits another off its center, with friction, and both turn away."""
     boxes = [
         Body(size=(0.4, 0.3, 0.2), position=(-0.6, 0.1, 0.02), velocity=(3.0, 0, 0), mass=1.0),
         Body(size=(0.2, 0.5, 0.3), position=(0, 0, 0), mass=2.0, angular_velocity=(1.0, 0, 2.0)),
@@ -76,7 +76,7 @@ def test_two_that_meet_keep_momentum_and_angular_momentum(device):
 
 @pytest.mark.parametrize("speed", [2.0, 500.0])
 def test_a_sphere_and_a_body_keep_momentum_and_none_goes_through(speed, device):
-    """The sphere is as wide as the box is thick, and at the higher speed a step takes it ten times as far."""
+    """Momentum is conserved without tunneling, where a step takes the sphere ten times the box's thickness."""
     wall = Body(size=(0.05, 1.0, 1.0), mass=3.0, restitution=1.0)
     ball = Sphere(position=(-0.5, 0.2, 0.1), radius=0.05, mass=0.5, velocity=(speed, 0, 0), restitution=1.0)
     simulator = started(device, wall, sphere=[ball], **SPACE)
@@ -90,7 +90,7 @@ def test_a_sphere_and_a_body_keep_momentum_and_none_goes_through(speed, device):
 
 
 def hit(device: str, schedule: str, mass: float = 0.3, speed: float = 2.0, **fields: Any) -> Simulator:
-    """A body that hits a balloon at rest off its center, turning."""
+    """Return a body that hits a balloon at rest off its center, turning."""
     ball = Balloon(mesh=quad_sphere(6, 0.5), mass=0.5, damping=0.0, inflation=Inflation(pressure=0.0))
     brick = Body(
         size=(0.5, 0.3, 0.4),
@@ -105,7 +105,7 @@ def hit(device: str, schedule: str, mass: float = 0.3, speed: float = 2.0, **fie
 
 @pytest.mark.parametrize("mass", [0.02, 0.3, 20.0])
 def test_balloon_and_body_together_keep_what_physics_keeps(mass, laid_out, device):
-    """As with spheres: a substep rounds velocities and places by up to half an epsilon to either side."""
+    """Momentum and angular momentum are conserved to rounding, by up to half an epsilon a substep."""
     simulator = hit(device, laid_out, mass)
     start, gained = whole(simulator), kinetic(simulator) + energy(simulator)
     before = body_state(simulator, "velocities")[0]
@@ -120,7 +120,7 @@ def test_balloon_and_body_together_keep_what_physics_keeps(mass, laid_out, devic
 
 
 def test_a_ball_that_is_a_body_does_what_a_sphere_does(device):
-    """The balloon does not know which it is: by the impulse rule, both are the same, but for how sums are rounded."""
+    """A ball as a body moves like a sphere: both are the same to the impulse rule, but for rounding."""
     ball = Balloon(mesh=quad_sphere(6, 0.5), mass=0.5, damping=0.0, inflation=Inflation(pressure=0.0))
     setting = SPACE | {
         "balloon": [ball],
@@ -146,7 +146,7 @@ def test_a_ball_that_is_a_body_does_what_a_sphere_does(device):
 
 @pytest.mark.parametrize("way", ["gather", "block", "lanes"])
 def test_a_schedule_gives_scatters_trajectory(way, device):
-    """Within rounding, three frames after they meet; later the collision makes more of it."""
+    """Schedules agree within rounding three frames after contact; the collision amplifies it later."""
     if way == "lanes" and device != "cpu":
         pytest.skip("lanes is for the CPU")
     found, expected = (after(hit(device, schedule), 12) for schedule in (way, "scatter"))
@@ -155,8 +155,8 @@ def test_a_schedule_gives_scatters_trajectory(way, device):
 
 
 def test_a_balloon_carries_a_body_by_its_weight(device):
-    """A tray on a balloon: when it has come to rest, particles press it with what it weighs, and it presses them with
-    the same. Later it tips over, as an upright pendulum does."""
+    """A tray comes to rest on a balloon with a contact force equal to its weight, and the reaction is equal and
+    opposite. Later it tips over, as an inverted pendulum does."""
     ball = Balloon(mesh=quad_sphere(8, 0.5), mass=0.1, damping=3.0, position=(0, 0.5, 0))
     tray = Body(size=(0.8, 0.05, 0.8), position=(0, 1.3, 0), mass=0.2)
     simulator = Simulator(Scene(balloon=[ball], body=[tray], ground=Ground()), device, schedule="scatter")
@@ -172,8 +172,8 @@ def test_a_balloon_carries_a_body_by_its_weight(device):
 
 
 def test_friction_stops_what_slides_on_a_body(device):
-    """A ball that slides on a heavy plate without gravity but pressed by its speed: of the impulse along the normal,
-    friction takes no more than its part, and none where it has none."""
+    """Friction takes no more than its part of the normal impulse from a ball that slides on a heavy plate without
+    gravity, pressed on by its speed; none where the coefficient is zero."""
     slid = []
     for friction in (0.0, 0.1, 5.0):
         plate = Body(size=(4.0, 0.2, 4.0), position=(0, -0.7, 0), mass=1e4, friction=friction)
@@ -188,7 +188,7 @@ def test_friction_stops_what_slides_on_a_body(device):
 
 
 def test_a_body_shot_at_a_balloon_does_not_go_through_particles(device):
-    """A plate that moves ten times its thickness in a step takes all particles in its way along."""
+    """A plate that moves ten times its thickness in a step does not tunnel: it takes all particles in its way along."""
     plate = Body(size=(2.0, 0.02, 2.0), position=(0, 3.0, 0), mass=50.0, velocity=(0, -80.0, 0))
     ball = Balloon(mesh=quad_sphere(4, 0.5), mass=0.2, inflation=Inflation(pressure=0.0))
     simulator = started(device, plate, balloon=[ball], **SPACE, frames_per_second=60.0, substeps=6)

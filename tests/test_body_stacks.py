@@ -1,4 +1,4 @@
-"""Free rigid bodies that stand on each other, lie, lean and ride: as Newton has it nothing moves that is at rest."""
+"""Free rigid bodies that stand on each other, lie, lean and ride: bodies in equilibrium stay at rest."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -21,7 +21,7 @@ MOST_GAIN = 1.0e-4
 
 @dataclass
 class Watched:
-    """Result of a simulation of bodies."""
+    """Simulator of bodies, with what was recorded on the way."""
 
     simulator: Simulator
     way: float
@@ -72,7 +72,7 @@ def test_what_is_heavy_stands_on_what_is_light(masses, substeps, device):
 
 @pytest.mark.parametrize("way", ["scatter", "block"])
 def test_every_schedule_stacks_alike(way, device):
-    """A stack that comes down, too, to the last bit but for how sums are made."""
+    """Schedules agree on a stack, also on one that comes down, but for how sums are rounded."""
     bodies = [box(0.004 * number, 0.11 + 0.21 * number, rotation=(0, 9.0 * number, 0)) for number in range(3)]
     found, expected = (
         after(started(device, *bodies, schedule=schedule, ground=Ground(), gravity=9.81), 60)
@@ -121,7 +121,7 @@ def test_what_stands_stays(name, device):
 
 @pytest.mark.parametrize("width", [0.1, 0.2])
 def test_a_plank_lies_on_supports_that_no_point_of_it_meets(width, device):
-    """Their corners are held out of it: its own points are half a meter apart."""
+    """Edges of the supports carry a plank whose own contact points are half a meter apart."""
     supports = [Obstacle(size=(width, 0.3, width), position=(x, 0.15, 0)) for x in (-0.8, 0.8)]
     plank = [box(0.0, 0.35, (2.0, 0.1, 0.3)), box(0.0, 0.45, (0.2, 0.1, 0.2), mass=5.0)]
     require_rest(watched(device, *plank, seconds=3.0, obstacle=supports))
@@ -129,8 +129,8 @@ def test_a_plank_lies_on_supports_that_no_point_of_it_meets(width, device):
 
 @pytest.mark.parametrize("degrees", [20.0, 25.0, 35.0])
 def test_two_on_a_slope_stay_or_slide_together(degrees, device):
-    """Friction of 0.5 holds them below 26.6 degrees for 20 s; above they slide with g (sin - friction cos), by 0.4 m in
-    a second or so."""
+    """Friction of 0.5 holds two boxes below 26.6 degrees for 20 s; above, they slide with g (sin - friction cos), by
+    0.4 m in a second or so."""
     slope = np.radians(degrees)
     out, along = np.array([-np.sin(slope), np.cos(slope), 0.0]), np.array([np.cos(slope), np.sin(slope), 0.0])
     ramp = Obstacle(shape="plane", rotation=(0, 0, degrees), friction=0.5, restitution=0.0)
@@ -148,7 +148,7 @@ def test_two_on_a_slope_stay_or_slide_together(degrees, device):
 
 
 def test_a_stack_rides_on_a_lift(device):
-    """Up and down by half a meter in two seconds, with less than half of gravity's acceleration."""
+    """A stack stays on a lift that moves by half a meter in two seconds, with less than half of gravity."""
     times = np.arange(0.0, 4.01, 1.0 / 30.0)
     shifts = [(float(time), (0.0, float(0.25 - 0.25 * np.cos(np.pi * time)), 0.0)) for time in times]
     lift = Obstacle(size=(1, 0.2, 1), position=(0, 0.5, 0), motion=shifts)
@@ -167,7 +167,7 @@ def test_a_stack_rides_on_a_lift(device):
 
 
 def test_an_overlap_is_shared_by_mass(device):
-    """A millimeter of it vanishes within some steps, without speed; the common center of mass stays."""
+    """A millimeter of overlap vanishes within some steps, without speed; the common center of mass stays."""
     masses = np.array([1.0, 3.0])
     bodies = [Body(size=(0.3, 0.2, 0.3), position=(0, y, 0), mass=m) for y, m in zip((0.1, 0.299), masses, strict=True)]
     simulator = started(device, *bodies, **SPACE)

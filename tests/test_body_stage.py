@@ -19,7 +19,7 @@ PATHS = ("/World/Bodies/box", "/World/Bodies/rod", "/World/Bodies/mesh", "/World
 
 
 def everything(**fields) -> Scene:
-    """A small balloon beside one of each, turning."""
+    """Return a small balloon beside one body of each shape, turning."""
     bodies = [
         Body(size=(0.2, 0.3, 0.4), position=(2, 1, 0), angular_velocity=(1, 2, 3), mass=2.5, color=(0.1, 0.2, 0.3)),
         Body(radius=0.1, length=0.5, position=(-2, 1, 0), rotation=(40, 0, 20), name="rod", velocity=(0, 1, 0)),
@@ -47,7 +47,7 @@ def test_every_validator_passes(tmp_path: Path, up_axis: str):
 
 
 def test_the_stage_has_the_poses_of_the_simulation(written: Path):
-    """Place and turn of every frame, about the centers of mass."""
+    """Place and turn agree in every frame, about the centers of mass."""
     stage, simulator = Usd.Stage.Open(str(written)), Simulator(everything(), "cpu")
     for number in range(FRAMES + 1):
         poses = simulator.read_frame().body_poses
@@ -75,7 +75,7 @@ def test_the_stage_says_what_they_weigh(written: Path):
 
 
 def test_pictures_have_them_at_their_places(written: Path):
-    """The box's sides and the capsule's ends are where the poses put them, at every frame that is drawn."""
+    """Sides of the box and ends of the capsule are where the poses put them, in every frame that is drawn."""
     reader, simulator = RenderStage(written), Simulator(everything(), "cpu")
     reader.read_prims(0)
     for number in range(FRAMES + 1):

@@ -1,4 +1,4 @@
-"""Pins of a mesh by itself: at the borders of open parts, and never so that the rest of it falls."""
+"""Pins that a mesh gets by itself: at the borders of open parts, and never so that the rest of it falls."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -32,20 +32,20 @@ def test_one_open_part_is_held_at_its_border() -> None:
 
 
 def test_a_closed_body_is_not_held_at_the_border_of_a_detail() -> None:
-    """A lash on a head; but the head hangs on a body that is mostly open."""
+    """A lash does not pin a closed head at its border; but a body that is mostly open pins the head."""
     assert pins(cube(), at(grid(1, 1), (0, 0, 1.1), 0.2)) == set()
     assert pins(open_cube(), at(cube(), (3, 0, 0), 0.2)) == RIM
 
 
 def test_free_parts_are_held_only_if_all_of_them_are() -> None:
-    """A car's open body would stay where it is while its wheels fall."""
+    """Pins are all or none: a car's open body would stay where it is while its wheels fall."""
     assert pins(open_cube(), at(cube(), (3, 0, 0), 0.2), held="free") == set()
     both = pins(open_cube(), at(open_cube(), (3, 0, 0), 0.2), held="free")
     assert both == RIM | {vertex + 8 for vertex in RIM}
 
 
 def test_each_part_that_is_all_border_is_held_at_its_first_face() -> None:
-    """Strips of hair: none of them swings from another."""
+    """Each strip of hair is pinned by itself: none swings from another."""
     strips = [at(grid(3, 1), (0, 2.0 * n, 0)) for n in range(3)]
     assert pins(*strips) == {8 * n + corner for n in range(3) for corner in (0, 1, 4, 5)}
 

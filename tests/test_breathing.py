@@ -1,4 +1,4 @@
-"""Breathing of a balloon on its gas, damped by the step or not, against the theory of either scheme."""
+"""Breathing mode of a balloon on its gas, damped by the step or not, against the theory of either scheme."""
 
 import numpy as np
 import pytest
@@ -19,9 +19,7 @@ OMEGA = float(np.sqrt(GAMMA * AIR_PRESSURE / VOLUME * (3.0 * VOLUME / RADIUS) **
 def swing(breathing_damping: float, phase_of_step: float, periods: float, schedule: str = "scatter") -> NDArray:
     """Return the excess size after each step over that at rest; it starts 0.1% too large.
 
-    Args:
-        phase_of_step: omega h.
-    """
+    Args: phase_of_step: omega h."""
     gas = {"gamma": GAMMA, "molar_mass": 0.0, "breathing_damping": breathing_damping}
     scene = Scene(
         balloon=[gas_balloon(MESH, gas, mass=MASS)],
@@ -39,21 +37,21 @@ def swing(breathing_damping: float, phase_of_step: float, periods: float, schedu
 
 
 def phase_of(swing: NDArray) -> float:
-    """Return the growth of the phase in a step: x_(n+1) + x_(n-1) = 2 cos(phase) x_n."""
+    """Return the phase advance of a step: x_(n+1) + x_(n-1) = 2 cos(phase) x_n."""
     around = swing[2:] + swing[:-2]
     return float(np.arccos(0.5 * around @ swing[1:-1] / (swing[1:-1] @ swing[1:-1])))
 
 
 def amplitude(swing: NDArray, phase: float) -> float:
-    """Return the amplitude of the oscillation that fits best."""
+    """Return the amplitude of the best-fitting oscillation."""
     angles = phase * np.arange(len(swing))
     waves = np.stack([np.cos(angles), np.sin(angles), np.ones_like(angles)], axis=1)
     return float(np.hypot(*np.linalg.lstsq(waves, swing, rcond=None)[0][:2]))
 
 
 def test_an_undamped_balloon_breathes_on(schedule: str, device: str):
-    """After 20 periods as widely as in the first two, at the frequency of the trapezoidal rule; to what the gas law's
-    curve does to a swing of a thousandth."""
+    """An undamped balloon keeps its amplitude for 20 periods, at the frequency of the trapezoidal rule, up to the gas
+    law's nonlinearity at a swing of a thousandth."""
     if device != "cpu":
         pytest.skip("the schedules are what differs")
     found = swing(0.0, 0.83, 22, schedule)
@@ -65,8 +63,8 @@ def test_an_undamped_balloon_breathes_on(schedule: str, device: str):
 
 
 def test_a_balloon_breathes_on_in_steps_as_long_as_its_breath():
-    """At omega h = 8 it flips from step to step, no wider than it must: from rest, half a step after the velocity that
-    it gets at once, it swings to root(1 + (omega h)^2 / 4) of where it began."""
+    """The swing at omega h = 8 flips from step to step and stays bounded: from rest, half a step after the velocity
+    that it gets at once, it reaches root(1 + (omega h)^2 / 4) of where it began."""
     found = swing(0.0, 8.0, 200)
     np.testing.assert_allclose(phase_of(found), 2.0 * np.arctan(4.0), rtol=1e-3)
     widest = 1e-3 * np.sqrt(1.0 + 8.0**2 / 4.0)
@@ -74,7 +72,7 @@ def test_a_balloon_breathes_on_in_steps_as_long_as_its_breath():
 
 
 def test_the_default_is_damped_as_by_backward_euler():
-    """Damping is 1 / (1 + (omega h)^2) in the square of the swing each step, so that five periods leave nothing."""
+    """Backward Euler damps the square of the swing by 1 / (1 + (omega h)^2) a step: nothing is left of five periods."""
     found = swing(1.0, 0.83, 5)
     assert np.abs(found[-8:]).max() < 1e-3 * np.abs(found[0])
     slow = swing(1.0, 0.1, 3)
@@ -89,13 +87,13 @@ def test_what_is_between_damps_in_between():
 
 
 def test_the_undamped_frequency_is_right_to_second_order():
-    """omega h - 2 atan(omega h / 2) is (omega h)^3 / 12: of the phase, so the square of it of the frequency."""
+    """The error of the phase omega h - 2 atan(omega h / 2) is (omega h)^3 / 12: the frequency's is of second order."""
     errors = np.array([phase / phase_of(swing(0.0, phase, 4)) - 1.0 for phase in (0.8, 0.4, 0.2)])
     np.testing.assert_allclose(errors[:-1] / errors[1:], 4.0, rtol=0.15)
 
 
 def test_its_damping_may_change_while_it_runs():
-    """Kernels are others then."""
+    """A change of the damping while it runs takes effect, by other kernels."""
     simulator = Simulator(Scene(balloon=[gas_balloon(MESH, {"molar_mass": 0.0}, mass=MASS)], gravity=0.0), "cpu")
     undamped = Simulator(
         Scene(balloon=[gas_balloon(MESH, {"molar_mass": 0.0, "breathing_damping": 0.0}, mass=MASS)], gravity=0.0), "cpu"

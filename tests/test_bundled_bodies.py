@@ -1,4 +1,4 @@
-"""The bundled scene with a free body: the pillow lifts the turtle, and neither is in the other."""
+"""Bundled scene with a free body: the pillow lifts the turtle, and neither is in the other."""
 
 import numpy as np
 from played import played
@@ -11,8 +11,8 @@ FULL = 150
 
 
 def test_turtle_pillow_lifts_the_turtle_level():
-    """It lies on the ground at first, through the flat pillow, and then a tenth of a meter higher; it tips by less than
-    ten degrees, and no particle is in it by more than a hundredth of its height."""
+    """The turtle rests on the ground through the flat pillow, and then a tenth of a meter higher. It tips by less than
+    ten degrees, and no particle penetrates it by more than a hundredth of its height."""
     model, frames = played("turtle_pillow")
     body = model.bodies[0]
     assert body.solid.mesh

@@ -13,8 +13,8 @@ from balloon_warp.mesh.topology import mesh_edges
 
 
 def test_latex_inflate_shows_that_blowing_is_hardest_at_the_start():
-    """Each has the pressure of the Mooney-Rivlin sphere, by its own volume and area. While it is pumped, the largest
-    one's is highest at the start, falls until a stretch of 3.1, and rises; in the end the smallest has the most."""
+    """Each balloon has the pressure of the Mooney-Rivlin sphere, by its own volume and area. The pressure of the
+    largest peaks at the start, falls until a stretch of 3.1, and rises; in the end the smallest has the most."""
     model, frames = played("latex_inflate")
     mesh = model.shapes[2].mesh
     area, volume, (mu, ratio) = total_area(mesh), signed_volume(mesh), (3.3e5, 0.1)
@@ -23,7 +23,7 @@ def test_latex_inflate_shows_that_blowing_is_hardest_at_the_start():
         return float(np.cbrt(signed_volume(shape_at(model, frame, balloon)) / volume))
 
     def pressure_at(stretch: float) -> float:
-        """A h W' / (3 V l^2)"""
+        """Return A h W' / (3 V l^2)."""
         rising = (1.0 / stretch - stretch**-7.0) * (1.0 + ratio * stretch**2) / (1.0 + ratio)
         return 2.0 * mu * 2e-4 * area / (3.0 * volume) * rising
 
@@ -39,8 +39,8 @@ def test_latex_inflate_shows_that_blowing_is_hardest_at_the_start():
 
 
 def test_foil_letters_fill_without_stretching():
-    """Each holds many times what it did flat, with springs as long as they were, but for wrinkles and a few per cent
-    that the pressure stretches them; and it stays upright: the O does not fold."""
+    """Each letter holds many times what it did flat, with springs at their rest length, but for wrinkles and a few per
+    cent that the pressure stretches them; and it stays upright: the O does not fold."""
     model, frames = played("foil_letters")
     assert model.balloon_count == 5
     for letter in range(5):
@@ -67,13 +67,13 @@ def test_the_stems_of_foil_letters_are_round():
 
 
 def test_rocket_balloon_is_driven_by_its_jet_and_loops():
-    """Let go, it gains what the jet gives, 2 A p, with buoyancy, weight and drag: within 2 % in the first five frames,
+    """The rocket gains by the jet's thrust 2 A p, with buoyancy, weight and drag: within 2 % in the first five frames,
     less than 1 m/s fast. It flies more than 2 m up, turns over, and comes down nearly empty."""
     model, frames = played("rocket_balloon")
     own, of_gas, air = float(model.parameters["mass"].numpy()[0, 0]), 0.0289652, 1.2041
 
     def mass_of(frame: Frame) -> float:
-        """With the gas, and half the air that it displaces, which moves along."""
+        """Return the mass with the gas and the added mass, half the displaced air's."""
         return own + of_gas * frame.gas_amounts[0] + 0.5 * air * frame.volumes[0]
 
     def momentum(frame: Frame) -> np.ndarray:
@@ -99,14 +99,14 @@ def test_rocket_balloon_is_driven_by_its_jet_and_loops():
 
 
 def test_two_latex_balloons_end_at_the_two_roots_of_one_pressure():
-    """Beyond its largest pressure rubber bears less the larger it is: the smaller one empties, and both stop where
-    the analytic curve has one pressure at two stretches, with as much gas as there was: each within 1 %."""
+    """Two joined rubber balloons end at two stretches of one pressure, as rubber beyond its peak bears less the larger
+    it is: the smaller one empties, and gas is conserved; each within 1 %."""
     model, frames = played("two_latex_balloons")
     mesh = model.shapes[0].mesh
     area, volume, (mu, ratio) = total_area(mesh), signed_volume(mesh), (3.3e5, 0.1)
 
     def pressure_at(stretch: float) -> float:
-        """A h W' / (3 V l^2)"""
+        """Return A h W' / (3 V l^2)."""
         rising = (1.0 / stretch - stretch**-7.0) * (1.0 + ratio * stretch**2) / (1.0 + ratio)
         return 2.0 * mu * 2e-4 * area / (3.0 * volume) * rising
 

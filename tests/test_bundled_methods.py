@@ -8,8 +8,8 @@ from balloon_warp.mesh.geometry import signed_volume
 
 
 def test_with_correction_the_shape_is_a_scaled_copy():
-    """Correction only scales the shape, which the paper did not want. Inflated against its limit to the volume without
-    correction, all of it is larger by about the limit's factor, where else some parts stretch twice as differently."""
+    """Correction only scales the shape, which the paper did not want. At equal volume, inflated against its limit, the
+    shape is larger throughout by about the limit's factor; without it the stretch varies twice as much."""
     strong = (
         *(("correction", "provot"), ("correction_limit", 0.25), ("frames", 110)),
         ("balloon.inflation.k_normal", ((0.2, 0.0), (1.7, 28.0))),
@@ -28,14 +28,14 @@ def test_with_correction_the_shape_is_a_scaled_copy():
 
 
 def apart(first: np.ndarray, second: np.ndarray) -> float:
-    """Root-mean-square distance of two shapes laid on each other (Kabsch 1976) [m]."""
+    """Return the root-mean-square distance of two shapes after alignment (Kabsch 1976) [m]."""
     first, second = (points.astype(np.float64) - points.mean(axis=0) for points in (first, second))
     left, _, right = np.linalg.svd(first.T @ second)
     return float(np.sqrt(((first @ left @ right - second) ** 2).sum(axis=1).mean()))
 
 
 def test_stiff_springs_on_a_coarse_model_come_close_to_correction():
-    """The paper on its squirrel: springs twice as stiff leave less than half the distance to the corrected shape."""
+    """Springs twice as stiff leave less than half the distance to the corrected shape: the paper's squirrel."""
     stiff = tuple(
         (f"balloon.stiffness.{kind}", k) for kind, k in (("structural", 200), ("shear", 100), ("flexion", 10))
     )
@@ -48,7 +48,7 @@ def test_stiff_springs_on_a_coarse_model_come_close_to_correction():
 
 
 def test_correction_constrains_a_strongly_inflated_balloon_most():
-    """The paper's discussion: a volume that is hardly another under weak inflation is less than half under a strong."""
+    """Correction hardly changes the volume under weak inflation and more than halves it under strong."""
     volumes = {}
     for k_normal in (1.0, 14.0):
         inflation = (("frames", 110), ("balloon.inflation.k_normal", ((0.2, 0.0), (1.7, k_normal))))
@@ -60,9 +60,9 @@ def test_correction_constrains_a_strongly_inflated_balloon_most():
 
 
 def test_tarantinos_correction_is_smoother_than_provots():
-    """Particles move less suddenly, the paper says: of the hundredth that changes its velocity the most from frame to
-    frame, while the balloon is held at its limit, the change is less, by 8% on the ground, by 9% in free air without
-    gravity, by 14% on ice. A twentieth is asked. The shape is the same."""
+    """Tarantino's correction changes velocities less abruptly, as the paper says: of the hundredth that changes its
+    velocity the most from frame to frame, while the balloon is held at its limit, the change is less, by 8% on the
+    ground, by 9% in free air without gravity, by 14% on ice. A twentieth is asked. The shape is the same."""
     jolts, volumes = [], []
     for correction in ("provot", "tarantino"):
         held = (("correction", correction), ("correction_limit", 0.1), ("frames", 120))
@@ -76,10 +76,10 @@ def test_tarantinos_correction_is_smoother_than_provots():
 
 
 def test_cached_normals_give_the_shape_of_fresh_ones():
-    """The paper: the difference is negligible. In the last half second volumes agree to three thousandths: those with
-    cached normals tremble, and of seven starts a micrometer apart their means were 162.55 to 162.80 liters, where with
-    fresh ones they were 162.75 to 162.78. In the end lengths of springs agree to a hundredth of them on average, while
-    they have grown by more than a tenth."""
+    """Cached normals change the shape negligibly, as the paper says. In the last half second volumes agree to three
+    thousandths: those with cached normals jitter, and of seven starts a micrometer apart their means were 162.55 to
+    162.80 liters, where with fresh ones they were 162.75 to 162.78. In the end lengths of springs agree to a hundredth
+    of them on average, while they have grown by more than a tenth."""
     model, fresh = played("squirrel_inflate")
     _, cached = played("squirrel_inflate", (("normals", "cached"),))
     volume = [np.mean([frame.volumes[0] for frame in frames[-30:]]) for frames in (fresh, cached)]

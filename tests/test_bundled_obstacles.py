@@ -1,4 +1,4 @@
-"""The bundled scenes with obstacles: that nothing goes through anything, and what they show."""
+"""Bundled scenes with obstacles: no tunneling, and what they show."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ ROUNDING = 2e-5
 
 
 def seen_from(frame: Frame, number: int, balloon: int) -> np.ndarray:
-    """A balloon's points as seen from an obstacle."""
+    """Return a balloon's points in the frame of an obstacle."""
     pose = frame.obstacle_poses[number]
     return Rotation.from_quat(pose[3:]).inv().apply(frame.points[balloon].astype(np.float64) - pose[:3])
 
@@ -36,7 +36,7 @@ def test_no_balloon_goes_through_the_table():
 
 
 def test_balloons_roll_off_the_table():
-    """They turn by as much as they move along, within a third; and those nearer to the edge fall first."""
+    """Balloons roll without slipping, within a third; and those nearer to the edge fall first."""
     model, frames = played("table")
     heights = np.array([[points[:, 1].mean() for points in frame.points] for frame in frames])
     off = (heights < 0.5).argmax(axis=0)  # well below the top
@@ -52,7 +52,7 @@ def test_balloons_roll_off_the_table():
 
 
 def test_the_press_squeezes_and_lets_go():
-    """Between the plates the squirrel is as low as they let it be, and deeper; then it rises again."""
+    """The squirrel is pressed as low as the plates let it be, and grows deeper; then it rises again."""
     model, frames = played("press")
     for frame in frames:
         assert min(box_distances(model, frame, number).min() for number in (0, 1)) > -ROUNDING

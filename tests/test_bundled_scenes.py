@@ -1,4 +1,4 @@
-"""Each bundled scene shows, measured, what the paper's figure shows."""
+"""Bundled scenes show, measured, what the paper's figures show."""
 
 import numpy as np
 import pytest
@@ -14,19 +14,19 @@ from balloon_warp.outcomes import bad_endings
 
 
 def thickness(points: np.ndarray, part: np.ndarray) -> float:
-    """Root-mean-square distance of a part's particles from the line through them: the radius of a limb."""
+    """Return the root-mean-square distance of a part's particles from the line through them: the radius of a limb."""
     arms = points[part] - points[part].mean(axis=0)
     spread = np.linalg.svd(arms, compute_uv=False)
     return float(np.sqrt((spread[1:] ** 2).sum() / part.sum()))
 
 
 def quotient(mesh: PolygonMesh) -> float:
-    """Isoperimetric quotient 36 pi V^2 / A^3: 1 for a sphere."""
+    """Return the isoperimetric quotient 36 pi V^2 / A^3: 1 for a sphere."""
     return 36.0 * np.pi * signed_volume(mesh) ** 2 / total_area(mesh) ** 3
 
 
 def test_squirrel_inflate_rounds_out_tail_head_and_feet():
-    """Figures 1 and 2: half as much volume again or more, and each part thicker by a tenth or more."""
+    """The volume grows by half or more, and each part is thicker by a tenth or more (figures 1 and 2)."""
     model, frames = played("squirrel_inflate")
     rest, inflated = shape_at(model, frames[0]), shape_at(model, frames[-1])
     assert signed_volume(inflated) > 1.5 * signed_volume(rest)
@@ -42,7 +42,7 @@ def test_squirrel_inflate_rounds_out_tail_head_and_feet():
 
 
 def test_turtle_inflate_fills_neck_and_belly():
-    """Figures 10 and 11: the flat belly bulges down and the neck thickens."""
+    """The flat belly bulges down and the neck thickens (figures 10 and 11)."""
     model, frames = played("turtle_inflate")
     rest, inflated = shape_at(model, frames[0]), shape_at(model, frames[-1])
     assert signed_volume(inflated) > 1.5 * signed_volume(rest)
@@ -57,7 +57,7 @@ def test_turtle_inflate_fills_neck_and_belly():
 
 
 def test_turtle_provot_keeps_every_spring_within_a_hundredth_of_its_limit():
-    """Figure 12, in every frame. Without correction some are longer than that by a half."""
+    """No spring exceeds its limit by a hundredth in any frame (figure 12). Without correction some do by a half."""
     model, frames = played("turtle_provot")
     longest = 1.0 + model.scene.correction_limit
     assert max(stretches(model, frame).max() for frame in frames) < 1.01 * longest
@@ -71,8 +71,8 @@ def ends_of(name: str) -> tuple[Model, Frame]:
 
 
 def test_turtle_provot_keeps_neck_and_belly_closer_to_the_rest_shape():
-    """Figure 12 beside 11, under the same inflation: the belly bulges by less than three quarters as much, and the neck
-    thickens by less than half."""
+    """The belly bulges by less than three quarters as much, and the neck thickens by less than half, under the same
+    inflation (figure 12 beside 11)."""
     growth = {}
     for name in ("turtle_inflate", "turtle_provot"):
         model, end = ends_of(name)
@@ -87,7 +87,7 @@ def test_turtle_provot_keeps_neck_and_belly_closer_to_the_rest_shape():
 
 
 def test_squirrel_squish_dents_the_squirrel():
-    """Figures 13 to 15: one patch of the surface wraps more than a third of the radius; no particle is inside."""
+    """A patch of the surface wraps more than a third of the radius; no particle is inside (figures 13 to 15)."""
     model, frames = played("squirrel_squish")
     radius = model.scene.sphere[0].radius
     structural = model.shapes[0].springs.pairs[model.shapes[0].springs.kind == 0]
@@ -107,8 +107,7 @@ def test_squirrel_squish_dents_the_squirrel():
 
 
 def test_squirrel_squish_goes_from_free_to_squished_to_very_squished():
-    """The frames of figures 13 to 15: first nothing touches; then the squirrel is lower and holds less, then even
-    less."""
+    """The squirrel is free at first; then it is lower and holds less, then even less (figures 13 to 15)."""
     model, frames = played("squirrel_squish")
     before, squished, very = (frames[number] for number in (8, 16, 24))
     gaps = [np.linalg.norm(f.points[0] - f.sphere_positions[0], axis=1).min() - 0.35 for f in (before, squished, very)]
@@ -129,21 +128,21 @@ def rise(mass: float) -> float:
 
 
 def test_sphere_launch_throws_the_lighter_sphere_higher():
-    """Figures 16 to 18: masses 1, 100, 1000 fly in that order; the last barely rises, by less than its diameter."""
+    """Masses 1, 100, 1000 fly in that order; the last barely rises, by less than its diameter (figures 16 to 18)."""
     light, heavy, heaviest = rise(1.0), rise(100.0), rise(1000.0)
     assert light > 1.5 * heavy > 3.0 * heaviest
     assert 0.0 < heaviest < 0.5
 
 
 def test_sphere_launch_throws_higher_the_more_it_is_inflated():
-    """What the paper says of figures 16 to 18: inflation, too, makes the collision."""
+    """More inflation throws the sphere higher, as the paper says of figures 16 to 18."""
     weak, strong = (played("sphere_launch", (("balloon.inflation.k_normal.1.1", k),))[1] for k in (100.0, 250.0))
     top = [max(float(frame.sphere_positions[0, 1]) for frame in frames) for frames in (weak, strong)]
     assert top[1] > 1.2 * top[0]
 
 
 def test_pillow_four_spheres_lie_on_it_then_fly():
-    """The frames of figures 22 and 23: all four touch the pillow; all four are well above it, still rising."""
+    """The four spheres touch the pillow; later all are well above it, still rising (figures 22 and 23)."""
     _, frames = played("pillow_four_spheres")
     gaps = [
         [np.linalg.norm(frames[n].points[0] - place, axis=1).min() - 0.12 for place in frames[n].sphere_positions]
@@ -155,7 +154,7 @@ def test_pillow_four_spheres_lie_on_it_then_fly():
 
 
 def test_pillow_four_spheres_bounces_all_four():
-    """Figures 22 and 23: each touches the pillow, then leaves it, moving up."""
+    """Each sphere touches the pillow, then leaves it, moving up (figures 22 and 23)."""
     _, frames = played("pillow_four_spheres")
     for sphere in range(4):
         gaps = np.array([np.linalg.norm(f.points[0] - f.sphere_positions[sphere], axis=1).min() - 0.12 for f in frames])
@@ -166,14 +165,14 @@ def test_pillow_four_spheres_bounces_all_four():
 
 
 def test_bowl_becomes_a_sphere():
-    """Figures 24 and 25, by the isoperimetric quotient: an egg a fifth longer than wide has 0.983."""
+    """The isoperimetric quotient nears a sphere's; an egg a fifth longer than wide has 0.983 (figures 24 and 25)."""
     model, frames = played("bowl_to_sphere")
     assert quotient(shape_at(model, frames[0])) < 0.4
     assert quotient(shape_at(model, frames[-1])) > 0.985
 
 
 def test_net_forces_point_outward_at_first_and_nearly_balance_in_the_end():
-    """Figure 26: at the start nothing but inflation and weight acts; at the end the springs hold against it."""
+    """Only inflation and weight act at the start; at the end the springs balance them (figure 26)."""
     model, frames = played("net_forces")
     mesh = model.shapes[0].mesh
     weight = np.array([0.0, model.scene.balloon[0].mass * (9.0 - 9.81) / mesh.vertex_count, 0.0])
@@ -184,8 +183,8 @@ def test_net_forces_point_outward_at_first_and_nearly_balance_in_the_end():
 
 
 def test_pillow_on_water_displaces_its_weight():
-    """At rest, partly under water: the water that it displaces weighs as much as it does. After four seconds
-    what is left is its last heaving, some 1e-4 m of its half a square meter."""
+    """The floating pillow displaces its own weight of water (Archimedes). After four seconds what is left is its last
+    heaving, some 1e-4 m of its half a square meter."""
     model, frames = played("pillow_on_water")
     mass = model.scene.balloon[0].mass
     submerged = [displaced(shape_at(model, frame), 0.0)[0] for frame in frames[-60:]]
@@ -195,8 +194,8 @@ def test_pillow_on_water_displaces_its_weight():
 
 
 def test_helium_rise_reaches_terminal_velocity():
-    """sqrt(2 F / (rho C_d A)), F the lift less the weight, A a disk's as wide as the balloon. Air sinks with its
-    rubber, and the heavy gas falls faster."""
+    """The terminal velocity is sqrt(2 F / (rho C_d A)), F the lift less the weight, A a disk's as wide as the balloon.
+    Air sinks with its rubber, and the heavy gas falls faster."""
     model, frames = played("helium_rise")
     volume = signed_volume(shape_at(model, frames[-1]))
     air_density = 1.20412
@@ -210,8 +209,8 @@ def test_helium_rise_reaches_terminal_velocity():
 
 
 def test_two_balloons_the_smaller_empties_into_the_larger():
-    """Both are pumped past the peak of their pressure curve, where the smaller has the higher pressure; it shrinks
-    until it has come down on the other side of the peak to the pressure of the larger."""
+    """The smaller balloon has the higher pressure past the peak of the pressure curve; it shrinks until its pressure on
+    the other side of the peak is that of the larger."""
     model, frames = played("two_balloons")
     opened = next(frame for frame in frames if frame.number == 60)
     at_rest = signed_volume(model.shapes[0].mesh)
@@ -234,7 +233,7 @@ def test_two_balloons_the_smaller_empties_into_the_larger():
 
 
 def test_balloon_bunch_pushes_apart_and_comes_to_rest():
-    """At the end each touches another, none is in any by a hundredth of its radius, and all pull at their strings."""
+    """Each balloon touches another at the end, none penetrates by a hundredth of its radius, and strings are taut."""
     model, frames = played("balloon_bunch")
     surfaces = [[surface(shape_at(model, frame, n)) for n in range(7)] for frame in (frames[60], frames[-1])]
     for triangles in surfaces:
@@ -252,9 +251,8 @@ def test_balloon_bunch_pushes_apart_and_comes_to_rest():
     "name", ["squirrel_inflate", "turtle_inflate", "turtle_provot", "bowl_to_sphere", "squirrel_tether", "net_forces"]
 )
 def test_scenes_do_not_flutter(name: str):
-    """When the action is over, hardly any particle changes its velocity from frame to frame by more than a third of a
-    meter a second. With cached normals the
-    inflated squirrel's change theirs by 0.7."""
+    """Velocities are steady when the action is over: from frame to frame, hardly any particle's changes by more than a
+    third of a meter a second. With cached normals the inflated squirrel's change by 0.7."""
     _, frames = played(name)
     change = np.linalg.norm(frames[-1].velocities[0] - frames[-2].velocities[0], axis=1)
     assert np.percentile(change, 90) < 0.33
@@ -267,8 +265,8 @@ def test_none_ends_badly(name: str):
 
 
 def test_bunch_in_wind_leans_as_far_as_drag_and_lift_say_and_sways():
-    """At the mean wind of its height, 1.7 m/s, a balloon's drag, C_d = 4/3 C_n + 8/3 C_t, is 0.66 of its lift; gusts
-    and the swing that they begin do what is left, an eighth. Strings are taut, and no balloon is in another."""
+    """The lean is drag over lift: at the mean wind of its height, 1.7 m/s, a balloon's drag, C_d = 4/3 C_n + 8/3 C_t,
+    is 0.66 of its lift; gusts and the swing account for the remaining eighth. Balloons stay apart on taut strings."""
     model, frames = played("bunch_in_wind")
     centers = np.array([[points.mean(axis=0) for points in frame.points] for frame in frames[50:]])
     aside = np.linalg.norm(centers[..., [0, 2]], axis=2)
@@ -286,7 +284,7 @@ def test_bunch_in_wind_leans_as_far_as_drag_and_lift_say_and_sways():
 
 
 def test_the_pieces_of_pop_lie_on_the_ground_as_skin():
-    """At the end of the scene, as large as at rest, in heaps no higher than a third of the balloon that they were."""
+    """The pieces lie at the end as large as at rest, in heaps no higher than a third of the whole balloon."""
     model, frames = played("pop")
     for number, shape in enumerate(model.shapes):
         membrane, points = shape.membrane, frames[-1].points[number].astype(np.float64)

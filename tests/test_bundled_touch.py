@@ -1,4 +1,4 @@
-"""The bundled scenes of balloons that touch, or are squeezed through a hole: that nothing comes through anything."""
+"""Bundled scenes of balloons in contact, or squeezed through a hole: nothing tunnels through anything."""
 
 from pathlib import Path
 
@@ -48,8 +48,8 @@ def test_the_script_refuses_what_makes_no_pit(
 
 
 def test_a_hundred_balloons_keep_out_of_each_other_and_of_the_box():
-    """To a fiftieth of their radius, while they fall and settle, and while the ball comes down on them, from 2 s on.
-    How many it drives out of the box hangs on rounding: 88 and 92 stay in two schedules, where all would without it."""
+    """Overlap stays below a fiftieth of the radius, while the balloons fall and settle, and after the ball lands, from
+    2 s on. How many it drives out of the box is chaotic: 88 and 92 stay in two schedules; all would without it."""
     model, frames = played("balloon_pit")
     halves = [np.array(obstacle.size) for obstacle in model.obstacles]
     meshes = [shape.mesh for shape in model.shapes]
@@ -68,7 +68,7 @@ def test_a_hundred_balloons_keep_out_of_each_other_and_of_the_box():
 
 
 def test_a_batch_counts_what_stays_in_the_box(tmp_path: Path):
-    """Of two worlds, in one of which balloons start a meter higher: not yet in it."""
+    """The count differs by one between two worlds, in one of which a balloon starts a meter higher, above the box."""
     short = load_scene("balloon_pit", {"frames": 3})
     run_batch(short, tmp_path, 2, {"balloon.0.position.1": [0.13, 1.6]}, device="cpu", schedule="gather")
     with np.load(tmp_path / "table.npz") as table:
@@ -78,8 +78,8 @@ def test_a_batch_counts_what_stays_in_the_box(tmp_path: Path):
 
 
 def test_a_long_balloon_ties_itself_and_keeps_out_of_itself():
-    """To a fiftieth of its radius, at the elbows, too, where its skin folds; a strand that came through another would
-    be out of the knot, which then would not stay."""
+    """Self-penetration stays below a fiftieth of the radius, at the elbows, too, where the skin folds; a strand that
+    tunneled through another would untie the knot."""
     model, frames = played("knot")
     mesh = model.shapes[0].mesh
     for number in (36, 60, 90, 130, 170):
@@ -93,7 +93,7 @@ def test_a_long_balloon_ties_itself_and_keeps_out_of_itself():
 
 
 def test_a_balloon_slips_through_the_slot():
-    """It is below the plate, then above it, and never in it; narrow as the hole is on the way, and round again."""
+    """The balloon is below the plate, then above it, and never in it; as narrow as the hole on the way."""
     model, frames = played("letter_slot")
     plate = model.obstacles[0]
     assert plate.mesh

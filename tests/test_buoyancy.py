@@ -1,4 +1,4 @@
-"""Lift and weight of gas in the air around it."""
+"""Buoyancy and weight of gas in the air around it."""
 
 import numpy as np
 from gas_balloons import advanced, gas_balloon, with_volume
@@ -9,7 +9,7 @@ from balloon_warp.simulator import Simulator
 
 
 def test_helium_lifts_by_the_difference_of_densities(device: str):
-    """28 cm of it lift 11.93 g, straight up, and without a torque about the center."""
+    """A helium balloon of 28 cm lifts 11.93 g, straight up, and without a torque about the center."""
     mesh = with_volume(quad_sphere(4), np.pi / 6.0 * 0.28**3)
     scene = Scene(balloon=[gas_balloon(mesh, mass=0.003)], net_forces=True)
     simulator = Simulator(scene, device)
@@ -20,7 +20,7 @@ def test_helium_lifts_by_the_difference_of_densities(device: str):
 
 
 def test_a_balloon_of_air_weighs_its_rubber_and_the_gas_moves_along(device: str):
-    """In air as dense as its gas it falls by m g on a mass of m + n M."""
+    """A balloon of air falls by m g on a mass of m + n M, in air as dense as its gas."""
     mesh = with_volume(quad_sphere(3), 0.01)
     balloon = gas_balloon(mesh, {"molar_mass": 0.0289652}, mass=0.004)
     scene = Scene(balloon=[balloon], frames_per_second=10, substeps=200)
@@ -30,8 +30,8 @@ def test_a_balloon_of_air_weighs_its_rubber_and_the_gas_moves_along(device: str)
 
 
 def test_density_follows_pressure_and_temperature_where_the_scene_says_none(device: str):
-    """Each world has its own; half the pressure at the same temperature is half the density, of air and gas. At the
-    start, and as the device has it a step later."""
+    """Density follows the ideal gas law per world: half the pressure at the same temperature is half the density, of
+    air and gas, at the start and on the device a step later."""
     mesh = with_volume(quad_sphere(3), 0.01)
     scene = Scene(balloon=[gas_balloon(mesh, mass=0.003)], net_forces=True, frames_per_second=1e6, substeps=1)
     vary = {"atmosphere.pressure": [101325.0, 50662.5, 101325.0], "atmosphere.temperature": [293.15, 293.15, 586.3]}

@@ -23,8 +23,8 @@ from balloon_warp.sweep.recorder import Recorder, columns_of
 
 
 def test_the_stage_loses_the_faces_that_tear(tmp_path: Path, device: str):
-    """Their corners come to be at one vertex; validators take it, areas are of what is left, volumes of what
-    holds gas, and pictures show no more of them."""
+    """Torn faces collapse to one vertex: validators accept the stage, areas exclude them, volumes are of what holds
+    gas, and pictures do not draw them."""
     scene = scene_of(quad_sphere(4, 0.1), needle_time=1e-3, tear_strength=1e6)
     simulator = filled(scene, 2.0, device)
     path = tmp_path / "burst.usdc"
@@ -63,7 +63,7 @@ def test_the_stage_loses_the_faces_that_tear(tmp_path: Path, device: str):
 
 
 def test_what_a_tear_cut_off_is_not_framed(tmp_path: Path):
-    """A particle that has no face any more flies far: neither the extent nor the stage's camera takes it in."""
+    """A particle without faces flies far, and neither the extent nor the stage's camera includes it."""
     simulator = Simulator(scene_of(quad_sphere(4, 0.1)), "cpu")
     frame = simulator.read_frame()
     mesh, points = frame.meshes[0], frame.points[0].copy()
@@ -94,8 +94,8 @@ def test_the_table_of_a_batch_says_which_worlds_burst(device: str):
 
 
 def test_a_batch_exports_worlds_that_burst(tmp_path: Path):
-    """Two worlds, a needle in one: that goes on, and is in stage and tables as a run alone is, without faces that tore,
-    and at last without volume. So it is where the batch was stopped on the way."""
+    """A needle in one of two worlds bursts it: that goes on, and is in stage and tables as a run alone is, without torn
+    faces, and at last without volume. A resumed batch agrees."""
     balloon = scene_of(quad_sphere(4, 0.1), needle_time=1e9, tear_strength=1e5).balloon[0]
     balloon = balloon.model_copy(update={"inflation": Inflation(kind="pressure", pressure=600.0), "damping": 0.5})
     scene = Scene(balloon=[balloon], gravity=0.0, frames=14, frames_per_second=500.0)
@@ -134,7 +134,7 @@ def test_a_batch_exports_worlds_that_burst(tmp_path: Path):
 
 
 def test_the_bundled_scene_pops(device: str):
-    """One balloon bursts by itself at the strength, to pieces; a needle opens the other along one tear."""
+    """A balloon bursts by itself at the strength, to pieces; a needle opens the other along one tear."""
     simulator = Simulator(load_scene("pop"), device)
     model = simulator.model
     pressure = float("nan")

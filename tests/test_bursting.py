@@ -1,4 +1,4 @@
-"""Balloons that burst: when, how tears run, and what stays of momentum and energy."""
+"""Balloons that burst: the criterion, how tears run, and conservation of momentum and energy."""
 
 from typing import Any
 
@@ -33,7 +33,7 @@ def scene_of(mesh: PolygonMesh = BALL, damping: float = 0.0, rate: float = 2000.
 
 
 def filled(scene: Scene, stretch: float, device: str = "cpu", schedule: str = "auto") -> Simulator:
-    """At rest with the gas that holds it so."""
+    """Return a balloon in equilibrium with its gas at that stretch."""
     mesh = scene.balloon[0].mesh
     pressure = sphere_pressure(NEO, mesh, THICKNESS, np.array(stretch))
     amount = [float(amount_at(mesh, pressure, stretch))]
@@ -70,7 +70,7 @@ def energy(simulator: Simulator) -> float:
 
 @each_schedule
 def test_it_bursts_at_the_analytic_pressure(schedule: str, device: str):
-    """Gas is pumped until the true stress l W' / 2 is the strength. Of neo-Hookean rubber that is mu (l^2 - l^-4). The
+    """The balloon bursts once the true stress l W' / 2 is the strength: mu (l^2 - l^-4) of neo-Hookean rubber. The
     ball's flattest faces bear 1 % more than its mean, and the pressure falls by as much as the stress rises, half."""
     strength = 1.5e6
     stretches = np.linspace(1.5, 3.0, 20001)
@@ -97,9 +97,9 @@ def test_it_bursts_at_the_analytic_pressure(schedule: str, device: str):
 
 @each_schedule
 def test_one_tear_opens_it_at_low_tension(schedule: str, device: str):
-    """A needle at a stretch of 2. Faces that tear are a line, until both ends meet: each is beside the one before it,
-    and where the line bends around a corner of three faces, beside the second before it, too. The gas leaves; what is
-    left keeps its momentum and gains no energy."""
+    """A needle at a stretch of 2 opens one line of faces, until both ends meet: each is beside the one before it, and
+    where the line bends around a corner of three faces, beside the second before it, too. The gas leaves; the rest
+    keeps its momentum and gains no energy."""
     scene = scene_of(needle_time=1e-3, branching_stress=1e9)
     simulator = filled(scene, 2.0, device, schedule)
     simulator.step()
@@ -132,7 +132,7 @@ def test_one_tear_opens_it_at_low_tension(schedule: str, device: str):
 
 
 def test_tears_run_no_faster_than_they_may(device: str):
-    """The way from face to face on the unstretched skin takes its time, and so twice the speed tears twice as much."""
+    """Twice the speed of a tear, measured on the unstretched skin, tears twice as much."""
     counts = []
     for speed in (8.0, 16.0):
         scene = scene_of(quad_sphere(16, 0.1), needle_time=5e-4, branching_stress=1e9, tear_speed=speed)
@@ -146,8 +146,8 @@ def test_tears_run_no_faster_than_they_may(device: str):
 
 
 def test_it_bursts_to_pieces_above_a_stress(device: str):
-    """Along one tear, that goes all around, or with a branch: in those pieces that faces hold together by their edges,
-    which have nine tenths of the skin."""
+    """Below the branching stress one tear runs all around, into two pieces; above it branches, into three. Pieces are
+    of faces joined by edges, and have nine tenths of the skin."""
     pieces = []
     for stress in (1e9, 1e6):
         ball = quad_sphere(18, 0.1)
@@ -163,8 +163,8 @@ def test_it_bursts_to_pieces_above_a_stress(device: str):
 
 @pytest.mark.parametrize("parts", [12, 24])
 def test_pieces_keep_the_skin_whatever_the_mesh(parts: int, device: str):
-    """A ball whose faces all bear the same, and burst by their strength: a tear is a face wide, so that nine tenths of
-    the skin are left of 864 faces, and of four times as many."""
+    """The torn area is that of a line one face wide, whatever the resolution: nine tenths of the skin are left of 864
+    faces, and of four times as many. All faces of the ball bear the same, and burst by their strength."""
     scene = scene_of(quad_sphere(parts, 0.05), strength=0.9 * MU * (3.0**2 - 3.0**-4), rate=1000.0)
     simulator = filled(scene, 3.0, device)
     for _ in range(14):
@@ -174,14 +174,14 @@ def test_pieces_keep_the_skin_whatever_the_mesh(parts: int, device: str):
 
 
 def _kept(simulator: Simulator) -> float:
-    """Return the part of the skin that is not torn."""
+    """Return the untorn fraction of the skin."""
     areas = np.linalg.norm(face_vector_areas(simulator.model.shapes[0].mesh), axis=1)
     return float(areas[~torn(simulator)].sum() / areas.sum())
 
 
 @pytest.mark.parametrize("around", [True, False])
 def test_a_tear_runs_across_the_largest_tension(around: bool, device: str):
-    """A ball that is stretched more along one axis, or around it, tears around the axis, or along it."""
+    """A ball stretched more along one axis, or around it, tears around the axis, or along it."""
     ball = quad_sphere(8, 0.1)
     simulator = filled(scene_of(ball, needle_time=0.0, branching_stress=1e9), 2.0, device)
     start = simulator.state.points.numpy()[0]
@@ -208,7 +208,7 @@ def _pieces(count: int, pairs: NDArray[np.int64], whole: NDArray[np.bool_]) -> i
 
 
 def test_a_burst_world_goes_on_beside_others(device: str):
-    """A needle for one of three worlds; those that stay whole are as without, and the batch is not blown up."""
+    """A needle in one of three worlds leaves the others bit-identical, and the batch has not blown up."""
     times = {"balloon.material.needle_time": [1e9, 1e-3, 4e-3]}
     simulator = Simulator(scene_of(prism(7), strength=1e9).model_copy(update={"frames_per_second": 1000.0}), device, 3,
                           times)  # fmt: skip
@@ -242,7 +242,7 @@ def test_it_goes_on_bit_for_bit(device: str):
 
 
 def test_schedules_agree(device: str):
-    """On a ball without symmetry, where no two faces bear alike."""
+    """Schedules agree on a ball without symmetry, where no two faces bear alike."""
     ball = quad_sphere(5, 0.1)
     shaken = ball.points * (1.0, 1.07, 1.15) + np.random.default_rng(1).normal(scale=0.002, size=ball.points.shape)
     ball = mesh_of(shaken, ball.face_vertex_indices.reshape(-1, 4).tolist())

@@ -22,7 +22,7 @@ FRAMES = 3
 
 
 class Stage:
-    """A stage of three frames."""
+    """Stage of three frames."""
 
     def __init__(self, path: Path):
         self.path = path
@@ -34,7 +34,7 @@ class Stage:
         self._stage.SetEndTimeCode(FRAMES - 1)
 
     def balloon(self, name: str, mesh: trimesh.Trimesh, *way: Sequence[float]) -> "Stage":
-        """A mesh that changes its shape, along a way: a shift at each frame."""
+        """Add a mesh with a shift of its points at each frame."""
         prim = self.obstacle(name, mesh, under="/World")
         for frame in range(FRAMES):
             shift = np.array(way[min(frame, len(way) - 1)])
@@ -104,7 +104,7 @@ def test_parts_of_a_balloon_that_cross_are_found(stage: Stage) -> None:
 
 @pytest.mark.parametrize("cells", [1, 40], ids=["coarse", "fine"])
 def test_a_sheet_is_as_deep_on_any_mesh(stage: Stage, cells: int) -> None:
-    """It stands on edge, its top 0.1 m in a ball."""
+    """A sheet on edge, its top 0.1 m in a ball, is found at that depth on any mesh."""
     z, y = np.meshgrid(np.linspace(-1, 1, cells + 1), np.linspace(-2, -0.4, cells + 1))
     number = np.arange((cells + 1) ** 2).reshape(cells + 1, -1)
     corners = [number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]]
@@ -121,7 +121,7 @@ def test_a_sheet_is_as_deep_on_any_mesh(stage: Stage, cells: int) -> None:
 
 @pytest.mark.parametrize(("deep", "found"), [(0.15 * EDGE, True), (0.02 * EDGE, False)])
 def test_a_needle_in_a_face_is_found_beyond_the_thickness(stage: Stage, deep: float, found: bool) -> None:
-    """A sphere far smaller than a face."""
+    """A sphere far smaller than a face is found in it."""
     middle = BALL.triangles_center[0]
     outward = BALL.face_normals[0]
     radius = 0.2 * EDGE
@@ -141,7 +141,7 @@ def test_a_rod_is_found_between_particles(stage: Stage) -> None:
 
 
 def test_what_is_swallowed_is_found(stage: Stage) -> None:
-    """Nothing crosses a ball in the middle of a box, but it is in there."""
+    """A ball in the middle of a box is found, though no surfaces cross."""
     stage.obstacle("box", trimesh.creation.box((3.0, 3.0, 3.0)))
     stage.balloon("ball", BALL, (0, 0, 0))
     assert check_stage(stage.save()).crossings[0].depth == pytest.approx(1.5 - 0.5 / np.sqrt(3.0), abs=0.05)
@@ -163,7 +163,7 @@ def test_the_ground_is_as_deep_as_it_is(stage: Stage) -> None:
 
 
 def test_a_run_passes_or_does_not(tmp_path: Path) -> None:
-    """Two balls that fly at each other, with and without contact."""
+    """Two balls that fly at each other pass with contact and fail without."""
     ball = {"mesh": str(_ball(tmp_path)), "mass": 0.05}
     balls = [
         {**ball, "name": name, "position": [x, 0, 0], "velocity": [speed, 0, 0]}

@@ -1,4 +1,4 @@
-"""The command line as a user meets it: in a process of its own, in an empty folder."""
+"""Command line as a user meets it: in a process of its own, in an empty folder."""
 
 import json
 import os
@@ -66,7 +66,7 @@ def balloon_warp(folder: Path, *arguments: str) -> subprocess.CompletedProcess[s
 def command(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> Callable[..., subprocess.CompletedProcess[str]]:
-    """The command line in this process, which is there already: for what is said, not for how a process starts."""
+    """Run the command line in this process, to test its output and not how a process starts."""
     monkeypatch.setenv("NO_COLOR", "1")
     monkeypatch.setenv("COLUMNS", "200")
     monkeypatch.chdir(tmp_path)
@@ -132,7 +132,7 @@ def test_scenes_are_listed_a_line_each(tmp_path: Path):
 
 
 def test_a_scene_of_ones_own_begins_with_that_of_a_mesh(ball: Path):
-    """What `run` makes of the mesh and of the scene file are the same."""
+    """The scene file that `scenes` writes for a mesh equals the scene that `run` makes of it."""
     (ball / "mine").mkdir()
     done = balloon_warp(ball, "scenes", "ball.obj", "-o", "mine/mine.toml")
     assert (done.returncode, done.stdout) == (0, "wrote mine/mine.toml\n"), done.stderr
@@ -211,7 +211,7 @@ def test_a_mistake_gets_one_sentence_and_status_2(ball: Path, command: Callable,
 
 
 def test_a_mistake_ends_a_process_of_its_own_with_one_sentence_and_status_2(ball: Path):
-    """Nothing else is printed, as by a library that is loaded or a process that ends."""
+    """Bad input prints one sentence and nothing else, by a loading library or an ending process either."""
     done = balloon_warp(ball, "run", "ball.obj", "--set", "balloon.mass=-1")
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.startswith("error: --set balloon.mass: balloon.0.mass: must be greater than 0")
@@ -219,7 +219,7 @@ def test_a_mistake_ends_a_process_of_its_own_with_one_sentence_and_status_2(ball
 
 
 def test_a_blow_up_gets_one_sentence_and_status_1(tmp_path: Path):
-    """Forces beyond float32: stable springs, but nothing to hold the balloon."""
+    """A blow-up beyond float32 prints one sentence: springs are stable, but nothing holds the balloon."""
     write_obj(tmp_path / "box.obj", cube())
     done = balloon_warp(tmp_path, "run", "box.obj", "--device", "cpu", "--set", "balloon.inflation.k_normal=9e11")
     assert done.returncode == 1

@@ -18,7 +18,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def typed(monkeypatch: pytest.MonkeyPatch, words: str) -> int:
-    """Exit status of a command line."""
+    """Return the exit status of a command line."""
     monkeypatch.setattr(sys, "argv", ["balloon-warp", *words.split()])
     with pytest.raises(SystemExit) as ended:
         main()

@@ -1,4 +1,4 @@
-"""A batch on many workers: what one process writes, whoever simulated it."""
+"""Batch on many workers: the files are those of one process, whoever simulated it."""
 
 import atexit
 import contextlib
@@ -37,7 +37,7 @@ WORLDS = 24
 
 
 def scene(**fields) -> Scene:
-    """A small scene with one of each."""
+    """Return a small scene with one of each kind of thing."""
     balloons = [Balloon(mesh=quad_sphere(3), position=(0, 2, 0), helium=20.0), Balloon(mesh=cube(), position=(3, 1, 0))]
     fields = {
         "balloon": balloons,
@@ -52,7 +52,7 @@ def scene(**fields) -> Scene:
 
 @pytest.fixture(autouse=True)
 def fine_grain(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Small batches are cut, too. And a busy machine has time."""
+    """Split small batches, too, and allow a busy machine more time."""
     monkeypatch.setitem(shares.GRAIN, "cpu", shares.Grain(1, 1))
     monkeypatch.setattr(shares, "SHARES", 8)
     monkeypatch.setattr(cluster_module, "CONNECT_SECONDS", 120.0)
@@ -61,7 +61,7 @@ def fine_grain(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def vary(tmp_path: Path) -> dict:
-    """Two meshes in turn, which makes two groups, and a mass of its own for each world."""
+    """Return two meshes in turn, which makes two groups, and a mass of its own for each world."""
     paths = [tmp_path / "coarse.obj", tmp_path / "fine.obj"]
     for path, size in zip(paths, (3, 4), strict=True):
         write_obj(path, quad_sphere(size))
@@ -73,7 +73,7 @@ def vary(tmp_path: Path) -> dict:
 
 @pytest.fixture(scope="module")
 def address() -> Iterator[str]:
-    """A scheduler of one worker that is there already."""
+    """Yield the address of a running scheduler with one worker."""
     with cluster_module.start_workers([{}]) as workers:
         yield address_of(workers)
 
@@ -88,7 +88,7 @@ def assert_same_files(folder: Path, expected: Path) -> None:
 
 
 def test_two_workers_give_what_one_process_gives(vary: dict, tmp_path: Path):
-    """Without the mesh files: what a worker needs travels with its share."""
+    """Two workers write the files of one process, bit-identical, without the mesh files: shares carry their data."""
     export = [1, 7, 22]
     files = [TrajectoryFiles(tmp_path / name, 2, "npz") for name in ("data_alone", "data_both")]
     how = {"export": export, "name": "small"}
@@ -144,7 +144,7 @@ def remove(paths: list[str]) -> None:
 
 
 def test_the_share_of_a_killed_worker_is_done_again(tmp_path: Path):
-    """Each start of a share is noted by its process; the first of them waits in the middle of one, to be killed."""
+    """The share of a killed worker is simulated again: the first process to start one waits, to be killed."""
     run_batch(scene(), tmp_path / "alone", 4, export=[0, 3], device="cpu")
     (tmp_path / "starts").mkdir()
     killed = []
@@ -163,7 +163,7 @@ def test_the_share_of_a_killed_worker_is_done_again(tmp_path: Path):
 
 
 def note_start(folder: str) -> None:
-    """In a worker: a byte for each share that it starts; none when it is only asked for its device."""
+    """Write a byte for each share that a worker starts, none where it is only asked for its device."""
     if is_at_work():
         with open(f"{folder}/starts/{os.getpid()}", "ab") as file:
             file.write(b".")
@@ -181,7 +181,7 @@ def is_at_work() -> bool:
 
 
 def test_a_share_that_ends_every_worker_is_given_up(tmp_path: Path):
-    """Now and then Dask does not start a worker again that ended as it joined; then none is left, which ends it too."""
+    """A share that kills every worker ends the batch, also where Dask did not restart one that died as it joined."""
     with cluster_module.start_workers([{}]) as workers:
         cluster = Cluster(address=address_of(workers), prepare=end_worker)
         lost = r"^(a share of the batch ended 4 workers, one after|all workers ended)"
@@ -207,7 +207,7 @@ def test_a_scheduler_that_is_gone_is_told(tmp_path: Path):
 
 
 def test_garbage_at_its_ports_does_not_end_a_batch(tmp_path: Path, capfd: pytest.CaptureFixture[str]):
-    """At the scheduler's, the workers' and their nannies', from anybody on this machine."""
+    """Garbage at the ports of the scheduler, the workers and their nannies does not disturb a batch."""
     heavy = scene(frames=30, substeps=400)
     run_batch(heavy, tmp_path / "alone", 4, export=[0, 3], device="cpu")
     capfd.readouterr()
@@ -277,7 +277,7 @@ def test_a_worker_that_lacks_the_device_is_told(address: str, tmp_path: Path):
 
 
 def test_each_gpu_has_a_worker_that_sees_it_alone(monkeypatch: pytest.MonkeyPatch):
-    """Workers share the GPUs that the process itself may see."""
+    """Each worker sees one GPU of those that are visible to the process."""
     monkeypatch.setattr(wp, "get_cuda_device_count", lambda: 3)
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "5,6,7")
     environments = cluster_module.worker_environments(Cluster(gpus=2))
@@ -296,5 +296,5 @@ def test_each_gpu_has_a_worker_that_sees_it_alone(monkeypatch: pytest.MonkeyPatc
 
 
 def hears_ctrl_c() -> bool:
-    """A terminal sends it to the workers, too."""
+    """Return whether SIGINT reaches a worker, as a terminal sends Ctrl-C to workers, too."""
     return signal.getsignal(signal.SIGINT) != signal.SIG_IGN

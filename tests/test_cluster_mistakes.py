@@ -44,7 +44,7 @@ def test_a_mistake_gets_one_sentence_and_status_2(
 
 
 def test_a_script_without_a_guard_is_told(tmp_path: Path):
-    """Each worker imports the script that starts it, and would start workers of its own."""
+    """A script without a main guard is reported: each worker imports it, and would start workers of its own."""
     script = tmp_path / "script.py"
     script.write_text(
         "import balloon_warp as bw\n"

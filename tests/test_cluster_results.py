@@ -1,4 +1,4 @@
-"""Results of shares that their worker takes along as it ends. See test_cluster.py."""
+"""Results of shares that are lost with their worker. See test_cluster.py."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ distribute = pytest.importorskip("balloon_warp.sweep.distribute")
 
 
 class FarAway:
-    """A result of some worker that has not come yet, and the client that waits for it."""
+    """Pending result of a worker, and the client that waits for it."""
 
     def __init__(self, workers: int, seconds: float):
         self.workers, self.seconds = workers, seconds
@@ -28,7 +28,7 @@ class FarAway:
 
 
 def test_a_result_that_went_with_its_worker_is_not_waited_for_for_ever():
-    """The share was done, so it is done again; but nobody is left to do so."""
+    """A result lost with its worker is not waited for: the share is repeated, and there is no worker left to do so."""
     lost: Any = FarAway(workers=0, seconds=np.inf)
     with pytest.raises(WorkersLostError, match=r"^all workers ended, and none came for 60 s"):
         distribute._result(lost, lost)

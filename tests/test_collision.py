@@ -1,4 +1,4 @@
-"""Spheres that meet spheres: what they exchange is what two bodies exchange along the line through their centers."""
+"""Spheres that collide with spheres: two bodies exchange momentum along the line through their centers."""
 
 import numpy as np
 import pytest
@@ -15,21 +15,21 @@ NO_SPRINGS = Stiffness(structural=0.0, shear=0.0, flexion=0.0)
 
 @pytest.fixture(params=["scatter", "gather", "lanes", "octets", "block", "projective"])
 def layout(request: pytest.FixtureRequest, device: str) -> dict[str, str]:
-    """A solver, or a schedule."""
+    """Return a solver or a schedule as keyword arguments."""
     if request.param in ("lanes", "octets") and device != "cpu":
         pytest.skip(f"{request.param} is for the CPU")
     return {"solver": "projective"} if request.param == "projective" else {"schedule": request.param}
 
 
 def billiard(device: str, spheres: list[Sphere], schedule: str = "auto", **fields) -> Simulator:
-    """Spheres in space, where a balloon is far away; 10 steps a frame of a hundredth of a second."""
+    """Return spheres in space, with a balloon far away; 10 steps a frame of a hundredth of a second."""
     away = Balloon(mesh=cube(), position=(0, 0, 900.0), stiffness=NO_SPRINGS, inflation=Inflation(k_normal=0.0))
     setting = {"gravity": 0.0, "frames_per_second": 100.0, "substeps": 10}
     return Simulator(Scene(balloon=[away], sphere=spheres, **setting | fields), device, schedule=schedule)
 
 
 def after(simulator: Simulator, frames: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Centers and velocities of the spheres, shape (sphere_count, 3)."""
+    """Return centers and velocities of the spheres, shape (sphere_count, 3)."""
     for _ in range(frames):
         simulator.step()
     state = simulator.state
@@ -49,7 +49,7 @@ def pair(
 
 
 def test_equal_spheres_exchange_their_velocities(layout, device):
-    """Head-on and elastic, and each from where they met: as if the one had gone through the other."""
+    """Equal spheres exchange their velocities in a head-on elastic collision, from where they met."""
     simulator = billiard(device, pair(), **layout)
     centers, velocities = after(simulator, 100)
     np.testing.assert_allclose(velocities, [(0, 0, 0), (1, 0, 0)], atol=EPSILON)
@@ -59,15 +59,15 @@ def test_equal_spheres_exchange_their_velocities(layout, device):
 
 @pytest.mark.parametrize(("restitution", "mean"), [((0.0, 0.0), 0.0), ((0.5, 0.5), 0.5), ((1.0, 0.25), 0.5)])
 def test_they_leave_at_the_speed_of_impact_times_the_restitution(restitution, mean, device):
-    """v1' = (m1 - e m2) v / M, v2' = (1 + e) m1 v / M: the textbook's, of two different ones with their mean."""
+    """Velocities are the textbook's v1' = (m1 - e m2) v / M, v2' = (1 + e) m1 v / M, with the mean restitution."""
     simulator = billiard(device, pair(masses=(3.0, 1.0), restitution=restitution))
     _, velocities = after(simulator, 100)
     np.testing.assert_allclose(velocities[:, 0], [(3.0 - mean) / 4.0, 3.0 * (1.0 + mean) / 4.0], rtol=4.0 * EPSILON)
 
 
 def test_an_oblique_impact_is_along_the_line_through_the_centers(layout, device):
-    """At an offset b the normal makes the angle asin(b / R) with the way: of equal ones that are elastic, the struck
-    one leaves along it with v cos, the other across it with v sin. The step at which they meet does not matter."""
+    """The normal at an offset b is at the angle asin(b / R) to the path: of equal elastic spheres the struck one leaves
+    along it with v cos, the other across it with v sin. The step at which they meet does not matter."""
     angle = 0.6
     simulator = billiard(device, pair(speed=3.0, aside=-0.3 * np.sin(angle)), **layout)
     _, velocities = after(simulator, 60)
@@ -80,7 +80,7 @@ def test_an_oblique_impact_is_along_the_line_through_the_centers(layout, device)
 
 @pytest.mark.parametrize("speed", [10.0, 1000.0, 100_000.0])
 def test_none_goes_through_another_at_any_speed(speed, layout, device):
-    """At the highest, a step goes 100 m, 333 times the sum of the radii."""
+    """Spheres do not tunnel at any speed: at the highest, a step goes 100 m, 333 times the sum of the radii."""
     simulator = billiard(device, pair(speed, aside=0.05, restitution=(0.3, 0.3)), **layout)
     centers, velocities = after(simulator, 10)
     assert velocities[1, 0] > 0.4 * speed
@@ -89,7 +89,7 @@ def test_none_goes_through_another_at_any_speed(speed, layout, device):
 
 
 def cloud(seed: int, count: int = 12, restitution: float = 1.0) -> list[Sphere]:
-    """Spheres of different sizes and masses that fly at each other."""
+    """Return spheres of different sizes and masses that fly at each other."""
     numbers = np.random.default_rng(seed)
     places = np.stack(np.meshgrid(*[np.arange(3) - 1.0] * 3), axis=-1).reshape(-1, 3)[:count]
     return [
@@ -126,7 +126,7 @@ def test_a_cloud_of_them_keeps_momentum_and_angular_momentum_and_gains_no_energy
 
 
 def test_none_is_in_another_after_a_crowd_has_met(device):
-    """What a step leaves unsettled of many at once is moved apart by a tenth of it in a hundredth of a second."""
+    """No spheres overlap after a crowd has met: an unresolved overlap falls by a tenth in a hundredth of a second."""
     spheres = cloud(7, count=27, restitution=0.3)
     centers, _ = after(billiard(device, spheres, ground=Ground(height=-1.6), gravity=9.8), 150)
     radii = np.array([sphere.radius for sphere in spheres])
@@ -138,8 +138,8 @@ def test_none_is_in_another_after_a_crowd_has_met(device):
 
 @pytest.mark.parametrize("contact", ["penalty", "impulse"])
 def test_stacks_stand_still(contact, layout, device):
-    """One on the other, on the ground and on an obstacle: a step of gravity moves each by g h^2, 10 micrometers; what
-    overlaps by that is moved apart."""
+    """Stacks of two on the ground and on an obstacle stay at rest: a step of gravity moves each by g h^2, 10
+    micrometers, and that overlap is resolved."""
     places = [(x, below + y, 0.0) for x, below in ((0.0, 0.0), (9.0, 0.5)) for y in (0.2, 0.6)]
     stacks = [Sphere(position=at, radius=0.2, mass=m) for at, m in zip(places, (1.0, 2.0, 1.0, 2.0), strict=True)]
     floor = {"ground": Ground(), "obstacle": [Obstacle(size=(4, 1, 4), position=(9, 0, 0))]}
@@ -151,7 +151,7 @@ def test_stacks_stand_still(contact, layout, device):
 
 
 def test_one_that_is_not_there_yet_meets_none(device):
-    """One that appears inside another is pushed: both come apart slowly, without a jump and without speed."""
+    """A sphere collides with none before it appears; one that appears inside another is pushed out without speed."""
     late = [Sphere(position=(0, 0, 0), radius=0.2, start=0.5), Sphere(position=(0.3, 0, 0), radius=0.2)]
     simulator = billiard(device, late)
     centers, _ = after(simulator, 50)
@@ -162,7 +162,7 @@ def test_one_that_is_not_there_yet_meets_none(device):
 
 
 def test_worlds_do_not_hear_of_each_other(device):
-    """What happens in a batch is what happens alone, whatever the others do."""
+    """A world of a batch is bit-identical to the scene run alone, whatever the others do."""
     speeds = [1.0, 40.0, 0.0]
     scene = billiard(device, pair(restitution=(0.8, 0.8))).model.scene
     batch = Simulator(scene, device, world_count=3, vary={"sphere.0.velocity.0": speeds})

@@ -1,4 +1,4 @@
-"""Runs of a scene side by side."""
+"""Comparison of a scene's runs side by side."""
 
 import csv
 import re
@@ -41,13 +41,13 @@ def compared(folder: Path, vary: dict[str, list[Any]], **options: Any) -> Compar
 
 
 def tiles(folder: Path, rows: int, columns: int) -> list[np.ndarray]:
-    """The sheet cut evenly, row by row; a tile takes its label along."""
+    """Return the sheet cut evenly, row by row; a tile keeps its label."""
     sheet = np.asarray(Image.open(folder / "out.png").convert("RGB"))
     return [part for band in np.array_split(sheet, rows) for part in np.array_split(band, columns, axis=1)]
 
 
 def green(tile: np.ndarray) -> int:
-    """Pixels of the ball."""
+    """Return the number of the ball's pixels."""
     return int(((tile[..., 1] > 60) & (tile[..., 0] < 0.7 * tile[..., 1])).sum())
 
 
@@ -98,7 +98,7 @@ def test_the_figures_are_those_of_the_frame_that_is_shown(tmp_path: Path):
 
 
 def test_only_one_closed_balloon_is_round(tmp_path: Path):
-    """What volumes and areas of several add up to says nothing of their shape."""
+    """Roundness is reported for a single closed balloon only: summed volumes and areas have no shape."""
     alone = compared(tmp_path, {K_NORMAL: [0.0]}).runs[0].figures
     assert 0.5 < alone["roundness"] < 1.0
     ball, aside = BALL.balloon[0], BALL.balloon[0].model_copy(update={"position": (3.0, 0.0, 0.0)})
@@ -166,7 +166,7 @@ def test_long_labels_are_broken_and_stay_over_their_tile():
 
 
 def test_a_table_of_many_figures_is_not_cut_off(capsys: pytest.CaptureFixture[str]):
-    """However narrow the terminal: its header is one line, and every name is whole."""
+    """A wide table is not truncated in a narrow terminal: its header is one line, and every name is whole."""
     figures = {f"sphere_{number}_height": 0.5 for number in range(8)} | {"particles": 8, "substeps": 4}
     values = [{"picture_frame": number, "balloon.inflation.k_normal.1.1": 7} for number in (1, 2)]
     runs = [Run(own, "done", "", {"frame": own["picture_frame"], **figures}) for own in values]

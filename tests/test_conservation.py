@@ -1,4 +1,4 @@
-"""Conservation for a balloon that flies alone in vacuum, and its exceptions."""
+"""Conservation laws of a free balloon in vacuum, and their exceptions."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def schedule(request: pytest.FixtureRequest, device: str) -> str:
 
 
 def thrown(device: str, schedule: str = "auto", balloon: dict | None = None, **fields) -> Simulator:
-    """A balloon in vacuum that flies, spins, is stretched unevenly, and trembles; a step is a millisecond."""
+    """Return a balloon in vacuum that flies, spins, is stretched unevenly, and trembles; a step is a millisecond."""
     ball = Balloon(mesh=quad_sphere(3, radius=0.5), mass=0.5, damping=0.0, **(balloon or BALLOONS["springs"]))
     setting = {"gravity": 0.0, "atmosphere": Atmosphere(density=0.0), "frames_per_second": 2.0, "substeps": SUBSTEPS}
     simulator = Simulator(Scene(balloon=[ball], **setting | fields), device, schedule=schedule)
@@ -43,9 +43,8 @@ def thrown(device: str, schedule: str = "auto", balloon: dict | None = None, **f
 def drifts(simulator: Simulator, frames: int = FRAMES) -> tuple[NDArray, NDArray]:
     """Return the largest drifts of momentum and angular momentum, over the rounding of each.
 
-    A substep rounds each velocity and place by up to half an epsilon of itself, to either side: after n substeps they
-    are off by about sqrt(n) of that, and by no more if all particles' roundings went the same way.
-    """
+    A substep rounds each velocity and place by up to half an epsilon of itself, to either side: after n substeps the
+    error is about sqrt(n) of that, and no more if all particles' roundings had one sign."""
     before = momentum(simulator), angular_momentum(simulator)
     worst = np.zeros(2)
     fastest, farthest = 0.0, 0.0
@@ -62,9 +61,9 @@ def drifts(simulator: Simulator, frames: int = FRAMES) -> tuple[NDArray, NDArray
 
 @pytest.mark.parametrize("kind", BALLOONS)
 def test_a_free_balloon_keeps_momentum_and_angular_momentum_for_10000_substeps(kind, schedule, device):
-    """Springs pull both ends alike along the line between them, angles turn nothing, and the pressure on a closed
-    surface has neither a net force nor a torque; symplectic Euler passes that on, since x x v is the same before and
-    after x += h v."""
+    """Momentum and angular momentum are conserved: springs act along the line between their ends, torsion exerts no net
+    torque, and pressure on a closed surface has neither net force nor torque; symplectic Euler preserves both, since x
+    x v is the same before and after x += h v."""
     if schedule == "octets" and kind != "springs":
         pytest.skip(f"octets does not simulate {kind}")
     drift, rounding = drifts(thrown(device, schedule, BALLOONS[kind]))
@@ -73,23 +72,23 @@ def test_a_free_balloon_keeps_momentum_and_angular_momentum_for_10000_substeps(k
 
 @pytest.mark.parametrize("normals", ["cached", "fresh"])
 def test_the_papers_inflation_pushes_a_free_balloon_about(normals, device):
-    """(A_p / A) n, with the nearest face's area and a mean of normals, does not add up to nothing over a closed surface
-    that is not a perfect sphere. It is the paper's rule all the same."""
+    """The paper's inflation (A_p / A) n, with the nearest face's area and a mean of normals, has a net force over a
+    closed surface that is not a perfect sphere. It is the paper's rule all the same."""
     simulator = thrown(device, balloon={"inflation": Inflation(k_normal=0.2)}, normals=normals)
     drift, rounding = drifts(simulator, frames=2)
     assert (drift > 1e2 * rounding).all()
 
 
 def test_forward_euler_keeps_momentum_and_not_angular_momentum(device):
-    """Points move by the old velocities: x x v gains h^2 v x F each step."""
+    """Forward Euler gains h^2 v x F of angular momentum each step, as points move by the old velocities."""
     drift, rounding = drifts(thrown(device, solver="forward_euler", substeps=2 * SUBSTEPS), frames=2)
     assert drift[0] < rounding[0]
     assert drift[1] > 1e2 * rounding[1]
 
 
 def test_projective_keeps_momentum_and_loses_angular_momentum_at_first_order(device):
-    """Backward Euler's x x v loses h^2 v x F each step, so that a run of the same length loses half with half the step;
-    its linear system, solved in float32, leaves less than an epsilon of the momentum every substep."""
+    """Backward Euler loses h^2 v x F of angular momentum each step, so half with half the step; its linear system,
+    solved in float32, leaves less than an epsilon of the momentum every substep."""
     lost = []
     for substeps in (40, 80, 160):  # a fiftieth of a second
         simulator = thrown(device, solver="projective", substeps=substeps, frames_per_second=50.0)
@@ -101,7 +100,7 @@ def test_projective_keeps_momentum_and_loses_angular_momentum_at_first_order(dev
 
 
 def energy_swing(simulator: Simulator, frames: int) -> NDArray[np.float64]:
-    """The energy after each frame, over that at the start, less one."""
+    """Return the relative change of the energy after each frame."""
     found = [energy(simulator)]
     for _ in range(frames):
         simulator.step()
@@ -110,11 +109,10 @@ def energy_swing(simulator: Simulator, frames: int) -> NDArray[np.float64]:
 
 
 def test_the_energy_of_a_free_balloon_swings_within_bounds_for_10000_substeps(schedule, device):
-    """It swings by about h omega / 2 of what is in the fastest springs, and it goes nowhere.
+    """Energy oscillates by about h omega / 2 of what is in the fastest springs, and does not drift.
 
-    The motion is chaotic, and `scatter` adds up in another order every time on a GPU: of 40 starts a micrometer apart
-    the farthest swings were 0.013 to 0.026.
-    """
+    The motion is chaotic, and `scatter` sums in another order every time on a GPU: of 40 starts a micrometer apart the
+    largest swings were 0.013 to 0.026."""
     assert np.abs(energy_swing(thrown(device, schedule), FRAMES)).max() < 0.04
 
 

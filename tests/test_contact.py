@@ -1,4 +1,4 @@
-"""Spheres, ground and strings, against closed forms."""
+"""Contact of spheres, ground and strings, against closed forms."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ def run_frames(simulator: Simulator, frames: int) -> Simulator:
 
 
 def still_cube(**fields) -> Balloon:
-    """The unit cube without springs, inflation or damping."""
+    """Return the unit cube without springs, inflation or damping."""
     fields = {"stiffness": NO_SPRINGS, "inflation": Inflation(k_normal=0.0), "damping": 0.0} | fields
     return Balloon(mesh=cube(), **fields)
 
@@ -40,7 +40,7 @@ def test_a_particle_inside_a_sphere_moves_out_along_the_ray_from_its_center(devi
 
 
 def test_a_touching_particle_keeps_no_speed_into_the_sphere(device):
-    """A corner flies into a fixed-fast sphere: it keeps its tangential velocity and takes the sphere's normal one."""
+    """A corner that flies into a sphere takes the sphere's normal velocity and keeps its tangential one."""
     corner = cube().points[6]
     sphere = Sphere(position=tuple(corner + [0.1, 0.0, 0.0]), radius=0.12, velocity=(-1.0, 0.0, 0.0), mass=5.0)
     simulator = Simulator(
@@ -58,7 +58,7 @@ def test_a_touching_particle_keeps_no_speed_into_the_sphere(device):
 
 
 def test_penalty_force_is_the_touching_particles_inflation(device):
-    """One corner touches: the sphere gains h * penalty * 100 k_normal (A_p / A_total) / M, away from the corner."""
+    """A touching corner accelerates the sphere by h * penalty * 100 k_normal (A_p / A_total) / M, away from itself."""
     corner = cube().points[6]
     center = corner + [0.0, 0.15, 0.0]
     sphere = Sphere(position=tuple(center), radius=0.2, mass=3.0, penalty=2.0)
@@ -70,7 +70,7 @@ def test_penalty_force_is_the_touching_particles_inflation(device):
 
 
 def test_spheres_bounce_on_the_ground_by_their_restitution(device):
-    """From height H above contact to e^2 H, over one bounce; the step adds an error of order g h T."""
+    """A sphere bounces from height H above contact to e^2 H; the step adds an error of order g h T."""
     scene = Scene(
         balloon=[still_cube(position=(9, 9, 9))],
         sphere=[Sphere(position=(0, 1.5, 0), radius=0.5)],
@@ -89,7 +89,7 @@ def test_spheres_bounce_on_the_ground_by_their_restitution(device):
 
 
 def test_a_balloon_rests_on_the_ground_and_friction_stops_it(device):
-    """Sliding at v, Coulomb friction mu stops it after v^2 / (2 mu g)."""
+    """Coulomb friction mu stops a balloon that slides at v after v^2 / (2 mu g)."""
     stiff = Stiffness(structural=400.0, shear=400.0, flexion=400.0)
     balloon = still_cube(stiffness=stiff, mass=1.0, damping=0.0)
     scene = Scene(balloon=[balloon], ground=Ground(height=0.0, friction=0.4), frames=60, substeps=64)
@@ -108,7 +108,7 @@ def test_a_balloon_rests_on_the_ground_and_friction_stops_it(device):
 
 
 def test_a_slack_string_does_nothing_and_a_taut_one_holds(device):
-    """Helium lift F on a string of stiffness k ends at length L + F / k; the damped rest leaves nothing else."""
+    """Helium lift F on a string of stiffness k ends at length L + F / k, as damping leaves no motion."""
     lift = 0.2 * (20.0 - 9.81)
     balloon = Balloon(mesh=quad_sphere(3), mass=0.2, helium=20.0, damping=0.6, position=(0, 2, 0))
     string = String(anchor=(0, 0, 0), length=1.5, stiffness=30.0)
@@ -128,7 +128,7 @@ def test_a_slack_string_does_nothing_and_a_taut_one_holds(device):
 
 @pytest.mark.parametrize(("speed", "left"), [(0.1, 0.0), (0.4, 0.0), (0.8, 0.3)])
 def test_friction_stops_a_slow_slider_and_does_not_turn_it_back(device, speed: float, left: float):
-    """Landing at 1 m/s, friction 0.5 takes at most 0.5 m/s of the sliding speed, and no more than there is."""
+    """Landing at 1 m/s, friction 0.5 takes at most 0.5 m/s of the sliding speed, and does not reverse it."""
     scene = Scene(balloon=[still_cube()], ground=Ground(friction=0.5), gravity=0.0, substeps=1, faces=False)
     simulator = Simulator(scene, device)
     landing = np.tile([speed, -1.0, 0.0], (1, 8, 1))
@@ -140,7 +140,7 @@ def test_friction_stops_a_slow_slider_and_does_not_turn_it_back(device, speed: f
 
 
 def test_penalty_follows_the_ramp_of_k_normal_within_a_frame(device):
-    """Each substep's contact acts in the next: of four substeps, k_normal at the begin of the first three counts."""
+    """The contact of each substep acts in the next: of four substeps, k_normal at the begin of the first three."""
     corner = cube().points[6]
     sphere = Sphere(position=tuple(corner + [0.0, 0.15, 0.0]), radius=0.2, mass=3.0, penalty=2.0)
     balloon = still_cube(inflation=Inflation(k_normal=[(0.0, 0.2), (0.001, 1.0)]))

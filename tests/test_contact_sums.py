@@ -27,7 +27,7 @@ def ball(name: str, height: float) -> Balloon:
 
 
 def pile(**given) -> Scene:
-    """Two balls in a well, of which the upper one lies on the lower."""
+    """Return two balls in a well, the upper on the lower."""
     walls = [
         Obstacle(name=name, shape="plane", position=position, rotation=turn, friction=0.0)
         for name, position, turn in (
@@ -41,7 +41,7 @@ def pile(**given) -> Scene:
 
 
 def added_up(simulator: Simulator, world: int, balloon: int, thing: int) -> tuple[np.ndarray, np.ndarray]:
-    """Net force and torque of a pair, from what is told of particles, in float64."""
+    """Return net force and torque of a pair, summed over particles in float64."""
     model, state = simulator.model, simulator.state
     points, pushes = (array.numpy()[world].astype(np.float64) for array in (state.points, state.contact_impulses))
     first = len(things_of(model)) - model.balloon_count
@@ -57,7 +57,7 @@ def added_up(simulator: Simulator, world: int, balloon: int, thing: int) -> tupl
 
 
 def test_the_device_has_the_net_force_of_each_pair_in_every_world():
-    """As frames have them; a world is a row, whose array nobody copied to the host."""
+    """Net forces on the device equal those of frames; each world is a row, with no copy to the host."""
     simulator = Simulator(pile(), "cpu", WORLDS, MASSES)
     for _ in range(30):
         simulator.step_unread()
@@ -86,7 +86,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_batch_says_of_each_pair_how_hard_it_pressed(folder: Path):
-    """The mean and the largest of what frames have: the same simulated by itself."""
+    """The summary's mean and maximum are those of the frames of each world simulated alone."""
     with (folder / "worlds.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     simulator = Simulator(pile(), "cpu", WORLDS, MASSES)
@@ -146,7 +146,7 @@ def test_shares_of_a_cluster_tell_the_same(folder: Path):
 
 
 def test_a_world_that_began_again_has_what_it_pressed_then(tmp_path: Path):
-    """The others have what they have without it."""
+    """A restarted world reports the forces of its new episode, and the others are unchanged."""
     vary = {"balloon.1.inflation.pressure": [30.0, 5e6]}
     rows = {}
     for policy in ("freeze", "restart"):

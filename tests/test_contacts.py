@@ -59,7 +59,7 @@ def test_what_lies_on_something_presses_it_by_its_weight(floor: str) -> None:
 
 
 def test_what_is_held_by_ridges_counts() -> None:
-    """A ball on two rods, which bear it together, between its particles, too."""
+    """Contact forces include those by ridges: a ball on two rods, which bear it between its particles, too."""
     frame = at_rest(Scene(balloon=[ball(0.49, friction=0.0)], faces=True, **FLOORS["rod"]))
     total = sum(each.force for each in frame.contacts)
     np.testing.assert_allclose(total, (0.0, 0.3 * GRAVITY, 0.0), atol=0.1)
@@ -74,7 +74,7 @@ def test_a_body_presses_by_its_weight_and_what_carries_it_by_both() -> None:
 
 
 def test_balloons_press_each_other_alike() -> None:
-    """The upper of two lies on the lower, in a pit of four walls."""
+    """Forces between two balloons are equal and opposite: the upper lies on the lower, in a pit of four walls."""
     walls = [
         Obstacle(shape="plane", position=position, rotation=turn)
         for position, turn in (
@@ -93,7 +93,7 @@ def test_balloons_press_each_other_alike() -> None:
 
 
 def test_the_press_presses_by_pressure_times_area() -> None:
-    """F = dp A, at a film's pressure: from the told contacts alone, where a balloon of given pressure lies flat."""
+    """A plate presses with F = dp A at a film's pressure, by reported contacts alone, on a balloon that lies flat."""
     soft = {"structural": 20.0, "shear": 10.0, "flexion": 0.0}
     filled = {"pressure": [(0.0, 0.0), (0.5, 10.0)]}
     pressed = Balloon(mesh=quad_sphere(12, 0.5), mass=0.5, damping=20.0, stiffness=soft, inflation=filled)
@@ -112,7 +112,7 @@ def test_the_press_presses_by_pressure_times_area() -> None:
 
 
 def test_the_bundled_press_tells_force_as_pressure_times_area() -> None:
-    """While the plate holds still, F = dp A on the bed, with dp the paper's push over the area of the skin."""
+    """The bed bears F = dp A while the plate holds still, with dp the paper's push over the area of the skin."""
     simulator = Simulator(load_scene("press", {"contacts": True}), device="cpu")
     for _ in range(71):
         simulator.step_unread()

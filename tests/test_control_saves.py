@@ -15,7 +15,7 @@ SCENE = Scene(balloon=[BALL], obstacle=[PLATE], substeps=24)
 
 
 def controlled() -> Simulator:
-    """Three worlds, of which one was ended by its control."""
+    """Return three worlds, of which one was ended by its control."""
     simulator = Simulator(SCENE, "cpu", 3)
     simulator.controls["balloon.inflation.pressure"] = [1.0, 2.0, 3.0]
     simulator.controls.open("obstacle.0.velocity", -2.0, 2.0)
@@ -26,7 +26,7 @@ def controlled() -> Simulator:
 
 
 def followed(simulator: Simulator) -> list[np.ndarray]:
-    """Everything three frames later, with other values meanwhile."""
+    """Return the state three frames later, with other values meanwhile."""
     simulator.advance()
     simulator.controls["balloon.inflation.pressure"] = [4.0, 5.0, 6.0]
     for _ in range(2):
@@ -51,7 +51,7 @@ def test_a_saved_simulator_goes_on_with_its_controls(where: str, tmp_path) -> No
 
 @pytest.mark.parametrize("flat", [False, True])
 def test_turns_are_those_by_which_points_were_turned(flat: bool) -> None:
-    """A round and a flat balloon are turned, and stretched and moved as well, which turns neither."""
+    """The best-fit rotations of a round and a flat balloon are the applied ones, unchanged by stretch and shift."""
     mesh = foil_mesh("o", height=0.3) if flat else quad_sphere(4, 0.5)
     scene = Scene(balloon=[Balloon(mesh=mesh, inflation=Inflation(pressure=5.0))])
     simulator = Simulator(scene, "cpu", 4)
@@ -69,7 +69,7 @@ def test_turns_are_those_by_which_points_were_turned(flat: bool) -> None:
 
 
 def rotation(quaternion: np.ndarray) -> np.ndarray:
-    """The matrix of a quaternion x, y, z, w."""
+    """Return the rotation matrix of a quaternion x, y, z, w."""
     x, y, z, w = quaternion
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.eye(3) + 2 * w * cross + 2 * cross @ cross

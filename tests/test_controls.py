@@ -1,4 +1,4 @@
-"""Values that are written on the device, and what the next frame makes of them."""
+"""Controls: values written on the device, which the next frame uses."""
 
 from dataclasses import replace
 
@@ -59,14 +59,14 @@ def opened(world_count: int, **fields: str) -> Simulator:
 
 
 def values_of(frame: int, world_count: int) -> dict[str, np.ndarray]:
-    """Return the values of a frame: those of each control in each world."""
+    """Return the values of a frame, for each control in each world."""
     drawn = np.random.default_rng(frame).uniform(0.1, 0.9, (world_count, 6, 3)).astype(np.float32)
     vectors = ("atmosphere.wind", "string.0.anchor")
     return {path: drawn[:, n] if path in vectors else drawn[:, n, 0] for n, path in enumerate(BOUNDED)}
 
 
 def test_a_control_is_what_set_sets_bit_for_bit(schedule: str) -> None:
-    """Laws that did not act until then, too."""
+    """A control is bit-identical to `set`, for laws that did not act until then, too."""
     controlled, told = opened(3, schedule=schedule), Simulator(SCENE, "cpu", 3, schedule=schedule)
     for frame in range(3):
         for path, values in values_of(frame, 3).items():
@@ -79,7 +79,7 @@ def test_a_control_is_what_set_sets_bit_for_bit(schedule: str) -> None:
 
 
 def test_an_obstacle_that_is_steered_goes_as_one_that_moves_by_keyframes(schedule: str, device: str) -> None:
-    """Askew, up into a ball that it takes along by friction; apart by float32's rounding of where the plate is."""
+    """A steered obstacle agrees with one moved by keyframes, askew and up into a ball that it drags by friction."""
     ball = BALL.model_copy(update={"position": (0.0, 0.52, 0.0), "velocity": (0.0, -0.5, 0.0)})
     plate = Obstacle(
         shape="box", size=(3.0, 0.2, 3.0), position=(0.0, -0.1, 0.0), rotation=(0.0, 0.0, 5.0), friction=0.6
@@ -217,7 +217,7 @@ def test_laws_act_only_where_bounds_let_them() -> None:
 
 
 def test_a_blow_up_is_explained_by_the_frame_that_it_came_in() -> None:
-    """Values written before do not explain it."""
+    """The report of a blow-up names the values of its own frame, none written before."""
     from balloon_warp import BlowUpError
 
     simulator = Simulator(SCENE, "cpu", 2)

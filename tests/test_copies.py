@@ -1,4 +1,4 @@
-"""Surfaces that are there twice, as where both sides of them are exported, count once."""
+"""Duplicate surfaces, as where both sides are exported, count once."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -24,7 +24,7 @@ def inward(mesh: PolygonMesh) -> PolygonMesh:
 
 
 def loose(mesh: PolygonMesh) -> PolygonMesh:
-    """Each face with corners of its own."""
+    """Return the mesh with vertices of its own for each face."""
     corners = mesh.face_vertex_indices
     return replace(mesh, points=mesh.points[corners], face_vertex_indices=np.arange(len(corners), dtype=np.int32))
 
@@ -40,7 +40,7 @@ def rounded(mesh: PolygonMesh) -> PolygonMesh:
 
 
 def on_the_same_vertices(mesh: PolygonMesh) -> PolygonMesh:
-    """Both sides, one after the other."""
+    """Return both sides on the same vertices, one after the other."""
     return replace(
         mesh,
         face_vertex_counts=np.tile(mesh.face_vertex_counts, 2),
@@ -64,7 +64,7 @@ def on_the_same_vertices(mesh: PolygonMesh) -> PolygonMesh:
     ids=["shared", "apart", "shuffled", "rounded", "inward", "soups", "of a soup", "soup", "thrice"],
 )
 def test_both_sides_of_a_ball_make_one_ball(mesh: PolygonMesh) -> None:
-    """Closed, outward, of its volume and its springs, and all its vertices go along."""
+    """A ball exported with both sides is one closed ball, outward, of its volume and springs."""
     once = prepared(mesh, "mesh", Treatment())
     assert genus(once, mesh_edges(once)) == 0
     assert once.face_count == BALL.face_count
@@ -82,7 +82,7 @@ def test_both_sides_of_a_ball_make_one_ball(mesh: PolygonMesh) -> None:
 
 @pytest.mark.parametrize("sheet", [grid(4, 4), open_cube()])
 def test_both_sides_of_a_sheet_make_one_sheet(sheet: PolygonMesh) -> None:
-    """It is not a flat balloon, sewn at the rim."""
+    """A sheet exported with both sides is one sheet, not a flat balloon sewn at the rim."""
     once = prepared(joined(sheet, inward(sheet)), "mesh", Treatment())
     assert once.face_count == sheet.face_count
     alone = prepared(sheet, "mesh", Treatment())
@@ -90,7 +90,7 @@ def test_both_sides_of_a_sheet_make_one_sheet(sheet: PolygonMesh) -> None:
 
 
 def test_one_part_of_several_may_be_there_twice() -> None:
-    """What stands before it and after it stays."""
+    """A duplicate among several parts is removed, and the parts before and after it stay."""
     aside = replace(cube(), points=cube().points + (3.0, 0.0, 0.0))
     mesh = joined(aside, BALL, inward(BALL), open_cube())
     once = prepared(mesh, "mesh", Treatment())
@@ -99,7 +99,7 @@ def test_one_part_of_several_may_be_there_twice() -> None:
 
 
 def test_what_only_touches_counts_twice() -> None:
-    """Boxes wall to wall; and two sheets that are sewn at the rim: a balloon that is still flat."""
+    """Boxes wall to wall, and two sheets sewn at the rim, a balloon that is still flat, are no duplicates."""
     row = joined(cube(), replace(cube(), points=cube().points + (1.0, 0.0, 0.0)))
     assert prepared(row, "mesh", Treatment()).face_count == 12
     sheet = grid(4, 4)
@@ -115,7 +115,7 @@ def test_what_only_touches_counts_twice() -> None:
 
 
 def test_texture_coordinates_stay_with_their_corners(tmp_path: Path) -> None:
-    """Wherever the copy stands in the file."""
+    """Texture coordinates stay with their corners, wherever the duplicate stands in the file."""
     textures = np.random.default_rng(3).random((BALL.face_count * 4, 2), dtype=np.float32)
     own = replace(BALL, texture_coordinates=textures)
     other = replace(shuffled(inward(BALL)), texture_coordinates=textures)

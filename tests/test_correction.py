@@ -1,4 +1,4 @@
-"""Position correction: what a single spring does, what is conserved, and that the order of springs does not matter."""
+"""Position correction: its action on a single spring, conservation, and independence of the order of springs."""
 
 from dataclasses import replace
 from typing import Any, Literal
@@ -37,7 +37,7 @@ def begin_at(simulator: Simulator, points: np.ndarray, velocities: np.ndarray | 
 
 
 def stretches(model: Model, points: np.ndarray) -> np.ndarray:
-    """Length over rest length of the first balloon's springs, of points of shape (..., particle_count, 3)."""
+    """Return length over rest length of the first balloon's springs, of points of shape (..., particle_count, 3)."""
     springs = model.shapes[0].springs
     first, second = (points.astype(np.float64)[..., springs.pairs[:, end], :] for end in (0, 1))
     return np.linalg.norm(second - first, axis=-1) / springs.rest_lengths
@@ -51,7 +51,7 @@ PAIR = mesh_of([[0, 0, 0], [1, 0, 0]], [[0, 1]])
     [([], [0.2, 1.3]), ([0], [0.0, 1.1]), ([1], [0.4, 1.5]), ([0, 1], [0.0, 1.5])],
 )
 def test_a_long_spring_is_shortened_by_both_ends_or_the_free_one(fixed: list[int], expected: list[float], device: str):
-    """Of 1.5 m, to 1.1 m."""
+    """A spring of 1.5 m is shortened to its limit of 1.1 m."""
     simulator = Simulator(scene_of(PAIR, fixed=fixed), device)
     begin_at(simulator, np.array([[0, 0, 0], [1.5, 0, 0]]))
     simulator.step()
@@ -66,7 +66,7 @@ def test_a_spring_within_the_limit_is_left_alone(device):
 
 
 def test_what_hangs_at_its_limit_gathers_no_speed(device):
-    """A particle that falls into its limit stops there: without the velocity's part, it would go on falling faster."""
+    """A particle that falls to its strain limit stops there: its velocity is corrected, too."""
     simulator = Simulator(scene_of(PAIR, fixed=[0], gravity=9.81, substeps=10), device)
     for _ in range(120):
         simulator.step()
@@ -78,8 +78,8 @@ def test_what_hangs_at_its_limit_gathers_no_speed(device):
 
 
 def test_correction_conserves_momentum_and_angular_momentum_to_the_order_of_the_step(device):
-    """Of a balloon that spins and flies apart, slack but for its correction. Within a step the ends of a spring are
-    pulled along where it points at the end of the step, not at its start: what that turns falls with the step."""
+    """Correction conserves momentum and, to first order of the step, angular momentum of a slack balloon that spins and
+    flies apart. A spring's ends are corrected along its direction at the step's end, not at its start."""
     mesh = quad_sphere(4)
     random = np.random.default_rng(7)
     velocities = 10.0 * mesh.points + np.cross([0.0, 5.0, 0.0], mesh.points) + [3.0, 0.0, 0.0]
@@ -114,7 +114,7 @@ def test_springs_of_a_color_share_no_particle():
 
 
 def test_the_order_of_springs_in_memory_does_not_matter(device):
-    """To the last bit, in a schedule that sums forces in a fixed order; nor does running again."""
+    """The order of springs leaves the result bit-identical, in a schedule that sums forces in a fixed order."""
     stiffness = Stiffness(variation=0.2)
     scene = scene_of(quad_sphere(4), "tarantino", stiffness=stiffness, inflation=Inflation(k_normal=2.0), substeps=30)
     model = build_model(scene, device)
@@ -139,7 +139,7 @@ def test_the_order_of_springs_in_memory_does_not_matter(device):
 
 
 def pressed_ball(mesh: PolygonMesh, device: str) -> np.ndarray:
-    """The points of a balloon that has been blown up against the limit of its springs."""
+    """Return the points of a balloon inflated against the limit of its springs."""
     strong = Inflation(k_normal=[(0.0, 0.0), (0.3, 6.0)])
     scene = scene_of(mesh, stiffness=Stiffness(), inflation=strong, damping=2.0, substeps=30, normals="fresh")
     simulator = Simulator(scene, device, schedule="gather")
@@ -150,8 +150,8 @@ def pressed_ball(mesh: PolygonMesh, device: str) -> np.ndarray:
 
 
 def test_the_numbers_of_particles_do_not_matter_and_how_the_mesh_is_turned_hardly(device):
-    """The same ball, of radius 1 m, with its vertices in another order: what is left is rounding, which sums in another
-    order. Turned by a quarter, springs are corrected in another order: by less than a hundredth of the radius."""
+    """Renumbered vertices change the result by rounding alone, on a ball of radius 1 m. A quarter turn corrects springs
+    in another order, which changes it by less than a hundredth of the radius."""
     ball = quad_sphere(4)
     order = np.random.default_rng(6).permutation(ball.vertex_count)
     numbers = np.argsort(order)
@@ -191,7 +191,7 @@ def test_with_tarantino_a_spring_at_its_limit_does_not_pull(device):
 
 
 def uneven_ball(count: int = 300, radius: float = 0.5) -> PolygonMesh:
-    """Triangles of many sizes, the hull of points that are spread a little."""
+    """Return triangles of many sizes, the hull of points that are spread a little."""
     points = np.random.default_rng(1).normal(size=(count, 3))
     for _ in range(5):
         points /= np.linalg.norm(points, axis=1, keepdims=True)
@@ -206,8 +206,8 @@ def uneven_ball(count: int = 300, radius: float = 0.5) -> PolygonMesh:
 
 @pytest.mark.parametrize("limit", [0.1, 0.25])
 def test_rounding_does_not_decide_which_springs_at_the_limit_pull(limit: float):
-    """Uneven springs, many of them at their limit: in another order of sums particles are at the same places after half
-    a second, but for what rounding makes of itself. Where their pull ended at once, they were 7 and 76 mm apart."""
+    """Uneven springs, many at their limit, are at the same places after half a second of other sums, up to growth of
+    rounding. Where their pull ended abruptly, they were 7 and 76 mm apart."""
     ball, strong = uneven_ball(), Inflation(k_normal=40.0 * limit)
     fields = {"inflation": strong, "damping": 0.3, "stiffness": Stiffness(), "correction_limit": limit}
     scene = scene_of(ball, "tarantino", **fields | {"substeps": "auto"})
@@ -222,7 +222,7 @@ def test_rounding_does_not_decide_which_springs_at_the_limit_pull(limit: float):
 
 
 def test_correction_without_a_spring_is_refused():
-    """Rubber has none; with some beside, or beside a balloon of springs, it acts on these."""
+    """Correction of rubber, which has no springs, is refused; beside springs it acts on these."""
     rubber = Material(kind="neo_hookean")
     with pytest.raises(
         InputError, match=r'^correction: "provot" shortens springs, and no balloon has any; expected "none"'

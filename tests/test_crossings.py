@@ -1,4 +1,4 @@
-"""Surfaces that would cross themselves: they are found, and held back."""
+"""Surfaces that would cross themselves are found and held back."""
 
 from dataclasses import replace
 
@@ -21,7 +21,7 @@ def means():
 
 
 def through() -> np.ndarray:
-    """The top of the ball goes through its bottom, and its sides move a little."""
+    """Return moves that push the top of the ball through its bottom, and its sides a little."""
     points = BALL.points - BALL.points.mean(axis=0)
     size = np.abs(points).max()
     top = points[:, 1] > 0.8 * size

@@ -1,4 +1,4 @@
-"""Kernels for a GPU compile for one where there is none: the compiler comes with Warp."""
+"""Kernels compile for a GPU where there is none: the compiler comes with Warp."""
 
 import sys
 from pathlib import Path
@@ -63,7 +63,7 @@ def test_frames_in_blocks_compile(source: Any, frames: Any, tmp_path: Path):
 
 
 def test_edges_that_touch_compile(tmp_path: Path):
-    """A block a world, which leaves its sweeps together."""
+    """Ridge kernels compile with a block a world, whose sweeps are separate."""
     model = build_model(load_scene("knot"), "cpu", 2)
     step = GatherSchedule.step_of(model, model_features(model))
     (piece,) = (each for each in step.pieces if each.name == "worlds_meet_edges")

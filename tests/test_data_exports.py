@@ -78,7 +78,7 @@ def test_xarray_knows_the_dimensions(written: Path, tmp_path: Path):
 
 @pytest.fixture(scope="module")
 def page_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """points.h5, of a balloon called "squirrel", as docs/OUTPUTS.md has it."""
+    """Write points.h5 of a balloon called "squirrel", as in docs/OUTPUTS.md."""
     h5py = pytest.importorskip("h5py")
     folder = tmp_path_factory.mktemp("page")
     animate(scene(balloon=[Balloon(mesh=BALL, name="squirrel")]), folder / "out.usdc", device="cpu")
@@ -88,7 +88,7 @@ def page_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_file_has_what_its_page_says(page_file: Path):
-    """Each dataset of the table and no other, in shapes whose letters mean the same everywhere; groups, attributes."""
+    """The file has each dataset of the table and no other, in shapes whose letters agree, and the attributes."""
     h5py = pytest.importorskip("h5py")
     rows = [line.split("|")[1:3] for line in PAGE.splitlines() if re.match(r"\| `\w+`.*\| \(", line)]
     said = {}

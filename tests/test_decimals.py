@@ -42,7 +42,7 @@ def test_columns_keep_their_shape():
 
 
 def test_a_table_of_many_worlds_is_that_of_its_numbers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """Whatever the number of worlds whose rows are made together, and whatever differs between them."""
+    """The table of text holds the numbers of the binary one, whatever the block of worlds and the varied values."""
     monkeypatch.setattr(table_csv, "BLOCK", 3)
     varied = {"balloon.mass": RANDOM.normal(size=11), "balloon.mesh": np.array(['a,"ü".obj'] * 11)}
     with TableWriter(tmp_path, 2, 3.0, varied, ["volume", "area"], 11) as writer:

@@ -41,7 +41,7 @@ def test_the_kind_of_inflation_is_that_of_what_is_given(given: dict, kind: str):
 
 
 def test_its_pressure_is_in_balance_with_a_round_balloon_stretched_by_a_quarter():
-    """Pressure by the virtual work of all springs, scaled alike in all directions: sum k L^2 (s - 1) s = 3 p V s^3."""
+    """The pressure balances the virtual work of all springs, scaled alike: sum k L^2 (s - 1) s = 3 p V s^3."""
     mesh = quad_sphere(8, radius=0.3)
     stiffness = Stiffness(structural=30.0, shear=7.0, flexion=3.0)
     plan = plan_model(Scene(balloon=[Balloon(mesh=mesh, stiffness=stiffness)]))
@@ -53,8 +53,7 @@ def test_its_pressure_is_in_balance_with_a_round_balloon_stretched_by_a_quarter(
 
 
 def test_a_balloon_of_any_size_resolution_and_stiffness_swells_alike_and_keeps_still():
-    """Each for itself, at the same place, after three seconds: the springs' mean stretch, and what is left of its
-    motion."""
+    """Each balloon's mean stretch after three seconds is as designed, at the same place and nearly at rest."""
     kinds = [  # cells, size, factor on the springs
         *((6, 1.0, 1.0), (2, 1.0, 1.0), (10, 1.0, 1.0)),
         *((4, 0.02, 1.0), (4, 50.0, 1.0)),
@@ -84,7 +83,7 @@ def test_a_balloon_of_any_size_resolution_and_stiffness_swells_alike_and_keeps_s
 
 
 def test_the_smallest_scene_falls_as_a_round_ball():
-    """A mesh and nothing else, as it is and at a radius of 0.15 m: it falls as one piece. It swells by a quarter of its
+    """A mesh and nothing else falls as one piece, as it is and at a radius of 0.15 m. It swells by a quarter of its
     radius, 0.06 m, within a second, and breathes at that speed then; damping leaves half of it after 1.5 s."""
     ball = SCENES / "ball.obj"
     scene = Scene(balloon=[Balloon(mesh=ball), Balloon(mesh=ball, scale=0.6, position=(2.0, 0.0, 0.0))], frames=150)
@@ -98,10 +97,10 @@ def test_the_smallest_scene_falls_as_a_round_ball():
 
 @pytest.mark.parametrize("name", ["ball", "bowl", "pillow", "squirrel", "turtle"])
 def test_undamped_in_empty_space_no_bundled_mesh_heats_itself_or_goes_away(name: str):
-    """For 20 s: its center stays where it is, and once the pressure is constant, the energy of motion, springs and
-    p V swings by less than three hundredths of what is in the springs. Soft springs, so that a step can be long: it is
-    the number of steps that could heat it, some thousand, and each is as long as is stable. The most is the bowl's, by
-    0.0196 to 0.0219 from six starts a micrometer apart, and a third of that in half the step."""
+    """Momentum and energy are conserved for 20 s: the center stays in place, and once the pressure is constant, the
+    energy of motion, springs and p V swings by less than three hundredths of what is in the springs. Soft springs allow
+    a long step: it is the number of steps that could heat it, some thousand, and each is as long as is stable. The bowl
+    swings most, by 0.0196 to 0.0219 from six starts a micrometer apart, and a third of that in half the step."""
     soft = Stiffness(structural=0.5, shear=0.25, flexion=0.05)
     balloon = Balloon(mesh=SCENES / f"{name}.obj", damping=0.0, stiffness=soft)
     simulator = Simulator(Scene(balloon=[balloon], gravity=0.0, frames_per_second=20.0, touch=False), "cpu")
@@ -121,7 +120,7 @@ def test_undamped_in_empty_space_no_bundled_mesh_heats_itself_or_goes_away(name:
 
 
 def test_worlds_get_the_pressure_of_their_own_springs():
-    """In proportion to the constants; a pressure that is given stays."""
+    """Default pressure is in proportion to each world's spring constants; a given pressure stays."""
     scene = Scene(balloon=[Balloon(mesh=quad_sphere(3)), Balloon(mesh=cube(), inflation=Inflation(pressure=7.0))])
     constants = {"structural": 9.0, "shear": 5.0, "flexion": 1.0}
     vary = {f"balloon.stiffness.{kind}": [k, 2.0 * k] for kind, k in constants.items()}
@@ -134,7 +133,7 @@ def test_worlds_get_the_pressure_of_their_own_springs():
 
 
 def test_worlds_may_differ_in_one_kind_of_spring_alone():
-    """Where none holds the balloon, they may not differ in anything that the pressure asks for."""
+    """Worlds may vary one kind of spring alone; a balloon that is not pinned gets no pressure."""
     vary = {"balloon.stiffness.structural": [10.0, 20.0, 30.0]}
     values = plan_model(Scene(balloon=[Balloon(mesh=quad_sphere(3)), Balloon(mesh=open_cube())]), 3, vary)
     pressures = values.parameters["keyframe_values"]
@@ -145,7 +144,7 @@ def test_worlds_may_differ_in_one_kind_of_spring_alone():
 
 
 def test_an_open_balloon_is_inflated_where_its_border_is_held_and_else_says_that_it_is_not():
-    """All of it: by one corner it would be driven around."""
+    """An open balloon is inflated if its whole border is pinned: held by one corner it would be driven around."""
     border = [1, 3, 5, 7]
     plans = [plan_model(Scene(balloon=[Balloon(mesh=open_cube(), fixed=fixed)])) for fixed in ([], [1], border)]
     values = [plan.parameters["keyframe_values"][0, 0, -1] for plan in plans]
@@ -158,7 +157,7 @@ def test_an_open_balloon_is_inflated_where_its_border_is_held_and_else_says_that
 
 
 def test_the_largest_part_says_how_much_all_are_inflated():
-    """A ball beside it does not change what a larger ball gets."""
+    """The largest part sets the default pressure: a smaller ball beside it does not change that."""
     ball = quad_sphere(4)
     small = quad_sphere(4, radius=0.3)
     both = PolygonMesh(
@@ -177,7 +176,7 @@ def test_without_springs_or_area_there_is_no_pressure():
 
 
 def test_a_slow_frame_takes_the_default_too():
-    """The ramp is ours: keyframes of the scene's own must be a frame apart."""
+    """A default ramp may be shorter than a frame, where the scene's own keyframes must be a frame apart."""
     assert pressure_of(Balloon(mesh=cube()), frames_per_second=0.5) > 0.0
 
 
@@ -192,7 +191,7 @@ def test_a_pressure_cannot_be_left_to_us_later():
 
 @pytest.mark.parametrize("sections", [4, 40])
 def test_a_mesh_of_long_thin_faces_does_not_burst(sections: int):
-    """A cylinder whose sides go from end to end: springs along them do not hold it together around."""
+    """A cylinder whose sides go from end to end gets a pressure that its hoops bear."""
     mesh = prism(sections)
     mesh.points[:, 2] *= 4.0
     simulator = Simulator(Scene(balloon=[Balloon(mesh=mesh, damping=1.0)], gravity=0.0), "cpu")

@@ -1,4 +1,4 @@
-"""Particles that leave obstacles in a launch of their own do what they would do at once."""
+"""Deferred obstacle contact, in a launch of its own, gives the same motion as contact at once."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from balloon_warp.schedules.gather import GatherSchedule
 
 
 def after_frames(name: str, frames: int) -> tuple[np.ndarray, np.ndarray]:
-    """Points and velocities of a bundled scene's worlds."""
+    """Return points and velocities of a bundled scene's worlds."""
     model = build_model(load_scene(name), "cpu", 2)
     state, schedule = initial_state(model), GatherSchedule(model)
     for _ in range(frames):
@@ -31,5 +31,5 @@ def test_particles_that_are_put_off_do_the_same(name, frames, monkeypatch):
 
 @pytest.mark.parametrize(("name", "taken"), [("knot", "gather"), ("balloon_bunch", "block")])
 def test_auto_takes_what_is_faster_for_many_worlds_that_touch(name: str, taken: str, gpu: wp.Device):
-    """By the times in benchmarks/RESULTS.md."""
+    """The automatic schedule of a crowded batch is the faster one by benchmarks/RESULTS.md."""
     assert fastest_schedule(build_model(load_scene(name), gpu), 1024) == taken

@@ -1,4 +1,4 @@
-"""Designs: the balloon that becomes a given shape, always simulated from rest."""
+"""Inverse design: the balloon that becomes a given shape, always simulated from rest."""
 
 import json
 from dataclasses import replace
@@ -22,13 +22,13 @@ BALL = quad_sphere(4)
 
 
 def pear() -> PolygonMesh:
-    """Convex, and thicker at one end."""
+    """Return a convex pear, thicker at one end."""
     points = BALL.points / np.linalg.norm(BALL.points, axis=1)[:, None]
     return replace(BALL, points=points * (1.0 + 0.25 * points[:, 2:]) * [1.0, 1.0, 1.2], name="pear")
 
 
 def waisted() -> PolygonMesh:
-    """Waisted shape, which springs that only pull do not hold so well."""
+    """Return a waisted shape, which springs that only pull cannot hold well."""
     points = BALL.points / np.linalg.norm(BALL.points, axis=1)[:, None]
     waist = 1.0 - 0.35 * np.exp(-6.0 * points[:, 2] ** 2)
     return replace(BALL, points=points * np.stack([waist, waist, np.full(len(points), 1.5)], axis=1), name="peanut")
@@ -44,7 +44,7 @@ def small_pictures(monkeypatch: pytest.MonkeyPatch):
     ("of", "stretch", "steps", "most"), [("springs", 1.2, 5, 2e-4), ("latex", 1.5, 8, 2e-3)], ids=["springs", "latex"]
 )
 def test_a_design_becomes_the_shape_from_rest(of: str, stretch: float, steps: int, most: float, tmp_path: Path):
-    """Nearer than its rival, and as its scene says that runs by itself; a mould is in millimeters."""
+    """A design simulated from rest is nearer to the shape than its rival, also by its scene file."""
     design = bw.design(pear(), of=of, stretch=stretch, size=0.2, folder=tmp_path, steps=steps, device="cpu")
     assert design.error.mean < most
     assert design.plain_error
@@ -67,13 +67,13 @@ def test_a_design_becomes_the_shape_from_rest(of: str, stretch: float, steps: in
 
 
 def boxy() -> PolygonMesh:
-    """Whose sides are nearly flat."""
+    """Return a rounded box with nearly flat sides."""
     points = BALL.points / np.linalg.norm(BALL.points, axis=1)[:, None]
     return replace(BALL, points=points / (np.sum(points**4, axis=1) ** 0.15)[:, None], name="box")
 
 
 def test_rubber_that_varies_in_thickness_comes_nearer(tmp_path: Path):
-    """To a box than the half of the steps that the mould has alone; within its bounds, by vertex; and resumed."""
+    """A designed thickness comes nearer to a box than the mould alone in half the steps; a resumed design agrees."""
 
     def stop(stage: str) -> None:
         if stage.startswith("step 4"):
@@ -98,7 +98,7 @@ def test_rubber_that_varies_in_thickness_comes_nearer(tmp_path: Path):
 
 
 def test_springs_that_may_push_hold_what_tension_does_not(tmp_path: Path):
-    """Springs that only pull are nowhere longer than in the wanted shape."""
+    """Springs that may push hold a shape that tension does not; springs that only pull are nowhere too long."""
     found = {
         hold: bw.design(waisted(), hold=hold, size=0.2, folder=tmp_path / hold, steps=4, device="cpu")
         for hold in ("tension", "any")
@@ -111,7 +111,7 @@ def test_springs_that_may_push_hold_what_tension_does_not(tmp_path: Path):
 
 
 def test_a_design_that_was_stopped_goes_on(tmp_path: Path):
-    """It takes the same steps as one that was not."""
+    """A resumed design takes the same steps as an uninterrupted one."""
 
     def stop(stage: str) -> None:
         if stage.startswith("step 1"):
@@ -138,7 +138,7 @@ def two_balls() -> PolygonMesh:
 
 
 def crossed() -> PolygonMesh:
-    """Its top is pushed through its bottom."""
+    """Return a ball whose top is pushed through its bottom."""
     x, y, z = BALL.points.T
     pushed = z > 0.6 * z.max()
     return replace(
@@ -192,7 +192,7 @@ def test_numbers_that_cannot_be_are_refused(asked: dict, sentence: str, tmp_path
 
 
 def test_where_a_shape_is_off_is_said():
-    """Sides are named, with how many vertices, and that flat places are flat."""
+    """The report of errors names sides, with the number of vertices, and flat places as flat."""
     from balloon_warp.designing.where import places_off
 
     cut = replace(BALL, points=BALL.points / np.linalg.norm(BALL.points, axis=1)[:, None])
@@ -204,7 +204,7 @@ def test_where_a_shape_is_off_is_said():
 
 
 def test_command(tmp_path: Path):
-    """It writes the folder, and says what was reached and how to run it."""
+    """The command writes the folder, and reports the error reached and how to run it."""
     from typer.testing import CliRunner
 
     from balloon_warp.cli.app import app
@@ -221,7 +221,7 @@ CIRCLE = '<svg xmlns="http://www.w3.org/2000/svg" width="90" height="90"><circle
 
 
 def test_foil_gets_an_outline_that_shrinks_to_the_wanted_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """A circle's pattern is larger by what theory says, 1 / 0.7627, and a drawing in millimeters has it."""
+    """A circle's foil pattern is larger by 1 / 0.7627, as theory says, and its drawing in millimeters has that size."""
     pytest.importorskip("shapely")
     from balloon_warp.designing import of_foil
 
@@ -244,7 +244,7 @@ def test_foil_gets_an_outline_that_shrinks_to_the_wanted_one(tmp_path: Path, mon
 
 
 def test_parts_of_a_pattern_do_not_overlap(tmp_path: Path):
-    """Flat parts are larger than they will be: on the pattern they lie side by side."""
+    """Parts of a pattern, which are larger flat than inflated, lie side by side."""
     pytest.importorskip("shapely")
     from balloon_warp.designing.pattern import write_pattern
 
@@ -259,7 +259,7 @@ def test_parts_of_a_pattern_do_not_overlap(tmp_path: Path):
 
 
 def test_foil_of_an_inflated_size_is_drawn_larger(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """`foil --inflated-size` of a circle is larger flat by 1 / 0.7627; its scene brings it to the size."""
+    """A circle by `foil --inflated-size` is larger flat by 1 / 0.7627; its scene brings it to the size."""
     pytest.importorskip("shapely")
     from typer.testing import CliRunner
 

@@ -1,4 +1,4 @@
-"""The page of a design while it converges: in headless Chromium, and from the command line."""
+"""Page of a design while it converges: in headless Chromium, and from the command line."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -25,7 +25,7 @@ RULER = Ruler(quad_sphere(4, 0.15))
 
 
 def step(number: int, longer: float, proven: bool = False) -> DesignStep:
-    """A ball that is too long."""
+    """Return a design step with a ball that is too long."""
     return DesignStep(RULER, number, RULER.mesh.points * [1.0, 1.0, longer], 1.2, proven)
 
 
@@ -36,7 +36,7 @@ def colors(window) -> tuple[int, int]:
 
 
 def test_colors_say_how_far_it_is_off(browser):
-    """Whoever comes at any time sees the balloon as it is now, and what is said of it."""
+    """A window opened at any time shows the balloon's current shape, error colors and message."""
     page = DesignPage(port=free_port("127.0.0.1", 0))
     page.show(step(0, 1.4))
     window = browser.new_page(viewport={"width": 1100, "height": 600})
@@ -67,7 +67,7 @@ def test_colors_say_how_far_it_is_off(browser):
 def test_command_shows_it_and_stays(
     asked: list[str], labels: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    """Until Ctrl-C, with what was simulated from rest."""
+    """The command shows each step and the final simulation from rest, and stays until Ctrl-C."""
     monkeypatch.setattr(picture, "SIZE", (96, 84))
     monkeypatch.setattr(of_panels, "EDGES", 6)
     shown: list[DesignStep] = []

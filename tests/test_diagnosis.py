@@ -1,4 +1,4 @@
-"""The report of a blow-up, where frame, substep, particle, spring and step are known."""
+"""Report of a blow-up, where frame, substep, particle, spring and step are known."""
 
 from dataclasses import replace
 
@@ -22,7 +22,7 @@ BESIDE = Balloon(mesh=cube(), position=(9.0, 0.0, 0.0), inflation=NO_INFLATION)
 
 
 def blow_up(simulator: Simulator, frames: int = 100) -> BlowUp:
-    """The report of the one that comes within so many frames."""
+    """Return the report of the blow-up within so many frames."""
 
     def run() -> None:
         for _ in range(frames):
@@ -37,7 +37,7 @@ def blow_up(simulator: Simulator, frames: int = 100) -> BlowUp:
 
 
 def on_a_spring(**scene: object) -> Scene:
-    """Particle 1 of a kilogram under particle 0, which is fixed, on a spring of a meter."""
+    """Return particle 1 of a kilogram under particle 0, which is fixed, on a spring of a meter."""
     points = np.array([[0.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
     mesh = PolygonMesh(points, np.array([2], dtype=np.int32), np.array([0, 1], dtype=np.int32))
     rubber = Stiffness(structural=1.0, shear=0.0, flexion=0.0)
@@ -46,8 +46,8 @@ def on_a_spring(**scene: object) -> Scene:
 
 
 def end_of_the_spring(stiffness: float, begin: float, step: float) -> tuple[int, float]:
-    """Substeps until the particle on the spring is farther away than any may be, and how far just before, by the
-    paper's step in double precision; from `begin` on the spring has that stiffness instead of 1 N/m."""
+    """Return the number of substeps until the particle on the spring leaves the bounds, and its distance just before,
+    by the paper's step in double precision; from `begin` on the spring has that stiffness instead of 1 N/m."""
     height, before, speed, count = -1.0, -1.0, 0.0, 0
     while abs(height) < MOST_SPAN:
         constant, before = stiffness if count * step > begin - 1e-9 else 1.0, height
@@ -58,8 +58,8 @@ def end_of_the_spring(stiffness: float, begin: float, step: float) -> tuple[int,
 
 
 def test_a_spring_too_stiff_for_the_step_is_named_with_the_substep_its_stretch_and_a_step_that_is_not(device):
-    """Stiffened behind the back of the scene, which would be refused. The step grows the motion tenfold a substep: the
-    last one is the same whatever the rounding."""
+    """A spring stiffened after the scene's check is named in the report. The step amplifies the motion tenfold a
+    substep, so that rounding does not move the last one."""
     simulator = Simulator(on_a_spring(), device)
     for _ in range(3):
         simulator.step()
@@ -81,7 +81,7 @@ def test_a_spring_too_stiff_for_the_step_is_named_with_the_substep_its_stretch_a
 
 
 def test_of_two_springs_the_one_that_pulled_harder_is_named(device):
-    """A second one goes sideways to particle 2, half as stiff."""
+    """The report names the spring that pulled harder: the second goes sideways to particle 2, half as stiff."""
     points = np.array([[0.0, 0.0, 0.0], [0.0, -1.0, 0.0], [5.0, -1.0, 0.0]])
     net = PolygonMesh(points, np.array([2, 2], dtype=np.int32), np.array([1, 2, 0, 1], dtype=np.int32))
     rubber = Stiffness(structural=1.0, shear=0.0, flexion=0.0, gradient=(1.0, 0.0), gradient_axis="X")
@@ -95,7 +95,7 @@ def test_of_two_springs_the_one_that_pulled_harder_is_named(device):
 
 
 def test_the_stable_step_counts_drag_at_the_speed_of_the_moment(device):
-    """A cube of 6 m^2 at a hundred thousand kilometers a second: a corner has an eighth of area and mass."""
+    """The stable step includes drag at the current speed: a cube at a hundred thousand kilometers a second."""
     box = Balloon(mesh=cube(), mass=1.0, damping=0.0, drag_coefficient=0.5, stiffness=SLACK, inflation=NO_INFLATION)
     simulator = Simulator(Scene(balloon=[box], atmosphere=Atmosphere(density=1.2), substeps=4), device)
     velocities = np.tile([1e8, 0.0, 0.0], (1, 8, 1))
@@ -120,7 +120,7 @@ def test_the_substeps_that_it_asks_for_are_enough(device):
 
 
 def test_what_changes_on_the_way_changes_in_the_replay(device):
-    """The spring is stretched by a change of gravity at frame 5, and by another at 20, long after the start."""
+    """The replay repeats planned changes: gravity stretches the spring at frame 5, and again at 20."""
     pull = [Change(time=0.5, set={"gravity": 20.0}), Change(time=2.0, set={"gravity": 9e9})]
     report = blow_up(Simulator(on_a_spring(change=pull), device))
     step = 0.1 / 7
@@ -142,7 +142,7 @@ def test_inflation_that_is_too_strong_is_named_and_the_step_is_not(device):
 
 @pytest.mark.parametrize("pressure", [5e8, -5e8])
 def test_a_pressure_that_no_step_can_follow_is_the_cause(pressure: float, device):
-    """With as many substeps as anybody has; a modest one is not, where something else is."""
+    """An enormous pressure is named as the cause; a modest one is not, where something else is."""
     ball = Balloon(mesh=cube(), inflation=Inflation(pressure=pressure), mass=2.0)
     report = blow_up(Simulator(Scene(balloon=[ball], substeps=20, frames=120), device))
     assert report.pressure == pytest.approx(pressure)
@@ -154,7 +154,7 @@ def test_a_pressure_that_no_step_can_follow_is_the_cause(pressure: float, device
 
 @pytest.mark.parametrize("rises", [False, True])
 def test_a_push_that_no_step_can_follow_is_the_cause(rises: bool, device):
-    """The paper's inflation, from the start or from a keyframe on, at its value then."""
+    """The paper's inflation is named as the cause, from the start or from a keyframe on, at its value then."""
     push = Inflation(k_normal=[(0.0, 0.0), (0.1, 0.0), (0.1 + 1.0 / 60.0, 9e11)] if rises else 9e11)
     ball = Balloon(mesh=cube(), inflation=push, mass=2.0)
     report = blow_up(Simulator(Scene(balloon=[ball], substeps=4, frames=120), device))
@@ -180,7 +180,7 @@ def test_a_push_that_no_step_can_follow_is_the_cause(rises: bool, device):
     ],
 )
 def test_what_the_particle_lay_on_is_named(obstacles: dict, touched: tuple, device: str):
-    """All corners of the cube do."""
+    """The report names what the particle lay on, as all corners of the cube do."""
     scene = Scene(balloon=[Balloon(mesh=cube(), inflation=TOO_MUCH)], faces=False, **obstacles)
     report = blow_up(Simulator(scene, device))
     assert report.touched == touched
@@ -188,7 +188,7 @@ def test_what_the_particle_lay_on_is_named(obstacles: dict, touched: tuple, devi
 
 
 def test_inflation_is_that_of_the_substep(device):
-    """It rises in the second frame, of four substeps: the second of them has a quarter of it."""
+    """The reported inflation is the substep's: a quarter of a frame's rise in the second of four."""
     rises = Inflation(k_normal=[(0.0, 0.0), (1.0 / 60.0, 0.0), (2.0 / 60.0, 9e11)])
     report = blow_up(Simulator(Scene(balloon=[Balloon(mesh=cube(), inflation=rises)], substeps=4), device))
     assert (report.frame, report.substep) == (2, 2)
@@ -197,8 +197,8 @@ def test_inflation_is_that_of_the_substep(device):
 
 
 def test_only_the_frames_since_the_last_kept_state_are_simulated_again(device, monkeypatch):
-    """States are kept at the start of frames 1, 9 and 17; it blows up in frame 21, in whose second substep the
-    inflation has begun to rise."""
+    """The replay starts from the last checkpoint, of those at frames 1, 9 and 17: the blow-up is in frame 21, in whose
+    second substep the inflation has begun to rise."""
     monkeypatch.setattr("balloon_warp.blow_ups.origins.KEPT_FRAMES", 8)
     rises = Inflation(k_normal=[(0.0, 0.0), (20.5 / 60.0, 0.0), (21.5 / 60.0, 9e11)])
     simulator = Simulator(Scene(balloon=[Balloon(mesh=cube(), inflation=rises)], substeps=4), device)
@@ -216,7 +216,7 @@ def test_only_the_frames_since_the_last_kept_state_are_simulated_again(device, m
 
 
 def test_a_string_that_pulls_too_hard_is_named(device):
-    """It is too short by the distance from its anchor, and its stiffness too much for the step."""
+    """A string is named that is too short by the distance from its anchor, and too stiff for the step."""
     scene = on_a_spring(string=[String(anchor=(0.0, -4.0, 0.0), particle=1, length=1.0, stiffness=2.0)])
     simulator = Simulator(scene, device)
     simulator.set_parameters({"string_stiffness": [[1e6]]})
@@ -227,7 +227,7 @@ def test_a_string_that_pulls_too_hard_is_named(device):
 
 
 def test_a_sphere_that_flies_off_is_named_with_the_particle_that_pushed_it(device):
-    """It lies on particle 2 of the second balloon's cube, with next to no mass."""
+    """A sphere of next to no mass that flies off is named with the particle that pushed it."""
     place = tuple(cube().points[2] + np.array([0.3, 0.3, 0.3]))
     ball = Sphere(position=place, radius=0.6, mass=1e-12, penalty=1.0)
     inflated = Balloon(mesh=cube(), name="box", inflation=Inflation(k_normal=1.0))
@@ -281,8 +281,8 @@ def test_a_state_that_somebody_wrote_to_is_reported_without_what_is_not_known(de
 
 
 def test_nothing_that_is_not_finite_leaves_a_run(device):
-    """Not even speeds at finite places, which the device does not look at: forward Euler moves the points by the old
-    velocities, and these overflow in the frame's only step."""
+    """Overflowing velocities at finite places, which the device does not check, raise the error too: forward Euler
+    moves the points by the old velocities, and these overflow in the frame's only step."""
     scene = on_a_spring(frames=3, solver="forward_euler").model_copy(update={"substeps": 1})
     simulator = Simulator(scene, device)
     simulator.set_parameters({"mass": [[1e-3]], "structural": [[3e38]]})

@@ -28,7 +28,7 @@ RUN_ELSEWHERE = {"README.md", "PYTHON.md", "LAWS.md", "ARCHITECTURE.md"}
 
 
 def code(page: Path, language: str) -> list[str]:
-    """The blocks of a page in a language."""
+    """Return the blocks of a page in a language."""
     return re.findall(rf"```{language}\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
 
 
@@ -43,7 +43,7 @@ def commands(page: Path) -> Iterator[str]:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_commands_are_ones_that_there_are(page: Path):
-    """Each with options that it takes, and values of their kind; COMMAND stands for any."""
+    """Commands exist, with their options and values of their kind; COMMAND stands for any."""
     for line in commands(page):
         name, *words = shlex.split(line.replace("\\|", "|"), comments=True)[1:]
         if name == "COMMAND":
@@ -67,7 +67,7 @@ def test_commands_are_ones_that_there_are(page: Path):
 def test_the_python_of_a_page_runs(
     page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    """All its blocks, one after the other, in a file: Warp reads the source of laws. It prints what the page says."""
+    """A page's Python blocks run one after the other from a file, and print what the page says."""
     monkeypatch.setenv("MPLBACKEND", "Agg")
     file = tmp_path / f"page_{page.stem.lower()}.py"
     file.write_text("\n\n".join(code(page, "python")), encoding="utf-8")
@@ -90,8 +90,8 @@ TRIED = ("README.md", "START.md", "OUTPUTS.md")
 
 
 def test_commands_of_the_first_pages_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """One after the other in one folder, as who reads does; each once, with few frames and small pictures. All but
-    `view` and `batch`, which other tests run."""
+    """Commands of the first pages succeed one after the other in one folder, as a reader runs them; each once, with few
+    frames and small pictures. `view` and `batch` have other tests."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(package, "render_stage", partial(render_stage, size=(32, 18), samples=1))
     write_obj(Path("MESH.obj"), quad_sphere(4))
@@ -117,7 +117,7 @@ def test_commands_of_the_first_pages_work(tmp_path: Path, monkeypatch: pytest.Mo
 
 def test_nothing_is_left_out():
     """Every page is in the site's contents, every command in the table of commands, every scene in the gallery, and
-    every extra among those to install."""
+    every extra in the installation instructions."""
     index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8").splitlines()
     pages = [page.stem for page in PAGES if page.parent.name == "docs" and page.stem != "index"]
     assert [page for page in pages if index.count(page) != 1] == []

@@ -1,4 +1,4 @@
-"""`balloon-warp doctor` and `--version`: what is said of an installation, and that a broken one is found."""
+"""`balloon-warp doctor` and `--version`: the report of an installation, which finds a broken one."""
 
 import json
 import sys
@@ -12,7 +12,7 @@ from balloon_warp.cli import main
 
 
 def typed(monkeypatch: pytest.MonkeyPatch, words: str) -> int:
-    """Exit status of a command line."""
+    """Return the exit status of a command line."""
     monkeypatch.setattr(sys, "argv", ["balloon-warp", *words.split()])
     with pytest.raises(SystemExit) as ended:
         main()
@@ -25,7 +25,7 @@ def report() -> doctor.Report:
 
 
 def test_the_balloon_falls_by_the_formula_and_grows(report: doctor.Report):
-    """Within what float32 makes of the substeps' additions: the bound of the command is ten times that."""
+    """The fall agrees with the formula within float32's sum over substeps: the command's bound is ten times that."""
     assert report.self_test.passed
     assert report.self_test.fallen == pytest.approx(report.self_test.expected, rel=1e-5)
     assert report.self_test.expected == pytest.approx(9.81 / 2, rel=0.05)

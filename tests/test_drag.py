@@ -13,7 +13,7 @@ from balloon_warp.simulator import Simulator
 
 @pytest.mark.parametrize("size", [3, 6, 12])
 def test_drag_on_a_sphere_is_the_textbooks(size: int, device: str):
-    """1/2 rho C_d pi R^2 u^2 against the motion relative to the wind; the mesh's error falls with its squared edges."""
+    """Drag is 1/2 rho C_d pi R^2 u^2 relative to the wind; the mesh's error falls with its squared edges."""
     air = Atmosphere(density=1.3, wind=(0.0, 0.0, 2.0))
     balloon = Balloon(
         mesh=quad_sphere(size, 0.2),
@@ -35,7 +35,7 @@ def test_drag_on_a_sphere_is_the_textbooks(size: int, device: str):
 
 
 def test_drag_is_part_of_the_stable_step(device):
-    """A storm carries a light cube away, as fast as with steps an eighth as long."""
+    """The stable step includes drag: a storm carries a light cube away as fast as with steps an eighth as long."""
     light = Balloon(mesh=cube(), mass=0.05, drag_coefficient=1.0, inflation=Inflation(k_normal=0.0))
     calm = Scene(balloon=[light], gravity=0.0, atmosphere=Atmosphere(density=1.2))
     storm = calm.model_copy(update={"atmosphere": Atmosphere(density=1.2, wind=(30.0, 0.0, 0.0))})

@@ -10,7 +10,7 @@ from balloon_warp import driver
 
 
 class Driver:
-    """Stands in for that of a machine with some GPUs."""
+    """Stand-in for the driver of a machine with some GPUs."""
 
     def __init__(self, gpus: int):
         self.gpus = gpus
@@ -30,7 +30,7 @@ class Driver:
 
 @pytest.fixture
 def of_two(monkeypatch: pytest.MonkeyPatch) -> Iterator[Driver]:
-    """The driver of a machine with two GPUs."""
+    """Yield the stand-in driver of a machine with two GPUs."""
     two = Driver(2)
     monkeypatch.setattr(driver.ctypes, "CDLL", lambda _: two)
     driver._begin.cache_clear()
@@ -39,7 +39,7 @@ def of_two(monkeypatch: pytest.MonkeyPatch) -> Iterator[Driver]:
 
 
 def begun(device: str | None) -> None:
-    """Once it has begun."""
+    """Start the driver and wait until it has begun."""
     driver.begin_driver(device)
     for thread in threading.enumerate():
         if thread.name == "driver":

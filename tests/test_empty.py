@@ -29,7 +29,7 @@ def emptied(own: dict[str, Any], schedule: str, device: str, gravity: float = 9.
 
 
 def course(simulator: Simulator, frames: int) -> NDArray[np.float64]:
-    """Of each frame: volume over the mesh's, amount over `FULL`, pressure [Pa], highest speed [m/s]."""
+    """Return for each frame volume over the mesh's, amount over `FULL`, pressure [Pa], highest speed [m/s]."""
     rows = []
     for _ in range(frames):
         simulator.step()
@@ -41,10 +41,9 @@ def course(simulator: Simulator, frames: int) -> NDArray[np.float64]:
 
 @pytest.mark.parametrize(("own", "rate"), [(LATEX, 0.2), (LATEX, 1.0), (SPRINGS, 0.2)])
 def test_a_pump_takes_no_more_from_a_flat_balloon(own: dict[str, Any], rate: float, schedule: str, device: str):
-    """A pump that goes on for ever. The gas that is left has the volume that it has at the air's pressure: within 5 %
-    as it comes to rest, and a hundredth of the mesh's volume before. The walls follow the pump: the air outside, if it
-    pressed against nothing, would drive them to root(2 p V / m), 100 m/s and more; they have less than a tenth of
-    that."""
+    """A pump that never stops leaves the gas of a flat balloon, at the air's pressure: within 5 % as it comes to rest,
+    and a hundredth of the mesh's volume before. The walls follow the pump: the air outside, without resistance, would
+    drive them to root(2 p V / m), 100 m/s and more; they have less than a tenth of that."""
     rows = course(emptied(own, schedule, device, pump=[(0.0, 0.0), (0.05, 0.0), (0.07, -rate)]), 60)
     np.testing.assert_allclose(rows[30:, 1], FLAT, rtol=1e-4)
     assert np.isfinite(rows).all()
@@ -56,7 +55,7 @@ def test_a_pump_takes_no_more_from_a_flat_balloon(own: dict[str, Any], rate: flo
 
 
 def test_a_flat_balloon_is_filled_again(schedule: str, device: str):
-    """With as much as it had: it is as large as before, within what 100 Pa stretch it by."""
+    """A flat balloon filled with its former gas is as large as before, within what 100 Pa stretch it by."""
     again = [(0.0, -0.2), (0.4, -0.2), (0.42, 0.0), (0.48, 0.0), (0.5, FULL / 0.25), (0.73, FULL / 0.25), (0.75, 0.0)]
     rows = course(emptied(LATEX, schedule, device, pump=again), 60)
     assert rows[24, 1] == pytest.approx(FLAT, rel=1e-4)
@@ -66,7 +65,7 @@ def test_a_flat_balloon_is_filled_again(schedule: str, device: str):
 
 
 def test_a_leak_ends_when_the_balloon_is_flat(schedule: str, device: str):
-    """Its own weight presses the gas out of it."""
+    """A balloon's own weight presses its gas out of the leak, until it is flat."""
     rows = course(emptied(LATEX, schedule, device, leak=1e-4), 70)
     assert rows[-1, 1] == pytest.approx(FLAT, rel=1e-3)
     assert rows[-1, 0] == pytest.approx(FLAT, rel=0.05)
@@ -74,8 +73,8 @@ def test_a_leak_ends_when_the_balloon_is_flat(schedule: str, device: str):
 
 
 def test_a_tube_takes_no_more_from_a_flat_balloon(schedule: str, device: str):
-    """A pump at one balloon draws at another, through a tube, in which what it takes needs 30 Pa; no amount is below
-    that of a flat balloon."""
+    """A pump at one balloon draws from another through a tube, whose flow needs 30 Pa; no amount falls below that of a
+    flat balloon."""
     still = {"ground": Ground(), "tube": [Tube(balloons=(0, 1), conductance=1e-2)]}
     pumps = Inflation(kind="gas", start_pressure=100.0, pump=-0.3), Inflation(kind="gas", start_pressure=100.0)
     places = (0.0, 0.06, 0.0), (0.3, 0.06, 0.0)
@@ -94,7 +93,7 @@ def test_a_tube_takes_no_more_from_a_flat_balloon(schedule: str, device: str):
 @pytest.mark.parametrize("volume", [1e-3, 1e-6, 0.0, -1e-6, -1e-3])
 @pytest.mark.parametrize("amount", [1e-3, 1e-6, 0.0])
 def test_the_end_of_a_collapse_solves_the_step(volume: float, amount: float):
-    """x = B + K (p_a V_a / x - p_a), whatever is left: the volume of the end is the root that is not negative."""
+    """The volume at the end of a collapse is the nonnegative root of x = B + K (p_a V_a / x - p_a)."""
     gain = 2.4e-9
     end = float(end_of_collapse(volume, gain * AIR * amount, gain * AIR))
     assert end >= 0.0

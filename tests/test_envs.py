@@ -29,7 +29,7 @@ MISTAKES = {
 
 
 class Brief(Target):
-    """Episodes of four steps."""
+    """Task with episodes of four steps."""
 
     most_steps = 4
 
@@ -44,7 +44,7 @@ def steps(env: BalloonVectorEnv, count: int, seed: int = 0) -> list[Any]:
 
 
 def test_gymnasium_finds_nothing_wrong() -> None:
-    """One task is enough: what it checks is the same code for all of them."""
+    """Gymnasium's checker passes one task, whose code all share."""
     check_env(gymnasium.make("BalloonWarp/Target-v0", device="cpu").unwrapped, skip_render_check=True)
 
 
@@ -129,7 +129,7 @@ def test_an_action_that_is_not_finite_ends_its_world(bad: float) -> None:
 
 
 class Bursting(Target):
-    """A jet that tears its balloon apart in one world."""
+    """Task with a jet that tears its balloon apart in one world."""
 
     def act(self, actions: wp.array) -> None:
         super().act(actions)
@@ -186,7 +186,7 @@ def test_torch_is_asked_for_where_it_is_missing(monkeypatch: pytest.MonkeyPatch)
 
 
 def returns(name: str, policy: Any) -> float:
-    """Mean return over eight worlds, each until its episode is over."""
+    """Return the mean return over eight worlds, each until its episode is over."""
     env = make_vec(name, 8, device="cpu")
     observations, _ = env.reset(seed=0)
     goes_on, total = np.ones(8, dtype=bool), np.zeros(8)
@@ -208,7 +208,7 @@ def test_a_simple_policy_earns_more_than_a_random_one(name: str) -> None:
 
 
 def test_the_envelope_is_that_of_the_balloon_learning_environment() -> None:
-    """V = 1804 m^3 + 0.0199 m^3/Pa, within 3%: the film becomes thinner, by 1% in area to 1,000 Pa."""
+    """The volume follows V = 1804 m^3 + 0.0199 m^3/Pa, within 3%: the film thins by 1% in area to 1,000 Pa."""
     scene = Altitude().scene()
     film = scene.balloon[0].model_copy(update={"inflation": Inflation(pressure=0.0), "damping": 1000.0})
     still = scene.model_copy(update={"balloon": [film], "gravity": 0.0, "atmosphere": type(scene.atmosphere)()})

@@ -1,4 +1,4 @@
-"""Symplectic and forward Euler: order, and what becomes of the energy."""
+"""Symplectic and forward Euler: order of accuracy, and drift of the energy."""
 
 from dataclasses import replace
 from typing import Literal
@@ -24,7 +24,7 @@ STRETCH = 0.1
 
 
 def two_particles(solver: Solver, substeps: int, device: str) -> Simulator:
-    """Two particles on a stretched spring, let go: the length is 1 + STRETCH cos(OMEGA t)."""
+    """Return two particles on a stretched spring, let go: the length is 1 + STRETCH cos(OMEGA t)."""
     balloon = Balloon(
         mesh=mesh_of([[-0.5, 0, 0], [0.5, 0, 0]], [[0, 1]]),
         mass=2.0 * MASS,
@@ -66,7 +66,7 @@ def test_the_spring_keeps_to_its_analytic_motion_at_first_order(solver: Solver, 
 
 
 def test_forward_euler_gains_the_energy_that_it_must(device):
-    """On a linear spring each step multiplies the energy by exactly 1 + (h omega)^2."""
+    """Forward Euler multiplies the energy of a linear spring by exactly 1 + (h omega)^2 a step."""
     h = 1.0 / 60.0 / 50
     found = energies(two_particles("forward_euler", 50, device), frames=24)
     expected = found[0] * (1.0 + (h * OMEGA) ** 2) ** (50 * np.arange(25))
@@ -76,7 +76,7 @@ def test_forward_euler_gains_the_energy_that_it_must(device):
 
 
 def test_symplectic_eulers_energy_swings_and_does_not_drift(device):
-    """It conserves E - h/2 k x v exactly on a linear spring, so that E stays within h omega / 2 of that."""
+    """Symplectic Euler conserves the modified energy E - h/2 k x v exactly: E stays within h omega / 2 of it."""
     h = 1.0 / 60.0 / 50
     found = energies(two_particles("symplectic_euler", 50, device), frames=240)
     swing = found / found[0] - 1.0
@@ -85,7 +85,7 @@ def test_symplectic_eulers_energy_swings_and_does_not_drift(device):
 
 
 def test_a_balloon_gains_energy_by_forward_euler_alone(device):
-    """Undamped, stretched by a tenth and let go, half a second."""
+    """Only forward Euler gains energy on an undamped balloon, stretched by a tenth and let go, in half a second."""
     ends = {}
     for solver in SOLVERS:
         balloon = Balloon(mesh=quad_sphere(4), mass=0.5, damping=0.0, inflation=NO_INFLATION)
@@ -100,8 +100,8 @@ def test_a_balloon_gains_energy_by_forward_euler_alone(device):
 
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_the_stable_step_is_exact_for_two_particles_on_a_spring(solver: Solver, device: str):
-    """Gershgorin's bound is the very frequency there, so that a hundredth more of a step gains energy, and a hundredth
-    less loses it: w^2 h^2 + 2 g h = 4, or h = g / w^2 by forward Euler."""
+    """Gershgorin's bound is exact for two particles on a spring: a step a hundredth longer gains energy, and one a
+    hundredth shorter loses it: w^2 h^2 + 2 g h = 4, or h = g / w^2 by forward Euler."""
     rate = 0.2 * OMEGA
     limit = (np.hypot(rate, 2.0 * OMEGA) - rate) / OMEGA**2 if solver == "symplectic_euler" else rate / OMEGA**2
     scene = two_particles("symplectic_euler", 50, "cpu").model.scene
@@ -127,7 +127,8 @@ def test_auto_takes_the_step_at_which_damping_makes_up_for_forward_euler():
 
 
 def test_forward_euler_with_autos_substeps_loses_energy(device):
-    """And with a tenth of them gains it, though damped: the bound is where it should be, within its margins."""
+    """The automatic step of forward Euler loses energy, and with a tenth of the substeps it gains energy, though
+    damped: the bound is right within its margins."""
     for divisor, grows in ((1, False), (10, True)):
         balloon = Balloon(mesh=quad_sphere(3), damping=0.5, inflation=NO_INFLATION)
         scene = Scene(balloon=[balloon], gravity=0.0, solver="forward_euler")

@@ -1,4 +1,4 @@
-"""Every program of docs/examples runs, with fewer worlds and frames than it has."""
+"""Programs of docs/examples run, with fewer worlds and frames than they have."""
 
 import importlib.util
 import os
@@ -48,7 +48,7 @@ NEEDED = {"01_sweep": "matplotlib", "02_pressure_curve": "matplotlib", "03_custo
 
 
 def small(name: str, folder: Path) -> Path:
-    """A copy of the program with small numbers."""
+    """Return a copy of the program with small numbers."""
     code = (EXAMPLES / f"{name}.py").read_text(encoding="utf-8")
     for constant, number in SMALL[name].items():
         code, count = re.subn(rf"^{constant} = \d+$", f"{constant} = {number}", code, flags=re.MULTILINE)
@@ -64,7 +64,7 @@ def test_all_are_here():
 
 @pytest.fixture
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder for what programs write, and no window for what they draw."""
+    """Return a folder for what programs write, with plots off the screen."""
     monkeypatch.setenv("MPLBACKEND", "Agg")
     (tmp_path / "out").mkdir()
     monkeypatch.chdir(tmp_path / "out")
@@ -72,7 +72,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def run(name: str, here: Path) -> ModuleType:
-    """In this process, from a file: Warp reads the source of laws."""
+    """Import and run the program in this process, from a file, as Warp reads the source of laws."""
     spec = importlib.util.spec_from_file_location(f"example_{name}", small(name, here))
     assert spec
     assert spec.loader
@@ -108,7 +108,7 @@ def test_it_runs(name: str, here: Path):
 
 
 def test_the_cluster_s_runs(here: Path):
-    """As a program: its workers import it."""
+    """The cluster's example runs as a program, as its workers import it."""
     pytest.importorskip("distributed")
     command = [sys.executable, str(small("06_batch_on_a_cluster", here))]
     done = subprocess.run(command, capture_output=True, text=True, env=dict(os.environ), timeout=300, check=False)

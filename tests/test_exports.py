@@ -98,7 +98,7 @@ def test_a_package_passes_every_validator(written: Path, tmp_path: Path):
 
 @pytest.mark.parametrize("kind", ["glb", "usdz", "usda"])
 def test_run_writes_what_convert_makes_of_its_stage(tmp_path: Path, kind: str):
-    """And leaves nothing else, but the picture that is asked for."""
+    """A run writes what `convert` makes of its stage, and no other file but the requested picture."""
     small = scene(frames=2)
     animate(small, tmp_path / "stage.usdc", device="cpu")
     folder = tmp_path / "run"
@@ -125,7 +125,7 @@ def test_a_run_that_is_stopped_goes_on_to_the_same_glb(tmp_path: Path):
 
 
 def test_a_failure_keeps_what_was_there_and_the_checkpoints(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """Of a run of hours that cannot write its .glb, such as on a full disk, the hours are safe."""
+    """A failed write, such as on a full disk, keeps the old file and the checkpoints: hours of a run are safe."""
 
     def fail(*_: object) -> None:
         raise OSError(28, "No space left on device")
@@ -189,7 +189,7 @@ def test_blender_writes_alembic(written: Path, tmp_path: Path):
 
 
 def test_every_writer_is_there():
-    """The table names functions that are loaded late."""
+    """Writers that the table names, to be imported late, exist."""
     from importlib import import_module
 
     for place in export.WRITERS.values():
@@ -200,7 +200,7 @@ def test_every_writer_is_there():
 @pytest.mark.parametrize("height", [0.0, 2.0])
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_round_shapes_enclose_what_they_should(height: float, axis: int):
-    """16 rings of 32 lose 2 % of a sphere's volume at most: (pi/32)^2 / 3 around and as much along, twice."""
+    """A sphere of 16 rings of 32 loses 2 % of its volume at most: (pi/32)^2 / 3 around and as much along, twice."""
     places, counts, indices = sphere_mesh(0.5) if height == 0.0 else capsule_mesh(0.5, height, axis)
     volume = signed_volume(PolygonMesh(places, counts, indices))
     exact = np.pi * 0.25 * height + np.pi / 6.0
@@ -211,7 +211,7 @@ def test_round_shapes_enclose_what_they_should(height: float, axis: int):
 
 
 def test_tubes_follow_their_curves():
-    """A circle of many points: the tube's volume is its cross section's times the length of the way, and open ends."""
+    """A tube along a circle has the volume of its cross section times the length of the curve, and open ends."""
     turn = np.linspace(0.0, np.pi, 200)
     curve = np.stack([np.cos(turn), np.sin(turn), np.zeros(200)], axis=1)
     lengths = np.array([200, 2], np.int32)

@@ -12,15 +12,15 @@ STILL = {"stiffness": NO_SPRINGS, "damping": 0.0, "inflation": Inflation(kind="p
 
 
 def force_on(device: str, balloon: Balloon, air: Atmosphere) -> np.ndarray:
-    """[N], at the start."""
+    """Return the net force at the start [N]."""
     simulator = Simulator(Scene(balloon=[balloon], gravity=0.0, atmosphere=air, net_forces=True), device)
     return simulator.read_frame().net_forces[0].astype(np.float64).sum(axis=0)
 
 
 @pytest.mark.parametrize("angle", [10.0, 45.0, 90.0])
 def test_a_plate_at_an_angle_has_lift_and_drag(angle: float, device: str):
-    """At the angle a to a wind along x: the force along its normal is 1/2 rho A C_n u^2 sin a, and along itself
-    1/2 rho A C_t u^2 cos a."""
+    """A plate at the angle a to a wind along x has the force 1/2 rho A C_n u^2 sin a along its normal, and 1/2 rho A
+    C_t u^2 cos a along itself."""
     plate = Balloon(mesh=grid(3, 2), rotation=(0.0, angle, 0.0), face_drag=1.2, face_friction=0.05, **STILL)
     lift_axis = np.array([0.0, 0.0, 1.0])
     force = force_on(device, plate, Atmosphere(density=1.3, wind=(5.0, 0.0, 0.0)))
@@ -32,7 +32,7 @@ def test_a_plate_at_an_angle_has_lift_and_drag(angle: float, device: str):
 
 
 def test_it_is_pushed_to_the_lee(device: str):
-    """A kite leaned with the wind is lifted: both of its sides do the same."""
+    """A kite leaned with the wind is lifted: both of its sides act alike."""
     for turned in (0.0, 180.0):
         kite = Balloon(mesh=grid(1, 1), rotation=(-60.0 + turned, 0.0, 0.0), face_drag=1.0, **STILL)
         force = force_on(device, kite, Atmosphere(density=1.2, wind=(0.0, 0.0, 4.0)))
@@ -42,7 +42,7 @@ def test_it_is_pushed_to_the_lee(device: str):
 
 @pytest.mark.parametrize(("drag", "friction"), [(0.3, 0.0), (0.0, 0.2), (0.3, 0.05)])
 def test_a_sphere_has_the_integral_of_its_faces(drag: float, friction: float, device: str):
-    """C_d = 4/3 C_n + 8/3 C_t, on 1/2 rho pi R^2 u^2; the mesh's own area is 0.5% less than the sphere's."""
+    """A sphere's drag coefficient is C_d = 4/3 C_n + 8/3 C_t, on 1/2 rho pi R^2 u^2, within the mesh's 0.5%."""
     ball = Balloon(
         mesh=quad_sphere(12, 0.2), face_drag=drag, face_friction=friction, velocity=(3.0, -4.0, 1.0), **STILL
     )

@@ -1,4 +1,4 @@
-"""Spheres that are small beside faces meet these, with `[touch]`: none comes through, whatever its size and speed."""
+"""Spheres that are small beside faces collide with these, with `[touch]`: no tunneling at any size and speed."""
 
 import numpy as np
 import pytest
@@ -17,15 +17,15 @@ RADIUS = 0.5
 
 
 def flight(sphere: Sphere, contact: str = "impulse", **fields) -> Scene:
-    """A balloon of 386 particles in space, and a sphere."""
+    """Return a balloon of 386 particles in space, and a sphere."""
     ball = Balloon(mesh=quad_sphere(8, RADIUS), mass=0.3, damping=0.0)
     setting = {"gravity": 0.0, "atmosphere": Atmosphere(density=0.0), "touch": Touch(), "contact": contact}
     return Scene(balloon=[ball], sphere=[sphere], **setting | fields)
 
 
 def turns_around(point: NDArray[np.float64], corners: NDArray[np.float64]) -> float:
-    """How often triangles, shape (n, 3, 3), go around a point: 1 within a balloon, 0 outside (van Oosterom and Strackee
-    1983)."""
+    """Return the winding number of triangles, shape (n, 3, 3), around a point: 1 within a balloon, 0 outside (van
+    Oosterom and Strackee 1983)."""
     a, b, c = (corners[:, number] - point for number in range(3))
     lengths = [np.linalg.norm(arm, axis=1) for arm in (a, b, c)]
     over = np.einsum("ij,ij->i", a, np.cross(b, c))
@@ -36,8 +36,8 @@ def turns_around(point: NDArray[np.float64], corners: NDArray[np.float64]) -> fl
 
 
 def sides_of(scene: Scene, device: str, schedule: str, frames: int) -> list[float]:
-    """Of the sphere's center after each frame, and where the schedule shows them after each substep, as `turns_around`
-    says."""
+    """Return the winding number around the sphere's center after each frame, or after each substep where the schedule
+    has them."""
     simulator = Simulator(scene, device, schedule=schedule)
     triangles = triangles_of(simulator.model.shapes[0].mesh)
     found = []
@@ -52,7 +52,8 @@ def sides_of(scene: Scene, device: str, schedule: str, frames: int) -> list[floa
 @pytest.mark.parametrize("speed", [0.5, 5.0, 100.0, 1000.0])
 @pytest.mark.parametrize("radius", [0.0001, 0.005, 0.03])
 def test_one_that_is_inside_stays_inside(radius, speed, device):
-    """At the highest speed it would leave the balloon three times over in one substep; it takes that along."""
+    """A sphere inside the balloon does not tunnel out: at the highest speed a substep would take it three times the
+    balloon's width, and the balloon moves along."""
     ball = Sphere(position=(0.05, 0.02, 0.03), radius=radius, mass=0.05, velocity=(speed, 0.3 * speed, 0.1 * speed))
     np.testing.assert_allclose(sides_of(flight(ball), device, "scatter", frames=12), 1.0, atol=1e-3)
 
@@ -61,7 +62,7 @@ def test_one_that_is_inside_stays_inside(radius, speed, device):
 @pytest.mark.parametrize("schedule", ["scatter", "gather", "block"])
 @pytest.mark.parametrize("mass", [0.001, 0.05, 2.0])
 def test_one_that_is_outside_stays_outside(mass, schedule, contact, device):
-    """It flies at the balloon between particles, and is smaller than a tenth of a face."""
+    """A sphere smaller than a tenth of a face, flying at the balloon between particles, does not tunnel in."""
     ball = Sphere(position=(1.0, 0.022, 0.031), radius=0.004, mass=mass, velocity=(-40.0, 0.0, 0.0))
     np.testing.assert_allclose(sides_of(flight(ball, contact), device, schedule, frames=12), 0.0, atol=1e-3)
 
@@ -74,8 +75,9 @@ def test_without_touch_it_flies_through(device):
 @pytest.mark.parametrize("schedule", ["scatter", "gather", "block"])
 @pytest.mark.parametrize("speed", [1.0, 20.0])
 def test_both_keep_momentum_and_angular_momentum_and_gain_no_energy(speed, schedule, device):
-    """Float32 rounds places and velocities of all particles by up to half an epsilon each in each substep; each of some
-    hundred contacts rounds once more. Springs swing by h omega / 2 of what is in the fastest, as without contact."""
+    """Momentum and angular momentum are conserved to rounding, and energy does not grow: float32 rounds places and
+    velocities of all particles by up to half an epsilon each substep, and once more at each of some hundred contacts.
+    Springs swing by h omega / 2 of what is in the fastest, as without contact."""
     ball = Sphere(position=(0.7, 0.12, 0.05), radius=0.02, mass=0.05, velocity=(-speed, 0.0, 0.2 * speed))
     scene = flight(ball, substeps=60)
     slack = scene.balloon[0].model_copy(update={"inflation": Inflation(pressure=0.0)})
@@ -103,9 +105,8 @@ def test_both_keep_momentum_and_angular_momentum_and_gain_no_energy(speed, sched
 
 
 def test_it_lies_on_a_net_that_bears_its_weight(device):
-    """A net that is held at its border sags under a ball that is a fifth as wide as a face. It comes to rest there, a
-    ball's weight deep: the energy of net and weight is less than on the way, and does not come back. That
-    takes 10 seconds: it rolls on slowly for that long."""
+    """A net pinned at its border sags under a ball a fifth as wide as a face, to its equilibrium: the energy of net and
+    weight is less than on the way, and does not come back. That takes 10 seconds of slow rolling."""
     net = grid(4, 4)
     border = [n for n, point in enumerate(net.points) if point[:2].min() == 0.0 or point[:2].max() == 4.0]
     slack = Inflation(pressure=0.0)
@@ -125,7 +126,7 @@ def test_it_lies_on_a_net_that_bears_its_weight(device):
 
 
 def test_a_world_in_a_batch_is_as_it_is_alone(device):
-    """Of `lanes`, whose blocks have it: one that hits, one that flies by and one that is inside."""
+    """Worlds of `lanes` are bit-identical to `block` alone: one sphere hits, one flies by and one is inside."""
     if device != "cpu":
         pytest.skip("lanes is for the CPU")
     places = [1.0, 3.0, 0.05]
@@ -148,7 +149,7 @@ def test_a_world_in_a_batch_is_as_it_is_alone(device):
 
 
 def test_what_is_large_beside_faces_needs_no_more(device):
-    """A face's corners do not let it between them, even where it is stretched to twice its size."""
+    """A sphere large beside faces needs no face contact: the corners keep it out at twice the size, too."""
     ball = Sphere(position=(1.0, 0.0, 0.0), radius=0.2)
     assert schedule_named("block", Simulator(flight(ball), device).model).name == "block"
     beside_a_cube = flight(ball).model_copy(update={"balloon": [Balloon(mesh=cube())]})
@@ -165,7 +166,7 @@ def test_touch_says_that_spheres_may_be_left_alone(device):
 
 
 def test_a_ball_rolls_about_in_a_balloon_on_the_ground(device):
-    """A marble falls through the balloon's inside, and lies at its bottom, which lies on the ground."""
+    """A marble falls through the balloon's inside, and rests at its bottom, which lies on the ground."""
     marble = Sphere(position=(0.1, 0.0, 0.05), radius=0.015, mass=0.02)
     scene = flight(marble, gravity=9.8, ground=Ground(height=-0.7))
     found = sides_of(scene, device, "gather", frames=90)

@@ -1,4 +1,4 @@
-"""The table of the paper's figures: every figure is there, every command runs, every test exists."""
+"""Table of the paper's figures: every figure is there, every command runs, every test exists."""
 
 import ast
 import re
@@ -19,7 +19,7 @@ FIGURES = {*range(1, 27)}
 
 
 def figures(row: str) -> list[int]:
-    """The numbers in a row's first cell; none for a claim."""
+    """Return the numbers in a row's first cell; none for a claim."""
     first = row.split("|")[1].strip()
     return [int(number) for number in first.split(",")] if re.fullmatch(r"[\d, ]+", first) else []
 

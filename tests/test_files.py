@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all: what survives where the power goes."""
+"""Files that appear whole or not at all, even after a power failure."""
 
 import os
 from collections.abc import Callable
@@ -26,7 +26,8 @@ def write_arrays(path: Path) -> None:
 def test_a_file_is_on_the_disk_before_it_has_its_name_and_its_name_follows(
     write: Callable[[Path], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    """Otherwise a crash of the machine, which no test can have, leaves an empty file in the place of a good one."""
+    """A file is flushed to disk before its rename, and its folder after: otherwise a crash of the machine, which no
+    test can have, leaves an empty file in the place of a good one."""
     path = tmp_path / "file"
     path.write_text("good")
     happened: list[tuple[str, int, int]] = []

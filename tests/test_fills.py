@@ -1,4 +1,4 @@
-"""Balloons that are filled as one does: by breaths, litres or moles, to a pressure or a diameter, or by a pump."""
+"""Balloons that are filled as in practice: by breaths, litres or moles, to a pressure or a diameter, or by a pump."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def rigid(**gas) -> Scene:
 
 
 def soft(**gas) -> Scene:
-    """Of latex, 10 cm wide."""
+    """Return a scene of a latex balloon, 10 cm wide."""
     balloon = Balloon(
         mesh=quad_sphere(4, 0.05),
         material=Material(preset="latex"),
@@ -38,7 +38,7 @@ def soft(**gas) -> Scene:
     ids=["litres", "breaths", "moles"],
 )
 def test_so_much_is_blown_in_evenly_over_the_time(how: dict, moles: float, schedule: str, device: str):
-    """Of which the last tenth of a frame has no more than its part."""
+    """The amount grows linearly over the fill time, which ends within a frame."""
     simulator = Simulator(rigid(fill_time=0.065, **how), device, schedule=schedule)
     first = simulator.read_frame().gas_amounts[0]
     blown = [advanced(simulator, 1).gas_amounts[0] - first for _ in range(6)]
@@ -56,7 +56,7 @@ def test_litres_are_of_the_air_of_each_world(device: str):
 
 
 def test_it_is_blown_to_a_diameter_and_no_further(schedule: str, device: str):
-    """Of a ball with its volume; with a leak beside, it is kept so."""
+    """Filling stops at the diameter of a ball with the balloon's volume, and makes up for a leak."""
     scene = soft(fill_to_diameter=0.2, fill_time=0.5, leak=1e-6)
     simulator = Simulator(scene, device, schedule=schedule)
     diameters = []
@@ -69,7 +69,7 @@ def test_it_is_blown_to_a_diameter_and_no_further(schedule: str, device: str):
 
 
 def test_it_is_blown_to_a_pressure_and_no_further(schedule: str, device: str):
-    """Below the largest that rubber bears; of a breath in five seconds."""
+    """Filling by a breath in five seconds stops at a pressure below the peak of rubber."""
     simulator = Simulator(soft(fill_to_pressure=1200.0, fill_time=5.0), device, schedule=schedule)
     pressures = [float(advanced(simulator, 1).pressures[0]) for _ in range(30)]
     assert max(pressures) < 1200.0 + 12.0
@@ -77,7 +77,7 @@ def test_it_is_blown_to_a_pressure_and_no_further(schedule: str, device: str):
 
 
 def test_a_pump_follows_its_curve_and_stops(device: str):
-    """dn/dt = q(p) in a rigid balloon, of three points; and nothing comes back beyond the last."""
+    """A pump in a rigid balloon follows dn/dt = q(p) of three points, and does not run backwards beyond the last."""
     curve = [(0.0, 0.04), (1000.0, 0.03), (3000.0, 0.0)]
     simulator = Simulator(rigid(pump_curve=curve), device)
     amounts = [simulator.read_frame().gas_amounts[0]]

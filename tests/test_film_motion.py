@@ -1,4 +1,4 @@
-"""Faces of membranes in a block whose particles move."""
+"""Membrane faces in a block whose particles move."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from balloon_warp.simulator import Simulator
 
 @pytest.mark.parametrize("mesh", [QUADS, TRIANGLES], ids=["quads", "triangles"])
 def test_viscous_faces_read_velocities_of_their_own_corners(mesh: PolygonMesh) -> None:
-    """What these add is what they add to the forces that are shown, which go by particles."""
+    """Viscous faces add to the forces what the force reader, which goes by particles, reports."""
     points = moved(mesh, 1.6)
     velocities = np.random.default_rng(1).normal(size=points.shape).astype(np.float32)
     simulator = Simulator(latex(mesh, "neo_hookean", viscosity=1e4), "cpu")

@@ -1,4 +1,4 @@
-"""Faces of membranes as blocks go through them, where they hand out area vectors, too: on a GPU alone otherwise."""
+"""Membrane faces as blocks compute them, area vectors included, which otherwise happens on a GPU alone."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ from balloon_warp.schedules.membranes import membrane_quads
 
 @pytest.mark.parametrize(("mesh", "held"), [(QUADS, 0), (QUADS, 1), (QUADS, 2), (TRIANGLES, 0)])
 def test_area_vectors_are_the_gradient_of_the_volume(mesh: PolygonMesh, held: int) -> None:
-    """The volume is cubic in each place: central differences are exact but for rounding, 1e-10 over 1e-4."""
+    """Area vectors equal central differences of the volume, exact but for rounding: it is cubic in each place."""
     points = moved(mesh, 1.0)
     _, found = measured(mesh, points, held)
     np.testing.assert_allclose(found, gradient(mesh, points.astype(np.float64)), atol=1e-7)
@@ -26,7 +26,7 @@ def test_area_vectors_are_the_gradient_of_the_volume(mesh: PolygonMesh, held: in
 @pytest.mark.parametrize("held", [1, 2])
 @pytest.mark.parametrize("stretch", [0.9, 1.1, 1.6], ids=["slack", "wrinkled here and there", "taut"])
 def test_quads_pull_alike_whether_threads_keep_them(stretch: float, held: int) -> None:
-    """Up to float32's rounding; and all pulls add up to nothing."""
+    """Forces of quads agree whether or not threads keep their data, up to float32's rounding; and they sum to zero."""
     points = moved(QUADS, stretch)
     kept, read = (measured(QUADS, points, each)[0] for each in (held, 0))
     largest = np.abs(read).max()
@@ -36,7 +36,7 @@ def test_quads_pull_alike_whether_threads_keep_them(stretch: float, held: int) -
 
 
 def uneven() -> PolygonMesh:
-    """Quads with angles of all kinds."""
+    """Return quads with angles of all kinds."""
     mesh = grid(12, 12)
     aside = np.random.default_rng(0).uniform(-0.25, 0.25, (len(mesh.points), 3))
     return replace(mesh, points=np.asarray(mesh.points) + aside)
@@ -44,8 +44,8 @@ def uneven() -> PolygonMesh:
 
 @pytest.mark.parametrize("mesh", [QUADS, uneven()], ids=["sphere", "uneven"])
 def test_taut_quads_of_a_linear_law_are_told_by_sums(mesh: PolygonMesh) -> None:
-    """They bound the trace of each triangle from above, whatever shape it has taken; also one that is flat, whose edges
-    are each other's opposite."""
+    """The bound by sums is above the trace of each triangle, whatever its shape; also of a flat one, with opposite
+    edges."""
     quads = membrane_quads(build_model(Scene(balloon=[Balloon(mesh=mesh, material=Material(preset="latex"))]), "cpu"))
     steep = sums_of(quads)[2, :, 2:]
     g11, g12, g22, _ = np.moveaxis(quads.rests, -1, 0)

@@ -29,7 +29,7 @@ bw.Simulator(([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3
 
 
 def test_names_are_there_before_they_load_and_warp_is_silent(tmp_path: Path):
-    """Also where Warp was imported before."""
+    """Names are listed before they load and Warp prints nothing, even if it was imported before."""
     done = subprocess.run(
         [sys.executable, "-c", LOOK_AROUND], capture_output=True, text=True, cwd=tmp_path, timeout=600
     )
@@ -49,7 +49,7 @@ bw.particle_law(pull)
 
 
 def test_warp_is_silent_where_a_law_is_made_first(tmp_path: Path):
-    """Warp reads its source, which needs a file."""
+    """Warp prints nothing where a law is defined first; it reads the law's source, which needs a file."""
     (tmp_path / "law.py").write_text(LAW)
     done = subprocess.run([sys.executable, tmp_path / "law.py"], capture_output=True, text=True, timeout=600)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
@@ -66,7 +66,7 @@ def test_the_version_is_that_of_the_package():
 
 
 def test_a_name_that_is_not_there_is_asked_about():
-    """Python looks for what is like it in `dir`, of the object that the error has."""
+    """A misspelled name gets Python's suggestion, from `dir` of the object in the error."""
     with pytest.raises(AttributeError, match="has no attribute 'Simulater'") as caught:
         _ = bw.Simulater
     assert (caught.value.name, caught.value.obj) == ("Simulater", bw)
@@ -84,7 +84,7 @@ OTHERS = {
 
 @pytest.mark.parametrize("kind", OTHERS)
 def test_a_mesh_may_be_no_file(kind: str, tmp_path: Path):
-    """It gets the scene that it gets as a file."""
+    """A mesh in memory gets the scene of the same mesh as a file."""
     write_obj(tmp_path / "ball.obj", BALL)
     read, given = bw.load_mesh(tmp_path / "ball.obj"), bw.load_mesh(OTHERS[kind])
     np.testing.assert_array_equal(given.points, read.points)

@@ -36,7 +36,7 @@ def curve_of(kind: str, noise: float = 0.0, seed: int = 0) -> Curve:
 
 @pytest.mark.parametrize("kind", TRUE)
 def test_a_curve_gives_back_its_rubber(kind: str):
-    """Exactly without noise; and a scene takes what is to be pasted."""
+    """A curve's fit recovers its rubber, exactly without noise; and its text pastes into a scene."""
     found = fit_curve(curve_of(kind), kind=kind, thickness=THICKNESS, radius=RADIUS)
     for name, true in TRUE[kind].items():
         assert found.fit.values[name] == pytest.approx(true, rel=1e-3)
@@ -46,7 +46,7 @@ def test_a_curve_gives_back_its_rubber(kind: str):
 
 
 def test_errors_are_as_large_as_they_are_said_to_be():
-    """One deviation covers about two thirds of what noise does."""
+    """Errors are one standard deviation: they cover about two thirds of the noise."""
     inside, off = [], []
     for seed in range(40):
         fit = fit_curve(curve_of("mooney_rivlin", 0.01, seed), radius=RADIUS).fit
@@ -64,7 +64,7 @@ def test_the_radius_is_found_where_nobody_says_it():
 
 
 def test_a_curve_of_a_mesh_is_that_of_what_is_simulated(tmp_path: Path):
-    """The product inflates an egg; the fit finds its rubber by statics."""
+    """A fit by statics recovers the rubber of an egg that the simulation inflates."""
     egg = replace(quad_sphere(2), points=0.05 * quad_sphere(2).points * [1.0, 1.0, 1.5])
     write_obj(tmp_path / "egg.obj", egg)
     material = bw.Material(preset="latex", thickness=THICKNESS)
@@ -89,7 +89,7 @@ FREE = {"balloon.mass": (0.005, 0.08), "balloon.inflation.pressure": (5.0, 60.0)
 
 
 def test_points_give_back_what_moved_them(tmp_path: Path):
-    """Noisy, hidden in part, of some particles alone, and between frames."""
+    """A fit recovers the parameters of a motion from noisy, partly hidden points, between frames, too."""
     scene = bw.load_scene(falling(), {"balloon.mass": 0.03, "balloon.inflation.pressure": 25.0})
     moved = bw.simulate(scene, device="cpu")
     rng = np.random.default_rng(0)
@@ -110,7 +110,7 @@ def test_points_give_back_what_moved_them(tmp_path: Path):
 
 
 def test_what_is_not_seen_is_told():
-    """Nothing that was measured depends on helium and gravity apart."""
+    """Parameters that the data cannot separate, here helium and gravity, are reported."""
     moved = bw.simulate(falling(), device="cpu")
     seen = {"times": moved.times, "points": moved.points[0], "noise": 1e-3}
     free = {"balloon.helium": (0.1, 5.0), "gravity": (5.0, 12.0)}
@@ -197,7 +197,7 @@ def test_curves_that_cannot_be_get_a_sentence(words: list[str], rows: str, sente
 
 
 def test_columns_may_be_separated_by_semicolons(tmp_path: Path):
-    """As spreadsheets write them where decimals have commas."""
+    """Columns may be separated by semicolons, as spreadsheets write them where decimals have commas."""
     (tmp_path / "curve.csv").write_text("Pressure [Pa];Volume [m3]\n" + "".join(f"1,5;0,{k}\n" for k in range(1, 7)))
     curve = read_curve(tmp_path / "curve.csv")
     np.testing.assert_allclose(curve.volumes, 0.1 * np.arange(1, 7))
@@ -210,7 +210,7 @@ def test_the_plot_has_round_ticks():
 
 
 def test_a_value_at_its_bound_is_told():
-    """A sphere that is heavier than it may be: its mass lies at the bound."""
+    """A fit that ends at a bound says so: a sphere heavier than allowed gets the largest mass."""
     moved = bw.simulate(bw.load_scene(falling(), {"balloon.mass": 0.05}), device="cpu")
     seen = {"times": moved.times[1:], "points": moved.points[0][1:]}
     fit = bw.fit(falling(), seen, free={"balloon.mass": (0.001, 0.01)}, starts=1, rounds=8, device="cpu")
@@ -219,7 +219,7 @@ def test_a_value_at_its_bound_is_told():
 
 
 def test_words_on_a_terminal_stay_as_they_are(capsys: pytest.CaptureFixture[str]):
-    """No pair of colons becomes a picture."""
+    """Colons in a message are not turned into emoji."""
     from balloon_warp.cli.warn import note, warn
 
     warn("a=a:b: expected")
@@ -228,7 +228,7 @@ def test_words_on_a_terminal_stay_as_they_are(capsys: pytest.CaptureFixture[str]
 
 
 def rippled(true: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-    """A valley with many small minima along the first value, as a bounce makes them."""
+    """Return a residual function with many small minima along the first value, as a bounce makes them."""
 
     def forward(places: np.ndarray) -> np.ndarray:
         first, second = (places - true).T
@@ -247,11 +247,10 @@ def test_starts_get_out_of_small_minima(seed: int):
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_flight_with_a_bounce_gives_back_its_rubber(seed: int):
-    """As the benchmark, on a mesh of a quarter of the points.
+    """A fit to a flight with a bounce recovers its rubber, as in the benchmark, on a mesh of a quarter of the points.
 
-    The bounce makes the misfit rough: its small minima lie up to 10% off the modulus. What is found lies within three
-    of the standard deviations that are told, and these are of the size that noise and jumps leave open.
-    """
+    The bounce makes the misfit rough: its small minima lie up to 10% off the modulus. The result is within three of the
+    reported standard deviations, and these are of the size that noise and jumps leave open."""
     from balloon_warp.benchmarks.fit import flight
 
     row = flight(seed, cells=2)

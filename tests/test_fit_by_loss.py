@@ -1,4 +1,4 @@
-"""Values for which a loss is least: against throws that are known, and what losses say of themselves."""
+"""Minima of a loss: against throws with closed forms, and the checks of losses."""
 
 import re
 from types import SimpleNamespace
@@ -20,7 +20,7 @@ THROW = {"balloon.velocity.0": (-3.0, 4.0), "balloon.velocity.1": (-2.0, 6.0)}
 
 
 def test_a_throw_hits_its_target():
-    """Symplectic Euler's parabola: v = (way + what is fallen) / time."""
+    """A fitted throw hits its target along symplectic Euler's parabola: v = (way + fall) / time."""
     target = np.array([0.3, 0.2, 0.0])
     found = bw.fit(FLIGHT, of=THROW, loss=bw.losses.distance(target), starts=4, device="cpu")
     assert found.values["balloon.velocity.0"] == pytest.approx(0.3 / (STEP * COUNT), rel=1e-3)
@@ -32,7 +32,7 @@ def test_a_throw_hits_its_target():
 
 
 def test_a_start_that_blows_up_leaves_the_others_alone():
-    """Each world is asked by itself, then."""
+    """A start that blows up does not disturb the others, which are then simulated one by one."""
 
     def derive(of: list[str], vary: dict[str, np.ndarray], world_count: int) -> Any:
         if (vary["drag"] > 0.7).any():
@@ -48,7 +48,7 @@ def test_a_start_that_blows_up_leaves_the_others_alone():
 
 
 def test_a_value_without_influence_is_named_and_left_where_it_began():
-    """Nothing pushes the ball along z, and damping and weight know nothing of it; the loss looks at x alone."""
+    """A parameter without influence is named and keeps its start: nothing pushes the ball along z."""
     said: list[str] = []
     of = {"balloon.velocity.0": (-3.0, 4.0), "balloon.velocity.2": (-1.0, 1.0)}
     found = bw.fit(FLIGHT, of=of, loss=along_x, starts=1, device="cpu", on_stage=said.append)
@@ -60,7 +60,7 @@ def test_a_value_without_influence_is_named_and_left_where_it_began():
 
 
 def along_x(moved: bw.Trajectories) -> tuple[Any, dict[str, Any]]:
-    """How far the center is from 0.3 m along x in the end."""
+    """Return the squared distance of the center from 0.3 m along x in the end, and its derivatives."""
     points = moved.points[0]
     off = points[..., -1, :, 0].mean(axis=-1) - 0.3
     slopes = np.zeros(points.shape)
@@ -83,8 +83,8 @@ LOSSES["together"] = bw.losses.together(list(LOSSES.values()), [0.5 + number for
 @pytest.mark.parametrize("name", LOSSES)
 @pytest.mark.parametrize("worlds", [1, 2])
 def test_the_derivatives_of_a_loss_are_its_slopes(name: str, worlds: int):
-    """Derivatives by everything that a loss sees, along a random direction: losses are quadratic, so central
-    differences are exact."""
+    """Derivatives by everything that a loss sees agree with central differences along a random direction, which are
+    exact for quadratic losses."""
     moved = bw.simulate(FLIGHT.model_copy(update={"frames": 4}), world_count=worlds, device="cpu")
     rng, loss = np.random.default_rng(1), LOSSES[name]
     _, slopes = loss(moved)
@@ -114,7 +114,7 @@ class Seen:
 
 
 def test_starts_are_asked_together():
-    """A bowl and a start in the rim of each: all find the bottom, and each asking is of all of them."""
+    """Starts share each batch: all find the bottom of a bowl from its rim, and each evaluation is of all of them."""
     asked = []
 
     def ask(places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

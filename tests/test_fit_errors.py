@@ -1,4 +1,4 @@
-"""Error bars of fits to what jumps: as wide as the values are off."""
+"""Error bars of fits to a misfit with jumps: as wide as the values are off."""
 
 from collections.abc import Callable
 
@@ -17,7 +17,7 @@ CONTACTS = 6
 
 
 def jumps(strength: float) -> Callable[[Values], Values]:
-    """Residuals that what rounds a contact's time to steps adds: a saw's teeth, in a direction for each contact."""
+    """Return a function of residuals by rounding a contact's time to steps: a sawtooth for each contact."""
     rng = np.random.default_rng(7)
     widths, phases = rng.uniform(0.01, 0.04, CONTACTS), rng.uniform(size=CONTACTS)
     ways = rng.standard_normal((CONTACTS, ROWS)) * strength / np.sqrt(ROWS)
@@ -30,7 +30,7 @@ def jumps(strength: float) -> Callable[[Values], Values]:
 
 
 def pulls(strength: float) -> Values:
-    """Errors of both values over the standard deviations that are told, of all seeds, shape (SEEDS, 2)."""
+    """Return the pulls of both values, errors over the reported standard deviations, of all seeds, shape (SEEDS, 2)."""
     rough, found = jumps(strength), []
     for seed in range(SEEDS):
         rng = np.random.default_rng(seed)

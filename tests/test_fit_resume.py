@@ -1,4 +1,4 @@
-"""Fits that are stopped go on."""
+"""Fits that are stopped and resumed."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from balloon_warp.errors import InputError, StoppedError
 
 
 def test_a_fit_that_was_stopped_goes_on(tmp_path: Path):
-    """To what one that was not stopped finds, without simulating again what it has; what a kill cut short is left."""
+    """A resumed fit finds the same values without repeating simulations, and drops a record that a kill cut short."""
     moved = bw.simulate(falling(), device="cpu")
     seen = {"times": moved.times[1:], "points": moved.points[0][1:], "noise": 1e-3}
     kept, asked = tmp_path / "fit.progress", {"free": FREE, "starts": 2, "rounds": 3, "device": "cpu"}

@@ -1,4 +1,4 @@
-"""Foil balloons: closed, even quads of any outline, and what is no outline."""
+"""Foil balloons: closed, even quads of any outline, and refusals of bad outlines."""
 
 import re
 from collections import deque
@@ -33,7 +33,7 @@ EDGE = HEIGHT / EDGES
 
 
 def is_closed_surface(mesh: PolygonMesh) -> bool:
-    """Of one winding, outward, with no vertex where two fans meet."""
+    """Return whether a mesh is closed, manifold, of one winding and outward."""
     edges = mesh_edges(mesh)
     whole = (edges.face_counts == 2).all() and not len(inconsistent_edges(edges)) and not len(unused_vertices(mesh))
     return bool(whole) and not len(non_manifold_vertices(mesh, edges)) and signed_volume(mesh) > 0.0
@@ -71,7 +71,7 @@ def test_letters_are_closed_and_have_their_holes(text: str, characteristic: int,
 
 @pytest.mark.parametrize("text", "ABEGKMQRSWXgky&@358?*")
 def test_sheets_are_even_and_as_large_as_their_outline(text: str):
-    """In a letter's own outline, whatever its corners; nothing is folded over."""
+    """Sheets have even quads, none folded over, and fill a letter's outline whatever its corners."""
     for outline in outlines_of_text(text):
         low, high = outline.bounds[1::2]
         outline = shapely.transform(outline, lambda points, size=high - low: points * (HEIGHT / size))
@@ -91,7 +91,7 @@ def test_sheets_are_even_and_as_large_as_their_outline(text: str):
 
 
 def test_straight_letters_are_nearly_of_squares():
-    """An L of squares alone could be; edges along a stem that is no whole number of them wide differ."""
+    """Quads of an L are nearly square; they would be exactly so only if its stem were a whole number of edges wide."""
     (mesh,) = foil_parts("L")
     ends = mesh.points[mesh_edges(mesh).ends]
     lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
@@ -99,7 +99,7 @@ def test_straight_letters_are_nearly_of_squares():
 
 
 def test_a_sheet_that_leaves_out_a_part_is_no_good():
-    """Of a square of ten quads a side: a knob of 0.6% of the area, and edges 2.5 times as long as asked for."""
+    """A sheet fails that misses a knob of 0.6% of the area, or whose edges are 2.5 times too long."""
     square = shapely.box(0.0, 0.0, 1.0, 1.0)
     sheet = sheet_of(square, 0.1)
     assert sheet
@@ -109,7 +109,7 @@ def test_a_sheet_that_leaves_out_a_part_is_no_good():
 
 
 def test_both_sheets_have_the_area_of_the_outline(tmp_path: Path):
-    """Of a ring, pi (R^2 - r^2), to a per cent: chords take 0.3%, and the sheets are 0.1% off their plane."""
+    """The sheets of a ring have its area pi (R^2 - r^2), to a per cent: chords take 0.3%."""
     outer, inner = "M5,50a45,45 0 1 0 90 0a45,45 0 1 0-90 0z", "M30,50a20,20 0 1 0 40 0a20,20 0 1 0-40 0z"
     ring = drawing(tmp_path, f'<path fill-rule="evenodd" d="{outer}{inner}"/>')
     mesh = foil_mesh(ring, height=0.9, edge=0.03)
@@ -136,7 +136,7 @@ def test_parts_are_what_the_whole_is_made_of():
 
 
 def test_a_drawing_stands_upright(tmp_path: Path):
-    """SVG counts y down."""
+    """A drawing stands upright, though SVG counts y down."""
     mesh = foil_mesh(
         drawing(tmp_path, '<polygon points="0,80 60,80 60,100 0,100"/><polygon points="0,0 20,0 20,90 0,90"/>')
     )
@@ -146,8 +146,9 @@ def test_a_drawing_stands_upright(tmp_path: Path):
 
 
 def test_a_round_one_swells_to_nearly_what_foil_would(tmp_path: Path):
-    """Of two sheets of radius a that bend freely and do not stretch: a volume of 1.2185 a^3, a thickness of 0.9139 a
-    and a radius of 0.7627 a (Paulsen 1994). Springs resist where foil wrinkles finer than they are long: to a tenth."""
+    """Two discs of radius a that bend freely and do not stretch inflate to a volume of 1.2185 a^3, a thickness of
+    0.9139 a and a radius of 0.7627 a (Paulsen 1994). Springs resist where foil wrinkles finer than their length, so the
+    tolerance is a tenth."""
     radius = 0.25
     flat = foil_mesh(drawing(tmp_path, '<circle r="50"/>'), height=2.0 * radius, edge=0.0125)
     stiffness = bw.Stiffness(structural=1000.0, shear=500.0, flexion=0.0)
@@ -180,7 +181,7 @@ def test_what_is_too_narrow_names_an_edge_that_is_not():
 
 
 def test_a_scene_of_foil_fills_alike_at_any_height(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """Pressure and stretch are the same. So the shape is, to a twentieth: it still swings after four seconds."""
+    """Pressure and stretch are equal at any height, and the shape to a twentieth after four seconds."""
     monkeypatch.chdir(tmp_path)
     volumes, ways = [], []
     for height in (0.05, 2.0):
@@ -203,7 +204,7 @@ def test_a_scene_of_foil_fills_alike_at_any_height(tmp_path: Path, monkeypatch: 
 
 
 def test_each_part_of_a_scene_hangs_on_two_strings_of_its_top():
-    """An L is held by the stem alone, though its foot reaches farther."""
+    """An L hangs by its stem alone, though its foot reaches farther."""
     parts = bw.foil_parts("OL", 0.4)
     scene = scene_of_foil({Path(f"{number}.obj"): part for number, part in enumerate(parts)}, 0.4)
     rightmost = []

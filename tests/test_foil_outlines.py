@@ -57,7 +57,7 @@ def test_crumbs_and_lines_are_left_out():
     ],
 )
 def test_drawings_are_read(tmp_path: Path, content: str, expected: float):
-    """To what chords take of a circle whose quarters are of 32 lines each, 0.01%, and the unit of an SVG file."""
+    """Areas of drawings are exact up to a circle's chords, 0.01% with 32 lines a quarter, and an SVG file's unit."""
     found = sum(outline.area for outline in outlines_of_drawing(drawing(tmp_path, content, 'width="100" height="100"')))
     assert found == pytest.approx(expected, rel=1e-3)
 

@@ -1,4 +1,4 @@
-"""Balloons that are folded at the start: their layers touch each other, and no fold crosses another."""
+"""Balloons that are folded at the start: their layers are in contact, and no fold crosses another."""
 
 from dataclasses import replace
 
@@ -23,7 +23,7 @@ LIMP = Stiffness(structural=50.0, shear=25.0, flexion=0.0)
 
 
 def crossings(points: np.ndarray, mesh: PolygonMesh) -> int:
-    """Return the number of edges through triangles with which they share no corner, in float64."""
+    """Return the number of edges that pierce triangles with which they share no corner, in float64."""
     triangles = triangles_of(mesh)
     edges = np.unique(np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
     found = 0
@@ -42,7 +42,7 @@ def crossings(points: np.ndarray, mesh: PolygonMesh) -> int:
 
 
 def zigzag(folds: int, gap: float) -> PolygonMesh:
-    """A strip 30 cm wide, folded to and fro, of layers that are nearer to each other than its particles."""
+    """Return a strip 30 cm wide, folded to and fro, whose layers are closer than its particles."""
     cells = 3
     strip = grid((folds + 1) * (cells + 1) - 1, cells)
     columns = strip.points[:, 0].astype(int)
@@ -52,7 +52,7 @@ def zigzag(folds: int, gap: float) -> PolygonMesh:
 
 
 def test_the_airbag_is_folded_without_a_crossing_or_a_stretch():
-    """Each of its 32 layers is 2 mm above another; no edge is longer than it was sewn."""
+    """The airbag's 32 layers are 2 mm apart, and no edge is longer than it was sewn."""
     mesh, flat = airbag(), airbag_flat()
     assert np.ptp(mesh.points[:, 1]) == pytest.approx(31 * GAP)
     assert crossings(mesh.points, mesh) == 0
@@ -71,7 +71,7 @@ def test_what_is_folded_is_known(mesh: PolygonMesh, folded: bool):
 
 
 def test_layers_of_a_folded_strip_keep_apart(device: str):
-    """They are pressed on each other from both sides at 0.5 m/s, and none crosses another."""
+    """Layers of a folded strip, pressed together from both sides at 0.5 m/s, do not cross."""
     mesh = zigzag(4, 0.004)
     middle = mesh.points[:, 2].mean()
     strip = Balloon(mesh=mesh, mass=0.02, stiffness=LIMP, inflation=Inflation(pressure=0.0), damping=0.0)
@@ -93,8 +93,8 @@ def test_layers_of_a_folded_strip_keep_apart(device: str):
 
 
 def test_which_edges_meet():
-    """Sharp ones; all of what bends freely and is folded, flat or open, and where balloons touch themselves; all, or
-    none, where the scene says so."""
+    """Contact of edges is on for sharp edges; for all of what bends freely and is folded, flat or open, and where
+    balloons touch themselves; for all or none, where the scene says so."""
     sheet = mesh_of(0.1 * grid(3, 3).points, grid(3, 3).face_vertex_indices.reshape(-1, 4).tolist())
     limp, stiff = (Balloon(mesh=sheet, stiffness=replace_flexion(flexion)) for flexion in (0.0, 5.0))
     ball = Balloon(mesh=quad_sphere(3, 0.3), stiffness=LIMP)
@@ -126,7 +126,7 @@ def test_each_edge_is_in_the_first_leaf_that_has_it():
 
 
 def test_a_long_tube_that_folds_fast_is_nowhere_in_itself():
-    """Both halves turn about the middle until their ends meet at 8 m/s; without edges they cross at 96 places."""
+    """A tube whose halves fold until their ends meet at 8 m/s does not cross itself; it would at 96 places."""
     mesh = tube(rings=17, around=12)
     firm = Stiffness(structural=30.0, shear=15.0, flexion=0.5)
     thrown = Balloon(mesh=mesh, mass=0.2, damping=0.1, stiffness=firm, inflation=Inflation(pressure=0.0))
@@ -143,7 +143,7 @@ def test_a_long_tube_that_folds_fast_is_nowhere_in_itself():
 
 
 def test_letters_of_foil_that_meet_fast_come_apart_again():
-    """A V and an L at 2 m/s, while they fill; without edges they are 10 cm deep in each other."""
+    """A V and an L of foil that meet at 2 m/s separate again; without edges they are 10 cm deep in each other."""
     letters = [
         Balloon(
             mesh=foil_mesh(letter, height=0.35, edge=0.035), mass=0.05, damping=0.02,
@@ -171,7 +171,7 @@ def test_letters_of_foil_that_meet_fast_come_apart_again():
 
 
 def tube(rings: int, around: int) -> PolygonMesh:
-    """A closed tube of 2 m along x, 16 cm wide."""
+    """Return a closed tube of 2 m along x, 16 cm wide."""
     along, angles = np.linspace(-1.0, 1.0, rings), 2.0 * np.pi * np.arange(around) / around
     points = [(x, 0.08 * np.cos(a), 0.08 * np.sin(a)) for x in along for a in angles]
     ends, following = len(points), np.roll(np.arange(around), -1)
@@ -186,7 +186,7 @@ def tube(rings: int, around: int) -> PolygonMesh:
 
 
 def test_the_airbag_unfolds_without_a_crossing():
-    """From its packet to a cushion of more than 0.15 m^3; looked at in every eighth frame."""
+    """The airbag unfolds from its packet to more than 0.15 m^3, without a crossing in every eighth frame."""
     model, frames = played("airbag")
     meshes = [shape_at(model, frame) for frame in frames[::8]]
     assert [crossings(mesh.points, model.shapes[0].mesh) for mesh in meshes] == [0] * len(meshes)

@@ -1,4 +1,4 @@
-"""Frames in which nothing can be met are simulated as if there were nothing, and again if that was wrong."""
+"""Collision-free frames are simulated without obstacles, and again with them if that was wrong."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ def verdicts(simulator: Simulator) -> list[int]:
 
 
 def free_particles(height: float) -> Balloon:
-    """Four, without springs and air."""
+    """Return four particles without springs and air."""
     corners = [(0.0, height, 0.0), (0.1, height, 0.0), (0.1, height, 0.1), (0.0, height, 0.1)]
     nothing = Stiffness(structural=0.0, shear=0.0, flexion=0.0)
     return Balloon(
@@ -29,7 +29,7 @@ def free_particles(height: float) -> Balloon:
 
 
 def test_frames_are_free_until_a_balloon_may_meet_an_obstacle(device: str):
-    """A ball falls from 1.5 m: first the kernel without obstacles moves it, then the one with them."""
+    """A ball that falls from 1.5 m is advanced by the kernel without obstacles, then by the one with them."""
     ball = Balloon(mesh=quad_sphere(3, 0.2), position=(0.0, 1.5, 0.0), inflation={"k_normal": 0.5})
     scene = Scene(balloon=[ball], obstacle=[PLATE], frames=60)
     simulator, peer = Simulator(scene, device, schedule="block"), Simulator(scene, device, schedule="gather")
@@ -48,7 +48,7 @@ def test_frames_are_free_until_a_balloon_may_meet_an_obstacle(device: str):
 
 
 def test_what_goes_further_than_was_free_is_stopped_all_the_same(device: str):
-    """From rest to 83 m/s in the first frame, through a plate of 1 mm that is 0.3 m below."""
+    """A particle that reaches 83 m/s in the first frame does not tunnel through a plate of 1 mm, 0.3 m below."""
     scene = Scene(balloon=[free_particles(0.3)], obstacle=[PLATE], gravity=FALL, substeps=16, frames=3)
     simulator = Simulator(scene, device, schedule="block")
     simulator.step()
@@ -59,8 +59,8 @@ def test_what_goes_further_than_was_free_is_stopped_all_the_same(device: str):
 
 
 def test_a_frame_that_is_simulated_again_leaves_nothing_of_the_first_time(device: str):
-    """Gas is not pumped twice, no sphere goes two ways, no frame is counted twice: as in a schedule that does not
-    try."""
+    """A repeated frame pumps no gas twice, moves no sphere twice and counts once, as in a schedule that does not
+    speculate."""
     ball = Balloon(
         mesh=quad_sphere(3, 0.2),
         position=(0.0, 0.5, 0.0),
@@ -80,8 +80,8 @@ def test_a_frame_that_is_simulated_again_leaves_nothing_of_the_first_time(device
 
 
 def test_rubber_remembers_nothing_of_a_frame_that_is_simulated_again(device: str):
-    """A ball hangs by its top, and falls so fast that a plate stops it: without the plate it is stretched further, and
-    softening would not be taken back."""
+    """Softening is not kept from a frame that is simulated again: a ball hangs by its top, and falls so fast that a
+    plate stops it; without the plate it is stretched further."""
     mesh = quad_sphere(3, 0.2)
     top = np.flatnonzero(np.asarray(mesh.points)[:, 1] > 0.1).tolist()
     rubber = Material(kind="neo_hookean", shear_modulus=4e5, thickness=3e-4, softening=0.5)
@@ -99,7 +99,7 @@ def test_rubber_remembers_nothing_of_a_frame_that_is_simulated_again(device: str
 
 
 def test_a_world_does_not_feel_how_free_another_is(device: str):
-    """Among three worlds one hurries, one is busy, and one is free: each is as it is alone, to the bit."""
+    """Worlds that are hurried, busy and free are bit-identical to each alone."""
     scene = Scene(balloon=[free_particles(0.3)], obstacle=[PLATE], gravity=10.0, substeps=16, frames=1)
     vary = {"gravity": [FALL, 10.0, 10.0], "obstacle.0.position.1": [0.0, 0.299, -0.1]}
     batch = Simulator(scene, device, 3, vary, schedule="block")
@@ -114,7 +114,7 @@ def test_a_world_does_not_feel_how_free_another_is(device: str):
 
 @pytest.mark.parametrize("motion", ["moves", "turns"])
 def test_an_obstacle_that_comes_is_seen_in_time(motion: str, device: str):
-    """A racket that hits balls which hang in the air: it comes 11 cm nearer in a frame."""
+    """A racket that comes 11 cm nearer in a frame is detected before it hits balloons which hang in the air."""
     keyframes = {
         "moves": [(0.0, (0.0, 0.0, 0.0)), (0.15, (0.0, 1.0, 0.0))],
         "turns": [(0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), (0.5, (0.0, 0.0, 0.0), (0.0, 0.0, 60.0))],
@@ -131,8 +131,8 @@ def test_an_obstacle_that_comes_is_seen_in_time(motion: str, device: str):
 
 @pytest.mark.parametrize("schedule", ["block", "lanes", "octets"])
 def test_a_balloon_that_hurries_to_another_touches_it(schedule: str, device: str):
-    """From rest it falls 4 cm in the first frame, where one that is held is 3 cm below: as in a schedule that does not
-    believe that it stays away."""
+    """A balloon that falls 4 cm in the first frame lands on one that is pinned 3 cm below, as in a schedule that does
+    not speculate."""
     if schedule != "block" and device != "cpu":
         pytest.skip(f"{schedule} is for the CPU")
     below = free_particles(0.0).model_copy(update={"fixed": [0, 1, 2, 3], "scale": 3.0, "position": (-0.1, 0.0, -0.1)})
@@ -147,7 +147,7 @@ def test_a_balloon_that_hurries_to_another_touches_it(schedule: str, device: str
 
 
 def test_each_of_two_balloons_may_go_half_of_the_way(device: str):
-    """They come 12 cm nearer to each other in a frame, each 6, and are 10 cm apart."""
+    """Each of two balloons may move half of their gap freely: each moves 6 cm in a frame, and the gap is 10 cm."""
     low, high = (
         free_particles(height).model_copy(update={"velocity": (0.0, speed, 0.0)})
         for height, speed in ((0.0, 3.5), (0.1, -3.5))
@@ -158,7 +158,8 @@ def test_each_of_two_balloons_may_go_half_of_the_way(device: str):
 
 
 def test_what_is_never_busy_is_not_compiled_and_what_seldom_is_not_recorded(device: str, monkeypatch):
-    """Balloons that touch by default cost the first frame little; a busy frame is the same, recorded or not."""
+    """A kernel for contact is not compiled before a frame needs it, nor recorded while that is rare. Default contact
+    costs the first frame little; a busy frame is the same, recorded or not."""
     if device != "cpu":
         pytest.skip("a GPU's graphs have what busy worlds need")
     low, high = (free_particles(height) for height in (0.0, 0.2))
@@ -180,7 +181,7 @@ def test_what_is_never_busy_is_not_compiled_and_what_seldom_is_not_recorded(devi
 
 @pytest.mark.parametrize("schedule", ["gather", "octets"])
 def test_the_first_frames_are_launched_unrecorded_and_are_the_same(schedule: str, monkeypatch):
-    """On a CPU, where a recording pays after some frames."""
+    """The first frames are launched without recording, with the same result: recording pays after some frames."""
     scene, ends = Scene(balloon=[free_particles(0.0)], substeps=16), []
     for few in (recorded_frame.FEW, 0):
         monkeypatch.setattr(recorded_frame, "FEW", few)

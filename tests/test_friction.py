@@ -1,4 +1,4 @@
-"""Balloons that have friction of their own: the geometric mean of theirs and that of what they meet."""
+"""Friction coefficients of balloons: the geometric mean of theirs and of what they touch."""
 
 import numpy as np
 import pytest
@@ -18,8 +18,8 @@ SURFACES = {
 
 @pytest.mark.parametrize("surface", SURFACES)
 def test_of_what_lands_each_loses_by_its_own(surface: str, schedule: str, device: str):
-    """Landing at 1 m/s on what has 0.5: with 0.08 of its own, friction is the root of 0.04, without 0.5, with 0 none;
-    it takes as much of 0.8 m/s."""
+    """Friction of a balloon that lands at 1 m/s on a floor of 0.5 is the root of 0.04 with 0.08 of its own, 0.5
+    without, and 0 with 0; it takes as much of 0.8 m/s."""
     balloons = [
         Balloon(mesh=cube(), position=(3.0 * number, 0.0, 0.0), damping=0.0, inflation=SLACK, friction=own)
         for number, own in enumerate((0.08, None, 0.0))
@@ -40,7 +40,7 @@ def test_of_what_lands_each_loses_by_its_own(surface: str, schedule: str, device
 )
 @pytest.mark.parametrize("way", ["scatter", "gather", "block"])
 def test_between_balloons_it_is_the_mean_of_both(plane, block, between, way, device):
-    """`touch.friction`, 0.4, stands for that of one that does not say its own: a block slides as Coulomb says."""
+    """A block slides on another by Coulomb's law; `touch.friction`, 0.4, is the default coefficient."""
     scene = ramp(30.0, 0.4)
     owns = zip(scene.balloon, (plane, block), strict=True)
     scene = scene.model_copy(update={"balloon": [each.model_copy(update={"friction": own}) for each, own in owns]})

@@ -1,4 +1,4 @@
-"""Outputs that cannot be written to the end: the good ones of before stay, and a sentence says why."""
+"""Outputs that cannot be written to the end: earlier good ones stay, and a sentence gives the reason."""
 
 import os
 import resource
@@ -87,7 +87,7 @@ def test_a_folder_that_vanishes_is_told(kind: str, scene: Scene, tmp_path: Path)
 
 
 def test_a_folder_that_takes_no_files_is_told_before_the_run(scene: Scene):
-    """A folder of the kernel's, which not even the superuser may write to."""
+    """A folder of the kernel's is refused before the run: not even the superuser may write to it."""
     frames = []
     for write_there in (
         lambda: animate(scene, "/proc/self/ball.usdc", device="cpu", on_frame=frames.append),
@@ -111,7 +111,7 @@ exit $status
 
 
 def test_a_full_disk_leaves_the_good_file(scene: Scene, tmp_path: Path):
-    """On a disk of 128 KiB of its own, where the system lets us have one."""
+    """A full disk of 128 KiB leaves the good file, where the system allows a mount."""
     names = ["unshare", "-rm"]
     if shutil.which("unshare") is None or subprocess.run([*names, "mount", "-t", "tmpfs", "none", "/mnt"]).returncode:
         pytest.skip("needs a mount namespace")

@@ -1,4 +1,4 @@
-"""The fuzzer, for a moment: it finds nothing, and it would."""
+"""Short run of the fuzzer: it finds nothing, and it would."""
 
 import itertools
 import time
@@ -40,7 +40,7 @@ def test_a_fault_is_found(
 def test_a_hang_is_found(
     hang: Callable[[], None], patience: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """One that computes, and one that waits."""
+    """A hang is found, be it a busy loop or a wait."""
 
     def read(path: Path) -> None:
         while True:

@@ -1,4 +1,4 @@
-"""Kept pictures: what a scene is about is large in its picture, and a small world looks as it did."""
+"""Kept pictures: the subject of a scene is large in its picture, and a small world looks as it did."""
 
 from pathlib import Path
 
@@ -31,7 +31,7 @@ def test_what_a_scene_is_about_fills_a_third_of_its_pictures_height(name: str):
 
 
 def small_world(path: Path) -> Path:
-    """Rubber before rubber, foil, a sphere and a string on the ground: a bit of each of what pictures have."""
+    """Write rubber before rubber, foil, a sphere and a string on the ground: a bit of each of what pictures have."""
     stage = new_stage(path)
     add_ground(stage)
     add_mesh(stage, "Red", *quad_sphere(6, 0.5, (-0.7, 0.9, 0.4)), (0.8, 0.05, 0.05), **LATEX)
@@ -44,7 +44,7 @@ def small_world(path: Path) -> Path:
 
 
 def likeness(one: np.ndarray, other: np.ndarray) -> float:
-    """Structural similarity (Wang et al. 2004) of two pictures, 1 of the same, the mean over windows and colors."""
+    """Return the structural similarity (Wang et al. 2004) of two pictures, averaged over windows and colors."""
     size, c1, c2 = 8, (0.01 * 255.0) ** 2, (0.03 * 255.0) ** 2
     windows = [np.lib.stride_tricks.sliding_window_view(p.astype(float), (size, size), (0, 1)) for p in (one, other)]
     x, y = (window[::4, ::4] for window in windows)
@@ -59,7 +59,7 @@ VIEWS = {"front": {}, "above": {"elevation": 70.0}, "clear": {"transparent": Tru
 
 @pytest.mark.parametrize("name", VIEWS)
 def test_a_small_world_looks_as_it_did(name: str, tmp_path: Path):
-    """If it is meant to look otherwise: python tests/test_gallery.py, and look at tests/kept."""
+    """A regression of the picture fails. To accept a change: python tests/test_gallery.py, and look at tests/kept."""
     made, kept = tmp_path / "made.png", KEPT / f"{name}.png"
     render_stage(small_world(tmp_path / "world.usda"), made, size=(160, 90), samples=16, device="cpu", **VIEWS[name])
     one, other = (np.asarray(Image.open(path)).astype(int) for path in (made, kept))

@@ -1,4 +1,4 @@
-"""Garbage collection, paused while much is made that stays."""
+"""Garbage collection, paused while many lasting objects are made."""
 
 import gc
 import subprocess

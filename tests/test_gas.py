@@ -35,7 +35,7 @@ wp.set_module_options(OPTIONS)
 
 
 def test_a_frame_whose_forces_nobody_asks_for_computes_none(monkeypatch):
-    """Their kernels would be much of what a first frame waits for."""
+    """A frame computes no forces unless asked: their kernels would dominate the first frame's wait."""
     balloon = Balloon(mesh=octahedron(), inflation=Inflation(kind="pressure", pressure=7.0))
     simulator = Simulator(Scene(balloon=[balloon]), "cpu")
     launched = []
@@ -51,7 +51,7 @@ def test_a_frame_whose_forces_nobody_asks_for_computes_none(monkeypatch):
     "mesh", [jittered(prism(5)), jittered(quad_sphere(3)), octahedron()], ids=["prism", "ball", "octahedron"]
 )
 def test_pressure_force_is_the_gradient_of_the_volume(mesh: PolygonMesh, device: str):
-    """Against central differences, whose error is of second order in a step of 1e-4 m."""
+    """Pressure forces agree with central differences of the volume, of second order in a step of 1e-4 m."""
     balloon = Balloon(mesh=mesh, stiffness=NO_SPRINGS, inflation=Inflation(kind="pressure", pressure=7.0))
     scene = Scene(balloon=[balloon], gravity=0.0, frames_per_second=1e6, substeps=1, net_forces=True)
     simulator = Simulator(scene, device)
@@ -70,7 +70,7 @@ def test_pressure_force_is_the_gradient_of_the_volume(mesh: PolygonMesh, device:
 
 @pytest.mark.parametrize("mesh", [jittered(torus(9, 6)), jittered(prism(7))], ids=["torus", "prism"])
 def test_net_pressure_force_and_torque_vanish_on_a_closed_mesh(mesh: PolygonMesh, device: str):
-    """To the rounding of float32; the paper's normal forces miss it by a hundredth."""
+    """Net force and torque of pressure vanish to float32's rounding; the paper's normal forces miss by a hundredth."""
     forces = {}
     for kind, value in (("pressure", {"pressure": 100.0}), ("normal_force", {"k_normal": 1.0})):
         balloon = Balloon(mesh=mesh, stiffness=NO_SPRINGS, inflation=Inflation(kind=kind, **value))
@@ -88,7 +88,7 @@ def test_net_pressure_force_and_torque_vanish_on_a_closed_mesh(mesh: PolygonMesh
 
 
 def test_a_sealed_gas_has_the_pressure_of_its_volume(device: str):
-    """(p_a + p) V = n R T: 1.406598 mol in 0.0335103 m^3 at 20 C press by 984.375 Pa, at the start and held so."""
+    """The ideal gas law holds: 1.406598 mol in 0.0335103 m^3 at 20 C press by 984.375 Pa, at the start and later."""
     mesh = with_volume(quad_sphere(4), 0.0335103)
     balloon = gas_balloon(mesh, {"amount": 1.406598}, fixed=list(range(mesh.vertex_count)))
     simulator = Simulator(Scene(balloon=[balloon], frames=2), device)
@@ -99,7 +99,7 @@ def test_a_sealed_gas_has_the_pressure_of_its_volume(device: str):
 
 @pytest.mark.parametrize("gamma", [1.0, 1.4])
 def test_a_gas_squeezed_by_a_sphere_follows_p_v_gamma(gamma: float, device: str):
-    """A heavy sphere presses the balloon to the ground; what is left is the step's own lag."""
+    """A gas squeezed adiabatically between a heavy sphere and the ground follows p V^gamma, up to the step's lag."""
     rubber = Stiffness(structural=300.0, shear=150.0, flexion=50.0)
     balloon = gas_balloon(
         quad_sphere(4, 0.2), {"gamma": gamma}, position=(0.0, 0.21, 0.0), stiffness=rubber, damping=5.0, mass=0.1
@@ -116,8 +116,8 @@ def test_a_gas_squeezed_by_a_sphere_follows_p_v_gamma(gamma: float, device: str)
 
 @pytest.mark.parametrize("stretch", [1.3, 1.7, 2.0, 2.4, 3.5])
 def test_a_balloon_of_springs_is_in_balance_on_its_pressure_curve(stretch: float, device: str):
-    """p = sum(k L0^2) (l - 1) / (3 V0 l^2): the gas that makes it so at a stretch l keeps the balloon there, and with a
-    twentieth less pressure it shrinks from there."""
+    """A balloon at the stretch l is in equilibrium at p = sum(k L0^2) (l - 1) / (3 V0 l^2), and shrinks with a
+    twentieth less pressure."""
     mesh, k = octahedron(0.1), 40.0
     v0, springs = signed_volume(mesh), 12 * k * 2.0 * 0.1**2
     pressure = springs * (stretch - 1.0) / (3.0 * v0 * stretch**2)
@@ -141,7 +141,7 @@ def test_a_balloon_of_springs_is_in_balance_on_its_pressure_curve(stretch: float
 
 
 def test_a_given_pressure_follows_its_keyframes_within_a_frame(device: str):
-    """The last of a frame's four substeps begins after three quarters of it."""
+    """Keyframes of the pressure are interpolated within a frame: the last of four substeps begins at three quarters."""
     given = Inflation(kind="pressure", pressure=[(0.0, 20.0), (0.2, 100.0)])
     balloon = Balloon(mesh=cube(), inflation=given, fixed=list(range(8)))
     simulator = Simulator(Scene(balloon=[balloon], frames_per_second=10, substeps=4), device)
@@ -150,7 +150,7 @@ def test_a_given_pressure_follows_its_keyframes_within_a_frame(device: str):
 
 
 def test_the_pressure_curve_peaks_at_twice_the_size(device: str):
-    """At sum(k L0^2) / (12 V0): found by pumping past it in a second."""
+    """The pressure peaks at sum(k L0^2) / (12 V0), found by pumping past it in a second."""
     mesh, k = octahedron(0.1), 40.0
     v0, springs = signed_volume(mesh), 12 * k * 2.0 * 0.1**2
     rubber = Stiffness(structural=k, shear=0.0, flexion=0.0)
@@ -167,7 +167,7 @@ def test_the_pressure_curve_peaks_at_twice_the_size(device: str):
 
 
 def test_the_step_is_the_springs_and_yet_the_gas_is_stable(device: str):
-    """A 3 g, 28 cm balloon breathes at 2.5 kHz, so that an explicit step would have to be below 1.3e-4 s."""
+    """The implicit gas is stable at the springs' step, though a 3 g, 28 cm balloon breathes at 2.5 kHz."""
     soft = Stiffness(structural=5.0, shear=2.0, flexion=1.0)
     balloon = gas_balloon(quad_sphere(4, 0.14), {"start_pressure": 200.0}, stiffness=soft, mass=0.003)
     simulator = Simulator(Scene(balloon=[balloon], gravity=0.0), device)
@@ -181,7 +181,7 @@ def test_the_step_is_the_springs_and_yet_the_gas_is_stable(device: str):
 def _find_load(
     swelling: wp.array[Swelling], free_volume: float, gamma: float, step_seconds: float, load: wp.array[wp.vec4]
 ):
-    """Of a mole of helium in the air of a room."""
+    """Store the load of a mole of helium in the air of a room."""
     place = wp.tid()
     load[place] = gas_load(
         swelling[place],
@@ -201,7 +201,7 @@ def _find_load(
 
 @pytest.mark.parametrize("gamma", [1.0, 1.4])
 def test_the_pressure_is_that_of_the_volume_at_the_end_of_the_step(gamma: float, device: str):
-    """To first order in the volume, with what the rise of the pressure with height adds to it."""
+    """The pressure is implicit: that at the end of the step, to first order, with its rise with height."""
     step, free_volume = 5e-4, 0.024
     volume, response, rate, height, response_height = swelling = (0.02, 30.0 * step, 0.3, 2.0, 75.0 * step)
     load = wp.zeros(1, dtype=wp.vec4, device=device)
@@ -220,7 +220,7 @@ def test_the_pressure_is_that_of_the_volume_at_the_end_of_the_step(gamma: float,
 
 
 def test_breathing_converges_to_the_gas_law(device: str):
-    """A round balloon under too much pressure: 1/2 sum m r'^2 grows by p dV, at first order in the step."""
+    """Kinetic energy of a round balloon, 1/2 sum m r'^2, grows by p dV, at first order in the step."""
     mesh, mass, start = octahedron(0.1), 0.01, 3000.0
     v0 = signed_volume(mesh)
 
@@ -246,7 +246,7 @@ def test_breathing_converges_to_the_gas_law(device: str):
 
 
 def test_a_balloon_of_many_particles_swells_as_the_sum_of_its_parts(device: str):
-    """`gather` sums more than 2,048 particles in parts, `block` does not: another order, and so another rounding."""
+    """Sums of more than 2,048 particles agree to rounding: `gather` makes them in parts, `block` does not."""
     sealed = Balloon(mesh=quad_sphere(20, 0.5), inflation={"kind": "gas", "start_pressure": 200.0})
     found = []
     for schedule in ("gather", "block"):
@@ -258,7 +258,7 @@ def test_a_balloon_of_many_particles_swells_as_the_sum_of_its_parts(device: str)
 
 
 def test_a_pump_that_is_switched_on_later_pumps(schedule, device: str):
-    """Kernels leave out what no balloon does: here the schedule is made anew. Doubles add up to their rounding."""
+    """A pump switched on later pumps: kernels leave out unused features, so the schedule is rebuilt."""
     sealed = Balloon(mesh=quad_sphere(3, 0.5), inflation={"kind": "gas", "start_pressure": 200.0})
     simulator = Simulator(Scene(balloon=[sealed]), device, schedule=schedule)
     simulator.step()
@@ -270,8 +270,8 @@ def test_a_pump_that_is_switched_on_later_pumps(schedule, device: str):
 
 
 def test_a_solid_that_is_far_away_changes_no_bit(schedule, device: str):
-    """Nor one that appears later: what is played on the page replays. The rate of swelling, which looks for solids,
-    must not add the old pressure and take it away again, which leaves its rounding."""
+    """A distant solid, present or yet to appear, leaves the gas bit-identical, so that a recording of the page replays.
+    The rate of swelling, which looks for solids, must not add and subtract the old pressure: that would round it."""
     ball = Balloon(mesh=jittered(torus(6, 5), 0.02), inflation=Inflation(kind="gas", start_pressure=300.0))
     alone = Scene(balloon=[ball], gravity=0.0, substeps=8)
     beside = alone.model_copy(update={"sphere": [Sphere(position=(0.0, 90.0, 0.0), radius=5.0)]})

@@ -1,5 +1,5 @@
-"""Gas that no heat goes into or out of, and gas that stays as warm as the air, against thermodynamics: when the air
-changes, when it is pumped, let out, and goes through a tube."""
+"""Adiabatic and isothermal gas against thermodynamics: when the air changes, when gas is pumped, let out, and goes
+through a tube."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ AT_ONCE = 1 / 60
 
 
 def in_balloon(gamma: float, changed: dict[str, float]) -> Simulator:
-    """A soft balloon, strongly damped, around which the air changes after a frame."""
+    """Return a soft balloon, strongly damped, around which the air changes after a frame."""
     rubber = Stiffness(structural=20.0, shear=10.0, flexion=5.0)
     gas = {"gamma": gamma, "start_pressure": 300.0}
     balloon = gas_balloon(quad_sphere(3, 0.2), gas, stiffness=rubber, mass=0.05, damping=2.0)
@@ -33,13 +33,13 @@ def in_balloon(gamma: float, changed: dict[str, float]) -> Simulator:
 
 
 def tank(volume: float, gas: dict) -> Balloon:
-    """A balloon that does not give way."""
+    """Return a rigid tank."""
     return gas_balloon(with_volume(cube(), volume), {"gamma": GAMMA, **gas}, fixed=list(range(8)))
 
 
 @pytest.mark.parametrize("gamma", [1.2, 1.4])
 def test_p_v_gamma_stays_when_the_air_s_pressure_falls(gamma: float):
-    """By a tenth: the gas expands along its adiabat, as much as it would in reality. It gained 0.9^(1 - gamma) - 1."""
+    """Gas expands along its adiabat when the air's pressure falls by a tenth, where p V^gamma once grew."""
     simulator = in_balloon(gamma, {"atmosphere.pressure": 0.9 * AIR_PRESSURE})
     before = simulator.read_frame()
     after = advanced(simulator, 90)
@@ -60,7 +60,7 @@ def test_p_v_stays_when_the_air_s_pressure_falls_and_heat_passes():
 
 @pytest.mark.parametrize(("gamma", "warmth"), [(1.0, 1.1), (1.4, 1.0)])
 def test_the_air_s_warmth_reaches_only_gas_that_heat_passes_to(gamma: float, warmth: float):
-    """A tenth warmer: p V = n R T of the air with gamma = 1; otherwise nothing happens, where p V grew by T^gamma."""
+    """Air a tenth warmer expands isothermal gas by p V = n R T and leaves adiabatic gas alone."""
     simulator = in_balloon(gamma, {"atmosphere.temperature": 1.1 * TEMPERATURE})
     amount = simulator.read_frame().gas_amounts[0]
     frame = advanced(simulator, 90)
@@ -75,8 +75,8 @@ def test_the_air_s_warmth_reaches_only_gas_that_heat_passes_to(gamma: float, war
 
 
 def test_a_tank_that_is_filled_gains_gamma_r_t_with_each_mole(device: str):
-    """V dp = gamma R T dn: the gas comes in as warm as the air, with its enthalpy, and is pressed. Then it is let out,
-    and what stays expands by itself: p / n^gamma stays."""
+    """A tank that is filled gains V dp = gamma R T dn: the gas brings its enthalpy at the air's temperature. A tank
+    that empties expands adiabatically: p / n^gamma is constant."""
     pump = [(0.0, 4.0), (0.2, 4.0), (0.3, -4.0)]
     scene = Scene(balloon=[tank(0.02, {"pump": pump})], frames_per_second=10, substeps=200)
     simulator = Simulator(scene, device)
@@ -95,8 +95,8 @@ def test_a_tank_that_is_filled_gains_gamma_r_t_with_each_mole(device: str):
 
 
 def test_a_tank_that_fills_another_keeps_the_energy(device: str, schedule: str):
-    """p V / (gamma - 1) of both: no heat, no work. The one that fills expands by itself, so that n / n' is
-    (p / p')^(1 / gamma): it cools, and the other is warmer than both were."""
+    """Two tanks conserve energy, p V / (gamma - 1) of both: no heat, no work. The filling one expands adiabatically, n
+    / n' = (p / p')^(1 / gamma): it cools, and the other ends warmer than both were."""
     volumes = np.array([0.02, 0.05])
     tanks = [tank(0.02, {"start_pressure": 20000.0}), tank(0.05, {})]
     tube = Tube(balloons=(0, 1), conductance=1e-4)

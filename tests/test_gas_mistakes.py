@@ -29,7 +29,7 @@ def test_a_mesh_that_cannot_hold_gas_is_refused(mesh: PolygonMesh, complaint: st
 
 
 def test_a_surface_with_one_side_is_refused():
-    """Klein's bottle as n by n quads: closed, with every edge on two faces."""
+    """A Klein bottle of n by n quads is refused: closed, with every edge on two faces, but of one side."""
     n = 5
 
     def corner(i: int, j: int) -> int:

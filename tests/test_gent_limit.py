@@ -1,4 +1,4 @@
-"""Gent rubber near the stretch that it cannot pass, and where it is pumped beyond it."""
+"""Gent rubber near its limiting stretch, and pumped beyond it."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -31,7 +31,7 @@ def energy(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def ball(**material) -> Scene:
-    """Filled in 0.5 s."""
+    """Return a scene of a ball filled in 0.5 s."""
     made_of = Material(kind="gent", shear_modulus=MU, gent_limit=LIMIT, thickness=THICKNESS, **material)
     gas = Inflation(kind="gas", molar_mass=0.0, added_mass=0.0, moles=1e-3, fill_time=0.5)
     return Scene(balloon=[Balloon(mesh=MESH, damping=0.5, material=made_of, inflation=gas)], gravity=0.0, frames=45)
@@ -42,13 +42,13 @@ PARTS = (0.7, 0.9, 0.94, 0.955, 1.1, 1.3)
 
 
 def moles(parts: tuple[float, ...]) -> np.ndarray:
-    """To fill a ball to parts of its limit, at a pressure of 5 kPa, beside what is in it at the start."""
+    """Return the amounts that fill a ball to parts of its limit at 5 kPa, beside its gas at the start."""
     rest = signed_volume(MESH)
     return (AIR + 5000.0) / MOLAR * rest * (np.array(parts) * LOCK) ** 3 - AIR / MOLAR * rest
 
 
 def filled(schedule: str, **material) -> tuple[Simulator, np.ndarray, np.ndarray]:
-    """The simulator with a world for each of `PARTS`, their stretches and pressures [Pa]."""
+    """Return the simulator with a world for each of `PARTS`, their stretches and pressures [Pa]."""
     vary = {"balloon.inflation.moles": moles(PARTS)}
     simulator = Simulator(ball(**material), "cpu", len(PARTS), vary, schedule)
     for _ in range(45):
@@ -60,8 +60,8 @@ def filled(schedule: str, **material) -> tuple[Simulator, np.ndarray, np.ndarray
 
 @pytest.mark.parametrize("schedule", ["scatter", "octets"])
 def test_the_pressure_is_gents_up_to_nearly_the_limit_and_rises_on(schedule: str):
-    """Within 0.5%, since a ball of 98 particles hangs a little loose between its corners. Beyond the limit it rises
-    steeply, stays finite, and is told."""
+    """The pressure follows Gent's law within 0.5%, as a ball of 98 particles is a little slack between its corners.
+    Beyond the limit it rises steeply, stays finite, and gives a warning."""
     simulator, stretches, pressures = filled(schedule)
     near = stretches < 0.96 * LOCK
     assert near.tolist() == [True] * 4 + [False] * 2
@@ -78,7 +78,7 @@ def test_the_pressure_is_gents_up_to_nearly_the_limit_and_rises_on(schedule: str
 
 
 def test_a_smaller_most_stretch_takes_longer_steps_and_is_told():
-    """The law ends there; so do the short steps."""
+    """A smaller `most_stretch` truncates the law earlier, so that steps are longer, with a warning."""
     short, _, _ = filled("octets")
     long, stretches, pressures = filled("octets", most_stretch=0.85 * LOCK)
     assert long.model.substeps < 0.4 * short.model.substeps
@@ -89,7 +89,7 @@ def test_a_smaller_most_stretch_takes_longer_steps_and_is_told():
 
 @pytest.mark.parametrize("most", [2.0, 0.9 * LOCK, 0.96 * LOCK, 0.99 * LOCK])
 def test_beyond_the_most_stretch_the_tension_goes_on_as_it_is_there(most: float):
-    """No jump and no kink, no fall, and no stretch at which it rises faster, for which the step would be too long."""
+    """Tension beyond `most_stretch` continues without a jump, kink or fall, and never rises faster."""
     told = numbers_of(plan_model(ball(most_stretch=most)).parameters, 0)
     law = MEMBRANES["gent"]
 

@@ -49,7 +49,7 @@ def test_morph_targets_are_the_frames(written: Path, tmp_path: Path):
 
 
 def test_trimesh_reads_the_glb(written: Path, tmp_path: Path):
-    """At rest it is the first frame, without ground and water; what appears later is as small as nothing."""
+    """Trimesh reads the first frame without ground and water; objects that appear later have negligible size."""
     export_stage(written, tmp_path / "out.glb")
     found = trimesh.load(tmp_path / "out.glb", merge_primitives=True)
     assert isinstance(found, trimesh.Scene)

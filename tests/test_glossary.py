@@ -1,4 +1,4 @@
-"""docs/GLOSSARY.md: each word is one of the code, in the file that is said to be its home."""
+"""Terms of docs/GLOSSARY.md: each is in the code, in the file named as its home."""
 
 import re
 from pathlib import Path

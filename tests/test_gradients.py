@@ -1,4 +1,4 @@
-"""Gradients against differences of a run in double precision, and what they must keep."""
+"""Gradients against differences of a run in double precision, and their conserved quantities."""
 
 from typing import Any
 
@@ -18,13 +18,13 @@ DOT = 1e-5
 
 @pytest.fixture(params=["block", "launched"])
 def way(request: pytest.FixtureRequest) -> str:
-    """How frames run backwards."""
+    """Return the schedule of the backward pass."""
     return request.param
 
 
 @pytest.mark.parametrize(("case", "way"), [(case, way) for case in CASES for way in ways_of(case)])
 def test_gradients_are_the_slopes_of_a_run_in_double_precision(case: str, way: str, device: str):
-    """To 2e-4: states are float32, and forces cancel. Springs at rest pull nothing in a single substep."""
+    """Gradients agree to 2e-4: states are float32, and forces cancel. Springs at rest have none in a single substep."""
     of, paths = CASES[case]
     found = bw.gradient(of, of=paths, loss=far, device=device, schedule=way)
     assert found.loss[0] == pytest.approx(told_loss(case), rel=1e-5)
@@ -50,7 +50,7 @@ forces. The jet is strong beside the springs"""
 
 @pytest.mark.parametrize(("case", "way"), [(case, way) for case in SHIFTED for way in ways_of(case)])
 def test_what_a_shift_of_the_start_does_to_the_end_is_what_the_end_says_of_the_start(case: str, way: str, device: str):
-    """u . (J w), by differences of the run in double precision, is (u J) . w, of all places and velocities."""
+    """The adjoint identity u . (J w) = (u J) . w holds for all places and velocities, with J w by differences."""
     of, rng = SHIFTED[case], np.random.default_rng(11)
     weights, shifts = ([rng.normal(size=(N, 3)), scale * rng.normal(size=(N, 3))] for scale in (0.05, 1.0))
 
@@ -77,7 +77,7 @@ def center(moved: Trajectories) -> tuple[Any, dict[str, Any]]:
 
 
 def test_the_center_of_what_flies_goes_on_as_it_began():
-    """Forces within a balloon have no sum: whatever they are, only damping slows its center."""
+    """Internal forces do not move the center of a free balloon: only damping slows it."""
     of = ["balloon.velocity.0", "balloon.position.0"]
     found = bw.gradient(CASES["frames"][0], of=of, loss=center, device="cpu").gradients
     step, kept = 1.0 / 60.0 / 32.0, 1.0 - 0.05 / 0.05 / 60.0 / 32.0
@@ -132,7 +132,7 @@ def test_frames_are_those_without_gradients(way: str, device: str):
 
 @wp.func
 def blow(velocity: wp.vec3, mass_share: float, blowing: float):
-    """A law of one's own: against the square of the speed."""
+    """Return the force of a user's law: against the square of the speed."""
     return (-blowing * mass_share * wp.length(velocity)) * velocity
 
 
@@ -140,7 +140,7 @@ OWN = bw.Law("particle", blow, (bw.Parameter("blowing", "N s^2/m^2", default=0.2
 
 
 def float32_slope(of: bw.Scene, path: str, value: float, laws: tuple = ()) -> float:
-    """Difference of two float32 runs, of each coordinate by itself."""
+    """Return the difference of two float32 runs, of each coordinate by itself."""
     h = 0.02 * value
     moved = bw.simulate(
         of, world_count=3, vary={path: [value - h, value, value + h]}, device="cpu", schedule="gather", laws=laws
@@ -155,10 +155,9 @@ def float32_slope(of: bw.Scene, path: str, value: float, laws: tuple = ()) -> fl
 
 
 def test_laws_that_the_run_in_double_precision_does_not_know():
-    """To 1%, which is what rounding leaves of these differences: viscosity, drag, strings, and a law of one's own.
+    """Gradients by viscosity, drag, strings and a user's law agree to 1%, the rounding error of float32 differences.
 
-    And a mesh that moves and turns below.
-    """
+    A mesh moves and turns below the balloon."""
     below = {"mesh": trimesh.creation.box((2.0, 0.5, 2.0)), "position": (0.0, -0.335, 0.0), "friction": 0.2}
     below["motion"] = [(0.0, (0.0, 0.0, 0.0)), (1.0, (0.0, 0.5, 1.0), (20.0, 0.0, 0.0))]
     springs = {"structural": 100.0, "viscosity": 0.003}

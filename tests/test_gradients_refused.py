@@ -70,7 +70,7 @@ WAYS = {
 
 @pytest.mark.parametrize("way", WAYS)
 def test_a_way_backwards_that_cannot_be_is_refused(way: str):
-    """Two balloons that are apart go by launches alone."""
+    """A backward pass in blocks is refused for two separate balloons, which only launches simulate."""
     pair = [*scene().balloon, *scene(position=(4.0, 1.0, 0.0)).balloon]
     of = scene().model_copy(update={"balloon": pair, "touch": False})
     with pytest.raises(bw.InputError, match=re.escape(WAYS[way])):
@@ -81,7 +81,7 @@ def test_a_way_backwards_that_cannot_be_is_refused(way: str):
 
 
 def test_what_has_no_effect_is_refused():
-    """Far above the ground."""
+    """A parameter without effect is refused: the balloon is far above the ground."""
     with pytest.raises(bw.InputError, match=r"ground\.height: no path leads from it to the loss"):
         bw.gradient(scene(ground=True, position=(0.0, 9.0, 0.0)), of=CASES["ground"][1], loss=far, device="cpu")
 
@@ -92,7 +92,7 @@ def test_a_loss_without_slopes_has_gradients_of_zero():
 
 
 def test_frames_that_do_not_fit_are_refused_before_any_is_simulated(monkeypatch: pytest.MonkeyPatch):
-    """26 particles take 72 bytes each."""
+    """Frames that exceed the memory are refused before any is simulated: 26 particles take 72 bytes each."""
     monkeypatch.setattr("balloon_warp.gradients.refusals.usable_memory", lambda device: 26 * 72 * 2000)
     asked = []
     with pytest.raises(bw.InputError, match="enough for 1000 frames, or 0 worlds"):
@@ -101,7 +101,7 @@ def test_frames_that_do_not_fit_are_refused_before_any_is_simulated(monkeypatch:
 
 
 def test_a_device_keeps_little_of_each_frame():
-    """Places and velocities stay with the trajectories."""
+    """Memory of each frame on the device is small: places and velocities stay with the trajectories."""
     model = build_model(scene(), "cpu")
     few, many = (bytes_backwards(model, (), frames) for frames in (10, 10_010))
     assert many - few < 10_000 * model.particle_count * 4
@@ -133,7 +133,7 @@ def warm_up(features: Features, look: Look) -> Any:
 
 
 def test_a_phase_that_keeps_values_is_refused_by_its_name():
-    """Its derivatives would have to be kept, too."""
+    """A phase with state has no adjoint and is refused by name."""
     features = model_features(build_model(scene(), "cpu"))
     with pytest.raises(NoAdjointError, match="`warm_up`, which keeps values"):
         traces_of(cut((warm_up,), features, GATHERED))

@@ -1,4 +1,4 @@
-"""Gradients of spheres: where they fly themselves, and what of them is refused."""
+"""Gradients of free-flying spheres, and refusals."""
 
 from typing import Any
 
@@ -13,13 +13,13 @@ BESIDE, PATHS = CASES["gas beside spheres"]
 
 
 def with_spheres(*changed: dict[str, Any]) -> bw.Scene:
-    """The scene of the case, whose kernels it shares, with other values of its two spheres."""
+    """Return the scene of the case, whose kernels it shares, with other values of its two spheres."""
     spheres = [bw.Sphere(**{**told, **more}) for told, more in zip(PRESSED, changed, strict=True)]
     return BESIDE.model_copy(update={"sphere": spheres})
 
 
 def far_and_high(moved: Trajectories) -> tuple[Any, dict[str, Any]]:
-    """How far the ball ends, how high the first sphere is then, and how fast it rises."""
+    """Return a loss of the ball's final distance and the first sphere's final height and velocity, with derivatives."""
     loss, by_ball = far(moved)
     slopes = {name: np.zeros(getattr(moved, name).shape) for name in ("sphere_positions", "sphere_velocities")}
     for name in slopes:
@@ -28,7 +28,7 @@ def far_and_high(moved: Trajectories) -> tuple[Any, dict[str, Any]]:
 
 
 def test_a_sphere_that_flies_alone_goes_on_as_it_began():
-    """The other one presses the ball, and so has all other values matter."""
+    """A free sphere continues at its velocity; the other one presses the ball, so that all other values matter."""
     of = with_spheres({"position": (0.0, 9.0, 0.0)}, {})
     paths = [*(path for path in PATHS if "sphere.0" not in path), "sphere.0.velocity.1", "sphere.0.position.1"]
     found = bw.gradient(of, of=paths, loss=far_and_high).gradients

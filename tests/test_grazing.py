@@ -1,4 +1,4 @@
-"""Nothing passes a wall, at any speed, angle and thickness: each particle of a mesh without springs is by itself."""
+"""Tunneling: nothing passes a wall, at any speed, angle and thickness. Free particles are independent."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ SPEEDS = [(2.0, 10.0), (0.05, 30.0), (5.0, 5.0), (10.0, 60.0), (60.0, 3.0), (400
 
 
 def crowd(at: tuple, velocity: tuple, size: float = 0.2) -> Balloon:
-    """36 free particles of a square across x, without springs or pressure."""
+    """Return 36 free particles of a square across x, without springs or pressure."""
     flat = grid(5, 5)
     places = flat.points - flat.points.mean(axis=0)
     thin = int(np.argmin(np.ptp(places, axis=0)))
@@ -34,14 +34,14 @@ def crowd(at: tuple, velocity: tuple, size: float = 0.2) -> Balloon:
 
 
 def screen() -> PolygonMesh:
-    """An open sheet across x, of 16 quads."""
+    """Return an open sheet across x, of 16 quads."""
     steps = np.linspace(-HALF, HALF, 5)
     faces = [[5 * i + j, 5 * i + j + 1, 5 * i + j + 6, 5 * i + j + 5] for i in range(4) for j in range(4)]
     return mesh_of([(0.0, y, z) for y in steps for z in steps], faces)
 
 
 def plate(half: float) -> PolygonMesh:
-    """A closed box across x, which is much thinner than its edges are long."""
+    """Return a closed box across x, much thinner than its edges are long."""
     corners = [(x, y, z) for x in (-half, half) for y in (-HALF, HALF) for z in (-HALF, HALF)]
     faces = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
     return mesh_of(corners, faces)
@@ -56,7 +56,7 @@ WALLS = {
 
 
 def expected_end(begin: float, gap: float, into: float, along: float, friction: float, seconds: float) -> float:
-    """Of what flies up to a wall, and slides on with what friction leaves of its speed."""
+    """Return the final place of a particle that flies up to a wall and slides on, slowed by friction."""
     flown = min(gap / into, seconds)
     return begin + flown * along + (seconds - flown) * max(along - friction * into, 0.0)
 
@@ -64,7 +64,7 @@ def expected_end(begin: float, gap: float, into: float, along: float, friction: 
 @pytest.mark.parametrize("kind", WALLS)
 @pytest.mark.parametrize("friction", [0.0, 0.5])
 def test_no_particle_passes_a_wall_at_any_angle(kind: str, friction: float, schedule: str, device: str):
-    """It slides on from where it comes in, as Coulomb's law slows it: within 2 mm."""
+    """Particles stop at the wall and slide on by Coulomb's law: within 2 mm."""
     half, gap, frames = 5e-4, 0.05, 6
     for into, along in SPEEDS[1:] if kind == "mesh" else SPEEDS:
         wall = Obstacle(**WALLS[kind](half), friction=friction)
@@ -89,7 +89,7 @@ def test_no_particle_passes_a_wall_at_any_angle(kind: str, friction: float, sche
 @pytest.mark.parametrize("kind", WALLS)
 @pytest.mark.parametrize("half", [2.5e-4, 1.5e-3, 0.025])
 def test_walls_of_any_thickness_hold(kind: str, half: float, device: str):
-    """At any angle, where the way ends behind a wall or within it; also what starts in contact."""
+    """Walls of any thickness hold at any angle, where the path ends behind or within, and from contact."""
     for gap in (1e-6, 0.05):
         for into, along in [*SPEEDS, (1.0, 8.0), (0.2, 60.0)]:
             begin = crowd((-half - gap, -1.0, 0.0), (into, along, 0.5))
@@ -103,7 +103,7 @@ def test_walls_of_any_thickness_hold(kind: str, half: float, device: str):
 
 @pytest.mark.parametrize("kind", WALLS)
 def test_what_slides_along_a_wall_or_leaves_it_is_not_held(kind: str, device: str):
-    """For two seconds along a wall at 0.7 m/s, and away from it at a tenth of a degree, at 30 m/s."""
+    """Particles slide along a wall at 0.7 m/s for two seconds, or leave it at a tenth of a degree at 30 m/s."""
     half = 5e-4
     wall = Obstacle(**WALLS[kind](half), friction=0.0)
     beside = crowd((-half - 1e-6, -0.7, 0.0), (0.0, 0.7, 0.0))
@@ -118,7 +118,7 @@ def test_what_slides_along_a_wall_or_leaves_it_is_not_held(kind: str, device: st
 @pytest.mark.parametrize("kind", ["box", "sheet", "mesh"])
 @pytest.mark.parametrize("radius", [0.005, 0.1])
 def test_no_sphere_passes_a_wall_at_any_angle(kind: str, radius: float, device: str):
-    """It goes on along the wall, without friction at its speed."""
+    """Spheres slide on along the wall, at their speed without friction."""
     half = 5e-4
     for into, along in SPEEDS:
         wall = Obstacle(**WALLS[kind](half), friction=0.0, restitution=0.0)
@@ -140,7 +140,7 @@ def test_no_sphere_passes_a_wall_at_any_angle(kind: str, radius: float, device: 
 
 @pytest.mark.parametrize("body", ["box", "sheet"])
 def test_no_particle_passes_a_free_body_at_any_angle(body: str, device: str):
-    """Of 100 kg, which hardly moves; momentum is kept."""
+    """Particles do not tunnel through a body of 100 kg, which hardly moves."""
     half = 5e-4
     for into, along in SPEEDS:
         begin = crowd((-half - 0.05, -0.3, 0.0), (into, along, 0.0))
@@ -156,7 +156,7 @@ def test_no_particle_passes_a_free_body_at_any_angle(body: str, device: str):
 @pytest.mark.parametrize("speed", [20.0, 150.0, 400.0])
 @pytest.mark.parametrize("kind", ["box", "sheet"])
 def test_a_wall_that_moves_takes_along_what_it_meets(kind: str, speed: float, schedule: str, device: str):
-    """At 400 m/s it goes 6.7 m in a step, over particles that rest or fly along it."""
+    """A moving wall sweeps up particles that rest or fly along it: at 400 m/s it goes 6.7 m in a step."""
     half = 5e-4
     wall = Obstacle(**WALLS[kind](half), friction=0.0, motion=[(0.0, (0, 0, 0)), (1.0, (-speed, 0, 0))])
     for along in (0.0, 10.0):
@@ -189,9 +189,9 @@ CORNERS = {
 @pytest.mark.parametrize("kind", CORNERS)
 @pytest.mark.parametrize("swapped", [False, True])
 def test_what_slides_on_stops_at_the_next_wall(kind: str, swapped: bool, device: str):
-    """It comes down to the floor and slides into the wall, in one step: it goes on along the corner alone.
+    """A particle that hits the floor and slides into the wall in one step continues along the corner alone.
 
-    Faces between particles that nothing holds together are none: they would be stretched over meters in a step."""
+    Contact with faces is off: free particles would stretch these over meters in a step."""
     obstacles = CORNERS[kind][::-1] if swapped else CORNERS[kind]
     for velocity in ((60.0, -20.0, 0.0), (300.0, -10.0, 5.0), (90.0, -100.0, 2.0)):
         begin = crowd((-0.4, 0.3, 0.0), velocity)
@@ -212,7 +212,7 @@ def test_what_slides_on_stops_at_the_next_wall(kind: str, swapped: bool, device:
 @pytest.mark.parametrize("degrees", [90.0, 40.0])
 @pytest.mark.parametrize("kind", ["boxes", "mesh"])
 def test_a_wedge_holds_and_lets_go_along_its_crease(degrees: float, kind: str, device: str):
-    """Two thin walls meet in a wedge: what flies into it stays within, and keeps its speed along the crease."""
+    """Two thin walls in a wedge contain what flies into it, which keeps its speed along the crease."""
     half = np.radians(0.5 * degrees)
     deep, high = 2.0 * np.cos(half), 2.0 * np.sin(half)
     if kind == "boxes":
@@ -242,8 +242,8 @@ def test_a_wedge_holds_and_lets_go_along_its_crease(degrees: float, kind: str, d
 
 @pytest.mark.parametrize("radius", [0.005, 0.1])
 def test_what_flies_past_a_post_is_stopped_where_it_cuts_it(radius: float, device: str):
-    """By a chord of a capsule whose ends are almost beside it, as seen from there: it goes on along the plane where it
-    comes in, 40 degrees from the middle."""
+    """A particle that cuts a chord of a capsule, with both ends almost outside, is stopped at its entry, 40 degrees
+    from the middle, and slides along the plane there."""
     post = Obstacle(radius=radius, length=2.0, friction=0.0)
     speed = 1.32 * radius / FRAME
     begin = crowd((-2.0, 0.0, 0.0), (speed, 0.0, 0.0), 0.01)
@@ -264,8 +264,8 @@ def test_what_flies_past_a_post_is_stopped_where_it_cuts_it(radius: float, devic
 @pytest.mark.parametrize("friction", [0.0, 0.2])
 @pytest.mark.parametrize("degrees", [0.0, 17.0])
 def test_flush_boxes_are_one_floor(degrees: float, friction: float, device: str):
-    """What slides over their seams is slowed by friction alone; without gravity, exactly along their tops, by
-    nothing."""
+    """Seams of flush boxes do not disturb sliding: friction alone slows it; without gravity, exactly along the tops,
+    nothing does."""
     boxes = [
         Obstacle(size=(0.3, 0.1, 0.3), position=(0.3 * i, -0.05, 0.3 * j), friction=friction)
         for i in range(-1, 8)

@@ -1,4 +1,4 @@
-"""The page among strangers: who may talk to it, and what it gives them."""
+"""Page among strangers: access control, and its answers."""
 
 import contextlib
 import signal
@@ -47,7 +47,7 @@ def test_the_page_may_talk_to_itself(page: Page):
 
 @pytest.mark.parametrize("path", ["/", "/socket"])
 def test_a_name_that_points_here_is_not_this_machine(page: Page, path: str):
-    """DNS rebinding: the site evil.example lets its own name point to 127.0.0.1, so that Origin and Host agree."""
+    """DNS rebinding is refused: evil.example lets its own name point to 127.0.0.1, so that Origin and Host agree."""
     authority = f"evil.example:{page.server.get_port()}"
     assert talks(page, authority, f"http://{authority}").startswith("HTTP/1.1 403")
     assert ask(page, "/", f"Host: {authority}").startswith("HTTP/1.1 403")
@@ -134,7 +134,7 @@ def test_a_page_is_guarded_or_not_there():
     ("host", "heard_at"), [(None, "127.0.0.1"), ("localhost", "127.0.0.1"), ("0.0.0.0", "0.0.0.0")]
 )
 def test_a_page_for_others_warns_and_no_stranger_fills_the_terminal(host: str | None, heard_at: str, tmp_path: Path):
-    """It listens on this machine alone unless asked, and says in one sentence what it means that it does not."""
+    """The page listens on this machine alone unless asked, and warns in one sentence where it does not."""
     psutil = pytest.importorskip("psutil")
     write_obj(tmp_path / "ball.obj", quad_sphere(3))
     port = free_port("127.0.0.1", 0)

@@ -1,4 +1,4 @@
-"""Handles of a remeshed surface: those of the source, or a sentence says why not."""
+"""Handles of a remeshed surface: those of the source, or a sentence gives the reason."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ from balloon_warp.mesh.surface_nets import surface_nets
 
 
 def statue(hole: float, handle: float = 0.08) -> PolygonMesh:
-    """A flat body with a hole of that radius through it, and a round handle on its side: genus 2."""
+    """Return a flat body with a hole of that radius through it, and a round handle on its side: genus 2."""
 
     def distance(points: NDArray[np.float64]) -> NDArray[np.float64]:
         x, y, z = points.T
@@ -30,7 +30,7 @@ def statue(hole: float, handle: float = 0.08) -> PolygonMesh:
 
 @pytest.fixture(scope="module")
 def narrow() -> PolygonMesh:
-    """A statue whose hole takes some 30 cells."""
+    """Return a statue whose hole takes some 30 cells."""
     return statue(0.05)
 
 
@@ -58,7 +58,7 @@ def test_a_number_that_one_has_to_ask_for_is_named(narrow: PolygonMesh, monkeypa
 def test_a_hole_that_no_cells_keep_is_closed_and_that_is_said(
     narrow: PolygonMesh, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As those are that a scan has where its surface came too near to itself."""
+    """Spurious handles are closed and reported, as a scan has them where its surface came too near to itself."""
     monkeypatch.setattr("balloon_warp.mesh.remesh.MAX_CELLS", 24)
     made = remesh(narrow, 16)
     assert_closed_quads(made, holes_through=1)
@@ -75,7 +75,7 @@ def test_handles_are_counted_as_surface_nets_have_them(narrow: PolygonMesh, cell
 
 
 def test_where_parts_cross_handles_say_nothing(narrow: PolygonMesh) -> None:
-    """A ball that sits in the hole, as one part with the statue or with another."""
+    """Handles are not counted where parts cross: a ball in the hole, as one part with the statue or with another."""
     wide = statue(0.25)
     assert handles_lost(wide, narrow) == 0
     ball = surface_nets(lambda p: np.linalg.norm(p + [0.3, 0.0, 0.0], axis=1) - 0.28, [-0.6] * 3, [0.6] * 3, 0.05)

@@ -1,4 +1,4 @@
-"""Latex under gravity: what hangs by its neck is designed to become the shape while it hangs."""
+"""Latex under gravity: a balloon that hangs by its neck is designed for its shape while it hangs."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -34,7 +34,7 @@ def egg() -> PolygonMesh:
 
 
 def hung_scene(mesh: PolygonMesh) -> bw.Scene:
-    """A latex balloon of air that hangs by its neck, swings little and comes to rest."""
+    """Return a latex balloon of air that hangs by its neck, swings little and comes to rest."""
     inflation = bw.Inflation(start_pressure=150.0, added_mass=0.0, molar_mass=0.0289652)
     material = bw.Material(preset="latex", thickness=2e-4)
     balloon = bw.Balloon(mesh=mesh, material=material, inflation=inflation, damping=10.0, fixed=TOP.tolist())
@@ -42,7 +42,7 @@ def hung_scene(mesh: PolygonMesh) -> bw.Scene:
 
 
 def test_statics_bear_the_weight_that_is_simulated():
-    """At rest all forces on what is free cancel, of the host's, too; without the weight they are far from it."""
+    """Statics and simulation agree: at rest the host's forces cancel with the weight, and not without."""
     mesh = replace(egg(), points=1.2 * egg().points)
     simulator = bw.Simulator(hung_scene(mesh), "cpu")
     points = simulator.relax(2e-4).points[0].astype(float)
@@ -63,7 +63,7 @@ def test_statics_bear_the_weight_that_is_simulated():
 
 
 def test_the_weight_changes_with_the_mould_as_told():
-    """By central differences; all of it together is that of the film's area."""
+    """The derivative of the weight by the mould agrees with central differences, and its total with the film's area."""
     scene = hung_scene(egg())
     simulator = bw.Simulator(scene, "cpu")
     rows = {name: values.numpy() for name, values in simulator.model.parameters.items()}
@@ -79,7 +79,7 @@ def test_the_weight_changes_with_the_mould_as_told():
 
 
 def test_what_hangs_becomes_the_shape_under_its_gravity(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """From rest, where it is held; without gravity the same balloon is another shape."""
+    """A balloon designed under gravity reaches its shape from rest; without gravity it has another."""
     monkeypatch.setattr(picture, "SIZE", (96, 84))
     design = bw.design(egg(), of="latex", stretch=1.3, size=SIZE, gravity=9.81, steps=8, folder=tmp_path, device="cpu")
     ruler = Ruler(held_target_of(egg(), SIZE, None)[0], in_place=True)
@@ -118,7 +118,7 @@ def test_what_cannot_hang_is_refused(asked: dict, sentence: str, tmp_path: Path)
 
 
 def test_command_says_what_holds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """Vertices and groups, as the scene names them."""
+    """The command names the pinned vertices and groups as the scene does."""
     from typer.testing import CliRunner
 
     from balloon_warp.cli.app import app

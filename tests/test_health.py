@@ -1,4 +1,4 @@
-"""Health after a frame: bad worlds are found, and no others."""
+"""Health check after a frame: bad worlds are found, and no others."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def scene(**balloon: object) -> Scene:
 
 
 def found(points: np.ndarray, spheres: np.ndarray, device: str, **balloon: object) -> list[int]:
-    """The first bad particle or sphere of each world; the same by one thread, and by more than there are particles."""
+    """Return the first bad particle or sphere of each world, and require that the number of threads does not matter."""
     simulator = Simulator(scene(**balloon), device, world_count=len(points))
     for array, values in ((simulator.state.points, points), (simulator.state.sphere_positions, spheres)):
         wp.copy(array, wp.array(values, dtype=wp.vec3, device=device))
@@ -61,14 +61,14 @@ def test_when_the_particle_that_spans_are_taken_from_is_bad_the_world_is(device:
 
 
 def test_a_balloon_that_is_far_away_as_a_whole_is_good_until_float32_does_not_resolve_it(device: str):
-    """As one is that rose or fell for minutes; a meter of it is then seven digits from the origin."""
+    """A distant balloon is healthy until float32 does not resolve it, seven digits from the origin."""
     points, spheres = places(2)
     points += np.array([0.5, 2.0])[:, None, None] * FARTHEST
     assert found(points, spheres, device) == [HEALTHY, int(CUBE.face_vertex_indices[0])]
 
 
 def test_a_burst_balloon_is_good(device: str):
-    """Its parts may be thousands of its sizes apart."""
+    """A burst balloon is healthy, though its parts are thousands of its sizes apart."""
     points, spheres = places(1)
     points *= 0.1 * MOST_SPAN
     assert found(points, spheres, device) == [HEALTHY]
@@ -98,7 +98,7 @@ def test_a_frame_that_is_not_finite_says_so_whatever_of_it_is_bad(name: str, bad
 
 
 def test_free_fall_for_ten_minutes_is_good(device: str):
-    """177 km, of a balloon of a meter, one of a centimeter and a sphere: without a ground and without drag."""
+    """Free fall for 177 km is healthy, for balloons of a meter and a centimeter and a sphere."""
     falling = {
         "stiffness": Stiffness(structural=0.0, shear=0.0, flexion=0.0),
         "inflation": Inflation(k_normal=0.0),
@@ -123,7 +123,7 @@ OF_KIND = {"penalty": {}, "impulse": {"contact": "impulse"}, "gas": {"balloon.in
 @pytest.mark.parametrize("substeps", [1, 2])
 @pytest.mark.parametrize("schedule", SCHEDULES)
 def test_each_schedule_looks_at_what_a_frame_wrote(schedule: str, substeps: int, kind: str, device: str):
-    """Where bad ones were put, they are still at the frame's end; what hangs on their springs may go bad with them."""
+    """The health check sees bad particles at the frame's end; their springs may spoil neighbors."""
     one = Balloon(mesh=CUBE, stiffness=Stiffness(structural=0.0, shear=0.0, flexion=0.0))
     apart = scene().model_copy(update={"balloon": [one, one.model_copy(update={"position": (3.0, 0.0, 0.0)})]})
     settings = {"substeps": substeps, "balloon.fixed": [7], **OF_KIND[kind]}
@@ -148,8 +148,8 @@ def test_each_schedule_looks_at_what_a_frame_wrote(schedule: str, substeps: int,
 
 
 def test_a_bad_particle_is_named_by_its_number(schedule, device):
-    """Not by its place, where a schedule has particles in an order of its own. Springs that do not pull leave the
-    others where they are."""
+    """A bad particle is named by its number, not by its place in a schedule's own order. Springs without stiffness
+    leave its neighbors in place."""
     slack = Stiffness(structural=0.0, shear=0.0, flexion=0.0)
     ball = Balloon(mesh=quad_sphere(14), stiffness=slack, inflation=Inflation(k_normal=0.0))
     simulator = Simulator(Scene(balloon=[ball], substeps=2), device, schedule=schedule)

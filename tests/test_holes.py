@@ -1,4 +1,4 @@
-"""Lids across holes in a surface; what is meant to be open stays open."""
+"""Lids across holes in a surface; intended openings stay open."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -22,7 +22,7 @@ Mask = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
 
 
 def without(mesh: PolygonMesh, gone: Mask) -> PolygonMesh:
-    """The mesh of quads without the faces at some places."""
+    """Return the mesh of quads without the faces at some places."""
     quads = mesh.face_vertex_indices.reshape(-1, 4)
     kept = quads[~gone(mesh.points[quads].mean(axis=1))]
     return replace(
@@ -31,13 +31,13 @@ def without(mesh: PolygonMesh, gone: Mask) -> PolygonMesh:
 
 
 def toward(*ways: tuple[float, float, float], angle: float) -> Mask:
-    """Places whose direction from the origin is within an angle [rad] of one of these."""
+    """Return a mask of places whose direction from the origin is within an angle [rad] of one of these."""
     axes = np.array(ways) / np.linalg.norm(ways, axis=1, keepdims=True)
     return lambda at: ((at / np.linalg.norm(at, axis=1, keepdims=True)) @ axes.T > np.cos(angle)).any(axis=1)
 
 
 def tube(rings: int, around: int = 16, radius: float = 0.2) -> PolygonMesh:
-    """Open at both ends, along z from 0 to 1."""
+    """Return a tube along z from 0 to 1, open at both ends."""
     turn = 2.0 * np.pi * np.arange(around) / around
     points = [(radius * np.cos(t), radius * np.sin(t), ring / rings) for ring in range(rings + 1) for t in turn]
     quads = []
@@ -113,7 +113,7 @@ def test_a_neck_a_fifth_of_the_hem_stays_and_a_button_hole_does_not() -> None:
 
 
 def test_holes_of_details_are_closed_whatever_part_of_them_they_are() -> None:
-    """Half an eyeball in a closed head; but not a sheet, on which its lid would lie."""
+    """Half an eyeball in a closed head gets a lid; a sheet does not, as the lid would lie on it."""
     eye = without(replace(quad_sphere(4), points=0.1 * quad_sphere(4).points), lambda at: at[:, 2] < 0.0)
     lash = replace(grid(3, 1), points=0.05 * grid(3, 1).points + (0, 0, 2))
     assert len(border_edges(mesh_edges(whole(joined(BALL, eye))))) == 0
@@ -121,7 +121,7 @@ def test_holes_of_details_are_closed_whatever_part_of_them_they_are() -> None:
 
 
 def test_holes_that_touch_are_closed_each() -> None:
-    """Two quads that are gone share a corner: one way around both of them would cross itself."""
+    """Two missing quads that share a corner get a lid each: one loop around both would cross itself."""
     quads = BALL.face_vertex_indices.reshape(-1, 4)
     first = 5 * 16 + 5
     shared = int((np.isin(quads, quads[first]).sum(axis=1) == 1).argmax())
@@ -135,7 +135,7 @@ def test_holes_that_touch_are_closed_each() -> None:
 
 @pytest.mark.parametrize("count", range(3, 12))
 def test_a_lid_covers_its_loop_once(count: int) -> None:
-    """Of a regular polygon: its area, half n sin(2 pi / n), and each rung on two faces."""
+    """A lid of a regular polygon has its area, half n sin(2 pi / n), and each rung on two faces."""
     turn = 2.0 * np.pi * np.arange(count) / count
     points = np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=1)
     lid = Lid(np.arange(count))
@@ -151,7 +151,7 @@ def test_a_lid_covers_its_loop_once(count: int) -> None:
 
 @pytest.mark.parametrize("taken", [{(0, 3)}, {(1, 4)}, {(0, 3), (2, 5)}, {(0, 3), (1, 4), (2, 5)}])
 def test_a_rung_is_no_edge_that_is_there_already(taken: set[tuple[int, int]]) -> None:
-    """Of a hexagon, where that can be: three faces would share it."""
+    """A rung across a hexagon avoids existing edges where possible: three faces would share the edge."""
     turn = np.pi * np.arange(6) / 3
     points = np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=1)
     (rung,) = lid_across(np.arange(6), points, taken).rungs
@@ -178,6 +178,6 @@ def test_a_sound_mesh_is_left_alone() -> None:
 
 @pytest.mark.filterwarnings("error")
 def test_a_surface_without_area_has_no_holes() -> None:
-    """Nor is anything divided by it."""
+    """A surface without area has no holes, and no division by zero."""
     flat = mesh_of([(0, 0, 0), (1, 0, 0), (2, 0, 0)], [[0, 1, 2]])
     assert with_lids(flat) is flat

@@ -1,4 +1,4 @@
-"""Balloons and spheres that exchange momentum: `contact = "impulse"`, beside the paper's penalty."""
+"""Momentum exchange of balloons and spheres: `contact = "impulse"`, beside the paper's penalty."""
 
 import re
 from typing import Literal
@@ -20,14 +20,14 @@ EPSILON = float(np.finfo(np.float32).eps)
 
 @pytest.fixture(params=["scatter", "gather", "lanes", "octets", "block", "projective"])
 def layout(request: pytest.FixtureRequest, device: str) -> dict[str, str]:
-    """A solver, or a schedule."""
+    """Return a solver or a schedule as keyword arguments."""
     if request.param in ("lanes", "octets") and device != "cpu":
         pytest.skip(f"{request.param} is for the CPU")
     return {"solver": "projective"} if request.param == "projective" else {"schedule": request.param}
 
 
 def struck(device: str, mass: float, schedule: str = "auto", balloon: dict | None = None, **fields) -> Simulator:
-    """A balloon at rest that a sphere of this mass hits off its center at 2 m/s, in space."""
+    """Return a balloon at rest that a sphere of this mass hits off its center at 2 m/s, in space."""
     ball = {"mesh": quad_sphere(4, radius=0.5), "mass": 0.5, "damping": 0.0, "inflation": NO_INFLATION}
     sphere = Sphere(position=(0.1, 0.9, 0.05), radius=0.3, mass=mass, velocity=(0.0, -2.0, 0.3))
     setting = {"gravity": 0.0, "contact": "impulse", "substeps": 40, "atmosphere": Atmosphere(density=0.0)}
@@ -46,8 +46,8 @@ def whole_angular_momentum(simulator: Simulator) -> NDArray[np.float64]:
 
 @pytest.mark.parametrize("mass", [0.02, 0.5, 20.0])
 def test_balloon_and_sphere_together_keep_their_momentum(mass, layout, device):
-    """A substep rounds the velocities of particles and sphere by up to half an epsilon to either side; projective's
-    linear system adds up to an epsilon of the balloon's momentum."""
+    """Momentum is conserved to rounding: a substep rounds velocities of particles and sphere by up to half an epsilon;
+    projective's linear system adds up to an epsilon of the balloon's momentum."""
     fields = dict(layout)
     simulator = struck(device, mass, fields.pop("schedule", "auto"), **fields)
     start, kick = whole_momentum(simulator), 0.0
@@ -62,7 +62,7 @@ def test_balloon_and_sphere_together_keep_their_momentum(mass, layout, device):
 
 
 def test_gas_moves_with_the_balloon_that_a_sphere_hits(device):
-    """Its mass counts, and it is most of the balloon's here."""
+    """Momentum conservation includes the gas, which is most of the balloon's mass here."""
     gas = {"mass": 0.1, "inflation": Inflation(kind="gas", start_pressure=10.0, molar_mass=0.02)}
     simulator = struck(device, 0.5, balloon=gas)
     assert masses(simulator).sum() > 0.4
@@ -74,7 +74,7 @@ def test_gas_moves_with_the_balloon_that_a_sphere_hits(device):
 
 
 def test_the_papers_penalty_keeps_no_momentum(device):
-    """The balloon is pushed away and the sphere flies on, or feels the inflation and nothing else."""
+    """The paper's penalty does not conserve momentum: the sphere flies on, or feels the inflation alone."""
     simulator = struck(device, 0.5, contact="penalty")
     start = whole_momentum(simulator), energy(simulator) + sphere_energies(simulator).sum()
     for _ in range(30):
@@ -84,9 +84,9 @@ def test_the_papers_penalty_keeps_no_momentum(device):
 
 
 def test_contact_turns_and_shifts_nothing(layout, device):
-    """Angular momentum is kept, and the common center of mass coasts: the impulse is along the line through both
+    """Angular momentum is conserved and the common center of mass coasts: the impulse is along the line through both
     centers at the start of the step, and places follow velocities. Float32 rounds each place and velocity once a
-    substep, by up to half an epsilon to either side."""
+    substep, by up to half an epsilon."""
     fields = dict(layout)
     simulator = struck(device, 0.5, fields.pop("schedule", "auto"), **fields)
     start = whole_angular_momentum(simulator), center_of_mass(simulator)
@@ -110,7 +110,7 @@ def center_of_mass(simulator: Simulator) -> NDArray[np.float64]:
 
 
 def bare_cubes(device: str, spheres: list[Sphere], cubes: int = 1, schedule: str = "auto", **fields) -> Simulator:
-    """Unit cubes without springs, inflation or damping, all at one place; a step a frame, of a millisecond."""
+    """Return unit cubes without springs, inflation or damping, all at one place; a step a frame, of a millisecond."""
     still = {"mesh": cube(), "mass": 0.8, "stiffness": NO_SPRINGS, "inflation": NO_INFLATION, "damping": 0.0}
     setting = {"gravity": 0.0, "contact": "impulse", "substeps": 1, "frames_per_second": 1000.0, "faces": False}
     setting["touch"] = False  # they are in each other
@@ -120,8 +120,9 @@ def bare_cubes(device: str, spheres: list[Sphere], cubes: int = 1, schedule: str
 
 @pytest.mark.parametrize("cubes", [1, 5])
 def test_a_particle_closes_the_gap_and_then_moves_on_with_the_sphere(cubes, device):
-    """A corner of 0.1 kg comes at 4 m/s over a gap of a millimeter, a step. It may keep 1 m/s of that: with the sphere
-    of 2.4 kg it has 0.16 m/s, and beside it 1 m/s in one step, 0 in the next. Other balloons do not matter."""
+    """A corner of 0.1 kg that comes at 4 m/s over a gap of a millimeter closes it in a step, at 1 m/s. With the sphere
+    of 2.4 kg it then has 0.16 m/s: it moves at 1 m/s beside it in one step, 0 in the next. Other balloons do not
+    matter."""
     corner = cube().points[6]
     sphere = Sphere(position=tuple(corner + [0.1, 0.0, 0.0]), radius=0.099, mass=2.4)
     simulator = bare_cubes(device, [sphere], cubes)
@@ -142,8 +143,8 @@ def test_a_particle_closes_the_gap_and_then_moves_on_with_the_sphere(cubes, devi
 
 @pytest.mark.parametrize("sphere_mass", [0.024, 1.2, 240.0])
 def test_balloons_that_touch_all_over_stick_to_the_sphere(sphere_mass, device):
-    """Three cubes against a sphere almost as flat as a wall: all go on at the mean of their speeds by mass, and the
-    sphere does not turn back, however light. The corners see it under up to 0.7 / 29 from the middle."""
+    """Three cubes against a sphere almost as flat as a wall go on at the mean of their speeds by mass, and the sphere
+    does not turn back, however light. The corners see it under up to 0.7 / 29 from the middle."""
     wall = Sphere(position=(-28.9, 0.5, 0.5), radius=30.0, mass=sphere_mass)
     simulator = bare_cubes(device, [wall], cubes=3)
     put(simulator, velocities=np.tile([-2.0, 0.0, 0.0], (24, 1)))
@@ -156,8 +157,8 @@ def test_balloons_that_touch_all_over_stick_to_the_sphere(sphere_mass, device):
 
 
 def test_a_balloon_carries_a_sphere(device):
-    """Once it has stopped swinging, to a thousandth of its weight. The paper's penalty gives way to a sphere so heavy
-    for the inflation."""
+    """A balloon bears a sphere's weight to a thousandth once it has come to rest; by the paper's penalty it gives way
+    to a sphere so heavy for the inflation."""
     stiff = Stiffness(structural=200.0, shear=100.0, flexion=100.0, viscosity=0.01)
     inflation = Inflation(k_normal=0.2)
     balloon = Balloon(
@@ -179,7 +180,7 @@ def test_a_balloon_carries_a_sphere(device):
 
 
 def test_a_diagnosis_names_all_touching_particles(device):
-    """Not one of them, since each has its share in the push; and nothing while the sphere is free."""
+    """The report names all touching particles, each with its share of the push; none while the sphere is free."""
     simulator = struck(device, 0.5)
     assert Pulls(simulator.model, simulator.state, 0.0).contact_at(0, newtons=0.0) is None
     for _ in range(5):
@@ -190,7 +191,7 @@ def test_a_diagnosis_names_all_touching_particles(device):
 
 @pytest.mark.parametrize("schedule", ["auto", "scatter"])
 def test_the_rule_may_change_meanwhile(schedule: Literal["auto", "scatter"], device):
-    """A sphere that flies through by the one is stopped by the other."""
+    """The contact rule may change during a run: a sphere that flies through by one is stopped by the other."""
     change = [Change(time=0.05, set={"contact": "impulse"})]
     speeds = []
     for changes in ([], change):

@@ -23,7 +23,7 @@ def schedule(request: pytest.FixtureRequest, device: str) -> str:
 
 
 def in_space(device: str, spheres: list[Sphere], **fields) -> Simulator:
-    """A balloon of half a kilogram at rest, with springs and nothing else, and spheres."""
+    """Return a balloon of half a kilogram at rest, with springs and nothing else, and spheres."""
     ball = Balloon(mesh=quad_sphere(4, radius=0.5), mass=0.5, damping=0.0, inflation=NO_INFLATION)
     setting = {"gravity": 0.0, "contact": "impulse", "atmosphere": Atmosphere(density=0.0)}
     return Simulator(Scene(balloon=[ball], sphere=spheres, **setting | fields), device)
@@ -54,8 +54,8 @@ def depth(simulator: Simulator) -> float:
 @pytest.mark.parametrize("ratio", RATIOS)
 @pytest.mark.parametrize("substeps", ["auto", 60, 240])
 def test_a_collision_gives_no_energy_at_any_step_and_mass(ratio, substeps, device):
-    """Springs and all motion together. Symplectic Euler's energy swings by h omega / 2 of what is in the springs, here
-    some thousandths of the whole."""
+    """Energy of springs and motion does not grow in a collision; symplectic Euler's swings by h omega / 2 of what is in
+    the springs, here some thousandths of the whole."""
     sphere = Sphere(position=(0.1, 0.9, 0.05), radius=0.3, mass=ratio * 0.5, velocity=(0.0, -2.0, 0.3))
     simulator = in_space(device, [sphere], substeps=substeps)
     found = energies(simulator, 30)
@@ -68,7 +68,7 @@ def test_a_collision_gives_no_energy_at_any_step_and_mass(ratio, substeps, devic
 
 @pytest.mark.parametrize("ratio", [0.001, 1.0, 1000.0])
 def test_a_balloon_between_two_spheres_gets_no_energy(ratio, device):
-    """From both sides at once, with particles at the middle that both may touch in the end."""
+    """Energy does not grow where two spheres hit from both sides, and particles at the middle may touch both."""
     spheres = [
         Sphere(position=(0.0, side * 0.85, 0.03), radius=0.3, mass=ratio * 0.5, velocity=(0.0, -side * 2.0, 0.0))
         for side in (1.0, -1.0)
@@ -79,8 +79,8 @@ def test_a_balloon_between_two_spheres_gets_no_energy(ratio, device):
 
 @pytest.mark.parametrize("sphere_mass", [0.01, 1.0, 100.0])
 def test_kinetic_energy_never_grows_by_contact(sphere_mass, device):
-    """All the corners of three cubes at once, at random velocities, between two spheres that hold them both. They
-    overlap, and are moved apart without speed."""
+    """Kinetic energy never grows with all the corners of three cubes in contact at once, at random velocities, between
+    two spheres that hold them both. Overlaps are resolved without speed."""
     still = Balloon(
         mesh=cube(),
         mass=0.8,
@@ -113,9 +113,9 @@ def test_kinetic_energy_never_grows_by_contact(sphere_mass, device):
 
 
 def test_what_a_body_and_its_particles_do_is_the_nearest_that_is_allowed(schedule, device):
-    """In one step, of eight corners that come at a light sphere in their midst from all sides at random: none comes too
-    near, what each gives is a push and no pull, and who is pushed arrives at the surface (the conditions of Karush,
-    Kuhn and Tucker)."""
+    """Contact impulses are the nearest feasible ones, by the conditions of Karush, Kuhn and Tucker: no penetration,
+    impulses push and never pull, and a pushed particle arrives at the surface. Eight corners come at a light sphere in
+    their midst at random, in one step."""
     still = Balloon(mesh=cube(), mass=0.8, damping=0.0, inflation=NO_INFLATION)
     sphere = Sphere(position=(0.5, 0.5, 0.5), radius=0.86, mass=0.05, velocity=(1.0, 0.0, 0.0))
     scene = Scene(balloon=[still], sphere=[sphere], gravity=0.0, contact="impulse", substeps=1, frames_per_second=500.0)
@@ -142,9 +142,9 @@ def test_what_a_body_and_its_particles_do_is_the_nearest_that_is_allowed(schedul
 
 
 def test_a_light_sphere_rebounds_no_higher_than_it_fell_and_alike_at_any_step(device):
-    """0.05 kg on a balloon of 2 kg under pressure, that has come to rest on the ground. Before, it came to 2.4 times
-    the height from which it fell in long steps, and to a quarter of it in short ones. The explicit step itself is off
-    by a hundredth."""
+    """A sphere of 0.05 kg does not rebound higher than its fall from a balloon of 2 kg under pressure, at rest on the
+    ground. A regression rebounded to 2.4 times the height in long steps, and to a quarter in short ones. The explicit
+    step itself is off by a hundredth."""
     ball = Balloon(
         mesh=quad_sphere(4, radius=0.5),
         position=(0.0, 0.5, 0.0),
@@ -170,7 +170,7 @@ def test_a_light_sphere_rebounds_no_higher_than_it_fell_and_alike_at_any_step(de
 
 @pytest.mark.parametrize("restitution", [0.8, 1.0])
 def test_a_sphere_bounces_on_the_ground_and_gains_nothing(restitution, device):
-    """From H above contact to e^2 H, less the step's error of order g h T; never above, however long the step."""
+    """A sphere rebounds from H to e^2 H, less a step's error of order g h T; never above, however long the step."""
     still = Balloon(mesh=cube(), position=(9.0, 9.0, 9.0), inflation=NO_INFLATION)
     for substeps, tolerance in ((2, 0.1), (200, 0.01)):
         scene = Scene(

@@ -1,4 +1,4 @@
-"""Inflation by the page's slider of balloons that something else fills."""
+"""Inflation slider of the page for balloons that something else fills."""
 
 import pytest
 from meshes import quad_sphere
@@ -34,7 +34,7 @@ def test_a_pump_s_curve_stays():
 
 
 def test_many_balloons_are_inflated_at_once(monkeypatch: pytest.MonkeyPatch):
-    """One by one a page of a hundred balloons stood still."""
+    """A hundred balloons are inflated by one plan: one by one the page stood still."""
     playground = Playground(load_scene("helium_rise"), "cpu")
     playground.set("gravity", 9.0)  # what the scene had planned is over now
     plans = []

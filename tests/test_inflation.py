@@ -1,4 +1,4 @@
-"""The paper's inflation: 100 k_normal (A_p / A_total) n, cached or fresh, following its keyframes."""
+"""Paper's inflation: 100 k_normal (A_p / A_total) n, cached or fresh, following its keyframes."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def forces_at_start(scene: Scene, device: str) -> np.ndarray:
 
 
 def test_a_cube_corner_is_pushed_along_its_diagonal(device):
-    """Each corner's nearest face has a sixth of the area, its normal is (1, 1, 1) / sqrt(3) there."""
+    """A cube's corner is pushed along (1, 1, 1) / sqrt(3) with a sixth of the area."""
     mesh = cube()
     outward = np.sign(mesh.points - mesh.points.mean(axis=0)) / np.sqrt(3.0)
     forces = forces_at_start(inflating(mesh, 0.3), device)
@@ -30,7 +30,7 @@ def test_a_cube_corner_is_pushed_along_its_diagonal(device):
 
 
 def test_force_is_the_formula_on_an_uneven_open_mesh(device):
-    """Against the definition in float64: the incident face whose center is nearest, the mean unit normal."""
+    """The force is that of the definition in float64: the nearest incident face's area, the mean unit normal."""
     mesh = grid(4, 3)
     mesh.points[:] += np.random.default_rng(0).uniform(-0.3, 0.3, mesh.points.shape)
     areas, centers, normals = face_areas(mesh), face_centers(mesh), vertex_normals(mesh)
@@ -44,7 +44,7 @@ def test_force_is_the_formula_on_an_uneven_open_mesh(device):
 
 
 def test_k_normal_follows_its_keyframes(device):
-    """Inflate, hold, deflate: linear between keyframes, constant outside them."""
+    """Keyframes are interpolated linearly, and constant outside: inflate, hold, deflate."""
     keyframes = [[0.1, 0.0], [0.3, 0.6], [0.5, 0.6], [0.6, -0.2]]
     simulator = Simulator(inflating(cube(), keyframes, frames_per_second=50, frames=40), device)
     times, values = np.array(keyframes).T
@@ -66,7 +66,7 @@ def test_momentum_follows_the_ramp_within_a_frame(device):
 
 
 def test_cached_normals_stay_for_a_frame_and_fresh_ones_follow(device):
-    """On a particle that moves while its frame goes on, both agree in the first substep and differ after it."""
+    """Cached and fresh normals agree in the first substep, and differ later as the particle moves."""
     mesh = quad_sphere(3)
     mesh.points[:, 0] *= 1.5  # normals turn as it grows: on the round sphere they would not
 
@@ -88,7 +88,7 @@ def in_triangles(mesh: PolygonMesh) -> PolygonMesh:
 
 
 def push(mesh: PolygonMesh, inflation: Inflation, device: str) -> float:
-    """The forces along the radius of a round ball, added up [N]."""
+    """Return the sum of forces along the radius of a round ball [N]."""
     balloon = Balloon(mesh=mesh, stiffness=NO_SPRINGS, damping=0.0, inflation=inflation)
     forces = forces_at_start(Scene(balloon=[balloon], gravity=0.0, substeps=4), device)
     return float((forces * mesh.points).sum())
@@ -96,8 +96,8 @@ def push(mesh: PolygonMesh, inflation: Inflation, device: str) -> float:
 
 @pytest.mark.parametrize("cells", [4, 12])
 def test_k_normal_means_half_as_much_on_triangles_and_a_pressure_the_same(cells, device):
-    """A particle is pushed by the area of its nearest face: of quads there are as many as particles, so that together
-    they push by nearly 100 k_normal; of triangles twice as many, of half the area. A pressure pushes by its area."""
+    """A particle is pushed by the area of its nearest face: there are as many quads as particles, so that together they
+    push by nearly 100 k_normal; and twice as many triangles, of half the area. A pressure pushes by its area."""
     quads = quad_sphere(cells)
     meshes = quads, in_triangles(quads)
     pushes = [push(mesh, Inflation(k_normal=1.0), device) for mesh in meshes]

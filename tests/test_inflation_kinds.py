@@ -1,4 +1,4 @@
-"""Another kind of inflation than a scene file has, by overrides."""
+"""Change of the kind of inflation by overrides."""
 
 import itertools
 from pathlib import Path
@@ -59,7 +59,7 @@ def test_a_field_of_one_kind_asks_for_it_where_the_file_names_none(tmp_path: Pat
 
 
 def test_so_it_is_of_a_scene_that_is_loaded():
-    """As `compare` does it; a change during a run may not."""
+    """Overrides of a loaded scene may change the kind, as `compare` does; a change during a run may not."""
     changed = override_scene(KEYFRAMED, [("balloon.inflation.kind", "pressure"), ("balloon.inflation.pressure", 4.0)])
     assert [each.inflation for each in changed.balloon] == [Inflation(kind="pressure", pressure=4.0)] * 2
     with pytest.raises(InputError, match='needs kind = "pressure"'):

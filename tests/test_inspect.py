@@ -23,7 +23,7 @@ from balloon_warp.scene import load_scene
 
 
 def with_points(mesh: PolygonMesh, *points: tuple[float, float, float]) -> PolygonMesh:
-    """The mesh and more vertices."""
+    """Return the mesh with more vertices."""
     return replace(mesh, points=np.concatenate([mesh.points, np.array(points, dtype=np.float64)]))
 
 
@@ -231,7 +231,7 @@ def test_a_mesh_that_makes_no_balloon_is_reported_all_the_same_and_refused(tmp_p
 
 
 def test_no_loop_goes_over_vertices() -> None:
-    """As much Python for 2,906 vertices as for 218."""
+    """Inspecting 2,906 vertices executes as many lines of Python as 218."""
     few, many = quad_sphere(6), quad_sphere(22)
     assert lines_executed(lambda: inspect_mesh(many)) <= 1.1 * lines_executed(lambda: inspect_mesh(few))
 

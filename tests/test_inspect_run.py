@@ -13,7 +13,7 @@ from balloon_warp.mesh.obj import write_obj
 
 
 def test_what_is_simulated_is_reported_and_what_is_otherwise_in_the_file(tmp_path: Path) -> None:
-    """All faces twice and inward: the counts and measures are those of a run."""
+    """Counts and measures are those of a run, with the file's beside them: all faces are twice and inward."""
     faces = inside_out(cube()).face_vertex_indices.reshape(-1, 4)
     write_obj(tmp_path / "twice.obj", with_faces(inside_out(cube()), *faces.tolist()))
     report = json.loads(command(tmp_path / "twice.obj", "--json").stdout)
@@ -30,7 +30,7 @@ def test_what_is_simulated_is_reported_and_what_is_otherwise_in_the_file(tmp_pat
 
 
 def test_a_report_has_the_seams_holes_and_parts_of_the_scene(tmp_path: Path) -> None:
-    """Welded and closed, or as the file has it, where that is asked for; and of the springs that hold parts."""
+    """The report is of the scene's mesh, welded and closed, or as in the file; and of springs between parts."""
     loose = quad_sphere(9)
     loose = replace(
         loose, points=loose.points[loose.face_vertex_indices][4:], face_vertex_counts=loose.face_vertex_counts[1:]

@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM: when they are acted on."""
+"""Ctrl-C and SIGTERM: when they take effect."""
 
 import os
 import signal
@@ -15,7 +15,7 @@ def press(interrupts: Interrupts) -> None:
 
 
 def done_of(work: list[Callable[[Interrupts], None]], message: str) -> int:
-    """How much of the work is done, all of it while Ctrl-C is held back, until that comes with a message."""
+    """Return the number of work items done with Ctrl-C deferred, until it is raised with a message."""
     done = 0
 
     def run() -> None:
@@ -39,7 +39,7 @@ def test_ctrl_c_that_nobody_delivered_comes_at_the_end():
 
 
 def test_a_second_ctrl_c_is_not_held_back():
-    """Of somebody who will not wait for the frame."""
+    """A second Ctrl-C interrupts at once, without waiting for the frame."""
     assert done_of([press, press, lambda _: None], "") == 1
 
 

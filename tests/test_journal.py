@@ -1,4 +1,4 @@
-"""Shares of a batch that are done, and what is kept of them: no workers are needed for that."""
+"""Journal of a batch's finished shares: no workers are needed for that."""
 
 import json
 from pathlib import Path
@@ -30,7 +30,7 @@ def test_what_blew_up_in_a_share_is_kept_with_it():
 
 
 def test_shares_that_are_done_are_taken_up_with_what_became_of_them(device: str, tmp_path: Path, monkeypatch):
-    """Their rows, schedules, and why worlds blew up: as if they had just come from a worker. Played together before."""
+    """Finished shares are restored with their rows, schedules and reports of blow-ups, and their stages join."""
     monkeypatch.setitem(shares.GRAIN, "cpu", shares.Grain(1, 1))
     vary = {"balloon.inflation.k_normal": [9e11, 0.2, 0.3, 0.4]}
     task = BatchTask(SCENE, plan_groups(SCENE, 4, vary), vary, np.array([0, 3]), tmp_path, on_blowup="restart")

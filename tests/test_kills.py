@@ -15,7 +15,7 @@ BEFORE, AFTER = {"a": b"old", "b": b"older"}, {"a": b"new", "b": b"newer"}
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_killed_process_leaves_good_files(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """The fourth is killed when a third of its time is over, and so does not live to the end."""
+    """A killed process leaves no damaged files; the fourth is killed before it finishes."""
     processes, start = [], kills._start_to_write
 
     def watch(*how: Any) -> BaseProcess:

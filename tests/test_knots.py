@@ -1,4 +1,4 @@
-"""Knots: drawn where strings are tied, and nothing else of a simulation."""
+"""Knots where strings are tied, drawn and not simulated."""
 
 from pathlib import Path
 from types import SimpleNamespace
@@ -27,7 +27,7 @@ UPS = [np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])]
 
 
 def turned(quaternion: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """A vector, turned by a quaternion (x, y, z, w)."""
+    """Return a vector rotated by a quaternion (x, y, z, w)."""
     axis, w = quaternion[:3], quaternion[3]
     return vector + 2.0 * np.cross(axis, np.cross(axis, vector) + w * vector)
 
@@ -60,7 +60,7 @@ def test_a_turn_takes_one_direction_to_the_other():
 
 @pytest.mark.parametrize("angle", [0.0, 30.0, 90.0, 150.0, 180.0])
 def test_a_knot_goes_along_its_string_as_far_as_the_balloon_lets_it(angle: float):
-    """From 0, straight away from the balloon, to 180, straight through it."""
+    """A knot points along its string as far as the balloon lets it, from 0 degrees, outward, to 180, through it."""
     up, slope = UPS[0], np.radians(angle)
     end = BALL.points[LOWEST]
     string = np.array([np.sin(slope), -np.cos(slope), 0.0])
@@ -78,7 +78,7 @@ def test_a_knot_goes_along_its_string_as_far_as_the_balloon_lets_it(angle: float
 
 
 def test_a_knot_where_there_is_no_surface_follows_its_string():
-    """Torn to nothing, a balloon has no outside there; a string of no length, no direction."""
+    """A knot without a surface follows its string, which may have zero length, too."""
     flat, up = np.zeros_like(BALL.points), UPS[0]
     knot = Knot(BALL, LOWEST)
     along = knot.pose(flat, np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]), up)
@@ -88,7 +88,7 @@ def test_a_knot_where_there_is_no_surface_follows_its_string():
 
 @pytest.fixture(scope="module", params=["Y", "Z"])
 def stage(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Usd.Stage:
-    """Four balls on strings: one knotted for a while, one of foil, one without a knot, one on its side."""
+    """Return a stage of four balls on strings: one knotted for a while, one of foil, one bare, one on its side."""
     path = tmp_path_factory.mktemp("knots") / "knots.usdc"
 
     def up(x: float, height: float) -> tuple[float, float, float]:
@@ -140,7 +140,7 @@ def test_a_knot_is_there_while_its_string_is(stage: Usd.Stage):
 
 
 def test_a_string_and_its_knot_can_be_looked_at(stage: Usd.Stage):
-    """Pictures take a string's curve, which USD's purposes call a proxy."""
+    """Pictures include a string's curve, which has USD's purpose proxy."""
     opened = RenderStage(Path(stage.GetRootLayer().realPath))
     opened.read_prims(0)
     turn = np.eye(3) if UsdGeom.GetStageUpAxis(stage) == "Y" else Z_TO_Y_UP
@@ -153,7 +153,7 @@ def test_a_string_and_its_knot_can_be_looked_at(stage: Usd.Stage):
 
 
 def test_a_knot_is_round_in_pictures_and_in_a_glb(stage: Usd.Stage, tmp_path: Path):
-    """A vertex for each point: none is split where faces meet at more than 40 degrees."""
+    """A knot has one vertex per point, none split at a crease of 40 degrees."""
     path, made = Path(stage.GetRootLayer().realPath), knot_mesh(knot_size(BALL), UPS[0])
     opened = RenderStage(path)
     opened.read_prims(0)
@@ -165,7 +165,7 @@ def test_a_knot_is_round_in_pictures_and_in_a_glb(stage: Usd.Stage, tmp_path: Pa
 
 
 class Drawn:
-    """Stands for the page's server: knows what is drawn."""
+    """Stand-in for the page's server that records what is drawn."""
 
     def __init__(self):
         self.scene, self.meshes = self, {}
@@ -175,7 +175,7 @@ class Drawn:
         return self.meshes[name]
 
     def add_frame(self, *_: object, **__: object) -> None:
-        """Nothing is seen of it."""
+        """Draw nothing."""
 
     def remove_by_name(self, root: str) -> None:
         self.meshes = {name: mesh for name, mesh in self.meshes.items() if not name.startswith(root)}
@@ -213,7 +213,7 @@ def test_the_page_has_knots_where_strings_are_tied_and_none_in_hands():
 
 
 def test_a_knot_is_sized_by_its_balloon():
-    """A tenth of the diameter; of a letter or of a heart, that of a sphere of as large a skin."""
+    """A knot is a tenth of the balloon's diameter; for a letter or a heart, of the sphere with as much skin."""
     many = quad_sphere(24, 0.15)
     assert knot_size(many) == pytest.approx(0.3, rel=0.01)  # flat faces have a little less area
     assert np.ptp(knot_mesh(knot_size(many), UPS[0]).points[:, 1]) == pytest.approx(0.04, rel=0.02)

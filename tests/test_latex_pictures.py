@@ -1,4 +1,4 @@
-"""Pictures of rubber and foil: what light does in thin walls, and on mirrors."""
+"""Pictures of rubber and foil: light in thin walls and on mirrors."""
 
 from pathlib import Path
 
@@ -38,7 +38,7 @@ def build_walls(
 
 
 def walls(opacities, shrunk, facing) -> list[np.ndarray]:
-    """The shares clear, back and forth of walls of red rubber, shape (count, 3) each."""
+    """Return the shares clear, back and forth of walls of red rubber, shape (count, 3) each."""
     rows = [wp.array(np.asarray(row), dtype=float, device="cpu") for row in (opacities, shrunk, facing)]
     shares = [wp.empty(len(opacities), dtype=wp.vec3, device="cpu") for _ in range(3)]
     wp.launch(build_walls, len(opacities), [wp.vec3(*RED), *rows], outputs=shares, device="cpu")
@@ -46,7 +46,7 @@ def walls(opacities, shrunk, facing) -> list[np.ndarray]:
 
 
 def picture(stage: Usd.Stage, **options) -> np.ndarray:
-    """The stage's picture, sRGB, shape (height, width, 3)."""
+    """Return the stage's picture, sRGB, shape (height, width, 3)."""
     stage.GetRootLayer().Save()
     path = Path(stage.GetRootLayer().realPath)
     render_stage(path, path.with_suffix(".png"), **{"size": (160, 160), "device": "cpu"} | options)
@@ -54,7 +54,7 @@ def picture(stage: Usd.Stage, **options) -> np.ndarray:
 
 
 def saturation(colors: np.ndarray) -> float:
-    """0 of gray, 1 of a pure color; of the mean color, sRGB."""
+    """Return the saturation of the mean color, sRGB: 0 for gray, 1 for a pure color."""
     mean = colors.reshape(-1, 3).mean(axis=0)
     return float(1.0 - mean.min() / mean.max())
 

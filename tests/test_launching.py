@@ -1,4 +1,4 @@
-"""Kernels are compiled by threads beside, and what goes wrong there is told to whoever launches."""
+"""Compilation of kernels in background threads, whose errors reach the launching thread."""
 
 from typing import Any
 

@@ -1,5 +1,5 @@
-"""docs/LAWS.md: its code runs as it stands there, and its tables are those of the code. And the law of
-docs/ARCHITECTURE.md goes in as it says."""
+"""Code of docs/LAWS.md runs as printed, and its tables are those of the code. The law of docs/ARCHITECTURE.md is added
+as it says."""
 
 import importlib.util
 import os
@@ -54,7 +54,7 @@ def test_the_code_runs(code: ModuleType):
 
 
 def test_each_law_acts(code: ModuleType):
-    """Worlds without one of them, after a frame of the batch."""
+    """Worlds with a law and without it differ after a frame of the batch."""
     vary = {
         "balloon.law.magnet.strength": [20.0, 0.0, 20.0, 20.0],
         "balloon.law.stiffening.hardness": [3.0, 3.0, 0.0, 3.0],
@@ -90,7 +90,7 @@ def test_the_tables_are_those_of_the_code():
 
 
 def test_a_law_goes_in_with_one_file_and_its_name(tmp_path: Path):
-    """In a copy of the source tree: the scene knows its parameter, it acts, and is tested because it is listed."""
+    """A new law takes one file and its name in the list: in a copy of the source it acts, and tests cover it."""
     for folder in ("balloon_warp", "kernels", "scenes", "tests"):
         shutil.copytree(ROOT / folder, tmp_path / folder, ignore=shutil.ignore_patterns("__pycache__"))
     page = (ROOT / "docs" / "ARCHITECTURE.md").read_text(encoding="utf-8")

@@ -1,5 +1,5 @@
-"""Every law that is listed, alone in a world: the same motion in every schedule, and no momentum of its own where its
-forces are between particles."""
+"""Laws in the list, alone in a world: the same motion in every schedule, and no net momentum from forces between
+particles."""
 
 from functools import cache
 from typing import Any
@@ -23,7 +23,7 @@ ROUNDING = 1e-5
 
 @cache
 def moved(schedule: str, device: str, correction: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Points [m] and velocities [m/s] of all worlds that want this correction, shaken, after some steps."""
+    """Return points [m] and velocities [m/s] of all worlds with this correction, shaken, after some steps."""
     law = next(law for law in TESTED if scene_correction(law) == correction)
     model, _ = model_of_all(law, device, STEP_SECONDS, STEPS)
     state = initial_state(model)
@@ -38,14 +38,14 @@ def scene_correction(law: Law) -> str:
 
 
 def of_law(law: Law, schedule: str, device: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Of its world."""
+    """Return points and velocities of the law's world."""
     world = model_of_all(law, "cpu")[1]
     points, velocities = moved(schedule, device, scene_correction(law))
     return points[world], velocities[world]
 
 
 def without_laws(law: Law) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Where its world would be."""
+    """Return points and velocities of the law's world in free flight."""
     model, world = model_of_all(law, "cpu")
     state = initial_state(model)
     shake(state, points=0.1, velocities=1.0)
@@ -68,7 +68,7 @@ def test_a_law_moves_particles_alike_in_every_schedule(law: Law, schedule: str, 
 
 @pytest.mark.parametrize("law", [law for law in TESTED if law.kind in ("spring", "hinge")], ids=lambda law: law.name)
 def test_what_acts_between_particles_gives_a_body_no_momentum(law: Law, device: str):
-    """Each of eight substeps rounds the velocities by up to 6e-8 of themselves, in either direction."""
+    """Forces between particles conserve momentum, up to 6e-8 of the velocities in each of eight substeps."""
     masses = particle_masses(model_of_all(law, "cpu")[0])
     _, before = without_laws(law)
     _, velocities = of_law(law, "scatter", device)
@@ -78,8 +78,8 @@ def test_what_acts_between_particles_gives_a_body_no_momentum(law: Law, device: 
 
 
 def umbrella() -> Any:
-    """Seven triangles around an apex, and a tail: the apex has seven springs, and the tail's end two, so that the
-    others' tables are filled up."""
+    """Return seven triangles around an apex, and a tail: the apex has seven springs, and the tail's end two, so that
+    the others' tables have padding."""
     angles = 2.0 * np.pi * np.arange(7) / 7.0
     rim = np.stack([np.cos(angles), -0.4 + 0.1 * np.cos(2.0 * angles), np.sin(angles)], axis=1)
     points = [(0.0, 0.0, 0.0), *rim.tolist(), (1.9, -0.8, 0.5)]
@@ -87,7 +87,7 @@ def umbrella() -> Any:
 
 
 def of_umbrellas(law: Law, device: str, listed: bool, monkeypatch: pytest.MonkeyPatch) -> Model:
-    """Two worlds of an umbrella with a law of springs beside Hooke's: one's own, or as if it stood in `LAWS`."""
+    """Return a model of two worlds of an umbrella with a law of springs: one's own, or as if listed in `LAWS`."""
     if listed:
         for module in ("balloon_warp.model.plan", "balloon_warp.model.model"):
             monkeypatch.setattr(f"{module}.LAWS", (*LAWS, law))
@@ -103,7 +103,7 @@ def of_umbrellas(law: Law, device: str, listed: bool, monkeypatch: pytest.Monkey
 def test_springs_that_fill_up_a_table_do_nothing(
     law: Law, listed: bool, schedule: str, device: str, monkeypatch: pytest.MonkeyPatch
 ):
-    """They lead from a particle to itself, where a law may have a pole."""
+    """Padding of a spring table has no effect: it joins a particle to itself, where a law may have a pole."""
     ends = []
     for name in (schedule, "scatter"):
         model = of_umbrellas(law, device, listed, monkeypatch)

@@ -1,5 +1,5 @@
-"""The stable step: a body with one law alone is stable just under what the law's bounds allow, and not just over what
-its forces really do."""
+"""Stable step of each law alone: stable just under the law's bounds, and unstable just over the limit of its real
+forces."""
 
 from functools import cache
 from typing import Any
@@ -26,8 +26,8 @@ ALIKE_EVERYWHERE = ("magnet",)
 
 @cache
 def slopes(correction: str) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Derivatives of all forces by all places and velocities at the start, of each world, shape (W, 3 P, 3 P), and the
-    forces, shape (W, 3 P)."""
+    """Return derivatives of all forces by all places and velocities at the start, of each world, shape (W, 3 P, 3 P),
+    and the forces, shape (W, 3 P)."""
     law = next(law for law in TESTED if model_of_all(law, "cpu")[0].scene.correction == correction)
     model, _ = model_of_all(law, "cpu")
     reader, state = ForceReader(model), initial_state(model)
@@ -51,8 +51,8 @@ def slopes(correction: str) -> tuple[NDArray[np.float64], NDArray[np.float64], N
 
 
 def throws_back(stiffness: NDArray, drag: NDArray, step: float) -> bool:
-    """Whether a step of symplectic Euler throws something to the other side, farther than it was: an eigenvalue beyond
-    -1. What grows to the same side is the body's own, however short the step."""
+    """Return whether a step of symplectic Euler amplifies with alternating sign: an eigenvalue beyond -1. Growth of one
+    sign is the body's own, however short the step."""
     unit = np.eye(len(drag))
     kicked = unit + step * drag
     advance = np.block([[unit + step * step * stiffness, step * kicked], [step * stiffness, kicked]])
@@ -61,7 +61,7 @@ def throws_back(stiffness: NDArray, drag: NDArray, step: float) -> bool:
 
 
 def true_limit(law: Law) -> float:
-    """The longest step [s] at which the body does not throw itself back, to 1e-4 of it; infinite if it never does."""
+    """Return the longest step [s] without alternating growth, to 1e-4 of it; infinite if there is no limit."""
     model, world = model_of_all(law, "cpu")
     masses = np.repeat(particle_masses(model), 3)[:, None]
     stiffness, drag = (slope[world] / masses for slope in slopes(model.scene.correction)[:2])
@@ -78,7 +78,7 @@ def true_limit(law: Law) -> float:
 
 
 def fastest(law: Law, step: float, count: int, points: float, velocities: float) -> float:
-    """The highest speed of the law's body in so many steps, from where it is moved and made to move a little [m/s]."""
+    """Return the highest speed of the law's body in so many steps [m/s], from small random displacements."""
     substeps = min(count, 20)
     model, world = model_of_all(law, "cpu", step, substeps)
     schedule, state = GatherSchedule(model), initial_state(model)
@@ -92,7 +92,8 @@ def fastest(law: Law, step: float, count: int, points: float, velocities: float)
 
 @pytest.mark.parametrize("law", BOUND, ids=lambda law: law.name)
 def test_just_under_the_step_a_law_stays_as_calm_as_with_half_of_it(law: Law):
-    """Over 2,000 steps; a swing of symplectic Euler near its limit is up to 1 / root(1 - 0.9^2) = 2.3 times as high."""
+    """The speed over 2,000 steps at 0.9 of the stable step stays near that at half of it; a swing of symplectic Euler
+    near its limit is up to 1 / root(1 - 0.9^2) = 2.3 times as high."""
     step = stable_step(law)
     under, half = (fastest(law, part * step, round(1800 / part), 1e-3, 1e-4) for part in (0.9, 0.45))
     assert under < 4.0 * half
@@ -110,7 +111,7 @@ def test_the_step_is_the_limit_itself_of_bodies_that_are_that_simple(law: Law):
 
 @pytest.mark.parametrize("law", BOUND, ids=lambda law: law.name)
 def test_just_over_what_forces_allow_a_body_blows_up(law: Law):
-    """By at least 1.1 a step at 1.05 of it, and so by 1e8 in 200."""
+    """A body at 1.05 of the limit grows by at least 1.1 a step, and so by 1e8 in 200."""
     model, world = model_of_all(law, "cpu")
     forces = slopes(model.scene.correction)[2][world]
     if np.abs(forces).max() > 1e-5 and law.name not in ALIKE_EVERYWHERE:  # above rounding: 1e-7 of some 10 N
@@ -123,7 +124,7 @@ def test_just_over_what_forces_allow_a_body_blows_up(law: Law):
 
 
 def test_most_bodies_stay_where_they_are():
-    """Or the test above would say little: a body for springs, strings, hinges, water and damping."""
+    """Most bodies are in equilibrium, as the test above requires: for springs, strings, hinges, water and damping."""
     still = slopes("none")[2]
     assert sum(bool(np.abs(still[model_of_all(law, "cpu")[1]]).max() <= 1e-5) for law in BOUND) >= 7
 

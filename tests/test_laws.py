@@ -1,5 +1,5 @@
-"""Every law that is listed, as a function: its force is the slope of its energy, its bounds hold, and Warp can
-differentiate it. What is listed is tested, and so are laws of the tests' own."""
+"""Laws in the list, as functions: the force is the gradient of the energy, the bounds hold, and Warp can differentiate
+it. The tests' own laws are included."""
 
 import inspect
 from typing import Any
@@ -23,7 +23,7 @@ PLACES = {"particle": ("position",), "hinge": ("a", "b", "first", "second")}
 
 
 def samples_of(law: Law) -> dict[str, NDArray]:
-    """What a law may be told, and its parameters about what is usual: values of every sign that they may have."""
+    """Return sample inputs of a law, and its parameters about their usual values: of every sign that they may have."""
     random = np.random.default_rng(5)
     sizes = {"float": (), "vec3": (3,), "vec4": (4,)}
     samples: dict[str, NDArray] = {
@@ -66,7 +66,7 @@ def samples_of(law: Law) -> dict[str, NDArray]:
 
 
 def told_to(law: Law) -> list[str]:
-    """What its force names."""
+    """Return the names of a force's arguments."""
     return list(inspect.signature(law.force.func).parameters)
 
 
@@ -79,7 +79,7 @@ def with_role(samples: dict[str, NDArray], role: int) -> dict[str, NDArray]:
 
 
 def slope_of_energy(law: Law, samples: dict[str, NDArray], place: str, axis: int) -> NDArray[np.float64]:
-    """By a component of a place; at a hinge by way of the angle."""
+    """Return the derivative of the energy by a component of a place; at a hinge by way of the angle."""
     if law.kind == "hinge":
         return difference(law.energy, samples, "bend") * difference(angle_beyond, samples, place, axis)
     return difference(law.energy, samples, place, axis)
@@ -91,7 +91,7 @@ each_law = pytest.mark.parametrize("law", TESTED, ids=lambda law: law.name)
 
 @each_law
 def test_values_are_drawn_from_a_parameter_s_own_row(law: Law):
-    """From its domain, or else from within its bounds; a default beyond them stands for what is not said."""
+    """Values are drawn from a parameter's domain, or its bounds; a default beyond them means unset."""
     for row in law.parameters:
         values, middle = drawn(row, np.random.default_rng(3), COUNT), value_of(row)
         least, most = row.domain or (min(row.least, np.min(middle)), max(row.most, np.max(middle)))
@@ -144,14 +144,14 @@ def test_the_forces_at_a_hinge_have_neither_a_sum_nor_a_moment(law: Law):
 
 
 def bound_of(law: Law, which: str, samples: dict[str, NDArray], **told: Any) -> NDArray[np.float64]:
-    """A law's bound for each sample; 0 when missing."""
+    """Return a law's bound for each sample; 0 when missing."""
     bound = getattr(law, which)
     return np.broadcast_to(told_what_it_names(bound)(**{**samples, **told}), COUNT) if bound else np.zeros(COUNT)
 
 
 @pytest.mark.parametrize("law", [law for law in TESTED if law.kind in ("spring", "string")], ids=lambda law: law.name)
 def test_a_pair_is_no_stiffer_than_its_bound(law: Law):
-    """Along itself: d(c |d|)/d|d| = c + 2 c' d . d at rest, and c' by d . d' times d . d."""
+    """The stiffness of a pair along itself, d(c |d|)/d|d| = c + 2 c' d . d at rest, is within the bound."""
     samples = samples_of(law) | {"opening": np.zeros(COUNT, dtype=np.float32)}
     squared = samples["squared_length"].astype(np.float64)
     pull, slope = forces(law, samples), difference(law.force, samples, "squared_length")
@@ -175,8 +175,8 @@ def test_a_pair_is_no_stiffer_than_its_bound(law: Law):
     ],
 )
 def test_a_force_gives_way_no_faster_than_its_bound(law: Law, which: str, by: str):
-    """The largest eigenvalue of minus its derivative, by the place or by the velocity. A law that is told the step,
-    as water's drag is, looks after it itself."""
+    """The stiffness and drag of a force, the largest eigenvalue of minus its derivative by place or velocity, are
+    within the bound. A law that takes the step, as water's drag does, bounds itself."""
     samples = samples_of(law)
     columns = [-difference(law.force, samples, by, axis, "vec3") for axis in range(3)]
     slope = np.stack(columns, axis=2)
@@ -188,7 +188,7 @@ def test_a_force_gives_way_no_faster_than_its_bound(law: Law, which: str, by: st
 
 
 def test_a_hinge_s_moment_is_its_constant_times_the_angle():
-    """As its bound says, of the hinges that there are."""
+    """A hinge's moment is linear in the angle, with the constant of its bound."""
     (law,) = [law for law in TESTED if law.kind == "hinge"]
     samples = samples_of(law)
     angle = called(angle_beyond, samples)
@@ -211,7 +211,7 @@ def test_a_law_that_is_neutral_neither_acts_nor_asks_for_a_step(law: Law):
 
 @each_law
 def test_warp_differentiates_a_law(law: Law):
-    """Its force and its energy, by all that they are told."""
+    """Warp's adjoint of a force and an energy agrees with differences, by all arguments."""
     samples = samples_of(law)
     result = RESULT[law.kind].replace("float", "float32")
     for function, kind in ((law.force, result), (law.energy, "float32")):

@@ -40,7 +40,7 @@ with ExitStack() as files:
 
 @pytest.fixture(autouse=True)
 def system_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """In place of /tmp."""
+    """Return a temporary folder in place of /tmp."""
     folder = tmp_path / "system"
     folder.mkdir()
     monkeypatch.setenv("TMPDIR", str(folder))
@@ -142,7 +142,7 @@ def stop_at_3(frame: int) -> None:
 
 
 def test_a_folder_that_a_living_run_has_begun_stays(tmp_path: Path):
-    """Before its first checkpoint, too."""
+    """The folder of a running process stays, before its first checkpoint, too."""
     begun = """
 import sys, time
 from pathlib import Path
@@ -195,7 +195,7 @@ def test_a_lock_that_is_cleared_away_before_it_is_held_is_made_again(tmp_path: P
 
 
 def test_headers_that_warp_compiles_go_with_a_kill(tmp_path: Path, system_folder: Path):
-    """They are megabytes in the system's temporary folder, once a kernel is compiled for a CPU."""
+    """Precompiled headers of a killed process, megabytes in the system's temporary folder, are removed."""
     compile_one = """
 import time
 import warp as wp

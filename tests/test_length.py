@@ -1,4 +1,4 @@
-"""--fps, --frames and --seconds."""
+"""Options of a run's length: --fps, --frames and --seconds."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from balloon_warp.mesh.obj import write_obj
 
 @pytest.fixture
 def ball(tmp_path: Path) -> str:
-    """A mesh, whose own scene has 120 frames at 60 a second."""
+    """Write a mesh, whose default scene has 120 frames at 60 a second."""
     write_obj(tmp_path / "ball.obj", quad_sphere(2))
     return str(tmp_path / "ball.obj")
 

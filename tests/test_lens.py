@@ -16,7 +16,7 @@ SIZE = 200
 
 
 def picture(stage: Usd.Stage, **options) -> np.ndarray:
-    """The stage's picture, sRGB, with opacity where there is any."""
+    """Return the stage's picture, sRGB, with opacity where there is any."""
     stage.GetRootLayer().Save()
     path = Path(stage.GetRootLayer().realPath)
     render_stage(path, path.with_suffix(".png"), **{"size": (SIZE, SIZE), "device": "cpu"} | options)
@@ -24,20 +24,20 @@ def picture(stage: Usd.Stage, **options) -> np.ndarray:
 
 
 def darkness(pixels: np.ndarray) -> np.ndarray:
-    """How much of each is black before the backdrop, which is as bright as at the right, 0 to 1, in linear light."""
+    """Return the fraction of black before the backdrop, as bright as at the right, in linear light."""
     light = (pixels[..., 1] / 255.0) ** 2.2
     return np.clip(1.0 - light / light[:, 185:190].mean(axis=1, keepdims=True), 0.0, 1.0)
 
 
 def edge_width(row: np.ndarray) -> float:
-    """Pixels in which darkness falls from nine tenths to one, beside the middle."""
+    """Return the number of pixels in which darkness falls from nine tenths to one, beside the middle."""
     half = row[len(row) // 2 :]
     return float((half < 0.1).argmax() - (half < 0.9).argmax())
 
 
 def test_a_lens_blurs_what_is_out_of_focus_by_as_much_as_geometry_says(tmp_path: Path):
-    """A ball 10 away, and the lens focused at 5: a point of it becomes a disc of the lens's diameter times
-    (10 - 5) / 5, as seen at 10. Of a disc's shadow over an edge nine tenths lie within 0.68 of its diameter."""
+    """A point of a ball 10 away, with the lens focused at 5, is blurred to a disc of the lens's diameter times (10 - 5)
+    / 5, as seen at 10. Of a disc's shadow over an edge nine tenths lie within 0.68 of its diameter."""
     stage = new_stage(tmp_path / "stage.usda")
     add_camera(stage, distance=10.0, focal_length=60.0, aperture=24.0)
     add_sphere(stage, "Ball", (0.0, 0.0, 0.0), 1.2, BLACK, roughness=1.0)
@@ -78,7 +78,7 @@ def test_moments_add_up_as_light_does():
 
 
 def test_a_transparent_picture_lies_over_its_backdrop_as_if_taken_before_it(tmp_path: Path):
-    """A dark ball and a balloon that one sees through."""
+    """A dark ball and a transparent balloon with alpha, over the backdrop, equal the picture taken before it."""
     stage = new_stage(tmp_path / "stage.usda")
     add_camera(stage, distance=10.0, focal_length=60.0, aperture=24.0)
     add_sphere(stage, "Ball", (-0.9, 0.0, 0.0), 0.7, BLACK, roughness=1.0)
@@ -97,8 +97,8 @@ def test_a_transparent_picture_lies_over_its_backdrop_as_if_taken_before_it(tmp_
 
 
 def test_a_transparent_picture_keeps_the_shadow_on_the_ground(tmp_path: Path):
-    """Laid over the ground's color it is the picture with the ground, red light below the balloon and all. Through the
-    balloon one sees no ground."""
+    """A transparent picture over the ground's color equals the picture with the ground, with the red light below the
+    balloon. The ground is not visible through the balloon."""
     stage = new_stage(tmp_path / "stage.usda")
     add_camera(stage, distance=10.0, focal_length=60.0, aperture=24.0)
     add_sphere(stage, "Ball", (-0.9, 0.0, 0.0), 0.5, BLACK, roughness=1.0)

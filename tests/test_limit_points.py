@@ -1,4 +1,4 @@
-"""Balloons under a given pressure past the most that they bear: what is said before, and when they have blown up."""
+"""Limit points: balloons under more pressure than they bear, with the warning before and the report after."""
 
 import numpy as np
 import pytest
@@ -20,13 +20,13 @@ MOST = 2.0 * MU * THICKNESS / RADIUS * (7.0 ** (-1.0 / 6.0) - 7.0 ** (-7.0 / 6.0
 
 
 def ball(material: Material, pressure: float, **fields) -> Scene:
-    """Whose pressure rises in 0.2 s."""
+    """Return a scene of a ball whose pressure rises in 0.2 s."""
     inflation = Inflation(kind="pressure", pressure=[(0.0, 0.0), (0.2, pressure)])
     return Scene(balloon=[Balloon(mesh=MESH, material=material, inflation=inflation)], gravity=0.0, **fields)
 
 
 def blow_up(simulator: Simulator) -> str:
-    """What is said of the one that comes."""
+    """Return the report of the blow-up."""
 
     def run() -> None:
         for _ in range(200):
@@ -38,7 +38,7 @@ def blow_up(simulator: Simulator) -> str:
 
 
 def test_the_limit_points_are_those_of_the_laws():
-    """Of neo-Hookean rubber and of springs: a ball's pressure is largest at 7^(1/6), and at 2."""
+    """The pressure peaks at the stretch 7^(1/6) for neo-Hookean rubber, and at 2 for springs."""
     for material, stretch in ((NEO_HOOKEAN, 7.0 ** (1.0 / 6.0)), (Material(), 2.0)):
         plan = plan_model(ball(material, 1.0))
         stretches, pressures = borne_pressures(plan.scene, 0, plan.shapes[0], plan.parameters)
@@ -67,13 +67,13 @@ def test_springs_past_theirs_too():
 
 
 def test_what_holds_is_not_told_of():
-    """Below it, with gas, and where rubber holds at a larger stretch again."""
+    """Pressures below the limit point, with gas, or on a later rising branch give no warning."""
     for material, pressure in ((NEO_HOOKEAN, 0.9 * MOST), (Material(kind="gent", thickness=THICKNESS), 1.5 * MOST)):
         assert plan_model(ball(material, pressure)).warnings == []
 
 
 def test_another_blow_up_keeps_its_advice():
-    """Springs far too stiff for the step, under a pressure that they bear."""
+    """Springs far too stiff for the step get that advice, under a pressure that they bear."""
     scene = ball(Material(), 1.0)
     simulator = Simulator(scene, "cpu")
     simulator.set_parameters({"structural": [[1e6]]})

@@ -1,4 +1,4 @@
-"""The memory that a process may have, where that is less than the machine has."""
+"""Memory limit of a process, where that is less than the machine has."""
 
 import subprocess
 import sys
@@ -22,7 +22,7 @@ def status(root: Path, gib: float) -> None:
 
 @pytest.mark.parametrize("limited", ["job/task", "job", ""])
 def test_a_cgroup_of_version_2_and_those_it_is_in(tmp_path: Path, limited: str):
-    """What is left is the limit less what is used, but for files that nobody works on."""
+    """The limit of a cgroup is its maximum less the memory in use, not counting inactive files."""
     write(tmp_path, "proc/self/cgroup", "0::/job/task\n")
     for group in ("job/task", "job", ""):
         folder = f"sys/fs/cgroup/{group}"
@@ -42,7 +42,7 @@ def test_a_cgroup_of_version_1(tmp_path: Path):
 
 
 def test_a_container_sees_its_own_group_as_the_root(tmp_path: Path):
-    """The path that the process is told is the host's, and is not there."""
+    """A container sees its own group as the root: the path in the process is the host's, and does not exist."""
     write(tmp_path, "proc/self/cgroup", "0::/system.slice/docker-1234.scope\n")
     write(tmp_path, "sys/fs/cgroup/memory.max", f"{GIB}\n")
     write(tmp_path, "sys/fs/cgroup/memory.current", f"{GIB // 4}\n")
@@ -50,7 +50,7 @@ def test_a_container_sees_its_own_group_as_the_root(tmp_path: Path):
 
 
 def test_a_job_of_slurm(tmp_path: Path):
-    """Less what the process has."""
+    """The limit of a Slurm job is its memory less the process's."""
     status(tmp_path, 0.5)
     node, cpu = {"SLURM_MEM_PER_NODE": "4096"}, {"SLURM_MEM_PER_CPU": "1024", "SLURM_CPUS_ON_NODE": "3"}
     assert least_limit(tmp_path, node) == Limit("SLURM_MEM_PER_NODE", 7 * GIB // 2)
@@ -65,13 +65,13 @@ def test_what_makes_no_sense_is_no_limit(tmp_path: Path):
 
 
 def test_a_job_that_asks_for_all_of_a_node_has_no_limit(tmp_path: Path):
-    """`--mem=0`."""
+    """`--mem=0` asks for all of a node and sets no limit."""
     assert least_limit(tmp_path, {"SLURM_MEM_PER_NODE": "0"}) is None
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="has no ulimit")
 def test_ulimit_is_said_and_refuses_what_does_not_fit():
-    """A process of 6 GiB of addresses, of which Python and Warp take some: a million worlds of rubber do not fit."""
+    """`ulimit` is reported and refuses a million worlds of rubber in 6 GiB of addresses."""
     program = """
 import resource
 import balloon_warp as bw

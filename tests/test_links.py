@@ -1,4 +1,4 @@
-"""Symbolic links: what is written goes to where they lead, and what is read comes from there."""
+"""Symbolic links: outputs go to their targets, and inputs come from there."""
 
 import os
 from collections.abc import Callable
@@ -24,7 +24,7 @@ KINDS = ["file", "dangling", "chain", "relative", "folder", "dangling in a folde
 
 
 def link(kind: str, folder: Path, suffix: str) -> tuple[Path, Path]:
-    """A link of a kind, and the file that it leads to, in another folder."""
+    """Return a link of a kind, and its target file in another folder."""
     home, away = folder / "home", folder / "away"
     home.mkdir()
     away.mkdir()
@@ -158,7 +158,7 @@ def test_a_mesh_is_read_through_links_and_called_as_the_link(named: str, tmp_pat
 
 
 def test_textures_are_beside_the_link_and_its_target(tmp_path: Path):
-    """Programs look for them here or there."""
+    """Textures are beside the link and its target, as programs look for them here or there."""
     path, target = link("dangling", tmp_path, ".usdc")
     animate(load_scene(write_painted(tmp_path, "obj"), {"frames": 1}), path, device="cpu")
     for place in (path, target):

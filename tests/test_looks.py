@@ -1,4 +1,4 @@
-"""Looks of a mesh's own file as they are read, and on what mesh preparation makes of the mesh."""
+"""Looks of a mesh's own file as they are read, and after mesh preparation."""
 
 # A mesh may have no looks: these have some, or the test fails.
 # pyright: reportOptionalMemberAccess=false, reportOptionalSubscript=false
@@ -28,7 +28,7 @@ PLAIN = "".join(f"newmtl {side}\nKd {0.1 * side:g} 0.5 0.25\n" for side in range
 
 
 def assert_painted(mesh: PolygonMesh) -> None:
-    """Each face has the color of its side, and there are some of each."""
+    """Require that each face has the color of its side, and that there are some of each."""
     found = seen_sides(mesh)
     assert {side for side, _ in found} == set(range(6))
     for side, color in found:
@@ -44,7 +44,7 @@ def test_an_image_lies_on_each_side_as_its_file_says(kind: str, tmp_path: Path):
 
 
 def torn_up(mesh: PolygonMesh) -> PolygonMesh:
-    """Every vertex of each face by itself, faces in another order, one turned over, one twice and one of no size."""
+    """Return a mesh of loose faces in another order, one reversed, one duplicated and one of zero area."""
     corners = mesh.face_vertex_indices.reshape(mesh.face_count, -1)
     order = np.random.default_rng(1).permutation(mesh.face_count)
     numbers = np.arange(corners.size).reshape(corners.shape)[order]
@@ -94,7 +94,7 @@ def test_materials_of_an_obj_stay_on_their_faces(tmp_path: Path):
 
 
 def test_faces_without_places_stand_beside_some_with_an_image(tmp_path: Path):
-    """As exporters write materials without an image."""
+    """Faces without texture coordinates stand beside some with an image, as exporters write materials without one."""
     path = write_obj_cube(
         tmp_path, PLAIN.replace("newmtl 0\n", "newmtl paint\nmap_Kd images/the atlas.png\nnewmtl no\n")
     )
@@ -148,7 +148,7 @@ def test_a_cut_off_image_is_no_image(tmp_path: Path):
 
 
 def test_parts_of_a_glb_keep_their_colors(tmp_path: Path):
-    """Vertex colors, a factor, and none."""
+    """Parts with vertex colors, with a factor, and with none keep their colors."""
     ball = trimesh.creation.icosphere(0)
     parts = []
     for number in range(3):
@@ -170,7 +170,7 @@ def test_parts_of_a_glb_keep_their_colors(tmp_path: Path):
 
 
 def test_a_texture_transform_moves_the_places(tmp_path: Path):
-    """The image is written as one of twice the size, of which the transform takes a quarter."""
+    """A texture transform moves the coordinates to a quarter of an image of twice the size."""
     path = write_painted(tmp_path, "glb")
     data = path.read_bytes()
     (length,) = struct.unpack_from("<I", data, 12)

@@ -1,4 +1,4 @@
-"""Looks of a mesh's own file in what is written: the stage, pictures, and files of other kinds."""
+"""Looks of a mesh's own file in outputs: the stage, pictures, and files of other kinds."""
 
 # A mesh may have no looks: these have some, or the test fails.
 # pyright: reportOptionalMemberAccess=false, reportOptionalSubscript=false
@@ -31,7 +31,7 @@ MATERIALS = "newmtl 0\nKd 0.9 0.1 0.1\nnewmtl 1\nKd 0.1 0.9 0.1\nnewmtl paint\nm
 
 
 def written(mesh: Path, more: str = "", suffix: str = "usda") -> Path:
-    """A stage of a scene before anything moves, in a folder of its own."""
+    """Return a stage of a scene before anything moves, in a folder of its own."""
     folder = mesh.parent / "out"
     folder.mkdir(exist_ok=True)
     scene = mesh.parent / "scene.toml"
@@ -42,7 +42,7 @@ def written(mesh: Path, more: str = "", suffix: str = "usda") -> Path:
 
 
 def moved(stage: Path) -> Path:
-    """The stage in another folder, with what is beside it, and nothing left where it was."""
+    """Return the stage moved to another folder with the files beside it, and nothing left behind."""
     for path in stage.parent.parent.iterdir():
         if path != stage.parent:
             shutil.rmtree(path) if path.is_dir() else path.unlink()
@@ -55,7 +55,7 @@ def assert_valid(path: Path) -> None:
 
 
 def assert_sides(path: Path, prim: str | None = None) -> None:
-    """Each face of a mesh has its side's color in a file, as it is read again."""
+    """Require that each face of a mesh has its side's color in a file that is read again."""
     found = seen_sides(load_mesh(path, prim))
     assert {side for side, _ in found} == set(range(6))
     for side, color in found:
@@ -80,7 +80,7 @@ def test_the_stage_has_the_image_and_where_it_lies(kind: str, tmp_path: Path):
 
 
 def seen_from(path: Path, azimuth: float) -> np.ndarray:
-    """The mean color in the middle of a picture, from 0 to 255."""
+    """Return the mean color in the middle of a picture, from 0 to 255."""
     picture = path.with_suffix(".png")
     render_stage(path, picture, size=(64, 48), samples=1, device="cpu", azimuth=azimuth, elevation=0.0)
     return np.asarray(Image.open(picture).convert("RGB"))[18:30, 26:38].mean(axis=(0, 1))

@@ -1,4 +1,4 @@
-"""The manifest beside a batch: what it says, and that a batch can be repeated from it."""
+"""Manifest beside a batch: its contents, and a batch repeated from it."""
 
 import hashlib
 import json
@@ -32,7 +32,7 @@ COMMAND += ["--vary", "balloon.inflation.k_normal=0:8", "--vary", "balloon.mesh=
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Where a batch has just been simulated by the command, into `first`."""
+    """Return a folder where the command has just simulated a batch, into `first`."""
     (tmp_path / "ball.toml").write_text(SCENE)
     write_obj(tmp_path / "ball.obj", quad_sphere(2))
     write_obj(tmp_path / "other.obj", quad_sphere(3))

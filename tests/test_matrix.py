@@ -1,4 +1,4 @@
-"""Every method, in every schedule that takes it, gives the trajectory of `scatter`; the docs have a table of both."""
+"""Methods agree with the trajectory of `scatter` in every schedule that takes them; the docs have a table of both."""
 
 import re
 from functools import cache
@@ -27,7 +27,7 @@ PAGE = Path(__file__).parent.parent / "docs" / "MATRIX.md"
 
 @pytest.mark.parametrize(("name", "scene"), SCENES.items(), ids=SCENES)
 def test_a_schedule_gives_scatters_trajectory(name, scene, schedule, device):
-    """A GPU takes every scene. On a CPU each schedule takes some, in which any two features meet that do in any."""
+    """Schedules agree with `scatter`. On a CPU each takes some scenes, which cover all pairs of features."""
     if schedule not in LAUNCHED and only_launched(model_of(name)):
         pytest.skip(f"{schedule} refuses it")
     if device == "cpu" and name not in some_scenes(schedule):
@@ -40,7 +40,7 @@ def test_a_schedule_gives_scatters_trajectory(name, scene, schedule, device):
 
 @pytest.mark.parametrize("correction", ["provot", "tarantino"])
 def test_corrections_show_in_the_scene_with_everything(correction, device):
-    """Within a frame, or the test above would say nothing about them."""
+    """Corrections act within a frame, as the test above requires."""
     plain, with_it = (
         arrays(after_frames(scene, "scatter", device, 1))["points"] for scene in (everything(), corrected(correction))
     )
@@ -48,7 +48,7 @@ def test_corrections_show_in_the_scene_with_everything(correction, device):
 
 
 def test_the_scene_with_everything_has_contacts(device):
-    """Or the test above would say nothing about them."""
+    """The scene has contacts, as the test above requires."""
     state = arrays(after_frames(SCENES["everything"], "scatter", device, frames=4))
     assert (np.abs(state["sphere_forces"]).sum(axis=-1) > 0.0)[0, :2].all()
     assert state["points"][..., 1].min() == pytest.approx(0.0, abs=1e-6)
@@ -62,20 +62,20 @@ LONG_AGO = ("airbag",)
 
 @cache
 def model_of(name: str) -> Model:
-    """Model of a scene of methods."""
+    """Return the model of a scene of methods."""
     return build_model(SCENES[name], "cpu")
 
 
 @cache
 def model_with(method: str) -> Model:
-    """Model of the table."""
+    """Return the model of a line of the table."""
     return next(line for line in METHODS if line.name == method).model()
 
 
 @pytest.mark.parametrize("name", bundled_scenes())
 def test_a_schedule_gives_scatters_trajectory_of_a_bundled_scene(name, schedule, device):
-    """A frame in the thick of the action. On a CPU, to save time, a scene with no feature of its own is left to the
-    schedule that it runs in alone there, and of those only some are simulated, with all features that all have."""
+    """Schedules agree over a frame in the thick of the action. On a CPU, to save time, a scene with no feature of its
+    own runs in the schedule that it has alone there, and of those only some that cover all features."""
     scene, model = bundled(name), bundled_model(name, device)
     large = schedule == "block" and not fits_in_block(model)
     if schedule not in LAUNCHED and (only_launched(model) or large):
@@ -95,34 +95,34 @@ def test_a_schedule_gives_scatters_trajectory_of_a_bundled_scene(name, schedule,
 
 @cache
 def shown_otherwise() -> set[str]:
-    """The features of the scenes of methods, and of those of test_law_schedules.py."""
+    """Return the features of the scenes of methods, and of those of test_law_schedules.py."""
     models = [model_of(name) for name in SCENES]
     return set().union(*map(features, models + [model_of_all(law, "cpu")[0] for law in TESTED]))
 
 
 @cache
 def some_scenes(schedule: str) -> list[str]:
-    """In which all features meet each other that do in any, of those that this schedule advances itself."""
+    """Return names of scenes that cover all pairs of features, among those that this schedule advances itself."""
     takes = {"lanes": has_lanes, "octets": has_blocks, "block": has_blocks}.get(schedule, lambda model: True)
     taken = [name for name in SCENES if takes(model_of(name))]
     return some_with_all({name: meetings(features(model_of(name))) for name in taken})
 
 
 def has_lanes(model: Model) -> bool:
-    """Whether `lanes` and `octets` advance worlds by kernels of their own, at some time, and not by those of blocks."""
+    """Return whether `lanes` and `octets` advance worlds by kernels of their own, not those of blocks."""
     features = model_features(model)
     return has_blocks(model) and not (features.in_blocks and features.always_busy)
 
 
 def has_blocks(model: Model) -> bool:
-    """Whether `block` advances worlds of a model by a kernel of its own, at some time."""
+    """Return whether `block` advances worlds of a model by a kernel of its own at some time."""
     features = model_features(model)
     return not only_launched(model) and not (has_free_frames(features) and features.always_busy)
 
 
 @cache
 def simulated() -> set[str]:
-    """These, and those of the bundled scenes."""
+    """Return the features of the scenes of methods and of the bundled scenes."""
     return shown_otherwise().union(*(features(bundled_model(name)) for name in bundled_scenes()))
 
 
@@ -132,7 +132,7 @@ def test_every_method_of_the_table_is_run_in_every_schedule(method: Method):
 
 
 def test_methods_ask_for_different_things():
-    """Or the test above would say nothing about some."""
+    """Methods have distinct features, or the test above would leave some out."""
     assert len({frozenset(features(model_with(method.name))) for method in METHODS}) == len(METHODS)
 
 

@@ -1,4 +1,4 @@
-"""The laws of rubber and film against textbooks' energies, and their forces against slopes of those: taut, in wrinkles
+"""Laws of rubber and film against textbooks' energies, and their forces against derivatives of those: taut, in wrinkles
 and slack, of triangles, quads and polygons."""
 
 from typing import Any
@@ -73,7 +73,7 @@ def ogden_slopes(trace: float, det: float, spread: float, ogden_moduli: wp.vec3,
 
 @pytest.mark.parametrize("exponents", [OGDEN[1], (0.0, 10.0, -10.0), (1.0, 2.0, 1e-3)])
 def test_slopes_of_an_ogden_material_keep_their_digits(exponents: tuple[float, ...]):
-    """Of float32, which rounds what they are told by 6e-8, and powers multiply that: alike, nearly alike, and not."""
+    """Derivatives of an Ogden material keep float32's digits for equal, nearly equal and different stretches."""
     rounded = 1e-6 + 3e-7 * max(np.abs(exponents))
     random = np.random.default_rng(2)
     det = random.uniform(0.5, 100.0, COUNT).astype(np.float32)
@@ -128,7 +128,7 @@ def test_energies_are_those_of_textbooks(kind: str):
 
 
 def deformed(points: NDArray, seed: int, least: float) -> NDArray:
-    """Stretched two and a half times one way and down to so much another, and shaken."""
+    """Return points stretched two and a half times one way and down to so much another, and shaken."""
     random = np.random.default_rng(seed)
     turn, _ = np.linalg.qr(random.normal(size=(3, 3)))
     grown = points @ (turn * (2.5, 1.2, least)) @ turn.T
@@ -136,7 +136,7 @@ def deformed(points: NDArray, seed: int, least: float) -> NDArray:
 
 
 def forces_at(scene: Scene, points: NDArray, device: str) -> dict[str, NDArray[np.float64]]:
-    """As threads of particles sum them, and as those of triangles do [N]."""
+    """Return the forces as threads of particles sum them, and as those of triangles do [N]."""
     model = build_model(scene, device)
     state = initial_state(model)
     wp.copy(state.points, wp.array(points[None], dtype=wp.vec3, device=device))
@@ -156,7 +156,7 @@ def triangles_of(mesh: PolygonMesh) -> PolygonMesh:
 @pytest.mark.parametrize("wrinkling", [True, False])
 @pytest.mark.parametrize("shape", ["quads", "triangles"])
 def test_forces_are_the_slopes_of_the_energy(kind: str, wrinkling: bool, shape: str, device: str):
-    """By central differences; of float32, whose points of 3 m are rounded by 2e-7, so that C is off by some 1e-6."""
+    """Forces agree with central differences of the energy, where float32 rounds C by some 1e-6."""
     mesh = quad_sphere(2) if shape == "quads" else triangles_of(quad_sphere(2))
     faces = mesh.face_vertex_indices.reshape(mesh.face_count, -1)
     scene = scene_of(kind, mesh, wrinkling=wrinkling)
@@ -217,7 +217,7 @@ def test_triangles_cover_a_face_once_whatever_its_corners(corners: int):
 
 
 def test_a_polygon_is_as_stiff_as_the_same_of_quads(device: str):
-    """Stretched both ways alike: the same energy for each area, and so the same sum of forces times places."""
+    """A polygon has the energy of quads per area in equibiaxial stretch, and so the same sum of forces times places."""
     for mesh in (polygon(6), polygon(5), polygon(40)):
         points = 1.7 * mesh.points
         energy, h = ENERGIES["neo_hookean"], 1e-6
@@ -235,8 +235,8 @@ def test_a_face_without_width_has_no_triangles():
 @pytest.mark.parametrize("wrinkling", [True, False])
 @each_law
 def test_no_state_is_stiffer_than_the_bound(kind: str, wrinkling: bool):
-    """Of waves in any direction: the second derivative by gradients of rank one, by differences of the textbook's
-    energy, in taut states up to the most stretch; and the stiffest of them is not far below."""
+    """The stiffness is within the bound, and near it: the second derivative by gradients of rank one, of waves in any
+    direction, by differences of the textbook's energy, in taut states up to the most stretch."""
     told = told_of(kind) | {"wrinkling": np.full((1, 1), float(wrinkling))}
     (bound,) = stiffest_modulus(MEMBRANES[kind], told)
     random, energy, h = np.random.default_rng(2), ENERGIES[kind], 1e-4
@@ -263,7 +263,7 @@ def test_no_state_is_stiffer_than_the_bound(kind: str, wrinkling: bool):
 
 
 def test_each_balloon_of_a_scene_has_its_own_law(device: str):
-    """The forces are those of each alone, to rounding."""
+    """Forces of each balloon are those of the balloon alone, to rounding."""
     mesh = quad_sphere(2)
     points = deformed(mesh.points, 3, 0.8)
     alone = [forces_at(scene_of(kind, mesh), points, device) for kind in MEMBRANES]

@@ -1,4 +1,4 @@
-"""Rubber and film that move: what they keep, what damps them, and a balloon of two flat discs of foil."""
+"""Rubber and film in motion: conservation, damping, and a balloon of two flat discs of foil."""
 
 from typing import Any
 
@@ -56,8 +56,8 @@ def energy_of(simulator: Simulator, kind: str) -> float:
 
 @pytest.mark.parametrize("kind", ["neo_hookean", "mooney_rivlin"])
 def test_energy_of_gas_and_rubber_and_motion_stays_within_bounds_for_twenty_seconds(kind: str, device: str):
-    """A balloon that is dented swings, breathes and wrinkles, without damping, at half the stable step: symplectic
-    Euler's energy swings by omega h / 2 of what swings, which is the energy above the least, and does not drift."""
+    """Energy of a dented balloon that swings, breathes and wrinkles undamped at half the stable step is bounded:
+    symplectic Euler's energy swings by omega h / 2 of the energy above the minimum, and does not drift."""
     material = MATERIALS[kind].model_copy(update={"thickness": THICKNESS, "density": DENSITY})
     inside = Inflation(kind="gas", start_pressure=3.0e4, breathing_damping=0.0)
     mesh = quad_sphere(3, 0.1)
@@ -87,11 +87,11 @@ SCHEDULES = ["scatter", "gather", "lanes", "octets", "block"]
 
 @pytest.mark.parametrize("schedule", SCHEDULES)
 def test_momentum_and_angular_momentum_stay(schedule: str, device: str):
-    """Rubber with damping of its own flies and spins; rounded in each step by half an epsilon to either side.
+    """Momentum and angular momentum of viscous rubber that flies and spins are conserved, up to half an epsilon of
+    rounding each step.
 
-    In `gather` and `block` each corner finds its triangles' tensions for itself, a little differently: by a millionth
-    of what the pressure, which they bear, is in all. That is alike in every step.
-    """
+    In `gather` and `block` each corner computes its triangles' tensions for itself, with a difference of a millionth of
+    the total pressure force, alike in every step."""
     if schedule in ("lanes", "octets") and device != "cpu":
         pytest.skip(f"{schedule} is for the CPU")
     material = Material(preset="latex", viscosity=2.0)
@@ -118,7 +118,7 @@ def test_momentum_and_angular_momentum_stay(schedule: str, device: str):
 
 
 def drag_of(simulator: Simulator, points: NDArray, velocities: NDArray) -> NDArray[np.float64]:
-    """Forces of particles that move, less those of the same at rest [N], shape (P, 3)."""
+    """Return forces of moving particles, less those of the same at rest [N], shape (P, 3)."""
     forces = []
     for moving in (velocities, 0.0 * velocities):
         put(simulator, points, moving)
@@ -129,8 +129,8 @@ def drag_of(simulator: Simulator, points: NDArray, velocities: NDArray) -> NDArr
 
 
 def test_the_material_s_viscosity_damps_a_stretched_bar_as_kelvin_and_voigt_say(device: str):
-    """A strip in wrinkles, one and a half times as long as at rest, whose end flies off: 3 eta l' / l over its
-    section."""
+    """The damping of a wrinkled strip, one and a half times as long as at rest, whose end flies off, is Kelvin and
+    Voigt's 3 eta l' / l over its section."""
     length, width, viscosity = 1.0, 0.1, 400.0
     strip = mesh_of([(0, 0, 0), (length, 0, 0), (length, width, 0), (0, width, 0)], [[0, 1, 2, 3]])
     material = MATERIALS["neo_hookean"].model_copy(
@@ -148,7 +148,7 @@ def test_the_material_s_viscosity_damps_a_stretched_bar_as_kelvin_and_voigt_say(
 
 
 def test_viscosity_of_what_is_taut_is_that_of_a_newtonian_sheet(device: str):
-    """Stretched both ways by 1.4, and growing on alike: 2 eta (d + tr d) = 6 eta l' / l."""
+    """The viscous force of a sheet stretched both ways is the Newtonian 2 eta (d + tr d) = 6 eta l' / l."""
     length, viscosity, stretch, rate = 1.0, 400.0, 1.4, 3.0
     square = mesh_of([(0, 0, 0), (length, 0, 0), (length, length, 0), (0, length, 0)], [[0, 1, 2, 3]])
     material = MATERIALS["neo_hookean"].model_copy(

@@ -1,5 +1,5 @@
-"""Rubber and film move alike in every schedule, whatever else a scene has; and masses, thickness and what differs
-between worlds."""
+"""Rubber and film agree in every schedule, whatever else a scene has; and masses, thickness and differences between
+worlds."""
 
 from functools import cache
 from typing import Any
@@ -24,8 +24,8 @@ BESIDE = Material(kind="gent", springs=["flexion"])
 
 
 def everything(viscosity: float, inflation: Inflation) -> Scene:
-    """Four laws, and a balloon of springs; polygons, a particle that no face has, fixed ones, springs beside, a skin
-    that is thick at one side, spheres and a ground."""
+    """Return a scene of four laws, and a balloon of springs; polygons, a particle that no face has, fixed ones, springs
+    beside, a skin that is thick at one side, spheres and a ground."""
     ball = quad_sphere(3, 0.1)
     ball = mesh_of([*ball.points, (9.0, 9.0, 9.0)], ball.face_vertex_indices.reshape(-1, 4).tolist())
     thick = Material(preset="latex", viscosity=viscosity, weights=np.linspace(1.0, 3.0, ball.vertex_count).tolist())
@@ -46,7 +46,7 @@ def everything(viscosity: float, inflation: Inflation) -> Scene:
 
 @cache
 def moved(schedule: str, device: str, viscosity: float, gas: bool) -> tuple[NDArray, NDArray]:
-    """Points and velocities after four frames, shaken at first."""
+    """Return points and velocities after four frames, shaken at first."""
     scene = everything(viscosity, GAS if gas else Inflation(pressure=400.0))
     vary = {"balloon.0.material.shear_modulus": [2e5, 4e5, 3e5], "balloon.1.material.thickness": [1e-4, 2e-4, 3e-4]}
     simulator = Simulator(scene, device, 3, vary, schedule=schedule)
@@ -61,7 +61,7 @@ def moved(schedule: str, device: str, viscosity: float, gas: bool) -> tuple[NDAr
 @pytest.mark.parametrize("gas", [False, True], ids=["pressure", "gas"])
 @pytest.mark.parametrize("viscosity", [0.0, 1.0], ids=["elastic", "viscous"])
 def test_schedules_agree(schedule: str, device: str, viscosity: float, gas: bool):
-    """Up to float32's rounding, which collisions and wrinkles make more of."""
+    """Schedules agree up to float32's rounding, which collisions and wrinkles amplify."""
     points, velocities = moved(schedule, device, viscosity, gas)
     expected_points, expected_velocities = moved("scatter", device, viscosity, gas)
     np.testing.assert_allclose(points, expected_points, atol=2e-5)
@@ -86,15 +86,15 @@ def test_the_mass_is_that_of_the_skin():
 
 
 def test_mass_is_lumped_by_area_and_not_by_particles():
-    """Of a strip of a broad and a narrow square."""
+    """The mass of a strip of a broad and a narrow square is lumped by area."""
     strip = mesh_of([(0, 0, 0), (3, 0, 0), (4, 0, 0), (4, 1, 0), (3, 1, 0), (0, 1, 0)], [[0, 1, 4, 5], [1, 2, 3, 4]])
     shares = plan_model(latex(mesh=strip, inflation=Inflation(pressure=0.0))).shapes[0].mass_share
     np.testing.assert_allclose(shares, np.array([3.0, 4.0, 1.0, 1.0, 4.0, 3.0]) / 16.0)
 
 
 def test_weights_make_the_skin_thicker():
-    """Twice everywhere is a skin of twice the thickness; a group alone is heavier than before; a function of points is
-    what it says."""
+    """Weights scale the thickness: twice everywhere is a skin of twice the thickness, and a function of points acts by
+    its values."""
     points = quad_sphere(3, 0.1).points
     twice = latex(material=Material(preset="latex", weights=[2.0] * len(points)))
     thick = latex(material=Material(preset="latex", thickness=4e-4))
@@ -139,7 +139,7 @@ def test_worlds_differ_in_all_that_a_material_has():
 
 @pytest.mark.parametrize("material", [Material(preset="natural_rubber_treloar"), OGDEN])
 def test_worlds_differ_in_one_term_of_an_ogden_material(material: Material):
-    """Whether the scene says its numbers, or the preset has them."""
+    """Worlds vary one term of an Ogden material, whose numbers are the scene's or the preset's."""
     vary = {"balloon.material.ogden_moduli.0": [5e5, 7e5], "balloon.material.ogden_exponents.1": [4.0, 5.0]}
     parameters = plan_model(latex(material=material), 2, vary).parameters
     moduli, exponents = parameters["ogden_moduli"][:, 0], parameters["ogden_exponents"][:, 0]
@@ -212,7 +212,7 @@ def test_a_preset_is_what_it_says_and_can_be_changed():
 
 
 def test_the_largest_stretch_is_that_of_the_skin(device: str):
-    """In a batch's table and on the page: of a sheet that is stretched askew by 1.5 and 0.9."""
+    """The largest stretch in a batch's table and on the page is that of a sheet stretched askew by 1.5 and 0.9."""
     sheet = latex(mesh=grid(3, 3), inflation=Inflation(pressure=0.0))
     simulator = Simulator(sheet, device)
     turn = np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))[0]

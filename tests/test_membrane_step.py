@@ -1,4 +1,4 @@
-"""The stable step of rubber: no longer than what its forces really allow, and not much shorter."""
+"""Stable step of rubber: no longer than its forces really allow, and not much shorter."""
 
 from typing import Any
 
@@ -45,7 +45,7 @@ def stable_step(scene: Scene) -> float:
 
 
 def longest_step(model: Model, stretch: float) -> float:
-    """2 / omega of the ball that is stretched alike, omega^2 the largest eigenvalue of the forces' slope over the
+    """Return 2 / omega of the evenly stretched ball, omega^2 the largest eigenvalue of the forces' derivative over the
     masses, by power iteration of differences: from below, by some percent."""
     reader, state = ForceReader(model), initial_state(model)
     points = state.points.numpy()[0].astype(np.float64) * stretch
@@ -77,8 +77,8 @@ def test_the_step_is_what_the_stiffest_state_allows(name: str, mesh: str):
 
 
 def test_film_that_never_leaves_the_verge_of_wrinkling_gets_a_shorter_step():
-    """The step is shorter by 1 / sqrt(1.78), so that 0.8 of it is 1.2 / omega; rubber, and what does not wrinkle, do
-    not."""
+    """The step of film on the verge of wrinkling is shorter by 1 / sqrt(1.78), so that 0.8 of it is 1.2 / omega; that
+    of rubber and of film that does not wrinkle is not."""
 
     def step(**fields: Any) -> float:
         return stable_step(scene_of(MESHES["triangles"], Material(kind="neo_hookean", **fields)))
@@ -88,7 +88,7 @@ def test_film_that_never_leaves_the_verge_of_wrinkling_gets_a_shorter_step():
 
 
 def fastest(scene: Scene, substeps: int, device: str) -> float:
-    """The highest speed in ten frames of a ball that trembles at first by 0.1 m/s."""
+    """Return the highest speed in ten frames of a ball that starts with random velocities of 0.1 m/s."""
     simulator = Simulator(scene.model_copy(update={"substeps": substeps}), device)
     points = simulator.state.points.numpy()[0]
     put(simulator, 1.01 * points, np.random.default_rng(1).normal(scale=0.1, size=points.shape))
@@ -100,7 +100,7 @@ def fastest(scene: Scene, substeps: int, device: str) -> float:
 
 
 def test_the_step_allows_for_viscosity(device: str):
-    """It is, with so much viscosity, an eighth of that without; and just so short, the ball comes to rest."""
+    """High viscosity reduces the step to an eighth, in which the ball comes to rest."""
     elastic, viscous = Material(kind="neo_hookean"), Material(kind="neo_hookean", viscosity=100.0)
     steps = [stable_step(scene_of(MESHES["quads"], material)) for material in (elastic, viscous)]
     assert steps[1] < 0.2 * steps[0]

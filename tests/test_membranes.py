@@ -1,4 +1,4 @@
-"""Balloons of rubber and film against analytic answers: what pressure holds them, how they breathe, what they keep."""
+"""Balloons of rubber and film against analytic answers: equilibrium pressure, breathing frequency, conservation."""
 
 from typing import Any
 
@@ -36,7 +36,7 @@ def scene_of(kind: str, mesh: PolygonMesh, inflation: Inflation, damping: float,
 
 
 def amount_at(mesh: PolygonMesh, pressure: Any, stretch: Any) -> Any:
-    """Gas that has this pressure above the air's in the stretched mesh [mol]."""
+    """Return the amount of gas at this pressure above the air's in the stretched mesh [mol]."""
     return (AIR + pressure) * signed_volume(mesh) * np.asarray(stretch) ** 3 / (GAS_CONSTANT * KELVIN)
 
 
@@ -60,8 +60,8 @@ STRETCHES = np.array([1.05, 1.2, 1.38, 1.6, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.2, 6
 
 @each_law
 def test_a_sealed_balloon_has_the_pressure_of_the_analytic_curve(kind: str, device: str):
-    """At twelve stretches from 1 to 6, each a world, past the largest pressure, too, where only a sealed gas holds it.
-    They start off, and come to rest: the volume of each gives the stretch, by the mesh's own volume."""
+    """A sealed balloon is on the analytic curve at twelve stretches from 1 to 6, each a world, also past the peak,
+    where only a sealed gas holds it. Balloons start off it and come to rest: the volume of each gives the stretch."""
     pressures = sphere_pressure(ENERGIES[kind], BALL, THICKNESS, STRETCHES)
     amounts = amount_at(BALL, pressures, STRETCHES)
     scene = scene_of(kind, BALL, GAS, damping=6.0)
@@ -78,7 +78,7 @@ def test_a_sealed_balloon_has_the_pressure_of_the_analytic_curve(kind: str, devi
 
 @each_law
 def test_the_curve_s_extrema_are_the_analytic_ones(kind: str, device: str):
-    """Forces themselves are taken, of worlds stretched alike: by virtual work the pressure is -F . x / 3 V."""
+    """The pressure curve's extrema are analytic, by virtual work of evenly stretched worlds: p = -F . x / 3 V."""
     stretches = np.linspace(1.02, 6.0, 499)
     still = Inflation(kind="pressure", pressure=0.0)
     simulator = Simulator(scene_of(kind, BALL, still, 0.0), device, len(stretches))
@@ -102,7 +102,7 @@ def test_the_curve_s_extrema_are_the_analytic_ones(kind: str, device: str):
 
 @each_law
 def test_a_given_pressure_stretches_as_the_analytic_curve_says(kind: str, device: str):
-    """Up to where it is largest; and, where rubber stiffens, on the rising branch behind."""
+    """A given pressure stretches rubber by the analytic curve, up to its peak and on a later rising branch."""
     rising = np.array([1.02, 1.1, 1.2, 1.3, *(() if kind == "neo_hookean" else (5.6, 5.9))])
     pressures = sphere_pressure(ENERGIES[kind], BALL, THICKNESS, rising)
     scene = scene_of(kind, BALL, Inflation(kind="pressure", pressure=1.0), damping=6.0)
@@ -117,7 +117,7 @@ def test_a_given_pressure_stretches_as_the_analytic_curve_says(kind: str, device
 
 
 def test_the_sealed_gas_of_the_books(device: str):
-    """mu = 0.4 MPa, h = 0.25 mm, R = 0.1 m: twice as large with 1.406598 mol, at 984.375 Pa."""
+    """A textbook's balloon of mu = 0.4 MPa, h = 0.25 mm, R = 0.1 m doubles with 1.406598 mol, at 984.375 Pa."""
     scene = scene_of("neo_hookean", BALL, GAS, damping=6.0)
     amount = 1.406598 * signed_volume(BALL) / (4.0 / 3.0 * np.pi * 0.1**3)
     simulator = Simulator(scene, device, 1, {"balloon.inflation.amount": [amount]})
@@ -149,7 +149,7 @@ def breathing(mesh: PolygonMesh, device: str, amount: float) -> tuple[float, flo
 
 
 def same_volume(n: int) -> PolygonMesh:
-    """A ball of 6 n^2 quads, of the volume of a sphere of 0.1 m."""
+    """Return a ball of 6 n^2 quads, of the volume of a sphere of 0.1 m."""
     mesh = quad_sphere(n, 0.1)
     scale = (4.0 / 3.0 * np.pi * 0.1**3 / signed_volume(mesh)) ** (1.0 / 3.0)
     return mesh_of(scale * mesh.points, mesh.face_vertex_indices.reshape(-1, 4).tolist())
@@ -160,7 +160,7 @@ def analytic_frequency(mesh: PolygonMesh, amount: float) -> float:
     h = 1e-4
 
     def outward(stretch: float) -> float:
-        """3 V l^2 (p_gas - p_rubber) [J], the force on the stretch."""
+        """Return 3 V l^2 (p_gas - p_rubber) [J], the force on the stretch."""
         volume = signed_volume(mesh) * stretch**3
         gas = amount * GAS_CONSTANT * KELVIN / volume - AIR
         return (
@@ -174,7 +174,7 @@ def analytic_frequency(mesh: PolygonMesh, amount: float) -> float:
 
 
 def test_it_breathes_at_the_analytic_frequency_on_any_mesh(device: str):
-    """A mesh four times as fine has the same volume and pressure."""
+    """The breathing frequency is analytic: a mesh four times as fine has the same volume and pressure."""
     amount = float(amount_at(same_volume(9), 984.375, 2.0))
     coarse, fine = (breathing(same_volume(n), device, amount) for n in (9, 18))
     np.testing.assert_allclose(coarse, fine, rtol=0.01)

@@ -1,4 +1,4 @@
-"""Searches that know their last answers."""
+"""Memoized searches."""
 
 import numpy as np
 import pytest

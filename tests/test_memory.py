@@ -19,7 +19,7 @@ FEW, MANY = 16, 48
 
 
 def scene() -> Scene:
-    """A thing of each kind."""
+    """Return a scene with a thing of each kind."""
     return Scene(
         balloon=[Balloon(mesh=quad_sphere(4)), Balloon(mesh=cube(), position=(3.0, 0.0, 0.0))],
         sphere=[Sphere(position=(0.0, 3.0, 0.0)), Sphere(position=(1.0, 3.0, 0.0))],
@@ -31,7 +31,7 @@ def scene() -> Scene:
 
 
 def arrays_in(thing: Any, seen: frozenset[int] = frozenset()) -> dict[int, wp.array]:
-    """Every device array that can be reached, by its address; not by way of what is being looked through."""
+    """Return every reachable device array by its address, without visiting an object twice."""
     if id(thing) in seen:
         return {}
     seen |= {id(thing)}
@@ -57,7 +57,7 @@ def bytes_taken(simulator: Simulator) -> int:
 @pytest.mark.parametrize("water", [None, Water(level=-9.0)])
 @pytest.mark.parametrize("schedule", SCHEDULES)
 def test_the_estimate_is_what_is_allocated(schedule: str, water: Water | None, device: str):
-    """Bytes of each world more; half a percent is left for numbers of which there is one for a world."""
+    """The estimate of bytes per world is that of the allocation, to half a percent."""
     if schedule in ("lanes", "octets") and device != "cpu":
         pytest.skip(f"{schedule} is for the CPU")
     if schedule == "octets" and water:

@@ -33,8 +33,7 @@ SPHERES = {
 
 
 def at_the_end(mesh: PolygonMesh, seconds: float, **overrides: object) -> tuple[np.ndarray, np.ndarray]:
-    """The mesh's points at the start and after so many seconds, in the scene that it gets by itself, at 24 frames a
-    second."""
+    """Return the mesh's points at the start and after so many seconds, in its default scene, at 24 frames a second."""
     scene = load_scene(mesh, [("frames_per_second", 24.0), *overrides.items()])
     simulator = Simulator(scene, "cpu")
     for _ in range(round(24.0 * seconds)):
@@ -44,8 +43,8 @@ def at_the_end(mesh: PolygonMesh, seconds: float, **overrides: object) -> tuple[
 
 @pytest.mark.parametrize("name", SPHERES)
 def test_a_ball_stays_a_ball_however_it_is_meshed(name: str):
-    """As high as wide within 2 %, on the floor, whose push is about 1 %. By springs of one constant a ball of 32 times
-    16 faces becomes 0.86 times as high as wide, and one of 16 times 32 is 1.29 times as high."""
+    """A ball is as high as wide within 2 %, on the floor, whose push is about 1 %. By springs of one constant a ball of
+    32 times 16 faces becomes 0.86 times as high as wide, and one of 16 times 32 is 1.29 times as high."""
     before, after = at_the_end(SPHERES[name](), 3.0)
     wide, high, deep = np.ptp(after, axis=0) / np.ptp(before, axis=0)
     assert high / np.sqrt(wide * deep) == pytest.approx(1.0, abs=0.02)
@@ -55,8 +54,8 @@ def test_a_ball_stays_a_ball_however_it_is_meshed(name: str):
 
 @pytest.mark.parametrize("name", solid_shapes.SHAPES)
 def test_a_closed_mesh_of_any_shape_swells_alike_and_keeps_its_features(name: str):
-    """Its volume, by 1.2 to 1.8, and its size by less than what a ball of 1.8 times its volume has. A film alone made
-    it 11 times as large of a cup, and 8 times of a plate. What stands keeps its height."""
+    """The volume grows by 1.2 to 1.8, and the size by less than a ball's of 1.8 times its volume. A film alone made it
+    11 times as large of a cup, and 8 times of a plate. The height stays."""
     mesh = solid_shapes.solid(name)
     before, after = at_the_end(mesh, 4.0)
     volume = signed_volume(replace(mesh, points=after)) / signed_volume(mesh)
@@ -69,7 +68,7 @@ def test_a_closed_mesh_of_any_shape_swells_alike_and_keeps_its_features(name: st
 
 
 def test_the_stretch_is_what_is_asked_for():
-    """Stretch of a ball's skin, on a mesh by itself and in a scene; and a pressure that is given counts instead."""
+    """The stretch of a ball's skin is the requested one; a given pressure overrides it."""
     ball = quad_sphere(6)
     for stretch in (0.05, 0.3):
         before, after = at_the_end(ball, 3.0, **{"balloon.inflation.stretch": stretch, "gravity": 0.0})
@@ -99,8 +98,8 @@ def test_run_scenes_and_inspect_take_a_stretch_and_say_what_it_comes_to(tmp_path
 
 
 def test_an_even_skin_has_the_same_tension_both_ways_at_each_vertex():
-    """Half the sum of k L^2 t t^T over the vertex's area, in the surface; a square grid's springs keep their
-    constants."""
+    """Even springs give an isotropic tension at each vertex: half the sum of k L^2 t t^T over the vertex's area, in the
+    surface; a square grid's springs keep their constants."""
     constants = np.array([100.0, 50.0, 20.0])
     mesh = solid_shapes.scattered_sphere(300)
     springs = build_springs(mesh)
@@ -115,8 +114,8 @@ def test_an_even_skin_has_the_same_tension_both_ways_at_each_vertex():
 
 
 def test_springs_go_across_what_is_thin_from_wall_to_wall():
-    """A plate has them straight across; a ball has none, and neither has each of two parts that are free, to the
-    other."""
+    """Springs join the walls of a thin plate straight across; a ball has none, and two free parts have none between
+    them."""
     plate = solid_shapes.solid("plate")
     pairs = springs_across(plate, between_parts=True).pairs
     ways = plate.points[pairs[:, 1]] - plate.points[pairs[:, 0]]
@@ -132,7 +131,7 @@ def test_springs_go_across_what_is_thin_from_wall_to_wall():
 
 
 def test_masses_lie_where_springs_are_stiff_and_make_for_a_long_step():
-    """On a ball with narrow faces at its poles: as much together, and half as many substeps."""
+    """Masses follow the stiffness: a ball with narrow faces at its poles takes half as many substeps."""
     ball = solid_shapes.uv_sphere(64, 32)
     alike, even = (plan_model(Scene(balloon=[Balloon(mesh=ball, stiffness=Stiffness(even=e))])) for e in (False, True))
     assert even.shapes[0].mass_share.sum() == pytest.approx(1.0)

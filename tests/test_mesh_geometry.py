@@ -35,7 +35,7 @@ def test_cube() -> None:
 
 @pytest.mark.parametrize("mesh", [quad_sphere(5, 0.7), torus(7, 5), tetrahedron(), prism(5), open_cube()])
 def test_quads_alone_are_measured_as_among_others(mesh: PolygonMesh) -> None:
-    """Which takes another way: numbers side by side."""
+    """The path for quads alone agrees with that for mixed faces."""
     points = np.random.default_rng(0).normal(1.0, 0.02, mesh.points.shape) * mesh.points + 3.0  # faces are not flat
     alone = replace(mesh, points=points)
     crumb = np.array([0, 0, 0], dtype=np.int32)  # adds nothing but its one point three times to the mean of all

@@ -1,4 +1,4 @@
-"""Formats read through trimesh, and what loading by suffix refuses."""
+"""Formats read through trimesh, and refusals of loading by suffix."""
 
 import json
 import struct
@@ -126,7 +126,7 @@ def test_missing_files_folders_and_unknown_suffixes_are_refused(tmp_path: Path) 
 
 
 def quantized(path: Path, kind: int, normalized: bool, **more: object) -> Path:
-    """A box that is 2 wide, 1 high and 0.5 deep, of integers, at x = 10: as KHR_mesh_quantization has it."""
+    """Return a box 2 wide, 1 high and 0.5 deep, of integers, at x = 10, by KHR_mesh_quantization."""
     dtype, largest = {5122: (np.int16, 32767), 5121: (np.uint8, 255), 5120: (np.int8, 127)}[kind]
     unit = BOX.vertices / np.ptp(BOX.vertices, axis=0).max()
     unit -= unit.min(axis=0)

@@ -25,7 +25,7 @@ from balloon_warp.mesh.topology import (
 
 
 def klein_bottle(n: int = 6, m: int = 5) -> PolygonMesh:
-    """A torus whose tube is glued to itself mirrored: closed, and of one side. Its points are of no matter."""
+    """Return a torus whose tube is glued to itself mirrored: closed, and of one side. Its points do not matter."""
     faces = []
     for i in range(n):
         for j in range(m):
@@ -38,7 +38,7 @@ def klein_bottle(n: int = 6, m: int = 5) -> PolygonMesh:
 
 
 def double_torus() -> PolygonMesh:
-    """Two tori without a quad each, glued along its border."""
+    """Return two tori without a quad each, glued along its border."""
     torus_a = torus(6, 6)
     quads = torus_a.face_vertex_indices.reshape(-1, 4)
     hole = quads[0].tolist()

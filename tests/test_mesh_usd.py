@@ -1,4 +1,4 @@
-"""USD meshes: where their points end up, at which time, and which way they wind."""
+"""Transforms, times and winding of USD meshes."""
 
 import json
 from pathlib import Path
@@ -149,7 +149,7 @@ def test_a_stage_that_shows_no_mesh_is_refused_with_the_reason(tmp_path: Path) -
 
 
 def test_parts_of_one_name_are_told_apart(tmp_path: Path) -> None:
-    """As an exporter has them, a mesh of the same name below each object."""
+    """Parts of one name are told apart by their paths, as exporters write a mesh of the same name below each object."""
     stage = stage_at(tmp_path / "stage.usda")
     for x, wheel in enumerate(("left", "right")):
         add_mesh(stage, f"/{wheel}/mesh", cube()).AddTranslateOp().Set(Gf.Vec3d(3 * x, 0, 0))

@@ -1,4 +1,4 @@
-"""The table of methods: every line of it runs, and the page has them all."""
+"""Table of methods: every line of it runs, and the page has them all."""
 
 import re
 from pathlib import Path
@@ -16,7 +16,7 @@ PAGE = (Path(__file__).parent.parent / "docs" / "METHODS.md").read_text(encoding
 
 
 def test_methods_are_measured():
-    """One of each solver, and in a schedule that it names: test_matrix.py runs what all of them ask for."""
+    """Methods are measured: one of each solver, and one schedule by name; test_matrix.py runs all their features."""
     some = [method for method in METHODS if method.name in ("the paper's step", "projective", "schedule `scatter`")]
     rows = measure_methods(some, device="cpu", rounds=1, frames=2)
     assert [row.method for row in rows] == some
@@ -27,7 +27,7 @@ def test_methods_are_measured():
 
 @pytest.mark.parametrize("method", METHODS, ids=lambda method: method.name)
 def test_every_method_can_be_measured(method: Method):
-    """A model can be made for it, and a schedule takes it: a solver or schedule that refuses one says so here."""
+    """Every method has a model and a schedule that takes it."""
     overrides = [parse_override(text) for text in (*PAPER, *method.overrides)]
     model = build_model(load_scene(SCENE, overrides), "cpu")
     schedule_named(method.schedule, model)
@@ -38,7 +38,7 @@ def test_the_page_has_a_line_for_every_method():
 
 
 def test_each_line_of_the_page_has_the_values_that_were_measured():
-    """Or nobody could repeat it; of a long table its beginning."""
+    """Each line of the page has its overrides, so that it can be repeated; of a long table its beginning."""
     for method in METHODS:
         [line] = re.findall(rf"^\| {re.escape(method.name)} \|.*", PAGE, re.M)
         assert [value for value in method.overrides if value.split(",")[0] not in line] == [], method.name

@@ -1,4 +1,4 @@
-"""The rows of all parameters, and where they stand in memory."""
+"""Rows of all parameters, and their places in memory."""
 
 import numpy as np
 import pytest
@@ -60,7 +60,7 @@ MATERIALS = (
 
 
 def of(material: Material) -> Scene:
-    """A scene of such balloons, without what those that may burst cannot be joined with."""
+    """Return a scene of such balloons, without the features that exclude bursting."""
     scene, own, around = everything(), {"material": material}, {}
     if material.strength is not None:
         own, around = own | {"neck": None}, {"tube": [], "touch": None, "water": None}
@@ -68,14 +68,14 @@ def of(material: Material) -> Scene:
 
 
 def scene_that_has(row: Parameter) -> Scene:
-    """Everything, of a material that the row is of."""
+    """Return a scene with a material that has the row, or with everything."""
     field = row.path.removeprefix("material.")
     fitting = (of(material) for material in MATERIALS if field in material.own_fields)
     return next(fitting, everything()) if row.path != field else everything()
 
 
 def test_every_row_stands_in_a_scene():
-    """And what a schema says of a law's field is what its row says."""
+    """Each row has a place in a scene, and the schema of a law's field agrees with it."""
     scene, rows = everything(), rows_of(LAWS)
     scenes = scene, *map(of, MATERIALS)
     names = {name for each in scenes for places in places_of(each, rows).values() for name, _ in places}
@@ -152,7 +152,7 @@ def test_one_world_has_the_numbers_that_it_has_among_others():
     "path", ["balloon.stiffness.structural", "balloon.mass", "balloon.drag_coefficient", "gravity"]
 )
 def test_the_step_of_many_worlds_is_that_of_the_stiffest(path, monkeypatch):
-    """However many are looked at together."""
+    """The step is that of the stiffest world, whatever the block of worlds."""
     scene, values = everything(), np.linspace(1.0, 40.0, 7)
     monkeypatch.setattr(bounds, "CHUNK", 20)
     alone = [plan_model(override_scene(scene, [(path, value)])).substeps for value in values]

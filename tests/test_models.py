@@ -1,4 +1,4 @@
-"""The bundled models: the files are what the script makes, and good meshes of what they stand for."""
+"""Bundled models: the files are the script's output, and good meshes of their subjects."""
 
 from functools import cache
 from pathlib import Path
@@ -135,7 +135,7 @@ def test_solids_measure_distance() -> None:
 
 
 def test_round_cone_touches_both_its_spheres() -> None:
-    """On the slanted side the distance is to the tangent line of two circles, here of slope 3/4."""
+    """The distance of a round cone's side is that to the tangent line of two circles, here of slope 3/4."""
     a, b = (0.0, 0.0, 0.0), (0.0, 5.0, 0.0)
     along, across = 4.0 / 5.0, 3.0 / 5.0  # the side's direction for radii 4 and 1: sine (4 - 1) / 5
     side = np.array([across, along])

@@ -16,7 +16,7 @@ FLOAT32 = 1.2e-7
 
 
 def triangle_balloon(stiffness: float = 50.0, **fields) -> Balloon:
-    """An equilateral triangle, corners one meter from the origin, in the x-y plane."""
+    """Return an equilateral triangle, corners one meter from the origin, in the x-y plane."""
     angles = np.radians([90.0, 210.0, 330.0])
     corners = np.stack([np.cos(angles), np.sin(angles), np.zeros(3)], axis=1)
     fields = {"mass": 0.3, "damping": 0.0, "inflation": NO_INFLATION} | fields
@@ -31,7 +31,7 @@ def simulated(scene: Scene, device: str, schedule: str = "auto") -> Simulator:
 
 
 def test_free_fall_is_the_listing_to_the_last_bit_but_rounding(device):
-    """v += h a before x += h v gives x = -g h^2 n (n + 1) / 2 after n steps, not n^2 nor n (n - 1)."""
+    """Symplectic Euler gives x = -g h^2 n (n + 1) / 2 after n steps, not n^2 nor n (n - 1)."""
     scene = Scene(balloon=[triangle_balloon()], gravity=2.0, frames=10, frames_per_second=10, substeps=20)
     simulator = simulated(scene, device)
     h, n = 0.1 / 20, 200
@@ -49,7 +49,7 @@ def test_helium_lifts_against_gravity_along_the_up_axis(device):
 
 
 def test_damping_gives_exponential_approach_at_first_order(device):
-    """m v' = m g - c v has v = (m g / c) (1 - exp(-c t / m)). Euler's error halves with the step."""
+    """The velocity approaches (m g / c) (1 - exp(-c t / m)). Euler's error halves with the step."""
 
     def error(substeps: int) -> float:
         scene = Scene(
@@ -68,7 +68,7 @@ def test_damping_gives_exponential_approach_at_first_order(device):
 
 
 def breathing_triangle(substeps: int, device: str) -> Simulator:
-    """Stretched by a tenth, let go: each corner feels 3 k (1 - r), so r = 1 + 0.1 cos(sqrt(3 k / m) t)."""
+    """Return a triangle stretched by a tenth and let go: by 3 k (1 - r), r = 1 + 0.1 cos(sqrt(3 k / m) t)."""
     scene = Scene(balloon=[triangle_balloon()], gravity=0.0, frames=30, frames_per_second=60, substeps=substeps)
     simulator = Simulator(scene, device)
     stretched = wp.array(1.1 * simulator.state.points.numpy(), dtype=wp.vec3, device=device)
@@ -77,7 +77,7 @@ def breathing_triangle(substeps: int, device: str) -> Simulator:
 
 
 def test_spring_oscillates_at_its_frequency_at_first_order(device):
-    """The exact motion against the simulated one over 1.8 periods, at three steps."""
+    """The error against the exact motion over 1.8 periods is of first order, at three steps."""
     omega = np.sqrt(3 * 50.0 / 0.1)
 
     def error(substeps: int) -> float:
@@ -96,7 +96,7 @@ def test_spring_oscillates_at_its_frequency_at_first_order(device):
 
 
 def test_coincident_ends_give_no_force(device):
-    """Two corners at one place: finite, and no force between them, though their spring has a rest length."""
+    """Two corners at one place have no force between them and stay finite, though their spring has a rest length."""
     simulator = Simulator(Scene(balloon=[triangle_balloon()], gravity=0.0), device)
     together = wp.array([[[0.0, 1.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]], dtype=wp.vec3, device=device)
     wp.copy(simulator.state.points, together)
@@ -108,7 +108,7 @@ def test_coincident_ends_give_no_force(device):
 
 
 def test_stiffness_goes_by_kind_and_by_spring(device):
-    """One quad stretched along x: each spring's pull, by its own constant, sums to the net force."""
+    """The net force of a quad stretched along x is the sum of its springs' pulls, each by its own constant."""
     quad = mesh_of([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2, 3]])
     stiffness = Stiffness(structural=7.0, shear=3.0, flexion=11.0, variation=0.5, seed=4)
     balloon = Balloon(mesh=quad, stiffness=stiffness, inflation=NO_INFLATION, damping=0.0)
@@ -139,7 +139,7 @@ def test_fixed_and_unused_particles_stay(device):
 
 
 def test_stable_step_holds_and_is_not_wasteful(device):
-    """At the stable step itself a ringing balloon keeps its energy; with half the substeps the scene is refused."""
+    """A ringing balloon keeps its energy at the stable step; with half the substeps the scene is refused."""
     balloon = Balloon(mesh=quad_sphere(4), damping=0.0, inflation=NO_INFLATION)
     scene = Scene(balloon=[balloon], gravity=0.0, frames_per_second=6, frames=20)
     fewest = int(0.801 * Simulator(scene, device).model.substeps)  # "auto" takes 0.8 of the stable step
@@ -156,7 +156,7 @@ def test_stable_step_holds_and_is_not_wasteful(device):
 
 
 def test_a_stiff_string_is_part_of_the_stable_step(device):
-    """One particle moves, on a string far stiffer than its springs: it comes to rest at F / k beyond the length."""
+    """A particle on a string far stiffer than its springs comes to rest at F / k beyond the length."""
     balloon = triangle_balloon(fixed=[1, 2], helium=20.0, damping=6.0)
     string = String(anchor=(0.0, 0.9, 0.0), particle=0, stiffness=1e5)
     frame = simulated(Scene(balloon=[balloon], string=[string], frames=60), device).read_frame()
@@ -166,7 +166,7 @@ def test_a_stiff_string_is_part_of_the_stable_step(device):
 
 
 def test_heavy_damping_is_part_of_the_stable_step(device):
-    """Damping far faster than the springs: the balloon sinks at m g / c."""
+    """The step includes damping far faster than the springs: the balloon sinks at m g / c."""
     scene = Scene(balloon=[triangle_balloon(damping=60.0)], frames=60)
     velocities = simulated(scene, device).read_frame().velocities[0]
     # the difference to m g / c shrinks by exp(-200) in theory: rounding is left, of positions and so of spring forces
@@ -184,7 +184,7 @@ def test_a_blow_up_names_frame_and_particle(device):
 
 
 def test_a_blow_up_names_its_world_among_others(device):
-    """Without springs nothing spreads: one particle of one world is bad."""
+    """A blow-up names its world: without springs nothing spreads from one particle of it."""
     balloon = Balloon(mesh=cube(), stiffness=Stiffness(structural=0.0, shear=0.0, flexion=0.0), inflation=NO_INFLATION)
     simulator = Simulator(Scene(balloon=[balloon], substeps=1), device, world_count=4)
     velocities = simulator.state.velocities.numpy()
@@ -195,7 +195,7 @@ def test_a_blow_up_names_its_world_among_others(device):
 
 
 def test_worlds_of_a_batch_are_alike_and_the_same_as_one_alone():
-    """On the CPU, where the order of the sums is fixed, to the last bit."""
+    """Worlds are bit-identical to the scene alone on the CPU, where the order of the sums is fixed."""
     scene = Scene(balloon=[Balloon(mesh=quad_sphere(3))], frames=5)
     alone = simulated(scene, "cpu", "scatter").read_frame().points[0]
     batch = Simulator(scene, "cpu", world_count=3, schedule="scatter")

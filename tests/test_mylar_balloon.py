@@ -1,4 +1,4 @@
-"""Two flat discs of foil, sewn at the rim and inflated: Paulsen 1994, What is the shape of a mylar balloon?"""
+"""Mylar balloon: two flat discs of foil, sewn at the rim and inflated (Paulsen 1994)."""
 
 import numpy as np
 from meshes import mesh_of
@@ -17,8 +17,8 @@ RINGS = 29
 
 
 def two_discs(rings: int, radius: float) -> PolygonMesh:
-    """Of even triangles in rings around the centers; the first particle is that of one disc, `1 + 3 rings (rings + 1)`
-    that of the other, and those before it are on the rim."""
+    """Return two discs of even triangles in rings around the centers; the first particle is the center of one disc, `1
+    + 3 rings (rings + 1)` that of the other, and those before it are on the rim."""
     points, starts = [(0.0, 0.0)], [0]
     for ring in range(1, rings + 1):
         starts.append(len(points))
@@ -40,8 +40,8 @@ def two_discs(rings: int, radius: float) -> PolygonMesh:
 
 
 def test_it_has_the_rim_the_thickness_and_the_volume_of_the_elliptic_integrals(device: str):
-    """Foil that does not stretch, but wrinkles: from the rim, at the radius r, its meridian is
-    z(x) = integral from x to r of t^2 / root(r^4 - t^4), as long as the disc's radius."""
+    """The shape is that of inextensible foil with wrinkles: from the rim, at the radius r, its meridian is z(x) =
+    integral from x to r of t^2 / root(r^4 - t^4), as long as the disc's radius."""
     mesh = two_discs(RINGS, RADIUS)
     balloon = Balloon(mesh=mesh, material=FOIL, inflation=Inflation(pressure=PRESSURE), damping=2.0)
     simulator = Simulator(Scene(balloon=[balloon], gravity=0.0), device)

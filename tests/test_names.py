@@ -1,4 +1,4 @@
-"""Names in any script: what they become in a stage, and in what is made of it."""
+"""Names in any script, in a stage and in its exports."""
 
 import json
 import unicodedata
@@ -20,7 +20,7 @@ HALVES = unicodedata.normalize("NFC", "é"), unicodedata.normalize("NFD", "é")
 
 
 def scene(*names: str) -> Scene:
-    """A balloon of each name, side by side."""
+    """Return a scene with a balloon of each name, side by side."""
     balloons = [Balloon(mesh=cube(), name=name, position=(3.0 * n, 0, 0)) for n, name in enumerate(names)]
     return Scene(balloon=balloons, frames=1, touch=False)
 

@@ -16,8 +16,8 @@ from balloon_warp.scene import Balloon, Ground, Stiffness, Touch
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
 def test_what_faces_itself_across_a_small_gap_is_near(scale: float):
-    """A tube of radius 0.25 m grows by some 0.03 m outward at a stretch of 1.1, and three times as much at 1.3; each
-    end of a hook does."""
+    """A hook is near itself once its ends grow across the gap: a tube of radius 0.25 m grows by some 0.03 m outward at
+    a stretch of 1.1, and three times as much at 1.3."""
     for mesh, stretch, near in [
         (hook(0.05), 0.1, True),
         (hook(0.2), 0.1, False),  # the gap is wider than the ends grow
@@ -31,8 +31,8 @@ def test_what_faces_itself_across_a_small_gap_is_near(scale: float):
 
 
 def test_a_groove_and_a_thin_wall_are_not_near_themselves():
-    """The sides of a groove face each other, but one is soon at the other. The two sides of a wall look away from each
-    other."""
+    """The sides of a groove face each other, but are near along the surface too; the two sides of a thin wall face away
+    from each other."""
     groove = quad_sphere(8)
     across = np.abs(groove.points[:, 0])
     dented = groove.points.copy()
@@ -42,12 +42,12 @@ def test_a_groove_and_a_thin_wall_are_not_near_themselves():
 
 
 def touches_itself(scene: Scene) -> bool:
-    """As its meshes settle it."""
+    """Return whether contact of a balloon with itself is on once a scene is planned."""
     return plan_model(scene).scene.touches_itself
 
 
 def test_a_mesh_by_itself_touches_itself_where_it_is_near():
-    """How far its skin is stretched decides."""
+    """A mesh by itself has self-contact where its inflated skin comes near itself."""
     assert touches_itself(load_scene(hook(0.05)))
     assert touches_itself(load_scene(hook(0.2), {"balloon.inflation.stretch": 0.5}))
     assert not touches_itself(load_scene(hook(0.2)))
@@ -58,7 +58,8 @@ def test_a_mesh_by_itself_touches_itself_where_it_is_near():
     "touch", [None, Touch(), Touch(friction=0.1, spheres=False)], ids=["missing", "empty", "given"]
 )
 def test_any_balloon_touches_itself_where_it_is_near(touch: Touch | None):
-    """Unless the scene says not, or cannot; one that is not near pays nothing, and what else is said stays."""
+    """Self-contact is on where a mesh is near itself, unless the scene disables it or cannot have it; other balloons
+    pay nothing, and the scene's other settings stay."""
     near, far = Balloon(mesh=hook(0.05)), Balloon(mesh=quad_sphere(4), position=(3.0, 0.0, 0.0))
     assert touches_itself(Scene(balloon=[near], touch=touch))
     assert touches_itself(Scene(balloon=[far, near], touch=touch))
@@ -75,7 +76,7 @@ def test_a_scene_may_say_that_a_balloon_passes_through_itself(touch: Touch | boo
 
 
 def test_strands_that_sag_into_each_other_are_kept_apart():
-    """Those of a knot, of the springs that a scene has by default: a mesh by itself is firmer."""
+    """Strands of a knot with soft default springs sag and are kept apart by self-contact."""
     mesh, enclosed = load_mesh(bundled_scenes()["knot"].parent / "knot.obj"), dict[bool, float]()
     for touching in (True, False):
         balloon = Balloon(mesh=mesh, mass=0.1, damping=1.0, stiffness=Stiffness(thin="softer"))

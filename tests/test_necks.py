@@ -1,4 +1,4 @@
-"""Balloons that are let go with their necks open, and that leak: what leaves, how soon, and what it pushes."""
+"""Balloons with open necks and leaks: outflow, its time, and its thrust."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -47,7 +47,7 @@ def area_of(diameter: float) -> float:
 
 
 def rigid(pressure: float, neck: Neck | None, substeps: int = 40, **gas: float) -> Scene:
-    """A balloon of air that keeps its volume."""
+    """Return a balloon of air that keeps its volume."""
     balloon = gas_balloon(BALL, {"start_pressure": pressure, "molar_mass": OF_AIR, **gas}, fixed=FIXED, neck=neck)
     return Scene(balloon=[balloon], substeps=substeps, frames=1000)
 
@@ -67,7 +67,7 @@ def flying(neck: Neck | None, device: str, schedule: str = "auto", molar_mass: f
 
 
 def left_in_rigid(area: float, start: float, seconds: NDArray[np.float64], gamma: float) -> NDArray[np.float64]:
-    """Amounts [mol] by the differential equation: of what has no heat, p / n^gamma stays."""
+    """Return amounts [mol] by the differential equation; without heat, p / n^gamma is constant."""
     volume, outside = 0.02, GAS_CONSTANT * TEMPERATURE / AIR_PRESSURE
     first = (AIR_PRESSURE + start) * volume / (GAS_CONSTANT * TEMPERATURE)
 
@@ -82,8 +82,8 @@ def left_in_rigid(area: float, start: float, seconds: NDArray[np.float64], gamma
 
 @pytest.mark.parametrize("gamma", [1.0, 1.4])
 def test_a_rigid_balloon_empties_as_bernoulli_says(gamma: float, device: str):
-    """The amounts of gas at each frame; the backward step lags by less than its own length, 2 % of what leaves in a
-    frame is the tenth of that."""
+    """A rigid balloon empties by Bernoulli's law, frame by frame; backward Euler lags by less than a step, and the
+    tolerance of 2 % of a frame's outflow is a tenth of that."""
     simulator = Simulator(rigid(2000.0, Neck(diameter=0.02, discharge=0.7), gamma=gamma), device)
     amounts = [simulator.read_frame().gas_amounts[0]]
     amounts += [advanced(simulator, 1).gas_amounts[0] for _ in range(8)]
@@ -95,8 +95,8 @@ def test_a_rigid_balloon_empties_as_bernoulli_says(gamma: float, device: str):
 
 
 def test_it_is_empty_when_it_should_be(schedule: str, device: str):
-    """sqrt(p) falls by a straight line where the volume stays and the gas hardly thins: T = 2 V M sqrt(p) /
-    (R T C_d A sqrt(2 rho)), 0.163 s; and then all stays as it is."""
+    """The time to empty is T = 2 V M sqrt(p) / (R T C_d A sqrt(2 rho)), 0.163 s: sqrt(p) falls linearly where the
+    volume stays and the gas hardly thins. Then nothing changes."""
     simulator = Simulator(rigid(1000.0, Neck(diameter=0.02)), device, schedule=schedule)
     density = DRY_AIR * (1.0 + 500.0 / AIR_PRESSURE)
     emptying = (
@@ -120,7 +120,7 @@ def test_what_is_drawn_in_is_air_by_the_same_law(device: str):
 
 
 def momentum(simulator: Simulator, frame: Frame) -> NDArray[np.float64]:
-    """Return the momentum of the balloon and its gas [kg m/s]; gas moves along by the shares of particles."""
+    """Return the momentum of the balloon and its gas [kg m/s]; gas is shared among particles."""
     model = simulator.model
     mass = float(model.parameters["mass"].numpy()[0, 0]) + frame.gas_amounts[0] * float(
         model.parameters["molar_mass"].numpy()[0, 0]
@@ -138,7 +138,7 @@ def flown(simulator: Simulator, frames: int) -> tuple[NDArray[np.float64], list[
 
 
 def test_the_jet_pushes_by_two_areas_times_the_pressure(schedule: str, device: str):
-    """2 C_d A p, up from a neck that is lowest; what flows is C_d A sqrt(2 p rho) of the volume that there is."""
+    """The thrust is 2 C_d A p, up from a neck at the bottom, and the outflow C_d A sqrt(2 p rho)."""
     simulator = flying(Neck(diameter=0.02, discharge=0.9), device, schedule)
     end, frames, flows = flown(simulator, 20)
     impulse = 2.0 * 0.9 * area_of(0.02) * sum(frame.pressures[0] for frame in frames) / 1000.0
@@ -151,8 +151,8 @@ def test_the_jet_pushes_by_two_areas_times_the_pressure(schedule: str, device: s
 
 
 def test_balloon_and_gas_keep_their_momentum(device: str):
-    """The gas, eight times as heavy as air, leaves at sqrt(2 p / rho) from a balloon that moves. With the
-    balloon's own speed it takes a third of the momentum along that its jet gives."""
+    """Momentum is conserved as gas, eight times as heavy as air, leaves at sqrt(2 p / rho) from a balloon that moves.
+    Its share by the balloon's own speed is a third of the jet's."""
     heavy = 8.0 * OF_AIR
     simulator = flying(Neck(diameter=0.07), device, molar_mass=heavy)
     end, frames, flows = flown(simulator, 300)
@@ -168,7 +168,7 @@ def test_balloon_and_gas_keep_their_momentum(device: str):
 
 
 def test_the_jet_turns_with_the_mesh(device: str):
-    """A vertex in the middle of a side, of a ball that is turned about z by a quarter: where x was, is y."""
+    """The jet turns with the mesh: its neck is in the middle of a side, of a ball turned about z from x to y."""
     vertex = int(np.argmax(SOFT.points[:, 0]))
     end, _, _ = flown(flying(Neck(at=vertex, diameter=0.03), device, rotation=(0.0, 0.0, 90.0)), 10)
     assert end[1] < -1e-3
@@ -176,7 +176,7 @@ def test_the_jet_turns_with_the_mesh(device: str):
 
 
 def test_a_group_of_faces_is_a_neck(device: str):
-    """Faces of the side at +z are a neck; its particles get the thrust, which is that of the diameter all the same."""
+    """A group of faces at +z is a neck; its particles get the thrust, which is that of the diameter all the same."""
     group = np.flatnonzero(SOFT.points[:, 2] > 0.6 * SOFT.points[:, 2].max())
     mesh = replace(SOFT, groups={"spout": group.astype(np.int32)})
     simulator = flying(Neck(at="spout", diameter=0.03), device, mesh=mesh)
@@ -197,7 +197,7 @@ def test_a_leak_lets_gas_out_and_pushes_nothing(schedule: str, device: str):
 
 
 def test_a_neck_is_open_between_its_times_and_worlds_differ(schedule: str, device: str):
-    """In frames of a hundredth of a second: from the second to the fourth in one world, never in another."""
+    """A neck is open from the second frame to the fourth in one world and never in another."""
     scene = rigid(2000.0, Neck(diameter=0.005, opens=0.02, closes=0.04)).model_copy(update={"frames_per_second": 100})
     simulator = Simulator(scene, device, 2, {"balloon.neck.diameter": [0.005, 0.0]}, schedule=schedule)
     pressures = [advanced(simulator, 1) and simulator.state.pressures.numpy()[:, 0].copy() for _ in range(6)]
@@ -210,7 +210,7 @@ def test_a_neck_is_open_between_its_times_and_worlds_differ(schedule: str, devic
 
 
 def test_a_change_lets_it_go(device: str):
-    """In a run whose neck was shut at the start."""
+    """A planned change opens a neck that was shut at the start."""
     scene = rigid(2000.0, Neck(diameter=0.0)).model_copy(
         update={"change": [Change(time=2 / 60, set={"balloon.neck.diameter": 0.02})]}
     )
@@ -241,7 +241,7 @@ def test_mistakes_are_told(path: str, value: object, complaint: str):
 
 
 def test_what_leaves_and_pushes_is_told_in_table_and_stage(device: str, tmp_path: Path):
-    """Moles, the mean stretch over the start, and 2 C_d A p, as the frame has them, whose gas and area are its own."""
+    """The table and the stage report the frame's moles, the mean stretch over the start, and 2 C_d A p."""
     simulator = flying(Neck(diameter=0.02, discharge=0.5), device)
     with StageWriter(tmp_path / "flight.usda", simulator.model) as writer:
         writer.write(simulator.read_frame())

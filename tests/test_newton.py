@@ -1,4 +1,4 @@
-"""Our stages in Newton, which goes on from where they start."""
+"""Stages in Newton, which continues from their start."""
 
 import warnings
 from pathlib import Path
@@ -24,7 +24,7 @@ OF_SPRINGS = (*KNOWN, "no valid surface thickness", "surfaceShearStiffness is no
 
 
 def everything(up_axis: str) -> Scene:
-    """A latex ball, whose file is in centimeters, above one of each that is rigid."""
+    """Return a scene of a latex ball, whose file is in centimeters, above one rigid thing of each kind."""
     ball = {"mesh": fans(quad_sphere(3, 5.0)), "unit": "cm", "name": "ball", "material": Material(preset="latex")}
     moving = {"velocity": (1.0, 2.0, 3.0), "angular_velocity": (0.0, 4.0, 1.0)}
     balloon = Balloon(**ball, **moving, position=(0, 0.5, 0.1), inflation=Inflation(kind="pressure", pressure=10.0))
@@ -62,7 +62,7 @@ def all_of_it(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
 
 
 def test_latex_is_latex(all_of_it: tuple):
-    """Stiffness, thickness and mass of every triangle and particle, in SI."""
+    """Stiffness, thickness and mass of every triangle and particle agree, in SI."""
     scene, builder, found, said = all_of_it
     frame, shape = Simulator(scene, "cpu").read_frame(), Simulator(scene, "cpu").model.shapes[0]
     first, end = found["path_cloth_map"]["/World/ball"]["particle"]

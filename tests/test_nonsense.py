@@ -1,4 +1,4 @@
-"""Messages to the page that make no sense, and their outcomes."""
+"""Invalid messages to the page, and their outcomes."""
 
 import contextlib
 import socket
@@ -34,7 +34,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
 
 @pytest.fixture
 def watcher(page: Page) -> Iterator[Connection]:
-    """A window that looks on, with the scene at its start."""
+    """Yield a window that watches the scene, reset to its start."""
     with joined(page) as window:
         say(window, CAMERA)
         wait_until(lambda: page.session.watched, "it looks on")
@@ -46,7 +46,7 @@ def watcher(page: Page) -> Iterator[Connection]:
 
 
 def test_what_a_window_says_is_heard(page: Page, watcher: Connection):
-    """The very messages that the tests below spoil."""
+    """The messages that the tests below corrupt are valid and take effect."""
     say(watcher, update(page.controls.hands_on.inflation, value=0.5))
     wait_until(lambda: page.session.picture.inflation == 0.5, "the slider")
     say(watcher, update(page.controls.wind, value=[1.0, 0, 0.0]))
@@ -73,7 +73,7 @@ def test_what_a_window_says_is_heard(page: Page, watcher: Connection):
 
 
 def test_an_older_picture_does_not_pull_a_slider_back(page: Page, watcher: Connection):
-    """Where the machine is busy, what is shown lags behind the hand."""
+    """An older picture does not reset a slider, where a busy machine draws behind the input."""
     older = page.session.picture
     say(watcher, update(page.controls.hands_on.inflation, value=0.5))
     wait_until(lambda: page.session.picture.inflation == 0.5, "the slider")
@@ -82,7 +82,7 @@ def test_an_older_picture_does_not_pull_a_slider_back(page: Page, watcher: Conne
 
 
 def test_a_slider_is_heard_at_once(page: Page, watcher: Connection):
-    """Not when one of viser's threads finds time: until then the panel might have another value."""
+    """A slider takes effect at once, without waiting for viser's threads."""
     free = threading.Event()
     for _ in range(page.server._thread_executor._max_workers):
         page.server._thread_executor.submit(free.wait)
@@ -154,7 +154,7 @@ def nonsense(page: Page) -> dict[str, bytes]:
 
 
 def test_nonsense_is_not_heard(page: Page, watcher: Connection, capfd: pytest.CaptureFixture[str]):
-    """Nothing changes, time goes on, the terminal stays empty, and who says it is still heard when it makes sense."""
+    """Invalid messages change nothing and print nothing, and their sender can still send valid ones."""
     controls = page.server.gui._gui_input_handle_from_uuid.values()
     for name, content in nonsense(page).items():
         values, live = [control.value for control in controls], page.session.playground.live
@@ -192,7 +192,7 @@ def test_a_huge_message_ends_its_own_connection(page: Page, watcher: Connection)
 
 
 def test_thousands_of_messages_do_not_stop_the_simulation(page: Page, watcher: Connection):
-    """That make sense, each of them: the last slider counts, and of spheres there are as many as there may be."""
+    """Thousands of valid messages do not stop the simulation: the last value holds, and spheres are limited."""
     with joined(page) as window:
         say(window, CAMERA)
         for value in np.linspace(0.3, 0.6, 3000):
@@ -206,7 +206,7 @@ def test_thousands_of_messages_do_not_stop_the_simulation(page: Page, watcher: C
 
 
 def test_half_open_connections_do_not_stop_the_page(page: Page, watcher: Connection):
-    """Handshakes that never end, and what is no handshake: a window joins beside them."""
+    """Half-open handshakes and other bytes do not stop the page: a window joins beside them."""
     with contextlib.ExitStack() as stack:
         for opening in (b"", b"GET / HTTP/1.1\r\nHost: local", b"\x16\x03\x01\x02\x00garbage\r\n\r\n") * 10:
             slow = stack.enter_context(socket.create_connection(("127.0.0.1", page.server.get_port())))

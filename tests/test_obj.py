@@ -1,4 +1,4 @@
-"""OBJ files: every form that must be read, and what reading gives."""
+"""OBJ files: every form that must be read, and the result of reading."""
 
 import os
 import tracemalloc
@@ -177,7 +177,7 @@ def test_writing_into_no_folder_is_refused(tmp_path: Path) -> None:
 
 
 def test_each_line_is_worked_on_once(tmp_path: Path) -> None:
-    """As much Python for each of ten thousand vertices as of a hundred."""
+    """Reading executes as much Python for each of ten thousand vertices as of a hundred."""
     counts = []
     for size in (10, 100):
         write_obj(tmp_path / "mesh.obj", grid(size, size))
@@ -203,7 +203,7 @@ MANY = {
 
 @pytest.mark.parametrize("what", MANY)
 def test_reading_takes_a_few_times_the_memory_of_the_file(tmp_path: Path, what: str) -> None:
-    """The shortest vertex line has 8 bytes, and 28 of coordinates and its number, in an array that grows."""
+    """The peak memory is a few times the file: the shortest vertex line has 8 bytes, its numbers 28."""
     path = tmp_path / "mesh.obj"
     path.write_bytes(MANY[what])
     tracemalloc.start()

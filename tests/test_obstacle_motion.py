@@ -1,4 +1,4 @@
-"""Obstacles that move as a USD stage has them."""
+"""Obstacles with the motion of a USD stage."""
 
 from pathlib import Path
 
@@ -14,8 +14,8 @@ from balloon_warp.model.obstacle_motion import obstacle_motion
 
 
 def stage_of(path: Path, up_axis: str = "Z", scales: bool = False) -> Path:
-    """A cube of a meter in a stage of centimeters, under a parent: in a second it goes by a meter along x, while the
-    parent turns by a quarter about the up axis."""
+    """Write a cube of a meter in a stage of centimeters, under a parent: in a second it goes by a meter along x, while
+    the parent turns by a quarter about the up axis."""
     stage = Usd.Stage.CreateNew(str(path))
     UsdGeom.SetStageMetersPerUnit(stage, 0.01)
     UsdGeom.SetStageUpAxis(stage, up_axis)
@@ -60,7 +60,7 @@ def scene_with(path: Path, **fields) -> Scene:
 
 @pytest.mark.parametrize("up_axis", ["Y", "Z"])
 def test_an_obstacle_goes_where_its_stage_says(tmp_path: Path, up_axis: str):
-    """Its corners are where USD has them at that time, in its own unit and axes; after the last sample it rests."""
+    """An obstacle's corners are where USD has them, in its own unit and axes; after the last sample it rests."""
     path = stage_of(tmp_path / "block.usda", up_axis)
     simulator = Simulator(scene_with(path, position=(0.0, 2.0, 0.0)), "cpu", schedule="gather")
     mesh = simulator.model.obstacles[0].mesh
@@ -88,7 +88,7 @@ def test_an_obstacle_that_grows_is_refused(tmp_path: Path):
 
 
 def clock(path: Path) -> Path:
-    """A still dial and two hands, each turned by its own samples; one by points that turn, one by a transform."""
+    """Write a still dial and two hands, each turned by its own samples; one by points that turn, one by a transform."""
     stage = Usd.Stage.CreateNew(str(path))
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     UsdGeom.SetStageUpAxis(stage, "Y")
@@ -112,7 +112,7 @@ def clock(path: Path) -> Path:
 
 
 def test_each_part_of_a_stage_moves_by_its_own_samples(tmp_path: Path):
-    """The parts that move follow as obstacles of their own, behind the others, with the same values."""
+    """Moving parts become obstacles of their own, behind the others, with the same values."""
     scene = scene_with(clock(tmp_path / "clock.usda"), friction=0.25, name="clock")
     scene = scene.model_copy(update={"obstacle": [*scene.obstacle, Obstacle(position=(0.0, -9.0, 0.0))]})
     plan = plan_model(scene)
@@ -149,7 +149,7 @@ def test_a_part_that_bends_is_refused_by_name(tmp_path: Path):
 
 
 def skinned(path: Path, weights: tuple[float, float]) -> Path:
-    """A cube held by two joints, of which the second rises by a meter in a second."""
+    """Write a cube held by two joints, of which the second rises by a meter in a second."""
     stage = Usd.Stage.CreateNew(str(path))
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     UsdGeom.SetStageUpAxis(stage, "Y")
@@ -184,7 +184,7 @@ def skinned(path: Path, weights: tuple[float, float]) -> Path:
 
 
 def test_a_skin_is_followed_where_it_is_rigid(tmp_path: Path):
-    """Held by the joint that rises the whole block does; held by one at its top and the other below it stretches."""
+    """A skin held by one joint is followed as a rigid block; one held by two joints stretches and is refused."""
     motion = obstacle_motion(plan_model(scene_with(skinned(tmp_path / "whole.usda", (1, 1)))).scene)
     np.testing.assert_allclose(motion[[0, 30, 60], 0, :3], [[0, 0, 0], [0, 0.5, 0], [0, 1, 0]], atol=1e-6)
     with pytest.raises(InputError, match="/root/block bends"):

@@ -29,7 +29,7 @@ def shapes(up_axis: str) -> list[ObstacleShape]:
 
 @pytest.mark.parametrize("up_axis", UPS)
 def test_what_is_drawn_has_their_shapes(up_axis: str):
-    """By volume and extent, with faces that look outward."""
+    """Drawn surfaces have the volume and extent of the shapes, with faces that wind outward."""
     pytest.importorskip("viser")
     from balloon_warp.viewer.obstacles import surface_of
 

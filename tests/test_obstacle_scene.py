@@ -1,4 +1,4 @@
-"""Obstacles in scene files: that they come back as they were written, and what is said of those that are wrong."""
+"""Obstacles in scene files: round trip, and messages for wrong ones."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -20,7 +20,7 @@ MOTION = [(0.0, (0.0, 0.0, 0.0)), (0.5, (0.0, -1.0, 0.0), (0.0, 90.0, 0.0))]
 
 
 def scene(folder: Path) -> Scene:
-    """A file that names two mesh files beside it."""
+    """Return a file that names two mesh files beside it."""
     write_obj(folder / "ball.obj", quad_sphere(2))
     write_obj(folder / "tile.obj", cube())
     path = folder / "scene.toml"
@@ -129,7 +129,7 @@ def starts(obstacle: Obstacle, **fields) -> None:
     ],
 )
 def test_a_balloon_that_starts_inside_an_obstacle_is_refused(fields, touching, direction, kind, up_axis: str):
-    """One that touches it is not, nor one that the obstacle is far from by its motion."""
+    """A balloon inside an obstacle is refused; one in contact is not, nor one clear of it by its motion."""
     for gap, refused in ((0.0, False), (-0.05, kind is not None)):
         place = tuple((touching + gap) * np.array(direction))
         if refused:
@@ -156,7 +156,7 @@ def test_sheets_and_fixed_particles_have_nothing_inside():
 
 
 def test_a_mesh_that_winds_inward_is_a_room(device: str):
-    """A ball stays within, a wall that winds outward does not take it in."""
+    """A mesh that winds inward is a room, and holds a ball; one that winds outward excludes it."""
     walls = cube()
     room = replace(walls, points=4.0 * (walls.points - 0.5), face_vertex_indices=walls.face_vertex_indices[::-1].copy())
     ball = Balloon(mesh=quad_sphere(2, 0.3), velocity=(4.0, 1.0, 2.0), damping=0.0)

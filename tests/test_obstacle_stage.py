@@ -22,7 +22,7 @@ MOVING = ("capsule", "cap")
 
 
 def everything(**fields) -> Scene:
-    """A small balloon above one of each, two of them moving."""
+    """Return a small balloon above one obstacle of each shape, two of them moving."""
     obstacles = [
         Obstacle(size=(1.0, 0.2, 0.4), position=(0.0, -2.0, 0.0), rotation=(0.0, 30.0, 0.0), color=(0.1, 0.2, 0.3)),
         Obstacle(shape="capsule", radius=0.2, length=0.5, position=(1.5, 0.0, 0.0), motion=MOTION),
@@ -35,7 +35,7 @@ def everything(**fields) -> Scene:
 
 
 def placed(stage: Usd.Stage, path: str, frame: float) -> np.ndarray:
-    """The matrix that takes a prim's points, as columns, to the world."""
+    """Return the matrix that takes a prim's points, as columns, to the world."""
     return np.array(UsdGeom.XformCache(frame).GetLocalToWorldTransform(stage.GetPrimAtPath(path))).T
 
 
@@ -112,7 +112,7 @@ def test_a_plane_is_drawn_below_the_balloons(stage: Usd.Stage):
 
 
 def test_a_change_moves_an_obstacle(tmp_path: Path):
-    """At once, and what stays beside it gets no samples."""
+    """A planned change moves an obstacle at once, and one that stays gets no samples."""
     change = [Change(time=2 / 30, set={"obstacle.0.position": (0.0, -2.5, 0.0)})]
     scene = everything(change=change, obstacle=[everything().obstacle[0], everything().obstacle[3]])
     animate(scene, tmp_path / "change.usda", device="cpu", schedule="gather")
@@ -151,7 +151,7 @@ def test_worlds_of_a_batch_share_shapes_and_have_places_of_their_own(tmp_path: P
 
 
 def test_pictures_have_them_at_their_places(written: Path, stage: Usd.Stage):
-    """The box's sides, the capsule's ends and the mesh's points are where the stage's own matrices have them."""
+    """Sides of the box, ends of the capsule and points of the mesh are where the stage's own matrices have them."""
     reader = RenderStage(written)
     reader.read_prims(0)
     box, mesh = reader.meshes[1], reader.meshes[3]
@@ -179,7 +179,7 @@ def test_the_camera_frames_the_balloons_and_not_a_plane(written: Path):
 
 
 def test_a_recorded_frame_alone_has_them(tmp_path: Path):
-    """As a snapshot is made: a stage of a single frame, late."""
+    """A stage of a single late frame, as a snapshot is, has the obstacles' poses."""
     simulator = Simulator(everything(), "cpu", schedule="gather")
     for _ in range(3):
         simulator.step()

@@ -1,4 +1,4 @@
-"""Obstacles that go where they are told, against closed forms: each particle of a mesh without springs is by itself."""
+"""Obstacles with given motion, against closed forms. Particles of a mesh without springs are independent."""
 
 import numpy as np
 import pytest
@@ -14,24 +14,24 @@ FRICTION = 0.5
 
 
 def particles(points: np.ndarray | list, **fields) -> Balloon:
-    """Free particles: a quad without springs, inflation or damping."""
+    """Return free particles: a quad without springs, inflation or damping."""
     nothing = {"stiffness": NO_SPRINGS, "inflation": Inflation(k_normal=0.0), "damping": 0.0}
     return Balloon(mesh=mesh_of(points, [[0, 1, 2, 3]]), **nothing | fields)
 
 
 def block() -> Balloon:
-    """A stiff cube of 20 cm, 1 kg, that keeps its shape."""
+    """Return a stiff cube of 20 cm, 1 kg, that keeps its shape."""
     stiff = Stiffness(structural=5e4, shear=5e4, flexion=0.0)
     return Balloon(mesh=cube(), scale=0.2, mass=1.0, damping=0.0, stiffness=stiff, inflation=Inflation(k_normal=0.0))
 
 
 def slab() -> PolygonMesh:
-    """A box of 8 x 0.2 x 8 m, as a mesh."""
+    """Return a box of 8 x 0.2 x 8 m, as a mesh."""
     return mesh_of((cube().points - 0.5) * [8.0, 0.2, 8.0], cube().face_vertex_indices.reshape(-1, 4).tolist())
 
 
 def sheet() -> PolygonMesh:
-    """A square of 8 m, of 16 quads, about the origin and across y."""
+    """Return a square of 8 m, of 16 quads, about the origin and across y."""
     flat = grid(4, 4)
     points = flat.points - flat.points.mean(axis=0)
     points = 8.0 * points / np.ptp(points, axis=0).max()
@@ -50,14 +50,14 @@ SURFACE = {"plane": 0.0, "box": 0.1, "mesh": 0.1, "sheet": 0.01}
 
 
 def slope(kind: str, degrees: float, friction: float = FRICTION) -> Obstacle:
-    """A surface through the origin that rises along x."""
+    """Return a surface through the origin that rises along x."""
     turn = np.radians(degrees)
     below = -SURFACE[kind] * np.array([-np.sin(turn), np.cos(turn), 0.0])
     return SLOPES[kind](position=tuple(below), rotation=(0.0, 0.0, degrees), friction=friction)
 
 
 def along(degrees: float) -> np.ndarray:
-    """The unit vector up the slope."""
+    """Return the unit vector up the slope."""
     return np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees)), 0.0])
 
 
@@ -73,7 +73,7 @@ def way_down(kind: str, degrees: float, device: str, schedule: str, balloon: Bal
 
 @pytest.mark.parametrize("kind", SLOPES)
 def test_a_particle_slides_down_a_slope_as_coulomb_says(kind: str, device: str):
-    """From atan(friction) on, with g (sin - friction cos); symplectic Euler's steps add 1/n of the way, 300."""
+    """A particle slides from atan(friction) on, with g (sin - friction cos), to a step's 1/300 of the distance."""
     on_it = particles([(0, 0, 0), (0, 0, 0.1), (0.1, 0, 0.1), (0.1, 0, 0)])
     steepest = np.degrees(np.arctan(FRICTION))
     assert way_down(kind, steepest - 0.5, device, "gather", on_it, 10) < 1e-4
@@ -84,7 +84,7 @@ def test_a_particle_slides_down_a_slope_as_coulomb_says(kind: str, device: str):
 
 
 def test_a_block_slides_down_a_slope_as_coulomb_says(schedule: str, device: str):
-    """A stiff cube, whose four lower corners bear it: it begins to slide within a degree of atan(friction)."""
+    """A stiff cube on its four lower corners begins to slide within a degree of atan(friction)."""
     steepest = np.degrees(np.arctan(FRICTION))
     assert way_down("box", steepest - 1.0, device, schedule, block(), 200) < 2e-3
     assert way_down("box", steepest + 1.0, device, schedule, block(), 200) > 0.02
@@ -104,7 +104,7 @@ THIN = {
 @pytest.mark.parametrize("kind", THIN)
 @pytest.mark.parametrize("speed", [1.0, 30.0, 1000.0])
 def test_nothing_comes_through_however_fast(kind: str, speed: float, device: str):
-    """Head on: at 1,000 m/s a particle goes 17 m in a substep, ten thousand times as far as the obstacle is thick."""
+    """A head-on particle at 1,000 m/s, ten thousand times the thickness in a substep, does not tunnel."""
     above = particles([(0.011, 1, 0.0), (0.012, 1, 0.0), (0.013, 1, 0.0), (0.013, 2, 0.0)], velocity=(0.0, -speed, 0.0))
     obstacle = THIN[kind].model_copy(update={"friction": 0.0})
     scene = Scene(balloon=[above], obstacle=[obstacle], gravity=0.0, substeps=1, frames=200)
@@ -114,7 +114,7 @@ def test_nothing_comes_through_however_fast(kind: str, speed: float, device: str
 
 
 def test_a_particle_inside_comes_out_along_the_normal(device: str):
-    """Out of a ball along the ray from its center, out of a box through the nearest face."""
+    """A particle inside is projected along the normal: a ball's ray from its center, the nearest face of a box."""
     ball = Obstacle(radius=0.5, length=0.0, position=(10.0, 0.0, 0.0))
     box = Obstacle(size=(1.0, 2.0, 3.0))
     inside = np.array([(10.3, 0.0, 0.3), (10.0, 0.4, 0.0), (0.45, 0.2, 0.1), (0.0, -0.9, 1.0)])
@@ -129,7 +129,7 @@ def test_a_particle_inside_comes_out_along_the_normal(device: str):
 
 
 def test_a_lift_carries_what_stands_on_it(schedule: str, device: str):
-    """A plate that rises by a meter in a second, and then rests: its particles rise with it, at its speed."""
+    """A plate that rises by a meter in a second, and then rests, carries its particles at its speed."""
     lift = Obstacle(size=(1.0, 0.2, 1.0), position=(0, -0.1, 0), motion=[(0.0, (0, 0, 0)), (1.0, (0, 1.0, 0))])
     on_it = particles([(0, 0, 0), (0, 0, 0.1), (0.1, 0, 0.1), (0.1, 0, 0)])
     frames = list(Simulator(Scene(balloon=[on_it], obstacle=[lift], frames=90), device, schedule=schedule).run())
@@ -141,7 +141,7 @@ def test_a_lift_carries_what_stands_on_it(schedule: str, device: str):
 
 
 def test_a_turntable_takes_along_what_rubs_on_it(device: str):
-    """A quarter turn in a second: particles that cannot slip go round with it, at omega r."""
+    """Particles that cannot slip go round with a turntable, at omega r: a quarter turn in a second."""
     turn = [(0.0, (0, 0, 0)), (1.0, (0, 0, 0), (0, 90.0, 0))]
     table = Obstacle(size=(2.0, 0.2, 2.0), position=(0, -0.1, 0), friction=100.0, motion=turn)
     on_it = particles([(0.5, 0, 0), (0, 0, 0.5), (-0.5, 0, 0), (0, 0, -0.5)])
@@ -153,7 +153,7 @@ def test_a_turntable_takes_along_what_rubs_on_it(device: str):
 
 
 def test_a_plane_is_as_the_ground_is(schedule: str, device: str):
-    """A balloon with gas falls on both, with the same friction and step: what bounds it is told to its gas, too."""
+    """A plane agrees with the ground: a balloon with gas falls on both, and the gas sees both bounds."""
     ball = Balloon(mesh=quad_sphere(4, 0.5), position=(0, 0.6, 0), mass=5.0, inflation={"start_pressure": 50.0})
     found = []
     for below in ({"ground": Ground(friction=0.3)}, {"obstacle": [Obstacle(shape="plane", friction=0.3)]}):
@@ -165,7 +165,7 @@ def test_a_plane_is_as_the_ground_is(schedule: str, device: str):
 
 
 def test_a_box_is_as_its_mesh_is(device: str):
-    """A balloon falls on both, turned: the nearest place on triangles is that on the box's faces, edges and corners."""
+    """A box agrees with its mesh: the closest point on triangles is that on the box's faces, edges and corners."""
     ball = Balloon(mesh=quad_sphere(4, 0.5), position=(0.1, 1.2, 0.1), inflation={"pressure": 2.0})
     place = {"rotation": (20.0, 10.0, 30.0), "friction": 0.2}
     box = mesh_of((cube().points - 0.5) * 0.8, cube().face_vertex_indices.reshape(-1, 4).tolist())
@@ -179,7 +179,7 @@ def test_a_box_is_as_its_mesh_is(device: str):
 
 
 def test_worlds_with_obstacles_of_their_own_are_as_each_is_alone(schedule: str, device: str):
-    """Their places and friction differ; to the bit."""
+    """Worlds with obstacles of other places and friction are bit-identical to each alone."""
     ball = Balloon(mesh=quad_sphere(3, 0.5), position=(0, 0.8, 0), inflation={"pressure": 2.0})
     scene = Scene(balloon=[ball], obstacle=[Obstacle(size=(2.0, 0.2, 2.0), rotation=(0, 0, 15.0))], frames=20)
     vary = {"obstacle.0.position.1": [0.0, 0.2, -0.3], "obstacle.friction": [0.5, 0.0, 0.9]}
@@ -196,8 +196,8 @@ def test_worlds_with_obstacles_of_their_own_are_as_each_is_alone(schedule: str, 
 
 
 def test_contact_gives_no_energy(device: str):
-    """A ball is thrown at a still block, with friction and without: kinetic energy and that of its springs and height
-    never rise above what there was, but for the swing of symplectic Euler's energy, some per mille of it."""
+    """Contact does not add energy: a ball is thrown at a still block, with friction and without; the energy of motion,
+    springs and height grows by no more than the swing of symplectic Euler's energy, some per mille."""
     ball = Balloon(mesh=quad_sphere(4, 0.5), velocity=(4.0, -1.0, 0.0), damping=0.0, inflation={"k_normal": 0.0})
     wall = Obstacle(size=(0.5, 4.0, 4.0), position=(1.2, 0.0, 0.0), rotation=(0.0, 0.0, 10.0))
     for friction in (0.0, 0.8):
@@ -210,8 +210,8 @@ def test_contact_gives_no_energy(device: str):
 
 @pytest.mark.parametrize("contact", ["penalty", "impulse"])
 def test_a_sphere_bounces_on_an_obstacle_and_rests(contact: str, schedule: str, device: str):
-    """From a height it comes back to restitution^2 of that; on a slope without friction it slides as g sin says. How it
-    meets particles is another matter: on a CPU gather takes both of these rules, octets and block one each."""
+    """A sphere bounces to restitution^2 of its height, and slides on a slope without friction as g sin says. Its
+    contact rule with particles varies: on a CPU gather takes both rules, octets and block one each."""
     if device == "cpu" and schedule == {"penalty": "block", "impulse": "octets"}[contact]:
         pytest.skip("has the other rule")
     far = particles([(0, 50, 0), (0, 50, 0.1), (0.1, 50, 0.1), (0.1, 50, 0)])
@@ -240,7 +240,7 @@ def test_a_sphere_bounces_on_an_obstacle_and_rests(contact: str, schedule: str, 
 
 @pytest.mark.parametrize("friction", [0.0, 0.5])
 def test_a_ball_goes_over_an_edge_without_a_kick(friction: float, device: str):
-    """It rolls off a tilted table: no particle ever moves faster, beside the ball's own motion, than the ball fell."""
+    """A ball rolls off a tilted table: no particle moves faster, relative to the ball, than the ball fell."""
     ball = Balloon(mesh=quad_sphere(6, 0.2), position=(0.3, 1.22, 0.0), inflation={"pressure": 2.0})
     table = Obstacle(size=(1.2, 0.1, 1.2), position=(0.0, 0.93, 0.0), rotation=(0.0, 0.0, -12.0), friction=friction)
     frames = list(Simulator(Scene(balloon=[ball], obstacle=[table], frames=120), device).run())
@@ -250,7 +250,7 @@ def test_a_ball_goes_over_an_edge_without_a_kick(friction: float, device: str):
 
 
 def test_what_cuts_a_corner_is_stopped(device: str):
-    """From above a box to beside it in one substep, 1.4 m through it: it stays above, and keeps its speed along it."""
+    """A particle that would cut 1.4 m through a box's corner in one substep stays above, at its speed."""
     across = particles(
         [(-0.4, 0.6, 0), (-0.4, 0.6, 0.1), (-0.3, 0.6, 0.1), (-0.3, 0.6, 0)], velocity=(70.0, -50.0, 0.0)
     )
@@ -262,7 +262,7 @@ def test_what_cuts_a_corner_is_stopped(device: str):
 
 
 def test_what_slides_on_one_is_stopped_by_the_next_within_a_frame(schedule: str, device: str):
-    """The floor alone is asked only as far as the wall is away: 0.5 m, of a frame's way of 1 m without friction."""
+    """A particle that slides on the floor at 1 m a frame is stopped by a wall 0.5 m away."""
     quad = particles([(-0.7, 0, 0), (-0.7, 0, 0.1), (-0.5, 0, 0.1), (-0.5, 0, 0)], velocity=(60.0, 0.0, 0.0))
     floor = Obstacle(shape="plane", friction=0.0)
     wall = Obstacle(shape="plane", rotation=(0.0, 0.0, 90.0), friction=0.0)
@@ -275,8 +275,8 @@ def test_what_slides_on_one_is_stopped_by_the_next_within_a_frame(schedule: str,
 @pytest.mark.long
 @pytest.mark.parametrize("schedule", ["octets", "block"])
 def test_looking_at_the_nearest_alone_is_enough(schedule: str, device: str):
-    """Where each obstacle stands twice, none is alone the nearest, and all are looked at. The second of two has nothing
-    left to do, but for rounding. Particles fly about in a box of six planes, with a capsule and a beam that turns."""
+    """Checking only the nearest obstacle suffices. Duplicated obstacles tie, so that all are checked, and the result
+    agrees but for rounding. Particles fly about in a box of six planes, with a capsule and a beam that turns."""
     if schedule == ("octets" if device.startswith("cuda") else "block"):
         pytest.skip("is for the other device")
     sides = [((-1, 0, 0), (0, 0, -90)), ((1, 0, 0), (0, 0, 90)), ((0, -1, 0), (0, 0, 0)), ((0, 1, 0), (0, 0, 180))]

@@ -1,4 +1,4 @@
-"""Odd meshes once they are taken: the policies that their warnings state, in forces."""
+"""Odd meshes that are accepted: the policies that their warnings state, in forces."""
 
 from pathlib import Path
 
@@ -33,8 +33,8 @@ def move(simulator: Simulator, particle: int, to: tuple[float, float, float]) ->
 
 @pytest.mark.parametrize(("inflation", "pushed"), [({"k_normal": 3.0}, True), (PRESSURE, False)])
 def test_a_face_without_area_is_inflated_once_it_opens(inflation: dict, pushed: bool, tmp_path: Path, device: str):
-    """Its corner on the edge of the cube belongs to no other face: it is a fin, which the paper's push knows nothing
-    of, and a pressure does not push."""
+    """A corner of a zero-area face on the edge of the cube is a fin without any other face: the paper's inflation
+    pushes it once it opens, and a pressure does not."""
     simulator = simulator_of(case("zero-area face"), tmp_path, device, inflation=inflation)
     assert np.abs(simulator.read_frame(net_forces=True).inflation_forces[0][8]).max() < 1e-6
     move(simulator, 8, (0.5, -0.2, 0.0))
@@ -43,7 +43,7 @@ def test_a_face_without_area_is_inflated_once_it_opens(inflation: dict, pushed: 
 
 
 def test_coincident_vertices_pull_only_once_they_part(tmp_path: Path, device: str):
-    """Vertices 1 and 9, whose spring has no length."""
+    """Vertices 1 and 9, whose spring has no length, pull once they part."""
     simulator = simulator_of(
         case("coincident vertices"), tmp_path, device, weld=False, inflation={"k_normal": 0.0}, helium=0.0
     )
@@ -57,7 +57,7 @@ def test_coincident_vertices_pull_only_once_they_part(tmp_path: Path, device: st
 
 
 def test_each_face_of_a_crowded_edge_is_inflated_to_its_side(tmp_path: Path, device: str):
-    """Pages of an open book: the corner away from the spine is of one page, and pushed along that page's normal."""
+    """A corner away from the spine of an open book belongs to one page, and is pushed along that page's normal."""
     simulator = simulator_of(fan_at_an_edge(7), tmp_path, device, inflation=PRESSURE, fixed=[])
     frame = simulator.read_frame(net_forces=True)
     points, forces = frame.points[0].astype(np.float64), frame.inflation_forces[0].astype(np.float64)
@@ -84,7 +84,7 @@ def test_free_components_are_inflated_as_one_and_otherwise_apart(tmp_path: Path,
 
 
 def test_a_mesh_by_itself_is_held_at_its_open_border(tmp_path: Path, device: str):
-    """It is inflated as well."""
+    """A mesh by itself is pinned at its open border, and inflated."""
     simulator = simulator_of(case("open border"), tmp_path, device, inflation={"k_normal": 3.0})
     start = simulator.read_frame().points[0]
     for _ in range(5):
@@ -97,7 +97,7 @@ def test_a_mesh_by_itself_is_held_at_its_open_border(tmp_path: Path, device: str
 
 @pytest.mark.parametrize("schedule", ["gather", "lanes", "octets", "block"])
 def test_schedules_move_odd_meshes_alike(schedule: str, tmp_path: Path, device: str):
-    """As the readable reference does; the hub has more particles than a block takes."""
+    """Schedules agree with `scatter` on odd meshes; the hub has more particles than a block takes."""
     if device != "cpu" and schedule in ("octets", "lanes"):
         pytest.skip("simulates on the CPU")
     path = tmp_path / "mesh.obj"
@@ -124,7 +124,7 @@ def test_schedules_move_odd_meshes_alike(schedule: str, tmp_path: Path, device: 
 
 
 def test_a_spring_without_length_is_of_no_stretch_in_a_table(tmp_path: Path, device: str):
-    """Its ends part, but there is nothing to compare that with, and its world is as healthy as any."""
+    """A spring of zero rest length has no stretch in the table, and leaves its world healthy."""
     (tmp_path / "mesh.obj").write_bytes(case("coincident vertices"))
     overrides = [("frames", 4), ("balloon.inflation.k_normal", 3.0), ("balloon.fixed", []), ("balloon.weld", False)]
     scene = load_scene(tmp_path / "mesh.obj", overrides)

@@ -61,7 +61,7 @@ def test_frozen_the_stage_ends_at_the_last_good_frame(device: str, tmp_path: Pat
 
 def test_restarted_it_is_the_run_with_as_many_substeps_byte_by_byte(device: str, tmp_path: Path):
     def run(name: str, scene: Scene, on_blowup: str, warnings: list[str]) -> Summary:
-        """Run by a schedule that repeats."""
+        """Run by a deterministic schedule."""
         options = {"device": device, "schedule": "gather", "on_blowup": on_blowup, "on_warning": warnings.append}
         return animate(scene, tmp_path / name, **options)
 
@@ -79,7 +79,7 @@ def test_restarted_it_is_the_run_with_as_many_substeps_byte_by_byte(device: str,
 
 
 def test_stopped_in_shorter_steps_it_goes_on_in_these(device: str, tmp_path: Path):
-    """To the same bytes; what the longer steps had saved is gone."""
+    """A run resumed in shorter steps writes the same bytes; checkpoints of the longer steps are gone."""
 
     class StopError(Exception):
         pass

@@ -1,4 +1,4 @@
-"""The page behind a proxy: where it may be shown from is said, and what is refused says how it would not be."""
+"""Page behind a proxy: its allowed origins, and refusals that name the remedy."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -37,7 +37,7 @@ def page(told: list[str], tmp_path_factory: pytest.TempPathFactory) -> Iterator[
 
 
 def test_a_proxy_that_is_named_may_hand_the_page_on(page: Page):
-    """Whether it puts its own name in the place of this machine's, or hands on what it was asked for as."""
+    """A named proxy may forward the page, whether it replaces the host by this machine's or passes the original on."""
     here = f"localhost:{page.server.get_port()}"
     assert talks(page, here, PROXY).startswith("HTTP/1.1 101")
     assert talks(page, "me-8471.app.example", PROXY).startswith("HTTP/1.1 101")

@@ -1,4 +1,4 @@
-"""The corners that each corner of a face has beside it, as tables of schedules list them."""
+"""Neighboring corners of each corner of a face, as tables of schedules list them."""
 
 import numpy as np
 

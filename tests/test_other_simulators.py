@@ -37,7 +37,7 @@ def test_a_balloon_is_a_surface_deformable(written: Path):
 
 
 def test_the_extra_brings_what_is_imported_here():
-    """Else these tests would skip themselves wherever they run."""
+    """The extra installs the packages that these tests import, which would otherwise be skipped everywhere."""
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
     (others,) = (each for each in extras["test"] if each.startswith("balloon-warp["))
     brought = extras["test"] + [each for name in extras if name in others for each in extras[name]]
@@ -45,7 +45,7 @@ def test_the_extra_brings_what_is_imported_here():
 
 
 def test_newton_takes_the_balloon_up(written: Path):
-    """As cloth of our particles and triangles."""
+    """Newton reads the balloon as cloth of our particles and triangles."""
     pytest.importorskip("newton_usd_schemas")
     newton = pytest.importorskip("newton")
     builder = newton.ModelBuilder()
@@ -60,7 +60,7 @@ def test_newton_takes_the_balloon_up(written: Path):
 
 
 def test_every_mesh_has_points_without_a_time_too(written: Path):
-    """Newton refuses a stage with one that has none."""
+    """Every mesh has points at the default time: Newton refuses a stage with one that has none."""
     stage = Usd.Stage.Open(str(written))
     meshes = [UsdGeom.Mesh(prim) for prim in stage.Traverse() if prim.IsA(UsdGeom.Mesh)]
     assert any(mesh.GetPath().name.startswith("String") for mesh in meshes)
@@ -83,7 +83,7 @@ def test_latex_is_a_variant_that_validators_need_not_know(written: Path):
 
 
 def test_openpbr_has_the_inputs_that_latex_sets(written: Path):
-    """MaterialX's own definition is asked."""
+    """Inputs that latex sets exist in MaterialX's own definition of OpenPBR."""
     materialx = pytest.importorskip("MaterialX")
     library = materialx.createDocument()
     folders = materialx.getDefaultDataLibraryFolders()

@@ -1,4 +1,4 @@
-"""Runs that end badly say so. That no bundled scene does stands in test_bundled_scenes.py, where they are played."""
+"""Reports of runs that end badly. test_bundled_scenes.py checks that bundled scenes do not, where they are played."""
 
 import json
 from dataclasses import replace
@@ -16,7 +16,7 @@ BALL = quad_sphere(6)
 
 
 def endings(points: np.ndarray, mesh: PolygonMesh = BALL, speed: float = 0.0, **fields: Any) -> list[BadEnding]:
-    """Outcome checks of a balloon that has got to these points, and moves downward."""
+    """Return outcome checks of a balloon at these points that moves downward."""
     simulator = Simulator(Scene(**{"balloon": [Balloon(mesh=mesh)], "ground": Ground(), **fields}), "cpu")
     frame = simulator.read_frame()
     velocities = np.full_like(points, -speed) * np.array([0.0, 1.0, 0.0])
@@ -28,7 +28,7 @@ def kinds(*arguments: Any, **fields: Any) -> list[str]:
 
 
 def two_balls(apart: float) -> PolygonMesh:
-    """Two components, of which the second is smaller."""
+    """Return two components, of which the second is smaller."""
     small = quad_sphere(4, 0.3)
     return PolygonMesh(
         points=np.concatenate([BALL.points, small.points + np.array([apart, 0.0, 0.0])]),
@@ -47,13 +47,13 @@ def test_a_balloon_that_grows_turns_and_moves_has_not_ended_badly():
 
 
 def under(pressure: float, mesh: PolygonMesh = BALL, **fields: Any) -> dict[str, Any]:
-    """A scene's field: a balloon under a pressure that was asked for."""
+    """Return a scene's field: a balloon under a requested pressure."""
     return {"balloon": [Balloon(mesh=mesh, inflation=Inflation(pressure=pressure), **fields)]}
 
 
 def test_a_balloon_that_grew_past_recognition_has_swollen():
-    """It swells, by the pressure that we choose, past 1.6 times the volume that a ball gets: 3.1 times its own by
-    default. Under another pressure it may."""
+    """A balloon under our default pressure has swollen past 1.6 times the volume of a ball's: 3.1 times its own by
+    default. Under a requested pressure it may."""
     (ending,) = endings(1.5 * BALL.points)
     assert (ending.kind, ending.measure) == ("swollen", pytest.approx(3.375))
     assert str(ending) == "mesh swelled to 3.4 times its volume; less pressure helps"
@@ -64,7 +64,7 @@ def test_a_balloon_that_grew_past_recognition_has_swollen():
 
 
 def test_a_balloon_that_was_to_stand_and_does_not_has_collapsed():
-    """Whichever way it lies; not where it was asked to be soft, nor where something presses it."""
+    """A balloon that should stand has collapsed; not one that was asked to be soft, or is pressed."""
     (crumpled,) = endings(0.94 * BALL.points)
     assert str(crumpled) == "mesh crumpled: it has 83% of the volume of its mesh; less weight or more pressure helps"
     wide = BALL.points * np.array([1.2, 0.72, 1.2])
@@ -79,8 +79,8 @@ def test_a_balloon_that_was_to_stand_and_does_not_has_collapsed():
 
 
 def test_a_balloon_that_swallowed_a_part_of_itself_or_shows_its_inside_says_so():
-    """A hook whose end went into its beginning; a ball whose top went through its bottom. What is so in the mesh is
-    not told."""
+    """Self-penetration and inverted surfaces are reported: a hook whose end went into its beginning; a ball whose top
+    went through its bottom. Defects of the mesh itself are not."""
     open_hook, closed_hook = hook(0.3), hook(-0.9)
     rise = np.append(np.repeat(np.linspace(-0.1, 0.1, 48), 12), [-0.1, 0.1])  # so that the ends do not coincide
     closed_hook.points[:, 2] += rise
@@ -141,7 +141,7 @@ def test_a_balloon_with_nothing_below_it_falls_for_ever():
 
 
 def test_a_balloon_above_an_obstacle_lands():
-    """On one below it, or on a plane; not on one that it fell past, nor under a ceiling."""
+    """A balloon lands on an obstacle below it, or on a plane; not on one that it fell past, nor under a ceiling."""
     size = np.ptp(BALL.points, axis=0).max()
     low = BALL.points - np.array([0.0, 6.0 * size, 0.0])
     for obstacle, expected in [
@@ -165,7 +165,7 @@ def test_what_happened_to_many_is_said_once():
 
 
 def test_a_run_says_it_in_a_sentence_and_in_its_summary(tmp_path):
-    """A cube that falls past everything for a little more than a second, five times its size."""
+    """A run reports the outcome in a sentence and in its summary: a cube falls by five times its size."""
     cubes = [Balloon(mesh=cube(), damping=0.0, inflation=Inflation(k_normal=0.0))]
     scene = Scene(frames=63, gravity=9.9, balloon=cubes, substeps=8)
     warnings: list[str] = []
@@ -178,7 +178,7 @@ def test_a_run_says_it_in_a_sentence_and_in_its_summary(tmp_path):
 
 
 def test_a_batch_says_it_of_the_worlds_that_it_exports(tmp_path):
-    """The cube above, in worlds of which two are light enough to float, and of which one is not looked at."""
+    """A batch reports the outcome of exported worlds: of falling cubes, of which two are light enough to float."""
     cubes = [Balloon(mesh=cube(), damping=0.0, inflation=Inflation(k_normal=0.0))]
     scene = Scene(frames=63, gravity=9.9, balloon=cubes, substeps=8)
     lift, warnings = {"balloon.helium": [0.0, 9.9, 9.9, 0.0, 0.0]}, list[str]()

@@ -25,13 +25,13 @@ def turn(
     # out
     turned: wp.array[wp.vec3],
 ):
-    """A thread a normal."""
+    """Turn one normal per thread."""
     place = wp.tid()
     turned[place] = turned_to_viewer(smooth[place], facing[place], direction[place])
 
 
 def test_a_smooth_normal_is_never_much_more_at_a_slant_than_its_face():
-    """Of any smooth normal, face and ray; it stays where it is seen, and turns no more than it must."""
+    """A bent normal stays visible for any smooth normal, face and ray, and turns no more than it must."""
     draw = np.random.default_rng(5)
     smooth, facing, direction = (_unit(draw.normal(size=(4000, 3))) for _ in range(3))
     facing *= -np.sign(np.einsum("ij,ij->i", facing, direction))[:, None]
@@ -52,7 +52,7 @@ def test_a_smooth_normal_is_never_much_more_at_a_slant_than_its_face():
 
 @pytest.mark.parametrize("bend", [30.0, 59.0, 61.0, 120.0])
 def test_an_edge_is_sharp_beyond_its_angle(bend: float):
-    """Two squares that meet at an angle, whose common edge goes from border to border."""
+    """A common edge of two squares, from border to border, is a crease beyond its angle."""
     angle = np.radians(bend)
     points = [(0, 0, -1), (0, 0, 1), (-1, 0, -1), (-1, 0, 1)]
     points += [(np.cos(angle), np.sin(angle), -1), (np.cos(angle), np.sin(angle), 1)]
@@ -63,7 +63,7 @@ def test_an_edge_is_sharp_beyond_its_angle(bend: float):
 
 
 def test_a_bump_is_no_crease():
-    """A point that is pushed out of a fine ball has sharp edges about it, which lead nowhere; a ball has none."""
+    """A bump is no crease: sharp edges about a point pushed out of a fine ball lead nowhere."""
     ball = quad_sphere(8)
     assert len(sharp_edges(ball, SOFT_CREASE)) == 0
     bump = ball.points.copy()
@@ -73,7 +73,7 @@ def test_a_bump_is_no_crease():
 
 
 def test_a_box_that_is_inflated_keeps_its_edges(tmp_path: Path):
-    """All twelve of them, in the stage as creases, in the picture as vertices of three normals. A ball has none."""
+    """An inflated box keeps its twelve edges, as creases in the stage and split vertices in the picture."""
     boxes = [Balloon(mesh=cube(), name="box"), Balloon(mesh=BALL, name="ball", position=(4, 0, 0))]
     animate(Scene(balloon=boxes, frames=3, gravity=0.0), tmp_path / "out.usdc", device="cpu")
     stage = Usd.Stage.Open(str(tmp_path / "out.usdc"))

@@ -1,4 +1,4 @@
-"""Laws of one's own on the host: what is said of bad ones, and where their parameters go."""
+"""Laws of one's own on the host: messages for bad ones, and places of their parameters."""
 
 import pickle
 from pathlib import Path
@@ -145,7 +145,7 @@ def test_a_bad_law_gets_one_sentence(make, sentence):
 
 
 def test_what_only_kernels_have_is_no_mistake():
-    """Native functions, some of Warp's, and numbers that the trial on the host happens to divide by."""
+    """Native functions, some of Warp's, and numbers that the trial on the host happens to divide by are accepted."""
     assert bw.spring_law(native).name == "native"
     for function in (by_a_choice, by_a_mesh):
         assert bw.particle_law(function).force is function
@@ -238,7 +238,7 @@ def test_parameters_change_on_the_way():
 
 
 def test_bounds_count_in_the_step():
-    """Slack balloons on magnets, each particle an oscillator of its own: omega^2 is the strength."""
+    """The step includes a law's bounds: each particle of a slack balloon on a magnet has omega^2 the strength."""
     slack = Stiffness(structural=0.0, shear=0.0, flexion=0.0)
     loose = scene(balloon=[Balloon(mesh=cube(), stiffness=slack, damping=0.0)])
     pulled = override_scene(loose, [("balloon.law.magnet.strength", 1.0e6)])
@@ -268,7 +268,7 @@ def test_what_is_neutral_or_not_wanted_does_not_act():
 
 
 def test_a_law_that_changes_from_neutral_acts_from_the_start():
-    """Kernels are made once."""
+    """A law that changes from neutral has its kernels from the start, as these are made once."""
     later = scene(change=[Change(time=0.5, set={"balloon.0.law.hardening.hardness": 1.0})])
     assert HARDENING in acting_laws(plan_model(later, laws=[MAGNET, HARDENING]))
     assert HARDENING in acting_laws(build_model(later, "cpu", laws=[MAGNET, HARDENING]))

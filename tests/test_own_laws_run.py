@@ -18,7 +18,7 @@ STRENGTH = "balloon.law.magnet.strength"
 
 
 def loose(strength: float = 2.0, mesh: Path | bw.PolygonMesh | None = None, **fields) -> Scene:
-    """A cube without springs about a pole at its middle."""
+    """Return a cube without springs about a pole at its middle."""
     law = {"magnet": {"strength": strength}}
     still = {"stiffness": SLACK, "damping": 0.0, "inflation": Inflation(k_normal=0.0)}
     balloon = Balloon(mesh=mesh or cube(), law=law, **still)
@@ -32,7 +32,7 @@ def sizes(simulator: bw.Simulator) -> np.ndarray:
 
 
 def test_a_law_acts_in_every_schedule(schedule, device):
-    """Each particle swings about the pole like a cosine, each world by its own strength."""
+    """Each particle oscillates about the pole like a cosine, each world by its own strength."""
     simulator = bw.Simulator(loose(), device, 2, {STRENGTH: [9.0, 25.0]}, schedule, [MAGNET])
     for _ in range(30):
         simulator.step()
@@ -47,7 +47,7 @@ def schedule(request: pytest.FixtureRequest, device: str) -> str:
 
 
 def test_a_law_begins_when_its_parameters_change(device):
-    """For half a second nothing acts, then the magnet does."""
+    """A law begins with the change of its parameter, half a second after the start."""
     change = Change(time=0.5, set={STRENGTH: 9.0})
     simulator = bw.Simulator(loose(0.0, change=[change]), device, laws=[MAGNET])
     for frame in range(60):
@@ -98,7 +98,7 @@ def test_a_run_and_a_comparison_have_laws(tmp_path: Path):
 
 
 def test_a_law_of_a_page_begins_when_its_slider_moves():
-    """Another kernel runs from then on, and ends when the slider is back."""
+    """A law of the page begins when its slider moves, by another kernel, and ends when the slider is back."""
     playground = Playground(loose(0.0), "cpu", [MAGNET])
     playground.step()
     assert np.ptp(playground.points[:, 1]) == 1.0

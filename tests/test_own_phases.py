@@ -1,5 +1,5 @@
-"""Phases that the package does not know go in by a line of the list: their rows are the scene's, and every schedule
-runs them and carries what their items keep."""
+"""Phases from outside the package are added by a line of the list: their rows are the scene's, and every schedule runs
+them and keeps their state."""
 
 import re
 from importlib import import_module
@@ -65,7 +65,7 @@ def temperatures(simulator: Simulator) -> np.ndarray:
 
 
 def test_a_sphere_slows_what_is_near(listed, schedule, device):
-    """As by NumPy: in a step what is within 0.7 m of the second sphere, beside one without."""
+    """A sphere slows particles within 0.7 m in a step, as NumPy computes, relative to a run without."""
     one_step = {"frames_per_second": 200.0, "substeps": 1} | SLOWED
     rates = {"sphere.1.law.slow.slowing": 40.0}, {"sphere.1.law.slow.slowing": 0.0}
     simulators = [simulated(one_step | rate, schedule, device, 0) for rate in rates]
@@ -81,7 +81,7 @@ def test_a_sphere_slows_what_is_near(listed, schedule, device):
 
 
 def test_temperatures_follow_the_air_s(listed, schedule, device):
-    """From substep to substep and frame to frame: each takes the same part of what is left. Worlds differ."""
+    """Temperatures relax exponentially from substep to substep and frame to frame, by world."""
     air = np.array([330.0, 300.0, 280.0])
     simulator = simulated(WARMED, schedule, device, 2, world_count=3, vary={"atmosphere.temperature": air})
     left = (0.05 / (0.05 + simulator.model.step_seconds)) ** (2 * SCENE.substeps)
@@ -90,7 +90,7 @@ def test_temperatures_follow_the_air_s(listed, schedule, device):
 
 
 def test_the_phase_of_the_docs_goes_in_as_it_stands_there(monkeypatch, tmp_path, schedule, device):
-    """What it takes of the velocities it adds to the heat."""
+    """The phase of the docs moves the kinetic energy that it takes into heat."""
     blocks = re.findall(r"^```python\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
     (code,) = (each for each in blocks if "keeps=" in each)
     (tmp_path / f"docs_{schedule}.py").write_text(f"{IMPORTS}\n{code}", encoding="utf-8")
@@ -118,7 +118,7 @@ def test_blocks_of_any_layout_keep_values(layout, listed, monkeypatch):
 
 @pytest.mark.parametrize("phase", [slow, warm], ids=lambda phase: phase.name)
 def test_a_phase_is_in_the_table_of_methods_because_it_is_listed(phase, listed):
-    """And in the scenes that every schedule runs, with values of its own rows."""
+    """A listed phase is in the table of methods and in the scenes of every schedule, with values of its rows."""
     scenes = of_phase(phase).scene(), with_phase(phase)
     assert all(f"phase {phase.name}" in features(build_model(scene, "cpu")) for scene in scenes)
 
@@ -130,7 +130,7 @@ def test_a_phase_without_effect_is_left_out(listed):
 
 
 def test_what_is_kept_goes_on_bit_for_bit(listed, schedule, device):
-    """From what was saved; and in the one world that is simulated again to find out why it blew up."""
+    """State of a phase is bit-identical after a restore, and in the world simulated again to explain a blow-up."""
     one = simulated(WARMED, schedule, device, 1)
     saved = one.save()
     other = simulated(WARMED, schedule, device, 0)
@@ -145,7 +145,7 @@ def test_what_is_kept_goes_on_bit_for_bit(listed, schedule, device):
 
 
 def test_a_phase_may_begin_and_end_while_it_is_simulated(listed, device):
-    """What it keeps begins as at the start, and a change that is planned may begin it, too."""
+    """A phase may begin and end during a simulation, by a planned change, too; its state begins as at the start."""
     simulator = simulated({}, "auto", device, 1)
     simulator.set(WARMED)
     simulator.step()
@@ -162,7 +162,7 @@ def test_a_phase_may_begin_and_end_while_it_is_simulated(listed, device):
 
 
 def test_worlds_that_are_simulated_again_keep_what_they_had(listed, schedule, device):
-    """Beside an obstacle, so near that no frame is free, nothing warms twice."""
+    """Repeated frames do not warm twice, beside an obstacle so near that no frame is free."""
     beside = scene_with(WARMED).model_copy(update={"obstacle": [Obstacle(position=(0.0, -1.01, 0.0), size=(1, 1, 1))]})
     simulator = Simulator(beside, device, schedule=schedule)
     simulator.step()

@@ -77,7 +77,8 @@ def test_a_port_that_is_taken_is_refused():
 
 
 def test_the_page_sees_as_far_as_a_string_lets_a_balloon_come():
-    """One that floats goes up to the string's length and its own size above the anchor, one that hangs down as far."""
+    """The view reaches as far as a balloon on a string: one that floats goes up to the string's length and its own size
+    above the anchor, one that hangs down as far."""
     up = np.array([0.0, 1.0, 0.0])
     for height, far in ((0.5, 1.5 + 2.0), (-0.5, -1.5 - 2.0)):
         balloon = Balloon(mesh=quad_sphere(2), position=(0.0, height, 0.0))
@@ -114,7 +115,7 @@ def shown(scene: Scene) -> dict[str, list[str]]:
 
 
 def test_contacts_materials_air_and_gas_have_sliders_where_a_scene_has_them():
-    """Made from the rows: no list names a parameter that the panel could then lack."""
+    """Sliders of contacts, materials, air and gas are made from the rows, so that none is missing."""
     plain = shown(Scene(balloon=[Balloon(mesh=quad_sphere(2))]))
     assert plain["Contacts"] == plain["Material"] == plain["Gas"] == []
     latex = Balloon(mesh=quad_sphere(2), material=Material(preset="latex"), inflation=Inflation(kind="gas"))
@@ -130,7 +131,7 @@ def test_contacts_materials_air_and_gas_have_sliders_where_a_scene_has_them():
 
 
 def test_what_does_nothing_as_things_are_has_no_slider():
-    """Springs of what has none, gusts in calm air, and air that no balloon feels."""
+    """Parameters without effect have no slider: springs of rubber, gusts in calm air, air that no balloon feels."""
     pytest.importorskip("viser")
     from balloon_warp.viewer.sliders import VALUES, does_something
 
@@ -152,7 +153,7 @@ def test_what_does_nothing_as_things_are_has_no_slider():
 
 
 def test_a_simulator_shows_the_page_until_it_is_closed(tmp_path):
-    """In an IFrame, as a notebook has it; the simulator itself stays where it is."""
+    """A simulator shows the page in an IFrame until it is closed; the simulator itself does not move."""
     pytest.importorskip("viser")
     simulator = Simulator(Scene(balloon=[Balloon(mesh=quad_sphere(3))]), "cpu")
     simulator.step()
@@ -171,7 +172,7 @@ def test_a_simulator_shows_the_page_until_it_is_closed(tmp_path):
 
 
 def test_the_page_begins_where_a_simulator_is(tmp_path):
-    """Its second world, after a planned change, and goes on as it does; a reset goes to the scene's start."""
+    """The page begins at a simulator's second world and continues like it; a reset goes to the scene's start."""
     pytest.importorskip("viser")
     helium = Balloon(mesh=quad_sphere(3), helium=5.0)
     scene = Scene(balloon=[helium], change=[Change(time=2.0 / 60.0, set={"balloon.0.helium": 50.0})])
@@ -205,7 +206,7 @@ def test_showing_without_the_extra_is_refused_in_a_sentence(monkeypatch):
 
 
 def test_the_line_of_status_says_how_fast_time_runs_and_why():
-    """In one line; where it is slower than asked, the reason fits the numbers that it names."""
+    """The status line gives the speed and, where it is below the requested one, a reason that fits its numbers."""
     picture = Session("ball", Scene(balloon=[Balloon(mesh=quad_sphere(2))]), "cpu").picture
 
     def said(busy: float = 0.0, **how) -> tuple[str, str]:
@@ -216,23 +217,23 @@ def test_the_line_of_status_says_how_fast_time_runs_and_why():
         return found[2], found[1]
 
     assert said() == ("<b>2.00 s</b> · real time", "")
-    assert said(running=False) == ("<b>2.00 s</b> · stands still", "")
+    assert said(running=False) == ("<b>2.00 s</b> · paused", "")
     assert said(busy=1.26) == ("<b>2.00 s</b> · getting ready: 1.3 s", COMPILING)
     assert said(recorded_seconds=1.5)[0].endswith(" · ● 1.5 s")
-    assert said(speed=0.5, rate=0.49) == ("<b>2.00 s</b> · 0.49 of real time", "")
+    assert said(speed=0.5, rate=0.49) == ("<b>2.00 s</b> · 0.49x real time", "")
     slow, why = said(rate=0.5, step_seconds=2.0 / 60.0)
     assert (slow, why) == (
-        "<b>2.00 s</b> · 0.50 of real time",
-        "slower than asked: to simulate a frame takes 33 ms, and one is due every 17 ms",
+        "<b>2.00 s</b> · 0.50x real time",
+        "slower than requested: a frame takes 33 ms, and one is due every 17 ms",
     )
-    assert said(rate=0.5, step_seconds=0.006)[1].endswith("is busy with other things than the 6 ms that a frame takes")
+    assert said(rate=0.5, step_seconds=0.006)[1].endswith("this machine is busy; simulating a frame takes 6 ms")
 
 
 @pytest.mark.parametrize(
     "curve", [[0.0, 0.0], [576.4, 576.4], [174.01, 174.02], [1.0, 1.0001], [3.0, 9.0], [-5.0, 1.0]]
 )
 def test_ticks_of_a_plot_differ(curve: list[float]):
-    """All of the curve is seen; about five ticks, with the three digits that plots have, are five numbers."""
+    """A plot's range covers the curve, and its five ticks differ in the three digits that plots have."""
     pytest.importorskip("viser")
     from balloon_warp.viewer.plots import span_of
 

@@ -1,4 +1,4 @@
-"""Friction of each pair of things, resolved on the host: the table of docs/CONTACT.md, and how it follows changes."""
+"""Friction of each pair of things, resolved on the host: the table of docs/CONTACT.md, and its updates."""
 
 import math
 import re
@@ -68,7 +68,7 @@ def test_each_pair_has_the_coefficient_of_the_documented_table():
     ],
 )
 def test_pairs_follow_what_changes(path: str, pair: tuple[int, int], value: float, expected: float):
-    """Whether it varies between worlds, is planned or set, alike or by world; all else stays."""
+    """Pairs follow a coefficient that varies between worlds, is planned or set, alike or by world; all else stays."""
     varied = plan_model(scene(), 2, {path: [0.5, value]}).parameters[FRICTION]
     assert varied[:, *pair][1] == pytest.approx(expected, rel=1e-6)
     planned = Simulator(scene(change=[Change(time=1 / 60, set={path: value})]), "cpu")
@@ -87,8 +87,8 @@ def test_pairs_follow_what_changes(path: str, pair: tuple[int, int], value: floa
 
 
 def test_kernels_read_the_resolved_coefficient_alone():
-    """No kernel asks what a thing says of itself, and none makes a mean of it. An adjoint names the column into which
-    it sums a derivative, and reads none."""
+    """Kernels read the resolved coefficient alone: none reads a thing's own, and none takes a mean. An adjoint names
+    the column into which it sums a derivative, and reads none."""
     said = re.compile("|".join(f'"{name}"' for name in SAID))
     read = re.compile(r"params\.n\[friction_column\]")
     folder = Path(kernels.__file__).parent

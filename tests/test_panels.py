@@ -40,7 +40,7 @@ def cylinder() -> PolygonMesh:
 
 
 def seams_file(path: Path, *, opened: bool = True) -> Path:
-    """Both rims of the cylinder, and a line up its side, as an .obj has lines."""
+    """Write both rims of the cylinder, and a line up its side, as lines of an .obj file."""
     rims = [[*range(first, first + SIDES), first] for first in (0, 4 * SIDES)]
     lines = rims + [[row * SIDES for row in range(5)]] * opened
     path.write_text("v 0 0 0\n" + "".join(f"l {' '.join(str(v + 1) for v in line)}\n" for line in lines))
@@ -56,11 +56,11 @@ def small(monkeypatch: pytest.MonkeyPatch):
 
 @pytest.mark.parametrize("count", [5, 16])
 def test_gores_of_a_ball_are_those_of_the_textbook(count: int):
-    """As long as a meridian, as wide as their part of the equator; and seams alike to a thousandth of a millimeter.
+    """Gores are as long as a meridian and as wide as their part of the equator; and seams agree to a thousandth of a
+    millimeter.
 
-    What is flat is off by a sixth of the squared half width in radians, the strain of a strip that is curved both ways,
-    and by some percent, since the ball is of 6 quads a side.
-    """
+    Flattening is off by a sixth of the squared half width in radians, the strain of a doubly curved strip, and by some
+    percent, since the ball is of 6 quads a side."""
     off = (np.pi / count) ** 2 / 6.0 + 0.025
     panels = panels_of(BALL, count, 0.3)
     flat = flattened(panels, panels.mesh.points)
@@ -78,7 +78,8 @@ def test_gores_of_a_ball_are_those_of_the_textbook(count: int):
 
 
 def test_what_can_be_laid_flat_is_laid_flat_without_strain(tmp_path: Path):
-    """A cylinder along its rims and a line: two lids and a rectangle, and no panel on another."""
+    """A developable surface is flattened without strain: a cylinder, cut along its rims and a line, becomes two lids
+    and a rectangle, and no panel overlaps another."""
     panels = panels_of(cylinder(), seams_file(tmp_path / "seams.obj"), 0.2)
     flat = laid_out(panels, flattened(panels, panels.mesh.points))
     assert panels.count == 3
@@ -97,7 +98,7 @@ def test_what_can_be_laid_flat_is_laid_flat_without_strain(tmp_path: Path):
 
 
 def test_marks_that_have_the_same_number_meet(tmp_path: Path):
-    """They stand at the same place of the seam, on both panels, and point out of them."""
+    """Marks of one number are at the same place of the seam, on both panels, and point out of them."""
     shapely = pytest.importorskip("shapely")
     panels = panels_of(cylinder(), seams_file(tmp_path / "seams.obj"), 0.4)
     flat = laid_out(panels, flattened(panels, panels.mesh.points))
@@ -117,7 +118,7 @@ def test_marks_that_have_the_same_number_meet(tmp_path: Path):
 
 
 def test_a_ball_of_gores_becomes_round_from_rest(tmp_path: Path):
-    """Its folder runs by itself; what was stopped goes on, to the same."""
+    """A ball of gores becomes round; its folder runs by itself, and a resumed design agrees."""
     pytest.importorskip("shapely")
 
     def stop(stage: str) -> None:
@@ -147,7 +148,7 @@ def test_a_ball_of_gores_becomes_round_from_rest(tmp_path: Path):
 
 
 def grouped(path: Path, kind: str) -> Path:
-    """A ball whose upper and lower half are groups, or materials."""
+    """Write a ball whose upper and lower half are groups, or materials."""
     write_obj(path, BALL)
     faces = BALL.face_vertex_indices.reshape(-1, 4)
     upper = BALL.points[faces].mean(axis=1)[:, 1] > 0.0
@@ -166,7 +167,7 @@ def test_panels_between_parts_of_a_file(said: str, kind: str, tmp_path: Path):
 
 
 def tube() -> PolygonMesh:
-    """A ring, which its axis does not meet."""
+    """Return a ring, which its axis does not meet."""
     return bw.load_mesh(Path(__file__).parent.parent / "scenes" / "knot.obj")
 
 
@@ -217,12 +218,12 @@ def test_panels_that_cannot_be_are_refused(tmp_path: Path):
 def test_stiff_film_comes_to_rest_at_the_step_of_auto(
     mesh: PolygonMesh, said: int | str, frames: int, most: float, tmp_path: Path
 ):
-    """Film hardly stretches, so that its triangles go on changing between taut and wrinkled.
+    """Film comes to rest at the automatic step, though it hardly stretches, so that its triangles keep changing between
+    taut and wrinkled.
 
     A spring that pulls and does not push gains energy in steps near the stable one of its taut side. At the narrow ends
-    of gores all triangles are alike and take it up together: with 1.6 / omega they moved by 1.2 m/s, and did not stop.
-    Lids and sides of a cylinder moved by 2 m/s with 1.36 / omega, and stop with 1.29 / omega.
-    """
+    of gores all triangles are alike and gain it together: with 1.6 / omega they moved by 1.2 m/s, and did not stop.
+    Lids and sides of a cylinder moved by 2 m/s with 1.36 / omega, and stop with 1.29 / omega."""
     panels = panels_of(mesh, said, 0.3)
     write_obj(tmp_path / "panels.obj", panels.flat_mesh(flattened(panels, panels.mesh.points)))
     material = bw.Material(

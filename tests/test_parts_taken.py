@@ -1,4 +1,4 @@
-"""A balloon of some of a mesh's parts."""
+"""Balloon of some of a mesh's parts."""
 
 import json
 from pathlib import Path
@@ -23,7 +23,7 @@ def taken(mesh: PolygonMesh, which: str) -> PolygonMesh:
 
 
 def test_hair_is_left_out() -> None:
-    """Vertices keep their numbers; nothing is said of those that are left out, but how many parts they are of."""
+    """Hair is left out, with one count of the parts in the message, and vertices keep their numbers."""
     bald = taken(haired(), "closed")
     assert bald.vertex_count == haired().vertex_count
     assert bald.face_count == quad_sphere(12).face_count

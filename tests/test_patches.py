@@ -1,4 +1,4 @@
-"""Worlds cut into patches, which blocks of a GPU move at once: the tables lead where those of the model do, and the
+"""Worlds cut into patches, which blocks of a GPU advance at once: their tables lead to the model's entries, and
 trajectories are those of launch after launch."""
 
 import numpy as np
@@ -26,23 +26,23 @@ OF_PRESSURES = 0.5
 
 
 def triangle_sphere() -> trimesh.Trimesh:
-    """2,562 vertices."""
+    """Return an icosphere of 2,562 vertices."""
     return trimesh.creation.icosphere(subdivisions=4)
 
 
 def with_mass(fields: dict) -> dict:
-    """Of a balloon; that of a material follows from it."""
+    """Return the fields of a balloon with a mass, unless its material determines that."""
     return fields if "material" in fields else {"mass": 3.0, **fields}
 
 
 def of_triangles(**fields) -> Balloon:
-    """A ball."""
+    """Return a ball of triangles."""
     sphere = triangle_sphere()
     return Balloon(mesh=mesh_of(sphere.vertices, sphere.faces.tolist()), **with_mass(fields))
 
 
 def of_quads(**fields) -> Balloon:
-    """A ball of 1,178 particles."""
+    """Return a ball of 1,178 particles."""
     return Balloon(mesh=quad_sphere(14), **with_mass(fields))
 
 
@@ -71,17 +71,17 @@ SCENES = {
 
 @pytest.fixture(params=SCENES)
 def scene(request: pytest.FixtureRequest) -> Scene:
-    """Each that is moved in patches."""
+    """Return each scene that is advanced in patches."""
     return SCENES[request.param]
 
 
 def patches_on_cpu(model: Model) -> Patches:
-    """As for a GPU with as many multiprocessors as they need."""
+    """Return patches as for a GPU with enough multiprocessors."""
     return cut(model, 256, model_features(model).gas)
 
 
 def particles_at(patches: Patches, owners: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """What stands there in the patches of the owners."""
+    """Return the particles at these places in the patches of the owners."""
     count = len(patches.patch)
     seats = zip(patches.patch.tolist(), patches.place.tolist(), strict=True)
     own = {seat: particle for particle, seat in enumerate(seats)}
@@ -106,7 +106,7 @@ def test_each_particle_has_one_place(scene: Scene):
 
 
 def test_patches_are_compact():
-    """A halo of two rings around a square of 256 has about 144 particles; one of a strip would have far more."""
+    """Patches are compact: a halo of two rings around a square of 256 has about 144 particles, not a strip's."""
     patches = patches_on_cpu(build_model(Scene(balloon=[Balloon(mesh=quad_sphere(40), mass=3.0)]), "cpu"))
     assert patches.largest_halo < 220
 
@@ -141,7 +141,7 @@ def test_faces_and_membranes_lead_where_they_did(scene: Scene):
 
 
 def assert_led(patches: Patches, model: Model, found: np.ndarray, expected: np.ndarray) -> None:
-    """Each entry belongs to some particle, whose patch has what it names at the place that it leads to."""
+    """Require that each entry belongs to a particle whose patch has the named one at the place it leads to."""
     halos = np.split(patches.halo_keys % model.particle_count, patches.halo_offsets[1:-1])
     tiles = []
     for patch, halo in enumerate(halos):
@@ -154,7 +154,7 @@ def assert_led(patches: Patches, model: Model, found: np.ndarray, expected: np.n
 
 
 def test_what_patches_are_told_of_is_told(scene: Scene):
-    """Who is in a halo is marked; and who hears of a patch is heard by it, or the one would run ahead of the other."""
+    """Halo particles are marked, and halos are mutual, or one patch would run ahead of the other."""
     model = build_model(scene, "cpu")
     patches = cut(model, 256, volumes=False)
     table = patch_table(model, patches, measures_faces=False)
@@ -171,7 +171,7 @@ def test_a_cpu_has_no_patches(scene: Scene):
 
 
 def frames_of(model: Model, count: int) -> State:
-    """So many, in `gather`."""
+    """Advance so many frames in `gather` and return the state."""
     schedule, state = make_schedule(model, "gather"), initial_state(model)
     for _ in range(count):
         schedule.advance_frame(state)
@@ -179,7 +179,7 @@ def frames_of(model: Model, count: int) -> State:
 
 
 def assert_moves_as_in_launches(model: Model, frames: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The same in launch after launch, and to the bit the same again."""
+    """Require that patches agree with launch after launch, and repeat bit-identically."""
     assert cut_into_patches(model, model_features(model))
     found, again = frames_of(model, frames), frames_of(model, frames)
     monkeypatch.setattr(gather, "cut_into_patches", lambda model, features: None)
@@ -201,7 +201,7 @@ def test_trajectories_are_those_of_launches_on_a_gpu(scene: Scene, gpu: wp.Devic
 def test_so_are_those_of_patches_on_nearly_all_multiprocessors_of_a_gpu(
     name: str, gpu: wp.Device, monkeypatch: pytest.MonkeyPatch
 ):
-    """More patches hear each other's sums than a warp has threads, and threads have few registers."""
+    """Trajectories agree where patches exchange sums with more others than a warp has threads."""
     inflation = Inflation(kind="gas", start_pressure=5.0e3) if name == "gas" else Inflation(k_normal=20.0)
     balloon = Balloon(mesh=quad_sphere(129), mass=60.0, inflation=inflation)
     normals = "fresh" if name == "fresh normals" else "cached"

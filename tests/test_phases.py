@@ -34,13 +34,13 @@ DOCS = Path(__file__).parent.parent / "docs"
 
 @pytest.fixture(scope="module", params=["small", "large"])
 def model(request: pytest.FixtureRequest) -> Model:
-    """Balloons of 26 and 8 particles, or one so large that it is added up in parts."""
+    """Return balloons of 26 and 8 particles, or one so large that it is summed in parts."""
     meshes = [quad_sphere(2), cube()] if request.param == "small" else [cube(), quad_sphere(19)]
     return build_model(Scene(balloon=[Balloon(mesh=mesh) for mesh in meshes], touch=False), "cpu", 3)
 
 
 def at_random(model: Model) -> tuple[State, Values]:
-    """Where particles are, in worlds that differ."""
+    """Return a random state of worlds that differ, and its values."""
     rng = np.random.default_rng(2)
     shape = (model.world_count, model.particle_count, 3)
     have: Values = {name: rng.uniform(-1.0, 1.0, shape).astype(np.float32) for name in ("point", "velocity")}
@@ -52,14 +52,14 @@ def at_random(model: Model) -> tuple[State, Values]:
 
 
 def features_of(model: Model) -> Features:
-    """Features of a model for whose phases items keep something."""
+    """Return features of a model with state for these phases."""
     return model_features(model)._replace(keeps=tuple(kept for each in KEEPING for kept in each.kept))
 
 
 def assert_done(
     phases: Sequence[Phase], model: Model, have: Values, now: Sequence[wp.array], kept: dict[str, wp.array]
 ) -> None:
-    """Three substeps of them."""
+    """Require the result of three substeps of the phases."""
     first = model.face_particles.numpy()[model.face_offsets.numpy()[:-1]]
     for _ in range(3):
         for each in phases:
@@ -87,7 +87,7 @@ def test_a_list_does_what_its_phases_do_one_after_the_other(phases, doubles, mod
 @pytest.mark.parametrize("schedule", [LanesSchedule, OctetsSchedule], ids=["lanes", "octets"])
 @pytest.mark.parametrize("phases", LISTS, ids=lambda phases: " ".join(each.name for each in phases))
 def test_eight_side_by_side_do_the_same(phases, schedule, model):
-    """Some phases take eight, some one."""
+    """Blocks of eight lanes agree, whose phases take eight worlds or one."""
 
     class OfPhases(schedule):
         @classmethod
@@ -125,7 +125,7 @@ def test_phases_of_a_step_have_names_of_their_own():
 
 
 def test_a_scene_has_in_its_source_only_what_it_needs():
-    """A balloon and nothing else."""
+    """The source of a balloon and nothing else has no unused phases."""
     model = build_model(Scene(balloon=[Balloon(mesh=cube())]), "cpu")
     features = model_features(model)
     source = source_of(cut(phases_of(features), features, GATHERED))
@@ -153,7 +153,7 @@ def test_the_source_in_the_docs_is_the_one_that_is_printed():
 
 
 def test_a_source_has_its_phases_in_the_order_of_the_list():
-    """The scene has much in it."""
+    """Phases stand in the source in the order of the list, for a scene with many features."""
     for schedule in ("gather", "scatter", "block", "lanes", "octets"):
         printed = kernel_source(SCENES["in air"], schedule)
         called = [each.name for each in STEP if not each.light and re.search(rf"\b{each.name}\(", printed)]

@@ -1,4 +1,4 @@
-"""Particles that do not move, by number, by a group of the mesh, by a mask or by a rule."""
+"""Pinned particles, by number, by a group of the mesh, by a mask or by a rule."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -54,12 +54,12 @@ def Mesh "corner"
 
 
 def still(balloon: Balloon) -> list[int]:
-    """What of it has no share of the mass."""
+    """Return the particles without a share of the mass."""
     return np.flatnonzero(shape_balloon(balloon, Scene(balloon=[balloon])).mass_share == 0.0).tolist()
 
 
 def test_groups_and_objects_of_an_obj_file_are_known(tmp_path: Path):
-    """Each has the vertices of the faces that follow, until the next of its kind; one without faces is none."""
+    """A group or object has the vertices of the faces that follow, until the next of its kind; not an empty one."""
     (tmp_path / "thing.obj").write_text(OBJ)
     groups = {name: vertices.tolist() for name, vertices in read_obj(tmp_path / "thing.obj").groups.items()}
     assert groups == {"low": [0, 1, 2], "first": [0, 1, 2, 3], "a thing of two words": [0, 1, 2, 3]}
@@ -68,14 +68,14 @@ def test_groups_and_objects_of_an_obj_file_are_known(tmp_path: Path):
 
 
 def test_a_file_of_countless_names_is_read(tmp_path: Path):
-    """Its first names are known."""
+    """A file of countless names keeps the first ones."""
     faces = "".join(f"g n{number}\nf 1 2 3\n" for number in range(MOST_GROUPS + 5))
     (tmp_path / "many.obj").write_text(f"v 0 0 0\nv 1 0 0\nv 0 1 0\n{faces}")
     assert list(read_obj(tmp_path / "many.obj").groups) == [f"n{number}" for number in range(MOST_GROUPS)]
 
 
 def test_subsets_of_usd_are_known(tmp_path: Path):
-    """Subsets of faces and of points, without what names none of the mesh's."""
+    """Subsets of faces and of points become groups, without those of other indices."""
     (tmp_path / "corner.usda").write_text(USD)
     groups = {name: vertices.tolist() for name, vertices in bw.load_mesh(tmp_path / "corner.usda").groups.items()}
     assert groups == {"side": [1, 2, 3], "ends": [0, 3]}
@@ -83,7 +83,7 @@ def test_subsets_of_usd_are_known(tmp_path: Path):
 
 
 def test_a_rule_holds_for_the_mesh_s_own_points(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """Wherever the balloon is put; and what is written of the scene are the numbers."""
+    """A rule sees the mesh's own points, wherever the balloon is placed, and a scene file has the resulting numbers."""
     ball = quad_sphere(3)
     balloon = Balloon(mesh=ball, position=(0, 50, 0), rotation=(90, 0, 0), fixed=lambda points: points[:, 1] > 0.5)
     assert balloon.fixed == np.flatnonzero(ball.points[:, 1] > 0.5).tolist() == still(balloon)

@@ -1,4 +1,4 @@
-"""A balloon as the scene places it, strings its springs, and ties it."""
+"""Placement of a balloon, its springs, and its strings."""
 
 from typing import Literal
 
@@ -13,7 +13,7 @@ from balloon_warp.scene import Balloon, Scene, Stiffness, String
 
 
 def test_rotations_go_about_x_then_y_then_z():
-    """Quarter turns of (1, 2, 3) by hand, after the scale and before the position."""
+    """Quarter turns of (1, 2, 3) agree with those by hand, after the scale and before the position."""
     mesh = mesh_of([(1, 2, 3), (0, 0, 0), (1, 0, 0)], [[0, 1, 2]])
 
     def placed(x: float, y: float, z: float) -> list[float]:
@@ -39,7 +39,7 @@ def test_the_seed_chooses_the_draws_of_stiffness():
 
 
 def with_stray_vertices(mesh: PolygonMesh) -> PolygonMesh:
-    """Far above and far below, in no face, before the mesh's own."""
+    """Return the mesh after two vertices of no face, far above and far below."""
     return joined(mesh_of([(0, 50, 0), (0, -50, 0)], []), mesh)
 
 

@@ -33,7 +33,7 @@ def steps(playground: Playground, count: int) -> None:
 
 
 def replayed(playground: Playground) -> Simulator:
-    """The journal's scene, simulated from its start to where the playground is."""
+    """Return the journal's scene, simulated from its start to the playground's frame."""
     simulator = Simulator(playground.journal.scene(playground.frame), str(playground.simulator.model.device))
     for _ in range(playground.frame):
         simulator.step()
@@ -45,7 +45,7 @@ def volume(playground: Playground) -> float:
 
 
 def play(playground: Playground) -> None:
-    """All that can be done, in some order."""
+    """Play with everything that a hand can do, in some order."""
     steps(playground, 3)
     playground.set("balloon.inflation.k_normal", 0.8)
     playground.set("balloon.helium", 12.0)
@@ -68,8 +68,8 @@ def play(playground: Playground) -> None:
 
 
 def assert_replayed(device, replay, played):
-    """To the last bit; on a GPU within rounding of the largest number, where kernels are made for the number of spheres
-    and strings, which are all there from the beginning in a replay."""
+    """Require a bit-identical replay; on a GPU within rounding of the largest number, where kernels depend on the
+    number of spheres and strings, which are all there from the start of a replay."""
     np.testing.assert_allclose(replay, played, rtol=0, atol=0 if device == "cpu" else 1e-4 * np.abs(played).max())
 
 
@@ -82,7 +82,7 @@ def test_the_journal_replays(device):
 
 
 def test_the_journal_replays_from_its_file(device, tmp_path):
-    """The file says every digit, and finds the mesh."""
+    """The journal replays from its file, which has every digit, and finds the mesh."""
     playground = Playground(load_scene("squirrel_tether"), device)
     steps(playground, 2)
     playground.set("gravity", 1.0 / 3.0)
@@ -105,7 +105,7 @@ def test_a_scene_survives_being_written(name, tmp_path):
 
 
 def test_the_default_pressure_is_a_number_that_stays(device):
-    """It rises to it; it is not another when springs are, and the journal replays to the last bit."""
+    """The default pressure is fixed once a run begins: springs that change later leave it alone. Replays agree."""
     scene = Scene(balloon=[Balloon(mesh=quad_sphere(4, 0.5))], frames_per_second=4.0)
     playground = Playground(scene, device)
     steps(playground, 4)
@@ -189,7 +189,7 @@ def test_reset_goes_back_to_the_start(device):
 
 
 def test_a_moment_brings_everything_back(device):
-    """What happened next happens again, to the last bit; what was done after it is gone from the journal."""
+    """A saved moment restores the simulation bit-identically, and drops later entries of the journal."""
     playground = Playground(on_a_string(), device)
     steps(playground, 3)
     playground.throw(np.array([0.0, 1.5, 0.0]), np.array([0.0, -6.0, 0.0]), 0.2, 1.0)
@@ -227,7 +227,7 @@ def test_stiffer_springs_get_more_substeps_unless_told_not_to():
 
 
 def test_what_takes_too_many_substeps_is_refused_unless_they_stay():
-    """Forward Euler with little damping; told to keep the substeps, it may be watched to blow up."""
+    """A value that takes too many substeps is refused; with fixed substeps, forward Euler may be watched to blow up."""
     playground = Playground(on_a_string(), "cpu")
     with pytest.raises(InputError, match=r"^this takes [0-9,]+ substeps a frame to be stable, too many to play with"):
         playground.set("balloon.stiffness.structural", 1e7)
@@ -266,13 +266,13 @@ def test_a_journal_does_not_grow_forever(monkeypatch):
         playground.set("gravity", float(value))
         playground.step()
     assert len(playground.journal.changes) == 5
-    with pytest.raises(InputError, match="more was done since the start than the 5 entries"):
+    with pytest.raises(InputError, match="the journal of changes is full, at 5 entries"):
         playground.journal.scene(9)
 
 
 @pytest.mark.parametrize("name", bundled_scenes())
 def test_bundled_scenes_can_be_played_with(name):
-    """Each replays to the last bit."""
+    """Bundled scenes replay bit-identically."""
     if name not in some_bundled_scenes():
         pytest.skip("has nothing that others do not have")
     playground = Playground(load_scene(name), "cpu")
@@ -290,7 +290,7 @@ def test_bundled_scenes_can_be_played_with(name):
 
 
 def test_wind_carries_a_balloon_along(device):
-    """One that had no drag in air until then."""
+    """Wind moves a balloon that had no drag in air until then."""
     playground = Playground(on_a_string(ground=None), device)
     steps(playground, 2)
     was = playground.points[:, 0].mean()

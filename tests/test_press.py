@@ -1,4 +1,4 @@
-"""A balloon between two plates: force against gap."""
+"""Balloon between two plates: force against gap."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ RADIUS = 0.5
 
 
 def pressed(gap: float, device: str) -> tuple[PolygonMesh, Frame]:
-    """A balloon of given pressure between plates without friction, that have come to the gap and stopped, at rest."""
+    """Return a balloon of given pressure at rest between plates without friction, closed to the gap and stopped."""
     soft = Stiffness(structural=20.0, shear=10.0, flexion=0.0)
     filled = {"pressure": [(0.0, 0.0), (0.5, PRESSURE)]}
     ball = Balloon(mesh=quad_sphere(12, RADIUS), mass=0.5, damping=20.0, stiffness=soft, inflation=filled)
@@ -39,9 +39,9 @@ def pressed(gap: float, device: str) -> tuple[PolygonMesh, Frame]:
 
 @pytest.mark.parametrize("gap", [0.8, 0.6])
 def test_the_force_on_a_plate_is_the_pressure_times_the_contact(gap: float, device: str):
-    """F = p A: cut along the contact's edge, where a membrane leaves the plate along it, only the pressure has a part
-    across. Net forces leave contacts out, so that at rest those of touching particles are what the plate bears. The
-    contact ends somewhere between the particles that touch and their neighbors."""
+    """F = p A on a plate: in a cut along the contact's edge, where a membrane leaves the plate along it, only the
+    pressure acts across. Net forces leave contacts out, so that at rest those of touching particles are the plate's
+    load. The contact ends somewhere between the particles that touch and their neighbors."""
     mesh, last = pressed(gap, device)
     points, ends = last.points[0], mesh_edges(mesh).ends
     forces = []

@@ -32,7 +32,7 @@ f 1/1 2/2 3/3 4/4
 
 
 def square(path: Path, image: str, interpolation: str = "faceVarying") -> Usd.Stage:
-    """A square from -1 to 1 that is gray, if its image cannot be found; two triangles, so that nothing is refined."""
+    """Write a square from -1 to 1 that is gray without its image; two triangles, so that nothing is refined."""
     stage = new_stage(path)
     corners, indices = [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], [0, 1, 2, 0, 2, 3]
     mesh = add_mesh(stage, "Square", corners, [3, 3], indices, (0.3, 0.3, 0.3), roughness=1.0)
@@ -55,7 +55,7 @@ def square(path: Path, image: str, interpolation: str = "faceVarying") -> Usd.St
 
 
 def quadrants(path: Path) -> list[np.ndarray]:
-    """The mean colors of the quarters of the square, rows first, which 100 of 200 pixels show."""
+    """Return the mean colors of the quarters of the square, rows first, which 100 of 200 pixels show."""
     render_stage(path, path.with_suffix(".png"), size=(200, 200), device="cpu")
     seen = np.asarray(Image.open(path.with_suffix(".png"))).astype(int)
     return [seen[row : row + 30, column : column + 30].mean((0, 1)) for row in (60, 110) for column in (60, 110)]
@@ -63,7 +63,7 @@ def quadrants(path: Path) -> list[np.ndarray]:
 
 @pytest.fixture
 def image(tmp_path: Path) -> Path:
-    """White and red above green and blue."""
+    """Write an image of white and red above green and blue."""
     path = tmp_path / "image.png"
     small = np.array([[WHITE, RED], [GREEN, BLUE]], np.uint8)
     Image.fromarray(small.repeat(32, axis=0).repeat(32, axis=1)).save(path)
@@ -104,7 +104,7 @@ def test_what_is_no_image_gets_a_sentence(tmp_path: Path):
 
 
 def printed_scene(folder: Path, image: str = "image.png") -> Path:
-    """A scene file of a square of cloth with an image beside it."""
+    """Write a scene file of a square of cloth with an image beside it."""
     (folder / "cloth.obj").write_text(CLOTH)
     scene = folder / "scene.toml"
     scene.write_text(f'frames = 1\ngravity = 0.0\n[[balloon]]\nmesh = "cloth.obj"\nprint = "{image}"\n')
@@ -132,7 +132,7 @@ def test_prints_that_cannot_be_get_a_sentence(image: Path, tmp_path: Path):
 
 
 def assert_printed(path: Path, corners: int) -> None:
-    """A square's corners in a .glb have the image's colors, as another program reads it."""
+    """Require that a square's corners in a .glb have the image's colors, as another program reads it."""
     [cloth] = trimesh.load(path, process=False).geometry.values()
     image = np.asarray(cloth.visual.material.baseColorTexture.convert("RGB")).astype(int)
     assert len(cloth.vertices) == corners
@@ -153,7 +153,7 @@ def test_a_glb_has_the_image_in_it(image: Path, tmp_path: Path, interpolation: s
 
 
 def test_a_glb_has_images_as_glb_takes_them(image: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """Another kind becomes PNG, and a large one small."""
+    """Images in a .glb are PNG or JPEG of bounded size: another kind is converted, and a large one reduced."""
     Image.open(image).save(tmp_path / "image.bmp")
     square(tmp_path / "stage.usda", "image.bmp")
     export_stage(tmp_path / "stage.usda", tmp_path / "out.glb")

@@ -1,4 +1,4 @@
-"""The `projective` solver against Newton's method and the explicit schedules."""
+"""Projective solver against Newton's method and the explicit schedules."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ from balloon_warp.solvers.projective import ProjectiveSolver
 
 
 def test_every_iteration_lowers_the_energy(device):
-    """At a step of 1/60 s, as long as float32 can tell."""
+    """Each iteration reduces the objective at a step of 1/60 s, as long as float32 resolves it."""
     steps = [one_step(iterations, device) for iterations in range(1, 17)]
     values = [step.value(points) for step, points in steps]
     step, points = steps[-1]
@@ -27,7 +27,7 @@ def test_every_iteration_lowers_the_energy(device):
 
 
 def test_iterations_converge_to_newtons_method(device):
-    """On the same implicit step. Points of size 1 are rounded by 6e-8, and a step adds up some of those."""
+    """Iterations converge to Newton's minimum of the implicit step, up to rounding of points of size 1."""
     step, points = one_step(400, device)
     expected = step.minimum(points)
     slope, _ = step.derivatives(expected)
@@ -37,7 +37,7 @@ def test_iterations_converge_to_newtons_method(device):
 
 
 def test_few_iterations_conserve_momentum(device):
-    """A step that has not converged: springs, whatever they do, leave the sum of momenta alone."""
+    """A step that has not converged conserves momentum: springs are internal forces."""
     balloon = Balloon(mesh=quad_sphere(4), mass=0.5, damping=0.0, inflation=Inflation(k_normal=0.0))
     scene = Scene(balloon=[balloon], gravity=0.0, solver="projective", solver_iterations=2, substeps=1)
     simulator = Simulator(scene, device)
@@ -51,8 +51,8 @@ def test_few_iterations_conserve_momentum(device):
 
 
 def test_springs_far_too_stiff_for_the_explicit_steps_stay_stable(device):
-    """A thousand times stiffer than symplectic Euler bears at h = 1/60 s, and kicked: the energy falls, and at last the
-    balloon has its shape."""
+    """Springs a thousand times stiffer than symplectic Euler bears at h = 1/60 s, and kicked, lose energy, and at last
+    the balloon has its shape."""
     rest = quad_sphere(4, radius=0.5)
 
     def scene(factor: float, **fields) -> Scene:
@@ -84,8 +84,8 @@ def test_springs_far_too_stiff_for_the_explicit_steps_stay_stable(device):
 
 
 def test_small_steps_approach_scatters_trajectory_at_first_order(device):
-    """Contacts, strings, inflation, damping and fixed particles included: the difference to a refined explicit run
-    halves with the step. On average, for a particle between two faces may take the area of either."""
+    """The difference to a refined explicit run halves with the step, with contacts, strings, inflation, damping and
+    fixed particles; on average, as a particle between two faces may take the area of either."""
     expected = after_frames(full_scene(substeps=1200), device, schedule="scatter").state
     errors = []
     for substeps in (25, 50, 100):
@@ -96,7 +96,7 @@ def test_small_steps_approach_scatters_trajectory_at_first_order(device):
 
 
 def test_a_sphere_is_pushed_as_by_scatter(device):
-    """At the same step: particles touch the sphere in some steps and not in others, on which the push depends."""
+    """The push on a sphere agrees with `scatter` at the same step, though particles touch it in some steps only."""
     fallen = -0.5 - 9.81 * 4 / 60
     scenes = full_scene(substeps=100), full_scene(substeps=100, solver="projective")
     expected, found = (after_frames(scene, device).state.sphere_velocities.numpy()[0, 0, 1] for scene in scenes)
@@ -105,7 +105,7 @@ def test_a_sphere_is_pushed_as_by_scatter(device):
 
 
 def test_springs_that_change_change_the_matrix_too(device):
-    """What goes on in the changed scene is what starts in it."""
+    """A run with changed springs is bit-identical to one that starts with them."""
     changed = kicked_balloon(100, change=[Change(time=0.0, set={"balloon.stiffness.structural": 200.0})])
     stiff = kicked_balloon(100, SOFT.model_copy(update={"structural": 200.0}))
     found, expected = (after_frames(scene, device, 10).state.points.numpy() for scene in (changed, stiff))
@@ -113,7 +113,7 @@ def test_springs_that_change_change_the_matrix_too(device):
 
 
 def test_the_solver_may_change(device):
-    """An explicit start goes on implicitly, and back."""
+    """The solver may change during a run, from explicit to implicit and back."""
     change = [Change(time=0.05, set={"solver": "projective"}), Change(time=0.1, set={"solver": "symplectic_euler"})]
     names = []
     simulator = Simulator(full_scene(change=change), device)
@@ -124,7 +124,7 @@ def test_the_solver_may_change(device):
 
 
 def test_auto_takes_few_substeps_and_names_the_solver():
-    """However stiff the springs are."""
+    """The automatic number of substeps is small, however stiff the springs are."""
     stiff = Stiffness(structural=1e6)
     assert build_model(kicked_balloon(stiffness=stiff, substeps="auto"), "cpu").substeps == 2
     assert build_model(full_scene(solver="projective", frames_per_second=24), "cpu").substeps == 10

@@ -1,4 +1,4 @@
-"""The `projective` solver's two ways to solve its system, and many worlds at once."""
+"""Two linear solvers of the `projective` solver, and many worlds at once."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -18,7 +18,7 @@ from balloon_warp.solvers.step_matrices import StepMatrices
 
 @pytest.mark.parametrize("vary", [{}, {"balloon.0.mass": np.linspace(0.1, 0.3, 3)}])
 def test_the_inverse_and_the_factor_give_the_same_trajectory(vary, device):
-    """Within the rounding of float32, with one matrix for all worlds or one for each. The factor is for the CPU."""
+    """The dense inverse and the sparse factor, which is for the CPU, agree to float32's rounding."""
     states: list[State] = []
     for place, global_step in (("cpu", SparseFactor), (device, DenseInverse)):
         simulator = Simulator(full_scene(solver="projective"), place, 3, vary)
@@ -38,7 +38,8 @@ def test_the_factor_refuses_a_gpu_which_it_would_compute_wrongly_on():
 
 
 def test_the_inverse_solves_the_system_alike_for_one_world_and_for_many(device):
-    """Of two balloons, 56 rows each, by threads that have a row each, or several rows of several worlds."""
+    """The inverse gives a world's solution bit-identically alone and among many, by threads with one row each or
+    several rows of several worlds, for two balloons of 56 rows each."""
     many = MANY_WORLDS + 5
     right_sides = np.random.default_rng(3).normal(size=(many, 112, 3)).astype(np.float32)
     solutions = []
@@ -64,7 +65,7 @@ VARIED = {
 
 
 def test_parameters_of_worlds_may_differ(device):
-    """Each world of such a batch is that world alone, to the last bit."""
+    """Worlds of other parameters are bit-identical to each alone."""
     scene = full_scene(solver="projective")
     batch = after_frames(scene, device, worlds=3, vary=VARIED).state.points.numpy()
     for world in range(3):
@@ -75,7 +76,7 @@ def test_parameters_of_worlds_may_differ(device):
 
 
 def test_worlds_share_a_matrix_where_masses_and_spring_constants_are_alike():
-    """One is factorized for all of a batch, whatever else differs between its worlds; or one for each of two kinds."""
+    """A single factorization serves all worlds of equal masses and spring constants, or one for each of two kinds."""
     scene = full_scene(solver="projective")
     for vary, count in (({"gravity": [9.0, 10.0, 11.0, 12.0]}, 1), ({"balloon.0.mass": [0.1, 0.2, 0.1, 0.2]}, 2)):
         matrices = StepMatrices(Simulator(scene, "cpu", 4, vary).model)
@@ -84,7 +85,7 @@ def test_worlds_share_a_matrix_where_masses_and_spring_constants_are_alike():
 
 
 def test_a_world_alone_is_the_same_world_in_a_batch(device):
-    """To the last bit, also in a batch that no eight divide."""
+    """A world alone is bit-identical to that in a batch, also in a batch that no eight divide."""
     scene = full_scene(solver="projective", normals="fresh", substeps=3)
     alone, batch = after_frames(scene, device), after_frames(scene, device, worlds=11)
     for name in ("points", "velocities", "sphere_positions", "sphere_forces"):

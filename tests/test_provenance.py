@@ -1,4 +1,4 @@
-"""Provenance in a stage, which depends on nothing else."""
+"""Provenance in a stage, independent of its environment."""
 
 import hashlib
 import json

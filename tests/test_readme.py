@@ -1,4 +1,4 @@
-"""Code in the README, which works as it stands there."""
+"""Code in the README, which works as printed."""
 
 import re
 import tomllib
@@ -20,7 +20,7 @@ def block(language: str, page: str = README) -> str:
 
 
 def test_it_is_short_and_begins_with_the_two_commands():
-    """Continuous integration runs the first two lines that begin with `pip install`."""
+    """The README is short, and its first two lines that begin with `pip install` are those of CI."""
     assert README.count("\n") <= 110
     commands = re.findall(r"^pip install .*", README, re.MULTILINE)
     assert commands == [
@@ -37,7 +37,7 @@ def test_python_example_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
 
 
 def test_the_python_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """All its blocks, one after the other."""
+    """Blocks of the page run one after the other."""
     monkeypatch.chdir(tmp_path)
     write_obj(Path("ball.obj"), quad_sphere(2))
     page = (ROOT / "docs" / "PYTHON.md").read_text(encoding="utf-8")
@@ -66,7 +66,7 @@ def test_links_lead_somewhere(page: str):
 
 
 def test_its_speeds_are_those_that_were_measured():
-    """Each to its two digits."""
+    """Speeds in the README are the measured ones, to their two digits."""
     found = rates((ROOT / RESULTS).read_text(encoding="utf-8"))
     for name, (ours, peer) in found.items():
         cells = next(line for line in README.splitlines() if line.startswith(f"| {name} |")).split("|")[2:5]

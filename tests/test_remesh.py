@@ -47,7 +47,7 @@ def joined(*meshes: PolygonMesh) -> PolygonMesh:
 
 
 def ball(radius: float = 1.0, center: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> PolygonMesh:
-    """A sphere of 5,120 triangles: its faces lie within 0.1 % of the radius of it."""
+    """Return a sphere of 5,120 triangles, whose faces deviate by up to 0.1 % of the radius."""
     surface = trimesh.creation.icosphere(subdivisions=4, radius=radius)
     surface.apply_translation(center)
     return triangles_mesh(surface)
@@ -186,7 +186,7 @@ def test_command(tmp_path: Path) -> None:
     ],
 )
 def test_command_refuses(tmp_path: Path, monkeypatch, arguments: list[str], sentence: str) -> None:
-    """Before the surface is measured, which takes long: a mistake in the name, and a folder that takes no files."""
+    """The command refuses a wrong name and a folder that takes no files before the long measurement."""
     monkeypatch.setattr("balloon_warp.mesh.remesh.surface_nets", lambda *_, **__: pytest.fail("measured"))
     folder = tmp_path / "here"
     folder.mkdir()

@@ -25,7 +25,7 @@ def standing_out(surface: PolygonMesh, made: PolygonMesh, cells: int) -> float:
 
 
 def test_a_blade_keeps_its_volume() -> None:
-    """A sixth of a cell thick: as a slab it had seven times its volume. Guard and grip overlap a little."""
+    """A blade a sixth of a cell thick keeps its volume, where a slab had seven times that."""
     made = remesh(sword(), 48)
     assert_closed_quads(made)
     assert made.warnings == ()
@@ -34,7 +34,7 @@ def test_a_blade_keeps_its_volume() -> None:
 
 @pytest.mark.parametrize("thickness", [0.05, 0.5, 1.2])
 def test_a_plate_keeps_its_volume(thickness: float) -> None:
-    """So many cells thick."""
+    """A plate so many cells thick keeps its volume."""
     plate = box((0.0, 0.0, 0.0), (1.0, 0.6, thickness / 24.0), (24, 12, 1))
     made = remesh(plate, 24)
     assert_closed_quads(made)
@@ -43,14 +43,14 @@ def test_a_plate_keeps_its_volume(thickness: float) -> None:
 
 
 def test_a_thin_rod_keeps_its_volume() -> None:
-    """A cell and less across, a chord of which is well within it."""
+    """A rod of a cell and less across keeps its volume, though a chord of it is well within."""
     rod = deformed(quad_sphere(8, 0.5), lambda p: p * [1.0, 0.05, 0.05])
     made = remesh(rod, 24)
     assert signed_volume(made) == pytest.approx(signed_volume(rod), rel=0.1)
 
 
 def test_ears_and_nose_stay() -> None:
-    """Thin ears lost a cell of their length."""
+    """Ears and nose keep their length, where thin ears lost a cell of theirs."""
     made = remesh(head(), 32)
     assert_closed_quads(made)
     assert_none_folded(made)
@@ -59,7 +59,7 @@ def test_ears_and_nose_stay() -> None:
 
 
 def test_what_folds_goes_back_and_nothing_else() -> None:
-    """A vertex moved across its neighbors, beside one that only moves outward, on the other side of a ball."""
+    """A vertex moved across its neighbors goes back; one that only moves outward stays."""
     ball = quad_sphere(8, 0.5)
     first, other = int(ball.points[:, 0].argmax()), int(ball.points[:, 0].argmin())
     points = ball.points.copy()
@@ -94,7 +94,7 @@ def test_hair_is_refused_before_it_takes_long(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_patches_of_a_whole_are_no_hair() -> None:
-    """A ball in 24 patches that do not share their vertices."""
+    """A ball in 24 patches without shared vertices is no hair."""
     ball = quad_sphere(8, 0.5)
     quads = ball.face_vertex_indices.reshape(-1, 4)
     parts = [joined_of(ball, part) for part in np.array_split(quads, 24)]

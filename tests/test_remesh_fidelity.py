@@ -1,4 +1,4 @@
-"""Fidelity of remeshing: closed, every part in one piece; or a sentence says why not."""
+"""Fidelity of remeshing: closed, every part in one piece; or a sentence gives the reason."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -25,7 +25,7 @@ def at(mesh: PolygonMesh, place: tuple[float, float, float], size: float) -> Pol
 
 
 def rod(heights: np.ndarray, radii: np.ndarray) -> PolygonMesh:
-    """Along y, 12 faces around, closed by one at either end."""
+    """Return a rod along y, 12 faces around, closed by one at either end."""
     turn = 2.0 * np.pi * np.arange(12) / 12
     points = [(r * np.cos(t), y, r * np.sin(t)) for y, r in zip(heights, radii, strict=True) for t in turn]
     faces = [[*range(12)], [*range(len(points) - 12, len(points))][::-1]]
@@ -36,7 +36,7 @@ def rod(heights: np.ndarray, radii: np.ndarray) -> PolygonMesh:
 
 @pytest.mark.parametrize("lean", [0.0, 0.3])
 def test_a_rod_of_any_thickness_stays_in_one_piece(lean: float) -> None:
-    """Thinner than a cell of 1/8, thicker than two, and all between, where nodes of the grid may pass it by."""
+    """A rod stays in one piece, from thinner than a cell of 1/8 to thicker than two."""
     heights = np.linspace(0.0, 3.0, 60)
     mesh = rod(heights, 0.015 + 0.05 * heights)
     mesh = replace(mesh, points=mesh.points + np.outer(mesh.points[:, 1], [lean, 0.0, 0.0]))
@@ -46,7 +46,7 @@ def test_a_rod_of_any_thickness_stays_in_one_piece(lean: float) -> None:
 
 
 def test_sheets_one_behind_the_other_are_closed() -> None:
-    """They wind around more than the box that they are in, as strips of hair do."""
+    """Sheets one behind the other, as strips of hair, are closed: their winding number exceeds 1 outside."""
     square = mesh_of([(0, 0, 0), (0, 0, 1), (1, 0, 1), (1, 0, 0)], [[0, 1, 2, 3]])
     sheets = [replace(square, points=square.points + (0.0, 0.02 * n, 0.0)) for n in range(9)]
     made = remesh(joined(*sheets), 12)

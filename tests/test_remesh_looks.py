@@ -26,14 +26,14 @@ MATERIALS = "".join(f"newmtl {side}\nKd {0.1 * side:g} 0.5 0.25\n" for side in r
 
 
 def within_sides(mesh: PolygonMesh) -> list[tuple[int, tuple[float, ...]]]:
-    """Sides and colors as `seen_sides`, without faces that go around an edge of the cube."""
+    """Return sides and colors as `seen_sides` does, without faces that go around an edge of the cube."""
     inner = (np.abs(face_centers(mesh)) > 0.8).sum(axis=1) == 1
     return [each for each, is_inner in zip(seen_sides(mesh), inner.tolist(), strict=True) if is_inner]
 
 
 @pytest.mark.parametrize("kind", ["obj", "glb", "usda"])
 def test_a_texture_stays_where_it_was(tmp_path: Path, kind: str):
-    """Each side in a tile of its own: a quad across an edge lies in one of them."""
+    """A texture stays in place: each side has a tile of its own, and a quad across an edge lies in one of them."""
     made = remesh(load_mesh(write_painted(tmp_path, kind)), 12)
     found = within_sides(made)
     assert {side for side, _ in found} == set(range(6))
@@ -68,7 +68,7 @@ def test_materials_stay_on_their_faces(tmp_path: Path):
 
 
 def test_colors_of_vertices_stay_where_they_were(tmp_path: Path):
-    """Red grows with height."""
+    """Vertex colors stay in place: red grows with height."""
     ball = quad_sphere(12)
     heights = 0.5 + 0.5 * ball.points[:, 1]
     colors = np.stack([heights, 0.25 + 0.0 * heights, 1.0 - heights], axis=1)[ball.face_vertex_indices]
@@ -94,7 +94,7 @@ def test_a_texture_in_crumbs_becomes_its_mean(tmp_path: Path, monkeypatch: pytes
 
 
 def test_faces_without_looks_stay_so(tmp_path: Path):
-    """Half of a sheet is red, the other half says nothing; the other mesh is coarser, and a little above it."""
+    """Faces without looks keep none: half of a sheet is red; the other mesh is coarser, and a little above."""
     sheet = grid(8, 2)
     red = np.repeat(np.where(np.arange(sheet.face_count) % 8 < 4, 0, -1), 4).astype(np.int32)
     sheet = replace(sheet, looks=Looks((Look("my red", (1.0, 0.0, 0.0)),), red))
@@ -109,7 +109,7 @@ def test_faces_without_looks_stay_so(tmp_path: Path):
 
 
 def test_materials_of_another_program_are_not_written_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """Before the surface is measured, which takes long."""
+    """Materials of another program are refused before the surface is measured, which takes long."""
     monkeypatch.setattr("balloon_warp.mesh.remesh.remesh", lambda *_, **__: pytest.fail("measured"))
     source = write_painted(tmp_path, "obj").rename(tmp_path / "source.obj")
     before = {path: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()}
@@ -120,7 +120,7 @@ def test_materials_of_another_program_are_not_written_over(tmp_path: Path, monke
 
 
 def test_a_color_that_multiplies_an_image_goes_into_it(tmp_path: Path):
-    """OBJ files have one or the other."""
+    """A color that multiplies an image is baked into it, as OBJ files have one or the other."""
     surface = load_mesh(write_painted(tmp_path, "obj"))
     (look,) = surface.looks.materials
     tinted = replace(surface, looks=replace(surface.looks, materials=(replace(look, color=(1.0, 0.5, 0.0)),)))

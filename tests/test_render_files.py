@@ -1,4 +1,4 @@
-"""Picture files, and what is said when none can be made."""
+"""Picture files, and messages where none can be made."""
 
 import errno
 import sys
@@ -21,7 +21,7 @@ SMALL: dict[str, Any] = {"size": (64, 36), "samples": 1, "device": "cpu"}
 
 @pytest.fixture
 def stage(tmp_path: Path) -> Path:
-    """A ball that crosses the picture in 48 frames, 2 s."""
+    """Return a stage of a ball that crosses the picture in 48 frames, 2 s."""
     path = tmp_path / "stage.usda"
     made = new_stage(path, frames=48)
     add_sphere(made, "Ball", [(0.1 * frame, 0.0, 0.0) for frame in range(48)], 0.5, (0.8, 0.1, 0.1))
@@ -192,7 +192,7 @@ def test_bad_stages_get_a_sentence(tmp_path: Path):
 
 
 def test_other_peoples_stages(tmp_path: Path):
-    """No time, no colors, no material, faces of several sizes, points that nobody uses, which frame nothing."""
+    """Stages of other programs render without times, colors or materials; unused points do not affect the framing."""
     corners = [(0, 0, 0), (2, 0, 0), (2, 0, 2), (0, 0, 2), (1, 2, 1)]
     seen = []
     for name, unused in (("tidy", []), ("untidy", [(9, 9, 9)])):
@@ -283,7 +283,7 @@ def test_a_long_gif_has_at_most_120_pictures(tmp_path: Path):
 
 
 def _ball_and(folder: Path, change: Callable[[Usd.Stage], object] = lambda made: None) -> Path:
-    """A stage of one frame with a ball and something else."""
+    """Return a stage of one frame with a ball and something else."""
     made = new_stage(folder / "ball.usda")
     add_sphere(made, "Ball", (0, 0, 0), 1.0, (1, 0, 0))
     change(made)

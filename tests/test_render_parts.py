@@ -1,4 +1,4 @@
-"""The ray caster's parts, each against its definition."""
+"""Parts of the ray caster, each against its definition."""
 # pyright: reportIndexIssue=false
 
 import numpy as np
@@ -77,7 +77,7 @@ def test_rays_meet_capsules_where_marching_finds_them():
 
 
 def test_a_thin_line_is_met_from_afar():
-    """One part in 20,000: the radius squared is far below the round-off of the distance squared."""
+    """A line of one part in 20,000 is hit: the radius squared is far below the round-off of the distance squared."""
     offsets = np.linspace(-1.8e-3, 1.8e-3, 37)
     count = len(offsets)
     origins = np.stack([np.full(count, 0.013), offsets, np.full(count, 20.0)], axis=1)

@@ -22,7 +22,7 @@ HALF_COVERED = 175
 
 
 def picture(stage: Usd.Stage, tmp_path: Path, **options) -> np.ndarray:
-    """The stage's picture, sRGB, shape (height, width, 3)."""
+    """Return the stage's picture, sRGB, shape (height, width, 3)."""
     stage.GetRootLayer().Save()
     output = tmp_path / "picture.png"
     render_stage(stage.GetRootLayer().realPath, output, **{"size": (200, 200), "device": "cpu"} | options)
@@ -30,7 +30,7 @@ def picture(stage: Usd.Stage, tmp_path: Path, **options) -> np.ndarray:
 
 
 def pixel_of(camera: Camera, point, size: tuple[int, int]) -> tuple[int, int]:
-    """Row and column where a camera sees a point."""
+    """Return the row and column where a camera sees a point."""
     x, y, back = camera.axes @ (np.asarray(point) - camera.eye)
     across, up = x / -back / camera.half_width, y / -back / camera.half_height
     return int((1.0 - up) * size[1] / 2), int((1.0 + across) * size[0] / 2)
@@ -106,8 +106,8 @@ def test_units_do_not_show(tmp_path: Path):
     [(0.0, 0.0, RED), (180.0, 0.0, GREEN), (90.0, 0.0, BLUE), (40.0, 90.0, WHITE), (0.0, None, RED)],
 )
 def test_one_looks_from_where_one_asks(up_axis: str, azimuth: float, elevation: float, nearest, tmp_path: Path):
-    """Balls in front, behind, to the right and above: the middle of the picture shows the nearest. The stage's camera,
-    which looks from the front, does not count then."""
+    """A given view replaces the stage's camera: of balls in front, behind, to the right and above, the middle of the
+    picture shows the nearest."""
     stage = new_stage(tmp_path / "stage.usda", up_axis)
     add_camera(stage, distance=20.0, focal_length=40.0, aperture=24.0)
     places = {RED: (0, 0, 2), GREEN: (0, 0, -2), BLUE: (2, 0, 0), BLACK: (-2, 0, 0), WHITE: (0, 2, 0), GRAY: (0, -2, 0)}
@@ -140,7 +140,7 @@ def test_a_ball_shades_the_ground_away_from_the_key_light(tmp_path: Path):
 
 
 def test_water_tints_what_is_below_it_and_leaves_what_is_above(tmp_path: Path):
-    """A gray ball half in blue water, with and without it: the camera does not heed the water either."""
+    """Water tints a gray ball below its surface alone, and does not change the camera."""
     seen = []
     for name in ("Water", None):
         stage = new_stage(tmp_path / f"{name}.usda")
@@ -244,7 +244,7 @@ def test_a_cube_is_flat_to_its_edges_whether_it_moves_or_not(tmp_path: Path):
 
 @pytest.mark.parametrize("interpolation", [UsdGeom.Tokens.uniform, UsdGeom.Tokens.faceVarying, UsdGeom.Tokens.vertex])
 def test_display_colors_lie_where_their_interpolation_says(interpolation: str, tmp_path: Path):
-    """Two squares side by side with six points between them, red on the left and green on the right."""
+    """Display colors are interpolated over two squares side by side, red on the left and green on the right."""
     stage = new_stage(tmp_path / "stage.usda")
     mesh = UsdGeom.Mesh.Define(stage, "/World/Squares")
     mesh.CreatePointsAttr([(x, y, 0.0) for y in (-1.0, 1.0) for x in (-2.0, 0.0, 2.0)])

@@ -1,4 +1,4 @@
-"""Repairing a mesh: corners and faces taken once, one winding, outward."""
+"""Repair of a mesh: duplicate corners and faces removed, consistent winding, outward."""
 
 from dataclasses import replace
 
@@ -16,7 +16,7 @@ from balloon_warp.mesh.topology import inconsistent_edges, mesh_edges
 
 
 def turned(mesh: PolygonMesh, faces: np.ndarray) -> PolygonMesh:
-    """The mesh with some faces, as a mask, wound the other way."""
+    """Return the mesh with some faces' winding reversed, by a mask."""
     backwards = flip_faces(mesh.face_vertex_counts, mesh.face_vertex_indices)
     indices = np.where(faces[corner_faces(mesh)], backwards, mesh.face_vertex_indices)
     return replace(mesh, face_vertex_indices=indices)

@@ -23,7 +23,7 @@ WAYS["projective"] = (PROJECTIVE, "auto")
 
 @pytest.fixture(params=WAYS)
 def way(request: pytest.FixtureRequest, device: str) -> tuple[Scene, str]:
-    """A scene, and the schedule that simulates it."""
+    """Return a scene, and the schedule that simulates it."""
     if device != "cpu" and request.param in ("octets", "lanes"):
         pytest.skip("simulates on the CPU")
     return WAYS[request.param]
@@ -49,7 +49,7 @@ def test_a_batch_has_the_same_bytes_again(way: tuple[Scene, str], device: str, t
 
 
 def test_the_rows_of_a_world_are_those_of_any_batch(way: tuple[Scene, str], device: str, tmp_path: Path):
-    """Also of batches that no eight divide; all have one value that varies, and the worlds' values are the same."""
+    """A world's rows are bit-identical in any batch, also of a size that no eight divide."""
     large = rows(way, device, tmp_path, 19)
     for worlds in (1, 3, 8):
         assert rows(way, device, tmp_path, worlds) == {world: large[world] for world in range(worlds)}
@@ -59,7 +59,7 @@ def test_the_rows_of_a_world_are_those_of_any_batch(way: tuple[Scene, str], devi
 def rows(
     way: tuple[Scene, str], device: str, folder: Path, worlds: int, export: list[int] | None = None
 ) -> dict[int, list[str]]:
-    """Each world's rows of the table of a batch, without the world's number."""
+    """Return each world's rows of the table of a batch, without the world's number."""
     scene, schedule = way
     vary = {"gravity": [9.0 + 0.1 * world for world in range(worlds)]}
     run_batch(scene, folder, worlds, vary, export=export or [], device=device, schedule=schedule)

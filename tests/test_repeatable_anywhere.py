@@ -1,4 +1,4 @@
-"""Neither the process, nor its environment, nor the number of workers is in what is written."""
+"""Independence of outputs from the process, its environment, and the number of workers."""
 
 import os
 import subprocess
@@ -52,7 +52,7 @@ ENVIRONMENTS = (
 
 
 def test_the_environment_of_a_process_is_not_in_its_outputs(tmp_path: Path):
-    """Hash seed, locale, time zone, threads of the linear algebra, working directory, relative and absolute paths."""
+    """Outputs do not depend on the hash seed, locale, time zone, number of threads, or working directory."""
     (tmp_path / "write.py").write_text(WRITE, encoding="utf-8")
     (tmp_path / "scene.toml").write_text(SCENE, encoding="utf-8")
     write_obj(tmp_path / "bälle.obj", quad_sphere(3))
@@ -76,7 +76,7 @@ def test_the_environment_of_a_process_is_not_in_its_outputs(tmp_path: Path):
 
 @cache
 def tables_alone(folder: Path) -> dict[str, list[bytes]]:
-    """Of each schedule, of this process."""
+    """Return the tables of each schedule, by this process."""
     return {schedule: tables(schedule, folder) for schedule in SCHEDULES}
 
 

@@ -1,4 +1,4 @@
-"""Rest: what does not get anywhere, and trembles no more than rounding makes it."""
+"""Rest: motion without drift, and no larger than rounding."""
 
 from types import SimpleNamespace
 
@@ -13,7 +13,7 @@ PLACE = float(np.spacing(np.float32(0.2)))
 
 
 class Trembling:
-    """A particle 0.2 m from the origin that drifts from frame to frame, and trembles within it."""
+    """Particle 0.2 m from the origin that drifts from frame to frame, and trembles within it."""
 
     def __init__(self, drift: float, trembles: float):
         self.model = SimpleNamespace(scene=SimpleNamespace(frames_per_second=RATE), substeps=SUBSTEPS)
@@ -33,7 +33,7 @@ class Trembling:
 
 
 def test_rounding_of_short_steps_does_not_count_as_motion():
-    """A coordinate's last place a substep is 1.5e-8 m * 60,000 / s, or 0.9 mm/s: faster than what is asked for."""
+    """A jitter of one unit in the last place, 1.5e-8 m * 60,000 / s or 0.9 mm/s, is at rest."""
     one_place = PLACE * RATE * SUBSTEPS
     assert one_place > 8e-4
     rests = Trembling(drift=0.0, trembles=10.0 * one_place)

@@ -1,4 +1,4 @@
-"""A simulation that goes on from where another was: the same bits as one that was never left."""
+"""Restored simulations, bit-identical to uninterrupted ones."""
 
 from pathlib import Path
 
@@ -99,7 +99,7 @@ def test_a_world_that_blew_up_is_still_known(device: str):
 
 
 def test_what_a_scene_does_not_have_need_not_be_saved():
-    """As in a run that was saved before balloons could touch."""
+    """A checkpoint may lack state that the scene does not have, as one from before balloons could touch."""
     simulator = Simulator("squirrel_tether", "cpu")
     simulator.step()
     saved = {name: array.numpy() for name, array in simulator.state.arrays.items() if array.size}

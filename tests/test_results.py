@@ -1,4 +1,4 @@
-"""benchmarks/RESULTS.md: tables that commands printed, each with its day and machine."""
+"""Tables of benchmarks/RESULTS.md, printed by commands, each with its day and machine."""
 
 from datetime import date
 from pathlib import Path
@@ -35,7 +35,7 @@ def test_a_measurement_has_its_day_machine_and_command(name: str):
 
 
 def test_a_measurement_is_made_again(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    """By its own command; the page has its new table then."""
+    """A measurement is repeated by its own command, and the page gets its new table."""
     monkeypatch.setattr(results, "FOLDER", tmp_path)
     monkeypatch.setattr(results, "PAGE", tmp_path / "RESULTS.md")
     (tmp_path / "01_health.toml").write_text(as_toml(read(files_of(ROOT / FOLDER)["health"])), encoding="utf-8")

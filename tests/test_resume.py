@@ -1,4 +1,4 @@
-"""A run that is stopped or killed, and goes on: to the same bytes as one that was left alone."""
+"""Resumed runs, stopped or killed: the same bytes as of an uninterrupted one."""
 
 import json
 import os
@@ -41,7 +41,7 @@ SCENES = {"euler": SCENE, "projective": SCENE.model_copy(update={"solver": "proj
 
 
 class CrashError(Exception):
-    """As a kill is: nothing is done about it."""
+    """Error that nothing handles, as a kill."""
 
 
 def crash(frame: int) -> None:
@@ -55,7 +55,7 @@ def press_ctrl_c(frame: int) -> None:
 
 
 def stop(scene: Scene, output: Path, how: Callable[[int], None] = crash, **options: Any) -> Path:
-    """Run until frame `STOPPED_AT`; the folder that is left."""
+    """Run until frame `STOPPED_AT` and return the folder that is left."""
     options = {"checkpoint_seconds": ALWAYS, **options}
     with pytest.raises((CrashError, KeyboardInterrupt)):
         animate(scene, output, on_frame=how, **options)
@@ -102,7 +102,7 @@ def test_ctrl_c_saves_the_frames_so_far_in_a_stage_that_opens(tmp_path: Path):
 
 
 def test_a_checkpoint_waits_for_frames_that_are_still_being_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """Which happens beside the simulation, here slowly."""
+    """A checkpoint waits for frames that a background thread still writes, here slowly."""
     write = usd_stage.StageWriter.write
 
     def write_slowly(self: usd_stage.StageWriter, frame: Any) -> None:
@@ -168,7 +168,7 @@ def test_another_mesh_is_refused(tmp_path: Path):
     ],
 )
 def test_what_else_the_bits_depend_on_is_compared(path: str, value: object, tmp_path: Path):
-    """What simulates may be another with another version; the schedule and the step may be chosen by it."""
+    """A run resumes only with the same version, schedule and step, on which its bits depend."""
     output = tmp_path / "out.usdc"
     tamper(stop(SCENE, output) / "job.json", path, value)
     with pytest.raises(
@@ -249,7 +249,7 @@ def test_a_damaged_checkpoint_is_refused(name: str, tmp_path: Path):
 
 @pytest.mark.parametrize("name", [f"state_{STOPPED_AT - 2:06d}_0000.npz", f"frames_{STOPPED_AT:06d}.usdc"])
 def test_a_kill_between_the_files_of_a_checkpoint_does_no_harm(name: str, tmp_path: Path):
-    """Before the last state is removed, or after the frames of one that was not to be."""
+    """A kill between the files of a checkpoint does no harm: an old state or discarded frames are left."""
     whole, output = tmp_path / "whole.usdc", tmp_path / "out.usdc"
     animate(SCENE, whole)
     folder = stop(SCENE, output)
@@ -269,13 +269,13 @@ def test_nothing_in_a_checkpoint_is_run(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 def test_each_file_of_a_checkpoint_appears_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """As outputs do, none under its own name from the first byte on."""
+    """Files of a checkpoint are renamed into place once they are whole, as outputs are."""
     whole = watch_names(monkeypatch)
     assert {*stop(SCENE, tmp_path / "out.usdc").iterdir()} <= whole
 
 
 def test_checkpoints_go_all_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """A kill while they are removed leaves nothing that --resume takes for a run."""
+    """Checkpoints are removed at once: a kill meanwhile leaves nothing that --resume takes for a run."""
     output = tmp_path / "out.usdc"
     folder = stop(SCENE, output)
     monkeypatch.setattr(shutil, "rmtree", lambda *_, **__: None)

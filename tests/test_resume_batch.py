@@ -1,4 +1,4 @@
-"""A batch that was stopped or killed goes on to the same files, byte by byte, as one that was not."""
+"""Resumed batches, stopped or killed: the same files, byte by byte, as of an uninterrupted one."""
 
 import resource
 from pathlib import Path
@@ -27,7 +27,7 @@ def schedule(request: pytest.FixtureRequest, device: str) -> str:
 
 @pytest.fixture
 def vary(tmp_path: Path) -> dict:
-    """Two meshes, which make two groups, and a push that the last world blows up of."""
+    """Return two meshes, which make two groups, and a push under which the last world blows up."""
     paths = [tmp_path / "coarse.obj", tmp_path / "fine.obj"]
     for path, mesh in zip(paths, (quad_sphere(2), quad_sphere(3)), strict=True):
         write_obj(path, mesh)
@@ -40,7 +40,7 @@ def vary(tmp_path: Path) -> dict:
 def test_it_goes_on_to_the_same_bytes(
     vary: dict, schedule: str, device: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    """Stopped twice, at a frame before and one after the last world blew up; the stage is saved every few frames."""
+    """A batch stopped twice resumes to the same bytes, before and after the last world blew up."""
     monkeypatch.setattr(growing, "SAVE_BYTES", 10_000)
     how = {"export": [1, 4], "device": device, "schedule": schedule}
     run_batch(scene(), tmp_path / "whole", WORLDS, vary, **how)
@@ -70,7 +70,7 @@ def test_it_goes_on_to_the_same_bytes(
 
 
 def test_what_was_saved_opens(tmp_path: Path):
-    """Each part by itself: its rows in NumPy, its worlds as a stage, with the frames that it says; and all together."""
+    """Saved parts open: rows in NumPy, worlds as a stage, with the frames that they promise; and all together."""
     with pytest.raises(RuntimeError):
         run_batch(
             scene(),
@@ -123,7 +123,7 @@ def stopped(tmp_path: Path) -> Path:
 
 
 def test_rows_without_their_stage_are_never_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """A kill came between the two: the stage's part is there, and that of the table, which makes it count, is not."""
+    """A stage's part without its rows does not count, as a kill between the two leaves it."""
     how = {"vary": {"gravity": [1, 9]}, "export": [1], "device": "cpu"}
 
     rows = BatchOutput.rows
@@ -146,8 +146,13 @@ def test_rows_without_their_stage_are_never_there(tmp_path: Path, monkeypatch: p
 
 
 def test_rows_without_their_state_are_never_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+<<<<<<< HEAD
     """A kill came between the two."""
     save_state = Checkpoints.save_state
+=======
+    """Rows without their state do not count, as a kill between the two leaves them."""
+    save_state = checkpoints.BatchCheckpoints.save_state
+>>>>>>> helper-c
 
     def kill(self: Checkpoints, frame: int, *state: Any) -> None:
         if frame == 2:
@@ -161,7 +166,7 @@ def test_rows_without_their_state_are_never_there(tmp_path: Path, monkeypatch: p
 
 
 def test_each_file_of_a_checkpoint_appears_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """None has its own name from the first byte on."""
+    """Files of a checkpoint are renamed into place once they are whole."""
     whole = watch_names(monkeypatch)
     with pytest.raises(RuntimeError):
         run_batch(scene(), tmp_path, 2, export=[0], device="cpu", checkpoint_seconds=OFTEN, on_frame=stop_after(FRAMES))
@@ -192,7 +197,7 @@ def test_something_else_of_that_name_is_told_before_the_batch(name: str, tmp_pat
 
 
 def test_a_checkpoint_that_cannot_be_written_leaves_what_was_there(stopped: Path, tmp_path: Path):
-    """Its folder is gone, or it reaches a limit: one sentence; the last good checkpoint is gone on from."""
+    """A checkpoint that cannot be written gives one sentence, and the run resumes from the last good one."""
     with pytest.raises(InputError, match=r"partial/.*: cannot be written: ") as refusal:
         run_batch(
             scene(),
@@ -228,7 +233,7 @@ def test_nothing_to_resume_begins_at_the_start(tmp_path: Path):
 
 
 def test_ctrl_c_saves_the_frame_that_it_finds(tmp_path: Path):
-    """Without any checkpoint before it; nothing after that frame is simulated."""
+    """Ctrl-C saves the current frame, without an earlier checkpoint, and no later frame is simulated."""
     frames: list[int] = []
     press = press_ctrl_c_once(lambda frame: frame == 3)
 

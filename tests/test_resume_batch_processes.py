@@ -1,4 +1,4 @@
-"""A batch whose process is killed, told to end, or spread over a cluster, goes on to the same files."""
+"""Resumed batches whose process was killed, terminated, or spread over a cluster: the same files."""
 
 import os
 import re
@@ -35,13 +35,13 @@ def ball(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def whole(ball: Path) -> dict[str, bytes]:
-    """What a batch writes that was never stopped."""
+    """Return the files of an uninterrupted batch."""
     go_on(ball, ball / "whole", resume=False)
     return contents(ball / "whole")
 
 
 def go_on(ball: Path, folder: Path, address: str | None = None, **options: Any) -> list[str]:
-    """Simulate it in this process, or from here on a cluster; what it says of where it begins."""
+    """Simulate the batch in this process, or from here on a cluster, and return its message of where it begins."""
     notes: list[str] = []
     run_batch(
         load_scene(str(ball / "ball.obj"), [("frames", LONG)]),
@@ -59,7 +59,7 @@ def go_on(ball: Path, folder: Path, address: str | None = None, **options: Any) 
 
 
 def end(ball: Path, folder: Path, number: int, *words: str) -> tuple[int, str]:
-    """Start the same as a process of its own, and send it a signal once it has saved something: status and words."""
+    """Start the batch as a process, signal it once it has saved something, and return its status and messages."""
     fine = (
         "from balloon_warp.sweep import shares; shares.GRAIN['cpu'] = shares.Grain(1, 1); "
         "from balloon_warp.cli import main; main()"
@@ -109,7 +109,7 @@ def test_a_process_that_is_told_to_end_finishes_its_frame_and_saves_it(
 
 @pytest.fixture(scope="module")
 def address() -> Iterator[str]:
-    """A scheduler of two workers."""
+    """Yield the address of a scheduler with two workers."""
     pytest.importorskip("distributed", reason="needs the extra `cluster`")
     from balloon_warp.sweep.cluster import start_workers
 
@@ -126,7 +126,7 @@ def test_a_cluster_goes_on_without_the_shares_that_are_done(
     monkeypatch: pytest.MonkeyPatch,
     number: int,
 ):
-    """A share of each world; Ctrl-C comes where a checkpoint was never due."""
+    """A cluster resumes without the finished shares, one of each world; Ctrl-C comes before any checkpoint is due."""
     monkeypatch.setitem(shares.GRAIN, "cpu", shares.Grain(1, 1))
     out = tmp_path / "out"
     if number == signal.SIGKILL:

@@ -1,4 +1,4 @@
-"""Checkpoints of a batch that are not gone on from."""
+"""Refusals to resume a batch from its checkpoints."""
 
 import json
 from pathlib import Path
@@ -49,7 +49,7 @@ def test_another_batch_is_refused(stopped: Path, change: dict, difference: str):
     ],
 )
 def test_what_else_the_bits_depend_on_is_compared(stopped: Path, path: str, value: object):
-    """What simulates may be another with another version."""
+    """A batch resumes only with the same version, on which its bits depend."""
     tamper(stopped / "partial" / "job.json", path, value)
     with pytest.raises(InputError, match=rf"batch: {path} is {json.dumps(value)} there and .* here; expected the same"):
         run_batch(scene(), stopped, 2, {"gravity": [1, 9]}, device="cpu", resume=True)
@@ -76,7 +76,7 @@ def test_nothing_in_a_checkpoint_is_run(
 
 
 def test_a_state_without_its_rows_is_not_gone_on_from(stopped: Path, tmp_path: Path):
-    """A kill came between the two."""
+    """A state without its rows, as a kill between the two leaves it, is not resumed from."""
     partial = stopped / "partial"
     (partial / "state_000003_0000.npz").write_bytes(b"of a frame whose rows are not there")
     notes: list[str] = []

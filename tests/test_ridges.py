@@ -1,4 +1,4 @@
-"""Faces of balloons that meet edges, corners and thin things between their particles."""
+"""Ridges: faces of balloons that meet edges, corners and thin things between their particles."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -63,7 +63,7 @@ def test_nothing_comes_in_between_particles(thing: str, cells: int, tmp_path: Pa
 
 
 def test_a_blade_cuts_a_ball_whose_faces_do_not_meet_it(tmp_path: Path) -> None:
-    """That is what the others are about."""
+    """A blade cuts a ball without contact of faces, as the other tests require."""
     scene = Scene(balloon=[ball(5)], frames=24, faces=False, **THINGS["blade"])
     animate(scene, tmp_path / "stage.usdc", device="cpu")
     assert max(crossing.depth for crossing in check_stage(tmp_path / "stage.usdc").crossings) > 0.1
@@ -71,7 +71,7 @@ def test_a_blade_cuts_a_ball_whose_faces_do_not_meet_it(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("thing", ["blade", "rod"])
 def test_a_symmetric_drop_stays_symmetric(thing: str) -> None:
-    """Nothing is thrown along a rod, or off it."""
+    """A symmetric drop stays symmetric: nothing is thrown along a rod, or off it."""
     simulator = Simulator(Scene(balloon=[ball(6)], **THINGS[thing]), device="cpu")
     frame = simulator.step()
     for _ in range(39):
@@ -99,7 +99,7 @@ def test_energy_never_grows(thing: str, friction: float) -> None:
 
 
 def test_what_is_exchanged_with_a_body_is_kept() -> None:
-    """A ball flies at a thin plate, off its center: momentum, and angular momentum."""
+    """Momentum and angular momentum are conserved as a ball flies at a thin plate, off its center."""
     plate = Body(size=(0.006, 0.5, 0.5), position=(0.05, -0.27, 0.03), mass=0.4)
     thrown = ball(5, inflation=Inflation(kind="pressure", pressure=0.0))
     simulator = Simulator(Scene(balloon=[thrown], body=[plate], substeps=40, **SPACE), device="cpu")
@@ -165,7 +165,7 @@ def test_what_is_round_beside_an_edge_has_no_ridges() -> None:
 
 
 def tiles(gap: float = 0.0) -> list[Obstacle]:
-    """Boxes of 0.3 m side by side, their tops at a height of 0."""
+    """Return boxes of 0.3 m side by side, their tops at a height of 0."""
     size = (0.3 - gap, 0.1, 0.3 - gap)
     return [
         Obstacle(size=size, position=(0.3 * i, -0.05, 0.3 * j), friction=0.0) for i in range(-1, 7) for j in (-1, 0, 1)
@@ -173,7 +173,7 @@ def tiles(gap: float = 0.0) -> list[Obstacle]:
 
 
 def carpet(degrees: float) -> Balloon:
-    """A cloth of 0.2 m that lies at a height of 0, about the origin, and slides at 3 m/s."""
+    """Return a cloth of 0.2 m that lies at a height of 0, about the origin, and slides at 3 m/s."""
     flat = grid(5, 5)
     points = flat.points - flat.points.mean(axis=0)
     points = np.roll(points, 1 - int(np.argmin(np.ptp(points, axis=0))), axis=1) * 0.2 / np.ptp(points)
@@ -186,7 +186,7 @@ def carpet(degrees: float) -> Balloon:
 
 @pytest.mark.parametrize("degrees", [0.0, 5.0, -8.0])
 def test_nothing_catches_at_a_seam(degrees: float, device: str) -> None:
-    """Cloth slides over a floor of boxes as over one without faces: to the bit, and as fast as it began."""
+    """Cloth slides over a floor of boxes as over one without faces: bit-identical, and without losing speed."""
     scene = Scene(balloon=[carpet(degrees)], obstacle=tiles(), gravity=0.0, frames=30)
     smooth, seamed = (Simulator(scene.model_copy(update={"faces": faces}), device) for faces in (False, True))
     assert sum(len(ridges.ends) for ridges in seamed.model.ridges) > 0  # around the floor
@@ -213,9 +213,9 @@ def exposed(obstacles: list[Obstacle], **given: Any) -> list[float]:
 
 
 def test_ridges_end_where_another_solid_begins() -> None:
-    """Boxes of 0.3 x 0.1 x 0.3, 2.8 m of edges: one alone keeps all; one that stands on the ground loses the four of
-    its foot; two side by side lose the edges of the side that they share, on both; a moving one shares nothing; and a
-    small one on a large one loses its foot alone, the large one nothing."""
+    """Ridges end where another solid begins. Boxes of 0.3 x 0.1 x 0.3 have 2.8 m of edges: one alone keeps all; one
+    that stands on the ground loses the four of its foot; two side by side lose the edges of the side that they share,
+    on both; a moving one shares nothing; and a small one on a large one loses its foot alone, the large one nothing."""
     box = Obstacle(size=(0.3, 0.1, 0.3))
     beside = box.model_copy(update={"position": (0.3, 0.0, 0.0)})
     apart = box.model_copy(update={"position": (0.4, 0.0, 0.0)})

@@ -1,4 +1,4 @@
-"""The quads around a particle, in a ring, give the area vectors that the faces one by one give."""
+"""Rings of quads around a particle give the area vectors that the faces one by one give."""
 
 from dataclasses import replace
 
@@ -51,7 +51,7 @@ def model_of(mesh: PolygonMesh) -> Model:
 
 @pytest.mark.parametrize("mesh", [cube(), quad_sphere(5), torus(6, 5)], ids=["cube", "ball", "torus"])
 def test_rings_of_quads_that_are_not_flat(mesh):
-    """To float32's rounding of areas of order 1."""
+    """Rings agree with faces for quads that are not flat, to float32's rounding of areas of order 1."""
     bent = replace(mesh, points=mesh.points + np.random.default_rng(0).uniform(-0.1, 0.1, mesh.points.shape))
     model = model_of(bent)
     rings = quad_rings(model)
@@ -77,7 +77,7 @@ def test_what_has_no_rings(mesh):
 
 @pytest.mark.parametrize("inflation", [Inflation(pressure=10.0), Inflation(k_normal=0.1)])
 def test_springs_stand_in_their_own_table_beside_rings(inflation: Inflation):
-    """For who goes through springs alone, such as the measures of a blow-up: on a GPU an empty table is read past."""
+    """Springs have their own table beside rings, for code that visits springs alone: a GPU reads past an empty one."""
     model = build_model(Scene(balloon=[Balloon(mesh=quad_sphere(5), inflation=inflation)]), "cpu")
     features = model_features(model)
     assert features.rings

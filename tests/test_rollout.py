@@ -1,4 +1,4 @@
-"""A scene as a function of PyTorch has the derivatives that `gradient` has, with a policy in the loop, too."""
+"""Scene as a PyTorch function: its derivatives are those of `gradient`, with a policy in the loop, too."""
 
 import numpy as np
 import pytest
@@ -37,7 +37,7 @@ def test_it_has_the_frames_and_derivatives_of_gradient(device: str):
 
 
 def test_a_policy_learns_within_the_loop(device: str):
-    """What pumps by how high the ball is: its one weight has the slope that differences say."""
+    """The derivative by a policy's one weight, pump rate over height, agrees with differences."""
     rollout = bw.Rollout(pumped(), of=["balloon.0.inflation.pump.0.1"], device=device)
 
     def height(gain: float) -> "torch.Tensor":

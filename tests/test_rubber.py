@@ -1,4 +1,4 @@
-"""Tarantino's springs beyond Hooke's: viscosity, an end to their pull, and constants that change over the balloon."""
+"""Tarantino's springs beyond Hooke's: viscosity, a yield stretch, and constants that change over the balloon."""
 
 from dataclasses import replace
 from typing import Any
@@ -25,7 +25,7 @@ def balloon_of(stiffness: Stiffness, **fields) -> Balloon:
 
 
 def forces_at(scene: Scene, points: np.ndarray, velocities: np.ndarray, device: str) -> list[np.ndarray]:
-    """Net forces as scatter sums them, and as a gathering schedule does."""
+    """Return net forces as scatter sums them, and as a gathering schedule does."""
     model = build_model(scene, device)
     state = initial_state(model)
     wp.copy(state.points, wp.array(points[None], dtype=wp.vec3, device=device))
@@ -36,7 +36,7 @@ def forces_at(scene: Scene, points: np.ndarray, velocities: np.ndarray, device: 
 
 
 def test_a_viscous_spring_rings_down_as_the_analytic_solution_says(device):
-    """l'' = -(2 k / m) (l - L + t l'), which rings at omega sqrt(1 - (omega t / 2)^2) and decays at omega^2 t / 2."""
+    """The spring rings by l'' = -(2 k / m) (l - L + t l'): at omega sqrt(1 - (omega t / 2)^2), decay omega^2 t / 2."""
     k, m, t = 50.0, 0.1, 0.01
     pair = mesh_of([[-0.5, 0, 0], [0.5, 0, 0]], [[0, 1]])
     balloon = balloon_of(Stiffness(structural=k, viscosity=t), mesh=pair, mass=2.0 * m)
@@ -76,7 +76,7 @@ def test_viscosity_leaves_a_rigid_motion_alone(device):
 
 
 def test_a_balloon_that_is_inflated_past_its_limit_bursts(device):
-    """Where nothing pulls any more, its skin flies off; as long as something does, the same inflation stretches it by a
+    """A balloon whose springs have all yielded flies apart; the same inflation stretches one that holds by a
     quarter."""
 
     def largest_stretch(yield_stretch: float) -> float:
@@ -104,7 +104,7 @@ def test_an_overextended_spring_pulls_no_more(stretch: float, pulls: bool, devic
 
 
 def test_constants_change_along_an_axis():
-    """From the factor at the bottom to the one at the top, by where the middle of each spring is."""
+    """Constants interpolate from the factor at the bottom to the one at the top, at the middle of each spring."""
     stiffness = Stiffness(gradient=(0.5, 3.0), gradient_axis="Z")
     balloon = balloon_of(stiffness, mesh=quad_sphere(4), position=(0.0, 0.0, 7.0))  # from 6 m up to 8 m
     shape = build_model(Scene(balloon=[balloon]), "cpu").shapes[0]
@@ -114,7 +114,7 @@ def test_constants_change_along_an_axis():
 
 
 def test_weights_of_vertices_make_parts_stiffer():
-    """The mean of a spring's two ends, on top of all else; as many as there are vertices."""
+    """Weights of vertices scale a spring by the mean of its two ends; there are as many as vertices."""
     mesh = cube()
     weights = np.array([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0])
 
@@ -132,7 +132,7 @@ def test_weights_of_vertices_make_parts_stiffer():
 
 
 def test_weights_of_a_group_or_of_a_rule_are_those_of_its_vertices(tmp_path):
-    """1 outside of all groups. A rule is told the mesh's own points; what is written of the scene is what it says."""
+    """Weights of a group or a rule are those of its vertices, 1 elsewhere. A rule sees the mesh's own points."""
     mesh = replace(cube(), name="box", groups={"neck": np.array([0, 1]), "tip": np.array([1])})
 
     def scale(weights: Any) -> np.ndarray:
@@ -160,7 +160,7 @@ def test_weights_of_a_group_or_of_a_rule_are_those_of_its_vertices(tmp_path):
 
 
 def test_the_seed_decides_on_the_draws_alone():
-    """Each spring's factor is its own, even over the whole range, and the same again from the same seed."""
+    """Each spring's factor is its own draw, even over the whole range, and the same again from the same seed."""
 
     def scales(seed: int) -> np.ndarray:
         balloon = balloon_of(Stiffness(variation=0.4, seed=seed), mesh=quad_sphere(8))
@@ -176,7 +176,7 @@ def test_the_seed_decides_on_the_draws_alone():
 
 
 def test_a_softer_side_bulges_more(device):
-    """What the gradient is for: the top, a quarter as stiff as the bottom, stretches more."""
+    """The soft top of a balloon, a quarter as stiff as the bottom, stretches more."""
     soft_top = balloon_of(
         Stiffness(gradient=(1.0, 0.25)), mesh=quad_sphere(6), damping=1.0, inflation=Inflation(k_normal=0.3)
     )
@@ -191,8 +191,8 @@ def test_a_softer_side_bulges_more(device):
 
 
 def test_the_stable_step_counts_viscosity(device):
-    """Springs so viscous that they alone set the step: auto's step calms them, and four times that one is refused for a
-    reason: the refusal lifted, it does not."""
+    """The step includes viscosity that alone limits it: the automatic step damps the springs, and four times that one
+    is refused, as it does not."""
     scene = Scene(balloon=[balloon_of(Stiffness(viscosity=0.1))], gravity=0.0, frames=20)
     plain = Scene(balloon=[balloon_of(Stiffness())], gravity=0.0)
     substeps = Simulator(scene, "cpu").model.substeps

@@ -1,4 +1,4 @@
-"""Weak scaling is measured over processes that simulate at the same time."""
+"""Weak scaling over processes that simulate at the same time."""
 
 import time
 
@@ -23,7 +23,7 @@ def test_two_processes_simulate_a_share_each(monkeypatch: pytest.MonkeyPatch):
 
 
 def test_the_ratio_is_the_efficiency(monkeypatch: pytest.MonkeyPatch):
-    """Rates of 100, 190 and 300 on 1, 2 and 4: 95% and 75%."""
+    """Efficiencies of rates 100, 190 and 300 on 1, 2 and 4 are 95% and 75%."""
     rates = {1: 100.0, 2: 190.0, 4: 300.0}
     monkeypatch.setattr(scaling, "_rate_together", lambda share, environments: (rates[len(environments)], 56))
     results = list(measure_scaling(SMALL, [1, 2, 4]))
@@ -32,7 +32,7 @@ def test_the_ratio_is_the_efficiency(monkeypatch: pytest.MonkeyPatch):
 
 
 def test_the_time_is_from_the_first_start_to_the_last_end():
-    """Two processes, two repeats."""
+    """The time is from the first start to the last end, of two processes and two repeats."""
     told = [(56, [(0.0, 1.0), (5.0, 6.5)]), (56, [(0.2, 1.5), (4.5, 6.0)])]
     assert scaling.spans_together(told) == [1.5, 2.0]
 

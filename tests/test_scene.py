@@ -167,7 +167,7 @@ def test_an_unknown_scene_lists_the_bundled_ones():
 
 
 def test_a_file_that_is_missing_is_said_to_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """Without a list of scenes, where there is nothing like it."""
+    """A missing file is named as such, without a list of scenes where none has a similar name."""
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError) as refused:
         load_scene("zebra.obj")
@@ -209,7 +209,7 @@ def test_every_bundled_scene_loads_and_describes_itself_in_a_line():
 
 
 def test_bundled_scene_files_name_no_default_that_they_do_not_change():
-    """What stands in a scene file matters: each value differs from the schema's default."""
+    """Values in a bundled scene file differ from the schema's defaults."""
     for name, path in bundled_scenes().items():
         table = tomllib.loads(path.read_text())
         scene = load_scene(name)
@@ -265,7 +265,7 @@ def test_a_particle_past_the_end_is_refused(field: str):
 
 
 def test_a_mesh_is_placed_by_scale_rotation_and_position():
-    """Twice as large, turned by 90 degrees about y (z goes to x), then moved; a Z-up mesh is turned upright first."""
+    """A mesh is scaled, turned about y (z goes to x), then moved; a Z-up mesh is turned upright first."""
     mesh = cube()
     turned = Balloon(mesh=mesh, scale=2.0, rotation=(0, 90, 0), position=(10, 0, 0))
     points = build_model(Scene(balloon=[turned]), "cpu").initial_points.numpy()
@@ -284,8 +284,8 @@ def test_every_bundled_scene_takes_the_rate_that_blender_plays(name: str):
 
 
 def test_keyframes_closer_than_a_frame_are_taken_where_little_is_missed():
-    """A pump that stops within a frame gives what it gives, to a part that is told: a frame is linear from its start to
-    its end. A puff between two frames would not be there at all."""
+    """A pump that stops within a frame is accepted with a stated error, as a frame is linear from its start to its end.
+    A puff between two frames would be missed and is refused."""
     assert missed_between_frames([(0.0, 3.3), (0.06, 3.3), (0.065, 0.0)], 1.0 / 24.0) < 0.01
     assert missed_between_frames([(0.0, 1.0), (1.0, 2.0)], 0.5) == pytest.approx(0.0)
     assert missed_between_frames([(0.51, 0.0), (0.52, 1.0), (0.53, 0.0)], 0.5) == pytest.approx(1.0)

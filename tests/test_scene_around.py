@@ -1,4 +1,4 @@
-"""The scene that a mesh by itself gets."""
+"""Default scene of a mesh by itself."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -28,7 +28,7 @@ def load_with(path: Path, *overrides: str) -> Scene:
 @pytest.mark.parametrize("kind", ["normal_force", "pressure"])
 @pytest.mark.parametrize("scale", [0.01, 200.0])
 def test_a_mesh_gets_a_scene_scaled_to_its_size(tmp_path: Path, scale: float, kind: str):
-    """Its motion is the same at any size, up to rounding."""
+    """The motion is the same at any size of a mesh, up to rounding."""
 
     def motion(factor: float) -> np.ndarray:
         mesh = quad_sphere(3)
@@ -79,7 +79,7 @@ def test_a_mesh_by_itself_gets_half_as_much_gas_again_unless_it_is_said_how_much
     "said", ["litres=200", "breaths=3", "moles=5", "pump_curve=[[0, 1], [500, 0]]", "fill_to_pressure=50", "pump=0.5"]
 )
 def test_a_mesh_by_itself_takes_gas_as_one_says_it(tmp_path: Path, said: str):
-    """With or without its kind, and with no pump beside it."""
+    """A mesh by itself takes fields of gas with or without the kind, and without a default pump."""
     write_obj(tmp_path / "ball.obj", quad_sphere(3))
     for kind in ([], ["balloon.inflation.kind=gas"]):
         scene = load_with(tmp_path / "ball.obj", f"balloon.inflation.{said}", *kind)
@@ -107,7 +107,7 @@ def test_an_open_mesh_is_held_at_its_border_unless_that_is_all_of_it(tmp_path: P
 
 
 def test_a_mesh_scene_follows_how_its_mesh_is_placed(tmp_path: Path):
-    """Scaled by an override, it is the scene of the smaller mesh; turned, its floor is still below it."""
+    """A scaled mesh gets the scene of the smaller mesh, and a turned one keeps its floor below."""
     write_obj(tmp_path / "box.obj", cube())
     small = load_with(tmp_path / "box.obj", "balloon.scale=0.01")
     assert small.gravity == pytest.approx(0.0981)
@@ -118,7 +118,7 @@ def test_a_mesh_scene_follows_how_its_mesh_is_placed(tmp_path: Path):
 
 @pytest.mark.parametrize("kind", ["normal_force", "gas"])
 def test_a_known_unit_gives_true_size_and_gravity(tmp_path: Path, kind: str):
-    """Beside a mesh of one meter, weight bends it alike: like forces of the springs, it grows with the size."""
+    """A known unit gives true size and gravity. The balloon sags by its weight as one of a meter does."""
     mesh = quad_sphere(3)
     mesh.points[:] *= 50.0 / np.ptp(mesh.points[:, 1])
     write_obj(tmp_path / "ball.obj", mesh)
@@ -149,7 +149,7 @@ def test_gravity_that_is_scaled_to_a_mesh_is_said_with_what_to_do(tmp_path: Path
 
 @pytest.mark.parametrize(("said", "gravity"), [(True, 9.81), (False, 0.0981)])
 def test_the_unit_of_a_stage_is_known_where_it_says_one(tmp_path: Path, said: bool, gravity: float):
-    """USD takes centimeters where a stage says nothing."""
+    """The unit of a stage is known where it is authored: USD's default is centimeters."""
     stage = Usd.Stage.CreateNew(str(tmp_path / "box.usda"))
     if said:
         UsdGeom.SetStageMetersPerUnit(stage, 0.01)
@@ -193,7 +193,7 @@ def test_a_closed_mesh_wound_inward_is_turned_outward(tmp_path: Path):
 
 
 def test_the_axis_of_a_file_that_points_up_can_be_told(tmp_path: Path):
-    """A cone along Z stands once that is said, in any world; a file that names its axis needs no word."""
+    """A cone along Z stands once the up axis is given, in any world; a file that names its axis needs no option."""
     cone = trimesh.creation.cone(radius=0.3, height=1.2)
     cone.export(tmp_path / "cone.stl")
     for world, up_axis in (("Y", 1), ("Z", 2)):

@@ -1,4 +1,4 @@
-"""Scenes as files of one's own: what they say is the scene, with its meshes, and what each field is."""
+"""Scenes as files of one's own: they equal the scene, with its meshes, and document each field."""
 
 import re
 import shutil
@@ -64,7 +64,7 @@ def test_a_copy_of_the_mesh_stays_and_another_file_is_not_replaced(tmp_path: Pat
 
 
 def test_a_mesh_of_ones_own_is_named_from_the_file(tmp_path: Path):
-    """However the folder is reached."""
+    """A mesh of one's own is named by its path from the file, however the folder is reached."""
     for folder in ("meshes", "scenes/real"):
         (tmp_path / folder).mkdir(parents=True)
     (tmp_path / "link").symlink_to(tmp_path / "scenes" / "real")
@@ -100,19 +100,19 @@ def test_the_tables_in_the_docs_are_what_the_schema_says():
 
 
 def test_every_field_of_a_scene_says_what_it_is():
-    """Fields that tables have in common do, too."""
+    """Every field of a scene has a description, shared fields included."""
     rows = [line.strip("| ").split(" | ") for line in as_markdown().splitlines() if line.startswith("| `")]
     assert len(rows) > 150
     assert [row[0] for row in rows if len(row) < 4 or not row[1].strip()] == []
 
 
 def test_what_a_table_is_fits_into_its_first_line():
-    """A row of SCENE.md and a scene file have room for no more."""
+    """The first line of a table's description is short enough for a row of SCENE.md and a scene file."""
     assert [heading for heading, table in tables() if table.__doc__ and not first_line(table).endswith(".")] == []
 
 
 def test_every_default_of_a_scene_stands_in_them():
-    """Or is a table, nothing, or empty."""
+    """Every default is printed, unless it is a table, nothing, or empty."""
     cells = [[cell.strip(" |") for cell in row.split(" | ")] for row in as_markdown().splitlines()]
     rows = {(row[0], *row[2:]) for row in cells if len(row) == 4}
     assert ("`gravity`", "number", "`9.81`") in rows

@@ -1,4 +1,4 @@
-"""Every schedule against itself: a run again, and a world alone against the same world in a batch."""
+"""Schedules against themselves: a repeated run, and a world alone against the same world in a batch."""
 
 from dataclasses import replace
 
@@ -20,7 +20,7 @@ from balloon_warp.simulator import Simulator
 
 
 def test_a_particle_with_few_faces_may_stand_at_the_origin(schedule, device):
-    """Three faces meet at a corner of the cube, and four at the particles beside it, from which octets fill up."""
+    """Padding of octets' face tables does not reach a particle at the origin, with three faces beside four."""
     ball = quad_sphere(3, radius=0.5)
     corner = int(np.argmax(ball.points.sum(axis=1)))
     x, y, z = (-ball.points[corner]).tolist()
@@ -36,7 +36,7 @@ def test_a_particle_with_few_faces_may_stand_at_the_origin(schedule, device):
 
 
 def test_a_fixed_particle_feels_neither_sphere_nor_ground(schedule, device):
-    """Beside particles that do."""
+    """A fixed particle feels neither sphere nor ground, beside particles that do."""
     ball = quad_sphere(3, radius=0.5)
     fixed = [int(np.argmin(ball.points[:, 1])), int(np.argmax(ball.points[:, 1]))]
     scene = Scene(
@@ -61,7 +61,7 @@ def test_a_run_repeats_to_the_last_bit(name, schedule, device):
 
 @pytest.mark.parametrize("name", ["everything", "fresh", "in air", "tarantino", "impulse"])
 def test_a_world_alone_is_the_same_world_in_a_batch(name, schedule, device):
-    """To the last bit, also in a batch that no eight divide, beside a world that starts elsewhere."""
+    """A world alone is bit-identical to that in a batch, also of a size that no eight divide."""
     alone = arrays(after_frames(SCENES[name], schedule, device))
     batch = Simulator(SCENES[name], device, 11, schedule=schedule)
     points = batch.state.points.numpy()
@@ -77,7 +77,7 @@ def test_a_world_alone_is_the_same_world_in_a_batch(name, schedule, device):
 
 
 def test_among_thousands_of_worlds_sums_have_the_order_of_one(device):
-    """A GPU's threads for a sum are not chosen by the number of worlds, which would round their sums differently."""
+    """The order of a sum does not depend on the number of worlds, by which a GPU's threads might be chosen."""
     ball = quad_sphere(3, radius=0.2)
     gas = Balloon(mesh=ball, position=(0.0, 1.0, 0.0), inflation=Inflation(kind="gas", start_pressure=40.0))
     alone, among = (arrays(after_frames(Scene(balloon=[gas]), "gather", device, 2, worlds=n)) for n in (1, 2100))
@@ -95,7 +95,7 @@ PER_WORLD_IN_AIR += ["drag_coefficient", "tube_conductance", "air_pressure", "ai
 
 
 def states_of_worlds(name: str, factors: list[float], schedule: str, device: str) -> list[np.ndarray]:
-    """Points, sphere positions and pressures of a batch, each world with its parameters times a factor."""
+    """Return points, sphere positions and pressures of a batch, each world with its parameters times a factor."""
     scene = SCENES[name]
     names = PER_WORLD
     if name != "everything":
@@ -113,8 +113,8 @@ def states_of_worlds(name: str, factors: list[float], schedule: str, device: str
 
 @pytest.mark.parametrize("name", ["everything", "rubber", "in air", "tarantino"])
 def test_parameters_of_worlds_may_differ(name, schedule, device):
-    """Each world of such a batch is that world alone, to the last bit. No factor is 1: a yield stretch that is as good
-    as infinite would leave a law out of that world alone, and other kernels round differently on a GPU."""
+    """Worlds of other parameters are bit-identical to each alone. No factor is 1: a yield stretch that is as good as
+    infinite would leave a law out of that world alone, and other kernels round differently on a GPU."""
     factors = [1.1, 0.9, 1.05]
     batch = states_of_worlds(name, factors, schedule, device)
     for world, factor in enumerate(factors):
@@ -135,8 +135,8 @@ def test_parameters_of_worlds_may_differ(name, schedule, device):
     ids=["springs", "strings and hinges", "water"],
 )
 def test_a_substep_of_scatter_is_few_launches(scene, kernels, monkeypatch):
-    """Each costs a single balloon on a GPU as much time as its work. In water none may move before all have been looked
-    at. Nothing is copied."""
+    """A substep of `scatter` is few launches, which on a GPU take a single balloon as much time as its work. In water
+    none may move before all have been looked at. Nothing is copied."""
     model = build_model(scene, "cpu")
     state, scatter = initial_state(model), ScatterSchedule(model)
     launched = []
@@ -157,7 +157,7 @@ def test_auto_takes_a_schedule_and_says_which():
 
 
 def test_a_world_too_large_for_a_block_is_refused_and_not_taken_by_auto(device):
-    """43 cells a side make 11,096 particles; two buffers of them take more than a block's memory."""
+    """A world of 11,096 particles is refused and not chosen by auto: two buffers exceed a block's memory."""
     scene = Scene(balloon=[Balloon(mesh=quad_sphere(43), mass=50.0)])
     with pytest.raises(InputError, match=r"^--schedule block: a world of 11,096 particles is too large .* use gather$"):
         Simulator(scene, device, schedule="block")
@@ -165,7 +165,7 @@ def test_a_world_too_large_for_a_block_is_refused_and_not_taken_by_auto(device):
 
 
 def test_wavefronts_are_counted_by_hand():
-    """Sixty-four particles, one slot: the first warp meets in bank 0 twice, the second reads one particle alone."""
+    """Wavefronts of sixty-four particles in one slot are two for the first warp, and one for the second."""
     own = np.arange(64)
     assert wavefronts(own[None]) == 1.0
     clash = own.copy()
@@ -175,7 +175,7 @@ def test_wavefronts_are_counted_by_hand():
 
 
 def test_slots_are_ordered_against_bank_conflicts():
-    """Of the structural springs of 488 particles; each particle keeps its neighbors."""
+    """Slots of the structural springs have fewer bank conflicts, and each particle keeps its neighbors."""
     scene = Scene(balloon=[Balloon(mesh=quad_sphere(9), mass=5.0)])
     ends = spring_ends(build_model(scene, "cpu"))
     structural = ends.kind == 0

@@ -1,4 +1,4 @@
-"""Welding: everywhere, along seams alone, and across what rounding or a gap makes of them."""
+"""Welding: everywhere, along seams alone, and across gaps and rounding."""
 
 import json
 from dataclasses import replace
@@ -25,7 +25,7 @@ from balloon_warp.simulator import Simulator
 
 
 def loose(mesh: PolygonMesh) -> PolygonMesh:
-    """Each face with corners of its own."""
+    """Return the mesh with vertices of its own for each face."""
     corners = mesh.face_vertex_indices
     return replace(mesh, points=mesh.points[corners], face_vertex_indices=np.arange(len(corners), dtype=np.int32))
 
@@ -54,7 +54,7 @@ def test_seams_are_welded_until_the_mesh_is_closed(mesh: PolygonMesh) -> None:
 
 
 def test_bodies_that_touch_stay_apart() -> None:
-    """At a corner, along an edge and over a face: closed ones have no seam, and those of an open one end elsewhere."""
+    """Bodies that touch at a corner, along an edge or over a face stay apart: they share no seam."""
     for shift in ((1, 1, 1), (1, 1, 0), (1, 0, 0)):
         touching = joined(cube(), replace(cube(), points=cube().points + shift))
         assert welded_along_seams(touching) is touching
@@ -64,7 +64,7 @@ def test_bodies_that_touch_stay_apart() -> None:
 
 
 def test_two_loose_cubes_at_a_corner_become_two_cubes() -> None:
-    """What lies at one place is one vertex for each of them."""
+    """Two loose cubes at a corner become two cubes, each with its own vertex there."""
     pair = joined(loose(cube()), loose(replace(cube(), points=cube().points + (1, 1, 1))))
     sewn = prepared(pair, "pair", Treatment())
     assert component_count(sewn, mesh_edges(sewn)) == 2
@@ -72,14 +72,14 @@ def test_two_loose_cubes_at_a_corner_become_two_cubes() -> None:
 
 
 def test_a_seam_with_a_point_in_it_is_no_seam_there() -> None:
-    """Two quads beside a longer one: no edge of theirs lies on its edge from end to end."""
+    """Two quads beside a longer one share no seam: no edge of theirs lies on its edge from end to end."""
     wide = mesh_of([(0, -1, 0), (2, -1, 0), (2, 0, 0), (0, 0, 0)], [[0, 1, 2, 3]])
     apart = joined(grid(2, 1), wide)
     assert welded_along_seams(apart) is apart
 
 
 def test_numbers_of_welded_vertices_mean_the_ones_that_stand_in(tmp_path: Path, device: str) -> None:
-    """Fixed or on a string, and in every frame at the place of its other half."""
+    """Numbers of welded vertices refer to their replacements: fixed, on a string, and in every frame."""
     mesh = loose(quad_sphere(2))
     sewn = prepared(mesh, "mesh", Treatment())
     left = int(sewn.left_vertices[-1])
@@ -98,8 +98,8 @@ def test_numbers_of_welded_vertices_mean_the_ones_that_stand_in(tmp_path: Path, 
 
 
 def uv_sphere(around: int, along: int, quads: bool = False) -> PolygonMesh:
-    """A sphere as graphics libraries make it, with a vertex more around than there are places, and as many at each
-    pole: sine and cosine of a full turn leave them 1e-16 apart. Of quads, also those at the poles are."""
+    """Return a sphere of a graphics library, with a duplicate vertex around each ring and several at each pole: sine
+    and cosine of a full turn leave them 1e-16 apart. Those at the poles of quads, too."""
     theta, phi = np.meshgrid(np.arange(along + 1) / along * np.pi, np.arange(around + 1) / around * 2 * np.pi)
     points = np.stack([-np.cos(phi) * np.sin(theta), np.cos(theta), np.sin(phi) * np.sin(theta)], axis=2)
     faces = []
@@ -121,7 +121,7 @@ def turned(points: np.ndarray, degrees: float) -> np.ndarray:
 
 
 def halves(move=lambda points: points, cells: int = 6) -> PolygonMesh:
-    """A ball of two halves with vertices of their own, of which one is moved."""
+    """Return a ball of two halves with vertices of their own, of which one is moved."""
     ball = quad_sphere(cells, 0.5)
     faces = ball.face_vertex_indices.reshape(-1, 4)
     left = ball.points[faces].mean(axis=1)[:, 0] < 0.0
@@ -137,7 +137,7 @@ def noise(size: float):
 
 
 def in_floats(points: np.ndarray) -> np.ndarray:
-    """Turned by way of a place far off, in 32 bits, as a program does that moves parts one by one."""
+    """Return the mesh turned by way of a distant place, in 32 bits, as a program does that moves parts one by one."""
     there = turned(points, 40.0).astype(np.float32) + np.float32(3.0)
     return turned((there - np.float32(3.0)).astype(np.float64), -40.0)
 
@@ -153,7 +153,7 @@ def in_floats(points: np.ndarray) -> np.ndarray:
     ids=["uv", "finer", "quads", "moved", "mirrored", "barely", "floats", "soup"],
 )
 def test_seams_are_welded_across_what_rounding_makes(mesh: PolygonMesh) -> None:
-    """Into one closed ball, with no lid in the seam and no face of its own lost but at poles of quads."""
+    """Seams are welded across rounding into one closed ball, with no lid, and no face lost but at poles of quads."""
     sewn = prepared(mesh, "mesh", Treatment())
     assert genus(sewn, mesh_edges(sewn)) == 0
     assert component_count(sewn, mesh_edges(sewn)) == 1
@@ -165,7 +165,7 @@ def test_seams_are_welded_across_what_rounding_makes(mesh: PolygonMesh) -> None:
 @pytest.mark.parametrize("size", [1e-3, 1.0, 1e4])
 @pytest.mark.parametrize("gap", [2e-5, 1e-4, 2e-3])
 def test_a_wider_seam_is_told_and_what_is_advised_closes_it(gap: float, size: float) -> None:
-    """Whatever the size; the gap that is told is the largest, of ends that noise moved by up to root 3 of it."""
+    """A wider seam is reported with its largest gap and a `weld` that closes it, at any size."""
     mesh = halves(noise(gap))
     mesh = replace(mesh, points=size * mesh.points)
     found = open_seam(mesh)
@@ -184,7 +184,7 @@ def test_a_wider_seam_is_told_and_what_is_advised_closes_it(gap: float, size: fl
 
 
 def test_a_seam_in_one_of_many_parts_is_told() -> None:
-    """Beside sheets that are open rightly."""
+    """A seam in one of many parts is reported, beside sheets that are open by design."""
     sheets = [replace(grid(8, 8), points=grid(8, 8).points + (3.0, 9.0 * n, 0.0)) for n in range(4)]
     mesh = halves(noise(1e-4))
     for sheet in sheets:
@@ -201,7 +201,7 @@ def test_what_is_meant_to_be_open_is_no_seam(mesh: PolygonMesh) -> None:
 
 
 def test_bodies_that_nearly_touch_stay_apart_and_a_thin_wall_stays_thick() -> None:
-    """However wide a seam may be: closed ones have none. Walls thinner than the gap keep their two sides."""
+    """Closed bodies that nearly touch stay apart, and walls thinner than the gap keep their two sides."""
     near = replace(cube(), points=cube().points + (1.0 + 1e-8, 0.0, 0.0))
     sewn = prepared(joined(cube(), near), "mesh", Treatment(weld=0.1))
     assert component_count(sewn, mesh_edges(sewn)) == 2
@@ -235,7 +235,7 @@ def test_gas_behind_a_wider_seam_says_what_closes_it() -> None:
 def test_weld_may_stand_alone_or_before_a_number(
     words: list[str], closed: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Alone it means exactly the same place, whatever follows."""
+    """`--weld` without a number means exact coincidence, whatever follows."""
     monkeypatch.chdir(tmp_path)
     write_obj("mesh.obj", halves(noise(1e-4)))
     said = CliRunner().invoke(app, ["inspect", *words, *["--json"] * ("--json" not in words)])
@@ -252,7 +252,7 @@ def test_another_value_of_weld_is_refused(value: str, tmp_path: Path) -> None:
 
 
 def test_a_scene_keeps_a_gap_and_a_truth(tmp_path: Path) -> None:
-    """Written and read again."""
+    """A gap and a flag for welding survive a round trip through a scene file."""
     for value in (2e-4, True, False):
         scene = load_scene(halves(noise(1e-4)), {"balloon.weld": value})
         write_scene(scene, tmp_path / "scene.toml")

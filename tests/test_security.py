@@ -104,7 +104,7 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, dict
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_command_opens_and_writes_what_it_is_given_alone(command: str, told: tuple[Path, dict]):
-    """In its folder; what is hidden there meanwhile is gone in the end."""
+    """A command opens and writes its given files alone, in its folder, and leaves no hidden ones."""
     folder, done = told[0], told[1][command]
     _, given, written = COMMANDS[command]
     assert done["status"] in (None, 0)
@@ -122,8 +122,8 @@ def is_lock(path: str) -> bool:
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_command_opens_nothing_elsewhere_but_its_programs(command: str, told: tuple[Path, dict]):
-    """Python's, and Warp's cache of kernels; what it has in the system's folder for temporary files is gone. Locks of
-    other processes are there, which it looks at to see whether they live."""
+    """Files opened elsewhere are Python's and Warp's kernel cache; temporary ones are gone in the end. Locks of other
+    processes are read to see whether they live."""
     folder, done = told[0], told[1]
     package = Path(balloon_warp.__path__[0]).resolve().parent
     places = [folder, package, sys.prefix, sys.base_prefix, done["inspect"]["cache"], "/dev/null", "/proc", "/sys"]
@@ -139,7 +139,7 @@ def test_nothing_is_fetched_listened_to_or_started(command: str, told: tuple[Pat
 
 
 def test_what_is_watched_is_seen(tmp_path: Path):
-    """The watch itself: what is elsewhere, what native code opens, and what is connected to."""
+    """The watch sees files elsewhere, those that native code opens, and connections."""
     (tmp_path / "work").mkdir()
     write_obj(tmp_path / "away.obj", quad_sphere(2))
     (tmp_path / "work/scene.toml").write_text('frames = 1\n[[balloon]]\nmesh = "../away.obj"\n')

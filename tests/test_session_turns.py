@@ -1,4 +1,4 @@
-"""Pages of one process: their simulations go on beside each other, and none ends without a word."""
+"""Pages of one process: their simulations run side by side, and errors are reported."""
 
 import time
 from pathlib import Path
@@ -15,14 +15,14 @@ SCENE = Scene(balloon=[Balloon(mesh=quad_sphere(2))], frames=8)
 
 
 def wait_for(frame: int, *sessions: Session) -> None:
-    """Until all are that far; at most a minute."""
+    """Wait until all sessions have reached a frame, a minute at most."""
     until = time.perf_counter() + 60.0
     while min(session.playground.frame for session in sessions) < frame and time.perf_counter() < until:
         time.sleep(0.01)
 
 
 def test_sessions_and_a_simulator_step_beside_each_other(tmp_path: Path):
-    """Each records its first frame while others step: all end as one by itself does."""
+    """Sessions and a simulator that record their first frame while others step end as each by itself."""
     alone = [frame.points[0].tobytes() for frame in Simulator(SCENE, "cpu").run()]
     sessions = [Session(name, SCENE, "cpu", tmp_path) for name in ("one", "other")]
     for session in sessions:
@@ -38,7 +38,7 @@ def test_sessions_and_a_simulator_step_beside_each_other(tmp_path: Path):
 def test_a_simulation_that_fails_says_so_and_can_begin_anew(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path
 ):
-    """On the page and on the terminal, with the traceback; its thread lives on."""
+    """A failed simulation is reported on the page and the terminal; its thread lives on, and a reset works."""
     step = Playground.step
 
     def failing_step(playground: Playground) -> None:
@@ -51,7 +51,7 @@ def test_a_simulation_that_fails_says_so_and_can_begin_anew(
     until = time.perf_counter() + 60.0
     while not session.picture.trouble and time.perf_counter() < until:
         time.sleep(0.01)
-    assert session.picture.trouble == "It stopped. The terminal says why. Reset begins anew."
+    assert session.picture.trouble == "The simulation failed; the terminal has the error. Reset restarts it."
     assert not session.picture.running
     monkeypatch.setattr(Playground, "step", step)
     session.reset()

@@ -1,4 +1,4 @@
-"""Values that are set while somebody steps: `simulator.set({...})`, and what `step` hands out."""
+"""Values set between steps: `simulator.set({...})`, and the frames that `step` returns."""
 
 from pathlib import Path
 
@@ -68,7 +68,7 @@ def stepped(simulator: Simulator, frames: int) -> Simulator:
 
 
 def test_a_step_hands_out_the_frame_of_a_world(device: str):
-    """And stays what it was."""
+    """A returned frame does not change with later steps."""
     simulator = Simulator(BUSY, device, 2, {"balloon.mass": [0.1, 0.2]})
     frame, second = simulator.step(), simulator.step(world=1)
     assert (frame.number, second.number) == (1, 2)
@@ -80,7 +80,7 @@ def test_a_step_hands_out_the_frame_of_a_world(device: str):
 
 
 def test_gravity_that_is_set_bends_the_fall(device: str, schedule: str):
-    """Symplectic Euler of n steps under g1, then n under g2 of each world: velocity -(g1 + g2) n h."""
+    """The velocity is -(g1 + g2) n h after n steps under g1, then n under g2 of each world."""
     simulator = Simulator(Scene(balloon=[STILL], gravity=10.0, substeps=3), device, 2, schedule=schedule)
     stepped(simulator, 2).set({"gravity": [30.0, 4.0]})
     stepped(simulator, 2)
@@ -90,7 +90,7 @@ def test_gravity_that_is_set_bends_the_fall(device: str, schedule: str):
 
 @pytest.mark.parametrize("name", SETS)
 def test_what_is_set_does_what_the_same_change_of_a_scene_does(name: str, device: str):
-    """To the last bit: there it is known before, and kernels are made for it."""
+    """A set value is bit-identical to the planned change of a scene, for which kernels are prepared."""
     listed = {path: list(value) if isinstance(value, np.ndarray) else value for path, value in SETS[name].items()}
     planned = Simulator(BUSY.model_copy(update={"change": [Change(time=2 * SECONDS, set=listed)]}), device)
     simulator, unchanged = Simulator(BUSY, device), Simulator(BUSY, device)
@@ -100,7 +100,7 @@ def test_what_is_set_does_what_the_same_change_of_a_scene_does(name: str, device
 
 
 def test_each_world_gets_its_own(device: str):
-    """Where all were alike before: a number, and the numbers of a vector."""
+    """A set value may differ by world where all were alike: a number, and the numbers of a vector."""
     masses, anchors = [0.1, 0.4], np.array([[0.0, -1.0, 0.0], [0.5, -1.0, 0.5]])
     simulator = stepped(Simulator(BUSY, device, 2), 1)
     simulator.set({"balloon.mass": masses, "string.0.anchor": anchors})
@@ -112,7 +112,7 @@ def test_each_world_gets_its_own(device: str):
 
 
 def test_what_follows_from_a_value_follows():
-    """A film's mass from its thickness; how stiff balloons are to others from their springs; the step from both."""
+    """Derived values follow: a film's mass, the contact stiffness of balloons, and the step."""
     film = Balloon(mesh=quad_sphere(3), material=Material(preset="latex"), inflation=Inflation(pressure=10.0))
     simulator = Simulator(Scene(balloon=[film]), "cpu")
     mass, substeps = float(simulator.model.parameters["mass"].numpy()[0, 0]), simulator.model.substeps
@@ -161,7 +161,7 @@ def test_reset_forgets_what_was_set(device: str):
 
 
 def test_what_is_saved_brings_back_what_was_set(device: str, tmp_path: Path):
-    """In the simulator itself, which went on, and in another one; the same bits follow."""
+    """A restored state includes set values and continues bit-identically, in another simulator, too."""
     changes = [Change(time=SECONDS, set={"gravity": 3.0}), Change(time=4 * SECONDS, set={"gravity": 6.0})]
     scene = BUSY.model_copy(update={"change": changes})
     simulator = stepped(Simulator(scene, device, 2), 1)

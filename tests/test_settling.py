@@ -1,5 +1,5 @@
-"""The iterations of the `projective` solver, left to it: stiff balloons have the size that they should have, and what
-has not settled is told."""
+"""Adaptive iterations of the `projective` solver: stiff balloons have their proper size, and steps that have not
+converged are reported."""
 
 from pathlib import Path
 
@@ -18,7 +18,7 @@ MESH = quad_sphere(6, radius=0.3)
 
 
 def ball(stiffness: float, push: float, **fields) -> Scene:
-    """A ball of 0.1 kg and so stiff springs [N/m], which is pushed outwards with so much [N]."""
+    """Return a scene of a ball of 0.1 kg with stiff springs [N/m], pushed outwards by a force [N]."""
     springs = Stiffness(structural=stiffness, shear=0.5 * stiffness, flexion=0.1 * stiffness)
     inflation = Inflation(kind="normal_force", k_normal=push)
     balloon = Balloon(mesh=MESH, mass=0.1, damping=0.5, stiffness=springs, inflation=inflation)
@@ -32,7 +32,7 @@ def after(simulator: Simulator, frames: int) -> Simulator:
 
 
 def radii(simulator: Simulator) -> np.ndarray:
-    """The mean distance from the center in each world [m]."""
+    """Return the mean distance from the center in each world [m]."""
     points = simulator.state.points.numpy().astype(np.float64)
     return np.linalg.norm(points - points.mean(axis=1, keepdims=True), axis=2).mean(axis=1)
 
@@ -43,7 +43,7 @@ STIFF = [(20.0, 2.0), (200.0, 4.0), (2000.0, 1.0), (2000.0, 20.0), (10_000.0, 0.
 
 @pytest.fixture(scope="module")
 def stiff_balls() -> Simulator:
-    """A world for each of `STIFF`, after a second."""
+    """Return a world for each of `STIFF`, after a second."""
     vary = {f"balloon.stiffness.{kind}": [part * k for k, _ in STIFF] for kind, part in PARTS.items()}
     vary["balloon.inflation.k_normal"] = [push for _, push in STIFF]
     return after(Simulator(ball(20.0, 1.0), "cpu", len(STIFF), vary), 60)
@@ -51,9 +51,8 @@ def stiff_balls() -> Simulator:
 
 @pytest.mark.parametrize("number", range(4))
 def test_a_stiff_ball_grows_as_in_explicit_steps(number: int, stiff_balls: Simulator):
-    """To 3% of the growth, where both have come to rest: what an implicit step that has settled leaves out is nothing
-    then, and iterations end where 0.2% of what springs do may still change. Ten plain ones made a ball of 2,000 N/m
-    shrink."""
+    """A stiff ball grows as in explicit steps to 3%, at rest: a converged implicit step has no error then, and
+    iterations end where 0.2% of the springs' work may still change. Ten plain ones made a ball of 2,000 N/m shrink."""
     expected = radii(after(Simulator(ball(*STIFF[number], solver="symplectic_euler"), "cpu"), 180))[0]
     rest = radii(Simulator(ball(*STIFF[number]), "cpu"))[0]
     assert expected > rest
@@ -62,7 +61,7 @@ def test_a_stiff_ball_grows_as_in_explicit_steps(number: int, stiff_balls: Simul
 
 
 def test_so_many_iterations_are_made_as_it_takes(stiff_balls: Simulator):
-    """Between the bounds, more for stiffer springs, and all of them settled."""
+    """Iterations are within the bounds, more for stiffer springs, and all worlds converge."""
     iterations = stiff_balls.schedule._settling.iterations.numpy()
     assert iterations.min() >= LEAST_ITERATIONS
     assert iterations.max() < MOST_ITERATIONS
@@ -71,14 +70,14 @@ def test_so_many_iterations_are_made_as_it_takes(stiff_balls: Simulator):
 
 
 def test_a_world_does_not_go_by_what_others_need(stiff_balls: Simulator):
-    """To the last bit: alone, the softest one makes a fraction of the iterations that its batch makes."""
+    """A world is bit-identical alone and in a batch, which takes many times the iterations of the softest."""
     for number in (0, 3):
         alone = after(Simulator(ball(*STIFF[number]), "cpu"), 60)
         np.testing.assert_array_equal(alone.state.points.numpy()[0], stiff_balls.state.points.numpy()[number])
 
 
 def test_a_step_that_has_settled_is_newtons():
-    """Newton's step of backward Euler, kicked, to 1% of what the springs do in it."""
+    """A converged step is Newton's of backward Euler, kicked, to 1% of what the springs do in it."""
     step, points = one_step("auto", "cpu")
     expected = step.minimum(points)
     foreseen = step.start + step.free
@@ -86,8 +85,8 @@ def test_a_step_that_has_settled_is_newtons():
 
 
 def test_what_has_not_settled_is_told():
-    """Three iterations are too few for stiff springs, and it is said in which world and frame; a world without springs
-    has nothing to settle. Two hundred may be too few, too."""
+    """Three iterations are too few for stiff springs, and the warning names the world and frame; a world without
+    springs has none. Two hundred may be too few, too."""
     vary = {f"balloon.stiffness.{kind}": [0.0, part * 2000.0] for kind, part in PARTS.items()}
     few = after(Simulator(ball(2.0, 0.1, solver_iterations=3), "cpu", 2, vary), 6)
     (sentence,) = few.warnings

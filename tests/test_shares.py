@@ -21,7 +21,7 @@ from balloon_warp.sweep.shares import cut_into_shares
     ],
 )
 def test_the_cut_depends_on_the_batch_alone(worlds: int, sizes: list[int], monkeypatch: pytest.MonkeyPatch):
-    """At most eight shares of at least 64 particles, which are eight cubes; each has its own part of what varies."""
+    """The cut has at most eight shares of at least eight cubes; each has its own part of the varied values."""
     monkeypatch.setitem(shares.GRAIN, "cpu", shares.Grain(1, 64))
     monkeypatch.setattr(shares, "SHARES", 8)
     mass = np.linspace(1.0, 0.01, worlds)
@@ -35,7 +35,7 @@ def test_the_cut_depends_on_the_batch_alone(worlds: int, sizes: list[int], monke
 
 
 def test_a_share_fills_the_lanes_of_a_cpu():
-    """However many particles a world has: with fewer worlds than lanes the others stand idle."""
+    """A share has as many worlds as a CPU has lanes, however many particles a world has."""
     groups = plan_groups(Scene(balloon=[Balloon(mesh=quad_sphere(20))]), 20, {"balloon.mass": np.full(20, 1.0)})
     assert groups[0].plan.particle_count > shares.GRAIN["cpu"].particles
     assert [len(share.worlds) for share in cut_into_shares(groups, "cpu")] == [7, 7, 6]
@@ -43,7 +43,7 @@ def test_a_share_fills_the_lanes_of_a_cpu():
 
 @pytest.mark.parametrize(("frames", "count"), [(1, 2), (100, 4), (1000, 32)])
 def test_a_share_is_worth_its_beginning(frames: int, count: int, monkeypatch: pytest.MonkeyPatch):
-    """A short batch is cut into fewer shares, which still fit into a small memory."""
+    """A short batch is cut into fewer shares, as each has a start-up cost, which still fit into a small memory."""
     monkeypatch.setattr(shares, "MOST_PARTICLES", 8 * 128)
     monkeypatch.setitem(shares.GRAIN, "cuda", shares.Grain(1, 8, 8 * 64 * 100 * 10))
     scene = Scene(balloon=[Balloon(mesh=cube())], frames=frames, substeps=10)

@@ -38,7 +38,7 @@ def test_faces_between_inside_and_outside_are_pushed() -> None:
 
 
 def test_a_wall_between_rooms_is_not_pushed() -> None:
-    """The faces at x = 0, of a box from x = -1/2 to 1/2."""
+    """The wall at x = 0 of a box from x = -1/2 to 1/2 is not pushed."""
     mesh = walled()
     middles = mesh.points[mesh.face_vertex_indices.reshape(-1, 4)].mean(axis=1)
     np.testing.assert_array_equal(pushed(mesh) == 0, np.abs(middles[:, 0]) < 1e-9)
@@ -46,7 +46,7 @@ def test_a_wall_between_rooms_is_not_pushed() -> None:
 
 @pytest.mark.parametrize("make", [walled, two_at_an_edge, lambda: chair(holes=False, mixed=False)])
 def test_winding_does_not_matter(make) -> None:
-    """Whichever faces are turned over, those that are pushed face outward in the end, and enclose as much."""
+    """Pushed faces end up outward and enclose the same volume, whichever were reversed."""
     mesh = prepared(make(), "mesh", Treatment())
     wild = turned_over(make(), np.random.default_rng(2).random(make().face_count) < 0.4)
     again, slack = pushed_outward(prepared(wild, "mesh", Treatment()))
@@ -59,7 +59,7 @@ def test_winding_does_not_matter(make) -> None:
 
 
 def test_missing_faces_of_a_chair_are_closed_and_it_is_inflated() -> None:
-    """Faces are left out beside edges of three and four faces, and others turned over; what encloses is as whole."""
+    """Missing faces of a chair are closed and it is inflated, though edges have three and four faces."""
     whole, spoiled = (shape_of(chair(holes=holes, mixed=holes)) for holes in (False, True))
     assert np.count_nonzero(spoiled.slack) == np.count_nonzero(whole.slack) > 0
     assert signed_volume(spoiled.skin) == pytest.approx(signed_volume(whole.skin), rel=0.01)
@@ -67,7 +67,7 @@ def test_missing_faces_of_a_chair_are_closed_and_it_is_inflated() -> None:
 
 @pytest.mark.parametrize("name", ODD)
 def test_what_is_pushed_goes_all_around_something(name: str) -> None:
-    """So that a pressure has no net force and is the gradient of a volume."""
+    """Pushed faces form a closed surface, so that a pressure has no net force and is the gradient of a volume."""
     shape = shape_of(ODD[name]())
     if shape.flies_off:
         assert any("not inflated" in remark.lower() for remark in shape.remarks)
@@ -91,14 +91,14 @@ def test_a_face_there_and_back_has_the_same_vertices_and_no_area() -> None:
 
 
 def test_a_border_that_is_held_parts_inside_from_outside() -> None:
-    """A sheet that is held all around is pushed; where one vertex is free, it flaps, and is not."""
+    """A sheet pinned all around is pushed; with one free vertex it flaps, and is not."""
     border = [n for n in range(25) if not (0 < n % 5 < 4 and 0 < n // 5 < 4)]
     assert not shape_of(grid(4, 4), fixed=border).slack.any()
     assert shape_of(grid(4, 4), fixed=border[1:]).flies_off
 
 
 def test_a_pressure_that_is_said_pushes_a_sheet() -> None:
-    """What is open beside what is closed is carried along all the same; the paper's push knows of no sides."""
+    """A given pressure pushes a sheet, but no open part beside a closed one. The paper's inflation pushes all."""
     assert not shape_of(grid(4, 4), inflation=Inflation(pressure=5.0)).slack.any()
     assert shape_of(finned(), inflation=Inflation(pressure=5.0)).slack.any()
     assert not shape_of(finned(), inflation=Inflation(k_normal=1.0)).slack.any()
@@ -107,7 +107,7 @@ def test_a_pressure_that_is_said_pushes_a_sheet() -> None:
 @pytest.mark.parametrize("kind", ["springs", "neo_hookean"])
 @pytest.mark.parametrize("make", [finned, walled])
 def test_schedules_push_the_same_faces(make, kind: str, schedule: str, device: str) -> None:
-    """As the readable reference does, in free air."""
+    """Schedules agree with `scatter` on the pushed faces, in free air."""
     rubber = {} if kind == "springs" else {"shear_modulus": 3e4, "thickness": 1e-3}
     material = Material(kind=kind, **rubber)
     mass = {"mass": 1.0} if kind == "springs" else {}
@@ -130,7 +130,7 @@ CALM = [chair, finned, klein, band, lambda: hair(40), haired, car, lambda: ODD["
 
 @pytest.mark.parametrize("make", CALM)
 def test_an_odd_mesh_by_itself_calms_down(make, device: str) -> None:
-    """For 4 s. A push that is no gradient works all the time: hair went at 90 m/s."""
+    """An odd mesh by itself comes to rest within 4 s; a push without a potential drove hair at 90 m/s."""
     simulator = Simulator(load_scene(make()), device, schedule="scatter")
     for _ in range(120):
         simulator.step()
@@ -149,7 +149,7 @@ def test_open_parts_beside_closed_ones_are_named_and_carried() -> None:
 
 
 def test_what_is_advised_works() -> None:
-    """A pressure that is said pushes what is open, and what has one side; a border that is held parts its sides."""
+    """The advice works: a given pressure inflates open and one-sided meshes, and so does pinning the border."""
     for mesh in (grid(4, 4), klein()):
         assert "--set balloon.inflation.pressure=100" in shape_of(mesh).remarks[0]
         said = load_scene(mesh, {"balloon.inflation.pressure": 100})
@@ -160,7 +160,7 @@ def test_what_is_advised_works() -> None:
 
 
 def test_remesh_is_not_advised_for_hair() -> None:
-    """Remeshing refuses hair."""
+    """The advice for hair does not name remeshing, which refuses it."""
     for mesh in (hair(20), haired()):
         assert not [remark for remark in shape_of(mesh).remarks if "remesh" in remark]
     assert "remesh" in shape_of(grid(4, 4)).remarks[0]
@@ -168,7 +168,7 @@ def test_remesh_is_not_advised_for_hair() -> None:
 
 
 def test_a_mesh_whose_z_is_up_stands_once_it_is_turned() -> None:
-    """As MESHES.md says; one that says so itself needs no more."""
+    """A Z-up mesh stands once it is turned, as MESHES.md says; one that names its axis needs no option."""
     told = load_scene(ODD["table"]())
     turned = load_scene(replace(ODD["table"](), up_axis="Y"), {"balloon.rotation": [-90, 0, 0]})
     assert (told.up_axis, turned.up_axis) == ("Z", "Y")

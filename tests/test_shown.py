@@ -76,7 +76,7 @@ def test_help_of_a_frame_has_units_and_shapes():
 
 @pytest.mark.parametrize("name", [name for name in bw.__all__ if callable(getattr(bw, name))])
 def test_signatures_are_short(name: str):
-    """A function's has its types; that of the longest, `animate`, fits into ten lines."""
+    """A function's signature has its types; that of the longest, `animate`, fits into ten lines."""
     found = getattr(bw, name)
     if not (inspect.isclass(found) and issubclass(found, Exception)):
         signature = str(inspect.signature(found))
@@ -85,7 +85,7 @@ def test_signatures_are_short(name: str):
 
 
 def test_what_is_written_stays_what_it_is():
-    """The plain docstring is that of the source; who makes a table of wrong fields is told so."""
+    """The plain docstring is that of the source, and a table of wrong fields gets an error."""
     assert plain_docstring(bw.Ground).splitlines()[0] == (bw.Ground.__doc__ or "").splitlines()[0]
     assert "Fields:" not in plain_docstring(bw.Ground)
     with pytest.raises(InputError, match="unknown field; did you mean height"):
@@ -93,5 +93,5 @@ def test_what_is_written_stays_what_it_is():
 
 
 def test_editors_show_what_each_field_is():
-    """Below it, as `python -m balloon_warp.scene.hover` writes it."""
+    """Each field has its description below it, as `python -m balloon_warp.scene.hover` writes it."""
     assert [f"{table.__name__}.{field}: {meaning}" for table, field, meaning in unsaid()] == []

@@ -1,4 +1,4 @@
-"""Rubber's hysteresis: it takes less pressure to hold a balloon as it deflates than as it was inflated."""
+"""Rubber's hysteresis: a deflating balloon takes less pressure than an inflating one of its size."""
 
 from math import erf
 from typing import Any
@@ -30,7 +30,7 @@ each_schedule = pytest.mark.parametrize("schedule", LAUNCHED)
 
 
 def left(energy: Any, peak: Any) -> NDArray[np.float64]:
-    """Return the remaining part of the stress, by Ogden and Roxburgh's formula, apart from the simulation."""
+    """Return the remaining fraction of the stress, by Ogden and Roxburgh's formula, apart from the simulation."""
     over = (np.asarray(peak) - energy) / (SOFT["softening_energy"] + SOFT["softening_share"] * np.asarray(peak))
     return 1.0 - SOFT["softening"] * np.vectorize(erf)(over)
 
@@ -42,7 +42,7 @@ def scene_of(kind: str, mesh: PolygonMesh = BALL, damping: float = 6.0, **fields
 
 
 def wear(simulator: Simulator) -> None:
-    """As a substep does before it finds forces."""
+    """Update the peaks, as a substep does before it computes forces."""
     state = simulator.state
     launches = simulator.schedule.launches  # type: ignore[attr-defined]
     launches.execute(state, 0, 0.0, (state.points, state.velocities), ["wear"])
@@ -51,8 +51,8 @@ def wear(simulator: Simulator) -> None:
 @each_law
 @each_schedule
 def test_inflated_and_deflated_the_pressure_is_the_analytic_one(kind: str, schedule: str, device: str):
-    """Forces themselves are taken, of worlds stretched alike: by virtual work the pressure is -F . x / 3 V. On the way
-    up it is that of the law, and on the way down from a stretch of 5 less."""
+    """The pressure is that of the law on the way up, and softened on the way down from a stretch of 5, by virtual work
+    of the forces of evenly stretched worlds: -F . x / 3 V."""
     energy, stretches, most = ENERGIES[kind], np.linspace(1.05, 4.9, 40), 5.0
     simulator = Simulator(scene_of(kind, inflation=STILL), device, len(stretches), schedule=schedule)
     start, reader = simulator.state.points.numpy().copy(), ForceReader(simulator.model)
@@ -75,8 +75,8 @@ def test_inflated_and_deflated_the_pressure_is_the_analytic_one(kind: str, sched
 
 @each_schedule
 def test_a_closed_way_costs_energy_and_the_same_way_again_costs_none(schedule: str, device: str):
-    """Work of the forces on a sheet that is stretched and let back: the work of the way up less that of the way down,
-    by Ogden and Roxburgh's formula, and then up and down again where it is soft already."""
+    """A cycle of a sheet dissipates the energy of Ogden and Roxburgh's formula, and a repeated one none, where it is
+    soft already."""
     sheet = grid(3, 3)
     simulator = Simulator(scene_of("neo_hookean", sheet, 0.0, inflation=STILL), device,
                           schedule=schedule)  # fmt: skip
@@ -84,7 +84,7 @@ def test_a_closed_way_costs_energy_and_the_same_way_again_costs_none(schedule: s
     points, reader = simulator.state.points.numpy()[0].copy(), ForceReader(simulator.model)
 
     def pull(stretch: float) -> float:
-        """-F . dx / d stretch [J]; what was seen is kept as a substep keeps it."""
+        """Return the work -F . dx / d stretch [J], with peaks updated as in a substep."""
         put(simulator, points * stretch)
         wear(simulator)
         reader.refresh(simulator.state)
@@ -106,9 +106,8 @@ def test_a_closed_way_costs_energy_and_the_same_way_again_costs_none(schedule: s
 
 
 def test_energy_is_only_lost(device: str):
-    """A ball that is let go swings without damping: motion, and what can still be had of the rubber. Peaks only rise.
-    Steps are a 24th of what is stable, for symplectic Euler lets energy swing: four times as much in four times the
-    step."""
+    """Energy of a free ball only decreases: of motion, and what the rubber can still give. Peaks only rise. Steps are a
+    24th of what is stable, for symplectic Euler lets energy swing: four times as much in four times the step."""
     scene = scene_of("neo_hookean", quad_sphere(2, 0.1), 0.0, inflation=STILL)
     scene = scene.model_copy(update={"frames_per_second": 600.0})
     scene = scene.model_copy(update={"substeps": 24 * plan_model(scene).substeps})
@@ -140,8 +139,8 @@ def recoverable(simulator: Simulator) -> float:
 
 
 def test_the_step_is_stable_where_it_begins_to_give_way(device: str):
-    """A balloon of sharp hysteresis swings through its greatest stretches, in the step that "auto" takes, which is
-    shorter than without."""
+    """The step is stable where sharp hysteresis begins to yield: a balloon swings through its greatest stretches, in
+    the automatic step, which is shorter than without."""
     sharp = {"softening": 0.9, "softening_energy": 3.0e4, "softening_share": 0.0, "most_stretch": 2.5}
     scenes = [scene_of("neo_hookean", quad_sphere(4, 0.1), 0.0, inflation=STILL) for _ in range(2)]
     materials = [scenes[0].balloon[0].material.model_copy(update=each) for each in (sharp, {"softening": 0.0})]
@@ -163,7 +162,7 @@ def test_the_step_is_stable_where_it_begins_to_give_way(device: str):
 
 
 def swung(schedule: str, device: str) -> tuple[NDArray, NDArray]:
-    """Points and peaks of two worlds, in a batch of ten, of which the one softens and the other does not."""
+    """Return points and peaks of two worlds, in a batch of ten, of which one softens and the other does not."""
     simulator = Simulator(
         scene_of("gent", MIXED), device, 10, {"balloon.material.softening": [0.0, 0.5] * 5}, schedule=schedule
     )
@@ -182,7 +181,7 @@ def by_scatter() -> tuple[NDArray, NDArray]:
 
 
 def test_schedules_agree_and_worlds_differ(schedule: str, device: str, by_scatter: tuple[NDArray, NDArray]):
-    """Meshes have quads and triangles, neither of which come by eights."""
+    """Schedules agree on worlds that differ, for meshes of quads and triangles, neither of which come by eights."""
     points, peaks = swung(schedule, device)
     np.testing.assert_allclose(points, by_scatter[0], atol=2e-5)
     np.testing.assert_allclose(peaks, by_scatter[1], rtol=1e-3, atol=1e2)
@@ -190,7 +189,7 @@ def test_schedules_agree_and_worlds_differ(schedule: str, device: str, by_scatte
 
 
 def test_it_goes_on_bit_for_bit(schedule: str, device: str):
-    """From what was saved, with the peaks."""
+    """A restored simulation is bit-identical, peaks included."""
     scene = scene_of("gent", MIXED)
     one = Simulator(scene, device, schedule=schedule)
     stretched(one, 1.6)

@@ -1,4 +1,4 @@
-"""The highest frequency of a network, beside that of its whole matrix."""
+"""Highest frequency of a spring network, beside that of its whole matrix."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ MESHES = {"sphere": quad_sphere(9), "cube": cube(), "sheet": grid(12, 12), "fine
 def whole_matrix(
     pairs: NDArray[np.integer], constants: NDArray[np.float64], held: NDArray[np.float64], masses: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """M^-1/2 K M^-1/2 of what moves."""
+    """Return M^-1/2 K M^-1/2 of the free particles."""
     stiffness = np.diag(held)
     for (first, second), constant in zip(pairs, constants, strict=True):
         stiffness[[first, second], [first, second]] += constant
@@ -32,7 +32,7 @@ def whole_matrix(
 @pytest.mark.parametrize("mesh", MESHES.values(), ids=MESHES)
 @pytest.mark.parametrize("seed", range(3))
 def test_it_is_that_of_the_whole_matrix_and_never_below_it(mesh: PolygonMesh, seed: int):
-    """Of springs and masses at random, some of which are fixed: exactly where there are few, else within its margin."""
+    """The frequency of random springs and masses is exact for few particles, else within the margin."""
     random, pairs = np.random.default_rng(seed), build_springs(mesh).pairs
     constants, held = random.uniform(0.1, 10.0, len(pairs)), random.uniform(0.0, 5.0, mesh.vertex_count)
     masses = random.uniform(0.5, 2.0, mesh.vertex_count) * (random.uniform(size=mesh.vertex_count) > 0.1)
@@ -49,13 +49,13 @@ def test_of_nothing_that_moves_it_is_zero():
 
 
 def test_of_a_spring_between_two_masses_it_is_that_of_the_textbook():
-    """k (1/m + 1/M)"""
+    """The squared frequency of a spring between two masses is k (1/m + 1/M)."""
     found = highest_squared_frequency(np.array([[0, 1]]), np.array([6.0]), np.zeros(2), np.array([1.0, 3.0]))
     assert found == pytest.approx(6.0 * (1.0 + 1.0 / 3.0))
 
 
 def is_of_springs(name: str) -> bool:
-    """No balloon of it is of rubber."""
+    """Return whether no balloon of a scene is of rubber."""
     return not any(balloon.material.is_membrane for balloon in load_scene(name).balloon)
 
 
@@ -65,8 +65,8 @@ OF_SPRINGS = [name for name in bundled_scenes() if is_of_springs(name)]
 
 @pytest.mark.parametrize("name", OF_SPRINGS)
 def test_bundled_scenes_are_within_the_margin(name: str):
-    """What Lanczos leaves out of the largest eigenvalue, on the networks that are there; by a hundred times as much
-    work."""
+    """The margin covers Lanczos's underestimate of the largest eigenvalue on all bundled networks; the reference takes
+    a hundred times as much work."""
     plan = plan_model(load_scene(name))
     shape = plan.shapes[0]
     bounds = Bounds(plan.scene, plan.laws, 0, plan.parameters)
@@ -92,7 +92,8 @@ def test_bundled_scenes_are_within_the_margin(name: str):
 
 
 def test_it_lets_bundled_scenes_take_a_fifth_to_a_third_more_than_gershgorins_bound():
-    """2 / omega, omega^2 twice the largest sum of constants at a particle over its mass: what docs/PHYSICS.md says."""
+    """The step is a fifth to a third longer than Gershgorin's 2 / omega, omega^2 twice the largest sum of constants at
+    a particle over its mass, as docs/PHYSICS.md says."""
     ratios = []
     for name in OF_SPRINGS:
         plan = plan_model(load_scene(name, {"touch": False}))

@@ -1,4 +1,4 @@
-"""Spheres that have friction, and so turn: what Coulomb's law and a solid ball's inertia make of them."""
+"""Friction and spin of spheres, by Coulomb's law and a solid ball's inertia."""
 
 import numpy as np
 import pytest
@@ -28,24 +28,24 @@ G = 9.81
 
 
 def spins(simulator: Simulator) -> NDArray[np.float64]:
-    """[rad/s], shape (sphere_count, 3)."""
+    """Return the spins [rad/s], shape (sphere_count, 3)."""
     return simulator.state.sphere_spins.numpy()[0].astype(np.float64)
 
 
 def inertias(simulator: Simulator) -> NDArray[np.float64]:
-    """2/5 M R^2 [kg m^2], shape (sphere_count, 1)."""
+    """Return the inertias 2/5 M R^2 [kg m^2], shape (sphere_count, 1)."""
     mass, radius = (simulator.model.parameters[f"sphere_{name}"].numpy()[0, :, None] for name in ("mass", "radius"))
     return 0.4 * mass.astype(np.float64) * radius.astype(np.float64) ** 2
 
 
 def turning(simulator: Simulator) -> NDArray[np.float64]:
-    """Angular momentum of all spheres about the origin [kg m^2/s], shape (3,)."""
+    """Return the angular momentum of all spheres about the origin [kg m^2/s], shape (3,)."""
     centers = simulator.state.sphere_positions.numpy()[0].astype(np.float64)
     return (np.cross(centers, sphere_momenta(simulator)) + inertias(simulator) * spins(simulator)).sum(axis=0)
 
 
 def moving(simulator: Simulator) -> float:
-    """Energy of the spheres' motion and spin [J]."""
+    """Return the energy of the spheres' motion and spin [J]."""
     return float(sphere_energies(simulator).sum() + 0.5 * (inertias(simulator) * spins(simulator) ** 2).sum())
 
 
@@ -62,10 +62,10 @@ ANGLE = 0.5
 
 @pytest.mark.parametrize("way", WAYS)
 def test_it_slides_slower_until_it_rolls(way, device):
-    """On the ground with 0.2, the root of 0.1 and 0.4, it slows down by 0.2 g, while the spin grows by 5/2 of that over
-    the radius; at 5/7 of its speed it rolls. One without friction slides on. With spin backwards, 4 v / R, one comes
-    back at (5 - 8) / 7 v. Down a slope it rolls with 5/7 g sin where friction is at least 2/7 tan, else it slides with
-    g (sin - friction cos)."""
+    """A sphere slides until it rolls. On the ground with 0.2, the root of 0.1 and 0.4, it slows down by 0.2 g, while
+    the spin grows by 5/2 of that over the radius; at 5/7 of its speed it rolls. One without friction slides on. With
+    spin backwards, 4 v / R, one comes back at (5 - 8) / 7 v. Down a slope it rolls with 5/7 g sin where friction is at
+    least 2/7 tan, else it slides with g (sin - friction cos)."""
     if WAYS[way].get("schedule") in ("lanes", "octets") and device != "cpu":
         pytest.skip("for the CPU")
     normal = np.array([np.sin(ANGLE), np.cos(ANGLE), 0.0])
@@ -97,8 +97,8 @@ def test_it_slides_slower_until_it_rolls(way, device):
 
 @pytest.mark.parametrize("way", ["gather", "octets", "block", "projective"])
 def test_two_that_meet_turn_each_other(way, device):
-    """Equal ones, inelastic, at an angle: each is rubbed by a seventh of what slides, v sin, where friction is enough;
-    or by as much of the push, v cos / 2, as it says. Two pairs, far from each other."""
+    """Friction of two equal inelastic spheres that collide at an angle changes each by a seventh of the sliding speed,
+    v sin, where the coefficient is high enough; or by its share of the push, v cos / 2. Two separate pairs."""
     if way == "octets" and device != "cpu":
         pytest.skip("for the CPU")
     angle, speed, balls = 0.6, 3.0, []
@@ -136,7 +136,7 @@ def test_a_cloud_keeps_momentum_and_angular_momentum_and_gains_no_energy(device)
 
 
 def beside(sphere: Sphere, **fields) -> Scene:
-    """A slack balloon of 386 particles in space, and a sphere."""
+    """Return a slack balloon of 386 particles in space, and a sphere."""
     ball = Balloon(mesh=quad_sphere(8, 0.5), mass=0.3, damping=0.0, inflation=Inflation(pressure=0.0))
     setting = {"gravity": 0.0, "atmosphere": Atmosphere(density=0.0), "contact": "impulse", "substeps": 60}
     return Scene(balloon=[ball], sphere=[sphere], **setting | fields)
@@ -154,7 +154,8 @@ TOUCHING = {
     [*(("particles", schedule) for schedule in ("gather", "lanes", "octets", "block")), ("faces", "scatter")],
 )
 def test_a_balloon_turns_it_and_both_keep_momentum_and_angular_momentum(friction, what, schedule, device):
-    """And gain no energy: springs swing by h omega / 2 of what is in the fastest. Rounding is that of test_faces."""
+    """Momentum and angular momentum are conserved as a balloon spins a sphere, and energy does not grow: springs swing
+    by h omega / 2 of what is in the fastest. Rounding is that of test_faces."""
     if schedule in ("lanes", "octets") and device != "cpu":
         pytest.skip(f"{schedule} is for the CPU")
     ball, fields = TOUCHING[what]
@@ -181,8 +182,8 @@ def test_a_balloon_turns_it_and_both_keep_momentum_and_angular_momentum(friction
 
 
 def test_many_that_rub_at_once_give_no_energy(device):
-    """A swarm of particles, 30 times the mass of the sphere, comes down on it from all around, and turns about it: each
-    for itself would turn it many times too fast."""
+    """Friction of many contacts at once adds no energy: a swarm of particles, 30 times the mass of the sphere, comes
+    down on it from all around and turns about it; each by itself would turn it many times too fast."""
     scene = beside(Sphere(position=(0, 0, 0), radius=0.499, mass=0.01, friction=5.0))
     loose = Stiffness(structural=0.0, shear=0.0, flexion=0.0)
     scene = scene.model_copy(update={"balloon": [scene.balloon[0].model_copy(update={"stiffness": loose})]})
@@ -197,7 +198,7 @@ def test_many_that_rub_at_once_give_no_energy(device):
 
 
 def test_a_free_body_turns_it(device):
-    """One that falls on the end of a free box: both keep momentum and angular momentum, and gain no energy."""
+    """Momentum and angular momentum are conserved as a sphere lands on the end of a free box; energy falls."""
     box = Body(shape="box", size=(0.4, 0.1, 0.3), mass=0.5, friction=0.8)
     ball = Sphere(position=(0.12, 0.3, 0.02), radius=0.1, mass=0.3, velocity=(-1.0, -2.0, 0.3), friction=0.8)
     away = Balloon(mesh=quad_sphere(2, 0.5), position=(0, 0, 90.0), inflation=Inflation(pressure=0.0))

@@ -120,7 +120,7 @@ def test_springs_do_not_depend_on_how_many_pairs_are_worked_on_at_once(
 
 
 def wheel(spokes: int, hub: int = 0) -> PolygonMesh:
-    """Triangles around a vertex, the others in order on the rim."""
+    """Return triangles around a vertex, the others in order on the rim."""
     rim = [vertex for vertex in range(spokes + 1) if vertex != hub]
     turn = 2.0 * np.pi * np.arange(spokes) / spokes
     points = np.zeros((spokes + 1, 3))
@@ -158,7 +158,7 @@ def test_springs_without_end_are_refused(mesh: PolygonMesh, sentence: str) -> No
 
 
 def test_no_loop_goes_over_particles() -> None:
-    """As much Python for ten thousand particles as for a hundred."""
+    """Building springs of ten thousand particles executes as many lines of Python as of a hundred."""
     few, many = grid(10, 10), grid(100, 100)
     assert lines_executed(lambda: build_springs(many)) <= 1.1 * lines_executed(lambda: build_springs(few))
     assert build_springs(many).count == 2 * 100 * 101 + 2 * 100**2 + 2 * 99 * 101

@@ -17,7 +17,7 @@ from balloon_warp.mesh.obj import write_obj
 
 
 class Later:
-    """A timer whose time comes when a test says so."""
+    """Timer that fires when a test says so."""
 
     all: ClassVar[list["Later"]] = []
 
@@ -57,7 +57,7 @@ def test_a_log_gets_a_line_of_each_stage_that_lasts(timers: list[Later]):
 
 
 class Screen:
-    """A terminal with one spinner."""
+    """Terminal with one spinner."""
 
     is_terminal = True
 

@@ -1,4 +1,4 @@
-"""Worlds that begin anew by a mask, with values drawn for each, and what is observed of them."""
+"""Restarts of worlds by a mask, with values drawn for each, and their observations."""
 
 from typing import Any
 
@@ -42,7 +42,7 @@ def stepped(simulator: Simulator, frames: int) -> Simulator:
 
 
 def test_a_world_that_begins_anew_is_as_one_that_begins(schedule: str) -> None:
-    """Bit for bit, with all that schedules keep, while the others go on."""
+    """A restarted world is bit-identical to a new one, with all state of schedules, while the others go on."""
     scene = TOUCHING if schedule == "gather" else TOUCHING.model_copy(update={"contacts": False, "body": []})
     whole, masked = (Simulator(scene, "cpu", 2, schedule=schedule) for _ in range(2))
     stepped(whole, 8)
@@ -98,7 +98,7 @@ def test_values_follow_from_the_seed_the_world_and_the_episode() -> None:
 
 
 def test_values_have_the_distribution_that_is_asked() -> None:
-    """Means within four of their standard errors, 256 worlds."""
+    """Drawn values have the requested distribution: means within four of their standard errors, 256 worlds."""
     simulator = drawing(256)
     simulator.reset(np.ones(256))
     found = drawn(simulator)
@@ -196,7 +196,7 @@ def test_particles_that_are_not_there_cannot_be_observed(numbers: Any) -> None:
 
 
 def test_a_cube_has_its_volume() -> None:
-    """Far from the origin, too."""
+    """The observed volume of a cube is exact far from the origin, too."""
     still = Balloon(mesh=cube(), position=(100.0, 0.0, 0.0), inflation=Inflation(pressure=0.0))
     simulator = Simulator(Scene(balloon=[still], touch=False), "cpu")
     expected = signed_volume(cube())

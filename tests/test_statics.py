@@ -1,4 +1,4 @@
-"""The stiffness of a balance, relaxing, and springs and rest shapes from files."""
+"""Stiffness of an equilibrium, relaxation, and springs and rest shapes from files."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -45,7 +45,7 @@ def balance_of(simulator: bw.Simulator) -> Balance:
 
 @pytest.mark.parametrize("name", MATERIALS)
 def test_statics_are_those_of_what_is_simulated(name: str):
-    """At rest all forces of the host's cancel; its operator is their slope; and its own rest is the same shape."""
+    """Statics agree with the simulation: forces cancel, the operator is their derivative, and shapes agree."""
     simulator = bw.Simulator(gas_scene(EGG, MATERIALS[name]), "cpu")
     points = simulator.relax(1.0e-4).points[0].astype(float)
     balance, way = balance_of(simulator), np.random.default_rng(0).standard_normal(EGG.points.shape)
@@ -59,7 +59,7 @@ def test_statics_are_those_of_what_is_simulated(name: str):
 
 
 def test_a_singular_matrix_gets_an_answer():
-    """Coarse meshes may have displacements that nothing resists: what is resisted is solved."""
+    """A singular matrix is solved where it has stiffness: coarse meshes may have displacements that nothing resists."""
     matrix = sparse.diags([2.0, 0.0, 4.0], format="csc")
     np.testing.assert_allclose(systems.solver_of(matrix)(np.array([2.0, 0.0, 4.0])), [1.0, 0.0, 1.0], rtol=1e-9)
 
@@ -80,7 +80,7 @@ def write_springs(path: Path, **changed) -> Path:
 
 
 def test_springs_of_a_file_are_those_that_act(tmp_path: Path):
-    """Whatever their order, in the mesh's unit, each with its own length and constant; and written down again."""
+    """Springs of a file act in any order, in the mesh's unit, with their lengths and constants, and round-trip."""
     springs = bw.build_springs(EGG)
     order = np.random.default_rng(1).permutation(springs.count)
     lengths, constants = 0.5 * springs.rest_lengths, 10.0 + np.arange(springs.count) % 7
@@ -132,7 +132,7 @@ def test_a_missing_file_of_springs_and_one_beside_a_film_are_refused(tmp_path: P
 
 @pytest.mark.parametrize("material", [bw.Material(), bw.Material(preset="latex")])
 def test_nothing_pulls_in_the_rest_shape(material: bw.Material, tmp_path: Path):
-    """What starts larger than its mould shrinks to it; a film, which nothing else spreads, under a slight pressure."""
+    """A balloon larger than its mould shrinks to it; a film, which nothing else spreads, under a slight pressure."""
     write_obj(tmp_path / "mould.obj", EGG)
     larger = replace(EGG, points=1.1 * EGG.points)
     there = bw.Material(**{"rest_mesh": tmp_path / "mould.obj", **material.model_dump(exclude_unset=True)})
@@ -153,7 +153,7 @@ def test_a_rest_shape_of_other_vertices_is_refused(tmp_path: Path):
 
 
 def cut_egg() -> PolygonMesh:
-    """The faces of the egg, each with corners of its own, lying beside each other."""
+    """Return the faces of the egg, each with corners of its own, lying beside each other."""
     quads = EGG.points[EGG.face_vertex_indices].reshape(-1, 4, 3)
     aside = quads + 0.3 * np.arange(len(quads))[:, None, None]
     indices = np.arange(4 * len(quads), dtype=np.int32)
@@ -161,7 +161,7 @@ def cut_egg() -> PolygonMesh:
 
 
 def test_panels_that_are_sewn_are_what_they_were_before(tmp_path: Path):
-    """Cut into its faces, a film has the same membrane, mass and step as in one piece."""
+    """A film cut into its faces and sewn has the membrane, mass and step of one piece."""
     write_obj(tmp_path / "panels.obj", cut_egg())
     cut = bw.Simulator(gas_scene(EGG, bw.Material(preset="latex", rest_mesh=tmp_path / "panels.obj")), "cpu")
     whole = bw.Simulator(gas_scene(EGG, MATERIALS["latex"]), "cpu")
@@ -188,7 +188,7 @@ def test_panels_of_other_faces_are_refused(tmp_path: Path):
 
 
 def test_thicker_rubber_pulls_as_its_derivatives_say():
-    """Central differences of weights are compared; forces are linear in them."""
+    """Derivatives of forces by thickness agree with central differences of weights, in which forces are linear."""
     scene = gas_scene(EGG, MATERIALS["latex"])
     simulator = bw.Simulator(scene, "cpu")
     rows = {name: values.numpy() for name, values in simulator.model.parameters.items()}

@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM at any command: a word, the status that shells expect, and no hidden file."""
+"""Ctrl-C and SIGTERM at any command: a message, the status that shells expect, and no hidden file."""
 
 import os
 import signal
@@ -23,7 +23,7 @@ def test_a_command_that_is_stopped_says_so(
     number: signal.Signals,
     status: int,
 ):
-    """While it writes a file, which does not stay."""
+    """A command stopped while it writes a file says so, and removes the file."""
 
     def interrupted(_: Path, copy: Path) -> None:
         copy.touch()
@@ -42,7 +42,8 @@ def test_a_command_that_is_stopped_says_so(
 
 
 def test_ctrl_c_while_the_program_loads_is_a_word_too(tmp_path: Path):
-    """A module that is loaded first stops it: a real Ctrl-C would have to meet a few tenths of a second."""
+    """Ctrl-C during the program's import gives the message, too; a module that is imported first sends it, as a real
+    one would have to meet a few tenths of a second."""
     (tmp_path / "typer.py").write_text("import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n")
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), os.environ["PYTHONPATH"]])}
     done = subprocess.run(
@@ -52,7 +53,7 @@ def test_ctrl_c_while_the_program_loads_is_a_word_too(tmp_path: Path):
 
 
 def test_what_is_ignored_stays_ignored(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
-    """As Ctrl-C is by a process that a shell started in the background."""
+    """An ignored signal stays ignored, as Ctrl-C is by a process that a shell started in the background."""
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         monkeypatch.setattr("balloon_warp.cli.scenes._list_scenes", lambda: os.kill(os.getpid(), signal.SIGINT))

@@ -1,4 +1,4 @@
-"""Lights and a camera in the stage, in a group that can be left out, and a surface that no renderer facets."""
+"""Lights and a camera in the stage, in a group that can be omitted, and a subdivision surface without facets."""
 
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from balloon_warp.scene import Balloon
 
 @pytest.mark.parametrize("up_axis", ["Y", "Z"])
 def test_the_camera_has_all_that_moves_in_view(tmp_path: Path, up_axis: str):
-    """Every point of balloons and every sphere, at every frame, by USD's own frustum; and they fill half of it."""
+    """The camera sees every point of balloons and every sphere, in every frame; they fill half of the view."""
     animate(scene(up_axis=up_axis), tmp_path / "out.usdc", device="cpu")
     stage = Usd.Stage.Open(str(tmp_path / "out.usdc"))
     camera = UsdGeom.Camera(stage.GetPrimAtPath("/World/Studio/Camera"))
@@ -42,7 +42,7 @@ def test_the_camera_has_all_that_moves_in_view(tmp_path: Path, up_axis: str):
 
 
 def test_pictures_find_their_own_camera(tmp_path: Path):
-    """Ours stands where all of the run is seen; a user's is taken."""
+    """Pictures ignore the stage's own camera, which takes in all of the run, and use one of the user's."""
     animate(scene(frames=2), tmp_path / "out.usda", device="cpu")
     stage = RenderStage(tmp_path / "out.usda")
     stage.read_prims(0)
@@ -73,7 +73,7 @@ def test_lights_and_ground_can_be_left_out(tmp_path: Path):
 
 
 def test_a_run_without_ground_goes_on_without_it(tmp_path: Path):
-    """Its ground would move. With ground it is another run."""
+    """A run without ground resumes without it, as its ground would move. With ground it is another run."""
     whole, output = tmp_path / "whole.usdc", tmp_path / "out.usdc"
     animate(RESUMED_SCENE, whole, device="cpu", ground=False)
     folder = stop(RESUMED_SCENE, output, crash, device="cpu", ground=False)

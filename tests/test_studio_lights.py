@@ -1,4 +1,4 @@
-"""The studio of a stage: softboxes that face the subject, and a backdrop that fills the picture from any side."""
+"""Studio of a stage: softboxes that face the subject, and a backdrop that fills the picture from any side."""
 
 from pathlib import Path
 
@@ -24,7 +24,7 @@ def staged(tmp_path: Path, name: str = "out.usdc", **fields) -> Usd.Stage:
 
 
 def backdrop_of(stage: Usd.Stage) -> tuple[np.ndarray, np.ndarray]:
-    """Triangles in the world, shape (n, 3, 3), and their unit normals as authored, shape (n, 3)."""
+    """Return triangles in the world, shape (n, 3, 3), and their unit normals as authored, shape (n, 3)."""
     mesh = UsdGeom.Mesh(stage.GetPrimAtPath("/World/Studio/Backdrop"))
     matrix = np.array(UsdGeom.XformCache(0).GetLocalToWorldTransform(mesh.GetPrim()))
     points = np.array(mesh.GetPointsAttr().Get()) @ matrix[:3, :3] + matrix[3, :3]
@@ -37,7 +37,7 @@ def backdrop_of(stage: Usd.Stage) -> tuple[np.ndarray, np.ndarray]:
 
 
 def meets(origin: np.ndarray, direction: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Return the triangles that a ray goes through, after Moller and Trumbore."""
+    """Return the triangles that a ray hits, after Moller and Trumbore."""
     a, ab, ac = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     p = np.cross(direction, ac)
     area = np.einsum("ij,ij->i", ab, p)
@@ -52,7 +52,7 @@ def meets(origin: np.ndarray, direction: np.ndarray, triangles: np.ndarray) -> n
 @pytest.mark.parametrize("side", SIDES)
 @pytest.mark.parametrize("ground", [None, Ground(height=-3.0)])
 def test_the_backdrop_is_all_that_is_behind(up_axis: str, side: Picture | None, ground: Ground | None, tmp_path: Path):
-    """From each corner and the middle of each edge of the picture, a ray meets its inside: no edge is seen."""
+    """Rays from the picture's corners and the middles of its edges hit the backdrop's inside."""
     stage = staged(tmp_path, up_axis=up_axis, picture=side, ground=ground)
     triangles, normals = backdrop_of(stage)
     frustum = UsdGeom.Camera(stage.GetPrimAtPath("/World/Studio/Camera")).GetCamera(0).frustum
@@ -89,7 +89,7 @@ def test_the_ground_lies_on_the_backdrop_and_gives_as_much_light(up_axis: str, t
 @pytest.mark.parametrize("up_axis", ["Y", "Z"])
 @pytest.mark.parametrize("side", SIDES)
 def test_softboxes_shine_at_the_subject_and_are_not_seen(up_axis: str, side: Picture | None, tmp_path: Path):
-    """Each from where the camera has it: the key on its left, the rim on its right, the top above."""
+    """Softboxes face the subject, out of view: the key on the camera's left, the rim on its right, the top above."""
     stage = staged(tmp_path, up_axis=up_axis, picture=side)
     cache, up = UsdGeom.XformCache(0), np.eye(3)["XYZ".index(up_axis)]
     subject = UsdGeom.BBoxCache(0, ["default"])
@@ -112,7 +112,7 @@ def test_softboxes_shine_at_the_subject_and_are_not_seen(up_axis: str, side: Pic
 
 
 def test_a_large_subject_is_as_bright_as_a_small_one(tmp_path: Path):
-    """Power over distance squared is the same."""
+    """Power over distance squared is that of a small subject."""
     shares = []
     for scale in (1.0, 30.0):
         small = Scene(balloon=[Balloon(mesh=tetrahedron(), scale=scale)], frames=1, gravity=0.0)
@@ -130,7 +130,7 @@ def test_a_large_subject_is_as_bright_as_a_small_one(tmp_path: Path):
 
 @pytest.mark.parametrize("up_axis", ["Y", "Z"])
 def test_the_camera_looks_from_where_the_scene_says(up_axis: str, tmp_path: Path):
-    """From 90 degrees, and 30 above: along -X, and down."""
+    """A camera at 90 degrees azimuth and 30 elevation looks along -X, and down."""
     stage = staged(tmp_path, up_axis=up_axis, picture=Picture(azimuth=90.0, elevation=30.0))
     direction = UsdGeom.Camera(stage.GetPrimAtPath("/World/Studio/Camera")).GetCamera(0).frustum.ComputeViewDirection()
     expected = np.zeros(3)
@@ -139,7 +139,7 @@ def test_the_camera_looks_from_where_the_scene_says(up_axis: str, tmp_path: Path
 
 
 def test_the_scene_may_look_nearer(tmp_path: Path):
-    """Twice as near, at a place of its own, as its picture does."""
+    """A zoom of 2 halves the field of view, around a target of its own, as in the scene's picture."""
     at = (0.5, 0.25, -0.125)
     far, near = (staged(tmp_path, f"{zoom}.usdc", picture=Picture(zoom=zoom, look_at=at)) for zoom in (1.0, 2.0))
     cameras = [UsdGeom.Camera(stage.GetPrimAtPath("/World/Studio/Camera")) for stage in (far, near)]
@@ -151,7 +151,7 @@ def test_the_scene_may_look_nearer(tmp_path: Path):
 
 
 def test_our_pictures_and_exports_bring_their_own_backdrop(tmp_path: Path):
-    """A picture with a studio is the picture without."""
+    """Our pictures and exports replace the studio: a picture with one is the picture without."""
     staged(tmp_path)
     animate(scene(frames=2), tmp_path / "plain.usdc", device="cpu", lights=False)
     drawn = [RenderStage(tmp_path / name) for name in ("out.usdc", "plain.usdc")]
@@ -162,7 +162,7 @@ def test_our_pictures_and_exports_bring_their_own_backdrop(tmp_path: Path):
 
 
 def test_a_picture_zooms_into_all_that_is_shown(tmp_path: Path):
-    """Obstacles, too, as in our own pictures; without a picture the camera is near what moves."""
+    """A picture's zoom is relative to all that is shown; without a picture the camera is near what moves."""
     sees, far = [], Obstacle(name="box", position=(-12.0, 1.0, 0.0))
     for picture in (None, Picture()):
         stage = staged(tmp_path, f"{picture is None}.usdc", picture=picture, obstacle=[far])

@@ -30,14 +30,14 @@ def stage_of(scene: Scene, folder: Path) -> Usd.Stage:
 
 
 def made_of(material: Material, **fields) -> Scene:
-    """A ball of 20 cm in a file of centimeters, which flies and turns, in a scene with Z up."""
+    """Return a ball of 20 cm in a file of centimeters, which flies and turns, in a scene with Z up."""
     ball = {"mesh": quad_sphere(2, 10.0), "unit": "cm", "name": "ball", "velocity": (1, 2, 3)}
     balloon = Balloon(**ball | {"angular_velocity": (0, 1, 4), "material": material, "friction": 0.7} | fields)
     return Scene(balloon=[balloon], up_axis="Z", frames=1, frames_per_second=1000)
 
 
 def physics_of(stage: Usd.Stage) -> Usd.Prim:
-    """The material that the ball is bound to for the purpose of physics."""
+    """Return the material that is bound to the ball for the purpose of physics."""
     prim = stage.GetPrimAtPath("/World/ball")
     material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial("physics")
     assert material.GetPath() != UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()[0].GetPath()
@@ -83,7 +83,7 @@ def test_a_skin_that_is_not_as_thick_everywhere_says_so_of_each_point(tmp_path: 
 
 @pytest.mark.parametrize("fixed", [[], [3]])
 def test_velocities_stand_where_points_do(tmp_path: Path, fixed: list[int]):
-    """Without a time they are those at the start, in the stage's meters and axes."""
+    """Velocities at the default time are those at the start, in the stage's meters and axes."""
     scene = made_of(Material(), fixed=fixed)
     stage = stage_of(scene, tmp_path)
     mesh = UsdGeom.Mesh(stage.GetPrimAtPath("/World/ball"))
@@ -120,7 +120,7 @@ def test_what_is_fixed_has_no_mass_and_so_none_is_said_of_points(tmp_path: Path)
 
 @pytest.mark.parametrize("triangles", [False, True])
 def test_the_sheet_swells_as_its_springs(triangles: bool):
-    """Both ways alike, whatever the mesh: the energy of the sheet is theirs."""
+    """The sheet has the energy of its springs in equibiaxial strain, whatever the mesh."""
     mesh = fans(grid(9, 7)) if triangles else grid(9, 7)
     shape, sheet, _ = _sheet(mesh, Stiffness(structural=13.0, shear=5.0, flexion=3.0))
     constants = np.array([13.0, 5.0, 3.0])[shape.springs.kind]
@@ -130,7 +130,7 @@ def test_the_sheet_swells_as_its_springs(triangles: bool):
 
 
 def test_the_sheet_bends_as_its_hinges():
-    """Bent alike both ways, to a part of a large sphere."""
+    """The sheet has the bending energy of its hinges, curved both ways as a part of a large sphere."""
     shape, sheet, torsion = _sheet(grid(12, 12), Stiffness(torsion=0.4))
     points, radius = shape.mesh.points, 1000.0
     flat = np.ptp(points, axis=0).argmin()
@@ -142,7 +142,7 @@ def test_the_sheet_bends_as_its_hinges():
 
 
 def _sheet(mesh: Any, stiffness: Stiffness) -> tuple[BalloonShape, SheetStiffness, float]:
-    """A shape, its sheet, and its torsion."""
+    """Return a shape, its sheet, and its torsion."""
     model = build_model(Scene(balloon=[Balloon(mesh=mesh, stiffness=stiffness)]), "cpu")
     parameters = {name: values.numpy() for name, values in model.parameters.items()}
     sheet = sheet_of_springs(model.shapes[0], parameters, 0)

@@ -47,7 +47,7 @@ def test_symmetry_of_the_distance_is_kept() -> None:
 
 def test_a_slit_narrower_than_a_cell_is_bridged() -> None:
     def slit_ball(points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Split down to its middle, 0.06 wide."""
+        """Return the distance of a ball split down to its middle, 0.06 wide."""
         slit = np.maximum(np.abs(points[:, 0]) - 0.03, -points[:, 1])
         return np.maximum(sphere_distance(points), -slit)
 

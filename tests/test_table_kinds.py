@@ -1,4 +1,4 @@
-"""The table of a batch as CSV or Parquet: the same numbers, and the manifest says which."""
+"""Table of a batch as CSV or Parquet: the same numbers, and the manifest names the kind."""
 
 import json
 from pathlib import Path
@@ -33,7 +33,7 @@ def test_parquet_has_the_numbers_of_the_npz(tmp_path: Path) -> None:
 
 
 def test_a_batch_that_was_stopped_goes_on_to_the_same_parquet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A row group for each frame; and so does one that takes the place of a .csv."""
+    """A resumed batch writes the same Parquet, with a row group for each frame; so does one that replaces a .csv."""
     monkeypatch.setattr(table_parquet, "ROWS", 1)
     run_batch(scene(), tmp_path / "whole", 3, VARY, device="cpu", table="parquet")
     run_batch(scene(), tmp_path / "parts", 3, VARY, device="cpu")

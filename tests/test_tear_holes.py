@@ -1,4 +1,4 @@
-"""Holes where balloons are torn: how much gas they let out, and how its jet drives the balloon."""
+"""Holes where balloons are torn: outflow of gas, and the thrust of its jet."""
 
 import numpy as np
 import pytest
@@ -15,11 +15,10 @@ from balloon_warp.simulator import Simulator
 
 @each_schedule
 def test_a_hole_lets_out_what_its_area_does(schedule: str):
-    """A needle's hole that does not run. The volume falls by C A root(2 p / rho), with the area of the hole as it is
-    then, and the pressure that a ball of that volume holds: until half is gone within 5 %, for the ball is not round
-    where it is torn. The jet drives what is left, and the gas in it, by 2 C A p along the hole's normal, within 5 %.
-    The rest of the motion is what a torn face's own tension gives: less than a hundredth of what the skin has
-    stored."""
+    """The volume falls by C A root(2 p / rho) through a needle's hole that does not run, with its area at the time, and
+    the pressure that a ball of that volume holds: until half is gone within 5 %, for the ball is not round where it is
+    torn. The jet drives what is left, and the gas in it, by 2 C A p along the hole's normal, within 5 %. The rest of
+    the motion is by a torn face's own tension: less than a hundredth of the skin's stored energy."""
     scene = scene_of(quad_sphere(6, 0.1), rate=500.0, needle_time=0.01, tear_strength=8e9, strength=9e9)
     gas = Inflation(kind="gas", molar_mass=0.0289652, added_mass=0.0)
     scene = scene.model_copy(update={"balloon": [scene.balloon[0].model_copy(update={"inflation": gas})]})
@@ -53,8 +52,8 @@ def test_a_hole_lets_out_what_its_area_does(schedule: str):
 
 @pytest.mark.parametrize(("molar_mass", "gamma"), [(0.0289652, 1.0), (0.0040026, 1.667)])
 def test_gas_leaves_as_through_an_orifice(molar_mass: float, gamma: float):
-    """C A root(2 p rho) leaves in each second, rho the gas's own density: of helium 2.7 times as many liters as of air.
-    A step's flow goes by the pressure at its end, and the hole opens meanwhile: within 2 %."""
+    """The outflow is C A root(2 p rho) in each second, rho the gas's own density: of helium 2.7 times as many liters as
+    of air. A step's flow goes by the pressure at its end, and the hole opens meanwhile: within 2 %."""
     scene = scene_of(quad_sphere(12, 0.1), needle_time=0.0, tear_strength=1e9)
     gas = scene.balloon[0].inflation.model_copy(update={"molar_mass": molar_mass, "gamma": gamma})
     scene = scene.model_copy(update={"balloon": [scene.balloon[0].model_copy(update={"inflation": gas})]})

@@ -1,4 +1,4 @@
-"""The command line on a terminal, and which package a process of its own runs."""
+"""Command line on a terminal, and the package that a process of its own imports."""
 
 import io
 import json
@@ -42,7 +42,7 @@ def test_a_process_of_its_own_runs_the_package_under_test(tmp_path: Path):
 
 
 def test_a_run_on_a_terminal_shows_frames_a_second(tmp_path: Path):
-    """On standard error; what is printed in the end is the same as in a pipe."""
+    """A terminal shows frames a second on standard error; standard output is that of a pipe."""
     pty = pytest.importorskip("pty", reason="needs pseudo-terminals")
     write_obj(tmp_path / "ball.obj", quad_sphere(3))
     terminal, end = pty.openpty()
@@ -60,7 +60,7 @@ def test_a_run_on_a_terminal_shows_frames_a_second(tmp_path: Path):
 
 
 def test_a_log_gets_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch):
-    """How far it is, how fast, and how long it will take, once half a minute has gone."""
+    """A log gets a line of progress, speed and time left after every half minute."""
     now = [100.0]
     monkeypatch.setattr("time.monotonic", lambda: now[0])
     log = io.StringIO()
@@ -78,7 +78,7 @@ def test_a_log_gets_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch):
 
 
 def test_a_log_does_not_count_the_frame_in_which_kernels_are_compiled(monkeypatch: pytest.MonkeyPatch):
-    """Or it would foretell twenty minutes for a run of half a minute."""
+    """The estimate excludes the frame in which kernels compile, or half a minute would become twenty."""
     now, log = [0.0], io.StringIO()
     monkeypatch.setattr("balloon_warp.cli.progress.time.monotonic", lambda: now[0])
     with FrameProgress(Console(file=log)) as progress:
@@ -138,7 +138,7 @@ def test_the_first_line_of_a_log(
     opening: str,
     worlds: int,
 ):
-    """Before notes and warnings, of whatever is simulated; behind what a mesh by itself became."""
+    """The first line of a log describes the simulation, before notes and after a mesh's default scene."""
     monkeypatch.chdir(tmp_path)
     write_obj(tmp_path / "ball.obj", quad_sphere(3))
     (tmp_path / "ball.toml").write_text('[[balloon]]\nmesh = "ball.obj"\n')
@@ -181,7 +181,7 @@ def test_a_run_that_begins_again_is_estimated_anew():
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere names are no bytes")
 def test_names_and_logs_that_are_not_utf8_cost_no_work(tmp_path: Path):
-    """A mesh with a Latin-1 name is simulated under a name that USD takes, and said in a log of any encoding."""
+    """A mesh with a Latin-1 name is simulated under a valid USD name, and reported in a log of any encoding."""
     mesh = os.fsdecode(b"b\xe9.obj")
     write_obj(tmp_path / "ball.obj", quad_sphere(2))
     os.rename(tmp_path / "ball.obj", tmp_path / mesh)

@@ -1,4 +1,4 @@
-"""The squirrel on its string: upright by default, upside down as in the paper's figures."""
+"""Squirrel on its string: upright by default, upside down as in the paper's figures."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from balloon_warp.simulator import Simulator
 
 
 def turned_by(rest: np.ndarray, points: np.ndarray, up: tuple[float, float, float]) -> float:
-    """Angle [degrees] by which the best-fitting rotation (Kabsch 1976) turns the up axis."""
+    """Return the angle [degrees] by which the best-fitting rotation (Kabsch 1976) turns the up axis."""
     left, _, right = np.linalg.svd((rest - rest.mean(axis=0)).T @ (points - points.mean(axis=0)))
     mirror = np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
     rotation = right.T @ mirror @ left.T
@@ -18,7 +18,7 @@ def turned_by(rest: np.ndarray, points: np.ndarray, up: tuple[float, float, floa
 
 
 def test_squirrel_tether_floats_upright_and_still_above_its_anchor():
-    """Its string is not stretched at the start, and straight at the end, by what the lift asks; after five seconds
+    """The string is at its length at the start, and straight at the end, stretched by the lift; after five seconds
     nothing moves by more than some millimeters a second."""
     model, frames = played("squirrel_tether")
     string, balloon, end = model.scene.string[0], model.scene.balloon[0], frames[-1]
@@ -47,7 +47,7 @@ PAPERS_TETHER = (
 
 
 def test_squirrel_tether_turns_from_upright_to_upside_down():
-    """The frames of figures 19 to 21."""
+    """The squirrel turns over in the frames of figures 19 to 21."""
     model, frames = played("squirrel_tether", PAPERS_TETHER)
     rest = model.shapes[0].mesh.points
     turned = [turned_by(rest, frames[n].points[0].astype(np.float64), model.scene.up) for n in (0, 80, 300)]
@@ -57,7 +57,7 @@ def test_squirrel_tether_turns_from_upright_to_upside_down():
 
 
 def test_squirrel_tether_hangs_upside_down_above_a_taut_string():
-    """Figures 19 to 21: the body's up axis turned by more than 120 degrees, the string straight and below it."""
+    """The body's up axis is turned by more than 120 degrees, above a straight string (figures 19 to 21)."""
     model, frames = played("squirrel_tether", PAPERS_TETHER)
     string, end = model.scene.string[0], frames[-1]
     points = end.points[0].astype(np.float64)
@@ -70,7 +70,7 @@ def test_squirrel_tether_hangs_upside_down_above_a_taut_string():
 
 
 def test_a_taut_string_pulls_alike_in_eight_worlds_and_in_one():
-    """In `lanes` a particle of eight worlds is looked at for strings once, in `octets` each by itself."""
+    """Strings pull alike in `lanes`, which checks eight worlds at once, and in `octets`."""
     scene = load_scene("squirrel_tether", [("string.0.length", 0.01)])
     alone, one_of_two = (Simulator(scene, "cpu", count, schedule=name) for count, name in ((1, "octets"), (2, "lanes")))
     held = int(alone.model.string_particle.numpy()[0])

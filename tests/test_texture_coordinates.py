@@ -1,4 +1,4 @@
-"""Texture coordinates of a mesh reach the stage, each at its corner."""
+"""Texture coordinates of a mesh in the stage, each at its corner."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -31,7 +31,7 @@ AT_CORNERS = [[0, 0], [0.5, 0], [0.5, 1], [0.25, 0], [0.5, 0], [1, 0.5], [0.5, 1
 
 
 def textured(mesh: PolygonMesh) -> PolygonMesh:
-    """With a place of its own at each vertex, x + 2 y and z, so that one sees whether a corner has kept its own."""
+    """Return the mesh with a texture coordinate for each vertex, x + 2 y and z, so that mixed-up corners show."""
     places = mesh.points @ [[1.0, 0.0], [2.0, 0.0], [0.0, 1.0]]
     return replace(mesh, texture_coordinates=places[mesh.face_vertex_indices].astype(np.float32))
 

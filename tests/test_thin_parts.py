@@ -1,4 +1,4 @@
-"""Thin parts of a balloon: how thick a surface is, and springs that are softer where it is thin."""
+"""Thin parts of a balloon: the thickness of a surface, and springs that are softer where it is thin."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ AROUND = 16
 
 
 def turned(radii: np.ndarray, heights: np.ndarray) -> PolygonMesh:
-    """A closed surface of rings about the z axis, quads between them and polygons at both ends."""
+    """Return a closed surface of rings about the z axis, quads between them and polygons at both ends."""
     angles = 2.0 * np.pi * np.arange(AROUND) / AROUND
     rings = [[r * np.cos(angles), r * np.sin(angles), h + 0.0 * angles] for r, h in zip(radii, heights, strict=True)]
     points = np.array(rings).transpose(0, 2, 1).reshape(-1, 3)
@@ -27,7 +27,7 @@ def turned(radii: np.ndarray, heights: np.ndarray) -> PolygonMesh:
 
 
 def ball_with_handle(handle: float, length: float) -> PolygonMesh:
-    """A ball of radius 1, and a tube upon it of this radius and length."""
+    """Return a ball of radius 1, and a tube upon it of this radius and length."""
     turn = np.linspace(-1.4, np.arccos(handle), 8)  # the quads of both are as long as wide
     edge = 2.0 * np.pi * handle / AROUND
     tube = np.arange(1, int(length / edge) + 1) * edge
@@ -42,7 +42,7 @@ def tube(radius: float, length: float) -> PolygonMesh:
 
 
 def test_a_sphere_is_as_thick_as_a_sphere_wherever_and_however_divided():
-    """Within what ways along edges are too long by, and patches too coarse by: a tenth."""
+    """The relative thickness of a sphere is 1 however it is divided, within a tenth."""
     for cells in (4, 8, 12):
         thickness = relative_thickness(quad_sphere(cells))
         assert thickness.min() > 0.9
@@ -50,7 +50,7 @@ def test_a_sphere_is_as_thick_as_a_sphere_wherever_and_however_divided():
 
 
 def test_a_tube_is_thin_in_proportion_to_its_radius():
-    """In the middle of a long one: 6.4 radii over 2.43 of the sphere's, whose area it has. Size does not
+    """A long tube is 6.4 radii over 2.43 of the radius of the sphere with its area in the middle. Size does not
     matter."""
     for radius in (0.05, 0.1, 0.2):
         mesh = tube(radius, 6.0)
@@ -90,8 +90,8 @@ def growth(thin: str) -> tuple[float, float]:
 
 
 def test_a_thin_handle_stretches_like_the_ball_it_is_on_where_its_springs_are_softer():
-    """As they are, it is stretched by less than a third as much: the tension around a tube is p r, around a ball
-    p R / 2. With softer springs by 0.6 to 1.6 times as much."""
+    """A handle with softer springs stretches by 0.6 to 1.6 times as much as the ball. With equal springs it is less
+    than a third: the tension around a tube is p r, around a ball p R / 2."""
     ball, handle = growth("alike")
     assert handle < ball / 3.0
     ball, handle = growth("softer")
@@ -100,7 +100,7 @@ def test_a_thin_handle_stretches_like_the_ball_it_is_on_where_its_springs_are_so
 
 
 def test_softer_springs_change_neither_the_pressure_nor_other_methods_of_stiffness():
-    """The pressure is that of the springs as they are said; what varies them multiplies."""
+    """Default pressure is that of the springs before softening, which multiplies other variations."""
     mesh = ball_with_handle(0.12, 2.0)
     plans = [
         plan_model(

@@ -1,4 +1,4 @@
-"""Simulators in threads of their own, beside each other: the bytes are those of one after the other."""
+"""Simulators in threads of their own, side by side: the bytes are those of one after the other."""
 
 import gc
 import sys
@@ -22,7 +22,7 @@ QUEUED = "launch", "launch_tiled", "copy", "clone", "empty", "zeros", "full", "c
 
 
 def scene(number: int) -> Scene:
-    """Two kinds by turns, which record other graphs: one iterates until it has settled."""
+    """Return two scenes in turn, which record other graphs: one iterates until it has converged."""
     return Scene(
         balloon=[Balloon(mesh=quad_sphere(2 + number % 3), position=(0, 1, 0), inflation=Inflation(k_normal=0.2))],
         sphere=[Sphere(position=(0, 3, 0), radius=0.2)] if number % 2 else [],
@@ -34,13 +34,13 @@ def scene(number: int) -> Scene:
 
 
 def simulated(number: int, device: str) -> bytes:
-    """Return the points of a run, made and stepped in whichever thread calls."""
+    """Return the points of a run, made and stepped in the calling thread."""
     simulator = Simulator(scene(number), device=device)
     return b"".join(np.concatenate(frame.points).tobytes() for frame in simulator.run())
 
 
 def test_simulators_in_threads_give_the_bytes_of_one_after_the_other(device: str):
-    """Made in their threads, so that one records while others step, read and are made."""
+    """Simulators made in their threads, while others record and step, give the bytes of one after the other."""
     expected = [simulated(number, device) for number in range(8)]
     for _ in range(2):
         with ThreadPoolExecutor(THREADS) as threads:
@@ -48,7 +48,7 @@ def test_simulators_in_threads_give_the_bytes_of_one_after_the_other(device: str
 
 
 def test_simulators_made_before_step_beside_each_other(device: str):
-    """Their first steps record, all at about the same time."""
+    """First steps record at about the same time, and give the same bytes."""
     expected = [simulated(number, device) for number in range(6)]
     simulators = [Simulator(scene(number), device=device) for number in range(6)]
     with ThreadPoolExecutor(THREADS) as threads:
@@ -59,7 +59,7 @@ def test_simulators_made_before_step_beside_each_other(device: str):
 
 
 def test_batches_and_pictures_are_made_beside_simulators(device: str, tmp_path: Path):
-    """A batch records what it measures; a picture's rays are launched by threads of their own."""
+    """Batches and pictures run beside simulators: a batch records its measures, and a picture launches its rays."""
     stage = tmp_path / "still.usdc"
     animate(scene(1), stage, device=device)
     run_batch(scene(1), tmp_path / "before", 3, {"gravity": [1.0, 5.0, 9.0]}, device=device)
@@ -77,7 +77,7 @@ def test_batches_and_pictures_are_made_beside_simulators(device: str, tmp_path: 
 
 
 def test_whatever_is_queued_takes_its_turn(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    """A CPU stands in for a GPU, where one thread's launch would go into what another records."""
+    """A CPU stands in for a GPU, where one thread's launch would be recorded by another."""
     untaken = []
 
     def watch(owner: Any, name: str) -> None:
@@ -108,7 +108,7 @@ def test_whatever_is_queued_takes_its_turn(monkeypatch: pytest.MonkeyPatch, tmp_
 
 
 class Forgotten:
-    """Pinned memory, if a GPU is there, in a cycle that only the search for garbage finds."""
+    """Pinned memory, if a GPU is there, in a cycle that only the garbage collector finds."""
 
     def __init__(self, device: str):
         self.array = wp.zeros(1000, device="cpu", pinned=wp.get_device(device).is_cuda)
@@ -116,7 +116,7 @@ class Forgotten:
 
 
 def test_garbage_is_not_freed_while_a_frame_is_recorded(device: str):
-    """To free pinned memory ends what a GPU records; so whatever was forgotten before waits."""
+    """Garbage collection is paused while a frame is recorded: freeing pinned memory ends a GPU's recording."""
     found: list[str] = []
 
     def watch(phase: str, info: dict[str, int]) -> None:
@@ -139,7 +139,7 @@ def test_garbage_is_not_freed_while_a_frame_is_recorded(device: str):
 
 
 def test_what_somebody_else_records_is_left_alone(device: str):
-    """A graph of the user's own, recorded while a simulator steps in another thread, holds what he did."""
+    """A graph of the user's own, recorded while a simulator steps in another thread, has the user's launches alone."""
     simulator = Simulator(scene(1), device=device)
     if wp.get_device(device).is_cuda:
         pytest.skip("there, all threads share a stream: the user's own recording has to take its turn")

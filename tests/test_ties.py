@@ -1,4 +1,4 @@
-"""Springs that hold the parts of a mesh together, as if each part were rigid; and how they move then."""
+"""Springs that join the parts of a mesh, as if each part were rigid, and the resulting motion."""
 
 from dataclasses import replace
 
@@ -43,8 +43,8 @@ PARTS: dict[str, PolygonMesh] = {
 
 
 def stiffness_of_parts(mesh: PolygonMesh, pairs: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Eigenvalues of the ties' stiffness [of one spring] as rigid parts move, and turn by an angle times half the size
-    of the smallest part, in order."""
+    """Return eigenvalues of the ties' stiffness [of one spring] for rigid motion of the parts, with rotation by an
+    angle times half the size of the smallest part, in order."""
     labels = np.unique(vertex_components(mesh, mesh_edges(mesh)), return_inverse=True)[1]
     parts = [mesh.points[labels == label] for label in range(labels.max() + 1)]
     arm = 0.5 * min(np.linalg.norm(np.ptp(part, axis=0)) for part in parts)
@@ -125,7 +125,7 @@ def test_points_are_spread() -> None:
 
 
 def test_no_loop_goes_over_particles() -> None:
-    """As much Python for two balls of 3,458 particles each as for two of 386."""
+    """Tying two balls of 3,458 particles each executes as many lines of Python as two of 386."""
 
     def pair(n: int) -> PolygonMesh:
         return joined(quad_sphere(n), at(quad_sphere(n), (2.5, 0, 0)))
@@ -136,7 +136,7 @@ def test_no_loop_goes_over_particles() -> None:
 
 @pytest.mark.parametrize("parts", ["held", "free"])
 def test_a_ball_hangs_from_one_that_is_fixed_or_falls(parts: str, device: str) -> None:
-    """Half a second of free fall is 1.2 m; the ties are of 20 N/m each, some dozens, and the ball weighs 10 N."""
+    """A tied ball of 10 N hangs by some dozen springs of 20 N/m each; a free one falls by 1.2 m in half a second."""
     ball = quad_sphere(2)
     mesh = joined(ball, at(ball, (0, -2.5, 0)))
     balloon = Balloon(mesh=mesh, parts=parts, mass=1.0, fixed=list(range(ball.vertex_count)))

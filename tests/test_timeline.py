@@ -37,7 +37,7 @@ def after_frames(scene: Scene, frames: int, device: str, schedule: str = "auto",
 
 
 def test_gravity_that_changes_bends_the_fall(device, schedule):
-    """Symplectic Euler of n steps under g1, then n under g2, without springs: velocity -(g1 + g2) n h."""
+    """The velocity is -(g1 + g2) n h after n steps of symplectic Euler under g1, then n under g2, without springs."""
     changes = [Change(time=0.0, set={"gravity": 10.0}), Change(time=2 / 60, set={"gravity": 30.0})]
     scene = Scene(balloon=[STILL], gravity=1.0, substeps=3, change=changes)
     for worlds in (1, 3):
@@ -62,7 +62,7 @@ ALL_AT_ONCE = {
 
 
 def busy(**fields) -> Scene:
-    """A balloon on a string that a sphere presses."""
+    """Return a balloon on a string that a sphere presses."""
     fields = {"normals": "cached"} | fields
     return Scene(
         balloon=[Balloon(mesh=quad_sphere(4, 0.5), inflation=Inflation(k_normal=[(0.0, 0.1), (0.5, 0.3)]))],
@@ -75,7 +75,7 @@ def busy(**fields) -> Scene:
 
 @pytest.mark.parametrize("path", ALL_AT_ONCE)
 def test_each_value_changes_in_every_schedule(path, device, schedule):
-    """As in `scatter`, and not as without the change."""
+    """A change of each value agrees with `scatter`, and has an effect."""
     found = places(after_frames(with_another(path), 5, device, schedule))
     expected, unchanged = scatters_places(path, device), scatters_places(None, device)
     for name in found:
@@ -84,7 +84,7 @@ def test_each_value_changes_in_every_schedule(path, device, schedule):
 
 
 def with_another(path: str | None) -> Scene:
-    """The scene in which a value changes, or none."""
+    """Return the scene in which a value changes, or none."""
     return busy(change=[Change(time=2 / 60, set={path: ALL_AT_ONCE[path]})] if path else [])
 
 
@@ -95,7 +95,7 @@ def places(simulator: Simulator) -> dict[str, NDArray[np.float32]]:
 
 @cache
 def scatters_places(path: str | None, device: str) -> dict[str, NDArray[np.float32]]:
-    """After five frames: once for all schedules."""
+    """Return the places after five frames of `scatter`, once for all schedules."""
     return places(after_frames(with_another(path), 5, device, "scatter"))
 
 
@@ -112,7 +112,7 @@ def test_a_value_that_stays_changes_nothing(device, schedule):
 
 
 def test_other_substeps_go_on_from_the_same_state(device, schedule):
-    """A change of the step alone, of a smooth motion: the trajectory stays within the step's own error."""
+    """A change of the step alone keeps a smooth trajectory within the step's own error."""
     change = Change(time=2 / 60, set={"substeps": 48})
     found = after_frames(busy(change=[change]), 6, device, schedule)
     assert (found.model.substeps, found.frame_number) == (48, 6)
@@ -130,7 +130,7 @@ METHODS = {
 
 @pytest.mark.parametrize("name", METHODS)
 def test_another_method_takes_over(name, device, schedule):
-    """From the frame on that the change names, as in `scatter`."""
+    """A method takes over from its frame on, as in `scatter`."""
     method, tolerance = METHODS[name]
     if schedule in ("octets", "lanes", "block") and not {"normals", "contact"} & method.keys():
         if device == "cpu" and schedule != "octets":
@@ -144,20 +144,20 @@ def test_another_method_takes_over(name, device, schedule):
 
 
 def changing_to(method: dict[str, Any]) -> Scene:
-    """The scene in which a method takes over."""
+    """Return the scene in which a method takes over."""
     return busy(change=[Change(time=2 / 60, set=method)])
 
 
 @cache
 def scatters_points(name: str, device: str) -> list[NDArray[Any]]:
-    """Points of `scatter` with the method that takes over, without it and with it throughout: once for all
+    """Return points of `scatter` with the method that takes over, without it and with it throughout: once for all
     schedules."""
     scenes = changing_to(METHODS[name][0]), busy(), busy(**METHODS[name][0])
     return [np.array(after_frames(scene, 4, device, "scatter").state.points.numpy()) for scene in scenes]
 
 
 def test_a_sphere_waits_where_it_will_appear(device, schedule):
-    """It falls from its start, freely: after n frames of m steps at h, 1/2 g (n m h)^2 (1 + 1 / n m) below."""
+    """A sphere waits, and then falls freely: after n frames of m steps at h, by 1/2 g (n m h)^2 (1 + 1 / n m)."""
     late = Sphere(position=(0.0, 0.0, 0.0), radius=0.6, start=3 / 60)  # amid the cube, which it would push apart
     scene = Scene(balloon=[STILL], sphere=[late], substeps=4, gravity=0.0, faces=False)
     before = after_frames(scene, 3, device, schedule).read_frame()
@@ -170,7 +170,7 @@ def test_a_sphere_waits_where_it_will_appear(device, schedule):
 
 
 def test_a_sphere_ends(device, schedule):
-    """One that would push the cube apart is gone before the cube falls into it."""
+    """A sphere that would push the cube apart ends before the cube falls into it."""
     scene = Scene(balloon=[STILL], sphere=[Sphere(position=(0.0, -0.2, 0.0), radius=0.1, end=1 / 60)], substeps=4)
     alone = scene.model_copy(update={"sphere": []})
     np.testing.assert_array_equal(
@@ -180,7 +180,7 @@ def test_a_sphere_ends(device, schedule):
 
 
 def test_a_string_is_tied_and_cut(device, schedule):
-    """It pulls up by k (d - L) while it is there: the impulse on its particle is that times the time."""
+    """A string pulls up by k (d - L) from its start to its end: the impulse on its particle is that times the time."""
     tied = String(anchor=(0.0, 100.0, 0.0), particle=0, length=99.0, stiffness=1e-3, start=1 / 60, end=4 / 60)
     scene = Scene(balloon=[STILL], string=[tied], gravity=0.0, substeps=4)
     speeds = [after_frames(scene, frames, device, schedule).read_frame().velocities[0][0, 1] for frames in (1, 2, 4, 7)]
@@ -227,7 +227,7 @@ def test_what_changes_cannot_differ_between_worlds():
 
 
 def test_a_model_is_left_as_it_was():
-    """A simulation that changes its parameters leaves the model: another starts from the same."""
+    """A simulation that changes its parameters leaves the model unchanged for another."""
     model = build_model(busy(change=[Change(time=0.01, set={"gravity": 1.0, "balloon.mass": 0.2})]), "cpu")
     runs = [Simulator.of_model(model), Simulator.of_model(model)]
     for simulator in runs:
@@ -254,8 +254,8 @@ def test_going_on_with_more_spheres_keeps_the_others(device, schedule):
 
 @pytest.mark.parametrize("batch", [False, True])
 def test_the_stage_shows_what_is_there(tmp_path, batch):
-    """Spheres and strings from their start to their end, and a string's anchor where it is by then, as long as it is by
-    then: it hangs."""
+    """The stage shows spheres and strings from their start to their end, and a string with its current anchor and
+    length: it hangs."""
     moved = {"string.0.anchor": [0.5, -1.0, 0.0], "string.0.length": 5.0}
     scene = busy(change=[Change(time=2 / 60, set=moved)], frames=4)
     late = scene.sphere[0].model_copy(update={"start": 2 / 60, "end": 3 / 60})
@@ -279,7 +279,7 @@ def test_the_stage_shows_what_is_there(tmp_path, batch):
 
 
 def test_the_table_follows_a_change_of_method(device, tmp_path):
-    """The table and the stage of a batch, frame by frame, are of the simulation that goes on."""
+    """The table and the stage of a batch, frame by frame, follow a change of method."""
     scene = Scene(balloon=[Balloon(mesh=quad_sphere(3))], frames=4, change=[Change(time=2 / 60, set={"substeps": 12})])
     run_batch(scene, tmp_path, 2, export=[1], device=device, schedule="gather")
     with np.load(tmp_path / "table.npz") as table:

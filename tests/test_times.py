@@ -1,4 +1,4 @@
-"""The time that laws read is that of the substep, in every schedule."""
+"""Time in laws is that of the substep, in every schedule."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ import balloon_warp as bw
 
 @wp.func
 def sway(time: float, mass_share: float, swaying: float):
-    """A force that turns around 30 times a second."""
+    """Return a force that oscillates at 30 Hz."""
     return swaying * mass_share * wp.vec3(wp.sin(188.5 * time), 0.0, 0.0)
 
 
@@ -19,7 +19,7 @@ SWAY = bw.Law("particle", sway, (bw.Parameter("swaying", "N", default=20.0),))
 
 @pytest.mark.parametrize("kind", ["pressure", "gas"])
 def test_a_law_reads_the_time_of_each_substep(kind: str, schedule: str, device: str):
-    """Of a sealed gas, too, whose amount is looked at once a frame."""
+    """A law reads each substep's time, for a sealed gas, too, whose amount is read once a frame."""
     inflation = {"kind": "gas", "start_pressure": 100.0} if kind == "gas" else {"pressure": 100.0}
     ball = bw.Balloon(mesh=quad_sphere(2), mass=0.5, inflation=inflation)
     moved = bw.simulate(

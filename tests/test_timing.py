@@ -1,4 +1,4 @@
-"""Time codes that are not frames: stages whose rate, range or samples are other than ours."""
+"""Time codes that are not frames: stages of another rate, range or sampling than ours."""
 
 from pathlib import Path
 
@@ -16,7 +16,7 @@ SECONDS = np.arange(25) / 24.0
 
 
 def moving(path: Path, codes: np.ndarray, rate: float, where: np.ndarray = SECONDS, **told: float) -> Path:
-    """A cube that goes along x, at these codes so far [m]: a meter a second, unless told otherwise."""
+    """Return a cube that moves along x, at these codes by these distances [m]: a meter a second by default."""
     stage = Usd.Stage.CreateNew(str(path))
     UsdGeom.SetStageUpAxis(stage, "Y")
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
@@ -35,7 +35,7 @@ def moving(path: Path, codes: np.ndarray, rate: float, where: np.ndarray = SECON
 
 
 def times_and_places(path: Path) -> tuple[list[float], list[float]]:
-    """Seconds of the frames, and where the cube's first corner is at each."""
+    """Return the seconds of the frames, and the place of the cube's first corner in each."""
     animation = Animation(path)
     (part,) = animation.parts
     frames = list(animation.frames)
@@ -74,7 +74,7 @@ def test_where_nothing_moves_there_is_one_frame(tmp_path: Path):
 
 
 def test_keyframes_far_apart_are_shown_at_the_rate_that_the_stage_says(tmp_path: Path):
-    """Two of them, a second apart, in seconds and in 4,800 codes a second."""
+    """Two keyframes, a second apart, are sampled at the stage's rate, in seconds and in 4,800 codes a second."""
     for rate in (1.0, 4800.0):
         path = moving(
             tmp_path / f"{rate:g}.usda", np.array([0.0, rate]), rate, np.array([0.0, 1.0]), framesPerSecond=24.0

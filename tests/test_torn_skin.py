@@ -1,4 +1,4 @@
-"""Pieces of a balloon that has burst: skin that keeps its size, and comes to rest on the ground."""
+"""Pieces of a burst balloon: skin that keeps its size, and comes to rest on the ground."""
 
 from typing import Any
 
@@ -20,7 +20,7 @@ STRUTS = {"structural": 20.0, "shear": 10.0, "flexion": 5.0, "yield_stretch": 1.
 
 
 def scene_of(springs: list[str], stiffness: dict[str, float], **fields: Any) -> Scene:
-    """A toy balloon, pumped up and pierced, above the ground."""
+    """Return a toy balloon, pumped up and pierced, above the ground."""
     material = Material(preset="latex", strength=2.0e7, needle_time=PIERCED, springs=springs)
     pumped = Inflation(kind="gas", molar_mass=0.029, pump=[[0.0, 3.3], [0.06, 3.3], [0.065, 0.0]])
     balloon = Balloon(
@@ -36,7 +36,7 @@ def scene_of(springs: list[str], stiffness: dict[str, float], **fields: Any) -> 
 
 
 def skin_left(simulator: Simulator, frame: Frame) -> float:
-    """The area of whole faces over what it is at rest."""
+    """Return the area of whole faces over that at rest."""
     membrane = simulator.model.shapes[0].membrane
     whole = ~frame.torn[0][membrane.faces]
     now, at_rest = (_areas(edges)[whole] for edges in (_edges(frame.points[0], membrane.corners), membrane.edges))
@@ -53,7 +53,7 @@ def _areas(edges: NDArray[np.floating]) -> NDArray[np.floating]:
 
 @pytest.fixture(scope="module")
 def settled() -> Simulator:
-    """Two seconds after it burst: how its pieces roll, and so for how long, is chance."""
+    """Return a simulator two seconds after the burst: the rolling of pieces, and so its time, is chaotic."""
     simulator = Simulator(scene_of(KINDS, STRUTS), "cpu")
     for _ in range(210):
         simulator.step()
@@ -61,7 +61,7 @@ def settled() -> Simulator:
 
 
 def test_pieces_stay_skin_and_lie_still(settled: Simulator):
-    """As large as at rest, on the ground and not in it, and not thinner than a flap of skin is bent."""
+    """Pieces are as large as at rest, on the ground and not in it, no flatter than skin bends, and motionless."""
     frame = settled.read_frame()
     assert frame.torn[0].any()
     assert skin_left(settled, frame) == pytest.approx(1.0, abs=0.05)
@@ -76,7 +76,7 @@ def test_pieces_stay_skin_and_lie_still(settled: Simulator):
 
 
 def test_struts_do_not_hold_the_balloon_or_its_tear():
-    """Until it is pierced, and while it tears, all is as without them."""
+    """Struts change neither the balloon before it is pierced nor the tear."""
     tears = []
     for springs, stiffness in (([], {}), (KINDS, STRUTS)):
         simulator = Simulator(scene_of(springs, stiffness), "cpu")
@@ -91,7 +91,7 @@ def test_struts_do_not_hold_the_balloon_or_its_tear():
 
 
 def test_schedules_agree_on_struts(device: str):
-    """Pumped, and until the tear is some faces long."""
+    """Schedules agree on struts, pumped, and until the tear is some faces long."""
     results = []
     for schedule in LAUNCHED:
         simulator = Simulator(scene_of(KINDS, STRUTS), device, schedule=schedule)

@@ -1,4 +1,4 @@
-"""Torsion springs: the angle that they keep, what their forces conserve, and how little they change a balloon."""
+"""Torsion springs: their rest angle, conservation, and small effect on a balloon."""
 
 from dataclasses import replace
 
@@ -27,7 +27,7 @@ def scene_of(mesh: PolygonMesh, stiffness: Stiffness = TORSION, **fields) -> Sce
 
 
 def forces_at(scene: Scene, points: np.ndarray, device: str) -> list[np.ndarray]:
-    """As scatter has them, which moves particles at rest by them in a short step, and as a gathering schedule does."""
+    """Return the forces of scatter, by the velocity after a short step from rest, and of a gathering schedule."""
     model = replace(build_model(scene, device), substeps=1, frame_seconds=1e-3)
     state = initial_state(model)
     wp.copy(state.points, wp.array(points[None], dtype=wp.vec3, device=device))
@@ -38,7 +38,7 @@ def forces_at(scene: Scene, points: np.ndarray, device: str) -> list[np.ndarray]
 
 
 def energy(mesh: PolygonMesh, points: np.ndarray) -> float:
-    """1/2 k (angle - rest angle)^2, summed over the hinges [J]."""
+    """Return the energy 1/2 k (angle - rest angle)^2, summed over the hinges [J]."""
     hinges = build_hinges(mesh)
     bent = hinges.angles(points) - hinges.angles(mesh.points)
     return 0.5 * TORSION.torsion * float((((bent + np.pi) % (2.0 * np.pi) - np.pi) ** 2).sum())
@@ -82,7 +82,7 @@ def test_forces_have_neither_a_sum_nor_a_moment(mesh: PolygonMesh, device: str):
 
 
 def test_a_fold_that_is_pushed_through_itself_comes_back_the_short_way(device):
-    """Two triangles folded nearly shut, and past that: the angle jumps by a whole turn, and the moment does not."""
+    """The moment of two triangles folded past shut is continuous, though the angle jumps by a whole turn."""
     edge, open_by = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]], np.radians(5.0)
 
     def fold(half: float) -> np.ndarray:
@@ -102,7 +102,7 @@ def test_at_rest_there_is_no_force(device):
 
 
 def test_autos_step_is_stable_and_six_times_that_is_not(device):
-    """Torsion springs alone, shaken a little: the energy of the motion stays, or blows up."""
+    """Energy of torsion springs alone is bounded at the automatic step and blows up at six times that."""
     mesh = quad_sphere(4)
     substeps = Simulator(scene_of(mesh), "cpu").model.substeps
     assert substeps > 3
@@ -121,8 +121,8 @@ def test_autos_step_is_stable_and_six_times_that_is_not(device):
 
 
 def test_torsion_springs_hardly_change_a_balloon(device):
-    """The paper's finding: on its squirrel they change the volume by about a hundredth where they are stiff enough to
-    shorten the time step."""
+    """Torsion springs change the volume of the squirrel by about a hundredth where they are stiff enough to shorten the
+    time step, as the paper finds."""
     ends = []
     for torsion in (0.0, 0.02):
         scene = load_scene("squirrel_inflate", [("balloon.stiffness.torsion", torsion), ("frames", 110)])

@@ -1,4 +1,4 @@
-"""Balloons that touch each other, and themselves."""
+"""Contact of balloons with each other, and with themselves."""
 
 import re
 from dataclasses import replace
@@ -36,7 +36,7 @@ EPSILON = float(np.finfo(np.float32).eps)
 
 @pytest.fixture(params=SCHEDULES)
 def way(request: pytest.FixtureRequest, device: str) -> str:
-    """Each schedule."""
+    """Return each schedule."""
     if request.param in ("lanes", "octets") and device != "cpu":
         pytest.skip(f"{request.param} is for the CPU")
     return request.param
@@ -48,7 +48,7 @@ def require_the_same_sums(way: str, device: str) -> None:
 
 
 def test_momentum_and_angular_momentum_are_kept(way, device):
-    """A substep rounds each velocity and place by up to half an epsilon to either side, at random."""
+    """Momentum and angular momentum are conserved to the rounding of velocities and places."""
     simulator = Simulator(collision(), device, schedule=way)
     start, spin, kick, touched = momentum(simulator), angular_momentum(simulator), 0.0, 0
     first = masses(simulator)[: simulator.model.particle_offsets[1]]
@@ -65,8 +65,8 @@ def test_momentum_and_angular_momentum_are_kept(way, device):
 
 
 def test_contact_gives_no_energy(way, device):
-    """Springs at rest and a push begin with nothing but motion: at every later time there is no more in motion and
-    springs together, but for the swing of explicit steps, half of h omega of what is in the springs' fastest modes."""
+    """Energy of motion and springs does not grow in contact, from springs at rest and a push, but for the swing of
+    explicit steps, half of h omega of what is in the springs' fastest modes."""
     simulator = Simulator(collision(), device, schedule=way)
     start, most = energy(simulator), 0.0
     for _ in range(60):
@@ -78,8 +78,8 @@ def test_contact_gives_no_energy(way, device):
 
 
 def test_what_lies_on_another_is_hardly_in_it(way, device):
-    """While it bounces and when it lies, below 2 % of the radius, with nothing said of thickness or stiffness; and
-    there is no gap to be seen."""
+    """Penetration is below 2 % of the radius while a ball bounces and when it lies, with default thickness and
+    stiffness; and no gap is visible."""
     simulator, deep = Simulator(pile(), device, schedule=way), 0.0
     for frame in range(240):
         simulator.step()
@@ -108,7 +108,7 @@ def test_with_touch_false_they_do(device):
 
 
 def test_worlds_are_as_each_alone(way, device):
-    """And never touch those at the same place, or they would fly apart."""
+    """Worlds are bit-identical to each alone, and do not touch others at the same place, or they would fly apart."""
     require_the_same_sums(way, device)
     places = [0.7, 0.72, 0.7, 5.0]
     block = Simulator(collision(), device, 4, {"balloon.1.position.0": places}, schedule=way)
@@ -138,7 +138,7 @@ def test_gather_does_what_scatter_does(device):
 
 
 def test_going_on_from_a_state_is_going_on(way, device):
-    """What is kept of contacts is in the state."""
+    """A restored run is bit-identical, as contact history is in the state."""
     require_the_same_sums(way, device)
     on = run(collision(), device, way, 14)
     again = Simulator(collision(), device, schedule=way)
@@ -151,7 +151,7 @@ def test_going_on_from_a_state_is_going_on(way, device):
 
 
 def test_coincident_balloons_stay_finite(way, device):
-    """Every particle at one of the other's; and one in the very center of another."""
+    """Coincident balloons stay finite, be it particle by particle or one in the very center of another."""
     grain = Balloon(mesh=ball(0.0, 0.0, 0.0).mesh, scale=1e-3, inflation=SLACK)
     scene = Scene(balloon=[ball(0, 0, 0), ball(0, 0, 0), grain], touch=Touch(itself=True), **VACUUM)
     simulator = run(scene, device, way, 20)
@@ -160,7 +160,7 @@ def test_coincident_balloons_stay_finite(way, device):
 
 
 def test_a_balloon_does_not_touch_what_it_hangs_together_with(way, device):
-    """A ball at rest, and as pressure swells it."""
+    """A ball has no contact with its own neighborhood, at rest and as pressure swells it."""
     for inflation in (SLACK, Inflation(pressure=10.0)):
         scene = Scene(balloon=[ball(0.0, 0.0, 0.0, inflation=inflation)], touch=Touch(itself=True), **VACUUM)
         assert touching(run(scene, device, way, 10)) == 0
@@ -168,7 +168,7 @@ def test_a_balloon_does_not_touch_what_it_hangs_together_with(way, device):
 
 @pytest.mark.parametrize("itself", [True, False])
 def test_a_folded_balloon_touches_itself_if_it_is_to(itself, way, device):
-    """A horseshoe whose ends come together at 4 m/s."""
+    """A horseshoe whose ends come together at 4 m/s has self-contact if enabled."""
     mesh = horseshoe()
     stiffness = Stiffness(structural=100.0, shear=50.0, flexion=50.0)
     shoe = Balloon(mesh=mesh, mass=0.5, damping=0.0, inflation=SLACK, stiffness=stiffness)
@@ -211,7 +211,7 @@ def test_mistakes_are_named(fields, said):
 
 
 def test_a_world_that_fits_in_no_block_goes_side_by_side_too():
-    """On a CPU eight particles of it at a time, as a small one does; it meets what it meets in `gather`."""
+    """A world too large for a block advances by eight particles at a time on a CPU, with the contacts of `gather`."""
     large = collision().model_copy(
         update={
             "balloon": [balloon.model_copy(update={"mesh": quad_sphere(32, 0.3)}) for balloon in collision().balloon]
@@ -233,7 +233,7 @@ def test_large_steps_are_refused():
 
 
 def test_a_blow_up_names_what_touched(device):
-    """Two plates, so thin that all of their particles lie on the other; any of these may be the one that is named."""
+    """The report names a touching particle, any of two plates so thin that all of theirs lie on the other."""
     box = cube()
     plate = replace(box, points=box.points * [0.01, 1.0, 1.0])
     boxes = [Balloon(mesh=plate, position=(x, 0.0, 0.0), inflation=SLACK) for x in (0.0, -0.0101)]
@@ -269,8 +269,8 @@ def test_stiff_contacts_ask_for_shorter_steps():
 
 
 def test_a_world_that_blows_up_leaves_the_others_alone(way, device):
-    """Where points are not numbers no triangle is near: what was read for one lay before the first of all. `scatter`
-    adds in any order on a GPU, and so is the same to rounding."""
+    """A world that blows up leaves the others unchanged: no triangle is near points that are not numbers, where a
+    regression read one before the first. `scatter` adds in any order on a GPU, and so agrees to rounding."""
     scene = small_batch.scene().model_copy(update={"touch": Touch()})
     vary = {"balloon.inflation.k_normal": [0.2, 9e11]}
     simulator = Simulator(scene, device, 2, vary, schedule=way)

@@ -1,5 +1,4 @@
-"""Balloons that touch at many places at once, as slack ones do that crumple: no particle is thrown off, and what is
-left out is told."""
+"""Crowded contacts, as of slack balloons that crumple: no particle is thrown off, and ignored contacts are reported."""
 
 import re
 from typing import Any
@@ -19,22 +18,22 @@ from balloon_warp.simulator import Simulator
 
 @pytest.fixture(params=SCHEDULES)
 def way(request: pytest.FixtureRequest, device: str) -> str:
-    """Each schedule."""
+    """Return each schedule."""
     if request.param in ("lanes", "octets") and device != "cpu":
         pytest.skip(f"{request.param} is for the CPU")
     return request.param
 
 
 def sheet() -> Balloon:
-    """A fixed one, in quads as large as a ball's."""
+    """Return a fixed sheet, in quads as large as a ball's."""
     square = grid(12, 12)
     flat = mesh_of(0.1 * (square.points - (6.0, 6.0, 0.0)), square.face_vertex_indices.reshape(-1, 4).tolist())
     return Balloon(mesh=flat, fixed=list(range(169)), inflation=SLACK)
 
 
 def test_many_contacts_on_a_particle_give_no_energy(way, device):
-    """A ball bounces from eight sheets in one place, of which each is as stiff as the step allows for one: it leaves
-    them with no more than it came with, but for the swing of explicit steps."""
+    """Energy does not grow as a ball bounces from eight sheets in one place, each as stiff as the step allows for one,
+    but for the swing of explicit steps."""
     coming = ball(0.0, 0.0, 0.6, velocity=(0.0, 0.0, -2.0), inflation=SLACK)
     scene = Scene(balloon=[coming, *(sheet() for _ in range(8))], touch=Touch(), **VACUUM)
     simulator = Simulator(scene, device, schedule=way)
@@ -50,7 +49,7 @@ def test_many_contacts_on_a_particle_give_no_energy(way, device):
 
 
 def heap(count: int, fineness: int, softness: float) -> Scene:
-    """Slack balls, one over the other, that fall down and crumple."""
+    """Return slack balls, one over the other, that fall down and crumple."""
     soft = Stiffness(structural=40.0 * softness, shear=20.0 * softness, flexion=2.0 * softness)
     slack = {"mesh": quad_sphere(fineness, RADIUS), "stiffness": soft, "damping": 0.3, "inflation": SLACK}
     balls = [ball(0.1 * n, 0.55 + 1.05 * n, 0.05 * n, **slack) for n in range(count)]
@@ -64,8 +63,8 @@ def heap(count: int, fineness: int, softness: float) -> Scene:
     ids=["one", "two", "six"],
 )
 def test_what_crumples_is_no_faster_than_it_falls(count, fineness, softness, frames, way, device):
-    """But for a fifth, by which a skin may whip. What is lost does not come back, beside the little by which explicit
-    steps swing: five thousandths."""
+    """Speeds of crumpling balls stay below that of the fall, but for a fifth, by which a skin may whip. Lost energy
+    does not return, but for the swing of explicit steps: five thousandths."""
     simulator = Simulator(heap(count, fineness, softness), device, schedule=way)
     weights = 9.81 * masses(simulator)
     fall = np.sqrt(2.0 * 9.81 * motion(simulator)[0][:, 1].max())
@@ -96,7 +95,7 @@ def test_what_has_no_place_in_a_list_is_told(device, tmp_path):
 
 @pytest.mark.parametrize("spread", [False, True])
 def test_a_batch_tells_it_of_all_worlds(spread, device, tmp_path):
-    """Worlds that are alike have each as many as one alone, here and in shares."""
+    """A batch counts ignored contacts of all worlds: each has as many as alone, here and in shares."""
     if spread:
         pytest.importorskip("distributed", reason="needs the extra `cluster`")
 

@@ -1,4 +1,4 @@
-"""Balloons that are deep in each other: from the start, or pressed in."""
+"""Deep overlaps of balloons: from the start, or pressed in."""
 
 from dataclasses import replace
 
@@ -16,15 +16,15 @@ from balloon_warp.simulator import Simulator
 
 @pytest.fixture(params=SCHEDULES)
 def way(request: pytest.FixtureRequest, device: str) -> str:
-    """Each schedule."""
+    """Return each schedule."""
     if request.param in ("lanes", "octets") and device != "cpu":
         pytest.skip(f"{request.param} is for the CPU")
     return request.param
 
 
 def test_what_overlaps_at_the_start_comes_apart_gently(way, device):
-    """Of what overlaps ten times as much begins to push each second, on either side: no particle gets faster by that
-    than by twice ten times the deepest overlap."""
+    """An initial overlap is resolved gently: ten times the overlap begins to push each second, on either side, so that
+    no particle gets faster than twice ten times the deepest overlap."""
     balls = [ball(x, 0.15 * x, 0.0, inflation=SLACK) for x in (0.0, 0.7)]
     scene = Scene(balloon=balls, touch=Touch(), **VACUUM)
     simulator = Simulator(scene, device, schedule=way)
@@ -38,7 +38,7 @@ def test_what_overlaps_at_the_start_comes_apart_gently(way, device):
 
 
 def test_what_starts_deep_is_not_forgotten(way, device):
-    """Two soft balls start a fifth into each other: what is inside the other is pushed until it is out."""
+    """Two soft balls that start a fifth into each other separate fully."""
     balls = [ball(x, 0.0, 0.0, inflation=Inflation(kind="pressure", pressure=5.0)) for x in (-0.4, 0.4)]
     simulator = Simulator(Scene(balloon=balls, touch=Touch(), **VACUUM), device, schedule=way)
     mesh, half = simulator.model.shapes[0].mesh, simulator.model.particle_count // 2
@@ -53,7 +53,7 @@ def test_what_starts_deep_is_not_forgotten(way, device):
 
 
 def test_what_is_pressed_in_deep_comes_out_where_it_came_in(way, device):
-    """Two balls with a soft skin sink further into each other than is looked for what is near, and bounce."""
+    """Two balls with a soft skin sink deeper than the search for neighbors reaches, and bounce back."""
     filled = Inflation(kind="pressure", pressure=20.0)
     balls = [ball(x, 0.0, 0.0, velocity=(-x / 0.3, 0.0, 0.0), inflation=filled) for x in (-0.6, 0.6)]
     simulator = Simulator(Scene(balloon=balls, touch=Touch(stiffness=1.0), **VACUUM), device, schedule=way)

@@ -1,4 +1,4 @@
-"""Balloons touch each other unless a scene says that they do not."""
+"""Contact of balloons by default, unless a scene disables it."""
 
 from pathlib import Path
 
@@ -24,7 +24,7 @@ def test_balloons_touch_unless_the_scene_says_not(said, touches):
     ],
 )
 def test_balloons_that_cannot_touch_do_not_by_default(name, overrides):
-    """They may burst, or a solver has no contact between them, now or later."""
+    """Contact is off by default for balloons that may burst, and for a solver without contact between them."""
     scene = load_scene(name, overrides)
     assert len(scene.balloon) > 1
     assert not scene.touches
@@ -36,7 +36,7 @@ def test_touch_is_a_table_or_yes_or_no():
 
 
 def test_a_field_of_touch_asks_for_it():
-    """Over `touch = false`, and without a table of it."""
+    """A field of `touch` enables contact over `touch = false`, and without a table of it."""
     apart = load_scene("two_balloons", {"touch": False})
     assert override_scene(apart, [("touch.friction", 0.1)]).touches
     varied = plan_model(load_scene("two_balloons"), 2, {"touch.friction": [0.1, 0.5]})
@@ -51,7 +51,7 @@ def test_touch_false_is_written_and_read(tmp_path: Path):
 
 
 def test_touch_by_default_hardly_shortens_the_step():
-    """Contacts take of the margin of "auto" before they take of the step."""
+    """Default contact uses the margin of "auto" before it shortens the step."""
     scene = load_scene("two_balloons")
     apart, touching = (plan_model(scene.model_copy(update={"touch": said})).substeps for said in (False, None))
     assert apart <= touching <= 1.15 * apart

@@ -1,4 +1,4 @@
-"""Edges against edges: rims and seams that cross between particles."""
+"""Contact of edges: rims and seams that cross between particles."""
 
 from dataclasses import replace
 from functools import cache
@@ -24,8 +24,8 @@ UPRIGHT = replace(SHEET, points=SHEET.points[:, [0, 2, 1]])
 
 
 def sheets() -> Scene:
-    """One lies, one stands and flies at its rim, between particles, and aside: without thickness neither has a particle
-    near a face of the other, and they would go through each other like two cards with slits."""
+    """Return a sheet that lies, and one that stands and flies at its rim, between particles, and aside. Without
+    thickness neither has a particle near a face of the other: they would pass like two cards with slits."""
     still = {"mass": 0.05, "damping": 0.0, "inflation": SLACK}
     balloons = [
         Balloon(mesh=SHEET, **still),
@@ -54,7 +54,7 @@ def flown(device: str) -> list[Simulator]:
 
 @cache
 def flown_on(device: str) -> list[Simulator]:
-    """Two worlds, of which the second's sheet is slower, and one that is alone."""
+    """Return two worlds, of which the second's sheet is slower, and one that is alone."""
     paths = {"balloon.1.velocity.0": np.array([-1.0, -0.8])}
     simulators = [Simulator(sheets(), device, 2, paths, "gather"), Simulator(sheets(), device, schedule="gather")]
     for simulator in simulators:
@@ -75,8 +75,8 @@ def test_flat_sheets_that_cross_edge_on_stop_each_other(flown):
 
 
 def test_edges_that_meet_keep_what_is_kept(flown, device):
-    """Momentum and angular momentum to float32's rounding of two hundred substeps; and in motion and springs together
-    there is never more energy than at the start."""
+    """Momentum and angular momentum are conserved to float32's rounding of two hundred substeps; and the energy of
+    motion and springs never exceeds that at the start."""
     simulator, start = flown[1], Simulator(sheets(), device, schedule="gather")
     for kept in (momentum, angular_momentum):
         assert kept(simulator) == pytest.approx(kept(start), abs=2e-6 * np.abs(kept(start)).max())
@@ -88,7 +88,7 @@ def test_edges_that_meet_keep_what_is_kept(flown, device):
 
 
 def test_worlds_do_not_feel_each_other(flown):
-    """Bit for bit."""
+    """Worlds are bit-identical to each alone."""
     both, alone = flown
     for name in ("points", "velocities"):
         values = getattr(both.state, name).numpy()
@@ -98,7 +98,7 @@ def test_worlds_do_not_feel_each_other(flown):
 
 @pytest.mark.parametrize("schedule", ["scatter", "block"])
 def test_edges_meet_alike_in_other_schedules(flown, device, schedule):
-    """As near as rounding lets them: they meet in frame 2, from where on differences grow."""
+    """Schedules agree within rounding: edges meet in frame 2, from where on differences grow."""
     simulator, other = Simulator(sheets(), device, schedule="gather"), Simulator(sheets(), device, schedule=schedule)
     for _ in range(6):
         simulator.step()
@@ -108,7 +108,7 @@ def test_edges_meet_alike_in_other_schedules(flown, device, schedule):
 
 
 def cushion(cells: int) -> PolygonMesh:
-    """Two flat sheets of 30 cm, joined at their rims."""
+    """Return two flat sheets of 30 cm, joined at their rims."""
     top = grid(cells, cells)
     rim = ((top.points[:, :2] == 0.0) | (top.points[:, :2] == cells)).any(axis=1)
     below = np.where(rim, np.arange(len(rim)), len(rim) + np.cumsum(~rim) - 1)
@@ -118,8 +118,9 @@ def cushion(cells: int) -> PolygonMesh:
 
 
 def test_foil_cushions_thrown_at_each_other_stay_apart(device):
-    """At 2 m/s, one lying, one upright, while they fill: no seam ever cuts into the other, and no particle comes deeper
-    into it than 1 mm, a third of a hundredth of its width. Without it seams were in each other for six frames."""
+    """Foil cushions thrown at each other at 2 m/s, one lying, one upright, while they fill, do not interpenetrate: no
+    seam cuts into the other, and no particle is deeper than 1 mm, a third of a hundredth of the width. Without contact
+    of edges seams were in each other for six frames."""
     mesh = cushion(3)
     upright = replace(mesh, points=mesh.points[:, [0, 2, 1]] * [1.0, -1.0, 1.0])
     foil = {"mass": 0.01, "damping": 0.0, "stiffness": Stiffness(structural=200.0, shear=100.0, flexion=0.0)}
@@ -146,9 +147,9 @@ def test_foil_cushions_thrown_at_each_other_stay_apart(device):
 @pytest.mark.parametrize("degrees", [10.0, 20.0, 25.0])
 @pytest.mark.parametrize("friction", [0.0, None], ids=["smooth", "as bundled"])
 def test_heavy_slack_foil_does_not_come_through(friction: float | None, degrees: float, device):
-    """Cushions that are flat at the start, of 0.1 kg and 50 Pa, at 4 m/s: no particle is deeper in the other than 3%
-    of how thick they are then, and they come apart again. How thick they are at the start says nothing of that.
-    Smooth ones bounce off; where skins rub, folds may hold each other until nothing is left of that."""
+    """Flat cushions of 0.1 kg and 50 Pa at 4 m/s do not tunnel: no particle is deeper in the other than 3% of the final
+    thickness, and they separate again. The thickness at the start is no measure of that. Smooth ones bounce off; where
+    skins rub, folds may hold each other until the speed is lost."""
     mesh = cushion(6)
     foil = {"mass": 0.1, "damping": 0.0, "stiffness": Stiffness(structural=50.0, shear=25.0, flexion=0.0)}
     foil["inflation"] = Inflation(kind="pressure", pressure=[(0.0, 0.0), (0.1, 50.0)])
@@ -174,7 +175,7 @@ def test_heavy_slack_foil_does_not_come_through(friction: float | None, degrees:
 
 
 def test_which_edges_are_sharp():
-    """Rims, the edges of a box, the seam of a cushion; none of what is round."""
+    """Sharp edges are rims, the edges of a box, the seam of a cushion; none of what is round."""
     assert len(sharp_edges(SHEET)) == 16
     assert len(sharp_edges(quad_box(3))) == 36
     assert len(sharp_edges(cushion(4))) == 16

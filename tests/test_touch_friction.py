@@ -1,4 +1,4 @@
-"""Friction between balloons, beside Coulomb's law."""
+"""Friction between balloons, against Coulomb's law."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from balloon_warp.simulator import Simulator
 
 @pytest.fixture(params=SCHEDULES)
 def way(request: pytest.FixtureRequest, device: str) -> str:
-    """Each schedule."""
+    """Return each schedule."""
     if request.param in ("lanes", "octets") and device != "cpu":
         pytest.skip(f"{request.param} is for the CPU")
     return request.param
@@ -19,7 +19,7 @@ def way(request: pytest.FixtureRequest, device: str) -> str:
 
 @pytest.mark.parametrize("degrees", [20.0, 25.0])
 def test_below_the_angle_of_friction_a_block_stays(degrees, way, device):
-    """The tangent is below 0.5: it creeps by no more than the contacts give way."""
+    """A block stays on a slope with the tangent below 0.5: it creeps by no more than the compliance of contacts."""
     simulator = run(ramp(degrees, friction=0.5), device, way, 30)
     before = centers(simulator)[1]
     for _ in range(60):
@@ -29,7 +29,7 @@ def test_below_the_angle_of_friction_a_block_stays(degrees, way, device):
 
 @pytest.mark.parametrize(("degrees", "friction"), [(35.0, 0.5), (20.0, 0.0), (30.0, 0.25)])
 def test_above_it_a_block_slides_as_coulomb_says(degrees, friction, way, device):
-    """At g (sin a - friction cos a), once it has come down on the plane."""
+    """A block slides at g (sin a - friction cos a), once it has come down on the plane."""
     simulator = run(ramp(degrees, friction), device, way, 20)
     before, speed = centers(simulator)[1], speed_of_block(simulator)
     for _ in range(30):
@@ -47,7 +47,7 @@ def speed_of_block(simulator: Simulator) -> float:
 
 
 def test_friction_may_differ_between_worlds_and_change(way, device):
-    """The block slides from the start in the first world, once there is no friction in the second."""
+    """The block slides from the start in the first world, and in the second once its friction is set to zero."""
     scene = ramp(20.0, friction=0.6, change=[Change(time=0.5, set={"touch.friction": 0.0})])
     still = Simulator(ramp(20.0, friction=0.6), device, 2, {"touch.friction": [0.1, 0.6]}, schedule=way)
     for _ in range(30):

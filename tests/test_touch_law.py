@@ -36,7 +36,7 @@ def find_gaps(
 
 
 def beside(points: NDArray, corners: NDArray, device: str) -> tuple[NDArray, NDArray, NDArray]:
-    """Gaps [m], squared distances [m^2] and nearest points [m]."""
+    """Return gaps [m], squared distances [m^2] and closest points [m]."""
     count = len(points)
     found = [wp.zeros(count, dtype=dtype, device=device) for dtype in (float, float, wp.vec3)]
     inputs = [wp.array(np.asarray(part), dtype=wp.vec3, device=device) for part in (points, corners)]
@@ -46,7 +46,7 @@ def beside(points: NDArray, corners: NDArray, device: str) -> tuple[NDArray, NDA
 
 
 def test_the_nearest_point_of_a_triangle_is_found(device):
-    """From all around it, beside faces, edges and corners."""
+    """The closest point of a triangle is found from all around it, beside faces, edges and corners."""
     random = np.random.default_rng(1)
     triangle = random.normal(size=(1, 3, 3))
     points = random.normal(size=(500, 3)) * 2.0
@@ -58,7 +58,7 @@ def test_the_nearest_point_of_a_triangle_is_found(device):
 
 
 def test_a_sharp_edge_knows_on_which_side_a_particle_is(device):
-    """It stands over the edge of a wedge, of whose faces one sees it from behind; so it does in either order."""
+    """A particle over the edge of a wedge is outside, though behind one of its faces; in either order."""
     left = [(0.0, 0.0, -1.0), (-0.2, -1.0, 0.0), (0.0, 0.0, 1.0)]
     right = [(0.0, 0.0, -1.0), (0.0, 0.0, 1.0), (0.2, -1.0, 0.0)]
     points = [(0.05, 0.1, 0.0), (-0.05, 0.1, 0.0), (0.0, -0.1, 0.0)]
@@ -71,7 +71,7 @@ def test_a_sharp_edge_knows_on_which_side_a_particle_is(device):
 
 
 def test_triangles_without_size_give_no_nan(device):
-    """All corners at one place, two of them, or all on a line; the particle there, too, or elsewhere."""
+    """Degenerate triangles give finite results: corners at one place, two of them, or all on a line."""
     a, b, c = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (2.0, 0.0, 0.0)
     for corners in ((a, a, a), (a, a, b), (a, b, a), (b, a, a), (a, b, c), (c, a, b)):
         gaps, squares, nearest = beside([a, b, (0.5, 0.0, 0.0), (0.3, 0.4, 0.0), (9.0, 9.0, 9.0)], [corners], device)
@@ -80,7 +80,7 @@ def test_triangles_without_size_give_no_nan(device):
 
 @wp.kernel(enable_backward=False)
 def push_and_hold(overlaps: wp.array[float], pushes: wp.array[float], energies: wp.array[float]):
-    """At rest, of 100 N/m."""
+    """Store the push and energy of contacts of 100 N/m at rest."""
     number = wp.tid()
     pushes[number] = touch_push(overlaps[number], 0.0, 100.0, 0.001)
     energies[number] = touch_energy(overlaps[number], 100.0)
@@ -100,7 +100,7 @@ def test_the_push_is_what_its_energy_loses(device):
 
 @wp.kernel(enable_backward=False)
 def rub(slips: wp.array[wp.vec3], slides: wp.array[wp.vec3], pulls: wp.array[wp.vec3], left: wp.array[wp.vec3]):
-    """Pressed with 2 N, friction 0.5, 100 N/m."""
+    """Store the friction of contacts pressed with 2 N, with coefficient 0.5 and 100 N/m."""
     number = wp.tid()
     pull, slip = touch_friction(slips[number], slides[number], 1.0, 100.0, 0.001)
     pulls[number] = pull
@@ -108,7 +108,7 @@ def rub(slips: wp.array[wp.vec3], slides: wp.array[wp.vec3], pulls: wp.array[wp.
 
 
 def test_friction_stays_in_its_cone(device):
-    """It pulls back; what has slipped further than the cone holds is let go."""
+    """Friction stays within its cone: it opposes slip, and slip beyond the cone is released."""
     slips, slides = [(0.001, 0.0, 0.0), (0.5, 0.0, 0.0), (0.0, 0.0, 0.0)], [(0, 0, 0), (0, 0, 0), (50.0, 0.0, 0.0)]
     inputs = [wp.array(rows, dtype=wp.vec3, device=device) for rows in (slips, slides)]
     outputs = [wp.zeros(3, dtype=wp.vec3, device=device) for _ in range(2)]
@@ -125,7 +125,7 @@ def meet(
     side: float,
     forces: wp.array2d[wp.vec3],
 ):
-    """A particle beside one triangle, in a skin of 0.5 m, where it has slipped; on a side of it."""
+    """Store the forces of a particle beside one triangle, in a skin of 0.5 m, where it has slipped; on a side of it."""
     number = wp.tid()
     a = wp.vec3(0.0, 0.0, 0.0)
     b = wp.vec3(1.0, 0.1, 0.0)
@@ -153,8 +153,8 @@ def meet(
 
 @pytest.mark.parametrize("side", [1.0, -1.0], ids=["in_front", "behind"])
 def test_forces_of_a_contact_have_no_torque(side, device):
-    """Beside the face, its edges and its corners, with friction: about any point their torques add up to nothing. So
-    they do on the other side of a sheet."""
+    """Contact forces with friction have no net torque about any point, beside the face, its edges and its corners, on
+    either side of a sheet."""
     random = np.random.default_rng(2)
     points = random.uniform((-0.3, -0.3, -0.3), (1.1, 1.1, 0.4), size=(400, 3)) * (1.0, 1.0, side)
     velocities = random.normal(size=(400, 4, 3))

@@ -1,4 +1,4 @@
-"""Balloons that touch, of odd meshes: open ones, lines, polygons, coarse and fine ones together."""
+"""Contact of odd meshes: open ones, lines, polygons, coarse and fine ones together."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ def test_an_open_surface_stops_what_comes_from_either_side(side, device):
 
 
 def test_a_chain_lies_on_a_ball(device):
-    """Faces of two corners have no surface: a chain's particles touch, and nothing touches its edges."""
+    """A chain lies on a ball: its particles touch, and nothing touches its edges, which have no surface."""
     chain = mesh_of([(x, 0.0, 0.0) for x in np.linspace(-0.2, 0.2, 9)], [[n, n + 1] for n in range(8)])
     falling = Balloon(mesh=chain, position=(0.0, 0.7, 0.0), velocity=(0.0, -2.0, 0.0), mass=0.02, inflation=SLACK)
     scene = Scene(balloon=[falling, ball(0.0, 0.0, 0.0)], touch=Touch(itself=True), **VACUUM)
@@ -40,7 +40,7 @@ def test_a_chain_lies_on_a_ball(device):
 
 @pytest.mark.parametrize("mesh", [moebius(12), prism(7), torus(12, 6)], ids=["moebius", "prism", "torus"])
 def test_what_surfaces_there_are_stay_finite_and_slow(mesh, device):
-    """Two of each are thrown at each other, nothing gets faster than both were."""
+    """Two of each open surface thrown at each other stay finite, and nothing gets faster than both were."""
     balls = [
         Balloon(mesh=mesh, damping=0.0, inflation=SLACK),
         Balloon(mesh=mesh, position=(0.3, 0.9, 0.1), velocity=(0.0, -2.0, 0.0), damping=0.0, inflation=SLACK),
@@ -56,7 +56,7 @@ def test_what_surfaces_there_are_stay_finite_and_slow(mesh, device):
 
 @pytest.mark.parametrize("fine_above", [True, False])
 def test_a_coarse_and_a_fine_ball_touch(fine_above, device):
-    """They have 98 and 1,538 particles: what is fine is held by large triangles, and pushes their few corners."""
+    """Balls of 98 and 1,538 particles bounce: the fine one rests on large triangles, and pushes their few corners."""
     meshes = [quad_sphere(4, RADIUS), quad_sphere(16, RADIUS)]
     lower, upper = meshes if fine_above else meshes[::-1]
     firm = Inflation(pressure=15.0)
@@ -83,7 +83,7 @@ def sagitta(mesh) -> float:
 
 @pytest.mark.parametrize("mesh", [quad_sphere(3), prism(7), grid(3, 2)], ids=["quads", "heptagons", "open"])
 def test_triangles_have_the_faces_area_and_side(mesh):
-    """In the order of the faces' corners."""
+    """Triangles have the area and side of the faces, in the order of their corners."""
     triangles = triangles_of(mesh)
     assert len(triangles) == int((mesh.face_vertex_counts - 2).sum())
     for part in (1.0, -0.5):  # seen from two places, they have the volume of the faces' fans, about
@@ -92,5 +92,5 @@ def test_triangles_have_the_faces_area_and_side(mesh):
 
 
 def volume(triangles) -> float:
-    """Signed, of the cones from the origin [m^3]."""
+    """Return the signed volume of the cones from the origin [m^3]."""
     return float(np.linalg.det(triangles).sum() / 6.0)

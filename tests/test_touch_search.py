@@ -19,7 +19,7 @@ from balloon_warp.schedules.touch_table import depth_of, surface_of
 
 
 def gathered(*balls: Balloon) -> GatherSchedule:
-    """A schedule whose lists can be read, with searches every 8 of 32 substeps."""
+    """Return a schedule whose lists can be read, with searches every 8 of 32 substeps."""
     scene = Scene(balloon=list(balls), touch=Touch(thickness=0.04), substeps=32, **VACUUM)
     schedule = make_schedule(build_model(scene, wp.get_device("cpu"), 1), "gather")
     assert isinstance(schedule, GatherSchedule)
@@ -27,7 +27,7 @@ def gathered(*balls: Balloon) -> GatherSchedule:
 
 
 def pair(speed: float) -> list[Balloon]:
-    """Two that touch; one turns, and goes away from or comes to the other."""
+    """Return two balls in contact; one turns, and recedes from or approaches the other."""
     turning = {"velocity": (speed, 0.0, 0.0), "angular_velocity": (0.0, 0.0, 2.0 * speed)}
     return [ball(0.0, 0.0, 0.0, inflation=SLACK, **turning), ball(1.01, 0.1, 0.0, inflation=SLACK)]
 
@@ -41,7 +41,7 @@ def test_only_what_moves_is_looked_for_again(speed, does):
 
 @pytest.mark.parametrize("speed", [0.3, 4.0])
 def test_whatever_is_touched_is_on_the_list(speed):
-    """In some substeps, of every particle that is nearer to another balloon than surfaces begin to push."""
+    """Every particle nearer to another balloon than surfaces begin to push is on the list, in some substeps."""
     schedule = gathered(*pair(speed), ball(2.1, 0.0, 0.0, velocity=(-2.0 * speed, 0.0, 0.0), inflation=SLACK))
     model, working = schedule.model, schedule.launches.working
     corners = schedule.tables.touch.triangles.numpy()
@@ -75,9 +75,9 @@ def test_whatever_is_touched_is_on_the_list(speed):
 
 @pytest.mark.parametrize("mesh", [cube(), quad_sphere(4)], ids=["cube", "ball"])
 def test_surfaces_are_cut_alike_wherever_they_are(mesh: PolygonMesh):
-    """Ties between axes and triangles of a symmetric mesh are not broken by the rounding of where it is, and a cube of
-    one quad a side, as large as an edge is long, is not flat at one place alone: a world of a batch would differ from
-    the same alone."""
+    """The division of surfaces does not depend on their place: rounding does not break ties between axes and triangles
+    of a symmetric mesh, and a cube of one quad a side, as large as an edge is long, is flat nowhere. A world of a batch
+    would differ from the same alone."""
     for place in np.random.default_rng(1).uniform(-9.0, 9.0, (20, 3)):
         moved = replace(mesh, points=mesh.points + place)
         np.testing.assert_array_equal(surface_of(moved).triangles, surface_of(mesh).triangles)

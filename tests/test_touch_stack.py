@@ -1,4 +1,4 @@
-"""A stack of balloons that stands."""
+"""Stack of balloons that stands."""
 
 import numpy as np
 from conserved import motion
@@ -9,8 +9,8 @@ from balloon_warp.simulator import Simulator
 
 
 def test_a_stack_of_five_stands_still(schedule, device):
-    """Boxes of soft rubber, dropped on each other a little askew: two seconds later they stand, none has slipped off,
-    and by how much the highest still moves in a second nobody sees, a thousandth of its size."""
+    """Boxes of soft rubber, dropped on each other a little askew, stand two seconds later; none has slipped off, and
+    the highest moves by an invisible thousandth of its size a second."""
     simulator = Simulator(stack(), device, schedule=schedule)
     start = centers(simulator)
     for _ in range(150):

@@ -1,4 +1,4 @@
-"""Trajectories in one call: what a simulator hands out frame by frame, as arrays."""
+"""Trajectories in one call: frames of a simulator, as arrays."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def test_arrays_hold_what_the_frames_hold():
 
 
 def test_worlds_come_first_and_frames_may_be_left_out():
-    """A sphere falls by g t^2 / 2 in whatever gravity, to the first order of the step: v is a step ahead."""
+    """A sphere falls by g t^2 / 2 in each world's gravity, to the first order of the step: v is a step ahead."""
     gravity = np.array([1.0, 2.0, 9.81])
     found = simulate(TWO, {"frames": 6}, world_count=3, vary={"gravity": gravity}, every=3, device="cpu")
     np.testing.assert_allclose(found.times, [0.0, 0.06, 0.12])
@@ -45,7 +45,7 @@ def test_worlds_come_first_and_frames_may_be_left_out():
 
 
 def test_what_differs_by_its_model_keeps_its_world():
-    """Each of the worlds as it is alone, to the last bit, although two meshes are two models."""
+    """Worlds of two meshes, and so of two models, keep their order and are bit-identical to each alone."""
     scene = TWO.model_copy(update={"sphere": [], "balloon": TWO.balloon[:1]})
     meshes = [cube(), bw.PolygonMesh(2.0 * cube().points, cube().face_vertex_counts, cube().face_vertex_indices)]
     worlds = [meshes[n] for n in (0, 1, 0)]

@@ -1,4 +1,4 @@
-"""The command that counts: what it tries, and that no failure is lost."""
+"""Fuzzing command: its cases, and no lost failure."""
 
 import json
 import os
@@ -33,7 +33,7 @@ def test_the_table_of_meshes_is_counted():
 
 
 def test_all_kinds_are_tried():
-    """The reader's files, each kind of output, the cluster and the viewer."""
+    """Kinds of the fuzzer are the reader's files, each kind of output, the cluster and the viewer."""
     names = [trust._name(effort) for effort in efforts_of(trust.FULL)]
     assert names[0] == "bad meshes"
     assert {name.partition(" ")[0] for name in names[1:]} == {"mutated", "killed", "viewer"}
@@ -101,7 +101,7 @@ def test_a_killed_worker_leaves_the_batch_of_one_process(tmp_path: Path):
 
 
 def test_nonsense_does_not_stop_the_viewer(monkeypatch: pytest.MonkeyPatch):
-    """And a viewer that stands still would be found: one that nobody may let go on."""
+    """Nonsense does not stop the viewer, and a viewer that stands still, as nothing lets it go on, is found."""
     pytest.importorskip("viser", reason="needs the extra `view`")
     from balloon_warp.benchmarks import viewer_nonsense
     from balloon_warp.viewer.session import Session

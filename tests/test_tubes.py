@@ -10,7 +10,7 @@ from balloon_warp.simulator import Simulator
 
 
 def test_gas_is_pumped_by_its_keyframes_and_let_out_to_the_last(device: str):
-    """The integral of what is linear between keyframes; a fiftieth of the air that it holds is left in the end."""
+    """The amount is the integral of the pump's linear keyframes; a fiftieth of the initial air is left in the end."""
     fixed = list(range(8))
     balloon = gas_balloon(
         with_volume(cube(), 0.02), {"amount": 1.0, "pump": [(0.0, 0.0), (0.2, 1.0), (0.4, -40.0)]}, fixed=fixed
@@ -25,7 +25,7 @@ def test_gas_is_pumped_by_its_keyframes_and_let_out_to_the_last(device: str):
 
 @pytest.mark.parametrize("conductance", [1e-5, 1.0])
 def test_a_tube_evens_out_pressures_and_loses_nothing(conductance: float, device: str):
-    """Two rigid balloons: the difference fades at C (dp1/dn1 + dp2/dn2), or at once through a wide tube."""
+    """Pressures of two rigid balloons equalize at C (dp1/dn1 + dp2/dn2), or at once, and gas is conserved."""
     rigid = [with_volume(cube(), 0.02), with_volume(cube(), 0.05)]
     starts = [2000.0, 500.0]
     balloons = [
@@ -58,7 +58,7 @@ PUMPED = 6.0
 
 
 def chained(conductance: float, substeps: int, breathing_damping: float = 1.0) -> Scene:
-    """Three soft balloons; the first is pumped, and fills the second, which fills the third."""
+    """Return three soft balloons; the first is pumped, and fills the second, which fills the third."""
     rubber = Stiffness(structural=100.0, shear=0.0, flexion=0.0)
     balloons = [
         gas_balloon(
@@ -74,8 +74,8 @@ def chained(conductance: float, substeps: int, breathing_damping: float = 1.0) -
 
 @pytest.mark.parametrize("substeps", [14, 96])
 def test_the_flow_is_the_conductance_times_the_difference_at_any_step(substeps: int, schedule: str, device: str):
-    """Of the pressures that the run reports, at the last substep of each frame, in balloons that give way. Rounding of
-    the pressures is what is allowed for. It was 0.77 of that in `two_balloons`, and 0.21 elsewhere."""
+    """The flow is the conductance times the difference of the reported pressures, at the last substep of each frame, in
+    balloons that give way, up to rounding. A regression had 0.77 of that in `two_balloons`, and 0.21 elsewhere."""
     simulator = Simulator(chained(0.005, substeps), device, schedule=schedule)
     total = simulator.state.gas_amounts.numpy().sum()
     flows = []
@@ -90,7 +90,7 @@ def test_the_flow_is_the_conductance_times_the_difference_at_any_step(substeps: 
 
 
 def test_what_has_flowed_is_missing_here_and_is_there(device: str):
-    """In a substep a frame: amounts change by the flow that is reported, to float32's rounding of what is pumped."""
+    """Gas is conserved in a tube: amounts change by the reported flow, to float32's rounding."""
     scene = chained(0.005, 1).model_copy(update={"frames_per_second": 1200.0})
     simulator = Simulator(scene, device)
     for _ in range(3):
@@ -102,7 +102,7 @@ def test_what_has_flowed_is_missing_here_and_is_there(device: str):
 
 @pytest.mark.parametrize("breathing_damping", [0.0, 1.0])
 def test_wide_tubes_make_one_balloon_of_three(breathing_damping: float, device: str):
-    """However wide: all have one pressure, soon and at rest, and nothing is driven."""
+    """Wide tubes equalize pressures soon, at rest and without oscillation, however wide."""
     simulator = Simulator(chained(1e4, 14, breathing_damping), device)
     frames = [advanced(simulator, 1) for _ in range(20)]
     for frame in frames:

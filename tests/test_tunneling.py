@@ -1,4 +1,4 @@
-"""Spheres that may come through a balloon, since only particles touch them: a run says so before it begins."""
+"""Tunneling of spheres through a balloon, where only particles touch them: a run warns before it begins."""
 
 import re
 
@@ -22,7 +22,7 @@ def test_openings_of_a_cube_and_a_triangle():
 
 @pytest.mark.parametrize("radius", [0.65, 0.75])
 def test_a_sphere_that_fits_between_the_corners_of_a_face_passes_untouched(radius, device):
-    """Of the unit cube, whose opening is 0.71 m: it flies in at the middle of a face, or moves the cube."""
+    """A sphere that fits the unit cube's opening of 0.71 m passes through a face, and a larger one moves the cube."""
     still = Balloon(mesh=cube(), inflation=Inflation(k_normal=0.0), damping=0.0)
     sphere = Sphere(position=(0.5, 2.0, 0.5), radius=radius, mass=1.0, velocity=(0.0, -20.0, 0.0))
     scene = Scene(balloon=[still], sphere=[sphere], gravity=0.0, contact="impulse", substeps=40, faces=False)
@@ -60,7 +60,7 @@ def test_the_smallest_sphere_of_all_worlds_counts():
 
 
 def test_a_sphere_that_may_jump_over_particles_is_named_unless_its_way_is_looked_along():
-    """It falls 80 m, to 40 m/s: 0.33 m in a substep of 1/120 s."""
+    """A sphere that may jump over particles, by 0.33 m in a substep, gives a warning unless its path is swept."""
     scene = Scene(
         balloon=[Balloon(mesh=quad_sphere(8, radius=0.5), position=(0.0, 0.5, 0.0), mass=9.0)],
         sphere=[Sphere(position=(0.0, 80.0, 0.0), radius=0.3)],

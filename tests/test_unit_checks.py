@@ -1,4 +1,4 @@
-"""Numbers that may be of another unit are asked about; ordinary ones are not."""
+"""Plausibility checks of units: implausible numbers raise a question, ordinary ones do not."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +15,7 @@ from balloon_warp.scene.load import bundled_scenes
 
 
 def asked(size: float, **said: object) -> list[str]:
-    """About a ball of that size."""
+    """Return the questions about a ball of that size."""
     ball = quad_sphere(4, 0.5)
     overrides = {f"balloon.{name.replace('__', '.')}": value for name, value in said.items()}
     scene = load_scene(replace(ball, points=size / np.ptp(ball.points[:, 0]) * ball.points), overrides)
@@ -46,7 +46,7 @@ def test_a_size_a_wall_and_a_mass_are_asked_about() -> None:
 
 
 def test_inspect_asks_too(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
-    """Of a mesh, with the axis and the unit that are taken, and of a scene."""
+    """The report of a mesh asks, with the axis and the unit that are assumed, and so does that of a scene."""
     ball = quad_sphere(4, 0.5)
     write_obj(tmp_path / "ball.obj", replace(ball, points=500.0 * ball.points))
     (tmp_path / "big.toml").write_text('up_axis = "Z"\n[[balloon]]\nmesh = "ball.obj"\nmass = 2.0\n')
@@ -63,7 +63,7 @@ def test_inspect_asks_too(tmp_path: Path, capsys: pytest.CaptureFixture) -> None
 def test_the_axis_is_said_once(
     source: str, up_axis: str, command: str, tmp_path: Path, capfd: pytest.CaptureFixture
 ) -> None:
-    """Of a mesh by itself in the line that says what scene it got; of a scene's mesh where it is turned."""
+    """The up axis is named once: in the line about a mesh's default scene, or where a scene's mesh is turned."""
     write_obj(tmp_path / "ball.obj", quad_sphere(3, 0.5))
     (tmp_path / "ball.toml").write_text('[[balloon]]\nmesh = "ball.obj"\n')
     name, *options = command.split()

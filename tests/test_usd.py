@@ -1,4 +1,4 @@
-"""The stage as it is read back: by the validators, by its attributes, and by Blender where that is installed."""
+"""Stage as it is read back: by the validators, by its attributes, and by Blender where that is installed."""
 
 from pathlib import Path
 
@@ -17,7 +17,7 @@ FRAMES = 6
 
 
 def everything(**fields) -> Scene:
-    """A small scene with one of each: two balloons (one open), spheres, a string, a ground, net forces."""
+    """Return a small scene with one of each: two balloons (one open), spheres, a string, a ground, net forces."""
     inflating = Inflation(k_normal=[[0.0, 0.0], [0.05, 2.0]])
     balloons = [
         Balloon(mesh=quad_sphere(3), name="ball", position=(0, 2, 0), helium=20.0, inflation=inflating),
@@ -71,7 +71,7 @@ def test_stage_metadata(stage: Usd.Stage):
 
 
 def test_balloons_are_the_frames_of_the_simulation(stage: Usd.Stage):
-    """Static topology, and points of every frame to the last bit, with the velocities that these have."""
+    """Balloons have static topology, and bit-identical points and velocities in every frame."""
     paths, meshes = ["/World/ball", "/World/ball_1"], [quad_sphere(3), grid(3, 2)]
     for path, mesh in zip(paths, meshes, strict=True):
         prim = UsdGeom.Mesh(stage.GetPrimAtPath(path))
@@ -89,7 +89,7 @@ def test_balloons_are_the_frames_of_the_simulation(stage: Usd.Stage):
 
 
 def test_extents_hold_at_every_sample(stage: Usd.Stage):
-    """Each extent is what USD computes from the prim itself: the validators do not look at it."""
+    """Each extent is what USD computes from the prim itself: the validators do not check it."""
     checked = 0
     for prim in stage.Traverse():
         boundable = UsdGeom.Boundable(prim)
@@ -176,7 +176,7 @@ def test_ground_and_water_are_level_and_face_up(tmp_path: Path, up_axis: str, up
 
 
 def test_a_plane_moves_where_its_height_changes(tmp_path: Path):
-    """The water at once, in the third frame, as the renderer sees it, too; the ground has no time samples."""
+    """Water moves at once, in the third frame, as the renderer sees it, too; the ground has no time samples."""
     path = tmp_path / "tide.usda"
     tide = [Change(time=2 / 30, set={"water.level": 0.75})]
     animate(everything(water=Water(level=0.25, density=1.0), change=tide), path, device="cpu")
@@ -247,7 +247,7 @@ def test_a_stage_that_cannot_be_written_is_refused_before_the_run(tmp_path: Path
 
 
 def test_blender_reads_the_stage(written: Path):
-    """In Blender: the balloon's mesh, its polygons, its shape at the last frame, materials, and a lens of 50 mm."""
+    """Blender reads the balloon's mesh, its polygons, its shape at the last frame, materials, and a lens of 50 mm."""
     bpy = pytest.importorskip("bpy")
     bpy.ops.wm.read_factory_settings(use_empty=True)
     bpy.ops.wm.usd_import(filepath=str(written))

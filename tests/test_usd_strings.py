@@ -19,7 +19,7 @@ FRAMES = 6
 
 @pytest.fixture(scope="module")
 def stage(tmp_path_factory: pytest.TempPathFactory) -> Usd.Stage:
-    """A ball that rises on a string."""
+    """Return a stage of a ball that rises on a string."""
     path: Path = tmp_path_factory.mktemp("stage") / "string.usdc"
     ball = Balloon(mesh=quad_sphere(3), name="ball", position=(0, 2, 0), helium=20.0)
     scene = Scene(balloon=[ball], string=[String(anchor=(0, 0, 0), length=2.0)], frames=FRAMES)
@@ -53,7 +53,7 @@ def test_a_string_on_the_second_balloon_ends_at_its_particle(tmp_path: Path):
 
 
 def test_a_slack_string_hangs_by_its_length_and_a_taut_one_is_straight():
-    """The parabola's length is off by the next term of its series: 2 % at a slack of 10 %."""
+    """A slack string hangs as a parabola, with a length error of the series: 2 % at a slack of 10 %."""
     taut = string_curve((0, 1, 0), (2, 1, 0), 2.0, (0, 1, 0), -np.inf)
     np.testing.assert_allclose(taut[:, 1], 1.0, atol=1e-6)
     slack = string_curve((0, 1, 0), (2, 1, 0), 2.2, (0, 1, 0), -np.inf)
@@ -64,7 +64,7 @@ def test_a_slack_string_hangs_by_its_length_and_a_taut_one_is_straight():
 
 
 def test_a_mesh_goes_around_each_string(stage: Usd.Stage):
-    """For programs that give curves no material: as thick as the curve, seen in its place, its outside outward."""
+    """A mesh surrounds each string, of its thickness and wound outward, for programs that give curves no material."""
     curve = UsdGeom.BasisCurves(stage.GetPrimAtPath("/World/Strings/String_0"))
     mesh = UsdGeom.Mesh(stage.GetPrimAtPath("/World/Strings/String_0_Mesh"))
     assert UsdGeom.Imageable(curve).GetPurposeAttr().Get() == "proxy"
@@ -91,7 +91,7 @@ def test_a_mesh_goes_around_each_string(stage: Usd.Stage):
 
 @pytest.mark.parametrize("bend", [0.0, 0.3])
 def test_points_around_a_curve_lie_across_it(bend: float):
-    """Straight or bent, and where points coincide."""
+    """Rings around a curve are perpendicular to it, straight or bent, and where points coincide."""
     along = np.linspace(0.0, 1.0, 17)
     curve = np.stack([along, bend * along * (1.0 - along), 0.0 * along], axis=1).astype(np.float32)
     around = points_around(curve, 0.01).reshape(17, -1, 3) - curve[:, None]

@@ -1,4 +1,4 @@
-"""docs/VALIDATION.md: its table is that of its JSON, whose curves are near their formulas and can be made again."""
+"""Table of docs/VALIDATION.md: it is that of its JSON, whose curves are near their formulas and can be made again."""
 
 import json
 import re
@@ -33,7 +33,7 @@ def test_curves_are_near_their_formulas(name: str):
 
 @pytest.mark.parametrize("name", ["gas", "drag"])
 def test_the_kept_curves_are_simulated_again(name: str):
-    """Within what compilers and processors round otherwise."""
+    """The stored curves are reproduced within rounding of other compilers and processors."""
     for found, kept in zip(validation.CASES[name]().curves, KEPT[name]["curves"], strict=True):
         np.testing.assert_allclose(found.simulated, kept["simulated"], rtol=1e-3, atol=1e-3 * max(kept["simulated"]))
 

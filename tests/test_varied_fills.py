@@ -1,4 +1,4 @@
-"""Worlds that differ in how they are filled, where nothing else says what kind of inflation their balloons have."""
+"""Fills that vary between worlds, where nothing else gives the kind of inflation."""
 
 import sys
 from pathlib import Path
@@ -36,7 +36,7 @@ def test_a_mesh_by_itself_is_filled_by_what_differs(field: str, row: str):
 
 
 def test_a_command_fills_a_mesh_by_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """With as many litres as each world has, within the two frames that it takes."""
+    """A command varies the litres of a mesh by itself, filled within two frames."""
     monkeypatch.chdir(tmp_path)
     write_obj(tmp_path / "ball.obj", quad_sphere(3))
     words = "batch ball.obj --device cpu --worlds 2 --frames 3 --vary balloon.inflation.litres=50,100 -o out"

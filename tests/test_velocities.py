@@ -1,4 +1,4 @@
-"""Velocities as a stage has them. That they are those of its points stands in the tests of what writes stages, by
+"""Velocities in a stage. That they are the derivatives of points is tested with each writer of stages, by
 `motion.py`."""
 
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The page, as somebody plays with it: in headless Chromium, where there is one."""
+"""Page in use: in headless Chromium, where there is one."""
 
 import threading
 import time
@@ -73,7 +73,7 @@ def test_a_click_throws_a_sphere_that_dents_the_balloon(fresh, served):
     gaps, volumes = [], []
 
     def dents() -> bool:
-        """A sphere has touched it, and its volume has fallen."""
+        """Return whether a sphere has touched the balloon and its volume has fallen."""
         picture = served.session.picture
         if picture.scene.sphere and len(picture.frame.sphere_positions):
             arms = picture.frame.points[0][:, None] - picture.frame.sphere_positions
@@ -163,7 +163,7 @@ def test_reset_goes_back_to_the_start(fresh, served):
 
 def test_a_blow_up_is_caught_and_undone(fresh, served):
     asked(served, 40)
-    click_inside(fresh, "Advanced", "as many substeps as stability asks")
+    click_inside(fresh, "Advanced", "keep the step stable")
     unfold(fresh, "Balloon", "structural springs")
     stiffness = "structural springs"
     # Softer, which its substeps bear for ever: what is stiffer blows up by itself, and its good states with it.

@@ -1,4 +1,4 @@
-"""Kernels that are compiled while the page is looked at, so that no touch waits for them."""
+"""Kernels that are compiled in the background of the page, so that no interaction waits for them."""
 
 import os
 import subprocess
@@ -42,7 +42,7 @@ ahead.end()
 
 
 def page(folder: Path, script: str) -> subprocess.Popen:
-    """A process with a kernel cache of its own, in a folder."""
+    """Start a process with a kernel cache of its own, in a folder."""
     found = {**os.environ, "WARP_CACHE_PATH": str(folder), "PYTHONPATH": str(Path(__file__).parent)}
     command = [sys.executable, "-c", script, str(folder)]
     return subprocess.Popen(command, env=found, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
@@ -57,7 +57,7 @@ def is_there(process: int) -> bool:
 
 
 def test_a_first_touch_compiles_nothing(tmp_path: Path):
-    """In a kernel cache that was empty; and where all was compiled, no process begins."""
+    """A first interaction compiles nothing from an empty kernel cache; with a full one, no process starts."""
     pytest.importorskip("viser")
     said, wrong = page(tmp_path, PLAYED).communicate(timeout=600)
     assert "compiled []" in said, wrong
@@ -69,7 +69,7 @@ def test_a_first_touch_compiles_nothing(tmp_path: Path):
 @pytest.mark.parametrize("killed", [False, True])
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="asks /proc")
 def test_the_process_ends_with_the_page(killed: bool, tmp_path: Path):
-    """Also where the page is killed; and leaves nothing half compiled."""
+    """The process ends with the page, killed or not, and leaves no partial files."""
     pytest.importorskip("viser")
     process = page(tmp_path, PAGE + ("time.sleep(600)" if killed else "time.sleep(4.0); ahead.end()"))
     assert process.stdout

@@ -17,14 +17,14 @@ from balloon_warp.viewer.session import Session
 
 
 def lying(**fields) -> Scene:
-    """A ball that lies on the ground, where it was put."""
+    """Return a ball that lies on the ground, where it was put."""
     inflation = Inflation(kind="pressure", pressure=15.0)
     balloon = Balloon(mesh=quad_sphere(3, 0.5), position=(0, 0.49, 0), mass=0.3, damping=4.0, inflation=inflation)
     return Scene(balloon=[balloon], ground=Ground(), **fields)
 
 
 def test_an_arrow_for_each_pair_says_how_hard_it_presses():
-    """From where the ball is pressed, in the direction of the force, the strongest as long as all arrows may be."""
+    """An arrow starts where the ball is pressed and points along the force; the strongest has the largest length."""
     session = Session("ball", lying(contacts=True), "cpu")
     for _ in range(30):
         session.playground.step()
@@ -39,7 +39,7 @@ def test_an_arrow_for_each_pair_says_how_hard_it_presses():
 
 
 def test_a_blow_does_not_dwarf_for_long_what_follows():
-    """The strongest force of the last pictures is the scale, which fades."""
+    """The strongest force of the last pictures is the scale, which decays."""
     layer = PressLayer(MagicMock(), size=1.0)
 
     def length(force: float) -> float:

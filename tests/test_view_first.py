@@ -1,4 +1,4 @@
-"""The first seconds of the page, and what is seen while something is made ready: in headless Chromium."""
+"""First seconds of the page, and its notices while it prepares something: in headless Chromium."""
 
 import threading
 
@@ -17,7 +17,7 @@ from balloon_warp.viewer.session import Session
 
 @pytest.mark.parametrize("size", [(1100, 600), (390, 844)])
 def test_a_splash_is_seen_until_something_moves(browser, tmp_path, size):
-    """At a desk and on a phone, whose panel is folded. Then what hands may do is compiled ahead."""
+    """A splash shows until something moves, at a desk and on a phone. Then kernels compile ahead."""
     page = Page(Session("ball", tethered(), "cpu", tmp_path), port=free_port("127.0.0.1", 0))
     page.ahead = asked = AskedAhead()
     page.layers.draw(page.session.picture)
@@ -38,7 +38,7 @@ def test_a_splash_is_seen_until_something_moves(browser, tmp_path, size):
 
 
 def test_a_sphere_is_seen_at_once(fresh, served):
-    """Though nothing can be simulated yet, as where other kernels are compiled: it waits where it will start."""
+    """A thrown sphere shows at once at its start, even while other kernels compile."""
 
     def blue() -> int:
         red, _, blue = np.moveaxis(picture_of(fresh), 2, 0)

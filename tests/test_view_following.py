@@ -13,7 +13,7 @@ from balloon_warp.viewer.following import Follower
 
 
 class SlowCamera:
-    """A camera whose place takes a while to be read and set, so that threads meet there."""
+    """Camera whose place takes a while to be read and set, so that threads race."""
 
     look_at = (0.0, 0.0, 0.0)
 

@@ -23,13 +23,13 @@ MODELS = Path(scenes.__file__).parent
 
 
 def test_the_balloon_shines(fresh, served):
-    """It mirrors the studio's lights: among its red there are spots nearly as bright as these."""
+    """The balloon mirrors the studio's lights: among its red there are spots nearly as bright as these."""
     see(fresh, served, lambda: redness(fresh) > 10_000, "the balloon is red")
     see(fresh, served, lambda: highlights(fresh) > 100, "it shines")
 
 
 def test_the_page_says_that_what_was_asked_for_takes_long(fresh, served):
-    """As where other kernels are compiled. Then time goes on."""
+    """A notice shows while a request waits, as where other kernels compile. Then time goes on."""
     done = threading.Event()
     served.session.ask(lambda _: done.wait(LIMIT))
     try:
@@ -40,7 +40,7 @@ def test_the_page_says_that_what_was_asked_for_takes_long(fresh, served):
 
 
 def test_a_print_is_seen(fresh, served, tmp_path):
-    """A pillow's, half green and half blue, as its texture coordinates have it: green to the left."""
+    """A pillow's print, half green and half blue, shows by its texture coordinates: green to the left."""
     image = np.zeros((8, 8, 3), np.uint8)
     image[:, :4, 1] = image[:, 4:, 2] = 255
     Image.fromarray(image).save(tmp_path / "halves.png")
@@ -62,7 +62,7 @@ def test_a_print_is_seen(fresh, served, tmp_path):
 
 
 def test_contact_forces_are_arrows_where_a_scene_tells_them(fresh, served):
-    """Arrows are seen through the balloons; elsewhere there is no box for them."""
+    """Contact forces are arrows, visible through the balloons; scenes without them have no box for that."""
     told = fresh.get_by_label("contact forces", exact=True)
     unfold(fresh, "Show", "smooth balloon")
     assert not told.is_visible()
@@ -82,8 +82,8 @@ def test_contact_forces_are_arrows_where_a_scene_tells_them(fresh, served):
 
 
 def test_water_is_seen_where_its_level_is(fresh, served):
-    """What is below it turns blue, also what was red. It goes with its level: below the ground only
-    a line at the horizon is left, where the ground fades."""
+    """Water tints what is below its level blue, red included. With the level below the ground only a line at the
+    horizon is left, where the ground fades."""
     served.session.load("pool", lambda: tethered().model_copy(update={"water": Water(level=0.1, density=1.0)}))
     served.session.run(False)
 
@@ -104,7 +104,7 @@ def test_water_is_seen_where_its_level_is(fresh, served):
 
 
 def test_the_panel_leaves_the_balloon_in_the_middle_of_the_view(fresh, served):
-    """At a desk the view ends where the panel begins, on a phone where the drawer does, folded or not."""
+    """The view ends where the panel begins at a desk, and where the drawer does on a phone, folded or not."""
     see(fresh, served, lambda: redness(fresh) > 10_000, "the balloon is red")
     free, panel = box(fresh, "canvas[data-engine]"), fresh.get_by_text("Reset", exact=True).bounding_box()
     assert 0 < free["x"] + free["width"] <= panel["x"]
@@ -138,7 +138,7 @@ def test_keys_are_on_a_sheet(fresh, served):
 
 
 def test_the_camera_follows(fresh, served):
-    """After F it looks at the balloon wherever that goes, and stays after F again."""
+    """The camera follows the balloon after F, and stays after F again."""
     [client] = served.server.get_clients().values()
     camera, follows = client.camera, lambda: served.follower.follows(client)
 
@@ -164,7 +164,7 @@ def test_the_camera_follows(fresh, served):
 
 
 def test_a_notebook_shows_the_page(browser, fresh, served):
-    """A page of this machine may have it in a frame; one from elsewhere may not."""
+    """A notebook of this machine may frame the page; one from elsewhere may not."""
     html = Shown(served, ("100%", 400))._repr_html_()
 
     class Notebook(BaseHTTPRequestHandler):
@@ -175,7 +175,7 @@ def test_a_notebook_shows_the_page(browser, fresh, served):
             self.wfile.write(html.encode())
 
         def log_message(self, format: str, *args: object) -> None:
-            """Nothing."""
+            """Log nothing."""
 
     with ThreadingHTTPServer(("127.0.0.1", 0), Notebook) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()

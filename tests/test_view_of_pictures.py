@@ -19,7 +19,7 @@ FRAMES, RATE = 20, 40.0
 
 @pytest.fixture(scope="module", params=["Y", "Z"])
 def stage(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> RenderStage:
-    """A soft square of side 0.2 that rises by 10 in 20 frames, and a sphere that stays."""
+    """Write a stage of a soft square of side 0.2 that rises by 10 in 20 frames, and a sphere that stays."""
     path = tmp_path_factory.mktemp("stage") / "rise.usda"
     made = Usd.Stage.CreateNew(str(path))
     made.SetDefaultPrim(UsdGeom.Xform.Define(made, "/World").GetPrim())
@@ -74,7 +74,7 @@ def test_what_is_named_is_in_the_middle(stage: RenderStage):
 
 @pytest.mark.parametrize("look_at", [None, "soft"])
 def test_a_camera_that_follows_keeps_its_subject_large_and_in_the_middle(stage: RenderStage, look_at: str | None):
-    """A balloon that rises 50 times its size is a speck without. A margin of a fifth is left around it."""
+    """A camera that follows keeps its subject large: a balloon that rises 50 times its size is a speck without."""
     for frame, camera in enumerate(cameras(stage, follow=True, look_at=look_at)):
         corners = np.array([seen(camera, (x, 0.5 * frame + y, 0.0)) for x in (-0.1, 0.1) for y in (-0.1, 0.1)])
         assert np.abs(corners).max() < 0.9
@@ -84,7 +84,7 @@ def test_a_camera_that_follows_keeps_its_subject_large_and_in_the_middle(stage: 
 
 
 def test_a_stage_says_from_where_its_picture_is_taken_unless_one_asks(stage: RenderStage, tmp_path: Path):
-    """Garbage is passed over. Who follows something goes wherever it goes."""
+    """A stage's view is used unless a call gives one or follows something, and garbage is ignored."""
     plain = cameras(stage)[0]
     said = {"azimuth": 70.0, "elevation": 40, "zoom": 3.0, "look_at": Gf.Vec3d(1.0, 2.0, 3.0)}
     stage.stage.GetRootLayer().customLayerData = {"balloonWarp": {"pictureView": said | {"other": 1.0}}}
@@ -146,7 +146,7 @@ def test_one_picture_has_no_rate(stage: RenderStage, tmp_path: Path):
 
 
 def test_a_part_at_another_rate_keeps_its_speed(stage: RenderStage, tmp_path: Path):
-    """40 frames a second at 10: every fourth."""
+    """A part of 40 frames a second at 10 takes every fourth."""
     shown = render_stage(
         stage.path, tmp_path / "out.gif", size=(192, 108), samples=1, frames=(4, None), frames_per_second=10.0
     )

@@ -22,7 +22,7 @@ FIELD_OF_VIEW = np.radians(75.0)
 
 
 def test_what_people_reach_for_is_large_and_first(fresh, served):
-    """Above all else Inflate and Deflate, side by side; below them a row of four, with icons."""
+    """Inflate and Deflate are on top, side by side; below them a row of four, with icons."""
     boxes = {
         name: fresh.get_by_role("button", name=name, exact=True).first.bounding_box()
         for name in ("Inflate", "Deflate", "Pause", "Step", "Reset", "Follow")
@@ -36,8 +36,8 @@ def test_what_people_reach_for_is_large_and_first(fresh, served):
 
 
 def test_a_button_that_is_held_inflates_on(fresh, served):
-    """Until it is released, and the other lets the gas out again: presses that are under way when a button is released
-    still count, so each is held until the number has passed."""
+    """A held button inflates until released, and the other deflates: presses under way at the release still count, so
+    each is held until the number has passed."""
 
     def hold(name: str, happened: Callable[[], bool]) -> None:
         button = fresh.get_by_role("button", name=name, exact=True).bounding_box()
@@ -52,7 +52,7 @@ def test_a_button_that_is_held_inflates_on(fresh, served):
 
 
 def test_a_number_stays_within_its_slider_and_says_so(fresh, served):
-    """Ten times as much as the scene says is the most; the slider stands where the number is."""
+    """A number is limited to ten times the scene's value, with a message, and the slider follows it."""
     [dial] = [
         each for _, dials in served.controls._folders for each in dials if each.value.label == "structural springs"
     ]
@@ -62,7 +62,7 @@ def test_a_number_stays_within_its_slider_and_says_so(fresh, served):
 
     unfold(fresh, "Balloon", "structural springs")
     slide(fresh, "structural springs", 1e9, lambda: stiffness() == 400.0)
-    see(fresh, served, fresh.get_by_text("structural springs: 400 is the most here").first.is_visible, "it says so")
+    see(fresh, served, fresh.get_by_text("structural springs: 400 is the maximum here").first.is_visible, "it says so")
     assert dial.slider.value == 1.0
     slide(fresh, "structural springs", 4.0, lambda: stiffness() == 4.0)
     assert dial.slider.value == pytest.approx(-1.0)
@@ -72,7 +72,7 @@ def test_a_number_stays_within_its_slider_and_says_so(fresh, served):
 
 @pytest.mark.parametrize("material", ["latex", "foil", "nylon"])
 def test_the_menu_makes_balloons_of_another_material(fresh, served, material):
-    """It offers what the scene had, too."""
+    """The menu of materials has the scene's own, too."""
 
     def choose(name: str) -> None:
         fresh.locator("xpath=//label[normalize-space()='material']/following::input[1]").click()
@@ -93,7 +93,7 @@ def test_the_menu_makes_balloons_of_another_material(fresh, served, material):
 
 
 def test_balloons_take_a_color(fresh, served):
-    """On the page, and in what is recorded."""
+    """A color applies to the page and to the recording."""
     see(fresh, served, lambda: redness(fresh) > 10_000, "the balloon is red")
     served.controls.hands_on._paint((20, 60, 220))
     see(fresh, served, lambda: redness(fresh) < 2000, "it is blue")
@@ -103,7 +103,7 @@ def test_balloons_take_a_color(fresh, served):
 
 
 def test_a_recording_can_be_downloaded(fresh, served):
-    """Both files, as they are in the folder."""
+    """A recording's two files are downloaded as they are in the folder."""
     served.session.record(True)
     asked(served, 5)
     served.session.record(False)
@@ -118,7 +118,7 @@ def test_a_recording_can_be_downloaded(fresh, served):
 
 @pytest.mark.parametrize("name", ["balloon_bunch", "squirrel_tether"])
 def test_a_scene_fills_the_view(name: str, tmp_path: Path):
-    """Strings and balloons, as they start, from more than half of its height to all of it; after a switch, too."""
+    """Strings and balloons, as they start, fill more than half of the view's height; after a switch of scenes, too."""
     page = Page(Session("ball", tethered(), "cpu", tmp_path), port=free_port("127.0.0.1", 0))
     page.layers.draw(page.session.picture)
     other = Session(name, load_scene(name), "cpu", tmp_path)

@@ -32,8 +32,8 @@ def ball(**fields) -> Scene:
 
 
 def play(pace: Pace, cost: float, seconds: float, speed: float = 1.0) -> tuple[float, float]:
-    """Simulated frames of 1/60 s that each cost some time on a clock of our own; returns what was simulated, in what
-    time."""
+    """Simulate frames of 1/60 s that each cost some time on a clock of our own, and return the simulated and the
+    elapsed time."""
     pace.speed, now, simulated = speed, 100.0, 0.0
     while now < 100.0 + seconds:
         now += pace.wait(now, 1 / 60) + cost
@@ -51,7 +51,7 @@ def test_pace_keeps_real_time_where_the_machine_can(speed):
 
 
 def test_pace_slows_down_where_the_machine_cannot():
-    """A frame of 1/60 s that costs 1/30 s runs at half of real time, and says so."""
+    """A frame of 1/60 s that costs 1/30 s runs at half of real time, and the pace reports that."""
     pace = Pace()
     simulated, seconds = play(pace, 1 / 30, 10.0)
     assert simulated == pytest.approx(0.5 * seconds, rel=0.02)
@@ -59,7 +59,7 @@ def test_pace_slows_down_where_the_machine_cannot():
 
 
 def test_pace_does_not_catch_up_on_a_long_stop():
-    """After a second in which nothing could be done, at most what is allowed is made up for."""
+    """After a stop of a second, the pace catches up by its limit at most."""
     pace = Pace()
     play(pace, 0.001, 1.0)
     now, frames = 102.0, 0
@@ -85,7 +85,7 @@ def test_a_ray_meets_the_ground_from_above_only():
 
 
 def test_a_thrown_body_arrives():
-    """In free flight x + v t - 1/2 g t^2 up is the target at t = distance / speed."""
+    """A thrown body reaches its target in free flight: x + v t - 1/2 g t^2 up at t = distance / speed."""
     start, target = np.array([1.0, 2.0, 3.0]), np.array([-2.0, 2.5, 7.0])
     velocity = throw_at(target, start, 6.0, 9.81, UP)
     seconds = np.linalg.norm(target - start) / 6.0
@@ -110,7 +110,7 @@ def until(happened, what: str) -> None:
 
 
 def test_strain_bands_follow_the_stretch(session):
-    """A balloon blown up to 1.25 times its size is in the band from 1.15 to 1.4 all over."""
+    """A balloon inflated to 1.25 times its size is in the band from 1.15 to 1.4 all over."""
     picture = session.picture
     frame = picture.frame
     object.__setattr__(frame, "points", [1.25 * picture.model.shapes[0].mesh.points.astype(np.float32)])
@@ -119,8 +119,8 @@ def test_strain_bands_follow_the_stretch(session):
 
 
 def test_the_surface_that_is_drawn_is_catmull_and_clarks():
-    """A cube's: its corners go to 5/9, its edges' middles to 3/4 of the way out (Catmull and Clark 1978), and faces
-    keep their middles. It stays closed, and follows the points that it is given."""
+    """A drawn cube is Catmull and Clark's limit surface (1978): its corners go to 5/9, its edges' middles to 3/4 of the
+    way out, and faces keep their middles. It stays closed, and follows the given points."""
     mesh = cube()
     surface = Smooth(mesh)
     middle = mesh.points.mean(axis=0)
@@ -136,7 +136,7 @@ def test_the_surface_that_is_drawn_is_catmull_and_clarks():
 
 
 def test_an_open_border_keeps_its_course():
-    """A square of four quads stays as wide as it is, but for its corners."""
+    """An open border keeps its course: a square of four quads keeps its width, but for its corners."""
     x, y = np.meshgrid([0.0, 1.0, 2.0], [0.0, 1.0, 2.0])
     points = np.stack([x.ravel(), y.ravel(), np.zeros(9)], axis=1)
     corners = np.array([[a, a + 1, a + 4, a + 3] for a in (0, 1, 3, 4)])
@@ -148,7 +148,7 @@ def test_an_open_border_keeps_its_course():
 
 
 def test_measures_are_those_of_the_shape(session):
-    """Twice as large: eight times the volume, twice the stretch."""
+    """Doubled size gives eight times the volume and twice the stretch."""
     picture, drawing = session.picture, Drawing(session.picture.model)
     rest = picture.model.shapes[0].mesh.points.astype(np.float32)
     measures = []
@@ -161,7 +161,7 @@ def test_measures_are_those_of_the_shape(session):
 
 
 def test_the_pressure_that_is_plotted_is_the_balloons():
-    """Though forces are not read, where a pressure is given."""
+    """The plotted pressure is the balloon's given one, without reading forces."""
     balloon = Balloon(mesh=cube(), inflation=Inflation(kind="pressure", pressure=7.0))
     simulator = Simulator(Scene(balloon=[balloon]), "cpu")
     simulator.step()
@@ -187,7 +187,7 @@ def test_what_goes_wrong_in_a_wish_does_not_stop_the_simulation(session, capsys)
 
 
 def test_wishes_do_not_pile_up(session):
-    """The last of many with one key is done; too many others are not heard."""
+    """Only the last of many requests with one key is carried out, and excess requests are dropped."""
     hold, busy, free = [], threading.Event(), threading.Event()
     session.ask(lambda playground: busy.set() or free.wait())
     busy.wait()
@@ -201,7 +201,7 @@ def test_wishes_do_not_pile_up(session):
 
 
 def test_who_asks_for_much_does_not_stop_time(session):
-    """Wishes that take a second together are granted over many frames."""
+    """Requests that take a second together are spread over many frames."""
     frames = []
 
     def wish(playground) -> None:
@@ -215,7 +215,7 @@ def test_who_asks_for_much_does_not_stop_time(session):
 
 
 def test_two_recordings_in_a_row_are_two(session, tmp_path, monkeypatch):
-    """The second ends while the first is still being written."""
+    """A second recording ends while the first is still being written, and both are saved."""
     both_ended = threading.Event()
 
     def write(*arguments) -> list[Path]:
@@ -239,7 +239,7 @@ def test_a_sphere_out_of_bounds_is_refused_in_a_sentence(session):
 
 
 def test_a_recording_is_a_valid_stage(session, tmp_path, monkeypatch):
-    """Frames from its start to its end are written by another process: this one has time to keep."""
+    """A recording is a valid stage from its start to its end, written by another process while this one keeps time."""
     monkeypatch.setattr("balloon_warp.viewer.saving.write_recording", lambda *_: pytest.fail("it is written here"))
     until(lambda: session.picture.frame.number > 3, "some frames")
     session.record(True)
@@ -267,7 +267,7 @@ def test_a_recording_is_a_valid_stage(session, tmp_path, monkeypatch):
 
 
 def test_a_recorded_scene_file_replays_its_stage(tmp_path):
-    """Its mesh is one that has a file, as every scene has that comes from the command line."""
+    """A recorded scene replays its stage bit-identically; its mesh has a file, as every scene from the command line."""
     session = Session("squirrel", load_scene("squirrel_tether"), "cpu", tmp_path)
     session.watched = True
     session.start()

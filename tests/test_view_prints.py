@@ -16,8 +16,8 @@ from balloon_warp.viewer.smooth import Plain, Smooth
 
 @pytest.mark.parametrize("kind", [Plain, Smooth])
 def test_a_print_is_where_its_coordinates_say(kind: type[Plain] | type[Smooth]):
-    """Each face of a cube shows half of an image, the left or the right one: it is cut where these meet. The triangles
-    cover as much of it as the faces do, and what was cut is at one place."""
+    """A print is cut where its halves meet: each face of a cube shows the left or the right half of an image. The
+    triangles cover as much of it as the faces do, and both sides of a cut coincide."""
     mesh = cube()
     ends = np.repeat(np.arange(6) % 2 * 0.5, 4)
     corners = np.tile([(0.0, 0.0), (0.5, 0.0), (0.5, 1.0), (0.0, 1.0)], (6, 1)) + np.stack([ends, 0 * ends], axis=1)

@@ -22,7 +22,7 @@ from balloon_warp.viewer.session import Session
 def test_a_blow_up_says_what_was_too_much_and_leaves_the_last_good_shape(
     tmp_path: Path, material: Material, inflation: Inflation, sentence: str
 ):
-    """It goes on from there, once it is told to go back."""
+    """A blow-up names the cause and keeps the last good shape, from which the page continues after going back."""
     scene = Scene(balloon=[Balloon(mesh=quad_sphere(3, 0.5), material=material, inflation=inflation)])
     session = Session("ball", scene, "cpu", tmp_path)
     session.watched = True

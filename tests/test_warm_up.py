@@ -28,7 +28,7 @@ COMMANDS = {
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_command_compiles_nothing_after_it(command: str, tmp_path: Path):
-    """The cache has no more files after other numbers and more frames."""
+    """The cache gets no more files after other numbers and more frames."""
     write_obj(tmp_path / "ball.obj", quad_sphere(3))
     options, later = COMMANDS[command]
     said = balloon_warp(tmp_path, "warm-up", "ball.obj", *options)

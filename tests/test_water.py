@@ -22,12 +22,12 @@ LIMP = {
 
 
 def limp(mesh: PolygonMesh, water: Water, **fields) -> Scene:
-    """A mesh on which only weight and water act."""
+    """Return a mesh on which only weight and water act."""
     return Scene(balloon=[Balloon(mesh=mesh, **LIMP, **fields)], water=water, net_forces=True, frames=1)
 
 
 def push_of_water(mesh: PolygonMesh, level: float, device: str, **fields) -> tuple[np.ndarray, np.ndarray]:
-    """Force [N], and torque [N m] about the origin, that the water puts on a mesh at rest."""
+    """Return the force [N], and torque [N m] about the origin, of the water on a mesh at rest."""
     simulator = Simulator(limp(mesh, Water(level=level), mass=1e-3, **fields), device)
     frame = simulator.read_frame()
     points = frame.points[0].astype(np.float64)
@@ -36,15 +36,15 @@ def push_of_water(mesh: PolygonMesh, level: float, device: str, **fields) -> tup
 
 
 def test_half_a_cube_is_lifted_by_the_water_it_displaces(device):
-    """And pressed from all sides alike: no torque about the middle."""
+    """A half-submerged cube is lifted by the displaced water, without torque about its middle."""
     force, torque = push_of_water(cube(), 0.5, device, position=(-0.5, 0.0, -0.5))
     np.testing.assert_allclose(force, [0.0, 0.5 * RHO * G, 0.0], atol=1e-3)  # float32 of 5 kN
     np.testing.assert_allclose(torque, 0.0, atol=1e-3)
 
 
 def test_a_heeling_cube_is_turned_by_its_metacentric_lever(device):
-    """Heeled by t about its middle, which is in the surface: a half is wet, and its center is tan t / 6 aside and
-    1 / 4 - tan^2 t / 12 below the middle along the cube's own axes (the moments of the wedge that goes under)."""
+    """A cube heeled by t about its middle, in the surface, has its metacentric torque: the center of the wet half is
+    tan t / 6 aside and 1 / 4 - tan^2 t / 12 below the middle along the cube's own axes (the wedge's moments)."""
     heel = np.radians(20.0)
     middle = np.array([0.5, 0.5, 0.5])
     turn = np.array([[np.cos(heel), -np.sin(heel), 0.0], [np.sin(heel), np.cos(heel), 0.0], [0.0, 0.0, 1.0]])
@@ -59,7 +59,7 @@ def test_a_heeling_cube_is_turned_by_its_metacentric_lever(device):
 @pytest.mark.parametrize("level", [-0.6, -0.1, 0.0, 0.37, 5.0])
 @pytest.mark.parametrize("mesh", [quad_sphere(5), prism(7), torus(12, 7)], ids=["ball", "prism", "torus"])
 def test_force_and_torque_are_those_of_the_displaced_water(mesh, level, device):
-    """Archimedes: rho g V, at the center of the displaced volume; by quads that are not flat, and 7-gons."""
+    """Archimedes' force rho g V acts at the center of the displaced volume; for quads that are not flat, and 7-gons."""
     turned = place_mesh(mesh, "Y", 1.0, (20.0, 40.0, 70.0), (0.1, 0.2, -0.3))
     volume, center = displaced(turned, level)
     force, torque = push_of_water(turned, level, device)
@@ -76,7 +76,7 @@ def test_above_the_water_is_dry(device):
 
 @pytest.mark.parametrize(("level", "wet_area"), [(9.0, 6.0), (0.25, 2.0), (-1.0, 0.0)])
 def test_drag_follows_the_wetted_area(level: float, wet_area: float, device):
-    """1/2 rho c A v^2 against the motion, of a cube of which the bottom and a quarter of each side are wet."""
+    """Drag is 1/2 rho c A v^2 against the motion of a cube with the bottom and a quarter of each side wet."""
     scene = limp(cube(), Water(level=level, drag=0.7), mass=2.0).model_copy(update={"gravity": 0.0})
     simulator = Simulator(scene, device)
     wp.copy(simulator.state.velocities, wp.full((1, 8), value=wp.vec3(3.0, 0.0, 0.0), device=device))
@@ -85,7 +85,7 @@ def test_drag_follows_the_wetted_area(level: float, wet_area: float, device):
 
 
 def test_drag_acts_at_the_center_of_the_wetted_area(device):
-    """Of a prism on its way, by the area of the mesh as trimesh cuts it: each particle takes its part."""
+    """Drag on a moving prism acts at the center of its wetted area as trimesh cuts it, shared among particles."""
     turned = place_mesh(prism(7), "Y", 1.0, (20.0, 40.0, 70.0), (0.1, 0.2, -0.3))
     wet = wet_part(turned, 0.1)
     scene = limp(turned, Water(level=0.1)).model_copy(update={"gravity": 0.0})
@@ -100,7 +100,7 @@ def test_drag_acts_at_the_center_of_the_wetted_area(device):
 
 @pytest.mark.parametrize("substeps", [1, 16])
 def test_drag_slows_as_its_solution_does_whatever_the_step(substeps: int, device):
-    """dv/dt = -k v^2 with k = rho c A / 2 m has v = v0 / (1 + k v0 t), also where one step is hundreds of 1 / k v0."""
+    """The speed follows v0 / (1 + k v0 t) with k = rho c A / 2 m, also where one step is hundreds of 1 / k v0."""
     scene = limp(cube(), Water(level=99.0, drag=1.0), mass=2.0)
     scene = scene.model_copy(update={"gravity": 0.0, "substeps": substeps, "frames_per_second": 10.0})
     simulator = Simulator(scene, device)
@@ -111,7 +111,7 @@ def test_drag_slows_as_its_solution_does_whatever_the_step(substeps: int, device
 
 
 def test_a_floating_block_bobs_at_its_natural_frequency(device):
-    """A stiff cube half as dense as water: omega^2 = rho g A / m, A its waterline."""
+    """A stiff cube half as dense as water bobs at omega^2 = rho g A / m, A its waterline."""
     mass, lifted = 500.0, 0.02
     stiff = Stiffness(structural=2e7, shear=2e7, flexion=2e7)
     balloon = Balloon(mesh=cube(), position=(0.0, lifted - 0.5, 0.0), mass=mass, **(LIMP | {"stiffness": stiff}))
@@ -126,9 +126,9 @@ def test_a_floating_block_bobs_at_its_natural_frequency(device):
 
 
 def test_the_step_is_stable_on_water(device):
-    """A sheet without springs rides on the water, at most 1 kg / 9 over 1/4 m^2, or 0.44 mm, deep. Its particles bob at
-    297 / s, for which a frame of 1/60 s in one step would be too long; with steps
-    fifty times as short they rise by 2.3 mm."""
+    """The step is stable on water for a sheet without springs, at most 1 kg / 9 over 1/4 m^2, or 0.44 mm, deep. Its
+    particles bob at 297 / s, for which a frame of 1/60 s in one step would be too long; with steps fifty times as short
+    they rise by 2.3 mm."""
     sheet = Balloon(mesh=grid(2, 2), rotation=(90.0, 0.0, 0.0), position=(0.0, -0.0002, 0.0), mass=1.0, **LIMP)
     simulator = Simulator(Scene(balloon=[sheet], water=Water(drag=0.0)), device)
     for _ in range(60):
@@ -139,7 +139,7 @@ def test_the_step_is_stable_on_water(device):
 
 @pytest.mark.parametrize("schedule", ["scatter", "gather", "lanes", "block"])
 def test_water_may_differ_between_worlds(schedule, device):
-    """Each world is that world alone, to the last bit; `scatter` adds in any order."""
+    """Worlds of other water are bit-identical to each alone; `scatter` adds in any order."""
     if schedule == "lanes" and device != "cpu":
         pytest.skip("lanes is for the CPU")
     balloon = Balloon(mesh=quad_sphere(3, radius=0.2), mass=0.5)

@@ -1,4 +1,4 @@
-"""Wind that grows with height, and gusts: as a field, and as balloons feel it."""
+"""Wind that grows with height, and gusts: as a field, and its force on balloons."""
 
 from functools import cache
 
@@ -54,7 +54,7 @@ def air_around(
     roughness: float = 0.0,
     intensity: float = 0.0,
 ) -> NDArray[np.float64]:
-    """Velocity [m/s], shape (count, 3)."""
+    """Return the velocity of the air [m/s], shape (count, 3)."""
     there = wp.array(places.astype(np.float32), dtype=wp.vec3, device=device)
     air = wp.zeros(len(places), dtype=wp.vec3, device=device)
     wp.launch(
@@ -65,21 +65,21 @@ def air_around(
 
 @cache
 def spread(count: int) -> NDArray[np.float64]:
-    """Places in a box of 200 lengths."""
+    """Return places in a box of 200 lengths."""
     return RANDOM.uniform(-100.0 * LENGTH, 100.0 * LENGTH, (count, 3))
 
 
 def test_gusts_have_no_mean_and_the_variance_that_they_are_given(device: str):
-    """Alike along all axes, and independent. Of 40,000 places some 20,000 are independent: a mean is off by 0.007, a
-    mean square by 0.01, each four times over."""
+    """Gusts have zero mean and the given variance, isotropic and independent. Of 40,000 places some 20,000 are
+    independent: a mean is off by 0.007, a mean square by 0.01, each four times over."""
     found = gusts(spread(40_000), device)
     np.testing.assert_allclose(found.mean(axis=0), 0.0, atol=0.03)
     np.testing.assert_allclose(np.cov(found.T), np.eye(3), atol=0.04)
 
 
 def test_gusts_have_no_divergence(device: str):
-    """Beside their own slopes: of differences over a five-thousandth of a length, a fifteenth of the shortest
-    wave, which float32 knows to a thousandth."""
+    """The divergence is small beside the gusts' gradients, by differences over a five-thousandth of a length, a
+    fifteenth of the shortest wave, which float32 resolves to a thousandth."""
     places, step = RANDOM.uniform(-2.0, 2.0, (4000, 3)), 1e-4 * LENGTH
     slopes = [
         (gusts(places + step * axis, device) - gusts(places - step * axis, device)) / (2.0 * step) for axis in np.eye(3)
@@ -89,7 +89,7 @@ def test_gusts_have_no_divergence(device: str):
 
 
 def structure(apart: float, device: str) -> tuple[float, float]:
-    """Mean squares of the differences between places so far apart [lengths], along the line between them and across."""
+    """Return structure functions: mean squares of differences so far apart [lengths], along the line and across."""
     directions = RANDOM.normal(size=(40_000, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     places = spread(40_000)
@@ -99,9 +99,9 @@ def structure(apart: float, device: str) -> tuple[float, float]:
 
 
 def test_small_gusts_follow_kolmogorov(device: str):
-    """From a fortieth of their length to a fifth mean squares of differences grow with the distance to the 2/3, which
-    is the spectrum's slope of -5/3: within 0.03 over all, and within 0.1 for each doubling, in which shells of waves
-    that are 0.85 octaves apart show. They are 4/3 as large across as along."""
+    """Structure functions grow with the distance to the 2/3 from a fortieth of the gusts' length to a fifth,
+    Kolmogorov's spectrum of -5/3: within 0.03 over all, and within 0.1 for each doubling, in which shells of waves that
+    are 0.85 octaves apart show. They are 4/3 as large across as along."""
     distances = 0.025 * 2.0 ** np.arange(4)
     found = np.array([structure(apart, device) for apart in distances])
     both = found[:, 0] + 2.0 * found[:, 1]
@@ -112,14 +112,14 @@ def test_small_gusts_follow_kolmogorov(device: str):
 
 
 def test_gusts_belong_together_over_their_length(device: str):
-    """The integral of the correlation along the line is the length."""
+    """The integral of the longitudinal correlation is the length."""
     distances = np.linspace(0.0, 8.0, 33)
     correlation = [1.0 - structure(apart, device)[0] / 2.0 for apart in distances[1:]]
     assert np.trapezoid([1.0, *correlation], distances) == pytest.approx(1.0, rel=0.1)
 
 
 def test_the_wind_carries_gusts_along(device: str):
-    """Taylor's hypothesis: what is here now was upwind before."""
+    """Gusts move with the wind by Taylor's hypothesis: what is here now was upwind before."""
     places = RANDOM.uniform(-2.0, 2.0, (500, 3))
     np.testing.assert_allclose(
         gusts(places + 3.0 * np.array(WIND), device, time=3.0), gusts(places, device), atol=1e-3
@@ -135,7 +135,7 @@ def test_a_seed_is_a_wind(device: str):
 
 
 def test_wind_grows_with_height_by_the_power_law(device: str):
-    """From nothing at the ground; as it says at 10 m; and no further than to 100 m."""
+    """Wind follows the power law: zero at the ground, the given one at 10 m, and constant above 100 m."""
     places = np.array([(0.0, height, 0.0) for height in (-1.0, 0.0, 1.0, 10.0, 40.0, 300.0)])
     found = air_around(places, device, shear=0.25)
     expected = np.outer([0.0, 0.0, 0.1**0.25, 1.0, 4.0**0.25, 10.0**0.25], WIND)
@@ -143,7 +143,7 @@ def test_wind_grows_with_height_by_the_power_law(device: str):
 
 
 def test_wind_grows_with_height_by_the_logarithm(device: str):
-    """Over grass: from nothing at the roughness length, as it says at 10 m, and no further than to 100 m."""
+    """Wind follows the logarithmic law: zero at the roughness length, constant above 100 m."""
     heights = np.array([-1.0, 0.0, 0.03, 0.3, 10.0, 40.0, 100.0, 300.0])
     found = air_around(heights[:, None] * (0.0, 1.0, 0.0), device, roughness=0.03)
     growth = np.log(np.clip(heights, 0.03, 100.0) / 0.03) / np.log(10.0 / 0.03)
@@ -151,7 +151,7 @@ def test_wind_grows_with_height_by_the_logarithm(device: str):
 
 
 def test_the_step_allows_for_the_fastest_wind():
-    """That at ten times the height, whose logarithm is bounded from below: no more than a tenth too fast."""
+    """The step's bound is the wind at ten times the height, no more than a tenth too fast."""
     areas = np.array([1.0])
     for roughness in (2e-4, 0.03, 1.0, 9.0):
         known = (np.zeros((1, 3)), 101325.0, 288.15, 1.0, 1.0, np.array([[7.0, 0.0, 0.0]]), 0.0, 10.0, roughness, 0.0)
@@ -160,7 +160,7 @@ def test_the_step_allows_for_the_fastest_wind():
 
 
 def test_worlds_have_winds_of_their_own(schedule: str, device: str):
-    """Equal seeds give equal winds to the bit, others other drifts; and gusts shake more, the more there are."""
+    """Equal seeds give bit-identical winds, and other seeds other drifts; stronger gusts shake more."""
     leaf = Balloon(
         mesh=cube(), mass=0.01, stiffness=NO_SPRINGS, damping=0.0, face_drag=1.0, inflation=Inflation(pressure=0)
     )

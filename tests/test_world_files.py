@@ -1,4 +1,4 @@
-"""Files of worlds: what stands in them, and who reads them."""
+"""Files of worlds: their contents and readers."""
 
 import json
 from pathlib import Path
@@ -62,7 +62,7 @@ def test_the_manifest_lists_them(data: Path) -> None:
 
 
 def test_readers_of_folders_take_them(data: Path) -> None:
-    """As PhysicsNeMo's readers do: a sample a file, the same arrays at the top of each, sorted by name, for torch."""
+    """PhysicsNeMo's readers accept the folders: a sample a file, with the same arrays at the top of each."""
     folders = [data / split for split, names in manifest(data)["splits"].items() if names]
     samples = [arrays_of(path) for folder in folders for path in sorted(folder.iterdir())]
     assert len(samples) == WORLDS

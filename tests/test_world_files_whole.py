@@ -1,4 +1,4 @@
-"""Files of worlds are whole, and the same however they came."""
+"""Files of worlds are whole, and the same by any path of a batch."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -40,7 +40,7 @@ GAINS_ENERGY = Scene(
 def test_a_batch_that_was_stopped_goes_on_to_the_same_bytes(
     format_: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Stopped once, with a world that blows up; whatever number of frames is written together."""
+    """A batch stopped once resumes to the same bytes, with a world that blows up, and any frames a chunk."""
     (tmp_path / "whole").mkdir()
     (tmp_path / "parts").mkdir()
     whole = batch(tmp_path / "whole", format_, BLOWS_UP)
@@ -62,7 +62,7 @@ def test_a_batch_that_was_stopped_goes_on_to_the_same_bytes(
 
 
 def test_shares_in_any_order_give_the_same_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As workers hand them over; one begins again there, with shorter steps."""
+    """Shares in any order, as workers deliver them, give the same bytes; one world restarts there."""
     monkeypatch.setitem(shares.GRAIN, "cpu", shares.Grain(1, 1))
     stiff = {"balloon.stiffness.structural": [100.0, 3000.0, 200.0]}
     groups, none = plan_groups(GAINS_ENERGY, 3, stiff), np.array([], dtype=np.int64)
@@ -187,7 +187,7 @@ def test_without_h5py_it_says_which_extra(tmp_path: Path, monkeypatch: pytest.Mo
 
 
 def test_those_of_another_batch_are_not_gone_on_with(tmp_path: Path) -> None:
-    """Somebody else wrote into the same folder meanwhile."""
+    """Files of another batch that wrote into the same folder meanwhile are refused."""
     with pytest.raises(RuntimeError):
         batch(tmp_path, checkpoint_seconds=OFTEN, on_frame=stop_after(3))
     run_batch(scene(), tmp_path / "other", 2, device="cpu", trajectories=tmp_path / "data")

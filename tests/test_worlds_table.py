@@ -1,4 +1,4 @@
-"""A batch's summary, a row for each world; and what the manifest says of the columns of both tables."""
+"""Summary of a batch, a row for each world; and the manifest's description of the columns of both tables."""
 
 import csv
 import json
@@ -58,7 +58,7 @@ def test_each_world_has_a_row_of_ends_and_extremes(tables: dict[str, dict[str, n
 
 
 def test_it_says_how_each_world_ended(tables: dict[str, dict[str, np.ndarray]]):
-    """What falls for ever is found in worlds of the stage; of the others there is the health alone."""
+    """The summary has each world's outcome: falling forever is detected in worlds of the stage."""
     worlds = tables["worlds"]
     assert worlds["health"].tolist() == [1, 1, 0, 1]
     assert worlds["ending"].tolist() == ["falling", "finished", "blew up", "falling"]
@@ -85,7 +85,7 @@ def test_the_manifest_has_units_of_all_columns(written: Path, tables: dict[str, 
 
 
 def test_every_column_that_there_may_be_has_a_unit():
-    """Of gas, of what may burst, of a box; and of what makes another model of a world."""
+    """Every possible column has a unit: of gas, of bursting, of a box; and of values that change a world's model."""
     gas = Balloon(mesh=quad_sphere(2), inflation=Inflation(pump=[(0, 0), (1, 0.1)]))
     vary = ("balloon.mesh", "balloon.scale", "balloon.stiffness.seed", "balloon.inflation.pump", "atmosphere.wind.0")
     told = describe_columns(scene(balloon=[gas], box=Box(lower=(0, 0, 0), upper=(1, 1, 1))), vary)

@@ -1,4 +1,4 @@
-"""Scenes of balloons that touch, which tests share, and what physics says of them."""
+"""Scenes of balloons in contact, which tests share, and their conserved quantities."""
 
 from typing import Any
 
@@ -18,12 +18,12 @@ VACUUM: dict[str, Any] = {"gravity": 0.0, "atmosphere": Atmosphere(density=0.0)}
 
 
 def ball(*position: float, **fields: Any) -> Balloon:
-    """A balloon of 386 particles."""
+    """Return a balloon of 386 particles."""
     return Balloon(**{"mesh": quad_sphere(8, RADIUS), "position": position, "mass": 0.3, "damping": 0.0} | fields)
 
 
 def collision(speed: float = 2.0, touch: Touch | None = None, **fields: Any) -> Scene:
-    """Two equal balls that meet off their centers in empty space, one turning."""
+    """Return two equal balls that collide off their centers in empty space, one turning."""
     firm = {"inflation": SLACK, "stiffness": Stiffness(flexion=50.0)}
     balls = [
         ball(-0.7, 0.0, 0.0, velocity=(speed, 0.0, 0.0), angular_velocity=(0.0, 0.0, speed), **firm),
@@ -33,21 +33,21 @@ def collision(speed: float = 2.0, touch: Touch | None = None, **fields: Any) -> 
 
 
 def fast() -> Scene:
-    """At 20 m/s towards each other, nearly along their centers, a twentieth of their radius in a substep, filled with
-    air."""
+    """Return two balls of air at 20 m/s towards each other, nearly along their centers, a twentieth of their radius in
+    a substep."""
     air = Inflation(kind="gas", start_pressure=30.0)
     balls = [ball(x, 0.1 * x, 0.0, velocity=(-10.0 * x, 0.0, 0.0), inflation=air) for x in (-1, 1)]
     return Scene(balloon=balls, touch=Touch(), **VACUUM)
 
 
 def pile(**fields: Any) -> Scene:
-    """A ball on another, on the ground, which keeps them where they are."""
+    """Return a ball on another, on the ground, which keeps them where they are."""
     balls = [ball(0.0, 0.52, 0.0, damping=0.6), ball(0.0, 1.56, 0.0, damping=0.6)]
     return Scene(**{"balloon": balls, "ground": Ground(), "touch": Touch()} | fields)
 
 
 def ramp(degrees: float, friction: float, **fields: Any) -> Scene:
-    """A stiff block on a fixed plane that is tilted; it is viscous, since what rattles creeps."""
+    """Return a stiff block on a fixed tilted plane; it is viscous, as a rattling one creeps."""
     plane = grid(6, 6)
     plane = mesh_of(plane.points - (3.0, 3.0, 0.0), plane.face_vertex_indices.reshape(-1, 4).tolist())
     block = quad_box(2)
@@ -74,14 +74,14 @@ def ramp(degrees: float, friction: float, **fields: Any) -> Scene:
 
 
 def quad_box(n: int) -> PolygonMesh:
-    """The unit cube about the origin, n by n quads a side."""
+    """Return the unit cube about the origin, n by n quads a side."""
     mesh = quad_sphere(n)
     points = mesh.points / np.abs(mesh.points).max(axis=1, keepdims=True)
     return mesh_of(0.5 * points, mesh.face_vertex_indices.reshape(-1, 4).tolist())
 
 
 def horseshoe(around: int = 24, across: int = 8, gap_degrees: float = 50.0, tube: float = 0.2) -> PolygonMesh:
-    """A tube of radius `tube` along a part of the unit circle about z, closed by polygons at both ends."""
+    """Return a tube of radius `tube` along a part of the unit circle about z, closed by polygons at both ends."""
     gap = np.radians(gap_degrees)
     turns = np.linspace(0.5 * gap, 2.0 * np.pi - 0.5 * gap, around + 1)
     rings = 2.0 * np.pi * np.arange(across) / across

@@ -1,4 +1,4 @@
-"""Phases without any physics, lists of them, and what NumPy does in their place."""
+"""Phases without any physics, lists of them, and their NumPy references."""
 
 from collections.abc import Callable
 from itertools import pairwise

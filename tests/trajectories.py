@@ -1,4 +1,4 @@
-"""Runs of a scene in two schedules, and how far apart they may be."""
+"""Runs of a scene in two schedules, and the tolerance of their difference."""
 
 from functools import cache
 
@@ -27,14 +27,14 @@ def arrays(simulator: Simulator) -> dict[str, np.ndarray]:
 def advance_both(
     scene: Scene, schedule: str, device: str, settled: int, frames: int, settled_by: str = "scatter"
 ) -> list[dict[str, np.ndarray]]:
-    """The states that `schedule` and `scatter` reach from one that `settled_by` reached after `settled` frames, and
-    that."""
+    """Return the states that `schedule` and `scatter` reach from one that `settled_by` reached after `settled` frames,
+    and the latter."""
     start, expected = _scatters_way(_Same(scene), device, settled, frames, settled_by)
     return [arrays(_from(start, scene, schedule, device, frames)), expected, start]
 
 
 class _Same:
-    """A scene by which one is found again, as long as it is the same object."""
+    """Key of a scene by identity."""
 
     def __init__(self, scene: Scene):
         self.scene = scene
@@ -50,7 +50,7 @@ class _Same:
 def _scatters_way(
     same: _Same, device: str, settled: int, frames: int, settled_by: str
 ) -> tuple[dict[str, np.ndarray], ...]:
-    """Once for all the schedules that are compared with it."""
+    """Return the start and the result of `scatter`, once for all the schedules that are compared with it."""
     start = arrays(after_frames(same.scene, settled_by, device, settled))
     return start, arrays(_from(start, same.scene, "scatter", device, frames))
 
@@ -65,10 +65,10 @@ def _from(start: dict[str, np.ndarray], scene: Scene, schedule: str, device: str
 
 
 def tolerance_of(scene: Scene) -> float:
-    """Tolerance of a feature: with fresh normals a particle between two faces may take the area of either, by which
-    normal forces go; and whether a spring is corrected, and pulls, hangs on the rounding of its length, and c / h on
-    that of c, and which of two triangles a particle touches on that of its distances: differences grow fourfold each
-    frame."""
+    """Return the tolerance of a scene by its features: with fresh normals a particle between two faces may take the
+    area of either, by which normal forces go; and whether a spring is corrected, and pulls, hangs on the rounding of
+    its length, and c / h on that of c, and which of two triangles a particle touches on that of its distances:
+    differences grow fourfold each frame."""
     pushed = any(balloon.inflation.kind == "normal_force" for balloon in scene.balloon)
     steady = scene.normals == "cached" or not pushed
     return ROUNDING if steady and scene.correction == "none" and not scene.touches else 10 * ROUNDING
@@ -77,7 +77,7 @@ def tolerance_of(scene: Scene) -> float:
 def assert_close(
     found: dict[str, np.ndarray], expected: dict[str, np.ndarray], tolerance: float, outliers: float = 0.0
 ) -> None:
-    """Check that all but some of the particles are close; where so many are outliers, those are not far off."""
+    """Require that all but some of the particles are close, and that these outliers are not far off."""
     for name in ("points", "sphere_positions"):
         apart = np.abs(found[name] - expected[name]).max(axis=-1, initial=0.0)
         assert (apart > tolerance).sum() <= outliers * apart.size, (name, apart.max())

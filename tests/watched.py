@@ -1,9 +1,8 @@
-"""Runs commands, and tells what they opened, connected to and started: JSON on the last line of standard output.
+"""Watch of commands, which prints what they opened, connected to and started: JSON on the last line of standard output.
 
-Run as a process of its own: `python watched.py FOLDER '[["inspect", "ball.obj"], ["python", "1 + 1"]]'`. What
-Python opens anywhere an audit hook sees; what native code opens in the folder, as USD and Warp do, the kernel tells
-(inotify).
-"""
+Run as a process of its own: `python watched.py FOLDER '[["inspect", "ball.obj"], ["python", "1 + 1"]]'`. What Python
+opens anywhere an audit hook sees; what native code opens in the folder, as USD and Warp do, the kernel reports
+(inotify)."""
 
 import ctypes
 import json

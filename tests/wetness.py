@@ -17,7 +17,7 @@ def wet_part(mesh: PolygonMesh, level: float) -> trimesh.Trimesh:
 
 
 def displaced(mesh: PolygonMesh, level: float) -> tuple[float, np.ndarray]:
-    """Volume below the level, and its center. Seen from a point on the surface, the open cut has no volume."""
+    """Return the volume below the level, and its center: from a point on the surface the open cut has no volume."""
     wet = wet_part(mesh, level)
     wet.apply_translation([0.0, -level, 0.0])
     return wet.volume, wet.center_mass + [0.0, level, 0.0]

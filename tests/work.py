@@ -7,7 +7,7 @@ from typing import Any
 
 
 def lines_executed(call: Callable[[], Any]) -> int:
-    """Lines of Python that a call executes, in all functions. What NumPy does for a line counts as that line."""
+    """Return the lines of Python that a call executes, in all functions; NumPy's work counts as its line."""
     count = 0
 
     def trace(frame: FrameType, event: str, argument: Any) -> Any:

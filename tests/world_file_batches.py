@@ -19,7 +19,7 @@ BLOWS_UP = {"balloon.inflation.k_normal": [0.2, 9e11, 0.4, 0.5, 0.3]}
 
 
 def batch(folder: Path, format_: str = "h5", vary: dict[str, Any] = VARY, every: int = 1, **how: Any) -> Path:
-    """The trajectories of a small batch."""
+    """Run a small batch and return the folder of its trajectories."""
     files = TrajectoryFiles(folder / "data", every, format_)
     run_batch(scene(contacts=True), folder / "out", WORLDS, vary, device="cpu", trajectories=files, **how)
     return folder / "data"
@@ -39,7 +39,7 @@ def world_file(data: Path, world: int) -> Path:
 
 
 def arrays_of(path: Path) -> dict[str, NDArray]:
-    """As those read them who have never heard of us."""
+    """Return the arrays as a reader without our package does."""
     if path.suffix == ".npz":
         with np.load(path) as saved:
             return {name: saved[name] for name in saved if name != "attributes"}

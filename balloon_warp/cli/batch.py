@@ -81,8 +81,8 @@ TrajectoriesOption = Annotated[
     typer.Option(
         "--trajectories",
         metavar="FOLDER",
-        help="Also write a file for each world, with all that moved, into this folder, for learning: "
-        "split into train, validation and test by --seed.",
+        help="Also write the trajectory of each world as a file in this folder, as training data: split into train, "
+        "validation and test by --seed.",
         rich_help_panel=OUTPUT,
     ),
 ]
@@ -97,7 +97,7 @@ TableOption = Annotated[
     ),
 ]
 Every = Annotated[
-    int | None, typer.Option(metavar="COUNT", help="Step between frames of --trajectories.", rich_help_panel=OUTPUT)
+    int | None, typer.Option(metavar="COUNT", help="Frame stride of --trajectories.", rich_help_panel=OUTPUT)
 ]
 FormatOption = Annotated[
     str | None,
@@ -138,7 +138,7 @@ Checkpoint = Annotated[
     typer.Option(
         min=0.0,
         metavar="SECONDS",
-        help="Interval between checkpoints of a long batch, in FOLDER/partial. 0 saves only when Ctrl-C stops it.",
+        help="Interval between checkpoints of a long batch, in FOLDER/partial. 0 saves on Ctrl-C alone.",
         rich_help_panel=LONG,
     ),
 ]
@@ -170,7 +170,7 @@ def batch(
     resume: Resume = False,
     as_json: Json = False,
 ) -> None:
-    """Simulate many worlds that differ: a table of all, and USD of those that you choose.
+    """Simulate a batch of varied worlds: a table of all, and USD of the chosen ones.
 
     Try `balloon-warp batch squirrel_inflate --worlds 9 --vary balloon.mass=1:3 --grid --export all`.
     """

@@ -46,9 +46,9 @@ def bench(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Measure how fast this machine simulates, side by side with Newton, and Blender's cloth, where they are installed.
+    """Benchmark the machine, side by side with Newton and Blender's cloth where they are installed.
 
-    The table is Markdown. A rate is in particle-substeps a second, unless the case says another unit.
+    The table is Markdown. Rates are in particle-substeps a second, unless the case names another unit.
     """
     quiet_warp()
     from balloon_warp.benchmarks.auto import scene_results

@@ -27,7 +27,7 @@ class Asked(TypedDict):
 
 @dataclass(frozen=True)
 class CameraOptions:
-    """Options of commands that say where the camera of a picture stands."""
+    """Options of commands with a camera."""
 
     azimuth: Annotated[
         float | None,
@@ -64,7 +64,7 @@ class CameraOptions:
         typer.Option(
             "--follow",
             metavar="",
-            help="Move the camera along with the balloons, or with what --look-at names.",
+            help="Track the balloons with the camera, or the target of --look-at.",
             rich_help_panel=CAMERA,
         ),
     ] = False
@@ -72,8 +72,7 @@ class CameraOptions:
         float,
         typer.Option(
             metavar="WIDTH",
-            help="Diameter of the lens, in the stage's unit. A wider lens blurs more of what is nearer or "
-            "farther than --focus.",
+            help="Diameter of the lens, in the stage's unit. A wider lens has less depth of field around --focus.",
             rich_help_panel=CAMERA,
         ),
     ] = 0.0
@@ -98,8 +97,7 @@ class CameraOptions:
         typer.Option(
             "--transparent",
             metavar="",
-            help="Leave out backdrop, ground and water, but keep the shadow, for a .png or .webp to lay over "
-            "something else.",
+            help="Omit backdrop, ground and water, but keep the shadow, for a .png or .webp to composite.",
             rich_help_panel=CAMERA,
         ),
     ] = False

@@ -24,7 +24,7 @@ MOST_PAIRS = 20
 
 def check(
     stage: Annotated[
-        Path, typer.Argument(metavar="STAGE", help="A USD file that `run` wrote, or any other with meshes that move.")
+        Path, typer.Argument(metavar="STAGE", help="A USD file that `run` wrote, or any other with moving meshes.")
     ],
     *,
     frames: Annotated[
@@ -35,7 +35,7 @@ def check(
         float | None,
         typer.Option(
             metavar="METERS",
-            help="Tolerated depth of a balloon in a solid. A twentieth of the mean edge if not given.",
+            help="Tolerated penetration of a balloon into a solid. A twentieth of the mean edge if not given.",
         ),
     ] = None,
     device: Device = None,
@@ -43,8 +43,8 @@ def check(
 ) -> None:
     """Check a stage for interpenetration.
 
-    Reports balloons, parts of a balloon, obstacles, bodies, spheres and the ground that are in each other, and where.
-    Exit status 1 if there are any.
+    Reports which balloons, parts of a balloon, obstacles, bodies, spheres and ground penetrate each other, and where.
+    The exit status is 1 if any do.
 
     Try `balloon-warp check press.usdc`.
     """

@@ -72,7 +72,7 @@ Frame = Annotated[
     int | None,
     typer.Option(
         metavar="NUMBER",
-        help="Frame that is shown and measured. If not given, the scene's picture frame, or the last.",
+        help="Frame to show and measure. If not given, the scene's picture frame, or the last.",
         rich_help_panel=RUNS,
     ),
 ]
@@ -91,7 +91,7 @@ def compare(
     device: Device = None,
     schedule: Schedule = "auto",
 ) -> None:
-    """Run a scene with different values, and show the runs side by side: one picture, one table.
+    """Compare runs of a scene with different values: one picture, one table.
 
     Try `balloon-warp compare squirrel_inflate --vary balloon.mass=1,2,4`.
     """

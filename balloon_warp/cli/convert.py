@@ -26,7 +26,7 @@ def convert(
         ),
     ],
 ) -> None:
-    """Write an animated stage as a file of another kind.
+    """Convert an animated stage to another format.
 
     Try `balloon-warp convert squirrel_tether.usdc -o squirrel.glb`.
     """

@@ -31,7 +31,7 @@ Stretch = Annotated[
 
 @dataclass(frozen=True)
 class Wanted:
-    """Options that say what is designed."""
+    """Options of the design."""
 
     of: Annotated[
         str,
@@ -59,8 +59,8 @@ class Wanted:
         str,
         typer.Option(
             metavar="METERS|LOW:HIGH",
-            help="Thickness of the latex or foil; of latex also a range, in which it varies by place where the mould "
-            "alone does not reach the shape.",
+            help="Thickness of the latex or foil. For latex a range lets it vary by place, where the mould alone does "
+            "not reach the shape.",
             rich_help_panel=DESIGN,
         ),
     ] = "2e-4"
@@ -69,7 +69,7 @@ class Wanted:
         typer.Option(
             metavar="COUNT|SEAMS",
             help="Panels of foil for TARGET, a mesh: the number of gores around its vertical axis; a file of seams, "
-            "lines of vertices; or `materials` or `groups`, between which it is cut.",
+            "as lines of vertices; or `materials` or `groups`, whose borders become seams.",
             rich_help_panel=DESIGN,
         ),
     ] = None
@@ -77,7 +77,7 @@ class Wanted:
         float,
         typer.Option(
             metavar="M/S2",
-            help="Gravity under which latex becomes the shape, 9.81 on Earth: it hangs from what is fixed, Y up.",
+            help="Gravity under which latex takes the shape, 9.81 on Earth: it hangs from --fixed, Y up.",
             rich_help_panel=DESIGN,
         ),
     ] = 0.0
@@ -85,7 +85,7 @@ class Wanted:
         str | None,
         typer.Option(
             metavar="VERTEX|GROUP,...",
-            help="Vertices of TARGET, counted from 0, and groups that hold it against gravity. If not given, its group "
+            help="Pinned vertices of TARGET, counted from 0, and groups, from which it hangs. If not given, its group "
             "`neck`.",
             rich_help_panel=DESIGN,
         ),
@@ -94,13 +94,13 @@ class Wanted:
 
 View = Annotated[
     bool,
-    typer.Option("--view", metavar="", help="Show it in the browser while it converges, error as color."),
+    typer.Option(
+        "--view", metavar="", help="Show the design in the browser while it converges, with the error as color."
+    ),
 ]
 Port = Annotated[
     int | None,
-    typer.Option(
-        min=0, max=65535, metavar="NUMBER", help="The port of --view: 8080 or the next free one if not given."
-    ),
+    typer.Option(min=0, max=65535, metavar="NUMBER", help="Port of --view. If not given, 8080 or the next free one."),
 ]
 
 
@@ -120,7 +120,7 @@ def design(
     *,
     wanted: Wanted,
 ) -> None:
-    """Find the balloon that becomes a shape, and simulate it from rest.
+    """Design the balloon that inflates to a target shape, and simulate it from rest.
 
     DIR gets balloon.toml, which runs as it is, springs.npz, mould.stl or pattern.svg, error.png and report.json. Try
     `balloon-warp design toy.obj -o toy`, then `balloon-warp run toy/balloon.toml`.

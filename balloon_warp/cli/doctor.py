@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def doctor(device: Device = None, as_json: Json = False) -> None:
-    """Report the installation, the default device and missing extras, and simulate a second as a test.
+    """Report the installation, the default device and missing extras, and run a self-test of one second.
 
     The exit status is 1 if the test fails.
     """

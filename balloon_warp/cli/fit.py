@@ -82,7 +82,7 @@ def fit(
     *,
     rubber: Rubber,
 ) -> None:
-    """Find the rubber that a curve of pressure over volume was, or the values of a scene that moved as was measured.
+    """Fit rubber to a measured curve of pressure over volume, or values of a scene to a measured motion.
 
     Try `balloon-warp fit curve.csv --of sphere --thickness 2e-4 --radius 0.05`, or
     `balloon-warp fit points.npz scene.toml --free balloon.inflation.moles=0.01:0.1`.

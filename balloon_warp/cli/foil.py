@@ -57,8 +57,8 @@ def foil(
         typer.Option(
             "--inflated-size",
             metavar="METERS",
-            help="Largest dimension of the outline once it is inflated. The flat outline is corrected until it "
-            "becomes the drawn one; a scene is then of film, without strings.",
+            help="Largest dimension of the inflated outline. The flat outline is corrected until it inflates to "
+            "the drawn one; a scene is then of film, without strings.",
         ),
     ] = None,
     edge: Edge = None,

@@ -19,7 +19,7 @@ def kernel(
         typer.Option(metavar="NAME", help="Schedule: gather, scatter, block, lanes or octets."),
     ] = "gather",
 ) -> None:
-    """Print the source of the kernels that a scene gets: the substep, as one reads it.
+    """Print the source of a scene's kernels: the substep in readable form.
 
     Try `balloon-warp kernel squirrel_tether`.
     """

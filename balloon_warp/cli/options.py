@@ -85,7 +85,7 @@ Size = Annotated[
 
 @dataclass(frozen=True)
 class MeshOptions:
-    """Options of commands that say how a mesh file is read."""
+    """Options of commands that read a mesh file."""
 
     weld: Annotated[
         str | None,
@@ -132,7 +132,7 @@ class MeshOptions:
 
 @dataclass(frozen=True)
 class LengthOptions:
-    """Options of commands that say how long the simulated time is."""
+    """Options of commands that set the simulated time."""
 
     fps: Annotated[
         float | None,

@@ -28,7 +28,7 @@ def remesh(
     parts: PartsOption = None,
     prim: PrimOption = None,
 ) -> None:
-    """Make a closed mesh of even quads of any surface, so that it makes a good balloon.
+    """Remesh any surface into a closed mesh of even quads, as a balloon needs.
 
     Try `balloon-warp remesh YOUR_MESH.stl -o quads.obj`, then `balloon-warp run quads.obj`.
     """

@@ -46,7 +46,7 @@ def render(
     samples: Annotated[int, typer.Option(metavar="COUNT", help="Rays per pixel. More is smoother and slower.")] = 4,
     device: Device = None,
 ) -> None:
-    """Make a picture or an animation of a stage. This needs no display.
+    """Render a picture or an animation of a stage. No display is needed.
 
     Try `balloon-warp render squirrel_tether.usdc -o squirrel.mp4 --azimuth 90`.
     """

@@ -69,7 +69,7 @@ NoGround = Annotated[
     typer.Option(
         "--no-ground",
         metavar="",
-        help="Omit ground and backdrop, which are so wide that programs that frame everything show little else.",
+        help="Omit ground and backdrop: they are so wide that a program that frames everything shows little else.",
         rich_help_panel=OUTPUT,
     ),
 ]
@@ -88,7 +88,7 @@ Checkpoint = Annotated[
     typer.Option(
         min=0.0,
         metavar="SECONDS",
-        help="Interval between checkpoints of a long run, in FILE.partial. 0 saves only when Ctrl-C stops it.",
+        help="Interval between checkpoints of a long run, in FILE.partial. 0 saves on Ctrl-C alone.",
         rich_help_panel=LONG,
     ),
 ]

@@ -30,7 +30,7 @@ def scenes(
         typer.Option("--output", "-o", metavar="FILE", help="Scene file to write, .toml. If not given, it is printed."),
     ] = None,
 ) -> None:
-    """List the bundled scenes, or write one as a file to change.
+    """List the bundled scenes, or write one as a file to edit.
 
     Try `balloon-warp scenes squirrel_tether -o mine.toml`, then `balloon-warp run mine.toml`.
     """

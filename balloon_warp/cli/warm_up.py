@@ -20,9 +20,9 @@ def warm_up(
     device: Device = None,
     schedule: Schedule = "auto",
 ) -> None:
-    """Compile the kernels of scenes ahead, so that the first frame of a later command comes at once.
+    """Compile the kernels of scenes ahead of time, so that a later command starts at once.
 
-    Try `balloon-warp warm-up squirrel_tether`. WARP_CACHE_PATH says where kernels are kept, such as in an image.
+    Try `balloon-warp warm-up squirrel_tether`. WARP_CACHE_PATH sets the folder of kernels, such as in an image.
     """
     loaded = {scene: load_scene(scene) for scene in scenes or bundled_scenes()}
     quiet_warp()

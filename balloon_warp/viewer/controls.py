@@ -85,13 +85,13 @@ class Controls:
 
     def _add_trouble(self) -> None:
         self.trouble = self.server.gui.add_html("", visible=False)
-        self.back = self.server.gui.add_button("Go back", visible=False, hint="to the shape that is seen")
+        self.back = self.server.gui.add_button("Go back", visible=False, hint="to the shape shown")
         self.back.on_click(lambda _: self.session.go_back())
 
     def _add_click(self) -> None:
         gui = self.server.gui
-        gui.add_markdown("Drag the balloon to pull it, drag beside it to look around. A click does this:")
-        self.tool = gui.add_dropdown("a click", ("throws a sphere", "ties a string", "does nothing"))
+        gui.add_markdown("Drag the balloon to pull it, or beside it to orbit the view.")
+        self.tool = gui.add_dropdown("click", ("throws a sphere", "ties a string", "does nothing"))
         self.mass = self._plain_slider("mass [kg]", (0.1, 50.0, 0.1, 2.0), "of a sphere")
         self.cut = gui.add_button("Cut all strings", color="gray", hint="key C")
         self.cut.on_click(lambda _: self._cut())
@@ -144,7 +144,7 @@ class Controls:
         gui.add_html(row_of(2))
         for label, number in (("Stage", 0), ("Scene", 1)):
             button = gui.add_button(
-                label, icon=viser.Icon.DOWNLOAD, color="gray", visible=False, hint="download what was recorded last"
+                label, icon=viser.Icon.DOWNLOAD, color="gray", visible=False, hint="download the last recording"
             )
             button.on_click(lambda event, number=number: event.client and self._send(event.client, number))
             self._offered.append((button, number))
@@ -169,9 +169,9 @@ class Controls:
             way = gui.add_dropdown(field, tuple(choices))
             on_change(way, lambda name, field=field: self.session.set(field, CHOICES[field][name]))
             self._ways[field] = way
-        self.stable = gui.add_checkbox("as many substeps as stability asks", True)
+        self.stable = gui.add_checkbox("keep the step stable", True)
         on_change(self.stable, self._keep_stable)
-        sizes = "of a sphere that is thrown, in the balloon's size"
+        sizes = "of a thrown sphere, in sizes of the balloon"
         self.radius = self._plain_slider("radius [size]", (0.02, 0.5, 0.01, 0.12), sizes)
         self.throw_speed = self._plain_slider("speed [sizes/s]", (0.5, 30.0, 0.5, 5.0), sizes)
 

@@ -122,6 +122,6 @@ def clamped(label: str, number: float, least: float, most: float, tell: Callable
     """Return a number, or the end of its range that it is beyond, which is then reported."""
     within = min(max(number, least), most)
     if within != number:
-        end = "most" if number > most else "least"
+        end = "maximum" if number > most else "minimum"
         tell(f"{label}: {DIGITS.format(within)} is the {end} here (got {DIGITS.format(number)})")
     return within

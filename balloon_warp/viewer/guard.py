@@ -74,7 +74,7 @@ def guarded(host: str, control: Callable[[str], Any], origins: Origins) -> Itera
     finally:
         websockets.asyncio.server.serve = plain
     if not listening:
-        raise RuntimeError(f"viser {viser.__version__} listens in a way that is not guarded")
+        raise RuntimeError(f"viser {viser.__version__} opens connections that are not guarded")
 
 
 def names_of(host: str) -> set[str]:
@@ -108,12 +108,10 @@ def _admit(
     if len(hosts) != 1 or not is_ours(hosts[0], names | trusted.hosts):
         for host in hosts[:1]:
             trusted.refuse(f"https://{host}")
-        said = (
-            "This page is at an address of this machine, at the name given as --host, or at that given as --origin.\n"
-        )
+        said = "Refused: open this page at an address of its machine, or at the name given as --host or --origin.\n"
         return connection.respond(http.HTTPStatus.FORBIDDEN, said)
     if len(origins) > 1 or not all(trusted.admit(origin, hosts[0]) for origin in origins):
-        return connection.respond(http.HTTPStatus.FORBIDDEN, "Another site may not talk to this page.\n")
+        return connection.respond(http.HTTPStatus.FORBIDDEN, "Refused: this page takes no requests from other sites.\n")
     answer = trusted.answer(request.path, hosts[0])
     if answer is not None:
         return connection.respond(http.HTTPStatus.FORBIDDEN if answer else http.HTTPStatus.OK, answer)
@@ -130,7 +128,7 @@ async def _greet(handler: Handler, connection: ServerConnection) -> None:
     if connection.subprotocol == f"viser-v{viser.__version__}":
         await handler(connection)
     else:
-        await connection.close(1002, "This page is of another version; load it again")
+        await connection.close(1002, "This page is out of date; reload it")
 
 
 class _Connection(ServerConnection):

@@ -90,7 +90,7 @@ class HandsOn:
         step = gui.add_button("Step", icon=viser.Icon.PLAYER_TRACK_NEXT, color="gray", hint="one frame; key N")
         reset = gui.add_button("Reset", icon=viser.Icon.RELOAD, color="gray", hint="back to the start; key R")
         follow = gui.add_button(
-            "Follow", icon=viser.Icon.FOCUS_2, color="gray", hint="look at the balloon; again, stay; key F"
+            "Follow", icon=viser.Icon.FOCUS_2, color="gray", hint="track the balloon, or stop; key F"
         )
         self.run.on_click(lambda _: self._toggle_run())
         step.on_click(lambda _: session.step_once())
@@ -105,11 +105,9 @@ class HandsOn:
     def _add_scene(self) -> None:
         gui, session = self._server.gui, self._session
         self.scenes = gui.add_dropdown("scene", tuple(dict.fromkeys([session.name, *bundled_scenes()])))
-        self.material = gui.add_dropdown(
-            "material", list[str](MATERIALS), hint="of all balloons; the scene begins anew"
-        )
+        self.material = gui.add_dropdown("material", list[str](MATERIALS), hint="of all balloons; restarts the scene")
         self.color = gui.add_rgb("color", colors.BRAND, hint="of all balloons")
-        self.speed = gui.add_dropdown("speed of time", SPEEDS, initial_value="1")
+        self.speed = gui.add_dropdown("time scale", SPEEDS, initial_value="1")
         on_change(self.scenes, self._load)
         on_change(self.material, self._make_of)
         on_change(self.color, self._paint)

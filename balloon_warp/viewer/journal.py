@@ -74,7 +74,7 @@ class Journal:
             InputError: too much was done to be kept.
         """
         if self.closed:
-            raise InputError(f"more was done since the start than the {LONGEST:,} entries that are kept; reset first")
+            raise InputError(f"the journal of changes is full, at {LONGEST:,} entries; reset first")
         changes = [*self.base.change]
         changes += [Change(time=self._time(frame), set=values) for frame, values in sorted(self.changes.items())]
         update = {"change": changes, "sphere": self.spheres, "string": self.strings, "frames": max(frames, 1)}

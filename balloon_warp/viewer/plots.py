@@ -14,7 +14,7 @@ CURVES = {
     "volume": ("volume [l]", "#c82824", 1000.0),
     "pressure": ("pressure [Pa]", "#1e50dc", 1.0),
     "stretch": ("largest stretch", "#14963c", 1.0),
-    "frame": ("a frame takes [ms]", "#e08a10", 1000.0),
+    "frame": ("frame time [ms]", "#e08a10", 1000.0),
 }
 """Label, color, and factor on the measure"""
 LEAST_SPAN = 0.02

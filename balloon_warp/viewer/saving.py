@@ -46,7 +46,7 @@ def save_recording(recorded: Recorded, folder: Path, name: str, laws: Sequence[L
             process.stdin.close()
             answer = pickle.load(process.stdout)
         except (BrokenPipeError, EOFError, pickle.UnpicklingError):
-            raise InputError(f"{name}: the process that saves it ended before it was done") from None
+            raise InputError(f"{name}: the process that writes it died") from None
     if isinstance(answer, InputError):
         raise answer
     return answer

@@ -199,8 +199,8 @@ class Session:
             try:
                 self._go_on()
             except Exception as mistake:  # one of ours must not leave a page that stands still without a word
-                self.trouble, self.running = "It stopped. The terminal says why. Reset begins anew.", False
-                self.why, self._is_back = "", False
+                self.trouble = "The simulation failed; the terminal has the error. Reset restarts it."
+                self.running, self.why, self._is_back = False, "", False
                 self._wishes.fail(mistake)
                 self._stop.wait(0.25)
 

@@ -8,17 +8,17 @@ from balloon_warp.viewer.picture import Picture
 KEYS = (
     ("drag a balloon", "pulls it"),
     ("click", "throws a sphere there"),
-    ("↑ ↓", "inflate, deflate"),
-    ("space", "pauses, goes on"),
-    ("N", "one frame on"),
-    ("R", "back to the start"),
+    ("↑ ↓", "inflates, deflates"),
+    ("space", "pauses, resumes"),
+    ("N", "steps one frame"),
+    ("R", "resets to the start"),
     ("C", "cuts the strings"),
-    ("F", "follows the balloon; again, stays"),
-    ("?", "shows this, and hides it"),
+    ("F", "follows the balloon, or stops"),
+    ("?", "shows or hides the keys"),
 )
 """Actions of a user and their effects"""
-COMPILING = "what is new here needs kernels that are being compiled; they are kept, so that it is quick the next time"
-"""Reason why time stands for some seconds"""
+COMPILING = "kernels for something new are compiling; they are cached, so that the next time is quick"
+"""Reason why time stops for some seconds"""
 KEPT_UP = 0.95
 """Fraction of the requested speed that counts as kept"""
 KEYS_BUTTON = '<div class="bw-keys"><button class="bw-keys-button" title="keys">?</button></div>'
@@ -54,18 +54,18 @@ def trouble_line(picture: Picture) -> str:
 
 
 def _pace(picture: Picture) -> tuple[str, str]:
-    """Return the speed of time, and why it is slower than asked."""
+    """Return the speed of time, and why it is slower than requested."""
     if not picture.running:
-        return "stands still", ""
+        return "paused", ""
     if picture.rate == 0.0:
         return "…", ""
-    pace = f"{picture.rate:.2f} of real time"
+    pace = f"{picture.rate:.2f}x real time"
     if picture.rate >= KEPT_UP * picture.speed:
         return ("real time" if picture.speed == 1.0 else pace), ""
     taken, due = 1000.0 * picture.step_seconds, 1000.0 * picture.model.frame_seconds / picture.speed
     if taken >= NEARLY_ALL * due:
-        return pace, f"slower than asked: to simulate a frame takes {taken:.0f} ms, and one is due every {due:.0f} ms"
-    return pace, f"slower than asked: this machine is busy with other things than the {taken:.0f} ms that a frame takes"
+        return pace, f"slower than requested: a frame takes {taken:.0f} ms, and one is due every {due:.0f} ms"
+    return pace, f"slower than requested: this machine is busy; simulating a frame takes {taken:.0f} ms"
 
 
 def details(picture: Picture) -> str:
@@ -90,5 +90,5 @@ def strain_legend() -> str:
         f'<div style="flex:1;border-top:0.6em solid rgb{color};padding-right:0.2em">{bound}</div>'
         for color, bound in zip(colors.STRAIN, bounds, strict=True)
     )
-    title = '<div style="font-size:0.8em;margin:0 1em">length over rest length</div>'
+    title = '<div style="font-size:0.8em;margin:0 1em">stretch: length / rest length</div>'
     return title + f'<div style="display:flex;font-size:0.7em;margin:0 1.2em 0.6em">{cells}</div>'

@@ -10,7 +10,7 @@ def sentence_of(failure: BlowUpError, scene: Scene) -> str:
     skin = "this skin" if any(balloon.material.is_membrane for balloon in scene.balloon) else "these springs"
     report = failure.report
     if not isinstance(report, BlowUp):
-        return "It blew up."
+        return "The simulation blew up."
     inflated = report.other is None or report.other.by == "inflation"  # else something pulled harder than its springs
     if report.is_sphere:
         return "Too hard a blow for this sphere."

@@ -76,7 +76,7 @@ class Wishes:
             self._refused(str(mistake).partition("\n")[0])
         except Exception as mistake:  # one of ours must not end what others watch
             self.fail(mistake)
-            self._refused("this did not work; the terminal says why")
+            self._refused("this failed; the terminal has the error")
 
     def fail(self, mistake: Exception) -> None:
         """Report an unexpected failure on the terminal; once of each kind, so that it does not fill it."""

@@ -8,7 +8,7 @@
   trouble.id = "bw-wrong";
   for (const each of [splash, word, trouble]) each.setAttribute("role", "status");
   splash.innerHTML = '<div class="bw-balloon"></div><b>Balloon Warp</b>' +
-    "<p>Getting ready. What is simulated here for the first time takes some seconds.</p>";
+    "<p>Getting ready. The first run of a scene compiles for some seconds.</p>";
 
   function back() {  // as the panel's own button
     const there = [...document.querySelectorAll("button")].filter((each) => !trouble.contains(each));
