@@ -6,6 +6,7 @@ from typing import Any, Protocol
 
 import numpy as np
 import warp as wp
+from numpy.typing import ArrayLike
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.measure.observed import (
@@ -23,6 +24,7 @@ from balloon_warp.kernels.measure.turning import join_turning, sum_turning
 from balloon_warp.launching import launch
 from balloon_warp.model import Model, State
 from balloon_warp.shown import Shown
+from balloon_warp.steering.cameras import WorldCamera
 
 OF_MOTION = ("centers", "velocities")
 OF_STATE = (
@@ -55,6 +57,8 @@ class Observations(Shown):
     - `pressures` [Pa], `gas_amounts` [mol], `sphere_positions`, `sphere_velocities`, `body_positions`,
       `body_velocities`, `body_turns`, `contact_forces` [N] where the scene asks for `contacts`, `points`, and
       `first_bad`: as the state has them
+
+    `particles([...])` and `camera(...)` open arrays of chosen particles, and of what a camera sees.
     """
 
     _internal = ("refresh",)
@@ -64,6 +68,7 @@ class Observations(Shown):
         model = simulator.model
         self._values: dict[str, wp.array] = {}
         self._chosen: list[tuple[wp.array, wp.array]] = []
+        self._cameras: list[WorldCamera] = []
         self._particles = wp.array(model.particle_offsets, dtype=wp.int32, device=model.device)
         faces = np.cumsum([0, *(shape.mesh.face_count for shape in model.shapes)])
         self._faces = wp.array(faces, dtype=wp.int32, device=model.device)
@@ -97,6 +102,25 @@ class Observations(Shown):
         self._chosen.append((which, places))
         self._begin()
         return places
+
+    def camera(
+        self, eye: ArrayLike, target: ArrayLike, width: int = 64, height: int = 64, angle: float = 60.0
+    ) -> WorldCamera:
+        """Open a camera in each world, whose `depth` and `color` are device arrays.
+
+        Args:
+            eye: place of the camera [m], shape (3,), or one for each world, shape (world_count, 3).
+            target: place that it looks at [m], likewise.
+            width: of the picture [pixels].
+            height: of the picture [pixels].
+            angle: of view from the picture's bottom to its top [degrees].
+
+        Raises:
+            InputError: a place, the size or the angle makes no sense.
+        """
+        camera = WorldCamera(self._simulator, self._begin, (eye, target), (width, height), angle)
+        self._cameras.append(camera)
+        return camera
 
     def _open(self, name: str) -> None:
         model, state = self._simulator.model, self._simulator.state
@@ -182,3 +206,5 @@ class Observations(Shown):
                 wp.copy(self._values[name], getattr(state, name))
         for which, places in self._chosen:
             launch(choose_particles, places.shape, [which, state.points], [places], device=model.device)
+        for camera in self._cameras:
+            camera.refresh()
