@@ -18,6 +18,7 @@ from balloon_warp.kernels.measure.observed import (
     stretch_membranes,
     stretch_springs,
     sum_motion,
+    sum_particle_contacts,
     sum_volumes,
 )
 from balloon_warp.kernels.measure.turning import join_turning, sum_turning
@@ -27,6 +28,7 @@ from balloon_warp.shown import Shown
 from balloon_warp.steering.cameras import WorldCamera
 
 OF_MOTION = ("centers", "velocities")
+OF_PARTICLES = "particle_contact_forces"
 OF_STATE = (
     *("pressures", "gas_amounts", "sphere_positions", "sphere_velocities", "contact_forces"),
     *("body_positions", "body_velocities", "body_turns", "points", "first_bad"),
@@ -53,6 +55,8 @@ class Observations(Shown):
     - `turns`: rotations of balloons by best fit, from their meshes as the scene places them, of that shape, quat
     - `volumes`: [m^3], shape (world_count, balloon_count), 0 or little for what encloses nothing
     - `stretches`: the largest of each balloon's springs, or of its rubber or film, whether torn or not, of that shape
+    - `particle_contact_forces`: on each particle in contact, averaged over the frame, where the scene asks for
+      `contacts` [N], shape (world_count, particle_count), vec3
     - `obstacle_positions` [m], shape (world_count, obstacle_count), vec3
     - `pressures` [Pa], `gas_amounts` [mol], `sphere_positions`, `sphere_velocities`, `body_positions`,
       `body_velocities`, `body_turns`, `contact_forces` [N] where the scene asks for `contacts`, `points`, and
@@ -133,12 +137,15 @@ class Observations(Shown):
             self._values[name] = wp.zeros(shape, dtype=wp.quat, device=model.device)
         elif name == "obstacle_positions":
             self._values[name] = wp.zeros((shape[0], len(model.obstacles)), dtype=wp.vec3, device=model.device)
-        elif name == "contact_forces" and not model.scene.contacts:
-            raise InputError("contact_forces: the scene does not ask for them; expected contacts = true")
+        elif name in ("contact_forces", OF_PARTICLES) and not model.scene.contacts:
+            raise InputError(f"{name}: the scene does not ask for them; expected contacts = true")
+        elif name == OF_PARTICLES:
+            self._values[name] = wp.zeros(state.points.shape, dtype=wp.vec3, device=model.device)
         elif name in OF_STATE:
             self._values[name] = wp.clone(getattr(state, name))
         else:
-            known = ", ".join((*OF_MOTION, "turns", "volumes", "stretches", "obstacle_positions", *OF_STATE))
+            others = ("turns", "volumes", "stretches", "obstacle_positions", OF_PARTICLES)
+            known = ", ".join((*OF_MOTION, *others, *OF_STATE))
             raise InputError(f"{name}: no such observation; known are {known}, and particles([...])")
         self._begin()
 
@@ -201,6 +208,9 @@ class Observations(Shown):
             self._find_stretches(self._values["stretches"])
         if "obstacle_positions" in self._values:
             launch(copy_places, *self._obstacles(), device=model.device)
+        if OF_PARTICLES in self._values:
+            forces, inputs = self._values[OF_PARTICLES], [state.contact_impulses, model.frame_seconds]
+            launch(sum_particle_contacts, forces.shape, inputs, [forces], device=model.device)
         for name in OF_STATE:
             if name in self._values and self._values[name].size:
                 wp.copy(self._values[name], getattr(state, name))
