@@ -124,6 +124,7 @@ METHODS = (
     Method("free bodies", ("body=[{position=[0, -3, 0]}]",)),
     Method("free bodies, meshes", bodies=(PYRAMID,)),
     Method("strings", ("string=[{anchor=[0, 0, 0]}]",)),
+    Method("outer forces on groups of particles", ("force=[{particles=[0, 1], newtons=[0, 1, 0]}]",)),
     Method("fixed particles", ("balloon.fixed=[0]",)),
     Method("faces of any size", meshes=(PYRAMID,)),
     Method("several balloons", ("touch=false",), (BALL, PYRAMID)),

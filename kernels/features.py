@@ -68,6 +68,8 @@ class Features(NamedTuple):
     """Gas flows out through necks or leaks, at some time in some world"""
     jets: bool = False
     """Gas flows out through necks, whose jets drive balloons"""
+    driven: bool = False
+    """Outer forces drive groups of particles, at some time in some world"""
     fresh_normals: bool = False
     corrected: bool = False
     """Position correction shortens springs that are too long after a step"""

@@ -10,6 +10,7 @@ from balloon_warp.kernels.gas_tables import NeckTable, PumpTable, TubeTable
 from balloon_warp.kernels.measure.health import HealthTable
 from balloon_warp.kernels.membrane_face_tables import MembraneFaceTable
 from balloon_warp.kernels.memory import int_at
+from balloon_warp.kernels.outer_tables import ForceTable, StringTable
 from balloon_warp.kernels.wear_tables import WearTable
 
 SLICE = wp.constant(32)
@@ -120,21 +121,6 @@ class MembraneTable:
 
 
 @wp.struct
-class StringTable:
-    """Strings sorted by the particle that they hold: those of p are `offsets[p]` to `offsets[p + 1]`."""
-
-    offsets: wp.array[wp.int32]
-    """Begin of each particle's strings; empty if there are no strings"""
-    particles: wp.array[wp.int32]
-    """Particle that each string holds, in order"""
-    order: wp.array[wp.int32]
-    """Index of the string in the model"""
-    anchors: wp.array2d[wp.vec3]
-    lengths: wp.array2d[float]
-    stiffness: wp.array2d[float]
-
-
-@wp.struct
 class FaceTable:
     """Faces, and the faces around each particle."""
 
@@ -197,6 +183,7 @@ class Tables:
     hinges: HingeTable
     membranes: MembraneTable
     strings: StringTable
+    outer: ForceTable
     faces: FaceTable
     fans: FanTable
     spheres: SphereTable

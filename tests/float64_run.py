@@ -135,6 +135,10 @@ class _Motion:
         force += self._drag(x, v, area) + self._faces(x, v)
         if self.neck:
             force += thrusts(x, self.neck, self._opening(), self.load[0] + self.load[1] * (x @ self.up))
+        for outer in self.scene.force:
+            taken = np.zeros(len(x))
+            taken[slice(None) if outer.particles is None else list(outer.particles)] = 1.0
+            force += np.outer(taken * self.share / (taken @ self.share), outer.newtons)
         if self.scene.water is not None:
             numbers = (self.of(f"water_{name}") for name in ("level", "density", "drag"))
             force += water(self.shape.mesh, x, v, self.h / mass, self.up, self.of("gravity"), *numbers)

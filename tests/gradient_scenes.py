@@ -61,8 +61,13 @@ PRESSED: list[dict[str, Any]] = [
      "friction": 0.3, "angular_velocity": (2.0, 1.0, 3.0)},
 ]  # fmt: skip
 """A sphere that falls on a ball, and one that slides to it on the ground"""
-ALONE = ("atmosphere", "obstacle", "water", "change", "faces", "sphere", "normals", "correction")
+ALONE = ("force", "atmosphere", "obstacle", "water", "change", "faces", "sphere", "normals", "correction")
 """Tables of a scene itself"""
+DRIVEN: list[dict[str, Any]] = [
+    {"particles": [0, 3, 4], "newtons": (0.4, 0.3, -0.2)},
+    {"newtons": (0.0, 0.1, 0.2)},
+]
+"""Outer forces on some particles, and on all"""
 NECK = ["balloon.neck.diameter", "balloon.neck.discharge"]
 WIND = {"wind": (6.0, 0.0, 2.0), "shear": 0.3, "wind_height": 2.0, "gusts": 0.2, "gust_length": 4.0}
 
@@ -168,7 +173,7 @@ CASES = {
             "atmosphere.temperature",
         ],
     ),
-    "ground": (scene(ground=True, frames=2), [*SPRINGS, *MOTION, "ground.height", "ground.friction"]),
+    "ground": (scene(ground=True, frames=2, force=DRIVEN), [*SPRINGS, *MOTION, "ground.height", "ground.friction"]),
     "pump, leak and jet": (
         scene(
             "gas",

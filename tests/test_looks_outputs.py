@@ -20,7 +20,7 @@ from balloon_warp.model import build_model, plan_model
 from balloon_warp.outputs.render import render_stage
 from balloon_warp.outputs.usd import StageWriter
 from balloon_warp.outputs.usd.grid import GridGroup, GridWriter
-from balloon_warp.outputs.usd.material import palette_color
+from balloon_warp.scene.colors import palette_color
 
 SCENE = """
 [[balloon]]

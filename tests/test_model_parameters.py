@@ -15,6 +15,7 @@ from balloon_warp.model.rows import ROWS, rows_of
 from balloon_warp.scene import (
     Balloon,
     Body,
+    Force,
     Ground,
     Inflation,
     Material,
@@ -41,6 +42,7 @@ def everything() -> Scene:
         sphere=[Sphere(position=(0.0, 5.0, 0.0))],
         string=[String(anchor=(0.0, -3.0, 0.0))],
         tube=[Tube(balloons=(0, 1), conductance=0.1)],
+        force=[Force(particles=[0, 1])],
         obstacle=[Obstacle(position=(50.0, -20.0, 0.0))],
         body=[Body(position=(60.0, 5.0, 0.0), mass=1.0)],
         ground=Ground(height=-5.0),

@@ -8,7 +8,7 @@ from meshes import cube, quad_sphere
 
 from balloon_warp import InputError, Simulator
 from balloon_warp.mesh.geometry import signed_volume
-from balloon_warp.scene import Balloon, Body, Change, Ground, Inflation, Scene, Sphere
+from balloon_warp.scene import Balloon, Body, Change, Ground, Inflation, Obstacle, Scene, Sphere
 
 BALL = Balloon(mesh=quad_sphere(3, 0.5), inflation=Inflation(pressure=5.0), velocity=(0.0, -1.0, 0.0))
 GAS = Balloon(mesh=quad_sphere(3, 0.4), position=(0.0, 1.1, 0.0), inflation=Inflation(kind="gas"))
@@ -169,6 +169,24 @@ def test_observations_are_what_frames_say() -> None:
             simulator.reset()
         else:
             stepped(simulator, 3)
+
+
+def test_contact_forces_on_particles_add_up_to_those_on_the_balloon() -> None:
+    """Of a ball on the ground and in a corner; what touches nothing feels nothing. To float32's rounding of sums."""
+    wall = Obstacle(shape="plane", position=(-0.5, 0.0, 0.0), rotation=(0.0, 0.0, -90.0))
+    ball = BALL.model_copy(update={"position": (0.0, 0.5, 0.0), "velocity": (-1.0, -1.0, 0.0)})
+    scene = Scene(balloon=[ball], obstacle=[wall], ground=Ground(), contacts=True)
+    simulator = Simulator(scene, "cpu", 2, {"balloon.mass": [0.1, 0.3]})
+    forces, of_pairs = (simulator.observations[name] for name in ("particle_contact_forces", "contact_forces"))
+    for _ in range(4):
+        stepped(simulator, 1)
+        net = of_pairs.numpy()[:, 0].sum(axis=1)
+        np.testing.assert_allclose(forces.numpy().sum(axis=1), net, rtol=1e-5, atol=1e-5 * np.abs(net).max())
+    touching = np.abs(forces.numpy()).sum(axis=-1) > 0.0
+    assert 0.0 < touching.mean() < 0.5
+    points = simulator.state.points.numpy()[touching]
+    assert ((points[:, 0] < -0.3) | (points[:, 1] < 0.2)).all()
+    assert (net[:, :2] > 0.0).all()
 
 
 def shape_of(simulator: Simulator, number: int, points: np.ndarray) -> Any:

@@ -8,12 +8,14 @@ import h5py
 import numpy as np
 import pytest
 import xarray
+from meshes import quad_sphere
 from stopped_batch import FRAMES, scene
 from world_file_batches import VARY, WORLDS, arrays_of, attributes_of, batch, manifest, world_file
 
-from balloon_warp import simulate
+from balloon_warp import TrajectoryFiles, run_batch, simulate
 from balloon_warp.outputs.world_files import FORMATS
 from balloon_warp.provenance import describe_scene
+from balloon_warp.scene import Balloon, Ground, Scene
 
 
 @pytest.fixture(scope="module", params=list(FORMATS))
@@ -34,9 +36,26 @@ def test_they_hold_what_moved(data: Path) -> None:
         np.testing.assert_allclose(found["time"], np.arange(0, FRAMES + 1, 2) / scene().frames_per_second)
         np.testing.assert_array_equal(found["health"], [1, 1, 1, 1])
         assert found["contact_force"].shape == (4, 1, 3, 3)
+        assert found["particle_contact_force"].shape == found["mesh_pos"].shape
         mesh = moved.meshes[0]
         assert len(found["edges"]) == mesh.vertex_count + mesh.face_count - 2  # Euler's formula
         np.testing.assert_array_equal(found["rest_pos"], mesh.points.astype(np.float32))
+
+
+def test_contact_forces_on_particles_add_up(tmp_path: Path) -> None:
+    """To those on the balloon, in every frame that stands in the file; a scene without contacts has neither."""
+    ball = Balloon(mesh=quad_sphere(3, 0.5), position=(0.0, 0.5, 0.0), velocity=(0.0, -1.0, 0.0))
+    for contacts in (True, False):
+        falling = Scene(balloon=[ball], ground=Ground(), contacts=contacts, frames=4)
+        out, files = tmp_path / f"out_{contacts}", TrajectoryFiles(tmp_path / f"data_{contacts}", 2, "npz")
+        run_batch(falling, out, 2, {"balloon.mass": [0.1, 0.3]}, device="cpu", trajectories=files)
+    for world in range(2):
+        found = arrays_of(world_file(tmp_path / "data_True", world))
+        net = found["contact_force"].sum(axis=2)[:, 0]
+        np.testing.assert_allclose(found["particle_contact_force"].sum(axis=1), net, atol=1e-5 * np.abs(net).max())
+        assert (net[1:, 1] > 0.0).all()
+        without = arrays_of(world_file(tmp_path / "data_False", world))
+        assert found.keys() - without.keys() == {"contact_force", "particle_contact_force"}
 
 
 def test_they_say_what_differs(data: Path) -> None:

@@ -58,7 +58,7 @@ class Pulls:
         self._strings = _row(forces.string_pulls(state, time)) if model.string_count else np.zeros(0)
         inflation = np.linalg.norm(_row(forces.inflation_forces(state, time_in_frame)), axis=1)
         by_law = {name: _row(pulls) for name, pulls in forces.pulls_by_law(state, time).items()}
-        self._pushes = {"inflation": inflation, **by_law}
+        self._pushes = {"inflation": inflation, **by_law, **self._outer_forces()}
 
     @property
     def strengths(self) -> NDArray[np.float64]:
@@ -67,6 +67,15 @@ class Pulls:
         for end in (0, 1):
             np.maximum.at(strengths, self._pairs[:, end], np.abs(self._tensions))
         return strengths
+
+    def _outer_forces(self) -> dict[str, NDArray[np.float64]]:
+        """Return what outer forces push each particle with [N], if there are any."""
+        newtons, driven = _row(self.model.parameters["force_newtons"]), self.model.driven
+        if not newtons.any():
+            return {}
+        pushes = np.zeros((self.model.particle_count, 3))
+        np.add.at(pushes, driven.particles, driven.shares[:, None] * newtons[driven.forces])
+        return {"outer forces": np.linalg.norm(pushes, axis=1)}
 
     def spring_at(self, particle: int) -> Pull | None:
         """Return the spring of a particle with the largest tension or compression; None if it has none."""

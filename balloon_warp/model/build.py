@@ -29,7 +29,7 @@ DTYPES: dict[str, Any] = {
     **dict.fromkeys(
         ("initial_sphere_positions", "initial_sphere_velocities", "initial_sphere_spins", "initial_spins"), wp.vec3
     ),
-    **dict.fromkeys(("initial_velocities", "string_anchor", "obstacle_position"), wp.vec3),
+    **dict.fromkeys(("initial_velocities", "string_anchor", "obstacle_position", "force_newtons"), wp.vec3),
     **dict.fromkeys(("initial_body_positions", "initial_body_velocities", "initial_body_spins"), wp.vec3),
     **dict.fromkeys(("initial_shifts", "initial_centers"), wp.vec3d),
     "initial_turns": wp.mat33d,
@@ -120,10 +120,8 @@ def lay_out(plan: ModelPlan, device: str | wp.Device | None = None) -> Model:
         neck_weights=joined(_neck_weights(shapes), float),
         neck_offsets=array(np.cumsum([0, *(len(shape.neck.edges) for shape in shapes)]), wp.int32),
         neck_edges=of_particles([shape.neck.edges for shape in shapes], wp.vec2i),
-        string_particle=array(
-            [particle + offsets[string.balloon] for string, particle in zip(scene.string, plan.held, strict=True)],
-            wp.int32,
-        ),
+        string_particle=array([p + offsets[s.balloon] for s, p in zip(scene.string, plan.held, strict=True)], wp.int32),
+        driven=plan.driven,
         obstacles=plan.obstacles,
         obstacle_meshes=[warp_mesh(shape, device) for shape in plan.obstacles],
         bodies=plan.bodies,

@@ -18,14 +18,23 @@ def fixed_particles(fixed: Sequence[int | str], mesh: PolygonMesh) -> list[int]:
     Raises:
         InputError: the mesh has no such particle or group.
     """
+    return particles_named(fixed, mesh, "fixed")
+
+
+def particles_named(named: Sequence[int | str], mesh: PolygonMesh, field: str) -> list[int]:
+    """Return the numbers of particles, including those of groups, that a field names.
+
+    Raises:
+        InputError: the mesh has no such particle or group.
+    """
     particles: list[int] = []
-    for pin in fixed:
-        if isinstance(pin, int):
-            if pin >= mesh.vertex_count:
-                raise InputError(f"fixed: {mesh.name} has particles 0 to {mesh.vertex_count - 1} (got {pin})")
-            particles.append(pin)
+    for each in named:
+        if isinstance(each, int):
+            if each >= mesh.vertex_count:
+                raise InputError(f"{field}: {mesh.name} has particles 0 to {mesh.vertex_count - 1} (got {each})")
+            particles.append(each)
         else:
-            particles += group_of(mesh, pin, "fixed").tolist()
+            particles += group_of(mesh, each, field).tolist()
     return particles
 
 

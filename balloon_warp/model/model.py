@@ -14,6 +14,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import LAWS, Law
 from balloon_warp.kernels.laws.columns import Columns
 from balloon_warp.model.bodies import BodyShape
+from balloon_warp.model.driven import Driven
 from balloon_warp.model.obstacles import ObstacleShape
 from balloon_warp.model.packing import views_of
 from balloon_warp.model.ridges import Ridges
@@ -52,8 +53,7 @@ class Model:
     initial_points: wp.array
     """Positions of particles by the scene [m], shape (particle_count,), vec3d"""
     balloon_origins: wp.array
-    """Origins of the balloons' meshes by the scene [m], about which a world turns them, shape (balloon_count,),
-    vec3d"""
+    """Origins of the balloons' meshes [m], about which a world turns them, shape (balloon_count,), vec3d"""
     particle_balloon: wp.array
     """Balloon of each particle, shape (particle_count,), int32"""
     particle_mass_share: wp.array
@@ -93,16 +93,17 @@ class Model:
     keyframe_times: wp.array
     """Times of keyframes [s], shape (balloon_count, keyframe_count); a shorter list repeats its last, float32"""
 
-    # strings and tubes
+    # strings, tubes and outer forces
     string_particle: wp.array
     """Particle that each string holds, shape (string_count,), int32"""
     tube_balloons: wp.array
     """Two balloons of each tube, shape (tube_count,), vec2i"""
+    driven: Driven
+    """Particles that outer forces drive"""
 
     # necks
     neck_weights: wp.array
-    """Share of each particle in the thrust of its balloon's neck, shape (particle_count,), or (0,) where no balloon has
-    a neck; float32"""
+    """Share of each particle in the thrust at a neck, shape (particle_count,), or (0,) where there is none; float32"""
     neck_offsets: wp.array
     """Begin of the edges around each balloon's neck, shape (balloon_count + 1,), int32"""
     neck_edges: wp.array

@@ -17,6 +17,7 @@ from balloon_warp.kernels.laws import LAWS, Law
 from balloon_warp.laws import require_laws
 from balloon_warp.model.bodies import BodyShape, settle_bodies, shape_body
 from balloon_warp.model.body_steps import substeps_of_solids
+from balloon_warp.model.driven import Driven, driven_particles
 from balloon_warp.model.friction import settle_friction
 from balloon_warp.model.gas import require_openings, require_sealed, settle_gas
 from balloon_warp.model.law_tables import with_law_tables
@@ -56,6 +57,8 @@ class ModelPlan:
     """Ridges of obstacles, and then of bodies, that faces of balloons touch; empty where they touch none"""
     held: list[int]
     """Particle that each string holds, numbered within its balloon"""
+    driven: Driven
+    """Particles that outer forces drive"""
     own_laws: tuple[Law, ...]
     """User-defined laws that act"""
     parameters: Parameters
@@ -177,6 +180,7 @@ def plan_model(
         bodies=bodies,
         ridges=ridges,
         held=held,
+        driven=driven_particles(scene, shapes),
         own_laws=tuple(laws),
         parameters=parameters,
         substeps=substeps,

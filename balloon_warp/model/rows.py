@@ -47,6 +47,7 @@ ROWS: tuple[Parameter, ...] = (
     Parameter("body_friction", "1", 0.5, least=0.0, of="body", path="friction"),
     Parameter("body_restitution", "1", 0.3, least=0.0, most=1.0, of="body", path="restitution"),
     Parameter("tube_conductance", "mol/(s Pa)", least=0.0, of="tube", path="conductance"),
+    Parameter("force_newtons", "N", of="force", path="newtons", size=3),
 )
 """NaN is settled once all is known: a string's length, a body's mass, and an amount of gas"""
 

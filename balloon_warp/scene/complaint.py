@@ -11,7 +11,7 @@ from balloon_warp.kernels.laws.law import TINY
 from balloon_warp.scene.nesting import table_in
 from balloon_warp.suggestions import ask, closest, did_you_mean
 
-LISTS = ("balloon", "sphere", "string", "obstacle", "body", "tube", "change")
+LISTS = ("balloon", "sphere", "string", "obstacle", "body", "tube", "force", "change")
 """Tables that may occur several times"""
 MOST_ASKED = 4
 """Largest number of fields that a question names"""

@@ -14,7 +14,7 @@ from balloon_warp.scene.schema import MESHED, WITHOUT_MESHES, Scene
 
 Override = tuple[str, Any]
 """Dotted path, and the value to set there"""
-LISTED = ("balloon", "sphere", "string", "obstacle", "body", "tube")
+LISTED = ("balloon", "sphere", "string", "obstacle", "body", "tube", "force")
 """Tables that form lists, of which a path may give an index"""
 
 

@@ -19,7 +19,7 @@ FILLS = ("fill_breaths", "fill_litres", "fill_moles", "fill_to_pressure", "fill_
 FINITE_AT_NO_LENGTH = (HOOKE, RUBBER, RUBBER_AT_LIMIT)
 """Laws of springs whose force is zero at zero length; any other may give NaN for a spring from a particle to itself"""
 CHOOSE_FEATURES = frozenset(
-    {"breathing_damping", "added_mass", "leak", "neck_diameter", "sphere_friction", *VARYING, *FILLS}
+    {"breathing_damping", "added_mass", "leak", "neck_diameter", "sphere_friction", "force_newtons", *VARYING, *FILLS}
 )
 """Parameters that kernels are chosen by, and that replace them when they change"""
 
@@ -67,6 +67,7 @@ def model_features(model: Model) -> Features:
         jets=_ever(model, "neck_diameter"),
         fresh_normals=scene.normals == "fresh" and int(NORMAL_FORCE) in kinds,
         corrected=scene.correction != "none",
+        driven=_ever(model, "force_newtons"),
         forward_euler=scene.solver == "forward_euler",
         impulses=scene.contact == "impulse" and model.sphere_count > 0,
         spheres_rub=model.sphere_count > 0 and _ever(model, "sphere_friction"),
@@ -116,7 +117,7 @@ def _fills(model: Model) -> bool:
 
 
 def _ever(model: Model, name: str) -> bool:
-    """Return whether a parameter is more than 0 in any world at any time."""
+    """Return whether a parameter is not 0 in any world at any time."""
     return any(values.any() for values in values_over_time(model, name))
 
 

@@ -121,6 +121,9 @@ def make_lane_tables(model: Model, features: Features, layout: Layout, tables: A
     if features.jets:
         weights = np.append(model.neck_weights.numpy(), 0.0)[items.particles]
         t.necks.weights = array(weights if layout.worlds else weights.reshape(-1, LANES), layout.number)
+    if features.driven:
+        first = np.append(tables.outer.slots.numpy()[:, 0], 0.0)[items.particles]
+        t.outer.slots = array(first[:, None] if layout.worlds else first.reshape(-1, 1, LANES), layout.number)
     _add_springs(t, model, features, items, array)
     if features.membranes:
         _add_membranes(t, model, features, items, array)

@@ -56,6 +56,7 @@ def renumbered(model: Model, order: NDArray[np.int64]) -> Model:
         face_particles=to_particles(model.face_particles),
         spring_particles=to_particles(model.spring_particles),
         string_particle=to_particles(model.string_particle),
+        driven=model.driven._replace(particles=places[model.driven.particles]),
         neck_weights=of_particles(model.neck_weights),
         neck_edges=to_particles(model.neck_edges),
     )

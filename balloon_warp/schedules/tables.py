@@ -17,7 +17,6 @@ from balloon_warp.kernels.tables import (
     HingeTable,
     PairTable,
     SpringTable,
-    StringTable,
     Tables,
     WorldState,
 )
@@ -29,6 +28,7 @@ from balloon_warp.model.small_spheres import small_spheres
 from balloon_warp.schedules.fixtures import body_table, fixture_table
 from balloon_warp.schedules.health import health_table
 from balloon_warp.schedules.membranes import membrane_table, membranes_of_world
+from balloon_warp.schedules.outer import force_table, forces_of_world, string_table, strings_of_world
 from balloon_warp.schedules.particles import particle_table
 from balloon_warp.schedules.ridges import ridge_table
 from balloon_warp.schedules.rings import quad_rings, ring_table
@@ -53,7 +53,7 @@ def make_tables(model: Model, features: Features, in_block: bool = False) -> Any
     t.pairs = _pairs(model)
     t.hinges = _hinges(model, features)
     t.membranes = membrane_table(model)
-    t.strings = _strings(model)
+    t.strings, t.outer = string_table(model), force_table(model, features)
     t.faces = _faces(model)
     t.fans = _fans(model, features)
     t.spheres = _spheres(model)
@@ -76,14 +76,12 @@ def make_tables(model: Model, features: Features, in_block: bool = False) -> Any
 
 def tables_of_world(model: Model, tables: Any) -> Any:
     """Return a batch's tables for one of its worlds, whose model has views of its parameters."""
-    t, strings = Tables(), StringTable()
+    t = Tables()
     for name in Tables.vars:
         setattr(t, name, getattr(tables, name))
-    for name in StringTable.vars:
-        setattr(strings, name, getattr(tables.strings, name))
-    _put_string_parameters(strings, model)
     t.membranes = membranes_of_world(model, tables.membranes)
-    t.strings, t.spheres, t.tubes = strings, _spheres(model), _tubes(model)
+    t.strings, t.outer = strings_of_world(model, tables.strings), forces_of_world(model, tables.outer)
+    t.spheres, t.tubes = _spheres(model), _tubes(model)
     t.spheres.small, t.spheres.triangles = tables.spheres.small, tables.spheres.triangles
     t.fixtures, t.bodies = tables.fixtures, body_table(model)
     t.balloon_numbers, t.world_numbers = model.balloon_numbers, model.world_numbers
@@ -153,24 +151,6 @@ def _hinges(model: Model, features: Features) -> Any:
     table.particle_offsets = _array(model, starts, wp.int32)
     table.particle_roles = _array(model, roles[order], wp.int32)
     return table
-
-
-def _strings(model: Model) -> Any:
-    held = model.string_particle.numpy()
-    order = np.argsort(held, kind="stable")
-    offsets = np.searchsorted(held[order], np.arange(model.particle_count + 1)) if len(held) else []
-    table = StringTable()
-    table.offsets = _array(model, offsets, wp.int32)
-    table.particles = _array(model, held[order], wp.int32)
-    table.order = _array(model, order, wp.int32)
-    _put_string_parameters(table, model)
-    return table
-
-
-def _put_string_parameters(table: Any, model: Model) -> None:
-    table.anchors = model.parameters["string_anchor"]
-    table.lengths = model.parameters["string_length"]
-    table.stiffness = model.parameters["string_stiffness"]
 
 
 def _faces(model: Model) -> Any:

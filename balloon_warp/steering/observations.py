@@ -6,6 +6,7 @@ from typing import Any, Protocol
 
 import numpy as np
 import warp as wp
+from numpy.typing import ArrayLike
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.measure.observed import (
@@ -17,14 +18,17 @@ from balloon_warp.kernels.measure.observed import (
     stretch_membranes,
     stretch_springs,
     sum_motion,
+    sum_particle_contacts,
     sum_volumes,
 )
 from balloon_warp.kernels.measure.turning import join_turning, sum_turning
 from balloon_warp.launching import launch
 from balloon_warp.model import Model, State
 from balloon_warp.shown import Shown
+from balloon_warp.steering.cameras import WorldCamera
 
 OF_MOTION = ("centers", "velocities")
+OF_PARTICLES = "particle_contact_forces"
 OF_STATE = (
     *("pressures", "gas_amounts", "sphere_positions", "sphere_velocities", "contact_forces"),
     *("body_positions", "body_velocities", "body_turns", "points", "first_bad"),
@@ -51,10 +55,14 @@ class Observations(Shown):
     - `turns`: rotations of balloons by best fit, from their meshes as the scene places them, of that shape, quat
     - `volumes`: [m^3], shape (world_count, balloon_count), 0 or little for what encloses nothing
     - `stretches`: the largest of each balloon's springs, or of its rubber or film, whether torn or not, of that shape
+    - `particle_contact_forces`: on each particle in contact, averaged over the frame, where the scene asks for
+      `contacts` [N], shape (world_count, particle_count), vec3
     - `obstacle_positions` [m], shape (world_count, obstacle_count), vec3
     - `pressures` [Pa], `gas_amounts` [mol], `sphere_positions`, `sphere_velocities`, `body_positions`,
       `body_velocities`, `body_turns`, `contact_forces` [N] where the scene asks for `contacts`, `points`, and
       `first_bad`: as the state has them
+
+    `particles([...])` and `camera(...)` open arrays of chosen particles, and of what a camera sees.
     """
 
     _internal = ("refresh",)
@@ -64,6 +72,7 @@ class Observations(Shown):
         model = simulator.model
         self._values: dict[str, wp.array] = {}
         self._chosen: list[tuple[wp.array, wp.array]] = []
+        self._cameras: list[WorldCamera] = []
         self._particles = wp.array(model.particle_offsets, dtype=wp.int32, device=model.device)
         faces = np.cumsum([0, *(shape.mesh.face_count for shape in model.shapes)])
         self._faces = wp.array(faces, dtype=wp.int32, device=model.device)
@@ -98,6 +107,25 @@ class Observations(Shown):
         self._begin()
         return places
 
+    def camera(
+        self, eye: ArrayLike, target: ArrayLike, width: int = 64, height: int = 64, angle: float = 60.0
+    ) -> WorldCamera:
+        """Open a camera in each world, whose `depth` and `color` are device arrays.
+
+        Args:
+            eye: place of the camera [m], shape (3,), or one for each world, shape (world_count, 3).
+            target: place that it looks at [m], likewise.
+            width: of the picture [pixels].
+            height: of the picture [pixels].
+            angle: of view from the picture's bottom to its top [degrees].
+
+        Raises:
+            InputError: a place, the size or the angle makes no sense.
+        """
+        camera = WorldCamera(self._simulator, self._begin, (eye, target), (width, height), angle)
+        self._cameras.append(camera)
+        return camera
+
     def _open(self, name: str) -> None:
         model, state = self._simulator.model, self._simulator.state
         shape = self._shape[:2]
@@ -109,12 +137,15 @@ class Observations(Shown):
             self._values[name] = wp.zeros(shape, dtype=wp.quat, device=model.device)
         elif name == "obstacle_positions":
             self._values[name] = wp.zeros((shape[0], len(model.obstacles)), dtype=wp.vec3, device=model.device)
-        elif name == "contact_forces" and not model.scene.contacts:
-            raise InputError("contact_forces: the scene does not ask for them; expected contacts = true")
+        elif name in ("contact_forces", OF_PARTICLES) and not model.scene.contacts:
+            raise InputError(f"{name}: the scene does not ask for them; expected contacts = true")
+        elif name == OF_PARTICLES:
+            self._values[name] = wp.zeros(state.points.shape, dtype=wp.vec3, device=model.device)
         elif name in OF_STATE:
             self._values[name] = wp.clone(getattr(state, name))
         else:
-            known = ", ".join((*OF_MOTION, "turns", "volumes", "stretches", "obstacle_positions", *OF_STATE))
+            others = ("turns", "volumes", "stretches", "obstacle_positions", OF_PARTICLES)
+            known = ", ".join((*OF_MOTION, *others, *OF_STATE))
             raise InputError(f"{name}: no such observation; known are {known}, and particles([...])")
         self._begin()
 
@@ -177,8 +208,13 @@ class Observations(Shown):
             self._find_stretches(self._values["stretches"])
         if "obstacle_positions" in self._values:
             launch(copy_places, *self._obstacles(), device=model.device)
+        if OF_PARTICLES in self._values:
+            forces, inputs = self._values[OF_PARTICLES], [state.contact_impulses, model.frame_seconds]
+            launch(sum_particle_contacts, forces.shape, inputs, [forces], device=model.device)
         for name in OF_STATE:
             if name in self._values and self._values[name].size:
                 wp.copy(self._values[name], getattr(state, name))
         for which, places in self._chosen:
             launch(choose_particles, places.shape, [which, state.points], [places], device=model.device)
+        for camera in self._cameras:
+            camera.refresh()

@@ -3,10 +3,9 @@
 import numpy as np
 
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.outputs.usd import material
-from balloon_warp.outputs.usd.looks import mean_color
-from balloon_warp.outputs.usd.material import BODY_COLORS, OBSTACLE_COLOR, SPHERE_COLORS
 from balloon_warp.scene import Scene
+from balloon_warp.scene import colors as palette
+from balloon_warp.scene.colors import BODY_COLORS, OBSTACLE_COLOR, SPHERE_COLORS, mean_color
 
 Color = tuple[int, int, int]
 
@@ -38,7 +37,7 @@ STRAIN: tuple[Color, ...] = (
 
 def balloon_color(scene: Scene, number: int, mesh: PolygonMesh) -> Color:
     """Return a balloon's color as in the stage; a single one for a mesh with several colors."""
-    return _encoded(mean_color(mesh, scene.balloon[number], material.balloon_color(scene, number)))
+    return _encoded(mean_color(mesh, scene.balloon[number], palette.balloon_color(scene, number)))
 
 
 def sphere_color(number: int, own: tuple[float, float, float] | None) -> Color:
@@ -60,7 +59,7 @@ def body_color(scene: Scene, number: int, mesh: PolygonMesh | None) -> Color:
 
 def water_color() -> Color:
     """Return the water's color as in the stage."""
-    return _encoded(material.WATER_COLOR)
+    return _encoded(palette.WATER_COLOR)
 
 
 def linear(color: Color) -> tuple[float, float, float]:

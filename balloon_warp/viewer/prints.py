@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.outputs.usd.looks import looks_of_file
 from balloon_warp.scene import Balloon
+from balloon_warp.scene.colors import looks_of_file
 from balloon_warp.viewer.smooth import Plain, Smooth
 
 LARGEST = 1024

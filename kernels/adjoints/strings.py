@@ -9,7 +9,8 @@ from balloon_warp.kernels.adjoint import Adjoint
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.loops.strings import string_pull
 from balloon_warp.kernels.memory import int_at
-from balloon_warp.kernels.tables import StringTable, Tables
+from balloon_warp.kernels.outer_tables import StringTable
+from balloon_warp.kernels.tables import Tables
 
 
 @cache

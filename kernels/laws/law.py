@@ -88,7 +88,7 @@ TINY = 1.0e-12
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number that a scene has for each world, or for each balloon, sphere, string or tube.
+    """A number that a scene has for each world, or for each balloon, sphere, string, tube or outer force.
 
     Its unit, bounds, default and place in scene files all follow from this one row. Parameters of your own laws belong
     to the world or to balloons.
@@ -100,7 +100,7 @@ class Parameter:
     """Default value"""
     least: float = -FAR
     most: float = FAR
-    of: Literal["world", "balloon", "sphere", "string", "obstacle", "body", "tube"] = "balloon"
+    of: Literal["world", "balloon", "sphere", "string", "obstacle", "body", "tube", "force"] = "balloon"
     meaning: str = ""
     path: str = ""
     """Path in a scene, or in a balloon or sphere of it; when empty, the parameter is in the table `law.NAME` of its law

@@ -8,8 +8,9 @@ import warp as wp
 from balloon_warp.kernels.algebra import squared_length
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.memory import int_at
+from balloon_warp.kernels.outer_tables import StringTable
 from balloon_warp.kernels.params import numbers_reader
-from balloon_warp.kernels.tables import StringTable, Tables, row_of_world
+from balloon_warp.kernels.tables import Tables, row_of_world
 
 
 @cache

@@ -176,3 +176,14 @@ def copy_places(rows: wp.array2d[wp.vec3], places: wp.array2d[wp.vec3]):
     """Copy places that may be the same in all worlds; a thread a (world, thing)."""
     world, thing = wp.tid()
     places[world, thing] = rows[world % rows.shape[0], thing]
+
+
+@wp.kernel
+def sum_particle_contacts(impulses: wp.array3d[wp.vec4], seconds: float, forces: wp.array2d[wp.vec3]):
+    """Sum what all things did to each particle in a frame, as mean forces [N]; a thread a (world, particle)."""
+    world, particle = wp.tid()
+    total = wp.vec3()
+    for thing in range(impulses.shape[1]):
+        impulse = impulses[world, thing, particle]
+        total += wp.vec3(impulse[0], impulse[1], impulse[2])
+    forces[world, particle] = total / seconds

@@ -2,6 +2,11 @@
 
 import warp as wp
 
+KEY = (-0.62, 1.0, 0.62)
+"""Direction to the key light: to the right, up, and back toward the camera"""
+KEY_RADIANCE = (1.06, 1.02, 0.96)
+"""Radiance that the key light adds to a white surface facing it"""
+
 
 @wp.struct
 class Studio:

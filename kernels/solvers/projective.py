@@ -26,6 +26,7 @@ from balloon_warp.kernels.compose import sum_of_laws
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.body import DAMPING
 from balloon_warp.kernels.laws.law import RESULT
+from balloon_warp.kernels.loops.outer_forces import outer_force
 from balloon_warp.kernels.loops.springs import spring_loop
 from balloon_warp.kernels.loops.strings import string_loop
 from balloon_warp.kernels.memory import vector_at
@@ -86,6 +87,8 @@ def foreseeing_kernel(features: Features) -> Any:
             force = inflations[world, particle] + particle_laws(
                 point, velocity, params.mass, params.share, wp.vec3(), wp.vec4(), t.up, t.step_seconds, time, params.n
             )
+            if wp.static(features.driven):
+                force += outer_force(t.outer, world, particle)
             impulse = params.mass * velocity + t.step_seconds * force
             free = (t.step_seconds / inertia(params, t.step_seconds)) * impulse
         free_displacements[world, particle] = free

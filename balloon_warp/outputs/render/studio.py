@@ -6,14 +6,11 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.pictures.studio import Studio
+from balloon_warp.kernels.pictures.studio import KEY, KEY_RADIANCE, Studio
 from balloon_warp.outputs.camera import Camera
 
-KEY = (-0.62, 1.0, 0.62)
-"""Direction to the key light: to the right, up, and back toward the camera"""
 RIM = (0.95, 0.28, -0.15)
 """Direction to the strip light"""
-KEY_RADIANCE = (1.06, 1.02, 0.96)
 KEY_SPREAD = 0.15
 
 

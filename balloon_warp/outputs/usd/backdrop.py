@@ -7,8 +7,9 @@ from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade, Vt
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import vertex_normals
 from balloon_warp.mesh.usd_stage import SCENERY
-from balloon_warp.outputs.usd.material import GROUND_COLOR, paint, shine_from_within, take_from_primvar
+from balloon_warp.outputs.usd.material import paint, shine_from_within, take_from_primvar
 from balloon_warp.outputs.usd.presence import BACKDROP
+from balloon_warp.scene.colors import GROUND_COLOR
 
 RADIUS, BEND, HEIGHT = 9.0, 7.0, 9.0
 """Radius of the floor, radius of the curve between floor and wall, and height of the wall, in sizes of the subject"""

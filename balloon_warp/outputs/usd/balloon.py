@@ -14,9 +14,10 @@ from balloon_warp.mesh.folds import SOFT_CREASE, sharp_edges
 from balloon_warp.model import Model
 from balloon_warp.outputs.usd.contacts import ContactChannels
 from balloon_warp.outputs.usd.deformable import define_deformable
-from balloon_warp.outputs.usd.looks import looks_of_file, paint_as_file, place_texture
-from balloon_warp.outputs.usd.material import offer_latex, paint, palette_color, print_on
+from balloon_warp.outputs.usd.looks import paint_as_file, place_texture
+from balloon_warp.outputs.usd.material import offer_latex, paint, print_on
 from balloon_warp.scene import Balloon
+from balloon_warp.scene.colors import looks_of_file, palette_color
 
 MEASURES = ("volume", "area", "pressure", "stretch")
 """Attributes per frame under `userProperties:`, in m^3, m^2 and Pa; the last is the mean over the start"""

@@ -9,11 +9,11 @@ from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics
 from balloon_warp.frame import Frame
 from balloon_warp.model import Model
 from balloon_warp.model.bodies import BodyShape, initial_centers, initial_turns
-from balloon_warp.outputs.usd.material import BODY_COLORS
 from balloon_warp.outputs.usd.names import prim_names
 from balloon_warp.outputs.usd.obstacle import Look, as_gf, define_obstacle
 from balloon_warp.outputs.usd.rigid import SURFACE, be_hit, move_freely
 from balloon_warp.scene import Scene
+from balloon_warp.scene.colors import BODY_COLORS
 
 
 def body_names(scene: Scene, taken: Collection[str] = ()) -> list[str]:

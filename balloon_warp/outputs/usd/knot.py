@@ -7,10 +7,10 @@ from pxr import Sdf, Usd, UsdGeom, Vt
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.usd_stage import SCENERY
 from balloon_warp.outputs.knot import Knot, knot_mesh, knot_size
-from balloon_warp.outputs.usd.looks import mean_color
-from balloon_warp.outputs.usd.material import balloon_color, paint
+from balloon_warp.outputs.usd.material import paint
 from balloon_warp.outputs.usd.obstacle import as_gf
 from balloon_warp.scene import Scene
+from balloon_warp.scene.colors import balloon_color, mean_color
 
 OPACITY = 0.98
 """Opacity of the rubber there, which is not stretched and lies in folds"""

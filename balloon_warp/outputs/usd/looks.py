@@ -12,23 +12,7 @@ from balloon_warp.mesh.corners import face_starts
 from balloon_warp.mesh.looks import Color, Looks, Picture
 from balloon_warp.model import Model, ModelPlan
 from balloon_warp.outputs.usd.material import bind, color_from, define_material, put_image
-from balloon_warp.scene import Balloon, Body, Obstacle
-
-
-def looks_of_file(mesh: PolygonMesh | None, said: Balloon | Obstacle | Body) -> Looks | None:
-    """Return the looks of a mesh's file, where they count: what the scene says of its color counts for more."""
-    covered = said.color is not None or (isinstance(said, Balloon) and said.print is not None)
-    return None if mesh is None or covered else mesh.looks
-
-
-def mean_color(mesh: PolygonMesh | None, said: Balloon | Obstacle | Body, otherwise: Color) -> Color:
-    """Return the looks of a thing as one color.
-
-    Args:
-        otherwise: its color where its mesh's file says none, or less than the scene.
-    """
-    looks = looks_of_file(mesh, said)
-    return otherwise if looks is None else looks.mean(otherwise)
+from balloon_warp.scene.colors import looks_of_file
 
 
 def check_textures(stage: Path, models: Iterable[Model | ModelPlan]) -> None:

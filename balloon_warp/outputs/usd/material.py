@@ -1,6 +1,5 @@
 """Materials and colors: every gprim gets a display color, and a bound UsdPreviewSurface of the same color."""
 
-import colorsys
 import itertools
 from pathlib import Path
 
@@ -9,37 +8,11 @@ from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade
 from balloon_warp.files import whole_path
 from balloon_warp.mesh.looks import Color
 from balloon_warp.outputs.usd.names import identifier
-from balloon_warp.scene import Scene
 
-BALLOON_COLORS: list[Color] = [
-    *[(0.80, 0.07, 0.06), (0.05, 0.30, 0.75), (0.95, 0.50, 0.03), (0.10, 0.50, 0.16)],
-    *[(0.42, 0.10, 0.58), (0.03, 0.52, 0.52), (0.88, 0.16, 0.40), (0.90, 0.72, 0.08)],
-]
-GOLDEN = 0.618034
-"""Step on the circle of hues from one balloon to the next, once these colors are used up"""
-SPHERE_COLORS: list[Color] = [(0.06, 0.16, 0.45), (0.85, 0.60, 0.05), (0.08, 0.40, 0.35), (0.45, 0.10, 0.35)]
-BODY_COLORS: list[Color] = [(0.50, 0.28, 0.10), (0.30, 0.34, 0.40), (0.42, 0.42, 0.16), (0.40, 0.16, 0.12)]
-STRING_COLOR: Color = (0.25, 0.20, 0.16)
-OBSTACLE_COLOR: Color = (0.45, 0.45, 0.47)
-FORCE_COLOR: Color = (0.02, 0.30, 0.10)
-GROUND_COLOR: Color = (0.72, 0.70, 0.66)
-WATER_COLOR: Color = (0.06, 0.40, 0.52)
 LATEX = {"subsurface_weight": 0.6, "specular_roughness": 0.25, "coat_weight": 0.8, "coat_roughness": 0.08}
 """Look of a rubber balloon, as OpenPBR names it: for thin walls, the subsurface's weight is of transmitted light"""
 PLAIN_FINISH = {"roughness": 0.5, "opacity": 1.0, "clearcoat": 0.0}
 """Inputs of UsdPreviewSurface by default"""
-
-
-def palette_color(number: int) -> Color:
-    """Return the palette's color for a number: each balloon has another."""
-    if number < len(BALLOON_COLORS):
-        return BALLOON_COLORS[number]
-    return colorsys.hsv_to_rgb(GOLDEN * number % 1.0, 0.85, 0.75)
-
-
-def balloon_color(scene: Scene, number: int) -> Color:
-    """Return the color of a balloon: its own, or the palette's for its number."""
-    return scene.balloon[number].color or palette_color(number)
 
 
 def paint(gprim: UsdGeom.Gprim, color: Color, **finish: float) -> UsdShade.Material:

@@ -8,8 +8,9 @@ from balloon_warp.frame import Frame
 from balloon_warp.mesh.geometry import total_area
 from balloon_warp.model import Model
 from balloon_warp.outputs.usd.lines import define_lines, write_lines
-from balloon_warp.outputs.usd.material import FORCE_COLOR, paint
+from balloon_warp.outputs.usd.material import paint
 from balloon_warp.scene import Inflation
+from balloon_warp.scene.colors import FORCE_COLOR
 
 
 class NetForcesPrim:

@@ -16,12 +16,13 @@ from balloon_warp.model import Model
 from balloon_warp.model.obstacle_motion import moves, obstacle_poses
 from balloon_warp.model.obstacles import ObstacleShape
 from balloon_warp.outputs.beveled import beveled_box
-from balloon_warp.outputs.usd.looks import looks_of_file, paint_as_file, place_texture
-from balloon_warp.outputs.usd.material import OBSTACLE_COLOR, Color, paint
+from balloon_warp.outputs.usd.looks import paint_as_file, place_texture
+from balloon_warp.outputs.usd.material import Color, paint
 from balloon_warp.outputs.usd.names import prim_names
 from balloon_warp.outputs.usd.planes import SIZES, level_square
 from balloon_warp.outputs.usd.rigid import SURFACE, be_hit, be_moved
 from balloon_warp.scene import Body, Obstacle, Scene
+from balloon_warp.scene.colors import OBSTACLE_COLOR, looks_of_file
 
 HALF_SPACE = "balloonWarpHalfSpace"
 """Key of the custom data of a square that stands for the half space below it"""

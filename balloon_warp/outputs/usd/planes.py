@@ -9,9 +9,10 @@ from pxr import Sdf, Usd, UsdGeom, Vt
 from balloon_warp.frame import Frame
 from balloon_warp.mesh.usd_stage import SCENERY
 from balloon_warp.model import Model
-from balloon_warp.outputs.usd.material import GROUND_COLOR, WATER_COLOR, Color, paint
+from balloon_warp.outputs.usd.material import Color, paint
 from balloon_warp.outputs.usd.rigid import SURFACE, be_hit
 from balloon_warp.scene import Scene
+from balloon_warp.scene.colors import GROUND_COLOR, WATER_COLOR
 
 SIZES = 20.0
 """Half the square's side, as a multiple of the scene's size"""

@@ -4,10 +4,11 @@ from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics
 
 from balloon_warp.frame import Frame
 from balloon_warp.model import Model
-from balloon_warp.outputs.usd.material import SPHERE_COLORS, paint
+from balloon_warp.outputs.usd.material import paint
 from balloon_warp.outputs.usd.presence import show_while_there
 from balloon_warp.outputs.usd.rigid import SURFACE, be_hit, move_freely
 from balloon_warp.scene import Sphere
+from balloon_warp.scene.colors import SPHERE_COLORS
 
 
 def define_sphere(stage: Usd.Stage, path: Sdf.Path, sphere: Sphere, number: int) -> UsdGeom.XformOp:

@@ -9,10 +9,11 @@ from balloon_warp.model import Model
 from balloon_warp.outputs.knot import has_knot
 from balloon_warp.outputs.usd.knot import KnotPrim, knot_path
 from balloon_warp.outputs.usd.lines import define_lines
-from balloon_warp.outputs.usd.material import STRING_COLOR, paint
+from balloon_warp.outputs.usd.material import paint
 from balloon_warp.outputs.usd.presence import show_while_there
 from balloon_warp.outputs.usd.strand import Strand
 from balloon_warp.outputs.usd.string_curve import POINT_COUNT, string_curve
+from balloon_warp.scene.colors import STRING_COLOR
 
 
 def define_string(stage: Usd.Stage, path: Sdf.Path, held: PolygonMesh) -> UsdGeom.BasisCurves:

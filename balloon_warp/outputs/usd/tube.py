@@ -6,8 +6,9 @@ from pxr import Sdf, Usd
 from balloon_warp.frame import Frame
 from balloon_warp.model import Model
 from balloon_warp.outputs.usd.lines import define_lines
-from balloon_warp.outputs.usd.material import STRING_COLOR, paint
+from balloon_warp.outputs.usd.material import paint
 from balloon_warp.outputs.usd.strand import Strand
+from balloon_warp.scene.colors import STRING_COLOR
 
 
 class TubePrim:

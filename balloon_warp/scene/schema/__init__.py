@@ -12,7 +12,7 @@ fields         what all of these are made of
 """
 
 from balloon_warp.scene.schema.balloon import Balloon, Stiffness
-from balloon_warp.scene.schema.bodies import Sphere, String
+from balloon_warp.scene.schema.bodies import Force, Sphere, String
 from balloon_warp.scene.schema.inflation import Inflation, Neck
 from balloon_warp.scene.schema.material import Material
 from balloon_warp.scene.schema.obstacles import Obstacle
@@ -29,6 +29,7 @@ __all__ = [
     "Body",
     "Box",
     "Change",
+    "Force",
     "Ground",
     "Inflation",
     "Material",

@@ -1,9 +1,10 @@
-"""Spheres and strings, with the times at which they appear and disappear."""
+"""Spheres and strings, with the times at which they appear and disappear, and outer forces."""
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
+from balloon_warp.scene.pinned import pins_of
 from balloon_warp.scene.schema.fields import Color, Index, LawTables, NonNegative, Positive, Table, UnitInterval, Vector
 
 
@@ -69,3 +70,18 @@ class String(Table):
     """Draw the balloon's neck and a knot at the string; they are not simulated, and foil has none"""
 
     _lives = model_validator(mode="after")(_ends_after_its_start)
+
+
+Particles = list[Index | Annotated[str, Field(min_length=1)]]
+
+
+class Force(Table):
+    """Outer force on some of a balloon's particles, such as the push of a hand or of a motor."""
+
+    balloon: Index = 0
+    """Balloon that the force acts on, by its index in the scene"""
+    particles: Annotated[Annotated[Particles, Field(min_length=1)], BeforeValidator(pins_of)] | None = None
+    """Particles that share the force by their masses: vertices of the file, counted from 0, or all of a group of the
+    mesh, by its name; all of the balloon when missing. Fixed ones take no share. In Python also a mask"""
+    newtons: Vector = (0.0, 0.0, 0.0)
+    """Force on them together, along the axes of the scene [N]"""

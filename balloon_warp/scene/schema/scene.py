@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BeforeValidator, Field, model_validator
 
 from balloon_warp.scene.schema.balloon import Balloon
-from balloon_warp.scene.schema.bodies import Sphere, String
+from balloon_warp.scene.schema.bodies import Force, Sphere, String
 from balloon_warp.scene.schema.fields import (
     MOST_MISSED,
     Index,
@@ -117,6 +117,8 @@ class Scene(Table):
     """Liquid below a level surface: it presses on the outside of balloons, and brakes what moves in it."""
     tube: list[Tube] = []
     """Tube between two gas balloons: gas flows through it, driven by the pressure difference."""
+    force: list[Force] = []
+    """Outer force on some of a balloon's particles, such as the push of a hand or of a motor."""
     touch: Annotated[Touch | Literal[False], BeforeValidator(_touch_of)] | None = None
     """Contact between surfaces of balloons. When missing, balloons touch each other, and themselves where parts of a
     mesh are near each other, unless one may burst or the solver is "projective"; with `touch = false` they pass through
@@ -179,12 +181,13 @@ class Scene(Table):
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
-        for number, string in enumerate(self.string):
-            if string.balloon >= len(self.balloon):
-                raise ValueError(
-                    f"string.{number}.balloon: must be below the number of balloons, {len(self.balloon)} "
-                    f"(got {string.balloon})"
-                )
+        for name, things in (("string", self.string), ("force", self.force)):
+            for number, thing in enumerate(things):
+                if thing.balloon >= len(self.balloon):
+                    raise ValueError(
+                        f"{name}.{number}.balloon: must be below the number of balloons, {len(self.balloon)} "
+                        f"(got {thing.balloon})"
+                    )
         if self.correction != "none" and not any(
             not balloon.material.is_membrane or balloon.material.springs for balloon in self.balloon
         ):

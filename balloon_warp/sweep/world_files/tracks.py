@@ -37,13 +37,19 @@ TRACKS = (
         *("contact_force", "contact_forces", ("balloon", "thing", "axis"), "N"),
         "net force of each of `things` on each balloon, averaged over the frame before; where the scene has contacts",
     ),
+    Track(
+        *("particle_contact_force", "particle_contact_forces", ("particle", "axis"), "N"),
+        "force of all things on each particle in contact, averaged over the frame before; where the scene has contacts",
+    ),
     Track("sphere_pos", "sphere_positions", ("sphere", "axis"), "m", "positions of spheres"),
     Track("sphere_velocity", "sphere_velocities", ("sphere", "axis"), "m/s", "velocities of spheres"),
     Track("body_pos", "body_positions", ("body", "axis"), "m", "positions of free bodies"),
     Track("body_turn", "body_turns", ("body", "quaternion"), "1", "turns of free bodies: x, y, z, w"),
 )
 """Tracks in the order of the files"""
-OBSERVED = ("volumes",)
+OF_CONTACTS = ("contact_forces", "particle_contact_forces")
+"""Sources that only scenes with contacts have"""
+OBSERVED = ("volumes", "particle_contact_forces")
 """Sources that are observations"""
 HEALTH = ("health", ("time",), "<i4", "1", "1; 0 from the frame on in which the world blew up; 2 with shorter steps")
 
@@ -54,11 +60,12 @@ def tracks_of(plan: ModelPlan | Model) -> dict[Track, tuple[int, ...]]:
     counts = AXES | {
         "particle": sum(shape.mesh.vertex_count for shape in plan.shapes),
         "balloon": len(plan.shapes),
-        "thing": len(things_of(plan)) if scene.contacts else 0,
+        "thing": len(things_of(plan)),
         "sphere": len(scene.sphere),
         "body": len(scene.body),
     }
-    shapes = {track: tuple(counts[name] for name in track.dimensions) for track in TRACKS}
+    told = [track for track in TRACKS if scene.contacts or track.source not in OF_CONTACTS]
+    shapes = {track: tuple(counts[name] for name in track.dimensions) for track in told}
     return {track: shape for track, shape in shapes.items() if all(shape)}
 
 

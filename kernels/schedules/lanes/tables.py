@@ -11,8 +11,8 @@ from balloon_warp.kernels.tables import Tables
 
 
 @cache
-def part_structs(layout: Layout) -> tuple[Any, Any, Any]:
-    """Return the types of the tables of faces, fans and necks, whose fields are named as those of one world."""
+def part_structs(layout: Layout) -> tuple[Any, Any, Any, Any]:
+    """Return the types of the tables of faces, fans, necks and outer forces, with the names of those of one world."""
     Index, Number = layout.index, layout.number  # noqa: N806 - types
 
     @wp.struct
@@ -44,7 +44,13 @@ def part_structs(layout: Layout) -> tuple[Any, Any, Any]:
 
         weights: wp.array[Number]
 
-    return LaneFaces, LaneFans, LaneNecks
+    @wp.struct
+    class LaneForces:
+        """Shares of items in the first of the outer forces on them, 0 if there is none; empty if none acts."""
+
+        slots: wp.array2d[Number]
+
+    return LaneFaces, LaneFans, LaneNecks, LaneForces
 
 
 @cache
@@ -93,7 +99,7 @@ class LaneStructs(NamedTuple):
 def lane_structs(layout: Layout) -> LaneStructs:
     """Return the types of a layout."""
     Number, Index, Vector, Four = layout.number, layout.index, layout.vector, layout.four  # noqa: N806 - types
-    LaneFaces, LaneFans, LaneNecks = part_structs(layout)  # noqa: N806
+    LaneFaces, LaneFans, LaneNecks, LaneForces = part_structs(layout)  # noqa: N806
 
     @wp.struct
     class LaneTables:
@@ -138,6 +144,7 @@ def lane_structs(layout: Layout) -> LaneStructs:
         fans: LaneFans
         faces: LaneFaces
         necks: LaneNecks
+        outer: LaneForces
         numbers: wp.array3d[Lanes]
         """Working memory, a row for each group, as are the next arrays: parameters of balloons and worlds, see
         `laws.columns`"""

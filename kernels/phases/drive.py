@@ -1,0 +1,49 @@
+"""Outer forces on groups of particles, which a scene says or somebody steers by."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import warp as wp
+
+from balloon_warp.kernels.adjoint import Adjoint
+from balloon_warp.kernels.features import Features
+from balloon_warp.kernels.lanes import any_positive
+from balloon_warp.kernels.loops.outer_forces import outer_force
+from balloon_warp.kernels.phase import Look, Phase, phase
+from balloon_warp.kernels.tables import Tables
+
+
+def _is_driven(features: Features, look: Look) -> Any:
+    @wp.func
+    def is_driven(t: Any, params: Any):
+        """Return whether an outer force drives any particle of eight."""
+        return any_positive(t.outer.slots[params.number, 0])
+
+    return is_driven
+
+
+def _drive_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
+    """Return the adjoint: an outer force is constant, and adds to the others."""
+
+    @wp.func
+    def drive_adjoint(force_bar: wp.vec3):
+        return force_bar
+
+    return (Adjoint(drive_adjoint, ("force",)),)
+
+
+@phase(
+    "particle",
+    {"force": wp.vec3},
+    when=lambda features: features.driven,
+    rare=_is_driven,
+    adjoint=_drive_backwards,
+)
+def drive(features: Features, look: Look) -> Any:
+    """Add the outer forces on groups of particles."""
+
+    @wp.func
+    def drive(t: Tables, params: Any, force: wp.vec3):
+        return force + outer_force(t.outer, params.world, params.number)
+
+    return drive

@@ -1,0 +1,228 @@
+"""Depth and color of what cameras see in each world."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from meshes import cube, quad_sphere
+
+from balloon_warp import InputError, Simulator
+from balloon_warp.scene import Balloon, Body, Ground, Inflation, Material, Obstacle, Scene, Sphere
+from balloon_warp.steering.cameras import WorldCamera
+
+STILL = Inflation(k_normal=0.0)
+FAR_BALL = Balloon(mesh=quad_sphere(2, 0.1), position=(0.0, 0.0, 90.0), inflation=STILL)
+"""Behind the camera, since a scene has a balloon"""
+EYE, SIZE, ANGLE = (0.0, 0.0, 5.0), (33, 25), 40.0
+RADIUS, CENTER = 0.8, np.array([0.3, -0.1, 0.5])
+
+
+def scene(**fields: Any) -> Scene:
+    fields = {"balloon": [FAR_BALL], "gravity": 0.0} | fields
+    return Scene(frames=2, **fields)
+
+
+def camera_in(of: Scene, eye: Any = EYE, target: Any = (0.0, 0.0, 0.0), **more: Any) -> WorldCamera:
+    simulator = Simulator(of, "cpu", **more)
+    return simulator.observations.camera(eye, target, *SIZE, ANGLE)
+
+
+def depths(of: Scene, *places: Any, **more: Any) -> np.ndarray:
+    return camera_in(of, *places, **more).depth.numpy()
+
+
+def rays() -> np.ndarray:
+    """Return rays that reach depth one, of a camera that looks along -z with y up, shape (height, width, 3)."""
+    width, height = SIZE
+    slope = np.tan(np.radians(ANGLE) / 2.0)
+    x = slope * width / height * (2.0 * (np.arange(width) + 0.5) / width - 1.0)
+    y = slope * (1.0 - 2.0 * (np.arange(height) + 0.5) / height)
+    return np.stack([*np.meshgrid(x, y), -np.ones((height, width))], axis=-1)
+
+
+def depths_of_sphere(center: np.ndarray = CENTER) -> np.ndarray:
+    """Return where rays enter a sphere, by the quadratic formula."""
+    toward, arm = rays(), center - EYE
+    a, b, c = (toward**2).sum(axis=-1), toward @ arm, arm @ arm - RADIUS**2
+    with np.errstate(invalid="ignore"):
+        found = (b - np.sqrt(b * b - a * c)) / a
+    return np.where(np.isnan(found), np.inf, found)
+
+
+def ball(center: np.ndarray = CENTER, cells: int = 12) -> Balloon:
+    return Balloon(mesh=quad_sphere(cells, RADIUS), position=tuple(center), inflation=STILL)
+
+
+def test_a_sphere_is_as_far_as_the_formula_says(device: str) -> None:
+    of = scene(sphere=[Sphere(position=tuple(CENTER), radius=RADIUS)])
+    camera = Simulator(of, device).observations.camera(EYE, (0.0, 0.0, 0.0), *SIZE, ANGLE)
+    assert camera.depth.shape == (1, SIZE[1], SIZE[0])
+    told = depths_of_sphere()
+    assert 0.1 < np.isfinite(told).mean() < 0.5
+    np.testing.assert_allclose(camera.depth.numpy()[0], told, rtol=1e-5)
+
+
+def test_a_balloon_is_as_far_as_its_sphere_and_has_no_gap(device: str) -> None:
+    """Its faces are within the sphere by what a chord cuts off, over the cosine of where it is seen aslant."""
+    camera = Simulator(scene(balloon=[ball()]), device).observations.camera(EYE, (0.0, 0.0, 0.0), *SIZE, ANGLE)
+    found, told = camera.depth.numpy()[0], depths_of_sphere()
+    assert np.isinf(found[np.isinf(told)]).all()
+    places = EYE + np.where(np.isinf(told), 0.0, told)[..., None] * rays()
+    facing = -((places - CENTER) / RADIUS * rays()).sum(axis=-1) / np.linalg.norm(rays(), axis=-1)
+    seen = np.isfinite(told) & (facing > 0.4)
+    assert seen.mean() > 0.08
+    sag = RADIUS * (1.0 - np.cos(np.pi / 4.0 / 12.0 * np.sqrt(2.0)))
+    off = found[seen] - told[seen]
+    assert off.min() > -1e-5
+    assert (off <= 1.5 * sag / facing[seen]).all()
+
+
+def test_each_world_is_seen_as_it_is_alone(device: str) -> None:
+    vary = {"balloon.0.position.0": np.array([0.0, 0.4, -0.5])}
+    eyes = np.array([EYE, (0.0, 1.0, 4.0), (-1.0, 0.0, 6.0)])
+    of = scene(balloon=[ball()], sphere=[Sphere(position=(0.9, 0.0, 1.0), radius=0.3)], ground=Ground(height=-1.0))
+    together = Simulator(of, device, 3, vary).observations.camera(eyes, (0.0, 0.0, 0.0), *SIZE, ANGLE)
+    for world in range(3):
+        alone = Simulator(of, device, 1, {path: values[world : world + 1] for path, values in vary.items()})
+        camera = alone.observations.camera(eyes[world], (0.0, 0.0, 0.0), *SIZE, ANGLE)
+        np.testing.assert_array_equal(together.depth.numpy()[world], camera.depth.numpy()[0])
+        np.testing.assert_array_equal(together.color.numpy()[world], camera.color.numpy()[0])
+    assert (together.depth.numpy()[0] != together.depth.numpy()[1]).mean() > 0.2
+
+
+def test_the_ground_is_where_it_is() -> None:
+    toward = rays()
+    with np.errstate(divide="ignore"):
+        told = np.where(toward[..., 1] < 0.0, -2.0 / toward[..., 1], np.inf)
+    np.testing.assert_allclose(depths(scene(ground=Ground(height=-2.0)))[0], told, rtol=1e-5)
+
+
+@pytest.mark.parametrize("up_axis", ["Y", "Z"])
+def test_a_camera_may_look_straight_down(up_axis: str) -> None:
+    eye = (0.0, 3.0, 0.0) if up_axis == "Y" else (0.0, 0.0, 3.0)
+    camera = camera_in(scene(up_axis=up_axis, ground=Ground(height=-1.0)), eye)
+    np.testing.assert_allclose(camera.depth.numpy(), 4.0, rtol=1e-5)
+    assert np.ptp(camera.color.numpy(), axis=(1, 2)).max() <= 1
+
+
+TURNED = {"position": tuple(CENTER), "rotation": (20.0, 30.0, 10.0)}
+
+
+def test_a_box_is_seen_as_a_mesh_a_body_and_a_balloon_of_that_shape_are() -> None:
+    """As obstacles, as bodies that rest, and as a balloon of its faces."""
+    mesh = replace(cube(), points=cube().points - 0.5)
+    size = np.ptp(mesh.points, axis=0)
+    told = depths(scene(obstacle=[Obstacle(size=tuple(size), **TURNED)]))
+    assert 0.05 < np.isfinite(told).mean() < 0.95
+    others = (
+        scene(obstacle=[Obstacle(mesh=mesh, **TURNED)]),
+        scene(body=[Body(size=tuple(size), **TURNED)]),
+        scene(body=[Body(mesh=mesh, **TURNED)]),
+        scene(balloon=[Balloon(mesh=mesh, inflation=STILL, **TURNED)]),
+    )
+    for other in others:
+        np.testing.assert_allclose(depths(other), told, rtol=2e-5)
+
+
+def test_a_capsule_and_a_plane_are_where_they_are() -> None:
+    """A capsule seen along its axis is a ball at its near end; a plane is the ground."""
+    lying = scene(obstacle=[Obstacle(radius=RADIUS, length=1.0, rotation=(90.0, 0.0, 0.0), position=(0.3, -0.1, 0.0))])
+    np.testing.assert_allclose(depths(lying)[0], depths_of_sphere(), rtol=2e-5)
+    plane = scene(obstacle=[Obstacle(shape="plane", position=(0.0, -2.0, 0.0))])
+    np.testing.assert_allclose(depths(plane), depths(scene(ground=Ground(height=-2.0))), rtol=1e-5)
+
+
+def test_from_inside_a_balloon_its_inside_is_all_around() -> None:
+    center = np.zeros(3)
+    found = depths(scene(balloon=[ball(center)]), (0.0, 0.1, 0.0), (1.0, 0.2, 0.3))
+    assert np.isfinite(found).all()
+    assert found.min() > 0.4
+    assert found.max() < RADIUS + 0.1
+
+
+def test_frames_refresh_what_is_seen_and_cameras_move(device: str) -> None:
+    """Within the recorded frame, as someone who looks anew sees it; an obstacle by keyframes as well."""
+    moving = Obstacle(size=(0.5, 0.5, 0.5), position=(0.0, -1.4, 0.0), motion=[(0.0, (0, 0, 0)), (0.1, (0.5, 0, 0))])
+    flying = ball().model_copy(update={"velocity": (0.0, 3.0, 0.0)})
+    simulator = Simulator(scene(balloon=[flying], obstacle=[moving]), device, 2)
+    camera = simulator.observations.camera(EYE, (0.0, 0.0, 0.0), *SIZE, ANGLE)
+    before = camera.depth.numpy().copy()
+    camera.eyes.assign([EYE, (1.0, 0.0, 4.0)])
+    simulator.observations["centers"]
+    for _ in range(3):
+        simulator.advance()
+    anew = simulator.observations.camera(camera.eyes.numpy(), (0.0, 0.0, 0.0), *SIZE, ANGLE)
+    np.testing.assert_array_equal(camera.depth.numpy(), anew.depth.numpy())
+    both = np.isfinite(before[0]) & np.isfinite(camera.depth.numpy()[0])
+    assert np.abs(camera.depth.numpy()[0][both] - before[0][both]).max() > 0.05
+    assert (camera.depth.numpy()[0] != camera.depth.numpy()[1]).any()
+
+
+def test_colors_are_those_of_things() -> None:
+    red, blue = ball(), ball(CENTER + [0.0, 0.0, -3.0], 4)
+    of = scene(
+        balloon=[red.model_copy(update={"color": (0.7, 0.0, 0.0)}), blue.model_copy(update={"color": (0.0, 0.0, 0.7)})],
+        sphere=[Sphere(position=(-1.2, 0.0, 0.0), radius=0.4, color=(0.0, 0.6, 0.0))],
+        touch=False,
+    )
+    camera = camera_in(of)
+    color, depth = camera.color.numpy()[0].astype(int), camera.depth.numpy()[0]
+    assert color.shape == (SIZE[1], SIZE[0], 3)
+    assert camera.color.numpy().dtype == np.uint8
+    ball_seen = np.isfinite(depths_of_sphere()) & (depth < 5.0)
+    of_sphere = np.zeros_like(ball_seen)
+    of_sphere[12, 6] = True
+    for seen, channel in ((ball_seen, 0), (of_sphere, 1)):
+        others = [other for other in range(3) if other != channel]
+        assert (color[seen][:, channel] > 60 + color[seen][:, others].max(axis=1)).all()
+    backdrop = color[np.isinf(depth)]
+    assert backdrop.min() > 150
+    lit = color[ball_seen][:, 0]
+    assert np.ptp(lit) > 20, "light comes from somewhere"
+
+
+def test_holes_are_seen_through() -> None:
+    torn = Balloon(mesh=quad_sphere(4, RADIUS), inflation=Inflation(pressure=1.0), material=Material(preset="latex"))
+    bursting = torn.model_copy(update={"material": Material(preset="latex", strength=1e9)})
+    simulator = Simulator(scene(balloon=[bursting]), "cpu")
+    camera = simulator.observations.camera(EYE, (0.0, 0.0, 0.0), *SIZE, ANGLE)
+    whole = camera.depth.numpy().copy()
+    ahead = int(np.argmax(np.add.reduceat(torn.mesh.points[torn.mesh.face_vertex_indices, 2], np.arange(0, 384, 4))))
+    holes = simulator.state.torn.numpy()
+    holes[0, ahead] = 0.0
+    simulator.state.torn.assign(holes)
+    simulator.observations.refresh()
+    farther = camera.depth.numpy()[np.isfinite(whole)] - whole[np.isfinite(whole)]
+    assert farther.max() > RADIUS
+    assert farther.min() == 0.0
+
+
+MISTAKES: dict[str, tuple[dict[str, Any], str]] = {
+    "no place": ({"eye": (0.0, 1.0)}, r"camera: eye: must be a place, three numbers, or one for each world, of shape"),
+    "another count": ({"target": np.zeros((3, 3))}, r"camera: target: must be a place"),
+    "not a number": ({"eye": (0.0, np.nan, 1.0)}, r"camera: eye: must be a place"),
+    "words": ({"eye": "above"}, r"camera: eye: must be a place.*\(got above\)"),
+    "itself": ({"target": EYE}, r"camera: target: must not be where the eye is, in world 0"),
+    "no width": ({"width": 0}, r"camera: width: must be a whole number from 1 to 4096 \(got 0\)"),
+    "half a pixel": ({"height": 10.5}, r"camera: height: must be a whole number"),
+    "no angle": ({"angle": 0.0}, r"camera: angle: must be from 1 to 170 degrees \(got 0.0\)"),
+    "all around": ({"angle": np.inf}, r"camera: angle: must be from 1 to 170 degrees \(got inf\)"),
+}
+
+
+@pytest.mark.parametrize("case", MISTAKES)
+def test_a_camera_that_cannot_be_is_refused(case: str) -> None:
+    given, sentence = MISTAKES[case]
+    with pytest.raises(InputError, match=sentence):
+        Simulator(scene(), "cpu", 2).observations.camera(**{"eye": EYE, "target": (0.0, 0.0, 0.0)} | given)
+
+
+def test_a_world_that_blew_up_is_seen_without_its_balloon() -> None:
+    simulator = Simulator(scene(balloon=[ball()]), "cpu", 2)
+    points = simulator.state.points.numpy()
+    points[1] = np.nan
+    simulator.state.points.assign(points)
+    camera = simulator.observations.camera(EYE, (0.0, 0.0, 0.0), *SIZE, ANGLE)
+    assert np.isfinite(camera.depth.numpy()[0]).any()
+    assert np.isinf(camera.depth.numpy()[1]).all()
