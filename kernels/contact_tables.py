@@ -132,7 +132,10 @@ class TouchTable:
 
 @wp.struct
 class RidgeTable:
-    """Ridges of all solids: first obstacles, then free bodies; empty where faces do not meet them."""
+    """Ridges of all solids: obstacles, then free bodies, then spheres; empty where faces do not meet them.
+
+    A sphere's ridge is its center.
+    """
 
     ridges: wp.array[Ridge]
     ends: wp.array[wp.vec2i]

@@ -97,6 +97,8 @@ class Features(NamedTuple):
     """Contact impulses on particles are summed for output"""
     ridges: bool = False
     """Faces, and not only particles, touch ridges of obstacles and bodies"""
+    round_ridges: bool = False
+    """Faces touch spheres, too, as if these were ridges"""
     touches: bool = False
     """Balloons touch each other"""
     touches_itself: bool = False
@@ -238,7 +240,8 @@ class Features(NamedTuple):
     @property
     def keeps_starts(self) -> bool:
         """Return whether the substep needs the spheres' places before it."""
-        return self.spheres_meet or self.small_spheres or (self.bodies > 0 and self.spheres > 0)
+        meets_faces = self.small_spheres or self.round_ridges
+        return self.spheres_meet or meets_faces or (self.bodies > 0 and self.spheres > 0)
 
     @property
     def penalties(self) -> bool:

@@ -66,6 +66,12 @@ class Working:
     """Number of contacts of each particle in a sweep"""
     ridge_body_shares: wp.array2d[wp.int32]
     """Number of contacts of each body in a sweep"""
+    ridge_ball_shares: wp.array2d[wp.int32]
+    """Number of contacts of each sphere in a sweep; empty unless faces meet them as ridges, as are the next two"""
+    ridge_ball_quanta: wp.array3d[wp.int64]
+    """Impulses on spheres in a sweep, and their angular momenta"""
+    ridge_radii: wp.array2d[float]
+    """Radius of each sphere at the last search for ridges [m]"""
     ridge_quanta: wp.array3d[wp.int64]
     """Impulses on each particle in a sweep, see `contact.ridge_sums`"""
     ridge_body_quanta: wp.array3d[wp.int64]

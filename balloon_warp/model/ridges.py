@@ -42,6 +42,10 @@ class Ridges(NamedTuple):
     """Owned ends of a ridge, 1 for its begin plus 2 for its end, shape (n,): each corner is one ridge's"""
 
 
+NO_RIDGES = Ridges(np.zeros((0, 2, 3)), np.zeros((0, 2, 3)), 0.0, np.zeros(0, np.int32))
+"""Ridges of a solid that has none, such as a plane"""
+
+
 def faces_meet(
     scene: Scene, shapes: Sequence[BalloonShape], obstacles: Sequence[ObstacleShape], bodies: Sequence[BodyShape]
 ) -> bool:
@@ -84,7 +88,7 @@ def ridges_of(solid: ObstacleShape, up: NDArray[np.float64], edge: float) -> Rid
     elif solid.mesh is not None:
         ridges = _ridges_of_mesh(solid.mesh, solid.triangles, solid.closed, edge)
     else:
-        ridges = Ridges(np.zeros((0, 2, 3)), np.zeros((0, 2, 3)), 0.0, np.zeros(0, np.int32))
+        ridges = NO_RIDGES
     return ridges._replace(radius=ridges.radius + solid.thickness)
 
 

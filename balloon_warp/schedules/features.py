@@ -10,7 +10,7 @@ from balloon_warp.kernels.laws.rubber import RUBBER, RUBBER_AT_LIMIT
 from balloon_warp.model import Model
 from balloon_warp.model.acting import acting_laws, acting_phases, kept_values, values_over_time
 from balloon_warp.model.meeting_edges import edges_meet
-from balloon_warp.model.small_spheres import small_spheres
+from balloon_warp.model.small_spheres import round_ridges, small_spheres
 from balloon_warp.schedules.membranes import membrane_laws
 from balloon_warp.schedules.rings import quad_rings
 
@@ -80,7 +80,8 @@ def model_features(model: Model) -> Features:
         bodies=model.body_count,
         body_meshes=any(body.shape == "mesh" for body in scene.body),
         tells_contacts=scene.contacts,
-        ridges=model.faces_meet,
+        ridges=model.faces_meet or any(round_ridges(model)),
+        round_ridges=any(round_ridges(model)),
         touches=scene.touches,
         touches_itself=scene.touches_itself,
         edges_meet=edges_meet(scene, model.shapes),

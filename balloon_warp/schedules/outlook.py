@@ -42,6 +42,7 @@ def free_features(features: Features) -> Features:
         bodies=0,
         small_spheres=False,
         ridges=False,
+        round_ridges=False,
     )
 
 

@@ -15,26 +15,32 @@ from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.triangles import triangles_of
 from balloon_warp.model import Model
 from balloon_warp.model.memory import Room
-from balloon_warp.model.ridges import Ridges, kept_distance
+from balloon_warp.model.ridges import NO_RIDGES, Ridges, kept_distance
+from balloon_warp.model.small_spheres import round_ridges
 from balloon_warp.model.touch import edge_length
 
 MARGIN = 0.15
 """Distance within which ridges are listed until the next search, over an edge"""
 LEAST_PAIRS, PAIRS = 1024, 2
 """Least number of pairs that a world has room for, and number for each triangle and edge"""
+CENTER = Ridges(np.zeros((1, 2, 3)), np.zeros((1, 2, 3)), 0.0, np.ones(1, np.int32))
+"""Ridge of a sphere, whose radius is what it is in a world"""
 
 
-def ridge_table(model: Model) -> Any:
+def ridge_table(model: Model, features: Features) -> Any:
     """Make the table of ridges; empty where faces do not meet any. Its trees live as long as the model does."""
     table, device = RidgeTable(), model.device
-    if not model.faces_meet:
+    if not features.ridges:
         return table
-    ridges = model.ridges
+    solids = len(model.obstacles) + len(model.bodies)
+    spheres = [CENTER if is_round else NO_RIDGES for is_round in round_ridges(model)]
+    ridges = [*(model.ridges or [NO_RIDGES] * solids), *spheres]
+    trees = [tree.id if tree else 0 for tree in model.ridge_trees] or [0] * solids
     firsts = np.cumsum([0, *(len(each.ends) for each in ridges)])
     table.ridges = wp.array([row for each in ridges for row in _rows(each)], dtype=Ridge, device=device)
     table.ends = wp.array(np.stack([firsts[:-1], firsts[1:]], axis=1), dtype=wp.vec2i, device=device)
     table.boxes = wp.array([_box_of(each) for each in ridges], dtype=wp.vec3, device=device)
-    table.trees = wp.array([tree.id if tree else 0 for tree in model.ridge_trees], dtype=wp.uint64, device=device)
+    table.trees = wp.array([*trees, *(0 for _ in spheres)], dtype=wp.uint64, device=device)
     table.features = wp.array(_features_of(model), dtype=wp.vec4i, device=device)
     edge = min(edge_length(shape.mesh) for shape in model.shapes)
     table.kept, table.margin = kept_distance(model.shapes), MARGIN * edge
@@ -46,6 +52,7 @@ def ridge_arrays(model: Model, features: Features, room: Room) -> dict[str, Any]
     worlds = model.world_count if features.ridges else 0
     pairs = max(LEAST_PAIRS, PAIRS * _feature_count(model)) if features.ridges else 0
     particles, bodies = model.particle_count, model.body_count
+    spheres = model.sphere_count if features.round_ridges else 0
     return {
         "ridge_counts": room.array((worlds, 2), wp.int32),
         "ridge_budgets": room.array((worlds,), wp.float32),
@@ -53,6 +60,9 @@ def ridge_arrays(model: Model, features: Features, room: Room) -> dict[str, Any]
         "catches": room.array((worlds, pairs), Catch),
         "ridge_shares": room.array((worlds, particles), wp.int32),
         "ridge_body_shares": room.array((worlds, bodies), wp.int32),
+        "ridge_ball_shares": room.array((worlds, spheres), wp.int32),
+        "ridge_ball_quanta": room.array((worlds, spheres, 6), wp.int64),
+        "ridge_radii": room.array((worlds, spheres), wp.float32),
         "ridge_quanta": room.array((worlds, particles, 3), wp.int64),
         "ridge_body_quanta": room.array((worlds, bodies, 6), wp.int64),
     }

@@ -13,6 +13,7 @@ class Catch:
     weights: wp.vec3
     normal: wp.vec3  # from the ridge, zero if they do not meet
     gap: float  # [m]
+    kept: float  # distance that they keep [m]
     solid: wp.int32
     arm: wp.vec3  # from the center of a body to the balloon's point [m]
     moving: wp.vec3  # how fast an obstacle's surface moves there [m/s]

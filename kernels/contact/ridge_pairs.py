@@ -6,7 +6,8 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.contact.catch import Catch
-from balloon_warp.kernels.contact.ridge_poses import placing_function
+from balloon_warp.kernels.contact.ridge_balls import ball_functions
+from balloon_warp.kernels.contact.ridge_poses import body_of, placing_function, sphere_of
 from balloon_warp.kernels.contact.ridge_search import corners_of, near_in, start_in
 from balloon_warp.kernels.contact.ridge_sums import add_impulse, add_to_body, take_impulse, take_of_body
 from balloon_warp.kernels.features import Features
@@ -36,8 +37,9 @@ def catching_function(features: Features) -> Any:
         a = start_in(t, placed, catch.corners[0], points, velocities)
         b = start_in(t, placed, catch.corners[1], points, velocities)
         c = start_in(t, placed, catch.corners[2], points, velocities)
-        near = near_in(t.ridges.ridges[pair[1]], feature, a, b, c)
+        near = near_in(placed, t.ridges.ridges[pair[1]], feature, a, b, c)
         catch.solid = pair[2]
+        catch.kept = placed.kept
         catch.weights = near.weights
         catch.gap = near.gap
         if wp.length_sq(near.normal) > 0.0:
@@ -55,6 +57,7 @@ def catching_function(features: Features) -> Any:
 def pushing_functions(features: Features) -> tuple[Any, Any, Any]:
     """Return functions for the approach speed of a pair, for its inverse effective mass, and for its impulse."""
     ease_of_moving = ease_function(features)
+    velocity_of_ball, gain_of_ball, _ = ball_functions(features)
 
     @wp.func
     def beside(
@@ -65,12 +68,16 @@ def pushing_functions(features: Features) -> tuple[Any, Any, Any]:
         for corner in range(3):
             moving += catch.weights[corner] * velocities[catch.corners[corner]]
         if wp.static(features.bodies > 0):
-            body = catch.solid - t.fixtures.solids.shape[0]
+            body = body_of(t, catch.solid)
             if body >= 0:
                 turn = working.body_start_turns[world, body]
                 mass = body_mass(t, world, body)
                 spin = spin_of(turn, t.bodies.eases[body], mass, state.body_momenta[world, body])
                 return moving - state.body_velocities[world, body] - wp.cross(spin, catch.arm)
+        if wp.static(features.round_ridges):
+            sphere = sphere_of(t, catch.solid)
+            if sphere >= 0:
+                return moving - velocity_of_ball(state, world, sphere, catch.arm)
         return moving - catch.moving
 
     @wp.func
@@ -84,7 +91,7 @@ def pushing_functions(features: Features) -> tuple[Any, Any, Any]:
             ease += weight * weight * share * ease_of_moving(t, working, world, particle)
         gain = ease * along
         if wp.static(features.bodies > 0):
-            body = catch.solid - t.fixtures.solids.shape[0]
+            body = body_of(t, catch.solid)
             if body >= 0:
                 mass = body_mass(t, world, body)
                 twist = spin_of(
@@ -92,18 +99,26 @@ def pushing_functions(features: Features) -> tuple[Any, Any, Any]:
                 )
                 share = float(working.ridge_body_shares[world, body])
                 gain += share * (along / mass + wp.cross(twist, catch.arm))
+        if wp.static(features.round_ridges):
+            sphere = sphere_of(t, catch.solid)
+            if sphere >= 0:
+                gain += gain_of_ball(t, working, world, sphere, catch.arm, along)
         return gain
 
     @wp.func
     def push_pair(t: Tables, working: Working, world: wp.int32, catch: Catch, impulse: wp.vec3):
-        """Give an impulse to the corners, and the opposite to a body."""
+        """Give an impulse to the corners, and the opposite to a body or a sphere."""
         for corner in range(3):
             if catch.weights[corner] > 0.0:
                 add_impulse(working.ridge_quanta, world, catch.corners[corner], catch.weights[corner] * impulse)
         if wp.static(features.bodies > 0):
-            body = catch.solid - t.fixtures.solids.shape[0]
+            body = body_of(t, catch.solid)
             if body >= 0:
                 add_to_body(working.ridge_body_quanta, world, body, -impulse, wp.cross(catch.arm, -impulse))
+        if wp.static(features.round_ridges):
+            sphere = sphere_of(t, catch.solid)
+            if sphere >= 0:
+                add_to_body(working.ridge_ball_quanta, world, sphere, -impulse, wp.cross(catch.arm, -impulse))
 
     return beside, gain_along, push_pair
 
@@ -112,6 +127,7 @@ def pushing_functions(features: Features) -> tuple[Any, Any, Any]:
 def sharing_functions(features: Features) -> tuple[Any, Any]:
     """Return the functions that count the contacts of particles and bodies, and that apply all impulses to them."""
     ease_of_moving = ease_function(features)
+    _, _, move_ball = ball_functions(features)
 
     @wp.func
     def count_in(t: Tables, working: Working, world: wp.int32, catch: Catch):
@@ -119,9 +135,13 @@ def sharing_functions(features: Features) -> tuple[Any, Any]:
             if catch.weights[corner] > 0.0:
                 wp.atomic_add(working.ridge_shares, world, catch.corners[corner], 1)
         if wp.static(features.bodies > 0):
-            body = catch.solid - t.fixtures.solids.shape[0]
+            body = body_of(t, catch.solid)
             if body >= 0:
                 wp.atomic_add(working.ridge_body_shares, world, body, 1)
+        if wp.static(features.round_ridges):
+            sphere = sphere_of(t, catch.solid)
+            if sphere >= 0:
+                wp.atomic_add(working.ridge_ball_shares, world, sphere, 1)
 
     @wp.func
     def move_by_impulses(
@@ -142,7 +162,7 @@ def sharing_functions(features: Features) -> tuple[Any, Any]:
                     velocities[particle] = velocities[particle] + speeds * gain
                     points[particle] = points[particle] + wp.where(speeds > 0.0, t.step_seconds, 1.0) * gain
         if wp.static(features.bodies > 0):
-            body = catch.solid - t.fixtures.solids.shape[0]
+            body = body_of(t, catch.solid)
             if body >= 0:
                 if wp.atomic_exch(working.ridge_body_shares, world, body, 0) > 0:
                     push, twist = take_of_body(working.ridge_body_quanta, world, body)
@@ -150,5 +170,10 @@ def sharing_functions(features: Features) -> tuple[Any, Any]:
                     ways = push / rigid.mass
                     shift = (1.0 - speeds) * ways
                     put_body(state, world, pushed_on(t, rigid, speeds * ways, speeds * twist, shift))
+        if wp.static(features.round_ridges):
+            sphere = sphere_of(t, catch.solid)
+            if sphere >= 0:
+                if wp.atomic_exch(working.ridge_ball_shares, world, sphere, 0) > 0:
+                    move_ball(t, state, working, world, sphere, speeds)
 
     return count_in, move_by_impulses

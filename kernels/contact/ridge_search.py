@@ -6,10 +6,10 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.contact.boxes import LOWER, UPPER, squared_distance_to_box
-from balloon_warp.kernels.contact.ridge_poses import Placed, placing_function
+from balloon_warp.kernels.contact.ridge_poses import Placed, placing_function, sphere_of
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.ridges import Ridge, edge_near, face_near
-from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.tables import Tables, WorldState, sphere_radius
 from balloon_warp.kernels.warps import block_barrier
 from balloon_warp.kernels.working import Working
 
@@ -44,11 +44,19 @@ def start_in(t: Tables, placed: Placed, particle: wp.int32, points: wp.array[wp.
 
 
 @wp.func
-def near_in(ridge: Ridge, feature: wp.vec4i, a: wp.vec3, b: wp.vec3, c: wp.vec3):
+def near_line(ridge: Ridge, feature: wp.vec4i, a: wp.vec3, b: wp.vec3, c: wp.vec3):
     """Return the closest points of a balloon's feature and a ridge."""
     if feature[2] < 0:
         return edge_near(ridge, a, b)
     return face_near(ridge, a, b, c)
+
+
+@wp.func
+def near_in(placed: Placed, ridge: Ridge, feature: wp.vec4i, a: wp.vec3, b: wp.vec3, c: wp.vec3):
+    """Return the closest points of a balloon's feature and a ridge of a solid, which may be a sphere."""
+    near = near_line(ridge, feature, a, b, c)
+    near.gap -= placed.radius
+    return near
 
 
 @wp.func
@@ -62,12 +70,29 @@ def note_pair(working: Working, world: wp.int32, feature: wp.int32, ridge: wp.in
 
 
 @wp.func
+def note_if_near(
+    t: Tables, working: Working, world: wp.int32, number: wp.int32, index: wp.int32, solid: wp.int32, placed: Placed,
+    within: float, a: wp.vec3, b: wp.vec3, c: wp.vec3,
+):  # fmt: skip
+    """Note a ridge of a solid if it is near a feature."""
+    feature = t.ridges.features[number]
+    ridge = t.ridges.ridges[index]
+    near = near_in(placed, ridge, feature, a, b, c)
+    # one that is above a side of the solid now may come beside it before the next search
+    if near.gap < within and (feature[2] < 0 or ridge.tips != 0):
+        note_pair(working, world, number, index, solid)
+
+
+@wp.func
 def look_around(
     t: Tables, working: Working, world: wp.int32, number: wp.int32, solid: wp.int32, placed: Placed, within: float,
     points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
 ):  # fmt: skip
     """Note the ridges of a solid that are near a feature, and return how far away its ridges are at least [m]."""
     feature = t.ridges.features[number]
+    is_round = placed.radius > 0.0
+    if is_round and feature[2] < 0:  # a sphere meets an edge as a side of a face
+        return float(FAR_OFF)
     a = start_of(t, corners_of(feature, 0), points, velocities)
     b = start_of(t, corners_of(feature, 1), points, velocities)
     c = start_of(t, corners_of(feature, 2), points, velocities)
@@ -75,23 +100,22 @@ def look_around(
     high = wp.max(wp.max(a, b), c)
     middle = seen_from(placed, 0.5 * (low + high))
     squared = squared_distance_to_box(middle, t.ridges.boxes[solid, LOWER], t.ridges.boxes[solid, UPPER])
-    apart = wp.sqrt(squared) - 0.5 * wp.length(high - low)
+    apart = wp.sqrt(squared) - placed.radius - 0.5 * wp.length(high - low)
     if apart < within:
+        first = t.ridges.ends[solid][0]
         a = seen_from(placed, a)
         b = seen_from(placed, b)
         c = seen_from(placed, c)
-        lower = wp.min(wp.min(a, b), c)
-        upper = wp.max(wp.max(a, b), c)
-        pad = wp.vec3(within, within, within)
-        query = wp.bvh_query_aabb(t.ridges.trees[solid], lower - pad, upper + pad)
-        found = wp.int32(0)
-        while wp.bvh_query_next(query, found):
-            index = t.ridges.ends[solid][0] + found
-            ridge = t.ridges.ridges[index]
-            near = near_in(ridge, feature, a, b, c)
-            # one that is above a side of the solid now may come beside it before the next search
-            if near.gap < within and (feature[2] < 0 or ridge.tips != 0):
-                note_pair(working, world, number, index, solid)
+        if is_round:
+            note_if_near(t, working, world, number, first, solid, placed, within, a, b, c)
+        else:
+            lower = wp.min(wp.min(a, b), c)
+            upper = wp.max(wp.max(a, b), c)
+            pad = wp.vec3(within, within, within)
+            query = wp.bvh_query_aabb(t.ridges.trees[solid], lower - pad, upper + pad)
+            found = wp.int32(0)
+            while wp.bvh_query_next(query, found):
+                note_if_near(t, working, world, number, first + found, solid, placed, within, a, b, c)
     return apart
 
 
@@ -99,6 +123,25 @@ def look_around(
 def ridge_search_function(features: Features) -> Any:
     """Return the function that keeps the list of features and ridges that are near each other."""
     place_of = placing_function(features)
+
+    @wp.func
+    def has_ridges(t: Tables, world: wp.int32, solid: wp.int32):
+        """Return whether a solid has ridges, and is there: a sphere may come later."""
+        has = t.ridges.ends[solid][1] > t.ridges.ends[solid][0]
+        if wp.static(features.round_ridges):
+            sphere = sphere_of(t, solid)
+            if has and sphere >= 0:
+                has = sphere_radius(t.spheres, world, sphere) > 0.0
+        return has
+
+    @wp.func
+    def have_changed(t: Tables, working: Working, world: wp.int32):
+        """Return whether spheres have come, or have another radius, since the last search."""
+        changed = bool(False)
+        for sphere in range(working.ridge_radii.shape[1]):
+            radius = sphere_radius(t.spheres, world, sphere)
+            changed = changed or radius != working.ridge_radii[world, sphere]
+        return changed
 
     @wp.func
     def fastest_of_thread(
@@ -128,15 +171,19 @@ def ridge_search_function(features: Features) -> Any:
         mine = fastest_of_thread(t, state, working, world, thread, end, velocities)
         way = t.step_seconds * wp.tile_max(wp.tile(mine))[0]
         left = working.ridge_budgets[world] - way
+        if have_changed(t, working, world):
+            left = float(0.0)
         block_barrier()
         if left < way:
             margin = wp.max(t.ridges.margin, FAST * way)
             if thread == 0:
                 working.ridge_counts[world, 0] = 0
+                for sphere in range(working.ridge_radii.shape[1]):
+                    working.ridge_radii[world, sphere] = sphere_radius(t.spheres, world, sphere)
             block_barrier()
             apart = float(FAR_OFF)
             for solid in range(t.ridges.ends.shape[0]):
-                if t.ridges.ends[solid][1] > t.ridges.ends[solid][0]:
+                if has_ridges(t, world, solid):
                     placed = place_of(t, state, working, world, solid, end)
                     within = margin + t.ridges.kept
                     for number in range(thread, t.ridges.features.shape[0], wp.block_dim()):

@@ -1,4 +1,4 @@
-"""Contact of faces and edges of balloons with ridges of obstacles and free bodies, a block a world.
+"""Contact of faces and edges of balloons with ridges of obstacles and free bodies, and with spheres, a block a world.
 
 Each piece of a substep is a launch. Pairs that are near push each other apart, all at once, a few times a substep, see
 `laws.ridges`.
@@ -41,7 +41,7 @@ def sweeping_functions(features: Features) -> tuple[Any, Any]:
         worst = float(0.0)
         for pair in range(thread, count, wp.block_dim()):
             catch = working.catches[world, pair]
-            allowed = approach_allowed(catch.gap, t.ridges.kept, t.step_seconds)
+            allowed = approach_allowed(catch.gap, catch.kept, t.step_seconds)
             excess = -wp.dot(beside(t, state, working, world, catch, velocities), catch.normal) - allowed
             if excess > 0.0:
                 count_in(t, working, world, catch)
@@ -85,7 +85,7 @@ def parting_functions(features: Features) -> tuple[Any, Any, Any]:
         worst = float(0.0)
         for pair in range(thread, count, wp.block_dim()):
             catch = working.catches[world, pair]
-            out = way_to_part(catch.gap, t.ridges.kept)
+            out = way_to_part(catch.gap, catch.kept)
             if out > 0.0:
                 count_in(t, working, world, catch)
                 worst = wp.max(worst, out)
@@ -106,7 +106,7 @@ def parting_functions(features: Features) -> tuple[Any, Any, Any]:
         t: Tables, state: WorldState, working: Working, world: wp.int32, thread: wp.int32, count: wp.int32,
         speeds: float, points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
     ):  # fmt: skip
-        """Move the particles and bodies of pairs that are a thread's, see `move_by_impulses`."""
+        """Move the particles, bodies and spheres of pairs that are a thread's, see `move_by_impulses`."""
         for pair in range(thread, count, wp.block_dim()):
             if working.catches[world, pair].push > 0.0:
                 move_by_impulses(t, state, working, world, working.catches[world, pair], speeds, points, velocities)
@@ -135,7 +135,7 @@ def ridges_function(features: Features) -> Any:
             block_barrier()
             for pair in range(thread, near, wp.block_dim()):
                 catch = catch_of(t, state, working, world, working.ridge_pairs[world, pair], end, points, velocities)
-                if wp.length_sq(catch.normal) > 0.0 and catch.gap < t.ridges.kept + way:
+                if wp.length_sq(catch.normal) > 0.0 and catch.gap < catch.kept + way:
                     working.catches[world, wp.atomic_add(working.ridge_counts, world, CAUGHT, 1)] = catch
             block_barrier()
         count = working.ridge_counts[world, CAUGHT]

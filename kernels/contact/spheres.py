@@ -180,7 +180,7 @@ def spheres_function(features: Features, at: Any, put: Any, total_of: Any) -> An
                     if thread == 0:
                         spheres.sphere_positions[world, sphere] = center
                         spheres.sphere_velocities[world, sphere] = motion
-                        spheres.sphere_forces[world, sphere] = force
+                        spheres.sphere_forces[world, sphere] = spheres.sphere_forces[world, sphere] + force
             for mark in range(thread, marks, wp.block_dim()):
                 if working.near[world, mark] > 0:
                     if wp.static(features.stands):

@@ -1,6 +1,6 @@
-"""Ridges of obstacles and free bodies against faces and edges of balloons, between whose particles they could go.
+"""Ridges of solids against faces and edges of balloons, between whose particles they could go.
 
-Ridges are convex edges, and the axes of capsules.
+Ridges are convex edges, the axes of capsules, and the centers of spheres.
 
 With q the point of a ridge and p the point of a balloon's face or edge that are nearest as a substep begins, n the unit
 vector from q to p and g their distance, less the ridge's radius, an impulse along n lets them come nearer by no more

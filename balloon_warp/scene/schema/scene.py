@@ -91,7 +91,8 @@ class Scene(Table):
     paper); or "impulse", the momentum that the particle loses, which conserves momentum and adds no energy"""
     faces: bool | Literal["auto"] = "auto"
     """Contact of balloon faces, not only of particles, with edges and corners of obstacles and bodies, with capsules,
-    and with small spheres; "auto" where one of these is thin compared with faces"""
+    and with spheres: small ones, and with `contact = "impulse"` all; "auto" where an obstacle, a body or a sphere is
+    thin compared with faces"""
     contacts: bool = False
     """Record contact forces, torques, areas and pressures of each pair, in frames and in the stage"""
     net_forces: bool = False
