@@ -72,7 +72,7 @@ def test_it_repeats_to_the_bit_and_worlds_stay_apart() -> None:
         simulator = Simulator(thrown(pressure=15.0), "cpu", worlds, vary)
         for _ in range(20):
             simulator.step()
-        return simulator.state.points.numpy()
+        return np.array(simulator.state.points.numpy(), dtype=np.float32)
 
     alone, three = points(1), points(3)
     np.testing.assert_array_equal(three[:2], np.repeat(alone, 2, axis=0))

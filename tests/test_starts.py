@@ -178,6 +178,7 @@ def test_contact_forces_on_particles_add_up_to_those_on_the_balloon() -> None:
     scene = Scene(balloon=[ball], obstacle=[wall], ground=Ground(), contacts=True)
     simulator = Simulator(scene, "cpu", 2, {"balloon.mass": [0.1, 0.3]})
     forces, of_pairs = (simulator.observations[name] for name in ("particle_contact_forces", "contact_forces"))
+    net = np.zeros(0)
     for _ in range(4):
         stepped(simulator, 1)
         net = of_pairs.numpy()[:, 0].sum(axis=1)
