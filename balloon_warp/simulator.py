@@ -285,10 +285,10 @@ class Simulator(Shown):
 
         A number may be given for each world, as an array of shape (world_count,), and a vector as one of shape
         (world_count, 3). A number takes the place of keyframes. Values are checked as those of a file, before any is
-        set. A step that is left to us becomes as long as they allow. What the scene plans for later still happens.
+        set. An automatic step becomes as long as they allow. Later changes that the scene plans still happen.
 
-        What a mesh is made into cannot change, nor how many things there are, nor what counts at the start alone, such
-        as positions: `load_scene(scene, {...})` makes another scene of those.
+        A mesh's treatment cannot change, nor the number of things, nor a value that counts at the start alone, such as
+        positions: `load_scene(scene, {...})` makes another scene of those.
 
         Raises:
             InputError: names the path that is not there, or cannot change, or has a value that cannot be; or the step,
@@ -389,7 +389,7 @@ class Simulator(Shown):
     def restore(self, saved: Mapping[str, NDArray]) -> None:
         """Restore a saved state of a simulator of the same scene, worlds and schedule, bit for bit.
 
-        It may be this one or another. What changed until then, of parameters and methods, is changed again.
+        It may be this one or another. Changes of parameters and methods until then are repeated.
 
         Args:
             saved: Arrays of `save`, or their file: `np.load("here.npz")`.

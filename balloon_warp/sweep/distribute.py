@@ -170,7 +170,7 @@ def _run_shares(
 ) -> Iterator[tuple[int, ShareResult] | None]:
     """Simulate the shares, and give each one's number and result as it comes, and nothing now and then meanwhile.
 
-    What a lost worker had is done again.
+    Shares of a lost worker are simulated again.
 
     Args:
         task: what the shares are of.

@@ -200,7 +200,7 @@ def tangent_frame(normal: wp.vec3):
 def sky_share(shapes: Shapes, hit: Hit, disc: wp.vec2):
     """Return the share of the sky's light, by color, along one direction.
 
-    What stands there adds some of its own color.
+    A surface there adds some of its own color.
     """
     right, forward = tangent_frame(hit.normal)
     up = wp.sqrt(wp.max(1.0 - wp.dot(disc, disc), 0.0))
