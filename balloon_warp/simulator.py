@@ -322,7 +322,7 @@ class Simulator(Shown):
             InputError: there is no such parameter, or its values have another shape or are not finite.
         """
         written = {name: fitting(self.model, name, values) for name, values in parameters.items()}
-        self._origins.forget()  # what comes now does not follow from them
+        self._origins.forget()  # later frames do not follow from them
         keep_pressures(self.model, self.state, written)
         first, schedule = self._first
         if first.parameters is self.model.parameters:
@@ -348,7 +348,7 @@ class Simulator(Shown):
         if model.scene.contact != self.model.scene.contact:  # where momentum is exchanged, they have acted already
             self.state.sphere_forces.zero_()
         if model.scene.solver != self.model.scene.solver:
-            self._asked_schedule = "auto"  # what was asked for may be of the other solver
+            self._asked_schedule = "auto"  # the requested schedule may be of the other solver
         self.model = model
         self.state.kept = go_on_keeping(model, self.state.kept)
         self._lay_out(solver_named(self._asked_schedule, self.model))

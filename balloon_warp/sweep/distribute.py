@@ -98,7 +98,7 @@ def distribute_batch(
                     interrupts.deliver()
             except WorkersLostError as loss:
                 journal.save()
-                interrupts.deliver()  # what ends this process may have ended the workers first
+                interrupts.deliver()  # a signal that ends this process may have ended the workers first
                 raise WorkersLostError(f"{loss}; {checkpoints.advice}") from None
             with Background() as writer:
                 writer.submit(_write_table, task, output)

@@ -181,7 +181,7 @@ def ogden(trace: float, det: float, spread: float, ogden_moduli: wp.vec3, ogden_
     """
     inverse = 1.0 / det
     root = wp.sqrt(det)
-    major = wp.max(0.5 * (trace + spread), root)  # what is squeezed to nothing has a determinant all the same
+    major = wp.max(0.5 * (trace + spread), root)  # a triangle squeezed to nothing still has a determinant
     z = 0.25 * spread * spread * inverse
     z_6 = z * OVER_6
     z_20 = z * OVER_20

@@ -233,7 +233,7 @@ def touch(inputs: Touching, place: Place, hold: wp.vec4, velocity: wp.vec3, corn
     relative = velocity - weighted(w, moving[0], moving[1], moving[2]) + gap * weighted(rises, first, second, third)
     approach = -wp.dot(relative, normal)
     share = share_of_contact(inputs.crowd)
-    root = wp.sqrt(share)  # what a contact keeps is its energy's root, which stays where its share changes
+    root = wp.sqrt(share)  # a contact keeps its energy's root, which stays where its share changes
     stiffness = share * inputs.stiffness
     mass = share / (
         inputs.masses[0]
