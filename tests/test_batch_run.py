@@ -258,13 +258,8 @@ def test_the_grid_is_square_and_centered(up_axis: str, flat: int):
 def test_saving_often_gives_the_same_samples(
     written: Path, vary: dict, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-<<<<<<< HEAD
-    """The file is added to after each frame instead of once."""
-    monkeypatch.setattr(growing, "SAVE_BYTES", 0)
-=======
     """A file that is appended to after each frame has the samples of one that is written once."""
-    monkeypatch.setattr(grid, "SAVE_BYTES", 0)
->>>>>>> helper-c
+    monkeypatch.setattr(growing, "SAVE_BYTES", 0)
     run_batch(scene(), tmp_path / "out", WORLDS, vary, export=[4, 1, 2], device="cpu")
     often, once = (Sdf.Layer.FindOrOpen(str(folder / "worlds.usdc")) for folder in (tmp_path / "out", written))
     assert often.ExportToString() == once.ExportToString()

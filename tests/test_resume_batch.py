@@ -146,13 +146,8 @@ def test_rows_without_their_stage_are_never_there(tmp_path: Path, monkeypatch: p
 
 
 def test_rows_without_their_state_are_never_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-<<<<<<< HEAD
-    """A kill came between the two."""
-    save_state = Checkpoints.save_state
-=======
     """Rows without their state do not count, as a kill between the two leaves them."""
-    save_state = checkpoints.BatchCheckpoints.save_state
->>>>>>> helper-c
+    save_state = Checkpoints.save_state
 
     def kill(self: Checkpoints, frame: int, *state: Any) -> None:
         if frame == 2:
