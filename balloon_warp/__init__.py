@@ -3,7 +3,7 @@
     for frame in Simulator("squirrel_tether").run():
         print(frame.time, frame.points[0].mean(axis=0))
 
-What is named in `__all__` loads when first used: importing the package stays light.
+Names in `__all__` load on first use: importing the package stays light.
 """
 
 import importlib

@@ -16,7 +16,7 @@ def main() -> None:
         print("error: stopped before it began", file=sys.stderr)
         sys.exit(130)
     finally:
-        gc.freeze()  # what is left goes with the process: to look through it once more takes a tenth of a second
+        gc.freeze()  # a last garbage collection would take a tenth of a second
 
 
 if __name__ == "__main__":

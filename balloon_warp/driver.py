@@ -12,10 +12,10 @@ LIBRARY = "nvcuda.dll" if os.name == "nt" else "libcuda.so.1"
 def begin_driver(device: str | None) -> None:
     """Start the driver and the context of a GPU in a thread, which takes half a second in which no Python runs.
 
-    Warp's own start finds both there, or waits for them. What cannot be begun is left to Warp, which says why.
+    Warp's own start finds both there, or waits for them. A driver that cannot start is left to Warp, which reports why.
 
     Args:
-        device: a Warp device's name such as "cuda:0"; the first GPU, if missing. Of a CPU nothing begins.
+        device: a Warp device's name such as "cuda:0"; the first GPU, if missing. A CPU has none to start.
     """
     named = re.fullmatch(r"cuda(?::(\d+))?", device or "cuda")
     if named:

@@ -117,7 +117,7 @@ def whole_file(path: Path) -> Iterator[Path]:
             yield temporary
             _flush(temporary)
             os.replace(temporary, target)
-            with suppress(OSError):  # what is not a disk may not know how; the file is in its place
+            with suppress(OSError):  # not every file system can flush; the file is in its place
                 _flush(target.parent)
     except OSError as error:
         if own is not None and error.filename is not None and Path(error.filename) != own:

@@ -80,7 +80,7 @@ class WorldReader:
         self._take_copy = Recorded(self._take, model.device.stream if stream else None)
         sources = {name: getattr(self._own, name) for name in (*STATE, *BODIES)}
         sources |= {name: model.parameters[name] for name in PARAMETERS}
-        sources["first_bad"] = self._first_bad  # of all worlds, since whoever reads one asks for them all
+        sources["first_bad"] = self._first_bad  # for all worlds, as a reader of one reads them all
         self._sources = {name: source for name, source in sources.items() if source.size}
         self._shown = {"inflation_forces": self._own.points} if forces else {}
         if net_forces:

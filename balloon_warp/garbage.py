@@ -20,7 +20,7 @@ def without_collecting() -> Iterator[None]:
         yield
     finally:
         if was_enabled:
-            if not gc.get_freeze_count():  # else, what others have frozen would thaw
+            if not gc.get_freeze_count():  # else, objects that others have frozen would thaw
                 gc.freeze()
                 gc.unfreeze()  # into the oldest generation, wherever it was
             gc.enable()

@@ -96,8 +96,8 @@ def animate(
 ) -> Summary:
     """Simulate a scene and write its motion: as USD, or as another kind of file.
 
-    A long run is saved now and then, in the folder `OUTPUT.partial` beside the output. So it can go on after a kill or
-    Ctrl-C. The folder is removed once the output is there. What fails leaves the stage that was there.
+    A long run writes checkpoints to the folder `OUTPUT.partial` beside the output. So it can resume after a kill or
+    Ctrl-C. The folder is removed once the output is there. A failure leaves the old stage.
 
     Args:
         scene: Scene, or a source that `load_scene` takes.

@@ -20,7 +20,7 @@ LIBRARIES = ("balloon-warp", "warp-lang", "numpy", "scipy", "usd-core")
 
 
 def describe_scene(scene: Scene) -> dict[str, Any]:
-    """Describe a scene as JSON has it. Of a mesh that came from Python there is the name only."""
+    """Describe a scene as JSON has it. A mesh from Python has its name only."""
     described = scene.model_dump(mode="json", exclude=WITHOUT_MESHES)
     for name in MESHED:
         for table, meshed in zip(described[name], getattr(scene, name), strict=True):

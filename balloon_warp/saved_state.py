@@ -58,7 +58,7 @@ def go_back_to(simulator: Restored, saved: Mapping[str, NDArray]) -> None:
 def fill_state(state: State, saved: Mapping[str, NDArray]) -> None:
     """Fill a state with the arrays that were saved of one like it."""
     for name, array in state.arrays.items():
-        if array.size:  # what the scene does not have may not be among what was saved
+        if array.size:  # state that the scene does not have may be missing from the checkpoint
             array.assign(saved[name])
 
 

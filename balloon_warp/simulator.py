@@ -285,10 +285,10 @@ class Simulator(Shown):
 
         A number may be given for each world, as an array of shape (world_count,), and a vector as one of shape
         (world_count, 3). A number takes the place of keyframes. Values are checked as those of a file, before any is
-        set. A step that is left to us becomes as long as they allow. What the scene plans for later still happens.
+        set. An automatic step becomes as long as they allow. Later changes that the scene plans still happen.
 
-        What a mesh is made into cannot change, nor how many things there are, nor what counts at the start alone, such
-        as positions: `load_scene(scene, {...})` makes another scene of those.
+        A mesh's treatment cannot change, nor the number of things, nor a value that counts at the start alone, such as
+        positions: `load_scene(scene, {...})` makes another scene of those.
 
         Raises:
             InputError: names the path that is not there, or cannot change, or has a value that cannot be; or the step,
@@ -322,7 +322,7 @@ class Simulator(Shown):
             InputError: there is no such parameter, or its values have another shape or are not finite.
         """
         written = {name: fitting(self.model, name, values) for name, values in parameters.items()}
-        self._origins.forget()  # what comes now does not follow from them
+        self._origins.forget()  # later frames do not follow from them
         keep_pressures(self.model, self.state, written)
         first, schedule = self._first
         if first.parameters is self.model.parameters:
@@ -348,7 +348,7 @@ class Simulator(Shown):
         if model.scene.contact != self.model.scene.contact:  # where momentum is exchanged, they have acted already
             self.state.sphere_forces.zero_()
         if model.scene.solver != self.model.scene.solver:
-            self._asked_schedule = "auto"  # what was asked for may be of the other solver
+            self._asked_schedule = "auto"  # the requested schedule may be of the other solver
         self.model = model
         self.state.kept = go_on_keeping(model, self.state.kept)
         self._lay_out(solver_named(self._asked_schedule, self.model))
@@ -389,7 +389,7 @@ class Simulator(Shown):
     def restore(self, saved: Mapping[str, NDArray]) -> None:
         """Restore a saved state of a simulator of the same scene, worlds and schedule, bit for bit.
 
-        It may be this one or another. What changed until then, of parameters and methods, is changed again.
+        It may be this one or another. Changes of parameters and methods until then are repeated.
 
         Args:
             saved: Arrays of `save`, or their file: `np.load("here.npz")`.

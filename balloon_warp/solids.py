@@ -23,8 +23,8 @@ class MassProperties(Shown):
 
     Multiply by a density to get those of a material.
 
-    They are exact for the polyhedron whose faces are fans of triangles about their centers (Kim et al. 2006). Of open
-    balloons they mean nothing.
+    They are exact for the polyhedron whose faces are fans of triangles about their centers (Kim et al. 2006). For open
+    balloons they are meaningless.
     """
 
     closed: NDArray[np.bool_]
@@ -39,7 +39,7 @@ class MassProperties(Shown):
 
 
 def mass_properties(model: Model, points: wp.array) -> MassProperties:
-    """Measure balloons on the device. The same to the last bit every time.
+    """Measure balloons on the device, bit-identically every time.
 
     Args:
         model: what the balloons are made of.

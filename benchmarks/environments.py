@@ -24,7 +24,7 @@ from balloon_warp.warp_logging import quiet_warp
 
 REPEATS = 5
 PATH = "balloon.inflation.pressure"
-"""What is set in `squirrel_tether`"""
+"""Overrides of `squirrel_tether`"""
 
 
 def seconds_of(device: Any, count: int, *ways: Callable[[], Any]) -> list[float]:

@@ -2,8 +2,8 @@
 
 python -m balloon_warp.benchmarks.gradients horizon
 
-A ball falls, onto the ground or between pins. What is derived is where its center is along x in the end, by where it
-starts along x. Differences are of runs that start so much to either side.
+A ball falls, onto the ground or between pins. The derivative is of its center's final x by its initial x. Differences
+are of runs that start so much to either side.
 """
 
 from collections.abc import Iterator

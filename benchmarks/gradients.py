@@ -82,7 +82,7 @@ def _seconds(turn: Callable[[], Any], device: wp.Device) -> float:
         turn()
         wp.synchronize_device(device)
         times.append(perf_counter() - begin)
-    return min(times[1:])  # what else the machine does takes the rest
+    return min(times[1:])  # other work of the machine takes the rest
 
 
 if __name__ == "__main__":

@@ -3,8 +3,8 @@
     python -m balloon_warp.benchmarks.kills --count 200
 
 A file that a killed process leaves must be, byte by byte, the good one of before or the whole new one. Anything else is
-damaged: a part, a mixture, none at all. What was saved until then must open, and the process that goes on from it must
-write the same bytes as one that was left alone; or it is damaged, too.
+damaged: a part, a mixture, none at all. Checkpoints until then must open, and the resumed process must write the same
+bytes as an uninterrupted one; or it is damaged, too.
 """
 
 import argparse

@@ -67,9 +67,9 @@ CASES = (
     Case("run", frames=20_000, substeps=16, cells=13, unit=1_000, may_grow=1.0),
     Case("batch", frames=20_000, substeps=16, cells=13, unit=1_000, may_grow=1.0),
 )
-"""A frame of `run` and `batch` is 24 kB: kept, a thousand would take 23 MiB. What remains, however large the mesh, are
-the time and the place in the file of each of its samples, some 24 bytes in USD's lists, which double when full. The
-allocator of the system settles in the first 8,000."""
+"""A frame of `run` and `batch` is 24 kB: kept, a thousand would take 23 MiB. The growth that remains, however large the
+mesh, is the time and the place in the file of each of its samples, some 24 bytes in USD's lists, which double when
+full. The allocator of the system settles in the first 8,000."""
 QUICK = (
     replace(CASES[0], frames=3_000, substeps=10, unit=100, may_grow=0.1),
     replace(CASES[1], frames=600, unit=100, may_grow=0.8, save_bytes=MEBIBYTE),

@@ -33,7 +33,7 @@ def rates(results: str) -> dict[str, tuple[float, float | None]]:
 
 
 def draw(path: Path) -> None:
-    """Bars, on a logarithmic axis. The same numbers make the same bytes."""
+    """Bars, on a logarithmic axis. Equal numbers give equal bytes."""
     import matplotlib
 
     matplotlib.use("Agg")

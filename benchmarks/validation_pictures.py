@@ -12,7 +12,7 @@ COLORS = ("#c8102e", "#1a6fb0", "#e8a200", "#2c8a4b")
 
 
 def draw(case: dict[str, Any], path: Path) -> None:
-    """Dots are simulated, lines are formulas. The same numbers make the same bytes."""
+    """Dots are simulated, lines are formulas. Equal numbers give equal bytes."""
     with plt.rc_context({"svg.hashsalt": "balloon-warp", "svg.fonttype": "none", "font.family": "sans-serif"}):
         figure, axes = plt.subplots(figsize=(7.0, 4.2))
         for curve, color in zip(case["curves"], COLORS, strict=False):

@@ -1,9 +1,9 @@
 """Derivatives of functions that are called by others, wherever Warp meets them first.
 
 `wp.grad` asks for the adjoint of a function, and Warp asks for those of what that calls as it reads it. But it reads
-each function once. What it has read before, for a call without derivatives, it does not ask again, and the helpers of
-that helper stay without adjoints: their derivatives are then 0, and nothing is said. Here they are asked for, once all
-has been read. And what calls a function with a `wp.grad` in it is written after that, as if it had one itself.
+each function once. A function that it has read before, for a call without derivatives, is not read again, and the
+helpers of that helper stay without adjoints: their derivatives are then 0, silently. Here they are requested, once all
+has been read. Callers of a function with a `wp.grad` in it are written after that, as if they had one themselves.
 """
 
 from collections.abc import Callable

@@ -135,7 +135,7 @@ def quad_at(array: wp.array[wp.int32], index: wp.int32) -> wp.vec4i:
 def found_anew(number: wp.int32) -> wp.int32:
     """Return an integer that the GPU's compiler cannot hoist out of a loop.
 
-    What follows from it is computed where it is needed, and takes no registers until then.
+    Derived values are computed where they are needed, and take no registers until then.
     """
     ...
 

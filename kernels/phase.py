@@ -145,7 +145,7 @@ class Phase:
     def takes_eight(self, features: Features, look: Look) -> bool:
         """Return whether the phase runs on eight items side by side: it names no type of one item.
 
-        What others keep is looked at one by one, but by quads.
+        State of other items is visited one by one, but by quads.
         """
         told = inspect.signature(self.function(features, look).func).parameters
         are_any = all(each.annotation is Any or name in TIMES for name, each in told.items())

@@ -1,7 +1,7 @@
 """The substep: a list of phases, in order. It stands here alone; schedules execute it.
 
-What a scene does not have is not in its list, see `Phase.when`. What a phase reads and writes its function says, and a
-schedule puts a barrier where one looks at what others have written. So a balloon without gas goes from `pull` to
+A scene's list has the phases of its features alone, see `Phase.when`. A phase's function declares its reads and writes,
+and a schedule puts a barrier where one reads what others have written. So a balloon without gas goes from `pull` to
 `leave` in one go; with it, all particles wait for the pressure in between.
 """
 

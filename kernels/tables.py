@@ -99,7 +99,7 @@ class HingeTable:
 class MembraneTable:
     """The triangles of membranes, each once, and from each of their corners; empty where all balloons are springs.
 
-    What a triangle is at rest are four numbers: components 11, 12 and 22 of the inverse of the products of its edges d1
+    Four numbers describe a triangle at rest: components 11, 12 and 22 of the inverse of the products of its edges d1
     and d2 from its first corner [1/m^2], and its area [m^2] times its part of what covers the face, times its thickness
     over that of its balloon.
     """
@@ -141,8 +141,8 @@ class FaceTable:
 class FanTable:
     """The corners of the faces at each particle, each seen from there.
 
-    Where all faces are quads, in slices as springs are: the corner before, the one opposite, the one after. What fills
-    up is a quad of the particle alone, without area. Other faces: all other corners of each, in order.
+    Where all faces are quads, in slices as springs are: the corner before, the one opposite, the one after. Padding is
+    a quad of the particle alone, without area. Other faces: all other corners of each, in order.
     """
 
     slice_offsets: wp.array[wp.int32]

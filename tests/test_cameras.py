@@ -64,7 +64,7 @@ def test_a_sphere_is_as_far_as_the_formula_says(device: str) -> None:
 
 
 def test_a_balloon_is_as_far_as_its_sphere_and_has_no_gap(device: str) -> None:
-    """Its faces are within the sphere by what a chord cuts off, over the cosine of where it is seen aslant."""
+    """Depth of a balloon is that of its sphere up to a chord's sagitta over the cosine of the viewing angle."""
     camera = Simulator(scene(balloon=[ball()]), device).observations.camera(EYE, (0.0, 0.0, 0.0), *SIZE, ANGLE)
     found, told = camera.depth.numpy()[0], depths_of_sphere()
     assert np.isinf(found[np.isinf(told)]).all()
@@ -110,7 +110,7 @@ TURNED = {"position": tuple(CENTER), "rotation": (20.0, 30.0, 10.0)}
 
 
 def test_a_box_is_seen_as_a_mesh_a_body_and_a_balloon_of_that_shape_are() -> None:
-    """As obstacles, as bodies that rest, and as a balloon of its faces."""
+    """The depth of a box is that of the same shape as a mesh obstacle, a resting body, and a balloon."""
     mesh = replace(cube(), points=cube().points - 0.5)
     size = np.ptp(mesh.points, axis=0)
     told = depths(scene(obstacle=[Obstacle(size=tuple(size), **TURNED)]))
@@ -142,7 +142,7 @@ def test_from_inside_a_balloon_its_inside_is_all_around() -> None:
 
 
 def test_frames_refresh_what_is_seen_and_cameras_move(device: str) -> None:
-    """Within the recorded frame, as someone who looks anew sees it; an obstacle by keyframes as well."""
+    """A camera is updated within the recorded frame, and agrees with a new one; a keyframed obstacle, too."""
     moving = Obstacle(size=(0.5, 0.5, 0.5), position=(0.0, -1.4, 0.0), motion=[(0.0, (0, 0, 0)), (0.1, (0.5, 0, 0))])
     flying = ball().model_copy(update={"velocity": (0.0, 3.0, 0.0)})
     simulator = Simulator(scene(balloon=[flying], obstacle=[moving]), device, 2)

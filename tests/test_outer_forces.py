@@ -51,13 +51,13 @@ def test_momentum_grows_by_force_times_time(solver: str, schedule: str, device: 
 
 
 def test_each_world_has_its_own_force(schedule: str, device: str) -> None:
-    """To the bit, as if it were alone."""
+    """Each world is bit-identical to the world alone."""
     together, alone = (driven(schedule, which, device=device) for which in (slice(None), slice(1, 2)))
     np.testing.assert_array_equal(together.state.points.numpy()[1], alone.state.points.numpy()[0])
 
 
 def test_no_force_changes_nothing(schedule: str, device: str) -> None:
-    """To the bit: neither a control at 0, nor a force of 0 in the scene, whose kernels know of none."""
+    """A control at 0 and a force of 0 are bit-identical to no force, for which kernels have none."""
     controlled = driven(schedule, slice(0, 1), device=device)
     without = SCENE.model_copy(update={"force": []})
     for scene in (SCENE, without):

@@ -87,7 +87,7 @@ def test_one_that_comes_later_meets_faces_from_then_on(tmp_path: Path) -> None:
 
 
 def test_which_spheres_meet_faces_so() -> None:
-    """Those that are not small, where something is thin beside faces; none by the paper's rule."""
+    """Spheres that are not small meet ridges, where something is thin beside faces; none by the paper's rule."""
 
     def which(**given: Any) -> list[bool]:
         return round_ridges(Simulator(thrown(**given), "cpu").model)

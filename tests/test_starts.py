@@ -172,7 +172,7 @@ def test_observations_are_what_frames_say() -> None:
 
 
 def test_contact_forces_on_particles_add_up_to_those_on_the_balloon() -> None:
-    """Of a ball on the ground and in a corner; what touches nothing feels nothing. To float32's rounding of sums."""
+    """Contact forces on the particles of a ball in a corner sum to the balloon's, to rounding; others have none."""
     wall = Obstacle(shape="plane", position=(-0.5, 0.0, 0.0), rotation=(0.0, 0.0, -90.0))
     ball = BALL.model_copy(update={"position": (0.0, 0.5, 0.0), "velocity": (-1.0, -1.0, 0.0)})
     scene = Scene(balloon=[ball], obstacle=[wall], ground=Ground(), contacts=True)

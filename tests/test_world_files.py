@@ -43,7 +43,7 @@ def test_they_hold_what_moved(data: Path) -> None:
 
 
 def test_contact_forces_on_particles_add_up(tmp_path: Path) -> None:
-    """To those on the balloon, in every frame that stands in the file; a scene without contacts has neither."""
+    """Contact forces on particles sum to the balloon's in every frame; a scene without contacts has neither."""
     ball = Balloon(mesh=quad_sphere(3, 0.5), position=(0.0, 0.5, 0.0), velocity=(0.0, -1.0, 0.0))
     for contacts in (True, False):
         falling = Scene(balloon=[ball], ground=Ground(), contacts=contacts, frames=4)

@@ -26,7 +26,7 @@ class Origins:
         """Return whether a state is to be kept at the start of a frame."""
         kept = self._kept
         alone = model.world_count == 1 and (kept is None or frame >= kept.frame + KEPT_FRAMES)
-        return alone or bool(model.reach)  # what is written on the device holds for the last frame alone
+        return alone or bool(model.reach)  # values on the device are those of the last frame alone
 
     def keep(self, here: Origin) -> None:
         """Keep a copy of the state that a simulation is in."""

@@ -107,7 +107,7 @@ def main() -> None:
     except StoppedError as stopped:
         _fail(stopped, status=128 + (signals or [signal.SIGINT])[0])
     else:
-        if status == 128 + signal.SIGINT:  # what Typer makes of a KeyboardInterrupt
+        if status == 128 + signal.SIGINT:  # Typer's form of a KeyboardInterrupt
             _fail(f"{sys.argv[1]} was stopped before it was done", status=128 + (signals or [signal.SIGINT])[0])
         sys.exit(status)
     finally:

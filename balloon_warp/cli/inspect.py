@@ -26,8 +26,8 @@ from balloon_warp.mesh.load import load_mesh
 from balloon_warp.scene import Balloon, Scene, bundled_scenes
 from balloon_warp.scene.overrides import override_scene
 
-STEP_STAGE = "looking for the longest step that is stable"
-SWELLING_STAGE = "foretelling how far it swells"
+STEP_STAGE = "finding the largest stable step"
+SWELLING_STAGE = "predicting the inflated volume"
 
 
 def inspect(
@@ -57,7 +57,7 @@ def _inspect_scene(source: str, scene: Scene, as_json: bool) -> None:
     reports = {}
     with stages(source) as stage:
         for mesh in dict.fromkeys(meshes):
-            stage(f"checking {mesh[0].name}, and making its springs")
+            stage(f"checking {mesh[0].name} and building springs")
             reports[mesh] = inspect_mesh(load_mesh(mesh[0], mesh[3]), *mesh[:2])
         from balloon_warp.advice import advise_step  # loads Warp: only once the meshes are known to be good
         from balloon_warp.swelling import foretold_swellings, sentences
@@ -106,13 +106,13 @@ def _inspect_mesh(mesh: Path, changes: Changes, as_json: bool) -> None:
     with stages(mesh.name) as stage:
         stage("reading the mesh")
         whole = load_mesh(mesh, balloon.prim)
-        stage("checking it, and making its springs")
+        stage("checking the mesh and building springs")
         report = inspect_mesh(whole, mesh, balloon.treatment)
         from balloon_warp.advice import advise_step
         from balloon_warp.swelling import foretold_swellings, sentences
 
         try:
-            stage("making a scene of it")
+            stage("building its scene")
             scene = changes.load(str(mesh))
             alone = {"by itself": scene.description}
             stage(STEP_STAGE)

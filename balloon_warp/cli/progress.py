@@ -46,8 +46,8 @@ class _About(ProgressColumn):
 class FrameProgress(Progress):
     """A bar with frames a second and the time left.
 
-    Where the console is no terminal, it is a line of that every `LOG_SECONDS`. Of what takes minutes both say early how
-    many.
+    Where the console is no terminal, it is a log line every `LOG_SECONDS`. Both report the duration of a long run
+    early.
     """
 
     def __init__(self, console: Console):

@@ -16,8 +16,8 @@ LINE_SECONDS = 5.0
 class Stages:
     """Shows the stage that is told to it.
 
-    On a terminal it is beside a spinner, which goes when all is done; elsewhere it is a line, if the stage lasts. What
-    is short shows nothing.
+    On a terminal it is beside a spinner, which vanishes in the end; elsewhere a long stage is a line, and a short one
+    nothing.
 
     Args:
         name: of what is worked on.

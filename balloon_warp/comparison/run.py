@@ -69,7 +69,7 @@ def simulate(
     """
     try:
         scene = override_scene(scene, values.items(), other_kinds=True)
-        frame = scene.picture_frame if "picture_frame" in values else frame  # what a label says is shown, or refused
+        frame = scene.picture_frame if "picture_frame" in values else frame  # a label shows the value, or its refusal
         figures, seconds = _measured(scene, stage, frame, device, schedule, laws, on_begin, on_frame, clock)
     except (InputError, MissingExtraError) as refusal:
         return Run(values, "refused", str(refusal), {})

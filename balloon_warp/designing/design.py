@@ -51,8 +51,8 @@ def design(
     """Find the balloon that becomes a shape when it is inflated, and simulate it from rest.
 
     Args:
-        target: Target shape: a mesh file, or a mesh; closed, of one part, not crossing itself. Of foil, letters or
-            the path of a drawing, .svg: the outline of the inflated balloon; or, with `panels`, a mesh.
+        target: Target shape: a mesh file, or a mesh; closed, of one part, not crossing itself. For foil, letters or the
+            path of a drawing, .svg: the outline of the inflated balloon; or, with `panels`, a mesh.
         of: what it is made of: a rest length for each of its springs; latex, whose mould is found; or foil.
         stretch: Stretch of the skin in the target shape; 1.2 for springs, 2 for latex, if not given.
         hold: Forces of springs: "tension" alone, or "any".

@@ -1,7 +1,7 @@
 """Foil: the flat outline of two sheets, sewn at the rim, that has the wanted outline once it is inflated.
 
-Foil hardly stretches: as the sheets part, the rim is drawn in, and wrinkles; a circle's to 0.763 of its radius. What
-the rim is off is given back to the pattern, a few times, and the sheets follow it.
+Foil hardly stretches: as the sheets part, the rim is drawn in, and wrinkles; a circle's to 0.763 of its radius. The
+error of the rim is fed back to the pattern, a few times, and the sheets follow it.
 """
 
 from dataclasses import dataclass, replace

@@ -76,7 +76,7 @@ class BalloonVectorEnv(VectorEnv[Any, Any, Any]):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin all worlds anew, or those of `options={"reset_mask": mask}`.
 
-        What is drawn follows from the seed, the number of the world and its episode. Without a seed episodes go on.
+        Draws follow from the seed, the number of the world and its episode. Without a seed episodes go on.
 
         Raises:
             InputError: the mask has another length.

@@ -64,7 +64,7 @@ def fit_curve(
 
     Args:
         of: "sphere", whose formula is used, or the mesh of the balloon at rest, in meters.
-        kind: of material. Of "ogden" the moduli are found, with exponents 1.3, 5 and -2.
+        kind: of material. For "ogden" the moduli are fitted, with exponents 1.3, 5 and -2.
         thickness: at rest [m].
         radius: of the sphere at rest [m]; found, too, when missing.
         on_stage: told what is done.

@@ -45,7 +45,7 @@ class Measured:
             part = share.reshape(-1, *[1] * (track.ndim - 2))
             there = (1.0 - part) * track[:, after - 1] + part * track[:, after]
             off = (there - wanted).reshape(len(track), -1)
-            known = np.isfinite(wanted).ravel()  # what was hidden is not a number
+            known = np.isfinite(wanted).ravel()  # hidden values are not numbers
             parts.append(off[:, known] / self.noises.get(name, 1.0))
         return np.concatenate(parts, axis=1)
 
@@ -118,5 +118,5 @@ def _read(path: Path) -> dict[str, Any]:
             return {name: file[name] for name in file.files}
     except FileNotFoundError:
         raise InputError(f"{path}: no such file; expected a .npz file of what was measured") from None
-    except Exception:  # of a damaged file zipfile, zlib and NumPy let through errors of a dozen kinds
+    except Exception:  # for a damaged file zipfile, zlib and NumPy raise errors of a dozen kinds
         raise InputError(f"{path}: cannot be read; expected a .npz file with {EXPECTED}") from None

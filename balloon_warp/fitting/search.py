@@ -74,7 +74,7 @@ def _differences(best: Narrowed) -> Values:
 def _slopes_there(forward: Forward, best: Narrowed) -> Values:
     """Return the slopes of the residuals at the best place, within its branch, shape (m, p).
 
-    Of both sides that with the smaller slopes counts: a jump makes them larger.
+    The side with the smaller slopes counts: a jump makes them larger.
     """
     steps = np.diag(_differences(best))
     rows = np.concatenate([best.place[None], best.place + steps, best.place - steps])

@@ -29,8 +29,8 @@ DAMAGED = (
 def outlines_of_drawing(path: Path) -> list[Any]:
     """Return polygons of Shapely's of all closed paths and shapes of a drawing together.
 
-    From left to right, y up, in some unit. How they are painted does not matter; those of one path cut holes into each
-    other by its fill rule.
+    From left to right, y up, in some unit. Paint does not matter; polygons of one path cut holes into each other by its
+    fill rule.
 
     Raises:
         InputError: the file cannot be read, or has none.

@@ -45,7 +45,7 @@ class Ring:
     def slide_towards(self, wanted: NDArray[np.float64]) -> None:
         """Move each vertex along the line towards its wanted place, past none of its neighbors.
 
-        And a little to the middle between them: into a notch many are drawn.
+        The move is a little to the middle between them, too: a notch attracts many.
         """
         segments = np.searchsorted(self._along, self.places % self.length, side="right") - 1
         headings = self._headings[np.minimum(segments, len(self._headings) - 1)]

@@ -1,7 +1,7 @@
 """Chain rule from a path of a scene to the numbers that kernels read: how fast each grows with the path's value.
 
-What a plan makes of a scene, such as a mass from a density or an amount of gas from a pressure, is smooth and in double
-precision. So differences of two plans tell its slopes.
+Derived parameters of a plan, such as a mass from a density or an amount of gas from a pressure, are smooth and in
+double precision. So differences of two plans give their derivatives.
 """
 
 from collections.abc import Mapping, Sequence

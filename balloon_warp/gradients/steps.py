@@ -1,7 +1,7 @@
 """Frames of a model, one after the other, forward and backwards, for frameworks that derive what goes on between them.
 
-What a frame begins with is handed out and taken again as arrays of the device; whoever keeps them can run the frame
-backwards.
+The state at the start of a frame is handed out and taken back as device arrays; a caller that keeps them can run the
+frame backwards.
 """
 
 from collections.abc import Mapping, Sequence

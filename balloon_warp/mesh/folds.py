@@ -30,7 +30,7 @@ class Folds(NamedTuple):
 def find_folds(mesh: PolygonMesh, angle: float) -> Folds:
     """Find the edges that two faces share, and which of them are sharp.
 
-    Sharp edges go around or from border to border. Those that end where all is smooth are a bump of a coarse mesh.
+    Sharp edges go around or from border to border. An edge that ends on a smooth face is a bump of a coarse mesh.
 
     Args:
         angle: between two faces' normals, beyond which their edge is sharp [degrees].

@@ -41,7 +41,7 @@ class GltfMaterials:
     def name_materials(self) -> None:
         """Rename materials to their numbers, and select the texture coordinates of base textures.
 
-        Those become the first, and colors of vertices become an attribute `COLORS`.
+        The material's coordinates become the first set, and vertex colors an attribute `COLORS`.
         """
         for mesh in _dicts(self._tree, "meshes"):
             for primitive in _dicts(mesh, "primitives"):

@@ -1,6 +1,6 @@
 """Holes in a surface, such as pinholes and eye sockets, and lids for them.
 
-What is meant to be open stays so: the rim of a bowl, a sleeve.
+Intended openings stay open: the rim of a bowl, a sleeve.
 """
 
 from collections import defaultdict

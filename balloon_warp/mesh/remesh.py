@@ -36,11 +36,11 @@ CRUMB = 3.0
 def remesh(mesh: PolygonMesh, cells: int, on_stage: Callable[[str], None] = lambda stage: None) -> PolygonMesh:
     """Make a closed quad mesh of a surface that may have holes, cracks, flipped faces and sheets without thickness.
 
-    What the surface winds around becomes the inside. Holes are closed by a smooth membrane. Sheets become 1.5 cells
-    thick, but what has an inside stays as thin as it is, and tips stay where they are. Crumbs are dropped. Every other
-    part of the surface is there in one piece, and a clean surface keeps its handles, which may take more cells.
-    Colors and textures are those of the nearest place on the surface. `warnings` lists the changes.
-    It runs on Warp's default device.
+    The space that the surface winds around becomes the inside. Holes are closed by a smooth membrane. Sheets become 1.5
+    cells thick, but what has an inside stays as thin as it is, and tips stay where they are. Crumbs are dropped. Every
+    other part of the surface is there in one piece, and a clean surface keeps its handles, which may take more cells.
+    Colors and textures are those of the nearest place on the surface. `warnings` lists the changes. It runs on Warp's
+    default device.
 
     Args:
         mesh: Surface; the result keeps its name, unit and up axis.

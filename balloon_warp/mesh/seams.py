@@ -48,7 +48,7 @@ def welded_along_seams(mesh: PolygonMesh, gap: float = 0.0) -> PolygonMesh:
     distinct = distinct_faces(mesh)[0]
     stand_ins = _exactly_on(Border.of(distinct).ends, mesh.points)
     border = Border.of(_with(distinct, stand_ins))
-    if len(border.ends) and size_of(mesh):  # what is all at one place is told of as that
+    if len(border.ends) and size_of(mesh):  # corners all at one place are reported as such
         rounding = rounding_of(mesh)
         beside = border.pairs(max(rounding, gap * size_of(mesh)), rounding).ends.reshape(-1, 2)
         short = border.ends[border.lengths <= rounding]
@@ -119,7 +119,7 @@ def _exactly_on(ends: NDArray[np.int64], points: NDArray[np.float64]) -> NDArray
     ends, places = np.where(turned[:, None], ends[:, ::-1], ends), np.sort(places, axis=1)
     order = np.lexsort((places[:, 1], places[:, 0]))
     ends, places = ends[order], places[order]
-    # Those at the same places follow one another; what has no length is no seam.
+    # Edges at the same places follow one another; one of no length is no seam.
     same = (places[1:] == places[:-1]).all(axis=1) & (places[1:, 0] != places[1:, 1])
     return component_labels(len(points), ends[:-1][same].ravel(), ends[1:][same].ravel())
 

@@ -25,7 +25,7 @@ def pushes(mesh: PolygonMesh, edges: MeshEdges, held: NDArray[np.bool_] | None =
 
     Connected faces that go all around something as they wind are pushed as they wind.
 
-    What hangs together along edges, and whose faces go all around something as they wind, is pushed as it winds.
+    A component connected along edges, whose winding encloses a volume, is pushed as it winds.
 
     Args:
         mesh: wound alike where a winding fits.
@@ -123,7 +123,7 @@ def _turns(
 def _outside(mesh: PolygonMesh, rooms: NDArray[np.int64], parts: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Return a mask of the rooms that are outside, shape (2 * face_count,).
 
-    Of what is connected, it is the room with the least volume around its faces, which is negative.
+    Among connected rooms, it is that with the least volume around its faces, which is negative.
     """
     volumes = face_volumes(mesh)
     inside = np.bincount(rooms[:, 1], volumes, 2 * mesh.face_count)

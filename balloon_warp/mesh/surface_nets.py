@@ -28,7 +28,7 @@ def surface_nets(distance: Distance, lower: ArrayLike, upper: ArrayLike, cell: f
     cells = 2 * np.ceil((upper - lower) / (2.0 * cell)).astype(int) + 1
     lower = 0.5 * (lower + upper) - 0.5 * cell * cells
     values = distance(grid_nodes(lower, cell, cells)).reshape(cells + 1)
-    # What winds around more than the box is cut off there: the level ends within the grid.
+    # A solid larger than the box is cut off there: the level ends within the grid.
     for axis in range(3):
         ends = np.moveaxis(values, axis, 0)
         ends[[0, -1]] = np.maximum(ends[[0, -1]], 0.5 * cell)

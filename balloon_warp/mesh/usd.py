@@ -1,4 +1,4 @@
-"""USD files, whatever their suffix. How a stage is read stands in `usd_stage`."""
+"""USD files, whatever their suffix. The reader of stages is `usd_stage`."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,7 +11,7 @@ def read_usd(path: Path | str, prim: str | Sequence[str] | None = None) -> Polyg
 
     They are those at or below `prim`, or all that are visible and of purpose "default" or "render".
 
-    Each is a group by its prim's name. What is left out is named in the mesh's warnings.
+    Each is a group by its prim's name. The mesh's warnings name omissions.
 
     Values are taken at the default time, or at their earliest sample where they have no default. The points are
     transformed to the stage's world, in its own unit and up axis. Left-handed faces are turned right-handed.

@@ -117,7 +117,7 @@ class Bounds:
         """Iterate over laws and kinds of springs with their constant bound, and its increase with a spring's scale."""
         told = {name: values[worlds] if len(values) > 1 else values for name, values in self._told.items()}
         for of_spring in self._of_kind("spring", bound):
-            for kind, row in enumerate(KINDS):  # what is not proportional to the constant is left where that is 0
+            for kind, row in enumerate(KINDS):  # terms not proportional to the constant remain where that is 0
                 least, most = (of_spring(**told | {"stiffness": scale * told[row.name]}) for scale in (0.0, 1.0))
                 yield kind, least, most - least
 

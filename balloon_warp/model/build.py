@@ -58,7 +58,7 @@ def build_model(
 
 
 def lay_out(plan: ModelPlan, device: str | wp.Device | None = None) -> Model:
-    """Return the planned model on a device. What is large is in states and schedules."""
+    """Return the planned model on a device. Large arrays are in states and schedules."""
     device = pick_device(device)
     scene, shapes = plan.scene, plan.shapes
     offsets = np.cumsum([0] + [shape.mesh.vertex_count for shape in shapes])

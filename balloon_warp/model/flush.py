@@ -1,7 +1,7 @@
 """Ridges beside which another solid lies flush: there the two are one surface, and nothing sticks out.
 
-Seams of a floor of boxes, the foot of a wall on its floor. What slides over one would be held by an edge that nobody
-sees ("internal edges" of game engines).
+Seams of a floor of boxes, the foot of a wall on its floor. A body that slides over one would catch on a hidden edge
+("internal edges" of game engines).
 """
 
 from collections.abc import Sequence

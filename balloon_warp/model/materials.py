@@ -28,9 +28,9 @@ MOST_UNEVEN = 3.0
 so thin that some materials are several times as stiff across as anything else in a balloon"""
 VERGE, STIFF = 1.78, 1.5
 """Factor on the modulus where stiffness jumps, on the verge of wrinkling, and the most stretch of a film that never
-leaves it: there the step of "auto", 0.8 of the stable one, is 1.2 / omega. What pulls and does not push gains energy
-in longer ones, though each of its sides alone is stable up to 2 / omega. Rubber leaves the verge, and grows softer, as
-soon as it is inflated"""
+leaves it: there the step of "auto", 0.8 of the stable one, is 1.2 / omega. A spring that pulls and does not push gains
+energy in longer ones, though each of its sides alone is stable up to 2 / omega. Rubber leaves the verge, and grows
+softer, as soon as it is inflated"""
 APART = 1.0e-3
 """Least difference of a state's two stretches, so that quotients of differences are defined"""
 STEP = 1.0e-5
@@ -101,9 +101,9 @@ def stiffest_modulus(law: Law, told: Mapping[str, Values]) -> Values:
 
     It bounds the energy's second derivative by the deformation gradient, at rest, and by more where it jumps.
 
-    Those are the taut ones up to the most stretch, not too uneven, or without wrinkles all down to the least. Of a
-    state's second derivative a multiple of the determinant may be taken away: its integral depends on the border alone,
-    and so it gives no force within.
+    States are the taut ones up to the most stretch, not too uneven, or without wrinkles all down to the least. A
+    multiple of the determinant may be subtracted from a state's second derivative: its integral depends on the border
+    alone, and so it gives no force within.
     """
     most, wrinkles = told["most_stretch"], told["wrinkling"] != 0.0
     steps = np.linspace(0.0, 1.0, STATES)

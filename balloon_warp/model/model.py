@@ -140,7 +140,7 @@ class Model:
     sphere_numbers: wp.array
     """Parameters of spheres, shape (W, sphere_count, their width), float32"""
     parameters: dict[str, wp.array]
-    """Parameters by name, in the units of their rows. Those that have columns are views into the three above. The
+    """Parameters by name, in the units of their rows. Parameters with columns are views into the three above. The
     others are float32, but for places and velocities, which are vec3:
 
     - of balloons, shape (W, balloon_count): `initial_turns`, how it starts turned from `initial_points`, a matrix less

@@ -90,7 +90,7 @@ def with_settled_pressure(scene: Scene, parameters: Parameters) -> Scene:
 def pressures_of_springs(shape: BalloonShape) -> NDArray[np.float64]:
     """Return the pressure [Pa] for each N/m of the three kinds of springs, shape (3,), over (s - 1) / s^2: 2 K / R.
 
-    Of several parts the largest counts. Springs between parts, and across thin ones, hold no surface. A surface with a
+    The largest of several parts counts. Springs between parts, and across thin ones, hold no surface. A surface with a
     border may become half a sphere.
     """
     mesh, springs = shape.mesh, shape.springs

@@ -60,7 +60,7 @@ def all_columns(laws: Sequence[Law]) -> Columns:
 def rows_of(laws: Sequence[Law]) -> tuple[Parameter, ...]:
     """Return the parameters of these laws and of the phases of the step, and all others but the keyframes.
 
-    Of the keyframes a balloon has several.
+    A balloon has several keyframes.
     """
     columns = all_columns(laws)
     return (*columns.world, *columns.balloon, *columns.sphere, *ROWS)

@@ -42,7 +42,7 @@ def sheet_of_springs(shape: BalloonShape, parameters: Mapping[str, NDArray[Any]]
     All of it is taken to follow the mean strain (Cauchy and Born). Springs then have an energy of 1/2 k (L e)^2 each, e
     the strain along them. Where they lie alike in all directions, S the sum of k L^2 over the area, the stiffness is
     3/8 S one way and 1/8 S in shear, and Poisson's ratio of the sheet a third (Ostoja-Starzewski 2002, Lattice models
-    in micromechanics). However they lie, both ways alike it is the two's S/2, which is what a balloon swells against.
+    in micromechanics). In any arrangement the equibiaxial stiffness is their sum S/2, which a balloon swells against.
     Hinges make a plate the same way, with the width L of the two faces that a hinge bends by L for each unit of
     curvature. Springs across thin parts are left out.
     """

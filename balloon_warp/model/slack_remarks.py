@@ -36,7 +36,7 @@ def about_slack(mesh: PolygonMesh, slack: NDArray[np.bool_], moves: NDArray[np.b
     ribbons = len(np.unique(components[border[:, 0]])) >= RIBBONS
     if slack.all():
         return (NOTHING_HELD.format(HOLDS if ribbons else CLOSES) if moves[border].any() else NO_INSIDE,)
-    # What hangs together of slack faces, and whether a border is on it.
+    # Connected slack faces, and whether they have a border.
     faces = corner_faces(mesh)[edges.corners]
     first = np.repeat(edges.starts, edges.face_counts)
     both = slack[faces] & slack[faces[first]]

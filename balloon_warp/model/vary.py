@@ -83,7 +83,7 @@ def _refuse(
     scene: Scene, rows: Sequence[Parameter], path: str, given: ArrayLike, places: Mapping[str, list[Place]]
 ) -> NoReturn:
     """Raise an error that says why a path cannot vary between worlds."""
-    if path not in Scene.model_fields:  # what has no such path says so
+    if path not in Scene.model_fields:  # a wrong nested path raises here
         _require_fit(scene, rows, path, np.ravel(given).tolist()[0])
     table = path.partition(".")[0]
     if table in SURROUNDINGS and not getattr(scene, table):

@@ -161,7 +161,7 @@ class Checkpoints:
         for state in self.folder.path.glob("state_*.npz"):
             if int(state.stem.split("_")[1]) < part.frames[-1]:
                 state.unlink(missing_ok=True)
-        self._saved_at = time.monotonic()  # what takes long to save is saved less often
+        self._saved_at = time.monotonic()  # a slow checkpoint is written less often
 
     def remove(self) -> None:
         """Remove the checkpoints once the whole output exists; those of another job stay."""

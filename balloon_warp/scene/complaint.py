@@ -27,7 +27,7 @@ def complaint(error: ValidationError, schema: type[BaseModel]) -> str:
         if details["type"] == "callable_type":
             continue  # Python alone may give a function: there are other words for it
         by_field.setdefault(_field(details, schema), []).append(details)
-    # What is unknown comes first: a field that is missing is often there by another name.
+    # Unknown fields come first: a missing field is often there by another name.
     unknown = (field for field, failures in by_field.items() if failures[0]["type"] == "extra_forbidden")
     field = next(unknown, next(iter(by_field)))
     deepest = max(len(details["loc"]) for details in by_field[field])  # of a union, what fits it nearly

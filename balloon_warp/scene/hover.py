@@ -2,8 +2,8 @@
 
 `python -m balloon_warp.scene.hover` writes them.
 
-What a law's parameter is, and its default, stand in its row, and what a table is in its class. This writes it below the
-fields that take them, where it is missing or another. The tests hold the schema to this.
+A law's parameter has its meaning and default in its row, and a table its meaning in its class. This module writes both
+below the fields that take them, where they are missing or stale. The tests hold the schema to this.
 """
 
 import ast

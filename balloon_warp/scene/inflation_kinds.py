@@ -12,7 +12,7 @@ def drop_other_kinds(table: dict[str, Any], overrides: Iterable[tuple[str, Any]]
     """Make room, in place, for the kinds of inflation that overrides ask for.
 
     They ask by `balloon.inflation.kind`; or, where neither they nor the table name a kind, by a field that one kind
-    alone has. What the table has for other kinds goes; what overrides set comes later, and stays.
+    alone has. Fields of other kinds are dropped from the table; overrides come later, and stay.
 
     Args:
         table: a scene's, before anything is put into it.

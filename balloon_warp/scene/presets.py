@@ -10,9 +10,9 @@
   the 4.8 to 5.0 GPa there, of 23 um, and the 3.8 GPa of the sheet of Mylar LBT, of 12 um.
 - nylon: film of 15 um; 2.4 GPa and the density are estimates, for data sheets differ with moisture.
 
-Of films, a third of Young's modulus is the shear modulus of what is incompressible. Polyester's Poisson's ratio is 0.38
-(the same sheet), so that stretched both ways alike it has E / (1 - 0.38), and here 2 E, a quarter more. The metal and
-the layer that seals are left out; with them sellers of balloons give 20 to 50 um.
+The shear modulus of an incompressible film is a third of Young's modulus. Polyester's Poisson's ratio is 0.38 (the same
+sheet), so that stretched both ways alike it has E / (1 - 0.38), and here 2 E, a quarter more. The metal and the layer
+that seals are left out; with them sellers of balloons give 20 to 50 um.
 """
 
 from collections.abc import Mapping

@@ -76,7 +76,8 @@ class _Remembered:
             | ({name: room.array(spheres, wp.vec3) for name in STATE_OF_SPHERES} if model.sphere_count else {})
             for _ in range(model.substeps + 1)
         ]
-        """What balloons and spheres bring along to each substep, by its names in the state, and what the last leaves"""
+        """Arrays that balloons and spheres carry into each substep, by their names in the state, and those that the
+        last leaves"""
 
     def note(self, state: State) -> None:
         """Keep what a frame begins with."""

@@ -84,7 +84,7 @@ class TouchLaunches:
         launch(looking_kernel(self._features), inputs=[t, particles, *moving], **place)
         place["dim"] = m.world_count, self._list_threads
         launch(find_kernel(self._features, self._fast_math), inputs=[t, self._list_threads, *moving], **place)
-        if substep == 0:  # what came before is not known where a run begins with a saved state
+        if substep == 0:  # history is unknown where a run begins with a saved state
             wp.copy(working.forces_taken, working.force_quanta)
             for counted in (working.contacts, working.touched):
                 counted.zero_()

@@ -38,8 +38,8 @@ class GatherSchedule(LaunchedSchedule):
     def step_of(cls, model: Model, features: Features) -> Step:
         """Return the phases of the model, in pieces.
 
-        Of many particles on a GPU those without contact do not wait for others, nor take as many registers: resting
-        contact has a launch of its own.
+        Resting contact has a launch of its own: of many particles on a GPU those without contact neither wait for
+        others, nor take as many registers.
         """
         apart = ("leave",) if features.stands_on_fixtures and has_many(model) else ()
         if cut_into_patches(model, features):

@@ -29,7 +29,7 @@ class HealthCheck:
 
     It reads the points that the frame has just written, once, and nothing else that grows with the number of worlds: no
     spring's length, no velocity. A velocity that is not finite makes a place that is not, a substep later; so do gas
-    and pressure. What is written is looked at on the host again: see `Frame.is_finite`.
+    and pressure. The host checks outputs once more: see `Frame.is_finite`.
 
     Args:
         model: what is simulated.

@@ -23,8 +23,7 @@ def order_by_springs(model: Model, ends: SpringEnds) -> NDArray[np.int64]:
 def renumbered(model: Model, order: NDArray[np.int64]) -> Model:
     """Return the model whose particle at each place is that of the order, shape (particle_count,).
 
-    Particles of a balloon must stay together. Of the shapes, only the meshes take that order: membranes and hinges
-    do not.
+    Particles of a balloon must stay together. Only the shapes' meshes take that order: membranes and hinges do not.
     """
     places = np.argsort(order)
     offsets = np.asarray(model.particle_face_offsets.numpy(), dtype=np.int64)

@@ -26,7 +26,7 @@ def slices_of(particles: NDArray[np.int64], counts: NDArray[np.int64], step: int
     padded[: len(counts)] = -(-counts // step) * step
     widths = padded.reshape(-1, SLICE).max(axis=1)
     offsets = SLICE * np.cumsum(np.append(0, widths))
-    widths[-1] += 1  # what is read ahead of the last
+    widths[-1] += 1  # room to read ahead of the last
     in_slice = np.arange(SLICE * widths.sum()) % SLICE
     owners = np.minimum(np.repeat(np.arange(len(widths)), SLICE * widths) * SLICE + in_slice, len(counts) - 1)
     return Slices(offsets, offsets[particles // SLICE] + SLICE * slot + particles % SLICE, owners)

@@ -110,7 +110,7 @@ def _springs(model: Model, features: Features, ends: SpringEnds) -> Any:
     table = SpringTable()
     valences = ends.by_kind.sum(axis=1)
     slices = slices_of(ends.particle, valences, CHUNK)
-    packed = 4 * slices.owners.astype(np.int32)  # what fills up is a spring from the particle to itself
+    packed = 4 * slices.owners.astype(np.int32)  # padding is a spring from the particle to itself
     packed[slices.places] = 4 * ends.neighbor + ends.kind
     lengths, scales = np.zeros((2, len(packed)), dtype=np.float32)
     lengths[slices.places], scales[slices.places] = ends.rest_length, ends.scale

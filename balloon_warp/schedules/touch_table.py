@@ -152,7 +152,7 @@ def surface_of(mesh: PolygonMesh) -> Surface:
             waiting += [(middle, end, depth + 1), (begin, middle, depth + 1)]
     ends, after = np.empty(len(depths), dtype=np.int64), {}
     for part in reversed(range(len(depths))):
-        # what comes next and is no deeper is not in it
+        # a next one that is no deeper is not in it
         ends[part] = min((after[d] for d in range(depths[part] + 1) if d in after), default=len(depths))
         after = {d: p for d, p in after.items() if d < depths[part]} | {depths[part]: part}
     return Surface(triangles[order], np.array(ranges), ends)

@@ -63,8 +63,8 @@ class Starting(Protocol):
 class Starts(Shown):
     """Distributions of initial values: `simulator.starts.draw("balloon.mass", 0.1, 0.2)`, then `simulator.reset(mask)`.
 
-    What is drawn follows from the seed, the number of the world, its episode and the path: it repeats, whatever the
-    number of worlds.
+    Draws follow from the seed, the number of the world, its episode and the path: they repeat, whatever the number of
+    worlds.
     """
 
     _internal = ("begin", "begin_again", "forget")
@@ -98,8 +98,8 @@ class Starts(Shown):
     def draw(self, path: str, first: float, second: float, kind: Kind = "uniform") -> None:
         """Draw a value anew whenever a world begins anew.
 
-        A value that may change opens a control, which has it. Of what counts at the start alone, positions, velocities
-        and spins of balloons and spheres can be drawn.
+        A value that may change opens a control, which has it. Positions, velocities and spins of balloons and spheres,
+        which count at the start alone, can be drawn, too.
 
         Args:
             path: to a number, or to all three of a vector, which are drawn one by one.

@@ -1,6 +1,6 @@
 """Worlds of a batch that blow up: a report of the first few, an end to all, or a new start in shorter steps.
 
-How a blow-up is found and explained stands in `balloon_warp/blow_ups/`; this is what a batch does about it.
+Detection and explanation of blow-ups are in `balloon_warp/blow_ups/`; this is the reaction of a batch.
 """
 
 from collections.abc import Callable
@@ -75,7 +75,7 @@ def restart_failures(
 ) -> dict[int, int]:
     """Simulate worlds anew with half the step, those that blow up again with half of that, and so on.
 
-    What stays bad has the rows of the last attempt then, which stay at its last good frame.
+    A world that stays bad then has the rows of the last attempt, which stay at its last good frame.
 
     Args:
         group: of the worlds.

@@ -167,8 +167,8 @@ def start_workers(environments: list[dict[str, str]]) -> "SpecCluster":
 def dask_setup(_: Any) -> None:
     """Set up each worker that is started here, as Dask calls it.
 
-    A terminal sends Ctrl-C to all, and it is for the first process, which saves what there is and ends them. And they
-    end at once: what is left in one goes with it, and is not looked through for garbage once more.
+    A terminal sends Ctrl-C to all, and it is for the first process, which saves what there is and ends them. Workers
+    end at once, without a last garbage collection.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     atexit.register(gc.freeze)

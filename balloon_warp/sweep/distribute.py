@@ -98,7 +98,7 @@ def distribute_batch(
                     interrupts.deliver()
             except WorkersLostError as loss:
                 journal.save()
-                interrupts.deliver()  # what ends this process may have ended the workers first
+                interrupts.deliver()  # a signal that ends this process may have ended the workers first
                 raise WorkersLostError(f"{loss}; {checkpoints.advice}") from None
             with Background() as writer:
                 writer.submit(_write_table, task, output)
@@ -170,7 +170,7 @@ def _run_shares(
 ) -> Iterator[tuple[int, ShareResult] | None]:
     """Simulate the shares, and give each one's number and result as it comes, and nothing now and then meanwhile.
 
-    What a lost worker had is done again.
+    Shares of a lost worker are simulated again.
 
     Args:
         task: what the shares are of.

@@ -61,7 +61,7 @@ def simulate_locally(
             ]
         if output.healthy_count < task.world_count:
             failures = _report_all(task, output, simulators)
-            simulators.clear()  # what begins again has their memory
+            simulators.clear()  # restarted worlds reuse their memory
             if task.on_blowup == "restart":
                 bad = task.world_count - output.healthy_count
                 checkpoints.on_note(f"{bad:,} of {task.world_count:,} worlds blew up: once more, with half the step")

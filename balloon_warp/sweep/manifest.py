@@ -25,7 +25,7 @@ MANIFEST_NAME = "manifest.json"
 def describe_batch(task: BatchTask) -> dict[str, Any]:
     """Describe what a batch is made of, as JSON has it. Before the run: mesh files may change meanwhile.
 
-    Of a mesh that came from Python there is the hash of its arrays, and its name.
+    A mesh from Python has the hash of its arrays, and its name.
     """
     columns = {path: column.tolist() for path, column in vary_columns(task.vary).items()}
     varied = [mesh for path in columns if path.endswith(".mesh") for mesh in task.vary[path]]

@@ -116,7 +116,7 @@ def simulate_share(
     health = np.stack([record.healthy for record in records])
     failures, overflow = Failures(report_failures(simulator, share, health)), simulator.schedule.overflow
     remarks = remarks_on(simulator.model, simulator.state, share.worlds)
-    del simulator, recorder  # what begins again has their memory
+    del simulator, recorder  # restarted worlds reuse their memory
     if on_blowup == "restart":
         bad, put = np.flatnonzero(health[-1] == 0), partial(_replace, records)
         failures.restarted = restart_failures(share, bad, chosen, model.device, settled, put, every)

@@ -12,7 +12,7 @@ SPHERE_DRAG = 0.47
 def inflating(scene: Scene, value: float) -> list[tuple[str, Any]]:
     """Return the paths and values for what is keyframed of all balloons that are inflated as the first one is.
 
-    What the scene itself would go on to blow in does not come any more.
+    The scene's own filling ends.
 
     Raises:
         InputError: a balloon has a pump's curve, which holds for all time.

@@ -33,7 +33,7 @@ MOST_NONSENSE = 100
 """Number of invalid messages after which a connection is closed"""
 
 _log = logging.getLogger("balloon_warp.viewer.connections")
-_log.propagate = False  # what strangers send is no news to whoever sits at the terminal
+_log.propagate = False  # messages of strangers are not reported on the terminal
 _log.addHandler(logging.NullHandler())
 
 Handler = Callable[[ServerConnection], Awaitable[None]]

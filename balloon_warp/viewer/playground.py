@@ -263,7 +263,7 @@ class Playground:
         scene = scene.model_copy(update={"substeps": self._asked_substeps(scene)})
         plan = plan_model(scene, shapes=self._first_model.shapes, laws=self._first_model.own_laws)
         self._require_playable(plan.substeps)
-        values = plan.parameters["keyframe_values"]  # as many as at the start: so they give the same to the last bit
+        values = plan.parameters["keyframe_values"]  # as many as at the start, for a bit-identical replay
         missing = self._first_model.parameters["keyframe_values"].shape[2] - values.shape[2]
         values = np.pad(values, [(0, 0), (0, 0), (0, missing)], mode="edge")
         parameters = {**plan.parameters, "keyframe_values": values}

@@ -66,7 +66,7 @@ def told_of_saving(
 def main() -> None:
     """Read a recording from standard input, write it, and tell the files, or what is wrong, on standard output."""
     answers = os.dup(1)
-    os.dup2(2, 1)  # what a library prints is no answer
+    os.dup2(2, 1)  # a library's output is no answer
     if hasattr(os, "nice"):
         os.nice(NICENESS)
     quiet_warp()

@@ -102,7 +102,7 @@ class Session:
         """Queue a wish for the playground before the next frame; returns at once, from any thread.
 
         Args:
-            key: Of several waiting wishes with the same key, only the last is done.
+            key: The last of several waiting wishes with this key replaces the others.
         """
         self._wishes.add(wish, key)
 

@@ -25,7 +25,7 @@ def setup(app: Sphinx) -> dict[str, Any]:
 
 
 def _escape(app: Sphinx, what: str, name: str, found: Any, options: Any, lines: list[str]) -> None:
-    """|d| is no substitution, and * multiplies. Of a class, fields have a place of their own."""
+    """|d| is no substitution, and * multiplies. Fields of a class have a place of their own."""
     if what == "class" and "Fields:" in lines:
         del lines[lines.index("Fields:") :]
     lines[:] = [line if "`" in line else re.sub(r"([|*])", r"\\\1", line) for line in lines]

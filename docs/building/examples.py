@@ -1,4 +1,4 @@
-"""A page of each program in docs/examples: its text, its picture, its code. And the cards that lead to them."""
+"""Pages of the programs in docs/examples: text, picture, code, and the cards that lead to them."""
 
 import ast
 from dataclasses import dataclass

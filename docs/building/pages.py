@@ -49,7 +49,7 @@ def _directive(name: str, found: object) -> str:
         return f".. autofunction:: balloon_warp.{name}"
     if hasattr(found, "model_fields"):  # its fields stand in SCENE.md
         return f".. autoclass:: balloon_warp.{name}\n   :exclude-members: __init__, __new__"
-    if issubclass(found, BaseException):  # what all exceptions have is Python's
+    if issubclass(found, BaseException):  # members of all exceptions are Python's
         return f".. autoexception:: balloon_warp.{name}\n   :exclude-members: __init__, __new__"
     excluded = "\n   :exclude-members: __init__" if is_dataclass(found) else ""
     return f".. autoclass:: balloon_warp.{name}\n   :members:\n   :inherited-members: object{excluded}"

@@ -1,6 +1,6 @@
 """The state as an array of NumPy, PyTorch or JAX, without a copy.
 
-What is written into the array is what is simulated next. On a GPU take PyTorch or JAX; NumPy's view is for the CPU.
+Values written into the array are simulated next. On a GPU take PyTorch or JAX; NumPy's view is for the CPU.
 """
 
 import importlib.util

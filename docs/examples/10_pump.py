@@ -1,7 +1,7 @@
 """Find the pump curve that holds a balloon at a height: four numbers, through gas, buoyancy and drag.
 
-A balloon of helium that is a little too heavy falls, and is to be back at a height of 1 m, and to stay there. What a
-pump gives and takes at four times is found along gradients.
+A balloon of helium that is a little too heavy falls, and is to be back at a height of 1 m, and to stay there. The
+pump's rate at four times is found along gradients.
 """
 
 from trimesh.creation import icosphere

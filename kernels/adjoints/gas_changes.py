@@ -1,6 +1,6 @@
 """Adjoints of gas that comes and goes: pumps and fills as a substep begins, necks and leaks as its pressure is known.
 
-Balloons carry the gas from substep to substep, and so its bar. What a substep finds of it is found again.
+Balloons carry the gas from substep to substep, and so its bar. A substep's values of it are recomputed.
 """
 
 from functools import cache

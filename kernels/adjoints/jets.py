@@ -1,6 +1,6 @@
 """Adjoint of the thrust of a neck's jet, along the unit vector across the neck that its edges enclose.
 
-Of a particle comes its share, by the pressure there and the neck's own numbers. Particles of the rim turn the vector:
+Each particle gives its share, by the pressure there and the neck's own numbers. Particles of the rim turn the vector:
 they gather what all shares are worth along it.
 """
 

@@ -1,6 +1,6 @@
 """Adjoints of contact with obstacles, and with the ground beside them.
 
-Which particles touch what in which substep, and whether friction holds them, is frozen; on meshes the normal, too. Of
+Which particles touch what in which substep, and whether friction holds them, is frozen; on meshes the normal, too. For
 boxes, capsules and planes it is derived: at the place that is nearest to where a particle comes, or where its way comes
 in, if it slides on from there.
 

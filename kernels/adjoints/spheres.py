@@ -1,7 +1,7 @@
 """Adjoints of spheres by the paper's rule: a particle leaves them, or will.
 
-Which particles are in which sphere is frozen; the normals are derived. What a particle finds of a sphere it leaves in
-`working.sphere_bars`, and who runs spheres backwards adds that up, see `adjoints.rolling`.
+Which particles are in which sphere is frozen; the normals are derived. A particle stores its bars of a sphere in
+`working.sphere_bars`, and the backward pass of spheres sums them, see `adjoints.rolling`.
 """
 
 from functools import cache

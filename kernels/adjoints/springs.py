@@ -46,7 +46,7 @@ def _of_hooke(features: Features, at: Any) -> Adjoint:
                 scale = float(1.0)
                 if wp.static(features.springs_vary):
                     scale = float_at(t.springs.scales, entry)
-                d = at(points, end >> 2) - point  # what fills up leads to the particle itself: no force, and no bar
+                d = at(points, end >> 2) - point  # padding leads to the particle itself: no force, and no bar
                 bar = force_bar - at(force_bars, end >> 2)
                 stiffness = constant_of_kind(params.n, kind) * scale
                 inverse = inverse_root(squared_length(d))

@@ -1,9 +1,9 @@
 """Free frames: the particles of a world are far from everything that they may touch but ground and spheres.
 
 Such a frame is simulated as if there were nothing else, or nothing but obstacles, where it is enough that balloons are
-apart. How far each particle may go is known when it begins; if one went further, the world stays where it was, and is
-simulated once more with all that there is. So nothing is missed at any speed, and where nothing is near, it costs next
-to nothing.
+apart. The free distance of each particle is known at the frame's start; if one went further, the world is restored and
+simulated once more with all contacts. So nothing is missed at any speed, and where nothing is near, it costs next to
+nothing.
 """
 
 from functools import cache

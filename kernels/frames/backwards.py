@@ -120,7 +120,7 @@ def _weigh_back(features: Features, columns: tuple[int, ...]) -> Any:
         n = read_numbers(t, world, balloon)
         by_n = 0.0 * n
         gas_bar = wp.vec2(gas_mass_bar * n[molar_mass], 0.0)
-        if wp.static(changes):  # what the gas weighs is known of each substep
+        if wp.static(changes):  # the gas's weight is known for each substep
             gas_bar = wp.vec2()
         pressure_bar = float(0.0)
         if wp.static(along):

@@ -50,8 +50,8 @@ def finish_step(
 ):
     """Count a step, and find which worlds are over; a thread a world.
 
-    Worlds that have just begun anew have neither reward nor end. What has ended by a bad action, a bad control or a
-    blow-up has no reward, and nothing of it is observed that is not finite.
+    Worlds that have just restarted have neither reward nor end. A world that ended by a bad action, a bad control or a
+    blow-up has no reward, and its observations are finite.
     """
     world = wp.tid()
     truncated[world] = 0

@@ -7,7 +7,7 @@ unit vector n there. With u how fast the other moves beside the one, an impulse 
 
 and from there on they go at the new velocities. So momentum stays, and angular momentum, since n passes through both;
 kinetic energy does not grow, as e <= 1, and neither does that of weight, which hangs on their common center of mass.
-However fast they are, neither goes through the other: ways are met with, not places.
+At any speed neither tunnels through the other: paths collide, not places.
 """
 
 import warp as wp
@@ -62,7 +62,7 @@ def collision(
 ):
     """Shift [m] and gain [m/s] of a sphere beside another, along n, and the part of the step after which they meet.
 
-    What overlaps already may not come nearer, and is moved apart slowly, without speed.
+    Overlapping spheres may not approach, and are separated slowly, without speed.
 
     Args:
         start: from the other's center, before the step.

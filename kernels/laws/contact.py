@@ -56,8 +56,8 @@ def stand_on(
 ):
     """Place [m] and velocity [m/s] of a particle that a step has brought to a place on a surface.
 
-    Of that beside the surface the part into it is stopped, and by Coulomb's law at most `friction` times as much of the
-    part along it. The way along it is that of the slower velocity: what friction holds does not creep.
+    The normal part of a velocity beside the surface is stopped, and by Coulomb's law at most `friction` times as much
+    of the tangential part. The way along it is that of the slower velocity: what friction holds does not creep.
     """
     beside = velocity - surface_velocity
     rise = wp.dot(beside, normal)

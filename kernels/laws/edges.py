@@ -10,8 +10,8 @@ momentum and angular momentum stay, kinetic energy does not grow, no side has to
 
 Friction is Coulomb's: an impulse J across n, against what slides, up to friction times that along n. It acts at q and,
 opposite, at p. The torque of that, g n x J, is borne by couples along n at the ends of the edges e_1 and e_2: impulses
-of -a and a, and of -b and b, with a e_1 + b e_2 = g J. What slides is measured with the same weights, so that friction
-gives no energy.
+of -a and a, and of -b and b, with a e_1 + b e_2 = g J. Slip is measured with the same weights, so that friction gives
+no energy.
 """
 
 import warp as wp

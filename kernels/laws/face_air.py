@@ -14,8 +14,8 @@ def air_on_face(velocity: wp.vec3, area_vector: wp.vec3, air: wp.vec4, face_drag
 
     u is the velocity relative to the air, u_n its part along the face's normal, u_t that along the face. A plate of one
     sheet at the angle a to the flow so gets 1/2 density A C_n u^2 sin a along its normal: the lift is cos a of that,
-    the drag sin a. Of what is closed, both sides count: a sphere gets C_d = 4/3 C_n + 8/3 C_t, two sheets twice the
-    force of one.
+    the drag sin a. On a closed body both sides count: a sphere gets C_d = 4/3 C_n + 8/3 C_t, two sheets twice the force
+    of one.
     """
     relative = velocity - wp.vec3(air[0], air[1], air[2])
     area = wp.length(area_vector)

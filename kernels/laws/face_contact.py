@@ -7,7 +7,7 @@ impulse along n stops what comes nearer,
 
 the sphere's and, by their weights, the corners'. It acts where |c - y| comes down to the radius, on straight ways, and
 all go on from there at their new velocities: so momentum stays, and angular momentum, since n passes through both; and
-kinetic energy does not grow. What rebounds, springs and gas push back.
+kinetic energy does not grow. Springs and gas make it rebound.
 
 Friction acts in the same moment, at the same point, see `laws.sliding`.
 

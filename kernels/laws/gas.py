@@ -1,9 +1,9 @@
 """Sealed gas: its pressure, how a balloon swells under it, what is pumped in, and what flows through tubes.
 
-What is sealed in is told by two numbers, its amount n [mol] and its *free volume* V_0 [m^3]: the volume that it would
-take at one atmosphere p_0, if it got there without heat. That stands for its entropy, stays whatever becomes of balloon
-and air, and adds up where gases mix. At the volume V the pressure is p_0 (V_0 / V)^gamma; so it is as warm as
-T = p V / (n R). With gamma = 1 heat passes freely: the gas is as warm as the air, V_0 = n R T_air / p_0.
+Two numbers describe the sealed gas, its amount n [mol] and its *free volume* V_0 [m^3]: the volume that it would take
+at one atmosphere p_0 by an adiabatic change. The free volume stands for the entropy, is conserved whatever becomes of
+balloon and air, and adds up where gases mix. At the volume V the pressure is p_0 (V_0 / V)^gamma; so it is as warm as T
+= p V / (n R). With gamma = 1 heat passes freely: the gas is as warm as the air, V_0 = n R T_air / p_0.
 
 The *area vector* of a particle is the gradient of its balloon's volume with respect to its place [m^2], so that a
 pressure p pushes it by p times that: net force and torque on a closed mesh vanish. The volume is that of faces as fans
@@ -189,8 +189,8 @@ def gas_load(
     The pressure is that at the center of mass, at height 0; how it and its rise would grow is for each m^3 of free
     volume.
 
-    Where the gas is stiff, the step is too long for the pressure p(V) of its beginning. What acts is a mean of the
-    pressures at its end, its beginning and that of the step before, to first order in the volume:
+    Where the gas is stiff, the step is too long for the pressure p(V) of its beginning. The acting pressure is a mean
+    of those at its end, its beginning and that of the step before, to first order in the volume:
 
         P = p(V) - w s h (r - k r_before),  r = r_free + G P,
 
@@ -255,9 +255,9 @@ def pumped_gas(
 ):
     """Return the amount [mol] and free volume [m^3] of a gas after an amount is pumped in, or if negative let out.
 
-    What comes in is as warm as the air here, and goes through a valve to the `pressure` in there, in full [Pa]; what
-    leaves takes its part of the free volume along, as long as there is more than `least` [mol]. Where heat passes, that
-    is told as at height 0, see `free_volume_there`.
+    Gas that enters has the air's temperature here, and goes through a valve to the `pressure` in there, in full [Pa];
+    gas that leaves takes its part of the free volume along, as long as there is more than `least` [mol]. Where heat
+    passes, that is told as at height 0, see `free_volume_there`.
     """
     amount = wp.max(gas[0] + wp.float64(moles), wp.min(gas[0], wp.float64(least)))
     free_volume = gas[1]
@@ -291,7 +291,7 @@ def molar_free_volume(gas: wp.vec2d):
 def gas_through_tube(source: wp.vec2d, sink: wp.vec2d, moles: float, pressures: wp.vec2, gamma: float):
     """Return the amounts [mol] and free volumes [m^3] of two gases after an amount flows from one to the other.
 
-    `pressures` are theirs, in full [Pa]. What leaves takes its part of the free volume along, and is throttled.
+    `pressures` are theirs, in full [Pa]. Gas that leaves takes its part of the free volume along, and is throttled.
     """
     moved = wp.min(wp.float64(moles), source[0])
     taken = molar_free_volume(source)

@@ -103,8 +103,8 @@ def slowest_rebound(gravity: float, step_seconds: float):
 def clear_gap(gap: float, reach: float, place: wp.vec3):
     """Return the gap [m], or none where it is too small to count.
 
-    So what rests is not moved by how places are rounded. What is larger closes all the way, and does not stay at the
-    edge of that.
+    So rounding of places does not move a body at rest. A larger gap closes all the way, and does not stay at the edge
+    of that.
     """
     blurred = BLURRED_SIZE * reach + BLURRED_PLACE * wp.length(place)
     return wp.where(wp.abs(gap) <= blurred, 0.0, gap)

@@ -1,12 +1,12 @@
 """Contact that keeps momentum and gives no energy, of a body and the particles that it meets: `contact = "impulse"`.
 
-It acts on velocities, before places follow them. Of a particle with the gap g to a body, along the unit vector n from
-the body, a step h lets the particle come nearer by g at most:
+It acts on velocities, before places follow them. A step h lets a particle with the gap g to a body, along the unit
+vector n from the body, approach by g at most:
 
     n . (v_p' - V') >= -g / h
 
 Particles and body take the velocities nearest to those without contact, measured by kinetic energy, at which that
-holds for all particles (an inelastic contact). What they exchange is an impulse along n. So
+holds for all particles (an inelastic contact). They exchange an impulse along n. So
 
 - momentum stays, and angular momentum, since n passes through both at the step's start and places follow velocities;
 - kinetic energy does not grow, whatever the step and the masses: the velocities that are allowed are a convex set which
@@ -19,8 +19,8 @@ With a_p = -n . (v_p - V) - g / h, by how much a particle comes too fast, the bo
 
 and each of those by (n . D + a_p) n. Which those are is found by solving again (Newton's method, of a convex function).
 
-What overlaps already, at the start or since something else moved it, may not come nearer, and is moved apart slowly,
-each by its mass, so that the common center of mass stays, and without speed.
+An overlap, at the start or since something else moved the particle, may not grow, and is resolved slowly, by mass, so
+that the common center of mass stays, and without speed.
 """
 
 import warp as wp
@@ -29,8 +29,8 @@ from balloon_warp.kernels.algebra import squared_length
 from balloon_warp.kernels.laws.contact import way_out
 
 Press = wp.types.vector(length=18, dtype=wp.float32)
-"""Summed over particles. Of those that a body presses: m n n^T [kg], its six different numbers, and m a n [kg m/s]. Of
-those that overlap it: the same, and m n times how far each is to be moved out [kg m]"""
+"""Sums over the particles that a body presses: m n n^T [kg], its six different numbers, and m a n [kg m/s]; and over
+those that overlap it: the same, and m n times the distance to move each out [kg m]"""
 PRESSED, OVERLAPPING = wp.constant(0), wp.constant(9)
 """Offsets of the two sets of numbers in `Press`"""
 MOST_TURNS = wp.constant(16)

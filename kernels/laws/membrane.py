@@ -4,7 +4,7 @@ C is the right Cauchy-Green tensor of the plane, a >= b its eigenvalues, the squ
 1 / (a b). A law is an energy W(a, b) for each volume at rest; what it gives are its slopes by the trace a + b and by
 the determinant a b, from which the stress follows, S = 2 (dW/dtr 1 + dW/ddet adj C).
 
-What is thin does not resist compression: it wrinkles. Its energy is the least that is reached by wrinkles of any size
+A thin skin does not resist compression: it wrinkles. Its energy is the least that is reached by wrinkles of any size
 across the tension (Pipkin 1986, The relaxed energy density for isotropic elastic membranes):
 
     a <= 1                          slack: nothing
@@ -181,7 +181,7 @@ def ogden(trace: float, det: float, spread: float, ogden_moduli: wp.vec3, ogden_
     """
     inverse = 1.0 / det
     root = wp.sqrt(det)
-    major = wp.max(0.5 * (trace + spread), root)  # what is squeezed to nothing has a determinant all the same
+    major = wp.max(0.5 * (trace + spread), root)  # a triangle squeezed to nothing still has a determinant
     z = 0.25 * spread * spread * inverse
     z_6 = z * OVER_6
     z_20 = z * OVER_20

@@ -6,7 +6,8 @@ opening's area A the stream fills C_d A, so that rho C_d A u leaves each second,
 hole with a sharp edge (Kirchhoff's pi / (pi + 2)). That the density stays on the way is right to p / (2 gamma) of the
 full pressure: 1 % at 2 kPa.
 
-What is drawn in, where p is negative, comes from all sides, and gives its momentum to what is inside: it has no thrust.
+Gas that is drawn in, where p is negative, comes from all sides, and gives its momentum to the gas inside: it has no
+thrust.
 
 The pressure acts on the faces that close the neck in the mesh as on all others, so that it has no net force; the
 thrust is that of the open neck, all of it, and is counted once.

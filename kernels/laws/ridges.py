@@ -15,8 +15,9 @@ and afterwards the parts go on with their mean velocity (Tonge, Benevolenski and
 jitter-free parallel rigid body simulation*). Each contact alone finds the nearest allowed velocities of its parts,
 measured by kinetic energy, and so does the mean: it never grows. Sums of whole numbers do not depend on their order.
 
-Which side of a ridge is outside is told by the solid's sides beside it: n may not lead far above one of them. What is
-there, and slides to the ridge, is left to particles; what is a little above it may come down beside it within a step.
+Which side of a ridge is outside is told by the solid's sides beside it: n may not lead far above one of them. A
+particle there that slides to the ridge is left to contact of particles; one a little above it may come down beside it
+within a step.
 """
 
 import warp as wp

@@ -28,8 +28,8 @@ from balloon_warp.kernels.laws.impulse import OVERLAPPING, Press, put_part
 from balloon_warp.kernels.laws.sliding import friction_impulse
 
 Push = wp.types.vector(length=36, dtype=wp.float32)
-"""Summed over particles, with t = r x n. Of those that a body presses: m n n^T, m t t^T (six numbers each), m n t^T
-(nine), m a n, m a t. Of those that overlap it: nine numbers as in `Press`"""
+"""Sums over particles, with t = r x n; over those that a body presses: m n n^T, m t t^T (six numbers each), m n t^T
+(nine), m a n, m a t; over those that overlap it: nine numbers as in `Press`"""
 FORWARD, TURNING, MIXED, LOST, OVERLAPS = (
     wp.constant(0),
     wp.constant(6),
@@ -180,7 +180,7 @@ def change_of_rigid(push: Push, mass: float, inertia: wp.mat33):
 def friction_share(mass: float, ease: wp.mat33, reach: float, pressed: float):
     """Share k of friction between a body and what it presses.
 
-    Of a body's mass [kg], the inverse inertia tensor of 1 kg [1/m^2], how far it reaches [m], and the mass of what it
+    Arguments are a body's mass [kg], the inverse inertia tensor of 1 kg [1/m^2], its reach [m], and the mass that it
     presses [kg].
     """
     widest = wp.sqrt(wp.ddot(ease, ease))  # no less than the largest eigenvalue

@@ -7,8 +7,8 @@ opens along one tear; above it tears branch, and it bursts to pieces (Moulinet a
 case study of dynamical fragmentation, PRL 115, 184301).
 
 A tear is straight: it runs where a plane cuts the unstretched skin, at first across the largest tension. Only faces
-that the plane cuts, ahead of a tip, can tear. Those beside a tear bear as much until a wave has told them of it, but a
-notch concentrates no stress there. So a tear is a gap one face wide on any mesh. A face that is torn pulls no more.
+that the plane cuts, ahead of a tip, can tear. Faces beside a tear bear as much until a wave reaches them, but a notch
+concentrates no stress there. So a tear is a gap one face wide on any mesh. A torn face does not pull.
 """
 
 import warp as wp

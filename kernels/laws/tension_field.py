@@ -80,7 +80,7 @@ def tautness(trace: float, det: float):
 
 @wp.func
 def how_surely_taut(metric: wp.vec3, rest: wp.vec4):
-    """See `tautness`. Of what has no size at rest it is 0."""
+    """See `tautness`. A triangle of no size at rest has 0."""
     trace, det = trace_and_det(metric, rest)
     return tautness(trace, det)
 

@@ -17,8 +17,7 @@ forces have a part along n more,
 
     F_i = -w_i F + g (G_i . F) n,    G_i the gradient of w_i across n,
 
-whose torque is that of the arm g n. What slides is measured with the same weights, so that friction takes as much
-energy as slides, and gives none.
+whose torque is that of the arm g n. Slip is measured with the same weights, so that friction only dissipates energy.
 """
 
 import warp as wp

@@ -21,8 +21,8 @@ from balloon_warp.kernels.loops.wear import wear_of_triangle
 def products_of(ab: Any, bc: Any, cd: Any, da: Any):
     """Return the dot products of edges at each corner, a row a corner.
 
-    Of the first edge with itself and with the one before. A local array would have its address and strides written for
-    every quad.
+    Products of the first edge with itself and with the one before. A local array would have its address and strides
+    written for every quad.
     """
     squares = Lanes4()
     mixed = Lanes4()

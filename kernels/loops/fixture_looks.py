@@ -1,7 +1,7 @@
 """Cached distances of a particle to obstacles.
 
-Distances are 1-Lipschitz: one query bounds how far the particle may move without another. What lies on one of many
-obstacles is asked about this one alone, as long as the others are out of its path.
+Distances are 1-Lipschitz: one query bounds how far the particle may move without another. A particle on one of many
+obstacles is checked against this one alone, as long as the others are out of its path.
 """
 
 import warp as wp

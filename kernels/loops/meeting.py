@@ -88,8 +88,7 @@ def steepness(place: Place):
 def is_nearer(place: Place, other: Place):
     """Return whether a triangle is nearer than another.
 
-    Of two that share the nearest point, the one that faces the particle counts as nearer: it says on which side that
-    is.
+    The one of two that faces the particle counts as nearer where they share the closest point: it decides the side.
     """
     if wp.abs(place.squared - other.squared) <= AS_NEAR * other.squared:
         return steepness(place) > steepness(other)
@@ -138,7 +137,7 @@ class Touching:
 
 @wp.struct
 class ContactForces:
-    """The forces on a triangle's corners [N]; that on the particle makes their sum nothing. And its hold after."""
+    """The forces on a triangle's corners [N]; that on the particle makes their sum nothing. The hold after it, too."""
 
     a: wp.vec3
     b: wp.vec3
@@ -234,7 +233,7 @@ def touch(inputs: Touching, place: Place, hold: wp.vec4, velocity: wp.vec3, corn
     relative = velocity - weighted(w, moving[0], moving[1], moving[2]) + gap * weighted(rises, first, second, third)
     approach = -wp.dot(relative, normal)
     share = share_of_contact(inputs.crowd)
-    root = wp.sqrt(share)  # what a contact keeps is its energy's root, which stays where its share changes
+    root = wp.sqrt(share)  # a contact keeps its energy's root, which stays where its share changes
     stiffness = share * inputs.stiffness
     mass = share / (
         inputs.masses[0]

@@ -1,6 +1,6 @@
 """Early test whether a particle, or any of eight, may come to the ground, a sphere or an obstacle; most do not.
 
-What is near is then asked one by one, so that this may say yes where nothing is met, but never no where something is.
+Near solids are then checked one by one, so that this test may have false positives, but no false negatives.
 """
 
 from functools import cache
@@ -103,7 +103,8 @@ def standing_test(features: Features) -> Any:
 def near_solids(features: Features, look: Any) -> Any:
     """Return the near-solid test for phases after a particle has moved, of one or of eight.
 
-    Of one it is asked only where nothing but obstacles and the ground is left, and looking for obstacles costs much.
+    A single one is checked only where nothing but obstacles and the ground is left, and looking for obstacles costs
+    much.
     """
     if look.world:
         return near_function(features)

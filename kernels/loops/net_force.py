@@ -54,7 +54,7 @@ def net_force_function(features: Features, loops: Loops) -> Any:
         if wp.static(others):
             force += loops.others(t, points, velocities, params, point, velocity, time)
         skin = area_vector
-        if wp.static(area_vector_of_holes is not None):  # what is torn bounds the gas, but no law acts on it
+        if wp.static(area_vector_of_holes is not None):  # torn faces bound the gas, but no law acts on them
             skin -= area_vector_of_holes(t, points, params.world, params.number, point)
         water_load = wp.vec4()
         if wp.static(features.in_water):

@@ -117,8 +117,8 @@ def way_function(meshes: bool) -> Any:
     ):
         """Return whether a path passes nothing on the way to the surface at its end.
 
-        Of a convex solid nothing is above the plane of a side: so where a way begins above that of its end, it passes
-        nothing, whichever side it comes in by. What slides from one box to the next, flush one, does so.
+        A convex solid has nothing above the plane of a side: so a path that begins above that of its end passes
+        nothing, whichever side it enters by. A particle that slides from one box to the next, flush one, does so.
         """
         way = wp.length(end - start)
         near = LEAST_STEP * (way + wp.length(start))

@@ -211,8 +211,8 @@ def measure_worlds(
     They are volume, area, pressure, height of the center, largest stretch, kinetic energy, heights of the spheres and
     of free bodies; and where their columns are not negative, how many balloons are in a box, and how many have burst.
     A balloon's volume is taken about its own center, the mean of its faces' corners; the world's center is the mean of
-    its balloons' by mass, and its pressure that by area, of normal forces 100 k_normal over the area. Of a world that
-    left the finite numbers the last good measures stay. A balloon that burst encloses nothing.
+    its balloons' by mass, and its pressure that by area, of normal forces 100 k_normal over the area. A world that is
+    no longer finite keeps its last good measures. A balloon that burst encloses nothing.
     """
     world = wp.tid()
     volume = float(0.0)

@@ -53,7 +53,7 @@ def is_gone(torn: wp.array2d[float], world: wp.int32, face: wp.int32):
 def weigh_faces(t: Tables, state: WorldState, world: wp.int32, face: wp.int32, time: float):
     """Weigh the stress of the faces that are not torn, and whether the balloon is to burst there.
 
-    Those that are torn pull no more.
+    Torn faces do not pull.
     """
     tears = t.membranes.wear.tears
     begin = tears.triangle_offsets[face]

@@ -76,7 +76,7 @@ def light_farther(hit: Hit, inside: wp.bool, weight: wp.vec3, key: wp.vec3, sky:
     if is_film(hit):
         light = sky + 0.9 * key
     elif inside:
-        # What comes there has crossed the wall, too.
+        # Light there has crossed the wall, too.
         light = wp.cw_mul(weight, 0.8 * sky + 0.7 * key)
     return light
 

@@ -116,7 +116,7 @@ def film_answer(hit: Hit, studio: Studio, direction: wp.vec3, ground_color: wp.v
         answer.key = wp.cw_mul(came_in, studio.key_radiance)
         answer.sky = wp.cw_mul(wall.forth, sky_irradiance(-hit.normal, ground_color)) + wp.cw_mul(wall.back, shut)
     else:
-        # What comes from behind has crossed the far wall, too: the shadow's ray finds how much does.
+        # Light from behind has crossed the far wall, too: the shadow's ray finds its share.
         answer.key = wp.cw_mul(front * wall.back + behind * wall.forth, studio.key_radiance)
         answer.sky = wp.cw_mul(wall.back, sky_irradiance(hit.normal, ground_color)) + wp.cw_mul(wall.forth, shut)
     answer.through = wall.clear
@@ -200,7 +200,7 @@ def tangent_frame(normal: wp.vec3):
 def sky_share(shapes: Shapes, hit: Hit, disc: wp.vec2):
     """Return the share of the sky's light, by color, along one direction.
 
-    What stands there adds some of its own color.
+    A surface there adds some of its own color.
     """
     right, forward = tangent_frame(hit.normal)
     up = wp.sqrt(wp.max(1.0 - wp.dot(disc, disc), 0.0))

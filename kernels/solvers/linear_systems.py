@@ -1,6 +1,6 @@
 """Symmetric linear systems that were factorized or inverted beforehand, for several worlds at a time.
 
-What is solved for is a vec3 of each particle: one matrix serves x, y and z.
+The unknown is a vec3 of each particle: one matrix serves x, y and z.
 """
 
 from functools import cache

@@ -12,8 +12,8 @@ is solved for the increment, which float32 resolves better,
     A du = (m + h c) (w - u) + h^2 F(x + u)
 
 since k (L d/|d| - d) is the force of a spring: the local step is Hooke's law, at the particles of the last iteration. A
-slack string has itself as projection, so it has no force either. Each such iteration lowers g, whatever h is. How many
-there are, and what makes them fewer, is in `settling`.
+slack string has itself as projection, so it has no force either. Each such iteration lowers g, whatever h is. Their
+number, and the means to reduce it, are in `settling`.
 """
 
 from functools import cache

@@ -1,7 +1,7 @@
 """Export of a stage as a file of another kind.
 
-A simulation's frames always go into a stage first: it is what survives a kill, goes on with `--resume`, and is checked
-by USD's validators. What is exported is made of the stage, and so is the same from `run -o` and, later, from `convert`.
+A simulation's frames always go into a stage first: it survives a kill, resumes with `--resume`, and passes USD's
+validators. An export is made from the stage, and so is the same from `run -o` and, later, from `convert`.
 """
 
 from collections.abc import Callable

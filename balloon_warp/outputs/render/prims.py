@@ -81,7 +81,7 @@ class MeshPrim:
         self.soft = self._mesh.GetPointsAttr().GetNumTimeSamples() > 0
         """Whether its points move"""
         covering = read_covering(self._mesh, counts, indices, len(points), seen)
-        # What is sharp at first stays so, as the seam of foil does, which is two flat sheets then.
+        # Edges sharp at first stay sharp, as the seam of foil, which is two flat sheets then.
         at_first = self.points(start) if self.soft else points
         foil = any(cover.finish.metallic > 0.0 for cover in covering.covers)
         crease = SOFT_CREASE if self.soft and not foil else None if is_round(self._mesh) and not foil else CREASE

@@ -199,7 +199,7 @@ class RayCaster:
         self._shapes.normals = self._array(np.concatenate([normals for _, normals in placed]))
         shrunk = [mesh.shrunk(each) for mesh, each in zip(self._stage.meshes, points, strict=True)]
         self._shapes.shrunk = self._array(np.concatenate(shrunk), wp.float32)
-        if gone is not None:  # what is gone has no width
+        if gone is not None:  # curves that are gone have no width
             self._mesh = None
             corners = np.where(gone[:, None], self._corners[:, :1], self._corners)
             self._shapes.corners = self._array(corners.ravel(), wp.int32)

@@ -68,7 +68,7 @@ class SmoothSurface:
     def _evened(self, normals: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return normals of vertices, each turned toward its neighbors' as the limit of subdivision turns them.
 
-        A highlight shows where normals change abruptly. Those at creases stay.
+        A highlight shows where normals change abruptly. Normals at creases stay.
         """
         counts, corners = self._mesh.face_vertex_counts, self._mesh.face_vertex_indices
         sides = np.repeat(np.add.reduceat(normals[corners], np.cumsum(counts) - counts) / counts[:, None], counts, 0)

@@ -46,7 +46,7 @@ def define_balloon(stage: Usd.Stage, path: Sdf.Path, mesh: PolygonMesh, number: 
     if looks_like == "foil":
         finish = {"roughness": 0.12, "metallic": 1.0}
     else:
-        # Of springs it is blown up from the start; rubber is thick until it is.
+        # A balloon of springs is inflated from the start; rubber is thick until it is.
         opacity = 0.92 if balloon.material.law == "springs" else 0.97
         finish = {"roughness": 0.2, "opacity": opacity, "clearcoat": 1.0, "ior": 1.0}  # the coat alone mirrors
     if looks := looks_of_file(mesh, balloon):

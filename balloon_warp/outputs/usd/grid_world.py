@@ -135,7 +135,7 @@ class GridWorld:
         ):
             own = points[begin : begin + shape.mesh.vertex_count]
             self.layer.SetTimeSample(point_path, time, Vt.Vec3fArray.FromNumpy(own))
-            if len(torn):  # what has no face any more flies far, and nothing of it is seen
+            if len(torn):  # a particle without faces flies far, unseen
                 own = own[beside_faces(shape.mesh, self._of_faces(torn, number) == 1)]
             extent = UsdGeom.PointBased.ComputeExtent(Vt.Vec3fArray.FromNumpy(own))
             self.layer.SetTimeSample(extent_path, time, extent)

@@ -138,7 +138,7 @@ def _define_box(stage: Usd.Stage, path: Sdf.Path, half: NDArray[np.float64]) -> 
     prim = _define_mesh(stage, path, box)
     prim.CreateNormalsAttr(Vt.Vec3fArray.FromNumpy(normals.astype(np.float32)))
     prim.SetNormalsInterpolation(UsdGeom.Tokens.vertex)
-    # What collides with it takes it for the box that it is.
+    # Physics takes it for the box that it is.
     UsdPhysics.MeshCollisionAPI.Apply(prim.GetPrim()).CreateApproximationAttr(UsdPhysics.Tokens.boundingCube)
     return prim
 

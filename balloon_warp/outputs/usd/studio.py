@@ -80,7 +80,7 @@ def define_studio(
             fit.include(points)
             shown.include(points)
     home = UsdGeom.Xform.Define(stage, HOME)
-    if scene.up_axis == "Z":  # what is in it is placed as if Y were up
+    if scene.up_axis == "Z":  # its children are placed as if Y were up
         home.AddRotateXOp().Set(90.0)
     camera = as_pictured(fit.camera(), shown.center, scene)
     define_camera(stage, HOME.AppendChild("Camera"), camera, center)

@@ -11,8 +11,8 @@ OF_TEN = (8, 1, 1)
 def splits_of(world_count: int, seed: int) -> NDArray[np.int64]:
     """Draw the split of each world, a number of `SPLITS`, shape (world_count,).
 
-    Of each ten worlds in a row eight are for training, one for validation and one for test. What a world is for depends
-    on the seed and its number alone, so that a larger batch has the same.
+    Each ten worlds in a row have eight for training, one for validation and one for test. The split of a world depends
+    on the seed and its number alone, so that a larger batch keeps it.
     """
     ten = np.repeat(np.arange(len(SPLITS)), OF_TEN)
     tens = [np.random.default_rng([seed, number]).permutation(ten) for number in range(-(-world_count // len(ten)))]

@@ -29,7 +29,7 @@ PARTIAL_NAME = "partial"
 class TrajectoryWriter:
     """Writes the files of worlds into the folder `partial`, from which they move to their places once all are whole.
 
-    Frames of a world may come in any order, and again. Of a world that blew up the last good frame is repeated.
+    Frames of a world may come in any order, and again. A world that blew up repeats its last good frame.
 
     Args:
         options: where they go, and how.

@@ -1,6 +1,6 @@
 """Phases backwards within a block: threads loop over particles, or all find the same of the one balloon.
 
-Bars that others look at stand in shared memory. What adds up over a frame does so in each thread's registers.
+Bars that others read are in shared memory. Sums over a frame are in each thread's registers.
 """
 
 from collections.abc import Collection

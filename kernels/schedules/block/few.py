@@ -13,7 +13,7 @@ class FewInBlock(NamesInBlock):
     def compacted(self, piece: Piece) -> int | None:
         """Return which phase of particles, and all after it, only those go through that it acts on; None if all do.
 
-        Those phases read nothing but state that the ones before have written, and what follows from the point that a
+        The phases read nothing but state that earlier ones have written, and values derived from the point that a
         particle had, see `_from_start`; and items keep nothing.
         """
         if piece.item != "particle" or self.layout.held or piece.leaves or piece.keeps or piece.phases[-1].sums:

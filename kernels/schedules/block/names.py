@@ -63,7 +63,7 @@ class NamesInBlock(Writer):
     def are_numbered(self) -> bool:
         """Return whether held particles have numbered variables: a thread has several, or other items have the names.
 
-        Those are the faces and balloons of a loop, where there are several balloons.
+        Such items are the faces and balloons of a loop, where there are several balloons.
         """
         return self.layout.held > 1 or (self.layout.held == 1 and not self.alone)
 

@@ -103,7 +103,7 @@ def lane_structs(layout: Layout) -> LaneStructs:
 
     @wp.struct
     class LaneTables:
-        """The model item by item. What is filled up in an octet refers to itself and does nothing."""
+        """The model item by item. Padding of an octet refers to itself and does nothing."""
 
         all: Tables
         world_count: wp.int32

@@ -1,8 +1,8 @@
 """A list of phases backwards, as launches: the source of kernels that find derivatives, in the order of their launches.
 
 Each phase brings its adjoint. The writer knows only this: a value that all particles of a balloon read has the sum of
-their bars; a sum hands its bar to all; and what is read of other particles comes back through their bars, once all have
-them. What was found on the way forward is read again where it was stored, or else found again.
+their bars; a sum hands its bar to all; and values read of other particles come back through their bars, once all have
+them. Results of the forward pass are read where they were stored, or else recomputed.
 """
 
 from collections.abc import Callable, Iterator
