@@ -52,7 +52,7 @@ class Timetable:
     """
 
     def __init__(self, model: Model, controls: Controls, begun: Begun, frame: int):
-        self._controls = controls
+        self._controls, self._device = controls, model.device
         self._turns: list[Turn] = []
         self.ages = wp.full(model.world_count, frame, dtype=wp.int32, device=model.device)
         """Number of frames since each world began"""
@@ -71,7 +71,7 @@ class Timetable:
 
     def write(self) -> None:
         """Write what is planned for the frame that each world begins, and count that frame."""
-        count, device = self.ages.shape[0], self.ages.device
+        count, device = self.ages.shape[0], self._device
         for turn in self._turns:
             target = self._controls.column(turn.path, turn.axis)
             launch(follow_plan, count, [self.ages, turn.frames, turn.values], [target], device=device)
@@ -79,7 +79,7 @@ class Timetable:
 
     def restart(self, mask: wp.array) -> None:
         """Let the time of worlds begin anew."""
-        launch(begin_ages, self.ages.shape[0], [mask], [self.ages], device=self.ages.device)
+        launch(begin_ages, self.ages.shape[0], [mask], [self.ages], device=self._device)
 
 
 def _planned(scene: Scene) -> dict[str, list[tuple[int, NDArray[np.float64]]]]:
