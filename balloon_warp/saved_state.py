@@ -36,6 +36,7 @@ class Restored(Protocol):
     frame_number: int
     state: State
     controls: Any
+    starts: Any
 
     def set(self, changes: Mapping[str, Any]) -> None: ...
 
@@ -44,6 +45,7 @@ class Restored(Protocol):
 
 def go_back_to(simulator: Restored, saved: Mapping[str, NDArray]) -> None:
     """Restore a simulator at its start to a saved one, with all values set until then."""
+    simulator.starts.open_saved(saved)
     simulator.controls.open_saved(saved)
     for frame, changes in saved_changes(saved):
         simulator.frame_number = frame
@@ -53,6 +55,7 @@ def go_back_to(simulator: Restored, saved: Mapping[str, NDArray]) -> None:
     simulator.frame_number += 1
     fill_state(simulator.state, saved)
     simulator.controls.restore(saved)
+    simulator.starts.restore(saved)
 
 
 def fill_state(state: State, saved: Mapping[str, NDArray]) -> None:

@@ -362,7 +362,7 @@ class Simulator(Shown):
     def record_again(self) -> None:
         """Record the next frame, with the controls and observations that are open."""
         ends = self.controls.move, self.observations.refresh
-        self._recorded_frame = RecordedFrame(self.model, self.controls.write, *ends)
+        self._recorded_frame = RecordedFrame(self.model, self.starts.write, *ends)
         self.starts.forget()
 
     def make_due_changes(self) -> None:
@@ -383,7 +383,7 @@ class Simulator(Shown):
 
         Places and velocities of all worlds are `points` and `velocities`.
         """
-        return packed(self.state, self._changes_set) | self.controls.saved()
+        return packed(self.state, self._changes_set) | self.controls.saved() | self.starts.saved()
 
     @locked
     def restore(self, saved: Mapping[str, NDArray]) -> None:

@@ -213,6 +213,10 @@ def test_too_few_substeps_for_a_change_are_refused():
         ([Change(time=0, set={"frames": 3})], "change.0.set: frames: cannot change"),
         ([Change(time=0, set={"gravity": 1}), Change(time=1, set={"gravity": "up"})], "change.1.set: gravity: "),
         ([Change(time=0, set={"sphere.7.mass": 3.0})], "change.0.set: sphere.7.mass: cannot change"),
+        (
+            [Change(time=0, set={"balloon.inflation.k_normal": [(0.0, 1.0), (0.5, 2.0), (0.7, 3.0)]})],
+            r"change: balloon.0.inflation.k_normal: must be a number, or keyframes at \[0.0, 0.5\] s \(got keyf",
+        ),
     ],
 )
 def test_what_cannot_change_is_refused(changes, sentence):

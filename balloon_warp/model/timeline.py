@@ -50,6 +50,7 @@ def due_changes(scene: Scene, rows: Sequence[Parameter]) -> Iterator[DueChange]:
     before, scene_before = parameters_at(scene, rows, 0), scene
     for frame, now in scenes_over_time(scene):
         with_law_tables(now, rows)
+        _require_same_times(scene, now)
         after = parameters_at(now, rows, frame)
         keyframes = before[KEYFRAME_VALUES.name].shape[2] - after[KEYFRAME_VALUES.name].shape[2]
         padding = [(0, 0), (0, 0), (0, keyframes)]
@@ -62,3 +63,19 @@ def due_changes(scene: Scene, rows: Sequence[Parameter]) -> Iterator[DueChange]:
         methods = frozenset(name for name in METHODS if getattr(now, name) != getattr(scene_before, name))
         yield DueChange(frame, now, values, methods)
         before, scene_before = after, now
+
+
+def _require_same_times(scene: Scene, now: Scene) -> None:
+    """Make sure that keyframes come when they do at the start: only their values change.
+
+    Raises:
+        InputError: names the balloon whose keyframes have other times.
+    """
+    for number, (first, then) in enumerate(zip(scene.balloon, now.balloon, strict=True)):
+        told, found = ([time for time, _ in balloon.inflation.keyframes] for balloon in (first, then))
+        if then.inflation.has_keyframes and found != told:
+            expected = f"keyframes at {told} s" if first.inflation.has_keyframes else "keyframes from the start on"
+            raise InputError(
+                f"change: balloon.{number}.inflation.{then.inflation.keyframed}: must be a number, or {expected} "
+                f"(got keyframes at {found} s)"
+            )

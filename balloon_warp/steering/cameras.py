@@ -70,7 +70,7 @@ class WorldCamera(Shown):
         """Places of the cameras [m], shape (world_count,), vec3"""
         self.targets = wp.array(target, dtype=wp.vec3, device=model.device)
         """Places that the cameras look at [m], shape (world_count,), vec3"""
-        sight: Any = Sight  # whose type Warp does not declare
+        sight: Any = Sight
         self._sights = wp.zeros(model.world_count, dtype=sight, device=model.device)
         self._obstacles = solid_array(model.obstacles, model.obstacle_meshes, model.device)
         self._bodies = solid_array([body.solid for body in model.bodies], model.body_meshes, model.device)
@@ -180,7 +180,7 @@ def _triangles_of(model: Model) -> tuple[NDArray[np.int64], NDArray[np.int64], N
     corners, of_faces, colors, faces = [], [], [], 0
     for number, (shape, particles) in enumerate(zip(model.shapes, model.particle_offsets, strict=False)):
         triangles, face = triangulate(shape.mesh)
-        own = np.tile(np.array(balloon_color(model.scene, number), dtype=np.float32), (shape.mesh.face_count, 1))
+        own = np.tile(np.array(balloon_color(model.scene, number)), (shape.mesh.face_count, 1))
         if looks := looks_of_file(shape.mesh, model.scene.balloon[number]):
             at_corners = looks.color_at_corners(balloon_color(model.scene, number))
             own = np.add.reduceat(at_corners, face_starts(shape.mesh)) / shape.mesh.face_vertex_counts[:, None]

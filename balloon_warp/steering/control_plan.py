@@ -37,6 +37,8 @@ class ControlPlan:
     low: float
     high: float
     beyond: Beyond
+    planned: bool = False
+    """Whether the scene alone writes it, so that its step suffices already"""
 
     @property
     def names(self) -> set[str]:
@@ -171,7 +173,8 @@ def _filled(own: NDArray[np.float32], plan: ControlPlan, name: str, value: float
 
 def _substeps(model: Model, plans: Sequence[ControlPlan]) -> int:
     """Return the substeps of a frame that suffice for all bounds together."""
-    asked = [plan for plan in plans if plan.names & names_of_the_step(model.laws)]
+    steps = names_of_the_step(model.laws)
+    asked = [plan for plan in plans if plan.names & steps and not plan.planned]
     corners = list(product(*((plan.low, plan.high) for plan in asked)))
     if len(corners) > MOST_CORNERS:
         paths = ", ".join(plan.path for plan in asked)

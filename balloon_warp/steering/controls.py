@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -42,8 +43,8 @@ class Controls(Shown):
     """
 
     _internal = (
-        *("begin_again", "column", "follow", "move", "open_saved", "require_sound", "restart", "restore", "saved"),
-        *("size", "write"),
+        *("begin_again", "column", "follow", "move", "open_planned", "open_saved", "require_sound", "restart"),
+        *("restore", "saved", "size", "write"),
     )
 
     def __init__(self, simulator: Steered):
@@ -89,10 +90,25 @@ class Controls(Shown):
         Raises:
             InputError: there is no such path, its value cannot be written on the device, or the bounds are wrong.
         """
-        model = self._simulator.model
         if path in self._values:
             raise InputError(f"{path}: is open already")
-        plan = plan_control(model, path, low, high, beyond)
+        return self._open(plan_control(self._simulator.model, path, low, high, beyond))
+
+    def open_planned(self, path: str, first: NDArray[np.float64], low: float, high: float) -> None:
+        """Open a control that the scene's planned changes write.
+
+        Args:
+            first: numbers that it has as a world begins.
+
+        Raises:
+            InputError: its value cannot be written on the device.
+        """
+        plan = plan_control(self._simulator.model, path, low, high, "clip")
+        self._open(replace(plan, planned=True))
+        self._first[path].assign(np.broadcast_to(first if len(first) == 3 else first[0], self._first[path].shape))
+
+    def _open(self, plan: ControlPlan) -> wp.array:
+        model, path = self._simulator.model, plan.path
         moved = {VELOCITY, "obstacle_position"}
         if moved <= plan.names.union(*(each.names for each in self._plans)):
             raise InputError(f"{path}: obstacles are moved either by their positions or by their velocities")

@@ -1,11 +1,13 @@
 """Starts: some worlds begin anew, by a mask on the device, with values drawn for each."""
 
 import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
 import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.frames.starting import begin_episodes, copy_rows, draw_values
@@ -18,9 +20,12 @@ from balloon_warp.steering.controls import Controls
 from balloon_warp.steering.given import copy_given
 from balloon_warp.steering.observations import Observations
 from balloon_warp.steering.start_values import Shifts, StartValue, start_value
+from balloon_warp.steering.timetable import Begun, Timetable, begun_of
 from balloon_warp.steering.views import rows_of_words
 from balloon_warp.warp_lock import recording
 
+AGES = "starts_ages"
+"""Name of the saved time of each world"""
 Kind = Literal["uniform", "log_uniform", "normal"]
 KINDS: tuple[Kind, ...] = ("uniform", "log_uniform", "normal")
 THREADS = 32
@@ -56,6 +61,11 @@ class Starting(Protocol):
     state: State
     controls: Controls
     observations: Observations
+    frame_number: int
+
+    def drop_planned_changes(self) -> None: ...
+
+    def record_again(self) -> None: ...
 
     def go_on_in(self, model: Model) -> None: ...
 
@@ -67,7 +77,7 @@ class Starts(Shown):
     worlds.
     """
 
-    _internal = ("begin", "begin_again", "forget")
+    _internal = ("begin", "begin_again", "forget", "open_saved", "restore", "saved", "write")
 
     def __init__(self, simulator: Starting):
         self._simulator = simulator
@@ -82,6 +92,8 @@ class Starts(Shown):
         self._shifts: Shifts | None = None
         self._start: State | None = None
         self._graph: Any = None
+        self._begun: Begun = {}
+        self._timetable: Timetable | None = None
 
     def __repr__(self) -> str:
         return f"Starts({', '.join(dict.fromkeys(draw.path for draw in self._draws)) or 'nothing is drawn'})"
@@ -140,6 +152,7 @@ class Starts(Shown):
     def begin_again(self) -> None:
         """Begin all worlds again, as the scene says: nothing is drawn yet."""
         self.episodes.zero_()
+        self._begun, self._timetable = begun_of(self._simulator.model), None
         self._simulator.controls.begin_again()
         self._simulator.observations.refresh()
 
@@ -151,18 +164,52 @@ class Starts(Shown):
         """Reset the worlds for which a mask is not 0.
 
         Raises:
-            InputError: the mask has another length, or the scene has a clock, which is that of all worlds.
+            InputError: the mask has another length, or the scene has what follows one clock for all worlds.
         """
         if mask is not self.mask:
             copy_given(self.mask, mask, "reset")
         if self._graph is None:
+            _require_timeless(self._simulator.model)
+            self._follow_worlds()
             model = self._simulator.model
-            _require_timeless(model)
             self._start = _start_of(model)
             with recording(model.device) as capture:
                 self._launch(self._start)
             self._graph = capture.graph
         wp.capture_launch(self._graph)
+
+    def _follow_worlds(self) -> None:
+        """Let planned changes follow the time of each world from here on, if there are any.
+
+        Raises:
+            InputError: one of them cannot.
+        """
+        simulator = self._simulator
+        if simulator.model.scene.change and self._timetable is None:
+            frame = simulator.frame_number
+            self._timetable = Timetable(simulator.model, simulator.controls, self._begun, frame)
+            simulator.drop_planned_changes()
+            simulator.record_again()
+
+    def write(self) -> None:
+        """Write what is planned for the next frame of each world, and all controls."""
+        if self._timetable:
+            self._timetable.write()
+        self._simulator.controls.write()
+
+    def saved(self) -> dict[str, NDArray]:
+        """Copy the time of each world to the host, where they differ."""
+        return {AGES: np.array(self._timetable.ages.numpy())} if self._timetable else {}
+
+    def open_saved(self, saved: Mapping[str, NDArray]) -> None:
+        """Let planned changes follow the time of each world, if they did in what was saved."""
+        if AGES in saved:
+            self._follow_worlds()
+
+    def restore(self, saved: Mapping[str, NDArray]) -> None:
+        """Go back to the saved time of each world."""
+        if self._timetable and AGES in saved:
+            self._timetable.ages.assign(saved[AGES])
 
     def _launch(self, start: State) -> None:
         model, state, mask = self._simulator.model, self._simulator.state, self.mask
@@ -176,6 +223,8 @@ class Starts(Shown):
                 source, target = rows_of_words(begins[name]), rows_of_words(array)
                 launch(copy_rows, (model.world_count, threads), [mask, source], [target, threads], device=model.device)
         controls.restart(mask)
+        if self._timetable:
+            self._timetable.restart(mask)
         for draw in self._draws:
             self._draw(draw)
         place_particles(model, state.points, state.velocities, mask)
@@ -229,7 +278,6 @@ def _require_timeless(model: Model) -> None:
     scene = model.scene
     lasting = [*scene.sphere, *scene.string]
     reasons = {
-        "change": bool(scene.change),
         "keyframes of its inflation, which no control has": KEYFRAME_VALUES.name not in model.reach
         and any(balloon.inflation.has_keyframes for balloon in scene.balloon),
         "obstacle.motion": np.ptp(np.asarray(model.obstacle_motion.numpy()), axis=0).any(),

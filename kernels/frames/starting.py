@@ -96,3 +96,33 @@ def copy_rows(
         row = world % source.shape[0]
         for place in range(thread, target.shape[1], threads):
             target[world, place] = source[row, place]
+
+
+@wp.kernel
+def begin_ages(mask: wp.array[wp.int32], ages: wp.array[wp.int32]):
+    """Let the time of worlds begin anew; a thread a world."""
+    world = wp.tid()
+    if mask[world] != 0:
+        ages[world] = 0
+
+
+@wp.kernel
+def count_ages(ages: wp.array[wp.int32]):
+    """Count a frame of each world; a thread a world."""
+    world = wp.tid()
+    ages[world] = ages[world] + 1
+
+
+@wp.kernel
+def follow_plan(
+    ages: wp.array[wp.int32],
+    frames: wp.array[wp.int32],
+    planned: wp.array[float],
+    # out
+    values: wp.array[float],
+):
+    """Write the value that is planned for the frame which a world begins, if one is; a thread a world."""
+    world = wp.tid()
+    for turn in range(frames.shape[0]):
+        if frames[turn] == ages[world]:
+            values[world] = planned[turn]

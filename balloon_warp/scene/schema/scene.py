@@ -47,7 +47,7 @@ class Change(Table):
     set: Annotated[dict[str, Any], Field(min_length=1)]
     """New values by their paths, as in overrides: { "balloon.helium" = 12.0 }. All values that may vary between worlds
     may change, except positions and velocities at the start; and so may `substeps`, `solver`, `normals`, `correction`
-    and `contact`."""
+    and `contact`. Keyframes keep their times."""
 
 
 def _touch_of(given: Any) -> Any:
