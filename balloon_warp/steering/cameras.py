@@ -70,7 +70,7 @@ class WorldCamera(Shown):
         """Places of the cameras [m], shape (world_count,), vec3"""
         self.targets = wp.array(target, dtype=wp.vec3, device=model.device)
         """Places that the cameras look at [m], shape (world_count,), vec3"""
-        sight: Any = Sight
+        sight: Any = Sight  # whose type Warp does not declare
         self._sights = wp.zeros(model.world_count, dtype=sight, device=model.device)
         self._obstacles = solid_array(model.obstacles, model.obstacle_meshes, model.device)
         self._bodies = solid_array([body.solid for body in model.bodies], model.body_meshes, model.device)
