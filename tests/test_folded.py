@@ -12,11 +12,12 @@ from balloon_warp.foil.make import foil_mesh
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.triangles import triangles_of
-from balloon_warp.model.folded import is_folded
+from balloon_warp.model.folded import is_folded, is_stacked
 from balloon_warp.model.meeting_edges import edges_by_leaf, meeting_edges
 from balloon_warp.model.shape import shape_balloon
 from balloon_warp.scene import Balloon, Inflation, Scene, Stiffness, Touch
 from balloon_warp.scenes.model_airbag import GAP, airbag, airbag_flat
+from balloon_warp.schedules.touch_table import substeps_of_search
 from balloon_warp.simulator import Simulator
 
 LIMP = Stiffness(structural=50.0, shear=25.0, flexion=0.0)
@@ -62,12 +63,29 @@ def test_the_airbag_is_folded_without_a_crossing_or_a_stretch():
 
 
 @pytest.mark.parametrize(
-    ("mesh", "folded"),
-    [(airbag(), True), (zigzag(3, 0.002), True), (grid(6, 6), False), (quad_sphere(6), False)],
-    ids=["airbag", "zigzag", "sheet", "ball"],
+    ("mesh", "folded", "stacked"),
+    [
+        (airbag(), True, True),
+        (zigzag(3, 0.002), True, True),
+        (foil_mesh("E", height=0.35, edge=0.015), True, False),
+        (grid(6, 6), False, False),
+        (quad_sphere(6), False, False),
+    ],
+    ids=["airbag", "zigzag", "foil", "sheet", "ball"],
 )
-def test_what_is_folded_is_known(mesh: PolygonMesh, folded: bool):
+def test_what_is_folded_and_what_is_stacked_is_known(mesh: PolygonMesh, folded: bool, stacked: bool):
+    """Foil has two layers, which come near others seldom, and are searched so."""
     assert is_folded(mesh) is folded
+    assert is_stacked(mesh) is stacked
+
+
+def test_foil_is_searched_less_often_than_a_packet():
+    def interval(mesh: PolygonMesh) -> int:
+        limp = Balloon(mesh=mesh, stiffness=LIMP)
+        return substeps_of_search(Simulator(Scene(balloon=[limp], touch=Touch(itself=True), substeps=240), "cpu").model)
+
+    assert interval(foil_mesh("E", height=0.35, edge=0.03)) == 48  # five times a frame
+    assert interval(zigzag(3, 0.002)) == 4
 
 
 def test_layers_of_a_folded_strip_keep_apart(device: str):

@@ -125,6 +125,22 @@ def test_it_repeats_to_the_bit_and_worlds_stay_apart() -> None:
     np.testing.assert_array_equal(points(3), np.repeat(alone, 3, axis=0))
 
 
+@pytest.mark.parametrize("schedule", ["gather", "octets"])
+def test_what_was_far_away_and_begins_anew_meets_it_again(schedule: str) -> None:
+    """A ball that has flown 3 m away is reset to where it began, and falls on a blade as it did at first."""
+    simulator = Simulator(Scene(balloon=[ball(5)], gravity=0.0, **THINGS["blade"]), "cpu", 1, schedule=schedule)
+    found = []
+    for _ in range(2):
+        for _ in range(8):
+            simulator.step()
+        found.append(simulator.state.points.numpy().copy())
+        simulator.state.velocities.assign(np.broadcast_to(np.float32([0.0, 6.0, 0.0]), found[0].shape))
+        for _ in range(30):
+            simulator.step()
+        simulator.reset(np.ones(1, bool))
+    np.testing.assert_array_equal(*found)
+
+
 def test_what_is_far_changes_no_bit() -> None:
     away = {"obstacle": [Obstacle(mesh=BLADE, position=(0.0, -9.0, 0.0))]}
     found = []

@@ -9,10 +9,30 @@ from balloon_warp.model.touch import APART, edge_length
 DETOUR = 1.2
 """Least length of the way along the surface, over the distance below which particles are near each other in space, of
 such that show that a surface is folded: along edges and diagonals, a flat one has ways up to 1.16"""
+LAYERS = 2.5
+"""Number of layers above which a surface is stacked, by how many particles they have"""
 HOPS = 2
 """Number of edges or diagonals that lead to all that is near in an even mesh"""
 ROWS = 256
-"""Number of particles whose ways are measured together, to bound the memory"""
+"""Number of particles whose ways are measured together, to bound the memory, and at most to find layers"""
+
+
+def is_stacked(mesh: PolygonMesh) -> bool:
+    """Return whether more than two layers of a surface lie on each other, as they do not in flat foil.
+
+    Looks where most is near: how much of that is near along the surface, too, is one layer.
+    """
+    from scipy.sparse.csgraph import dijkstra  # takes long to load
+    from scipy.spatial import KDTree
+
+    apart = APART * edge_length(mesh)
+    used = np.unique(mesh.face_vertex_indices)
+    points = mesh.points[used]
+    tree = KDTree(points)
+    fullest = np.argsort(-tree.query_ball_point(points, apart, return_length=True), kind="stable")[:ROWS]
+    ways = dijkstra(length_graph(mesh), indices=used[fullest], limit=DETOUR * apart)[:, used]
+    around = tree.query_ball_point(points[fullest], apart)
+    return any(len(near) > LAYERS * np.isfinite(way[near]).sum() for near, way in zip(around, ways, strict=True))
 
 
 def is_folded(mesh: PolygonMesh) -> bool:

@@ -86,6 +86,8 @@ class Launches:
 
     def substep(self, state: State, substep: int, now: Moving) -> Moving:
         """Execute a substep, and return where particles are then."""
+        if substep == 0 and self.step.features.ridges:
+            self.working.ridge_budgets.zero_()  # others may have moved all since the last frame
         return self.execute(state, substep, substep * self.model.step_seconds, now)
 
     def execute(

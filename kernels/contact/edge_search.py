@@ -92,13 +92,15 @@ def finding_edges_function(features: Features) -> Any:
             last = wp.where(skips, at, end_of_parts(t, balloon, listed))
             while at < last:
                 part = part_of_search(working, world, home, at, listed)
+                its_edges = int_pair_at(t.touch.part_edges, part)
+                if listed >= 0 and its_edges[1] <= edge + 1:  # both of a pair would find each other
+                    at += 1
+                    continue
                 low = lower_of_part(working, world, part)
                 high = upper_of_part(working, world, part)
                 lower = wp.vec3(low[0], low[1], low[2])
                 upper = wp.vec3(high[0], high[1], high[2])
                 opens = boxes_meet(swept.lower, swept.upper, lower, upper, looks)
-                its_edges = int_pair_at(t.touch.part_edges, part)
-                # both of a pair would find each other
                 first = wp.where(opens, wp.max(its_edges[0], edge + 1), its_edges[1])
                 for other in range(first, its_edges[1]):
                     its_lower = working.edge_boxes[world, other, LOWER]
