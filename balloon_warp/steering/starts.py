@@ -24,8 +24,8 @@ from balloon_warp.steering.timetable import Begun, Timetable, begun_of
 from balloon_warp.steering.views import rows_of_words
 from balloon_warp.warp_lock import recording
 
-AGES = "starts_ages"
-"""Name of the saved time of each world"""
+SAVED, AGES = "starts", "starts_ages"
+"""Prefix of the names of what is saved, and name of the saved time of each world"""
 Kind = Literal["uniform", "log_uniform", "normal"]
 KINDS: tuple[Kind, ...] = ("uniform", "log_uniform", "normal")
 THREADS = 32
@@ -198,8 +198,17 @@ class Starts(Shown):
         self._simulator.controls.write()
 
     def saved(self) -> dict[str, NDArray]:
-        """Copy the time of each world to the host, where they differ."""
-        return {AGES: np.array(self._timetable.ages.numpy())} if self._timetable else {}
+        """Copy the time of each world to the host, where they differ, and what the next draws follow from."""
+        ages = {AGES: self._timetable.ages} if self._timetable else {}
+        return {name: np.array(array.numpy()) for name, array in (ages | self._drawing).items()}
+
+    @property
+    def _drawing(self) -> dict[str, wp.array]:
+        """Arrays that draws follow from, and own values that were drawn, by the names that they are saved by."""
+        if not self._draws:
+            return {}
+        own = {f"{SAVED}.{name}": array for name, array in self._own.items()}
+        return {f"{SAVED}_seed": self._seed, f"{SAVED}_episodes": self.episodes, **own}
 
     def open_saved(self, saved: Mapping[str, NDArray]) -> None:
         """Let planned changes follow the time of each world, if they did in what was saved."""
@@ -207,9 +216,12 @@ class Starts(Shown):
             self._follow_worlds()
 
     def restore(self, saved: Mapping[str, NDArray]) -> None:
-        """Go back to the saved time of each world."""
+        """Go back to the saved time of each world, and draw next what would have been drawn then."""
         if self._timetable and AGES in saved:
             self._timetable.ages.assign(saved[AGES])
+        for name, array in self._drawing.items():
+            if name in saved:
+                array.assign(saved[name])
 
     def _launch(self, start: State) -> None:
         model, state, mask = self._simulator.model, self._simulator.state, self.mask
