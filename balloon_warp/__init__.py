@@ -26,7 +26,8 @@ if TYPE_CHECKING:
     from balloon_warp.foil.make import foil_mesh, foil_parts
     from balloon_warp.frame import Frame
     from balloon_warp.gradients import losses
-    from balloon_warp.gradients.gradient import Gradient, gradient
+    from balloon_warp.gradients.derive import Gradient
+    from balloon_warp.gradients.gradient import gradient
     from balloon_warp.gradients.rollout import Rollout
     from balloon_warp.inspection import inspect_mesh
     from balloon_warp.job import animate
@@ -154,7 +155,8 @@ _HOMES = {
     "foil.make": ("foil_mesh", "foil_parts"),
     "frame": ("Frame",),
     "gradients": ("losses",),
-    "gradients.gradient": ("Gradient", "gradient"),
+    "gradients.derive": ("Gradient",),
+    "gradients.gradient": ("gradient",),
     "gradients.rollout": ("Rollout",),
     "inspection": ("inspect_mesh",),
     "job": ("animate",),

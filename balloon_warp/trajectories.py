@@ -29,7 +29,8 @@ from balloon_warp.warp_lock import lock_of
 class Trajectories(Shown):
     """Motion of everything in a scene, as arrays of NumPy.
 
-    With several worlds, all but `times` have world_count as their first dimension, before those named here.
+    With several worlds, all but `times` and `worlds` have world_count as their first dimension, before those named
+    here.
     """
 
     scene: Scene
@@ -49,6 +50,8 @@ class Trajectories(Shown):
     """Positions of spheres [m], shape (frame_count, sphere_count, 3)"""
     sphere_velocities: NDArray[np.float32]
     """Velocities of spheres [m/s], shape (frame_count, sphere_count, 3)"""
+    worlds: NDArray[np.int64]
+    """Numbers of the worlds, shape (world_count,): not all, where a loss is asked on one of several workers"""
 
     @cached_property
     def volumes(self) -> NDArray[np.float64]:
@@ -121,7 +124,7 @@ def simulate(
                 record(tracks, simulator, group, number // every)
             on_frame(number)
     times = np.arange(0, scene.frames + 1, every) / scene.frames_per_second
-    return Trajectories(scene, meshes, times, **by_balloon(tracks, meshes))
+    return Trajectories(scene, meshes, times, **by_balloon(tracks, meshes), worlds=np.arange(world_count))
 
 
 def empty_tracks(groups: Sequence[Group], world_count: int, frames: int) -> dict[str, NDArray]:
@@ -149,15 +152,20 @@ def empty_tracks(groups: Sequence[Group], world_count: int, frames: int) -> dict
     }
 
 
-def record(tracks: Mapping[str, NDArray], simulator: Simulator, group: Group, place: int) -> None:
-    """Write down where a group's worlds are."""
+def record(tracks: Mapping[str, NDArray], simulator: Simulator, group: Group, place: int, first: int = 0) -> None:
+    """Write down where a group's worlds are; the number of the world that tracks begin with is `first`.
+
+    Raises:
+        BlowUpError: a world blew up.
+    """
+    rows = group.worlds - first
     for name, track in tracks.items():
         if track.size:
             with lock_of(simulator.model.device):
-                track[group.worlds, place] = getattr(simulator.state, name).numpy()
-            if not np.isfinite(track[group.worlds, place]).all():
-                bad = ~np.isfinite(track[group.worlds, place]).reshape(len(group.worlds), -1).all(axis=1)
-                raise BlowUpError(simulator.diagnose(int(bad.argmax()), simulator.frame_number))
+                track[rows, place] = getattr(simulator.state, name).numpy()
+            finite = np.isfinite(track[rows, place]).reshape(len(rows), -1).all(axis=1)
+            if not finite.all():
+                raise BlowUpError(simulator.diagnose(int(finite.argmin()), simulator.frame_number))
 
 
 def by_balloon(tracks: dict[str, NDArray], meshes: Sequence[PolygonMesh]) -> dict[str, Any]:

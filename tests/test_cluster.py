@@ -24,7 +24,7 @@ from balloon_warp import Cluster, InputError, Scene, TrajectoryFiles, WorkersLos
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.scene import Balloon, Ground, Sphere, String
 from balloon_warp.sweep import cluster as cluster_module
-from balloon_warp.sweep import distribute, shares
+from balloon_warp.sweep import distribute, remote, shares
 from balloon_warp.sweep.output import BatchOutput
 from balloon_warp.sweep.task import BatchTask
 from balloon_warp.warp_logging import quiet_warp
@@ -191,7 +191,7 @@ def test_a_share_that_ends_every_worker_is_given_up(tmp_path: Path):
 
 
 def test_workers_that_are_all_gone_are_not_waited_for_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(distribute, "ALONE_SECONDS", 1.0)
+    monkeypatch.setattr(remote, "ALONE_SECONDS", 1.0)
     with cluster_module.start_workers([{}]) as workers:
         cluster = Cluster(address=address_of(workers))
         with pytest.raises(WorkersLostError, match=r"^all workers ended, and none came for 1 s; "):

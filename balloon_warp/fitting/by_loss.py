@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from balloon_warp.errors import BlowUpError, InputError
 from balloon_warp.fitting.bounds import Bounds, slope_at, values_at
 from balloon_warp.fitting.together import minima_together
-from balloon_warp.gradients.gradient import Gradient
+from balloon_warp.gradients.derive import Gradient
 from balloon_warp.shown import Shown, described
 
 Values = NDArray[np.float64]

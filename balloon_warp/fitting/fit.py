@@ -10,7 +10,8 @@ from balloon_warp.fitting.bounds import checked_bounds, first_places
 from balloon_warp.fitting.by_data import Request, least_squares
 from balloon_warp.fitting.by_loss import Optimum, least_loss
 from balloon_warp.fitting.result import Fit
-from balloon_warp.gradients.gradient import Asked, Gradient, derived
+from balloon_warp.gradients.derive import Asked, Gradient
+from balloon_warp.gradients.gradient import derived
 from balloon_warp.gradients.loss import Loss
 from balloon_warp.kernels.laws import Law
 from balloon_warp.model import Vary

@@ -1,55 +1,19 @@
 """Derivatives of a loss by values of a scene."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from balloon_warp.device import pick_device
 from balloon_warp.errors import InputError
-from balloon_warp.gradients.bars import columns_of_names
-from balloon_warp.gradients.chain import Chain, chains_of, names_in, product
-from balloon_warp.gradients.loss import Loss, told_by
-from balloon_warp.gradients.refusals import require_differentiable, require_paths, require_room_for_frames
-from balloon_warp.gradients.way_back import WayBack
+from balloon_warp.gradients.derive import Asked, Gradient, Values, derive
+from balloon_warp.gradients.loss import Loss
+from balloon_warp.gradients.refusals import require_differentiable, require_room_for_frames
 from balloon_warp.kernels.laws import Law
-from balloon_warp.model import Model, Vary, lay_out
-from balloon_warp.model.memory import require_memory
+from balloon_warp.model import Vary
 from balloon_warp.model.varied_scene import scene_to_vary
 from balloon_warp.scene import SceneLike
 from balloon_warp.scene.overrides import Override
-from balloon_warp.schedules.choose_backward import backwards_of, bytes_backwards, forward_of
-from balloon_warp.shown import Shown, described
-from balloon_warp.simulator import Simulator
+from balloon_warp.sweep.cluster import Cluster
 from balloon_warp.sweep.groups import plan_groups
-from balloon_warp.trajectories import Trajectories, by_balloon, empty_tracks, record
-from balloon_warp.warp_lock import lock_of
-
-Values = NDArray[np.float64]
-
-
-@described
-@dataclass(frozen=True, repr=False)
-class Gradient(Shown):
-    """Loss of a simulation, and its derivatives by values of the scene."""
-
-    loss: Values
-    """Loss of each world, shape (world_count,)"""
-    gradients: dict[str, Values]
-    """Derivatives of each world's loss by its own value, by paths, shape (world_count,)"""
-    trajectories: Trajectories
-    """Trajectories, as the loss has seen them"""
-    by_points: list[Values]
-    """Derivatives by where each particle starts, with the amounts of gas as they are: of each balloon an array as of a
-    frame of the trajectories, shape (world_count, n, 3), without the first for a single world"""
-    by_velocities: list[Values]
-    """Derivatives by how fast each particle starts"""
-
-    def __repr__(self) -> str:
-        return f"Gradient({len(self.loss)} worlds, of {', '.join(self.gradients)})"
 
 
 def gradient(
@@ -62,6 +26,7 @@ def gradient(
     vary: Vary | None = None,
     device: str | None = None,
     schedule: str = "auto",
+    cluster: Cluster | None = None,
     laws: Sequence[Law] = (),
     on_frame: Callable[[int], None] = lambda number: None,
 ) -> Gradient:
@@ -81,30 +46,25 @@ def gradient(
         device: Warp device; the GPU, or else the CPU, if not given.
         schedule: Schedule of frames that run backwards: "block", a block of threads a world; "launched", a launch for
             each piece of a substep; or "auto", the faster one that can.
-        laws: User-defined laws beside the built-in ones, which Warp differentiates.
-        on_frame: Called with the number of each frame when it is simulated, and again when it has run backwards.
+        cluster: Workers that take some of the worlds each, as for `run_batch`: `Cluster(gpus=8)`. Each evaluates the
+            loss of its own, whose numbers are `worlds` of the trajectories. The result is the same to the bit.
+        laws: User-defined laws beside the built-in ones, which Warp differentiates; on a cluster, global names that
+            workers can import.
+        on_frame: Called with the number of each frame when it is simulated, and again when it has run backwards; on a
+            cluster now and then, with the number of frames that are done both ways, on average.
 
     Raises:
         InputError: The scene cannot be simulated or differentiated, or a path not; or the loss is no number a world.
         BlowUpError: a world blew up.
+        MissingExtraError: a cluster is given and dask.distributed is not installed.
+        WorkersLostError: the cluster's workers or its scheduler end.
     """
+    device = cluster.device(device) if cluster else device
     asked = Asked(of, loss, world_count, vary or {}, device, schedule, laws)
-    found, depends = derived(scene, overrides, asked, on_frame)
+    found, depends = derived(scene, overrides, asked, on_frame, cluster)
     if depends:
         _require_effect(found.gradients)
     return found
-
-
-class Asked(NamedTuple):
-    """Hold what is asked of a scene, see `gradient`."""
-
-    of: Sequence[str]
-    loss: Loss
-    world_count: int
-    vary: Vary
-    device: str | None
-    schedule: str
-    laws: Sequence[Law]
 
 
 def derived(
@@ -112,65 +72,25 @@ def derived(
     overrides: Mapping[str, Any] | Iterable[Override],
     asked: Asked,
     on_frame: Callable[[int], None] = lambda number: None,
+    cluster: Cluster | None = None,
 ) -> tuple[Gradient, bool]:
     """Return a gradient, even if it is zero, and whether the loss depends on anything that moves.
 
     Raises:
         InputError: as `gradient`, but for values without an effect.
         BlowUpError: a world blew up.
+        MissingExtraError, WorkersLostError: as `gradient`.
     """
-    of, loss, world_count, vary, device, schedule, laws = asked
-    groups = plan_groups(scene_to_vary(scene, vary, overrides), world_count, vary, laws)
+    groups = plan_groups(scene_to_vary(scene, asked.vary, overrides), asked.world_count, asked.vary, asked.laws)
     if len(groups) > 1:
         raise InputError("vary: gradients are of one mesh and its springs; expected values that make no other model")
-    plan = groups[0].plan
-    require_differentiable(plan)
-    chains = chains_of(plan, of, vary)
-    model = lay_out(plan, pick_device(device))
-    require_paths(plan, model, chains)
-    columns = columns_of_names(model.columns, names_in(chains))
-    frames = plan.scene.frames
-    with lock_of(model.device):
-        require_memory(model.device, [world_count], [bytes_backwards(model, columns, frames, schedule)])
-        require_room_for_frames(plan)
-        runs_back = backwards_of(model, schedule)
-        simulator = Simulator.of_model(model, forward_of(model, runs_back))
-        model = simulator.model  # of parameters of its own, where they change
-        backward = runs_back(model, simulator.state, columns)
-    tracks = empty_tracks(groups, world_count, frames + 1)
-    way = WayBack(plan, model, backward, tracks)
-    for number in range(frames + 1):
-        if number:
-            way.note_beginning(simulator.state)
-            simulator.step_unread()
-            way.note_parameters(number - 1)
-        record(tracks, simulator, groups[0], number)
-        on_frame(number)
-    meshes = [shape.mesh for shape in plan.shapes]
-    times = np.arange(frames + 1) / plan.scene.frames_per_second
-    moved = Trajectories(plan.scene, meshes, times, **by_balloon(tracks, meshes))
-    told = told_by(loss, moved, plan.shapes, world_count)
-    bars = way.back(told, on_frame)
-    gradients = {chain.path: _by_path(chain, bars, world_count) for chain in chains}
-    by_points, by_velocities = (_by_balloon(bars[0][f"particle_{name}"], model) for name in ("points", "velocities"))
-    return Gradient(told.loss, gradients, moved, by_points, by_velocities), told.depends
+    require_differentiable(groups[0].plan)
+    require_room_for_frames(groups[0].plan)
+    if not cluster:
+        return derive(groups[0], asked, on_frame)
+    from balloon_warp.gradients.spread import derive_on_workers  # only this needs the extra
 
-
-def _by_balloon(array: Values, model: Model) -> list[Values]:
-    """Return the particles of each balloon, as trajectories have them."""
-    offsets = model.particle_offsets
-    parts = [array[:, begin:end] for begin, end in pairwise(offsets)]
-    return [part[0] for part in parts] if len(array) == 1 else parts
-
-
-def _by_path(chain: Chain, bars: Sequence[Mapping[str, Values]], world_count: int) -> Values:
-    """Return the derivative by the value at a path in each world."""
-    total = np.zeros(world_count)
-    for span, of_span in zip(chain.spans, bars, strict=True):
-        for name, slopes in span.items():
-            if name in of_span:
-                total += product(slopes, of_span[name])
-    return total
+    return derive_on_workers(groups[0], asked, cluster, on_frame)
 
 
 def _require_effect(gradients: Mapping[str, Values]) -> None:

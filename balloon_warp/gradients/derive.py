@@ -1,0 +1,121 @@
+"""A loss of a planned model, and its derivatives: frames forward, and then backward."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.device import pick_device
+from balloon_warp.gradients.bars import columns_of_names
+from balloon_warp.gradients.chain import Chain, chains_of, names_in, product
+from balloon_warp.gradients.loss import Loss, told_by
+from balloon_warp.gradients.refusals import require_paths
+from balloon_warp.gradients.way_back import WayBack
+from balloon_warp.kernels.laws import Law
+from balloon_warp.model import Model, Vary, lay_out
+from balloon_warp.model.memory import require_memory
+from balloon_warp.schedules.choose_backward import backwards_of, bytes_backwards, forward_of
+from balloon_warp.shown import Shown, described
+from balloon_warp.simulator import Simulator
+from balloon_warp.sweep.groups import Group
+from balloon_warp.trajectories import Trajectories, by_balloon, empty_tracks, record
+from balloon_warp.warp_lock import lock_of
+
+Values = NDArray[np.float64]
+
+
+@described
+@dataclass(frozen=True, repr=False)
+class Gradient(Shown):
+    """Loss of a simulation, and its derivatives by values of the scene."""
+
+    loss: Values
+    """Loss of each world, shape (world_count,)"""
+    gradients: dict[str, Values]
+    """Derivatives of each world's loss by its own value, by paths, shape (world_count,)"""
+    trajectories: Trajectories
+    """Trajectories, as the loss has seen them"""
+    by_points: list[Values]
+    """Derivatives by where each particle starts, with the amounts of gas as they are: of each balloon an array as of a
+    frame of the trajectories, shape (world_count, n, 3), without the first for a single world"""
+    by_velocities: list[Values]
+    """Derivatives by how fast each particle starts"""
+
+    def __repr__(self) -> str:
+        return f"Gradient({len(self.loss)} worlds, of {', '.join(self.gradients)})"
+
+
+class Asked(NamedTuple):
+    """Hold what is asked of a scene, see `gradient`."""
+
+    of: Sequence[str]
+    loss: Loss
+    world_count: int
+    vary: Vary
+    device: str | None
+    schedule: str
+    laws: Sequence[Law]
+
+
+def derive(group: Group, asked: Asked, on_frame: Callable[[int], None] = lambda number: None) -> tuple[Gradient, bool]:
+    """Return a gradient, even if it is zero, and whether the loss depends on anything that moves.
+
+    Args:
+        group: Worlds, with their plan.
+        asked: what is asked of them.
+        on_frame: as in `gradient`.
+
+    Raises:
+        InputError: as `gradient`, but for values without an effect.
+        BlowUpError: a world blew up.
+    """
+    of, loss, world_count, vary, device, schedule, _ = asked
+    plan = group.plan
+    chains = chains_of(plan, of, vary)
+    model = lay_out(plan, pick_device(device))
+    require_paths(plan, model, chains)
+    columns = columns_of_names(model.columns, names_in(chains))
+    frames = plan.scene.frames
+    with lock_of(model.device):
+        require_memory(model.device, [world_count], [bytes_backwards(model, columns, frames, schedule)])
+        runs_back = backwards_of(model, schedule)
+        simulator = Simulator.of_model(model, forward_of(model, runs_back))
+        model = simulator.model  # of parameters of its own, where they change
+        backward = runs_back(model, simulator.state, columns)
+    tracks, first = empty_tracks([group], world_count, frames + 1), int(group.worlds[0])
+    way = WayBack(plan, model, backward, tracks)
+    for number in range(frames + 1):
+        if number:
+            way.note_beginning(simulator.state)
+            simulator.step_unread()
+            way.note_parameters(number - 1)
+        record(tracks, simulator, group, number, first)
+        on_frame(number)
+    meshes = [shape.mesh for shape in plan.shapes]
+    times = np.arange(frames + 1) / plan.scene.frames_per_second
+    moved = Trajectories(plan.scene, meshes, times, **by_balloon(tracks, meshes), worlds=group.worlds)
+    told = told_by(loss, moved, plan.shapes, world_count)
+    bars = way.back(told, on_frame)
+    gradients = {chain.path: _by_path(chain, bars, world_count) for chain in chains}
+    by_points, by_velocities = (_by_balloon(bars[0][f"particle_{name}"], model) for name in ("points", "velocities"))
+    return Gradient(told.loss, gradients, moved, by_points, by_velocities), told.depends
+
+
+def _by_balloon(array: Values, model: Model) -> list[Values]:
+    """Return the particles of each balloon, as trajectories have them."""
+    offsets = model.particle_offsets
+    parts = [array[:, begin:end] for begin, end in pairwise(offsets)]
+    return [part[0] for part in parts] if len(array) == 1 else parts
+
+
+def _by_path(chain: Chain, bars: Sequence[Mapping[str, Values]], world_count: int) -> Values:
+    """Return the derivative by the value at a path in each world."""
+    total = np.zeros(world_count)
+    for span, of_span in zip(chain.spans, bars, strict=True):
+        for name, slopes in span.items():
+            if name in of_span:
+                total += product(slopes, of_span[name])
+    return total
