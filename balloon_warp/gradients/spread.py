@@ -1,9 +1,8 @@
 """A gradient on many workers: each takes some of the worlds."""
 
 import pickle
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,9 +39,10 @@ def derive_on_workers(
             [len(rows) / asked.world_count for rows in parts],
             2 * group.plan.scene.frames + 1,
         )
-        found = dict(filter(None, run_shares(client, cluster, work, len(devices), on_frame)))
-    gradients, depend = zip(*(found[number] for number in sorted(found)), strict=True)
-    return (_joined(gradients) if len(gradients) > 1 else gradients[0]), any(depend)
+        results = dict(filter(None, run_shares(client, cluster, work, len(devices), on_frame)))
+    found: list[tuple[Gradient, bool]] = [results[number] for number in sorted(results)]
+    gradients = [each for each, _ in found]
+    return (_joined(gradients) if len(gradients) > 1 else gradients[0]), any(depends for _, depends in found)
 
 
 def _require_that_it_travels(asked: Asked, cluster: Cluster) -> None:
@@ -56,7 +56,7 @@ def _require_that_it_travels(asked: Asked, cluster: Cluster) -> None:
 
 def _of_worlds(asked: Asked, rows: NDArray[np.integer]) -> Asked:
     """Return what is asked of some of the worlds."""
-    vary: Mapping[str, Any] = {path: [values[row] for row in rows] for path, values in asked.vary.items()}
+    vary = {path: np.asarray(values)[rows] for path, values in asked.vary.items()}
     return asked._replace(world_count=len(rows), vary=vary)
 
 
