@@ -266,7 +266,7 @@ def _write(
         on_frame(begin)
         frames = ((frame.number, frame) for frame in simulator.run())
         try:
-            record_frames(frames, output, checkpoints, lambda: [simulator.save().items()], interrupts, on_frame)
+            record_frames(frames, output, checkpoints, [lambda: simulator.save().items()], interrupts, on_frame)
         except BlowUpError as failure:
             if on_blowup == "restart":
                 checkpoints.remove()  # of another step

@@ -289,7 +289,7 @@ def test_a_checkpoint_that_cannot_be_written_ends_the_run_and_harms_nothing(tmp_
 
     def take_away(frame: int) -> None:
         if frame == STOPPED_AT:
-            shutil.rmtree(tmp_path / "out.usdc.partial")
+            (tmp_path / "out.usdc.partial").rename(tmp_path / "taken away")  # at once: it is written to meanwhile
 
     with pytest.raises(InputError, match=r"out\.usdc\.partial/.*: cannot be written: "):
         animate(SCENE, output, checkpoint_seconds=ALWAYS, on_frame=take_away)

@@ -13,7 +13,7 @@ WAITING = 2
 class Background:
     """Runner of jobs, one after the other, in a background thread.
 
-    The `with` block ends when all are done. @s
+    The `with` block ends when all are done.
     """
 
     def __init__(self) -> None:

@@ -1,6 +1,6 @@
 """Frames of a job, written while the next ones are simulated, and kept safe."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Protocol, TypeVar
 
 from numpy.typing import NDArray
@@ -26,7 +26,7 @@ def record_frames(
     frames: Iterable[tuple[int, Simulated]],
     output: FrameOutput[Simulated],
     checkpoints: Checkpoints,
-    states: Callable[[], Iterable[State]],
+    states: Sequence[Callable[[], State]],
     interrupts: Interrupts,
     on_frame: Callable[[int], None],
 ) -> None:
@@ -34,7 +34,7 @@ def record_frames(
 
     Args:
         frames: what is simulated, as it comes: numbers and what the output takes.
-        states: gives the state of each group after the last frame.
+        states: Functions that return the state of each group after the last frame.
         interrupts: that stop the job, after a frame and its checkpoint.
         on_frame: Called with the number of each simulated frame.
 
@@ -49,10 +49,9 @@ def record_frames(
             writer.submit(output.write, frame)
             on_frame(number)
             if checkpoints.due or interrupts.pending:
-                group = -1
-                for group, state in enumerate(states()):
-                    checkpoints.save_state(number, group, state)
-                writer.submit(checkpoints.save_part, output, Part(range(saved, number + 1), range(group + 1)))
+                for group, state in enumerate(states):
+                    checkpoints.save_state(number, group, state())
+                writer.submit(checkpoints.save_part, output, Part(range(saved, number + 1), range(len(states))))
                 saved = number + 1
             if interrupts.pending:
                 writer.wait()

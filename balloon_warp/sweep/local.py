@@ -102,7 +102,7 @@ def _simulate_frames(
             _frames(task, simulators, recorders, begin),
             output,
             checkpoints,
-            lambda: (recorder.save() for recorder in recorders),
+            [recorder.save for recorder in recorders],
             interrupts,
             on_frame,
         )

@@ -1,7 +1,7 @@
 """A stage that grows frame by frame, and the parts of it that checkpoints keep."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -186,8 +186,8 @@ class GrowingStage(ABC):
         self.layer.Save()
 
 
-def _animated_paths(layer: Sdf.Layer) -> Iterator[Sdf.Path]:
-    """Iterate over the attributes with time samples."""
+def _animated_paths(layer: Sdf.Layer) -> list[Sdf.Path]:
+    """Return the attributes with time samples."""
     found: list[Sdf.Path] = []
 
     def look(path: Sdf.Path | str) -> None:
@@ -196,4 +196,4 @@ def _animated_paths(layer: Sdf.Layer) -> Iterator[Sdf.Path]:
             found.append(path)
 
     layer.Traverse(Sdf.Path.absoluteRootPath, look)
-    return iter(found)
+    return found
