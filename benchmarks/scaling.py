@@ -43,6 +43,7 @@ class Share:
 
 
 GPU_SHARE = Share("cuda:0", Case("8,192 balloons on a GPU", "block", 8192), frames=600)
+GPU_SHARES = (GPU_SHARE, Share("cuda:0", Case("8,192 with sealed gas on a GPU", "block", 8192, gas=True), frames=300))
 CPU_SHARE = Share("cpu", Case("64 balloons in a process", "lanes", 64), frames=50)
 
 

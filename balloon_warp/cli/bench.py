@@ -53,7 +53,7 @@ def bench(
     quiet_warp()
     from balloon_warp.benchmarks.auto import scene_results
     from balloon_warp.benchmarks.run import run_cases
-    from balloon_warp.benchmarks.scaling import CPU_SHARE, GPU_SHARE, measure_scaling
+    from balloon_warp.benchmarks.scaling import CPU_SHARE, GPU_SHARES, measure_scaling
     from balloon_warp.device import pick_device
     from balloon_warp.files import check_writable, whole_file
 
@@ -64,7 +64,10 @@ def bench(
     if sum((quick, scenes, bool(gpus or workers))) > 1:
         raise InputError("--quick, --scenes, and --gpus or --workers: expected one of them")
     if gpus or workers:
-        measured = measure_scaling(GPU_SHARE if gpus else CPU_SHARE, _counts(gpus or workers or ""))
+        counts = _counts(gpus or workers or "")
+        measured = (
+            result for share in (GPU_SHARES if gpus else [CPU_SHARE]) for result in measure_scaling(share, counts)
+        )
     else:
         measured = scene_results(pick_device(device)) if scenes else run_cases(pick_device(device), quick)
     progress = Console(emoji=False, stderr=True, highlight=False)

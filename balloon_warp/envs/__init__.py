@@ -8,9 +8,10 @@ if not find_spec("gymnasium"):
     raise MissingExtraError("balloon_warp.envs needs gymnasium: pip install 'balloon-warp[envs]'")
 
 from balloon_warp.envs.registration import make, make_vec, register_all, task_named
+from balloon_warp.envs.spread_env import SpreadVectorEnv
 from balloon_warp.envs.task import Task
 from balloon_warp.envs.vector_env import BalloonVectorEnv
 
 register_all()
 
-__all__ = ["BalloonVectorEnv", "Task", "make", "make_vec", "task_named"]
+__all__ = ["BalloonVectorEnv", "SpreadVectorEnv", "Task", "make", "make_vec", "task_named"]

@@ -6,24 +6,31 @@ from typing import Any, Self
 import warp as wp
 
 from balloon_warp.envs.task import Task
+from balloon_warp.envs.told import Layout
 
 
 @dataclass(frozen=True)
 class Buffers:
-    """Arrays with a row a world."""
+    """Arrays with a row a world. Those that are told lie in a single block, which is copied at once."""
 
+    block: wp.array
+    """Memory of what is told, laid out by `Layout`, int32"""
+    given: wp.array
+    """Actions as they are given, shape (world_count, actions)"""
     actions: wp.array
     """Actions that are taken, shape (world_count, actions)"""
     observations: wp.array
+    final_observations: wp.array
+    """Observations before worlds have begun anew in the same step"""
     rewards: wp.array
     terminated: wp.array
     truncated: wp.array
     over: wp.array
     """1 of worlds whose episode is over"""
-    begun: wp.array
-    """1 of worlds that have begun anew in this step"""
     causes: wp.array
     """Why a world has ended other than by its task, see `CAUSES`"""
+    begun: wp.array
+    """1 of worlds that have begun anew in this step"""
     steps: wp.array
     """Steps since the episode began"""
     scratch: wp.array
@@ -38,11 +45,9 @@ class Buffers:
         def zeros(dtype: Any, *shape: int) -> wp.array:
             return wp.zeros((world_count, *shape), dtype=dtype, device=device)
 
-        flags = ("terminated", "truncated", "over", "begun", "causes", "steps", "ignored")
-        return cls(
-            actions=zeros(wp.float32, task.actions),
-            observations=zeros(wp.float32, task.observations),
-            rewards=zeros(wp.float32),
-            scratch=zeros(wp.float32),
-            **{name: zeros(wp.int32) for name in flags},
-        )
+        layout = Layout(world_count, task.observations)
+        block = wp.zeros(layout.size, dtype=wp.int32, device=device)
+        actions = {name: zeros(wp.float32, task.actions) for name in ("given", "actions")}
+        flags = {name: zeros(wp.int32) for name in ("begun", "steps", "ignored")}
+        told = layout.split(block, wp.float32)
+        return cls(block=block, scratch=zeros(wp.float32), **actions, **flags, **told)

@@ -1,6 +1,6 @@
 """The tasks by their names, and how Gymnasium makes them."""
 
-from typing import Any
+from typing import Any, overload
 
 import gymnasium
 
@@ -9,6 +9,7 @@ from balloon_warp.envs.inflate import Inflate
 from balloon_warp.envs.juggle import Juggle
 from balloon_warp.envs.press import Press
 from balloon_warp.envs.single_env import BalloonEnv
+from balloon_warp.envs.spread_env import SpreadVectorEnv
 from balloon_warp.envs.target import Target
 from balloon_warp.envs.task import Task
 from balloon_warp.envs.vector_env import BalloonVectorEnv
@@ -29,9 +30,37 @@ def task_named(name: str) -> Task:
     return TASKS[name]()
 
 
-def make_vec(task: str | Task = "Altitude", num_envs: int = 1, **options: Any) -> BalloonVectorEnv:
-    """Make many worlds of a task, as `gymnasium.make_vec` does; for options see `BalloonVectorEnv`."""
-    return BalloonVectorEnv(task_named(task) if isinstance(task, str) else task, num_envs, **options)
+@overload
+def make_vec(
+    task: str | Task = ..., num_envs: int = ..., *, gpus: None = None, workers: None = None, **options: Any
+) -> BalloonVectorEnv: ...
+@overload
+def make_vec(
+    task: str | Task = ..., num_envs: int = ..., *, gpus: int | None = ..., workers: int | None = ..., **options: Any
+) -> SpreadVectorEnv: ...
+def make_vec(
+    task: str | Task = "Altitude",
+    num_envs: int = 1,
+    *,
+    gpus: int | None = None,
+    workers: int | None = None,
+    **options: Any,
+) -> BalloonVectorEnv | SpreadVectorEnv:
+    """Make many worlds of a task, as `gymnasium.make_vec` does; for options see `BalloonVectorEnv`.
+
+    Args:
+        gpus: number of GPUs of this machine, with a process for each: a `SpreadVectorEnv`.
+        workers: number of processes on this machine's CPU, likewise.
+
+    Raises:
+        InputError: there is no such task, or a value cannot be.
+    """
+    chosen = task_named(task) if isinstance(task, str) else task
+    if gpus is None and workers is None:
+        return BalloonVectorEnv(chosen, num_envs, **options)
+    if options.pop("device", None):
+        raise InputError("device: cannot be given with gpus or workers, which say where worlds are")
+    return SpreadVectorEnv(chosen, num_envs, gpus=gpus, workers=workers, **options)
 
 
 def make(task: str | Task = "Altitude", **options: Any) -> BalloonEnv:

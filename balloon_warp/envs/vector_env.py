@@ -9,9 +9,10 @@ from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from balloon_warp.envs.arrays import Output, actions_array, output_of
+from balloon_warp.envs.arrays import Output, copy_actions, output_of
 from balloon_warp.envs.buffers import Buffers
 from balloon_warp.envs.task import Task
+from balloon_warp.envs.told import Layout, Told
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.frames.stepping import finish_step, restart_steps, take_actions
 from balloon_warp.launching import launch
@@ -37,6 +38,7 @@ class BalloonVectorEnv(VectorEnv[Any, Any, Any]):
         output: "numpy", or "torch" for tensors on the device, which do not pass the host.
         schedule: how the work is laid out, see `Simulator`.
         render_mode: "rgb_array", or nothing.
+        first_world: number of the first world, by which episodes are drawn, where another process has those before it.
 
     Raises:
         InputError: a value cannot be.
@@ -58,20 +60,22 @@ class BalloonVectorEnv(VectorEnv[Any, Any, Any]):
         output: Output = "numpy",
         schedule: str = "auto",
         render_mode: str | None = None,
+        first_world: int = 0,
     ):
-        _require(num_envs, autoreset_mode, render_mode)
+        require_choices(num_envs, autoreset_mode, render_mode)
         self.mode = AutoresetMode(autoreset_mode)
         self.metadata = {**type(self).metadata, "autoreset_mode": self.mode}
         self.num_envs, self.task, self.render_mode = int(num_envs), task, render_mode
-        self._out = output_of(output)
+        told_as = output_of(output)
         self.simulator = Simulator(task.scene(), device, self.num_envs, schedule=schedule, laws=task.laws())
+        self.simulator.starts.first_world = first_world
         task.begin(self.simulator)
         self._first_bad = self.simulator.observations["first_bad"]
-        self._buffers = Buffers.of(task, self.num_envs, self.simulator.model.device)
-        self.single_observation_space = Box(-np.inf, np.inf, (task.observations,), np.float32)
-        self.single_action_space = Box(-1.0, 1.0, (task.actions,), np.float32)
-        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
-        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        device_used = self.simulator.model.device
+        self._buffers = Buffers.of(task, self.num_envs, device_used)
+        self._out = told_as(Layout(self.num_envs, task.observations), device_used)
+        spaces = spaces_of(task, self.num_envs)
+        (self.single_observation_space, self.single_action_space), (self.observation_space, self.action_space) = spaces
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin all worlds anew, or those of `options={"reset_mask": mask}`.
@@ -92,7 +96,7 @@ class BalloonVectorEnv(VectorEnv[Any, Any, Any]):
         launch(restart_steps, self.num_envs, [buffers.begun], [buffers.steps], device=self.simulator.model.device)
         self._judge(buffers.scratch)
         buffers.over.zero_()
-        return self._out(buffers.observations), {}
+        return self._out(buffers.block).observations, {}
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """Advance all worlds by the frames of a step.
@@ -100,9 +104,17 @@ class BalloonVectorEnv(VectorEnv[Any, Any, Any]):
         Raises:
             InputError: the actions have another shape, or are no numbers.
         """
+        return results_of(self.advance(actions), self.mode)
+
+    def advance(self, actions: Any) -> Told:
+        """Advance all worlds by the frames of a step. The host waits once, for what is told in the end.
+
+        Raises:
+            InputError: as `step`.
+        """
         buffers, device = self._buffers, self.simulator.model.device
-        given = actions_array(actions, buffers.actions)
-        launch(take_actions, self.num_envs, [given], [buffers.actions, buffers.causes], device=device)
+        copy_actions(buffers.given, actions)
+        launch(take_actions, self.num_envs, [buffers.given], [buffers.actions, buffers.causes], device=device)
         self.task.act(buffers.actions)
         for _ in range(self.task.frames):
             self.simulator.advance()
@@ -112,14 +124,10 @@ class BalloonVectorEnv(VectorEnv[Any, Any, Any]):
             self.simulator.reset(buffers.begun)
         self._judge(buffers.rewards)
         self._finish()
-        info: dict[str, Any] = {"cause": self._out(buffers.causes)}
-        over = self._out(buffers.over, flags=True)
         if self.mode is AutoresetMode.SAME_STEP:
-            info |= {"final_obs": self._out(buffers.observations), "_final_obs": over}
-            info |= {"final_info": {"cause": info["cause"]}, "_final_info": over}
+            wp.copy(buffers.final_observations, buffers.observations)
             self._begin_over()
-        ends = (self._out(flags, flags=True) for flags in (buffers.terminated, buffers.truncated))
-        return self._out(buffers.observations), self._out(buffers.rewards), *ends, info
+        return self._out(buffers.block)
 
     def _judge(self, rewards: wp.array) -> None:
         buffers = self._buffers
@@ -157,7 +165,22 @@ class BalloonVectorEnv(VectorEnv[Any, Any, Any]):
         return tuple(np.asarray(Image.open(io.BytesIO(picture)).convert("RGB")) for picture in pictures)
 
 
-def _require(num_envs: Any, mode: Any, render_mode: Any) -> None:
+def spaces_of(task: Task, num_envs: int) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
+    """Return the spaces of observations and actions of one world, and of all."""
+    seen, done = Box(-np.inf, np.inf, (task.observations,), np.float32), Box(-1.0, 1.0, (task.actions,), np.float32)
+    return (seen, done), (batch_space(seen, num_envs), batch_space(done, num_envs))
+
+
+def results_of(told: Told, mode: AutoresetMode) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
+    """Return what a step tells, as Gymnasium has it."""
+    info: dict[str, Any] = {"cause": told.causes}
+    if mode is AutoresetMode.SAME_STEP:
+        info |= {"final_obs": told.final_observations, "_final_obs": told.over}
+        info |= {"final_info": {"cause": told.causes}, "_final_info": told.over}
+    return told.observations, told.rewards, told.terminated, told.truncated, info
+
+
+def require_choices(num_envs: Any, mode: Any, render_mode: Any) -> None:
     """Make sure that an environment can be made of these.
 
     Raises:

@@ -53,6 +53,7 @@ class ParquetRows:
         types = {name: self._arrow.from_numpy_dtype(kind) for name, kind in kinds.items()}
         types |= {name: self._arrow.array(values[:1]).type for name, values in varied.items()}
         types |= dict.fromkeys(measured, self._arrow.float32())
+        self._repeating = [name for name in columns if name not in measured]  # floats gain nothing by a dictionary
         self._schema = self._arrow.schema([(name, types[name]) for name in columns])
         self._open()
 
@@ -79,7 +80,8 @@ class ParquetRows:
 
     def _open(self) -> None:
         self._waiting: list[Any] = []
-        self._writer = self._parquet.ParquetWriter(self._path, self._schema, compression="zstd", compression_level=1)
+        options = {"compression": "zstd", "compression_level": 1, "use_dictionary": self._repeating}
+        self._writer = self._parquet.ParquetWriter(self._path, self._schema, **options)
 
     def _flush(self) -> None:
         if self._waiting:

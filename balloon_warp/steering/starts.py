@@ -1,9 +1,7 @@
 """Starts: some worlds begin anew, by a mask on the device, with values drawn for each."""
 
-import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import warp as wp
@@ -17,41 +15,22 @@ from balloon_warp.model.placing import place_particles
 from balloon_warp.model.rows import KEYFRAME_VALUES
 from balloon_warp.shown import Shown
 from balloon_warp.steering.controls import Controls
+from balloon_warp.steering.draws import KINDS, Draw, Kind, require_numbers
 from balloon_warp.steering.given import copy_given
 from balloon_warp.steering.observations import Observations
-from balloon_warp.steering.start_values import Shifts, StartValue, start_value
+from balloon_warp.steering.start_values import Shifts, start_value
 from balloon_warp.steering.timetable import Begun, Timetable, begun_of
 from balloon_warp.steering.views import rows_of_words
 from balloon_warp.warp_lock import recording
 
 SAVED, AGES = "starts", "starts_ages"
 """Prefix of the names of what is saved, and name of the saved time of each world"""
-Kind = Literal["uniform", "log_uniform", "normal"]
-KINDS: tuple[Kind, ...] = ("uniform", "log_uniform", "normal")
 THREADS = 32
 """Number of threads that copy a world's row on a GPU"""
 PLACED = ("frame", "points", "velocities")
 """Arrays of the state that are not copied: the clock is all worlds', and particles are placed"""
 DRAWN = ("initial_velocities", "initial_spins", "initial_shifts", "initial_centers")
 """Parameters that count for the places and velocities of particles alone"""
-
-
-@dataclass(frozen=True)
-class Draw:
-    """A number that is drawn for each episode."""
-
-    path: str
-    axis: int
-    kind: int
-    first: float
-    second: float
-    start: StartValue | None
-    """Value that counts at the start alone; None where a control has it"""
-
-    @property
-    def number(self) -> int:
-        """Number that tells its generator from others."""
-        return zlib.crc32(f"{self.path}.{self.axis}".encode()) & 0x7FFFFFFF
 
 
 class Starting(Protocol):
@@ -87,6 +66,7 @@ class Starts(Shown):
         self.mask = wp.zeros(model.world_count, dtype=wp.int32, device=model.device)
         """Worlds that begin anew with `reset(simulator.starts.mask)`, not 0"""
         self._seed = wp.zeros(1, dtype=wp.int32, device=model.device)
+        self._first_world = 0
         self._draws: list[Draw] = []
         self._own: dict[str, wp.array] = {}
         self._shifts: Shifts | None = None
@@ -107,6 +87,16 @@ class Starts(Shown):
     def seed(self, seed: int) -> None:
         self._seed.fill_(int(seed) % 2**31)
 
+    @property
+    def first_world(self) -> int:
+        """Number of the first world, by which values are drawn: other simulators may have those before it."""
+        return self._first_world
+
+    @first_world.setter
+    def first_world(self, number: int) -> None:
+        self._first_world = int(number)
+        self.forget()
+
     def draw(self, path: str, first: float, second: float, kind: Kind = "uniform") -> None:
         """Draw a value anew whenever a world begins anew.
 
@@ -122,7 +112,7 @@ class Starts(Shown):
         Raises:
             InputError: there is no such path or kind, or the numbers cannot be.
         """
-        _require_numbers(path, first, second, kind)
+        require_numbers(path, first, second, kind)
         controls, model = self._simulator.controls, self._simulator.model
         start = start_value(model, path)
         if start:
@@ -140,7 +130,7 @@ class Starts(Shown):
         Raises:
             InputError: the name is taken, or the numbers cannot be.
         """
-        _require_numbers(name, first, second, kind)
+        require_numbers(name, first, second, kind)
         if name in self._own:
             raise InputError(f"{name}: is drawn already")
         model = self._simulator.model
@@ -244,7 +234,8 @@ class Starts(Shown):
 
     def _draw(self, draw: Draw) -> None:
         model, start = self._simulator.model, draw.start
-        generated = [self.mask, self._seed, self.episodes, draw.number, draw.kind, draw.first, draw.second]
+        drawn = [draw.number, draw.kind, draw.first, draw.second]
+        generated = [self.mask, self._seed, self.episodes, self._first_world, *drawn]
         if draw.path in self._own:
             columns = [self._own[draw.path]]
         elif start is None:
@@ -267,18 +258,6 @@ def _start_of(model: Model) -> State:
     ]
     alike = all((values == values[:1]).all() for values in rows)
     return initial_state(model.of_world(0) if alike else model)
-
-
-def _require_numbers(path: str, first: float, second: float, kind: str) -> None:
-    if kind not in KINDS:
-        raise InputError(f"{path}: kind must be one of {', '.join(KINDS)} (got {kind!r})")
-    numbers = [first, second]
-    if not all(isinstance(each, int | float | np.number) and np.isfinite(each) for each in numbers):
-        raise InputError(f"{path}: must be drawn by finite numbers (got {first!r} and {second!r})")
-    if (second < 0.0) if kind == "normal" else second < first:
-        raise InputError(f"{path}: must be drawn from the least to the largest (got {first:g} and {second:g})")
-    if kind == "log_uniform" and first <= 0.0:
-        raise InputError(f"{path}: must be above 0 where its logarithm is uniform (got {first:g})")
 
 
 def _require_timeless(model: Model) -> None:

@@ -48,6 +48,7 @@ def draw_values(
     mask: wp.array[wp.int32],
     seed: wp.array[wp.int32],
     episodes: wp.array[wp.int32],
+    first_world: wp.int32,
     number: wp.int32,
     kind: wp.int32,
     first: float,
@@ -55,10 +56,10 @@ def draw_values(
     # out
     values: wp.array[float],
 ):
-    """Draw a value for worlds that begin anew; a thread a world."""
+    """Draw a value for worlds that begin anew; a thread a world. Their numbers begin with `first_world`."""
     world = wp.tid()
     if mask[world] != 0:
-        values[world] = drawn(random_of(seed[0], world, episodes[world], number), kind, first, second)
+        values[world] = drawn(random_of(seed[0], first_world + world, episodes[world], number), kind, first, second)
 
 
 @wp.kernel

@@ -1,0 +1,207 @@
+"""Processes of an environment: each steps some of the worlds, on a GPU of its own."""
+
+import multiprocessing
+import os
+import pickle
+import signal
+import threading
+import time
+from collections.abc import Sequence
+from multiprocessing.connection import Connection, wait
+from typing import Any, NamedTuple
+
+from gymnasium.vector import AutoresetMode
+
+from balloon_warp.envs.arrays import Output
+from balloon_warp.envs.task import Task
+from balloon_warp.envs.vector_env import BalloonVectorEnv
+from balloon_warp.errors import InputError, WorkersLostError
+from balloon_warp.solvers.choose import settled_solver
+from balloon_warp.warp_logging import quiet_warp
+
+ENDING_SECONDS = 1.0
+"""Time that processes have to end by themselves [s]"""
+UNGUARDED = 'a script that starts processes needs its main part under `if __name__ == "__main__":`'
+
+
+class Part(NamedTuple):
+    """Worlds of a process, and what it makes of them."""
+
+    task: Task
+    worlds: range
+    """Numbers of its worlds"""
+    world_count: int
+    """Number of worlds of all processes, by which an automatic schedule is chosen"""
+    device: str
+    mode: AutoresetMode
+    output: Output
+    schedule: str
+    render_mode: str | None
+
+    def env(self) -> BalloonVectorEnv:
+        """Make the environment of these worlds, with the schedule that all worlds in one process would have."""
+        env = self._env(self.schedule)
+        settled = settled_solver(self.schedule, env.simulator.model, self.world_count)
+        return env if settled == env.simulator.schedule.name else self._env(settled)
+
+    def _env(self, schedule: str) -> BalloonVectorEnv:
+        return BalloonVectorEnv(
+            self.task,
+            len(self.worlds),
+            device=self.device,
+            autoreset_mode=self.mode,
+            output=self.output,
+            schedule=schedule,
+            render_mode=self.render_mode,
+            first_world=self.worlds.start,
+        )
+
+
+class Processes:
+    """Processes that each step a part of the worlds, and answer in the order of the parts.
+
+    They end with this object, and with the process that started them, however it ends. After a failure all are ended.
+
+    Args:
+        option: names them in errors, such as "--gpus 4".
+
+    Raises:
+        InputError: the task cannot be sent to a process, or a part cannot be made.
+        WorkersLostError: a process ended.
+    """
+
+    def __init__(self, parts: Sequence[Part], environments: Sequence[dict[str, str]], option: str):
+        self._option = option
+        self._workers: list[tuple[Any, Connection]] = []
+        context = multiprocessing.get_context("spawn")
+        try:
+            for part, environment in zip(parts, environments, strict=True):
+                near, far = context.Pipe()
+                process = context.Process(target=_serve, args=(environment, part, far), daemon=True)
+                self._workers.append((process, near))
+                _start(process)
+                far.close()
+            self._answers(f"ended as it started; {UNGUARDED}")
+        except BaseException:
+            self.end()
+            raise
+
+    def ask(self, method: str, arguments: Sequence[tuple[Any, ...]]) -> list[Any]:
+        """Call a method of `_Served` in each process, with arguments of its own, and return what each answers.
+
+        Raises:
+            WorkersLostError: a process ended.
+            Exception: what a process raised.
+        """
+        if not self._workers:
+            raise WorkersLostError(f"{self._option}: the processes have ended")
+        try:
+            for (_, connection), given in zip(self._workers, arguments, strict=True):
+                connection.send((method, given))
+            return self._answers("ended")
+        except BrokenPipeError:
+            self.end()
+            raise WorkersLostError(f"{self._option}: a process ended") from None
+        except BaseException:
+            self.end()
+            raise
+
+    def _answers(self, ended: str) -> list[Any]:
+        """Wait for the answers of all; the first failure ends the wait."""
+        answers: dict[Connection, Any] = {}
+        waiting = {connection: number for number, (_, connection) in enumerate(self._workers)}
+        while waiting:
+            for each in wait(list(waiting)):
+                connection: Any = each
+                number = waiting.pop(connection)
+                try:
+                    answer, failure = connection.recv()
+                except (EOFError, ConnectionResetError):
+                    raise WorkersLostError(f"{self._option}: process {number} {ended}") from None
+                if failure is not None:
+                    raise failure
+                answers[connection] = answer
+        return [answers[connection] for _, connection in self._workers]
+
+    def end(self) -> None:
+        """End all processes."""
+        for _, connection in self._workers:
+            connection.close()
+        started = [process for process, _ in self._workers if process.pid is not None]
+        until = time.monotonic() + ENDING_SECONDS
+        for process in started:
+            process.join(max(until - time.monotonic(), 0.0))
+        for process in started:
+            process.kill()
+        for process in started:
+            process.join()
+        self._workers = []
+
+
+def _start(process: Any) -> None:
+    try:
+        process.start()
+    except RuntimeError:
+        raise InputError(f"the processes do not start; {UNGUARDED}") from None
+    except (pickle.PicklingError, AttributeError, TypeError) as error:
+        raise InputError(f"task: cannot be sent to a process: {error}") from None
+
+
+class _Served:
+    """Methods that a process calls when it is asked."""
+
+    def __init__(self, env: BalloonVectorEnv):
+        self._env = env
+
+    def reset(self, seed: int | None, options: dict[str, Any]) -> Any:
+        observations, _ = self._env.reset(seed=seed, options=options)
+        return _on_host(observations)
+
+    def step(self, actions: Any) -> Any:
+        told = self._env.advance(actions)
+        return told._replace(**{name: _on_host(array) for name, array in told._asdict().items()})
+
+    def render(self) -> Any:
+        return self._env.render()
+
+    def call(self, function: Any, arguments: tuple[Any, ...]) -> Any:
+        return function.fn(self._env, *arguments)
+
+
+def _on_host(array: Any) -> Any:
+    return array.cpu().numpy() if hasattr(array, "cpu") else array
+
+
+def _serve(environment: dict[str, str], part: Part, connection: Connection) -> None:
+    """Do what is asked through a connection until its other end is closed; runs in a process of its own."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it to all, and it is for the first process
+    os.environ.update(environment)
+    quiet_warp()
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    try:
+        served = _Served(part.env())
+        connection.send((None, None))
+        while True:
+            method, arguments = connection.recv()
+            connection.send((getattr(served, method)(*arguments), None))
+    except (EOFError, BrokenPipeError):
+        return
+    except Exception as failure:
+        connection.send((None, _as_sent(failure)))
+
+
+def _as_sent(failure: Exception) -> Exception:
+    """Return a failure, or its words where it cannot be sent."""
+    try:
+        pickle.loads(pickle.dumps(failure))
+    except Exception:
+        return WorkersLostError(f"{type(failure).__name__}: {failure}")
+    return failure
+
+
+def _end_with_parent() -> None:
+    """End this process, even within a function, as soon as its parent is gone."""
+    parent = multiprocessing.parent_process()
+    if parent:
+        parent.join()
+        os._exit(1)

@@ -1,0 +1,180 @@
+"""Strong scaling: one batch, one environment and one gradient on more and more GPUs, each from start to end.
+
+    python -m balloon_warp.benchmarks.strong_scaling 1,2,4
+
+needs the extras `cluster`, `data` and `envs`. With `--workers` it takes processes of the CPU, and fewer worlds.
+"""
+
+import argparse
+import hashlib
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from balloon_warp.benchmarks.cases import Case
+from balloon_warp.envs import BalloonVectorEnv, make_vec
+from balloon_warp.envs.altitude import Altitude
+from balloon_warp.gradients import losses
+from balloon_warp.gradients.gradient import gradient
+from balloon_warp.scene import load_scene
+from balloon_warp.sweep.batch import run_batch
+from balloon_warp.sweep.cluster import Cluster
+from balloon_warp.warp_logging import quiet_warp
+
+VARIED, DERIVED = "balloon.helium", "balloon.mass"
+REPEATS, LEAD_SECONDS = 3, 0.5
+"""of steps of an environment: the best one counts; and the time until all processes begin to step together [s]"""
+
+
+@dataclass(frozen=True)
+class Size:
+    """Size of each measurement."""
+
+    worlds: int
+    frames: int
+    env_worlds: int
+    """of each GPU: this one is weak scaling, as policies learn"""
+    env_steps: int
+    derived_worlds: int
+    derived_frames: int
+
+
+GPU_SIZE = Size(65_536, 300, 4096, 100, 1024, 10)
+CPU_SIZE = Size(256, 10, 16, 10, 8, 4)
+
+
+def squirrels(frames: int) -> Any:
+    """Return a squirrel on a string of which each frame has a row."""
+    return load_scene("squirrel_tether").model_copy(update={"frames": frames})
+
+
+def batch_seconds(size: Size, cluster: Cluster, folder: Path) -> tuple[list[float], str]:
+    """Return seconds until a batch begins, until its last frame, and until its tables are written; and their hash."""
+    moments = [time.perf_counter()]
+    last = [0.0]
+    vary = {VARIED: np.linspace(8.0, 16.0, size.worlds)}
+    run_batch(
+        squirrels(size.frames),
+        folder,
+        size.worlds,
+        vary,
+        cluster=cluster,
+        table="parquet",
+        on_begin=lambda _: moments.append(time.perf_counter()),
+        on_frame=lambda _: last.__setitem__(0, time.perf_counter()),
+    )
+    moments += [last[0], time.perf_counter()]
+    digest = hashlib.sha256()
+    for name in ("table.parquet", "table.npz"):
+        with open(folder / name, "rb") as file:
+            digest.update(hashlib.file_digest(file, "sha256").digest())
+    return np.diff(moments).tolist(), digest.hexdigest()[:12]
+
+
+def step_with_policy(env: BalloonVectorEnv, steps: int, begin: float) -> tuple[float, float]:
+    """Step an environment with a policy on its device from a moment on; return when that began and ended.
+
+    The policy is a network of torch, where it is installed, or else the task's own.
+    """
+    try:
+        import torch
+    except ImportError:
+        policy = env.task.policy
+    else:
+        sizes = (env.task.observations, 64, 64, env.task.actions)
+        layers = [each for pair in pairwise(sizes) for each in (torch.nn.Linear(*pair), torch.nn.Tanh())]
+        network = torch.nn.Sequential(*layers).to("cuda" if torch.cuda.is_available() else "cpu")
+
+        def policy(observations: Any) -> Any:
+            with torch.no_grad():
+                return network(observations)
+
+    observations, _ = env.reset(seed=0)
+    for _ in range(3):
+        observations, *_ = env.step(policy(observations))
+    _wait_for(env)
+    while begin - time.monotonic() > 0.0:
+        time.sleep(1.0e-4)
+    began = time.monotonic()
+    for _ in range(steps):
+        observations, *_ = env.step(policy(observations))
+    _wait_for(env)
+    return began, time.monotonic()
+
+
+def _wait_for(env: BalloonVectorEnv) -> None:
+    wp.synchronize_device(env.simulator.model.device)
+
+
+def env_rate(size: Size, count: int, places: dict[str, int], output: str) -> float:
+    """Return environment steps a second of `Altitude` with a policy in each process."""
+    options: dict[str, Any] = {"autoreset_mode": "SameStep", "output": output}
+    env = make_vec(Altitude(rate=96), count * size.env_worlds, **places, **options)
+    env.on_each(step_with_policy, 2, 0.0)
+    best = np.inf
+    for _ in range(REPEATS):
+        spans = env.on_each(step_with_policy, size.env_steps, time.monotonic() + LEAD_SECONDS)
+        best = min(best, max(end for _, end in spans) - min(begin for begin, _ in spans))
+    env.close()
+    return count * size.env_worlds * size.env_steps / best
+
+
+def gradient_of(size: Size, cluster: Cluster) -> tuple[float, float]:
+    """Return seconds of a batch's gradient, and its sum over worlds, by a mass that they share."""
+    scene = Case("", "auto", 1, gas=True).scene().model_copy(update={"frames": size.derived_frames})
+    began = time.perf_counter()
+    found = gradient(scene, of=[DERIVED], loss=losses.height(2.0), world_count=size.derived_worlds, cluster=cluster)
+    return time.perf_counter() - began, float(found.gradients[DERIVED].sum())
+
+
+def measure(counts: Sequence[int], kind: str, size: Size) -> None:
+    """Print a row for each number of GPUs or processes."""
+    print(f"{size.worlds:,} worlds of squirrel_tether, {size.frames} frames, tables written: seconds")
+    print("| | start | simulate | join and write | together | times one | tables |\n|---|---|---|---|---|---|---|")
+    alone = 0.0
+    for count in counts:
+        with tempfile.TemporaryDirectory() as folder:
+            parts, digest = batch_seconds(size, Cluster(**{kind: count}), Path(folder))
+        alone = alone or sum(parts)
+        cells = " | ".join(f"{part:.1f}" for part in (*parts, sum(parts)))
+        print(f"| {count} | {cells} | {alone / sum(parts):.2f} | {digest} |", flush=True)
+    print(f"\nAltitude, {size.env_worlds:,} worlds each, a policy on each: steps a second")
+    outputs = ("numpy", "torch") if find_spec("torch") else ("numpy",)
+    print(f"| | {' | of linear | '.join(outputs)} | of linear |\n|---|{'---|---|' * len(outputs)}")
+    firsts: dict[str, float] = {}
+    for count in counts:
+        cells = []
+        for output in outputs:
+            rate = env_rate(size, count, {kind: count}, output)
+            firsts.setdefault(output, rate / count)
+            cells += [f"{rate:.3g}", f"{rate / count / firsts[output]:.2f}"]
+        print(f"| {count} | {' | '.join(cells)} |", flush=True)
+    print(f"\nGradient of {size.derived_worlds:,} worlds, {size.derived_frames} frames, by a mass that they share")
+    print("| | seconds | times one | sum |\n|---|---|---|---|")
+    first = 0.0
+    for count in counts:
+        seconds, total = gradient_of(size, Cluster(**{kind: count}))
+        first = first or seconds
+        print(f"| {count} | {seconds:.1f} | {first / seconds:.2f} | {total:.9g} |", flush=True)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("counts", help="numbers of GPUs, such as 1,2,4")
+    parser.add_argument("--workers", action="store_true", help="processes of the CPU instead")
+    options = parser.parse_args()
+    quiet_warp()
+    counts = [int(word) for word in options.counts.split(",")]
+    measure(counts, "workers" if options.workers else "gpus", CPU_SIZE if options.workers else GPU_SIZE)
+
+
+if __name__ == "__main__":
+    main()
