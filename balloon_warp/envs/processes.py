@@ -200,7 +200,7 @@ def _as_sent(failure: Exception) -> Exception:
 
 
 def _end_with_parent() -> None:
-    """End this process, even within a function, as soon as its parent is gone."""
+    """End the process, even within a function, as soon as its parent is gone."""
     parent = multiprocessing.parent_process()
     if parent:
         parent.join()
