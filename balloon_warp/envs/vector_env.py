@@ -89,9 +89,7 @@ class BalloonVectorEnv(VectorEnv[Any, Any, Any]):
         mask = (options or {}).get("reset_mask", np.ones(self.num_envs))
         self.simulator.reset(mask)
         wp.copy(buffers.begun, starts.mask)
-        launch(restart_steps, self.num_envs, [buffers.begun], [buffers.steps], device=self.simulator.model.device)
-        self._judge(buffers.scratch)
-        buffers.over.zero_()
+        self._restart(buffers.begun)
         return self._out(buffers.observations), {}
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
@@ -142,9 +140,14 @@ class BalloonVectorEnv(VectorEnv[Any, Any, Any]):
 
     def _begin_over(self) -> None:
         """Reset the worlds whose episode is over, and observe them again."""
+        self.simulator.reset(self._buffers.over)
+        self._restart(self._buffers.over)
+
+    def _restart(self, begun: wp.array) -> None:
+        """Count the steps of worlds that have begun anew, and observe all."""
         buffers = self._buffers
-        self.simulator.reset(buffers.over)
-        launch(restart_steps, self.num_envs, [buffers.over], [buffers.steps], device=self.simulator.model.device)
+        told = [buffers.steps, buffers.over]
+        launch(restart_steps, self.num_envs, [begun], told, device=self.simulator.model.device)
         self._judge(buffers.scratch)
 
     def render(self) -> tuple[Any, ...] | None:
