@@ -60,8 +60,8 @@ class BalloonVectorEnv(VectorEnv[Any, Any, Any]):
         render_mode: str | None = None,
     ):
         _require(num_envs, autoreset_mode, render_mode)
-        self.mode = AutoresetMode(autoreset_mode)
-        self.metadata = {**type(self).metadata, "autoreset_mode": self.mode}
+        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.metadata = {**type(self).metadata, "autoreset_mode": self.autoreset_mode}
         self.num_envs, self.task, self.render_mode = int(num_envs), task, render_mode
         self._out = output_of(output)
         self.simulator = Simulator(task.scene(), device, self.num_envs, schedule=schedule, laws=task.laws())
@@ -105,14 +105,14 @@ class BalloonVectorEnv(VectorEnv[Any, Any, Any]):
         for _ in range(self.task.frames):
             self.simulator.advance()
         buffers.begun.zero_()
-        if self.mode is AutoresetMode.NEXT_STEP:
+        if self.autoreset_mode is AutoresetMode.NEXT_STEP:
             wp.copy(buffers.begun, buffers.over)
             self.simulator.reset(buffers.begun)
         self._judge(buffers.rewards)
         self._finish()
         info: dict[str, Any] = {"cause": self._out(buffers.causes)}
         over = self._out(buffers.over, flags=True)
-        if self.mode is AutoresetMode.SAME_STEP:
+        if self.autoreset_mode is AutoresetMode.SAME_STEP:
             info |= {"final_obs": self._out(buffers.observations), "_final_obs": over}
             info |= {"final_info": {"cause": info["cause"]}, "_final_info": over}
             self._begin_over()

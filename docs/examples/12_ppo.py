@@ -1,7 +1,7 @@
 """A policy that PPO learns on the device, for any task of `balloon_warp.envs`: its curve, and its return beside others.
 
-    python 12_ppo.py Inflate --minutes 4
-    python 12_ppo.py Target --minutes 6
+    python 12_ppo.py Inflate --minutes 3
+    python 12_ppo.py Juggle --minutes 5
 
 The step that resets a world after its end is not learned from; where time was up, what is seen last is worth something.
 """
@@ -83,19 +83,19 @@ drawn = torch.empty(given.envs, env.task.actions, device=device)
 returns = {"random": mean_return(lambda seen: drawn.uniform_(-1.0, 1.0))}
 returns["scripted"] = mean_return(lambda seen: torch.from_numpy(env.task.policy(seen.cpu().numpy())).to(seen))
 print(f"{given.task}, {given.envs} worlds on {device}: {returns}", flush=True)
-
 policy = Policy(env.task.observations, env.task.actions).to(device)
 optimizer = torch.optim.Adam(policy.parameters(), 3.0e-4, eps=1.0e-5)
 seen, _ = env.reset(seed=given.seed)
-part = torch.arange(given.envs, device=device) % PARTS
+part, over = torch.arange(given.envs, device=device) % PARTS, torch.zeros(given.envs, device=device, dtype=torch.bool)
 for number in range(PARTS):  # begin parts one after the other, else an update would see now beginnings and now ends
     for _ in range(env.task.most_steps // PARTS):
         seen, _, terminated, truncated, _ = env.step(drawn.uniform_(-1.0, 1.0))
+        over = terminated | truncated
         policy.scale.take(seen)
-    over = (terminated | truncated) & (part != number)
+    over = over & (part != number)
     seen, _ = env.reset(options={"reset_mask": (part == number).int()})
-total, gain, whole = torch.zeros(given.envs, device=device), torch.zeros(given.envs, device=device), over.clone()
-gains, curve, begin = Scale(1).to(device), [], perf_counter()
+total, gain = torch.zeros(2, given.envs, device=device)
+whole, change, gains, curve, begin = over, total, Scale(1).to(device), [], perf_counter()
 while len(curve) < given.updates and perf_counter() - begin < 60.0 * given.minutes:
     rows = []
     for _ in range(given.steps):
