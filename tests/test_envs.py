@@ -109,6 +109,18 @@ def test_a_mask_says_which_worlds_begin_anew() -> None:
         env.reset(options={"reset_mask": np.array([True, False])})
 
 
+def test_worlds_that_a_mask_leaves_out_begin_anew_in_the_next_step() -> None:
+    """A mask resets one of the worlds that are over; the others are reset as they would have been without."""
+    envs = [BalloonVectorEnv(Brief(), 3, device="cpu") for _ in range(2)]
+    for env in envs:
+        assert steps(env, 4)[-1][3].all()
+    begun, _ = envs[0].reset(options={"reset_mask": np.array([False, True, False])})
+    told, plain = (env.step(np.zeros((3, 3), dtype=np.float32)) for env in envs)
+    np.testing.assert_array_equal(told[0][::2], plain[0][::2])
+    np.testing.assert_array_equal(begun[1], plain[0][1])
+    assert [told[1][world] == 0.0 for world in range(3)] == [True, False, True]
+
+
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_an_action_that_is_not_finite_ends_its_world(bad: float) -> None:
     envs = [BalloonVectorEnv(Target(), 3, device="cpu") for _ in range(2)]

@@ -25,6 +25,7 @@ SMALL: dict[str, dict[str, Any]] = {
     "09_throw": {"STARTS": 2},
     "10_pump": {},
     "11_mesh_graph_net": {"WORLDS": 12, "FRAMES": 4, "STEPS": 2},
+    "12_ppo": {},
 }
 """what replaces each one's numbers"""
 MADE = {
@@ -39,12 +40,16 @@ MADE = {
     "09_throw": [],
     "10_pump": [],
     "11_mesh_graph_net": ["mesh_graph_net.png", "thrown"],
+    "12_ppo": ["ppo_Inflate.csv", "ppo_Inflate.png"],
 }
 NEEDED = {"01_sweep": "matplotlib", "02_pressure_curve": "matplotlib", "03_custom_law": "matplotlib"} | {
     "06_batch_on_a_cluster": "distributed",
     "07_results_with_pandas": "pandas",
     "11_mesh_graph_net": "torch",
+    "12_ppo": "torch",
 }
+ARGUMENTS = {"12_ppo": "Inflate --envs 8 --steps 4 --updates 3 --device cpu"}
+"""what follows a program's name"""
 
 
 def small(name: str, folder: Path) -> Path:
@@ -82,9 +87,10 @@ def run(name: str, here: Path) -> ModuleType:
 
 
 @pytest.mark.parametrize("name", [name for name in SMALL if name != "06_batch_on_a_cluster"])
-def test_it_runs(name: str, here: Path):
+def test_it_runs(name: str, here: Path, monkeypatch: pytest.MonkeyPatch):
     if name in NEEDED:
         pytest.importorskip(NEEDED[name])
+    monkeypatch.setattr(sys, "argv", [name, *ARGUMENTS.get(name, "").split()])
     module = run(name, here)
     assert sorted(path.name for path in Path().iterdir()) == MADE[name]
     if name == "01_sweep":  # more pressure holds more
@@ -103,6 +109,10 @@ def test_it_runs(name: str, here: Path):
     if name == "10_pump":  # which falls by 0.9 m without
         assert module.left[-1] < 0.2
         np.testing.assert_allclose(module.held, module.HEIGHT, atol=0.05)
+    if name == "12_ppo":
+        assert [(row[1], np.isfinite(row[0])) for row in module.curve] == [(32, True), (64, True), (96, True)]
+        assert set(module.returns) == {"random", "scripted", "learned"}
+        assert module.returns["scripted"] > 50.0 > module.returns["random"]
     if name == "07_results_with_pandas":
         assert (module.by_mass["health"] == 1).all()
 

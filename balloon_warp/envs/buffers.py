@@ -25,10 +25,10 @@ class Buffers:
     rewards: wp.array
     terminated: wp.array
     truncated: wp.array
-    over: wp.array
-    """1 of worlds whose episode is over"""
     causes: wp.array
     """Why a world has ended other than by its task, see `CAUSES`"""
+    over: wp.array
+    """1 of worlds whose episode is over"""
     begun: wp.array
     """1 of worlds that have begun anew in this step"""
     steps: wp.array
@@ -48,6 +48,6 @@ class Buffers:
         layout = Layout(world_count, task.observations)
         block = wp.zeros(layout.size, dtype=wp.int32, device=device)
         actions = {name: zeros(wp.float32, task.actions) for name in ("given", "actions")}
-        flags = {name: zeros(wp.int32) for name in ("begun", "steps", "ignored")}
+        flags = {name: zeros(wp.int32) for name in ("over", "begun", "steps", "ignored")}
         told = layout.split(block, wp.float32)
         return cls(block=block, scratch=zeros(wp.float32), **actions, **flags, **told)

@@ -55,8 +55,8 @@ class SpreadVectorEnv(VectorEnv[Any, Any, Any]):
     ):
         require_choices(num_envs, autoreset_mode, render_mode)
         output_of(output)
-        self.mode = AutoresetMode(autoreset_mode)
-        self.metadata = {**BalloonVectorEnv.metadata, "autoreset_mode": self.mode}
+        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.metadata = {**BalloonVectorEnv.metadata, "autoreset_mode": self.autoreset_mode}
         self.num_envs, self.task, self.render_mode = int(num_envs), task, render_mode
         spaces = spaces_of(task, self.num_envs)
         (self.single_observation_space, self.single_action_space), (self.observation_space, self.action_space) = spaces
@@ -67,7 +67,7 @@ class SpreadVectorEnv(VectorEnv[Any, Any, Any]):
         """Numbers of the worlds of each process"""
         self._actions = wp.zeros((self.num_envs, task.actions), dtype=wp.float32, device="cpu")
         device = str(cluster.device(None))
-        of_all = (self.num_envs, device, self.mode, output, schedule, render_mode)
+        of_all = (self.num_envs, device, self.autoreset_mode, output, schedule, render_mode)
         parts = [Part(task, worlds, *of_all) for worlds in self.parts]
         self._processes = Processes(parts, environments, cluster.option)
 
@@ -93,7 +93,7 @@ class SpreadVectorEnv(VectorEnv[Any, Any, Any]):
         """
         copy_actions(self._actions, actions)
         parts = [(each,) for each in self._split(np.asarray(self._actions.numpy()))]
-        return results_of(joined(self._processes.ask("step", parts)), self.mode)
+        return results_of(joined(self._processes.ask("step", parts)), self.autoreset_mode)
 
     def on_each(self, function: Callable[..., Any], *arguments: Any) -> list[Any]:
         """Call a function in each process at once, and return what each returns, in the order of the worlds.

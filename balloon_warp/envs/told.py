@@ -19,13 +19,11 @@ class Told(NamedTuple):
     terminated: Any
     """Shape (world_count,), bool"""
     truncated: Any
-    over: Any
-    """Whether the episode is over"""
     causes: Any
     """Why a world has ended other than by its task, int32"""
 
 
-FLAGS = ("terminated", "truncated", "over")
+FLAGS = ("terminated", "truncated")
 """Numbers that are told as truth values"""
 INTEGERS = (*FLAGS, "causes")
 

@@ -63,8 +63,8 @@ class BalloonVectorEnv(VectorEnv[Any, Any, Any]):
         first_world: int = 0,
     ):
         require_choices(num_envs, autoreset_mode, render_mode)
-        self.mode = AutoresetMode(autoreset_mode)
-        self.metadata = {**type(self).metadata, "autoreset_mode": self.mode}
+        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.metadata = {**type(self).metadata, "autoreset_mode": self.autoreset_mode}
         self.num_envs, self.task, self.render_mode = int(num_envs), task, render_mode
         told_as = output_of(output)
         self.simulator = Simulator(task.scene(), device, self.num_envs, schedule=schedule, laws=task.laws())
@@ -93,9 +93,7 @@ class BalloonVectorEnv(VectorEnv[Any, Any, Any]):
         mask = (options or {}).get("reset_mask", np.ones(self.num_envs))
         self.simulator.reset(mask)
         wp.copy(buffers.begun, starts.mask)
-        launch(restart_steps, self.num_envs, [buffers.begun], [buffers.steps], device=self.simulator.model.device)
-        self._judge(buffers.scratch)
-        buffers.over.zero_()
+        self._restart(buffers.begun)
         return self._out(buffers.block).observations, {}
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
@@ -104,7 +102,7 @@ class BalloonVectorEnv(VectorEnv[Any, Any, Any]):
         Raises:
             InputError: the actions have another shape, or are no numbers.
         """
-        return results_of(self.advance(actions), self.mode)
+        return results_of(self.advance(actions), self.autoreset_mode)
 
     def advance(self, actions: Any) -> Told:
         """Advance all worlds by the frames of a step. The host waits once, for what is told in the end.
@@ -119,12 +117,12 @@ class BalloonVectorEnv(VectorEnv[Any, Any, Any]):
         for _ in range(self.task.frames):
             self.simulator.advance()
         buffers.begun.zero_()
-        if self.mode is AutoresetMode.NEXT_STEP:
+        if self.autoreset_mode is AutoresetMode.NEXT_STEP:
             wp.copy(buffers.begun, buffers.over)
             self.simulator.reset(buffers.begun)
         self._judge(buffers.rewards)
         self._finish()
-        if self.mode is AutoresetMode.SAME_STEP:
+        if self.autoreset_mode is AutoresetMode.SAME_STEP:
             wp.copy(buffers.final_observations, buffers.observations)
             self._begin_over()
         return self._out(buffers.block)
@@ -150,9 +148,14 @@ class BalloonVectorEnv(VectorEnv[Any, Any, Any]):
 
     def _begin_over(self) -> None:
         """Reset the worlds whose episode is over, and observe them again."""
+        self.simulator.reset(self._buffers.over)
+        self._restart(self._buffers.over)
+
+    def _restart(self, begun: wp.array) -> None:
+        """Count the steps of worlds that have begun anew, and observe all."""
         buffers = self._buffers
-        self.simulator.reset(buffers.over)
-        launch(restart_steps, self.num_envs, [buffers.over], [buffers.steps], device=self.simulator.model.device)
+        told = [buffers.steps, buffers.over]
+        launch(restart_steps, self.num_envs, [begun], told, device=self.simulator.model.device)
         self._judge(buffers.scratch)
 
     def render(self) -> tuple[Any, ...] | None:
@@ -175,8 +178,9 @@ def results_of(told: Told, mode: AutoresetMode) -> tuple[Any, Any, Any, Any, dic
     """Return what a step tells, as Gymnasium has it."""
     info: dict[str, Any] = {"cause": told.causes}
     if mode is AutoresetMode.SAME_STEP:
-        info |= {"final_obs": told.final_observations, "_final_obs": told.over}
-        info |= {"final_info": {"cause": told.causes}, "_final_info": told.over}
+        over = told.terminated | told.truncated
+        info |= {"final_obs": told.final_observations, "_final_obs": over}
+        info |= {"final_info": {"cause": told.causes}, "_final_info": over}
     return told.observations, told.rewards, told.terminated, told.truncated, info
 
 

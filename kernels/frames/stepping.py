@@ -78,8 +78,14 @@ def finish_step(
 
 
 @wp.kernel
-def restart_steps(begun: wp.array[wp.int32], steps: wp.array[wp.int32]):
-    """Count the steps of worlds that have begun anew from 0; a thread a world."""
+def restart_steps(
+    begun: wp.array[wp.int32],
+    # out
+    steps: wp.array[wp.int32],
+    over: wp.array[wp.int32],
+):
+    """Count the steps of worlds that have begun anew from 0: they are not over; a thread a world."""
     world = wp.tid()
     if begun[world] != 0:
         steps[world] = 0
+        over[world] = 0
