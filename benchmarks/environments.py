@@ -6,6 +6,7 @@ Run it by python -m balloon_warp.benchmarks.environments [DEVICE] [WORLDS] [STEP
 import sys
 import tempfile
 from collections.abc import Callable
+from importlib.util import find_spec
 from time import perf_counter
 from typing import Any
 
@@ -14,6 +15,7 @@ import warp as wp
 
 from balloon_warp.device import pick_device
 from balloon_warp.envs.altitude import Altitude
+from balloon_warp.envs.arrays import Output
 from balloon_warp.envs.inflate import Inflate
 from balloon_warp.envs.task import Task
 from balloon_warp.envs.vector_env import BalloonVectorEnv
@@ -46,13 +48,27 @@ def seconds_of(device: Any, count: int, *ways: Callable[[], Any]) -> list[float]
 def of_task(task: Task, device: Any, worlds: int, steps: int) -> None:
     """Environment steps a second, beside the bare frames of the same scene and of a batch."""
     bare = Simulator(task.scene(), str(device), worlds, laws=task.laws())
-    env = BalloonVectorEnv(task, worlds, device=str(device), autoreset_mode="SameStep")
-    env.reset(seed=0)
-    actions = np.random.default_rng(0).uniform(-1.0, 1.0, (worlds, task.actions)).astype(np.float32)
-    frame, step = seconds_of(device, steps, bare.advance, lambda: env.step(actions))
-    name = f"{type(task).__name__}, {worlds} worlds, {bare.model.substeps} substeps of {bare.model.particle_count}"
-    print(f"{name}: {worlds / step:.3g} steps a second, {frame / step:.2f} of the bare frames")
-    _print_batch(task, device, worlds, steps, step)
+    outputs: list[Output] = ["numpy", "torch"] if find_spec("torch") else ["numpy"]
+    ways = [
+        _stepping(BalloonVectorEnv(task, worlds, device=str(device), autoreset_mode="SameStep", output=output))
+        for output in outputs
+    ]
+    frame, *told = seconds_of(device, steps, bare.advance, *ways)
+    print(f"{type(task).__name__}, {worlds} worlds, {bare.model.substeps} substeps of {bare.model.particle_count}")
+    for output, step in zip(outputs, told, strict=True):
+        print(f"  {output}: {worlds / step:.3g} steps a second, {frame / step:.2f} of the bare frames")
+    _print_batch(task, device, worlds, steps, told[0])
+
+
+def _stepping(env: BalloonVectorEnv) -> Callable[[], Any]:
+    """Return what steps an environment by random actions, as arrays of its own kind."""
+    observations, _ = env.reset(seed=0)
+    actions: Any = np.random.default_rng(0).uniform(-1.0, 1.0, env.action_space.shape).astype(np.float32)
+    if not isinstance(observations, np.ndarray):
+        import torch
+
+        actions = torch.from_numpy(actions).to(observations.device)
+    return lambda: env.step(actions)
 
 
 def _print_batch(task: Task, device: Any, worlds: int, steps: int, step: float) -> None:
