@@ -5,6 +5,10 @@ class InputError(ValueError):
     """Bad input: the message names the file or field, what was found, and what was expected. Exit status 2."""
 
 
+class NoRoomError(InputError):
+    """Worlds do not fit into a device's memory: the message says how many would. Exit status 2."""
+
+
 class MissingExtraError(ImportError):
     """A feature needs an optional package: the message names the extra that installs it. Exit status 2."""
 

@@ -21,8 +21,9 @@ gc.set_threshold(20_000)  # Warp's code generator makes much that stays, which i
 pytest_plugins = ("page_fixtures",)
 
 CROWDED = (
-    *("cluster", "cluster_mistakes", "examples", "guard", "kills", "nonsense", "playground", "repeatable_anywhere"),
-    *("envs_processes", "gradients_workers", "resume_batch_processes", "trust", "view", "view_look", "view_parts"),
+    *("cluster", "cluster_mistakes", "cluster_room", "envs_processes", "examples", "guard", "kills"),
+    *("nonsense", "playground", "repeatable_anywhere", "gradients_workers", "resume_batch_processes"),
+    *("trust", "view", "view_look", "view_parts"),
 )
 """files of tests that start processes or wait for a page: one process goes through them while others do the rest, or a
 machine of two cores is too slow for the clocks that people and networks go by. They also have a core before the rest"""

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 import warp as wp
 
-from balloon_warp.errors import InputError
+from balloon_warp.errors import NoRoomError
 from balloon_warp.model.limits import least_limit
 
 USABLE = 0.9
@@ -64,13 +64,13 @@ def require_memory(device: wp.Device, world_counts: Sequence[int], bytes_per_wor
         bytes_per_world: of each kind of world.
 
     Raises:
-        InputError: they do not; the message says how many would.
+        NoRoomError: they do not; the message says how many would.
     """
     needed = sum(count * size for count, size in zip(world_counts, bytes_per_world, strict=True))
     usable, within = _usable(device)
     if needed > usable:
         worlds = sum(world_counts)
-        raise InputError(
+        raise NoRoomError(
             f"{worlds} worlds do not fit: they need {needed / 2**30:.2f} GiB, and {device} has "
             f"{usable / 2**30:.2f} GiB to spare{within}, enough for {usable * worlds // needed} worlds"
         )

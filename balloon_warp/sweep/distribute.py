@@ -60,7 +60,7 @@ def distribute_batch(
             output.begin_trajectories(bool(journal.schedules))
             try:
                 work = _work(task, shares, journal.schedules, device)
-                for done in run_shares(client, cluster, work, len(devices), on_frame):
+                for done in run_shares(client, cluster, work, len(devices), on_frame, checkpoints.on_note):
                     if done:
                         journal.add(*done)
                     if checkpoints.due or interrupts.pending:

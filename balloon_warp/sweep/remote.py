@@ -1,9 +1,11 @@
 """Shares of work on Dask's workers: they go out, and their results come back in any order."""
 
+import os
 import pickle
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -12,7 +14,7 @@ from uuid import uuid4
 import numpy as np
 
 from balloon_warp.device import pick_device
-from balloon_warp.errors import InputError, WorkersLostError
+from balloon_warp.errors import InputError, NoRoomError, WorkersLostError
 from balloon_warp.kernels.laws import Law
 from balloon_warp.sweep.cluster import Cluster
 
@@ -36,6 +38,15 @@ with without_collecting():
 """Code by which a worker loads a module"""
 
 _one_at_a_time = threading.Lock()  # a worker may have many threads, but it has one device
+
+
+class NoRoom(NamedTuple):
+    """Answer of a worker into whose memory a share does not fit."""
+
+    address: str
+    device: str
+    """Its GPU among those of the machine, or "cpu" """
+    reason: str
 
 
 class Work(NamedTuple):
@@ -91,17 +102,23 @@ def worker_devices(client: "Client", cluster: Cluster, device: str | None, modul
 
 
 def run_shares(
-    client: "Client", cluster: Cluster, work: Work, worker_count: int, on_frame: Callable[[int], None]
+    client: "Client",
+    cluster: Cluster,
+    work: Work,
+    worker_count: int,
+    on_frame: Callable[[int], None],
+    on_note: Callable[[str], None] = lambda sentence: None,
 ) -> Iterator[tuple[int, Any] | None]:
     """Do the shares, and yield each one's number and result as it comes, and nothing now and then meanwhile.
 
-    What a lost worker had is done again.
+    What a lost worker had is done again. Where a share does not fit, other workers do it and all that follow.
 
     Args:
         on_frame: told how many frames are done, on the average of all shares by their weights.
+        on_note: told of each worker that has no room.
 
     Raises:
-        InputError: a share does not fit into a worker's memory.
+        InputError: a share fits into no worker's memory.
         BlowUpError: a world blew up, which is to stop all.
         WorkersLostError: a share lost one worker after the other, no worker is left, or the scheduler is gone.
     """
@@ -110,12 +127,18 @@ def run_shares(
     client.subscribe_topic(topic, lambda event: events.put(event[1]))
     missing = set(work.shares)
     waiting = iter(sorted(missing))
+    full: dict[str, NoRoom] = {}  # workers that have no room, by their addresses
+    refusals: Counter[int] = Counter()  # of shares
+
+    def send(number: int) -> None:
+        told = (work.do, work.shares[number], cluster.prepare, topic, number)
+        elsewhere: Any = {"workers": _others(client, full), "allow_other_workers": True} if full else {}
+        future = client.submit(_do, *told, key=f"{topic}-{number}-{refusals[number]}", pure=False, **elsewhere)
+        future.add_done_callback(lambda done: events.put((number, done)))
 
     def send_next() -> None:
         if (number := next(waiting, None)) is not None:
-            told = (work.do, work.shares[number], cluster.prepare, topic, number)
-            future = client.submit(_do, *told, key=f"{topic}-{number}", pure=False)
-            future.add_done_callback(lambda done: events.put((number, done)))
+            send(number)
 
     for _ in range(AHEAD * worker_count):
         send_next()
@@ -137,11 +160,25 @@ def run_shares(
             yield None
         else:
             result = _result(client, news)
+            if isinstance(result, NoRoom):
+                if result.address not in full:
+                    on_note(f"{result.device}: {result.reason}; the other workers do its share")
+                full[result.address] = result
+                refusals[number] += 1
+                if not _others(client, full) or refusals[number] > 2 * worker_count:
+                    raise NoRoomError(result.reason)
+                send(number)
+                continue
             frames[number] = work.frames
             missing.remove(number)
             send_next()
             yield number, result
         on_frame(int(frames @ np.array(work.weights) + 1.0e-6))
+
+
+def _others(client: "Client", full: Container[str]) -> list[str]:
+    """Return the addresses of the workers that have room as far as is known."""
+    return [address for address in client.nthreads() if address not in full]
 
 
 def _has_workers(client: "Client") -> bool:
@@ -190,7 +227,11 @@ def _do(
     with _one_at_a_time:
         if prepare:
             prepare()
-        return do(*share, on_frame=report)
+        try:
+            return do(*share, on_frame=report)
+        except NoRoomError as error:
+            names = os.environ.get("CUDA_VISIBLE_DEVICES")
+            return NoRoom(worker.address, f"GPU {names}" if names else worker.address, str(error))
 
 
 def _device_name(device: str | None, prepare: Callable[[], None] | None) -> str:
