@@ -6,6 +6,7 @@ Run it by python -m balloon_warp.benchmarks.environments [DEVICE] [WORLDS] [STEP
 import sys
 import tempfile
 from collections.abc import Callable
+from copy import copy
 from importlib.util import find_spec
 from time import perf_counter
 from typing import Any
@@ -24,7 +25,8 @@ from balloon_warp.simulator import Simulator
 from balloon_warp.sweep.batch import run_batch
 from balloon_warp.warp_logging import quiet_warp
 
-REPEATS = 5
+REPEATS, BATCH_SECONDS = 5, 2.0
+"""Number of turns, and simulated time of a batch, beside which its start does not count [s]"""
 PATH = "balloon.inflation.pressure"
 """Overrides of `squirrel_tether`"""
 
@@ -50,13 +52,16 @@ def of_task(task: Task, device: Any, worlds: int, steps: int) -> None:
     bare = Simulator(task.scene(), str(device), worlds, laws=task.laws())
     outputs: list[Output] = ["numpy", "torch"] if find_spec("torch") else ["numpy"]
     ways = [
-        _stepping(BalloonVectorEnv(task, worlds, device=str(device), autoreset_mode="SameStep", output=output))
+        _stepping(BalloonVectorEnv(copy(task), worlds, device=str(device), autoreset_mode="SameStep", output=output))
         for output in outputs
     ]
-    frame, *told = seconds_of(device, steps, bare.advance, *ways)
+    steered = Simulator(task.scene(), str(device), worlds, laws=task.laws())
+    copy(task).begin(steered)
+    frame, frame_steered, *told = seconds_of(device, steps, bare.advance, steered.advance, *ways)
     print(f"{type(task).__name__}, {worlds} worlds, {bare.model.substeps} substeps of {bare.model.particle_count}")
     for output, step in zip(outputs, told, strict=True):
-        print(f"  {output}: {worlds / step:.3g} steps a second, {frame / step:.2f} of the bare frames")
+        shares = f"{frame_steered / step:.2f} of the frames of its scene with controls, {frame / step:.2f} without"
+        print(f"  {output}: {worlds / step:.3g} steps a second, {shares}")
     _print_batch(task, device, worlds, steps, told[0])
 
 
@@ -74,13 +79,14 @@ def _stepping(env: BalloonVectorEnv) -> Callable[[], Any]:
 def _print_batch(task: Task, device: Any, worlds: int, steps: int, step: float) -> None:
     """Measure a batch, which makes a table: its rate by the difference of two lengths."""
     seconds = []
-    for frames in (1, 1 + 3 * steps):
+    longer = max(3 * steps, int(BATCH_SECONDS / step))
+    for frames in (1, 1 + longer):
         scene = task.scene().model_copy(update={"frames": frames})
         with tempfile.TemporaryDirectory() as folder:
             begin = perf_counter()
             run_batch(scene, folder, worlds, device=str(device), laws=task.laws())
             seconds.append(perf_counter() - begin)
-    frame = (seconds[1] - seconds[0]) / (3 * steps)
+    frame = (seconds[1] - seconds[0]) / longer
     print(f"  a batch: {worlds / frame:.3g} frames a second; the environment has {frame / step:.2f} of them")
 
 

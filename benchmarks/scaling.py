@@ -21,6 +21,7 @@ from balloon_warp.errors import InputError, WorkersLostError
 from balloon_warp.model import build_model, initial_state
 from balloon_warp.schedules import make_schedule
 from balloon_warp.schedules.lanes import LanesSchedule
+from balloon_warp.sweep.cluster import Cluster, worker_environments
 from balloon_warp.warp_logging import quiet_warp
 
 REPEATS = 5
@@ -80,13 +81,7 @@ def _environments(share: Share, counts: Sequence[int]) -> list[dict[str, str]]:
     option = "--workers" if on_cpu else "--gpus"
     if not counts or min(counts) < 1:
         raise InputError(f"{option}: expected numbers of at least 1, such as 1,2,4")
-    if on_cpu:
-        return [{}] * max(counts)
-    visible = os.environ.get("CUDA_VISIBLE_DEVICES")
-    names = visible.split(",") if visible else [str(number) for number in range(wp.get_cuda_device_count())]
-    if max(counts) > len(names):
-        raise InputError(f"{option} {max(counts)}: this machine has {len(names)}")
-    return [{"CUDA_VISIBLE_DEVICES": name} for name in names[: max(counts)]]
+    return worker_environments(Cluster(workers=max(counts)) if on_cpu else Cluster(gpus=max(counts)))
 
 
 def _rate_together(share: Share, environments: Sequence[dict[str, str]]) -> tuple[float, int]:

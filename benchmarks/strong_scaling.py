@@ -91,11 +91,12 @@ def step_with_policy(env: BalloonVectorEnv, steps: int, begin: float) -> tuple[f
     else:
         sizes = (env.task.observations, 64, 64, env.task.actions)
         layers = [each for pair in pairwise(sizes) for each in (torch.nn.Linear(*pair), torch.nn.Tanh())]
-        network = torch.nn.Sequential(*layers).to("cuda" if torch.cuda.is_available() else "cpu")
+        device = "cuda" if torch.cuda.is_available() else "cpu"
+        network = torch.nn.Sequential(*layers).to(device)
 
         def policy(observations: Any) -> Any:
             with torch.no_grad():
-                return network(observations)
+                return network(torch.as_tensor(observations, device=device))
 
     observations, _ = env.reset(seed=0)
     for _ in range(3):

@@ -43,6 +43,12 @@ def test_a_mistake_gets_one_sentence_and_status_2(
     assert [path.name for path in tmp_path.iterdir()] == ["ball.obj"]
 
 
+def test_a_gpu_that_is_named_twice_is_refused(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "1,0,1")
+    with pytest.raises(InputError, match=r"^CUDA_VISIBLE_DEVICES=1,0,1: names a GPU twice$"):
+        cluster_module.worker_environments(Cluster(gpus=2))
+
+
 def test_a_script_without_a_guard_is_told(tmp_path: Path):
     """A script without a main guard is reported: each worker imports it, and would start workers of its own."""
     script = tmp_path / "script.py"

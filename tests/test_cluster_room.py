@@ -50,7 +50,7 @@ def simulate(folder: Path, cluster: Cluster | None, notes: list[str]) -> bytes:
 
 
 def test_others_do_what_does_not_fit(tmp_path: Path) -> None:
-    """One worker of two is full: a note says so once, and the table is that of one process."""
+    """Notes tell of the full worker once, and the table is that of one process."""
     notes: list[str] = []
     (claims := tmp_path / "claims").mkdir()
     cluster = Cluster(workers=2, prepare=functools.partial(fill_first, str(claims), 1))

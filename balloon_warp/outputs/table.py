@@ -75,6 +75,7 @@ class TableWriter:
         self.health = np.zeros((frame_count, world_count), dtype=np.int32)
         """Health of each frame and world, shape (frame_count, world_count)"""
         self._frames_written = 0
+        self._has_arrays = False
 
     @property
     def columns(self) -> list[str]:
@@ -99,8 +100,14 @@ class TableWriter:
         self._frames_written += 1
         self._rows.write(frame, frame / self.frames_per_second, self.values[frame], self.health[frame])
 
+    def write_arrays(self) -> None:
+        """Write the arrays of all frames, which are there: in a thread of its own while rows are written."""
+        write_npz(self._npz, ((name, self._column(name)) for name in self.columns))
+        self._has_arrays = True
+
     def write_again(self) -> None:
         """Write the frames again that were written already: their rows have changed since."""
+        self._has_arrays = False
         frames, self._frames_written = self._frames_written, 0
         self._rows.begin_again()
         for _ in range(frames):
@@ -119,9 +126,9 @@ class TableWriter:
                 target_of(path).unlink()
 
     def _save_npz(self, kind: type[BaseException] | None, *_: object) -> None:
-        """Save the arrays unless the run failed; one column at a time is in memory twice."""
-        if kind is None:
-            write_npz(self._npz, ((name, self._column(name)) for name in self.columns))
+        """Write the arrays unless the run failed, or they are written; one column at a time is in memory twice."""
+        if kind is None and not self._has_arrays:
+            self.write_arrays()
 
     def _column(self, name: str) -> NDArray:
         frames, worlds = self.health.shape

@@ -136,15 +136,22 @@ async def _identify(address: str) -> None:
 
 
 def worker_environments(cluster: Cluster) -> list[dict[str, str]]:
-    """Return the environment of each worker to start: the GPU that it sees."""
+    """Return the environment of each worker to start: the GPU that it sees.
+
+    Raises:
+        InputError: this machine has fewer GPUs, or the same one is named twice.
+    """
     if not cluster.gpus:
         return [{}] * (cluster.workers or 0)
     import warp as wp
 
+    visible = os.environ.get("CUDA_VISIBLE_DEVICES")
+    chosen = visible.split(",") if visible else []
+    if len(set(chosen)) < len(chosen):
+        raise InputError(f"CUDA_VISIBLE_DEVICES={visible}: names a GPU twice")
     if cluster.gpus > (present := wp.get_cuda_device_count()):
         raise InputError(f"{cluster.option}: this machine has {present}")
-    visible = os.environ.get("CUDA_VISIBLE_DEVICES")
-    names = visible.split(",") if visible else [str(number) for number in range(present)]
+    names = chosen or [str(number) for number in range(present)]
     return [{"CUDA_VISIBLE_DEVICES": name} for name in names[: cluster.gpus]]
 
 

@@ -70,8 +70,9 @@ def distribute_batch(
                 journal.save()
                 interrupts.deliver()  # a signal that ends this process may have ended the workers first
                 raise WorkersLostError(f"{loss}; {checkpoints.advice}") from None
-            with Background() as writer:
+            with Background() as writer, Background() as other:
                 writer.submit(_write_table, task, output)
+                other.submit(output.table.write_arrays)
                 workers.close()  # which end meanwhile
             endings = output.endings()
         return Outcome(

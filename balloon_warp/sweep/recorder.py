@@ -1,6 +1,6 @@
 """Recording of a batch after each frame: a row of measures for each world, and the shapes of exported ones."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -21,8 +21,9 @@ from balloon_warp.sweep.contacts import COLUMNS, contacts_shape
 from balloon_warp.sweep.world_files.tracks import Tracker
 from balloon_warp.warp_lock import lock_of, recording
 
-LANES = 32
-"""Number of threads that sum a balloon; constant, so that a world's sums do not depend on its batch"""
+LANES, MANY_LANES, LARGE = 32, 128, 1024
+"""Numbers of threads that sum a balloon, and number of particles above which the largest one takes many: that follows
+from the scene alone, so that a world's sums do not depend on its batch"""
 MEASURES = ("volume", "area", "pressure", "center_height", "largest_stretch", "kinetic_energy")
 """Names of the measures: [m^3], [m^2], [Pa], [m], length over rest length, [J]"""
 OF_GAS = ("moles", "mean_stretch", "thrust")
@@ -106,7 +107,8 @@ class Recorder:
         self._balloon_springs = offsets([shape.springs.count for shape in model.shapes])
         self._triangle_faces = wp.array(model.triangle_faces, dtype=wp.int32, device=model.device)
         self._balloon_triangles = offsets([shape.membrane.count for shape in model.shapes])
-        self._sums = zeros((worlds, model.balloon_count, LANES), BalloonSums)
+        lanes = _lanes_of(shape.mesh.vertex_count for shape in model.shapes)
+        self._sums = zeros((worlds, model.balloon_count, lanes), BalloonSums)
         columns = columns_of(model.scene)
         self._measures = zeros((worlds, len(columns)), float)
         self._box_column, self._burst_column, self._gas_column = (
@@ -238,7 +240,13 @@ class Recorder:
 
 def record_bytes(plan: ModelPlan) -> int:
     """Return the device memory that a world takes for its measures."""
-    return 40 * LANES * len(plan.shapes) + 4 * len(columns_of(plan.scene)) + contact_bytes(plan)
+    lanes = _lanes_of(shape.mesh.vertex_count for shape in plan.shapes)
+    return 40 * lanes * len(plan.shapes) + 4 * len(columns_of(plan.scene)) + contact_bytes(plan)
+
+
+def _lanes_of(particle_counts: Iterable[int]) -> int:
+    """Return the number of threads that sum each balloon of a scene."""
+    return MANY_LANES if max(particle_counts) > LARGE else LANES
 
 
 def contact_bytes(plan: ModelPlan) -> int:

@@ -45,7 +45,7 @@ class NoRoom(NamedTuple):
 
     address: str
     device: str
-    """Its GPU among those of the machine, or "cpu" """
+    """Name of its GPU in the machine, or else its address"""
     reason: str
 
 
