@@ -196,7 +196,7 @@ def test_a_pipe_and_a_huge_file_are_refused_unread(tmp_path: Path) -> None:
         load_mesh(tmp_path / "pipe.obj")
     with (tmp_path / "huge.obj").open("wb") as file:
         file.truncate(2**31)
-    with pytest.raises(InputError, match=r"huge\.obj: is 2,147,483,648 bytes large; expected at most 1,073,741,824"):
+    with pytest.raises(InputError, match=r"huge\.obj: has 2,147,483,648 bytes; expected at most 1,073,741,824"):
         load_mesh(tmp_path / "huge.obj")
 
 

@@ -281,5 +281,7 @@ def _planned(material: dict[str, Any], fields: dict[str, Any]) -> None:
 
 def test_schedules_that_cannot_say_so(device: str):
     for schedule in ("block", "lanes", "octets"):
-        with pytest.raises(InputError, match=f"--schedule {schedule}: cannot let balloons burst; auto, scatter and"):
+        with pytest.raises(
+            InputError, match=f"--schedule {schedule}: does not support balloons that burst; auto, scatter and"
+        ):
             Simulator(scene_of(), device, schedule=schedule)

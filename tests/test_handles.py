@@ -63,7 +63,7 @@ def test_a_hole_that_no_cells_keep_is_closed_and_that_is_said(
     made = remesh(narrow, 16)
     assert_closed_quads(made, holes_through=1)
     assert made.warnings == (
-        "With 16 cells 1 of its 2 handles, or holes through it, is lost: no number of cells keeps that.",
+        "With 16 cells 1 of its 2 handles, or holes through it, is lost: no number of cells keeps the handles.",
     )
 
 

@@ -79,11 +79,11 @@ def test_what_is_not_faithful_is_found() -> None:
     one_gone = replace(BALL, face_vertex_counts=BALL.face_vertex_counts[1:])
     one_gone = replace(one_gone, face_vertex_indices=BALL.face_vertex_indices[4:])
     assert infidelity(BALL, one_gone, 0.1) == "4 of its edges are open or crossed"
-    assert infidelity(BALL, joined(BALL, small), 0.1) == "2 parts come of 1"
+    assert infidelity(BALL, joined(BALL, small), 0.1) == "it has 2 parts instead of 1"
 
 
 def test_a_part_in_pieces_is_found() -> None:
     whole, half = rod(np.linspace(0.0, 3.0, 60), np.full(60, 0.2)), rod(np.linspace(0.0, 1.47, 30), np.full(30, 0.2))
     halves = joined(half, replace(half, points=half.points + (0.0, 1.53, 0.0)))
     assert infidelity(halves, halves, 0.1) is None
-    assert str(infidelity(whole, halves, 0.1)).startswith("one part comes to pieces near (")
+    assert str(infidelity(whole, halves, 0.1)).startswith("one part breaks into pieces near (")

@@ -172,7 +172,7 @@ def test_what_else_the_bits_depend_on_is_compared(path: str, value: object, tmp_
     output = tmp_path / "out.usdc"
     tamper(stop(SCENE, output) / "job.json", path, value)
     with pytest.raises(
-        InputError, match=rf"is of another run: {path} is {json.dumps(value)} there and .* here; expected"
+        InputError, match=rf"belongs to another run: {path} is {json.dumps(value)} there and .* here; expected"
     ):
         animate(SCENE, output, resume=True)
 
@@ -181,7 +181,7 @@ def test_what_else_the_bits_depend_on_is_compared(path: str, value: object, tmp_
 def test_something_else_of_that_name_is_told_before_the_run(name: str, tmp_path: Path):
     (tmp_path / name).mkdir()
     (tmp_path / name / "thesis.txt").write_text("not ours")
-    with pytest.raises(InputError, match=rf"{name}: is in the way of checkpoints; expected nothing of that name$"):
+    with pytest.raises(InputError, match=rf"{name}: is where checkpoints go; expected no file of that name$"):
         animate(SCENE, tmp_path / "out.usdc", on_frame=lambda _: pytest.fail("simulates"))
     assert (tmp_path / name / "thesis.txt").read_text() == "not ours"
 
@@ -193,8 +193,7 @@ def test_an_earlier_run_is_mentioned_and_kept_aside_until_another_is_done(tmp_pa
     other, aside = SCENE.model_copy(update={"gravity": 3.0}), tmp_path / "out.usdc.partial.old"
     stop(other, output, on_note=notes.append)
     assert notes == [
-        f"{folder} has part of an earlier run, from which --resume would have gone on; it is kept as "
-        f"{aside.name} until this one is done"
+        f"{folder} holds an earlier run that --resume would continue; it is kept as {aside.name} until this run is done"
     ]
     assert {path.name: path.read_bytes() for path in aside.iterdir()} == saved
     assert animate(other, output, resume=True).begin == STOPPED_AT - 1
