@@ -63,8 +63,8 @@ def test_drawings_are_read(tmp_path: Path, content: str, expected: float):
 
 
 BAD = {
-    "": "text: has nothing to be seen",
-    "  \t": "text: has nothing to be seen",
+    "": "text: has no visible character",
+    "  \t": "text: has no visible character",
     "\u200b": "text: ",
     "漢": "text: the font DejaVu Sans has no '漢'; expected another --font",
 }

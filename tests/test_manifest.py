@@ -117,5 +117,5 @@ def test_a_mesh_from_python_is_named_and_hashed(tmp_path: Path):
         run_batch(Scene(frames=1, balloon=[Balloon(mesh=quad_sphere(cells))]), tmp_path / "out", 2, device="cpu")
         hashes += manifest(tmp_path / "out")["meshes"].values()
     assert hashes[0] == hashes[1] != hashes[2]
-    with pytest.raises(InputError, match="is not there"):
+    with pytest.raises(InputError, match="is missing; expected the file"):
         repeat_batch(tmp_path / "out" / "manifest.json", tmp_path / "again")

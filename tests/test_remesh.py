@@ -162,7 +162,7 @@ def test_bad_cells(cells: int) -> None:
 
 def test_mesh_without_size() -> None:
     point = replace(ball(), points=np.ones((2562, 3)))
-    with pytest.raises(InputError, match="at one place"):
+    with pytest.raises(InputError, match="all vertices coincide"):
         remesh(point, CELLS)
 
 

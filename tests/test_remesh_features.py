@@ -79,7 +79,7 @@ def test_corners_of_a_box_stay() -> None:
 def test_a_car_is_made_with_the_cells_that_are_asked_for() -> None:
     made = remesh(car(windshield=False), 32)
     assert_closed_quads(made)
-    assert not [warning for warning in made.warnings if "were taken" in warning]
+    assert not [warning for warning in made.warnings if "were used" in warning]
 
 
 def test_hair_is_refused_before_it_takes_long(monkeypatch: pytest.MonkeyPatch) -> None:

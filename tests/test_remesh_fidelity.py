@@ -42,7 +42,7 @@ def test_a_rod_of_any_thickness_stays_in_one_piece(lean: float) -> None:
     mesh = replace(mesh, points=mesh.points + np.outer(mesh.points[:, 1], [lean, 0.0, 0.0]))
     made = remesh(mesh, 24)
     assert_closed_quads(made)
-    assert not [warning for warning in made.warnings if "were taken" in warning]
+    assert not [warning for warning in made.warnings if "were used" in warning]
 
 
 def test_sheets_one_behind_the_other_are_closed() -> None:
@@ -58,7 +58,7 @@ def test_more_cells_are_taken_where_a_part_would_be_lost_and_it_is_said() -> Non
     mesh = remesh(joined(BALL, at(BALL, (1.8, 0.0, 0.0), 0.14)), 15)
     assert_closed_quads(mesh, parts=2)
     assert mesh.warnings[0].startswith("With 15 cells the surface near (")
-    assert mesh.warnings[0].endswith(") is lost: 34 were taken.")
+    assert mesh.warnings[0].endswith(") is lost: 34 were used.")
 
 
 def test_what_is_lost_with_more_cells_too_is_refused_and_nothing_is_written(tmp_path: Path) -> None:

@@ -233,7 +233,7 @@ def test_a_run_too_short_for_a_checkpoint_leaves_an_earlier_one_as_it_is(tmp_pat
 def test_nothing_to_resume_is_the_start(tmp_path: Path):
     output, notes = tmp_path / "out.usdc", []
     assert animate(SCENE, output, resume=True, on_note=notes.append).begin == 0
-    assert "nothing to resume" in notes[0]
+    assert "starting from the beginning" in notes[0]
 
 
 @pytest.mark.parametrize("name", ["frames_000003.usdc", "state_000006_0000.npz", "job.json"])
