@@ -103,7 +103,7 @@ class ClosedPage:
 @pytest.mark.parametrize(
     ("name", "words", "said"),
     [
-        ("duplicate face", [], ["1 face has the corners of an earlier face; it is face 7, counting from 1. Each face"]),
+        ("duplicate face", [], ["1 face has the corners of an earlier face; it is face 7, counting from 1. Repeated"]),
         ("seams", ["--weld"], ["16 vertices that lay exactly on others have been welded to them: they keep their"]),
         ("seams", [], ["16 vertices along seams, exactly on others, have been welded to them: they keep their"]),
     ],
@@ -127,7 +127,7 @@ def test_commands_warn_on_standard_error(
         main()
     assert not ending.value.code
     lines = capsys.readouterr().err.splitlines()
-    notes = ("note: mesh.obj inflates above a floor. Its unit is not", "note: auto: ")
+    notes = ("note: mesh.obj inflates above a floor. Its unit is not", "note: auto pressure ")
     warnings = [line for line in lines if not line.startswith(notes)]
     assert len(warnings) == len(said)
     for warning, beginning in zip(warnings, said, strict=True):

@@ -83,7 +83,7 @@ def command(
 
 FIRST_LINE = "note: ball.obj inflates above a floor. Its unit is not known"
 
-SECOND_LINE = "note: auto: 44.6 Pa, volume 1.00 -> 1.33"
+SECOND_LINE = "note: auto pressure 44.6 Pa, volume 1.00 -> 1.33"
 
 
 @pytest.fixture
@@ -119,7 +119,7 @@ def test_run_json_is_one_object_with_the_promised_keys(ball: Path):
     summary = json.loads(done.stdout)
     assert list(summary) == SUMMARY_KEYS
     (said,) = summary["inflation"]
-    assert f"auto: {said['pressure']:.4g} Pa, volume 1.00 -> {said['volume']:.2f}" in SECOND_LINE
+    assert f"auto pressure {said['pressure']:.4g} Pa, volume 1.00 -> {said['volume']:.2f}" in SECOND_LINE
     assert [summary[key] for key in ("output", "picture", "points", "scene")] == ["out.usda", None, None, "ball"]
     assert (summary["frames"], summary["worlds"], summary["particles"], summary["device"]) == (2, 1, 56, "cpu")
 

@@ -102,7 +102,7 @@ def test_what_cannot_be_repeated_is_told(folder: Path):
     with pytest.raises(InputError, match=r"other\.obj: has changed since the batch: its SHA-256 is "):
         repeat_batch(path, folder / "again")
     (folder / "other.obj").unlink()
-    with pytest.raises(InputError, match=r"its mesh other\.obj is not there"):
+    with pytest.raises(InputError, match=r"its mesh other\.obj is missing"):
         repeat_batch(path, folder / "again")
     for text in ("[]", "{}", "{", "\x00"):
         path.write_text(text)

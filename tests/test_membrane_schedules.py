@@ -184,7 +184,7 @@ def test_bad_input_gets_a_sentence(material: dict[str, Any], sentence: str):
 def test_what_does_not_go_with_rubber_gets_a_sentence():
     with pytest.raises(InputError, match=r"balloon.mass: follows from the material's thickness and density \(got 2\)"):
         latex(mass=2.0)
-    with pytest.raises(InputError, match='"projective" does not simulate mooney-rivlin material'):
+    with pytest.raises(InputError, match='"projective" does not support mooney-rivlin material'):
         Simulator(latex(inflation=Inflation(k_normal=0.1)).model_copy(update={"solver": "projective"}), "cpu")
     with pytest.raises(InputError, match=r"material: .* has no face with an area"):
         build_model(latex(mesh=mesh_of([(0, 0, 0), (1, 0, 0)], [[0, 1]])), "cpu")

@@ -188,5 +188,5 @@ def test_bad_values_of_rows_are_refused_in_a_sentence(changes, sentence, listed)
 
 
 def test_a_solver_that_does_not_have_a_phase_says_so(listed):
-    with pytest.raises(InputError, match='solver: "projective" does not simulate the phase slow'):
+    with pytest.raises(InputError, match='solver: "projective" does not support the phase slow'):
         Simulator(scene_with(SLOWED | {"solver": "projective"}), "cpu")

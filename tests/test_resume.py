@@ -142,7 +142,9 @@ def test_what_is_short_or_not_to_be_saved_leaves_nothing(seconds: float, tmp_pat
 def test_another_scene_is_refused(tmp_path: Path):
     output = tmp_path / "out.usdc"
     folder = stop(SCENE, output)
-    with pytest.raises(InputError, match=r"out\.usdc\.partial is of another run: scene\.gravity is 9\.81 there and 3"):
+    with pytest.raises(
+        InputError, match=r"out\.usdc\.partial belongs to another run: scene\.gravity is 9\.81 there and 3"
+    ):
         animate(SCENE.model_copy(update={"gravity": 3.0}), output, resume=True)
     assert folder.exists()
 

@@ -23,9 +23,9 @@ ALONE = Scene(balloon=[BALL], substeps=24)
 MISTAKES = {
     "a name": (("balloon.mas", 0.0, 1.0), r"balloon\.mas: cannot change"),
     "a kind": (("balloon.damping", 0.0, 1.0, "even"), r"damping: kind must be one of uniform, log_uniform, normal"),
-    "no number": (("balloon.damping", 0.0, np.nan), r"damping: must be drawn by finite numbers \(got 0\.0 and nan\)"),
+    "no number": (("balloon.damping", 0.0, np.nan), r"damping: expected finite numbers \(got 0\.0 and nan\)"),
     "an order": (("balloon.damping", 2.0, 1.0), r"damping: must be drawn from the least to the largest"),
-    "a logarithm": (("balloon.damping", 0.0, 1.0, "log_uniform"), r"damping: must be above 0 where its logarithm"),
+    "a logarithm": (("balloon.damping", 0.0, 1.0, "log_uniform"), r"damping: must be above 0 for kind"),
     "a rotation": (("balloon.rotation", 0.0, 1.0), r"balloon\.rotation: cannot be drawn on the device"),
     "a gas": (("balloon.1.position", 0.0, 1.0), r"balloon\.1\.position: cannot be drawn for a balloon of gas"),
 }
@@ -267,7 +267,7 @@ def shape_of(simulator: Simulator, number: int, points: np.ndarray) -> Any:
     ("name", "sentence"),
     [
         ("center", r"center: no such observation; known are centers, velocities, turns, volumes, "),
-        ("contact_forces", r"contact_forces: the scene does not ask for them; expected contacts = true"),
+        ("contact_forces", r"contact_forces: needs contacts = true in the scene"),
     ],
 )
 def test_what_is_not_there_cannot_be_observed(name: str, sentence: str) -> None:

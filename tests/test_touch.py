@@ -227,7 +227,7 @@ def test_a_world_that_fits_in_no_block_goes_side_by_side_too():
 
 
 def test_large_steps_are_refused():
-    said = 'solver: "projective" does not simulate balloons that touch; expected another solver'
+    said = 'solver: "projective" does not support balloons that touch; expected another solver'
     with pytest.raises(InputError, match=re.escape(said)):
         Simulator(load_scene(collision(), {"solver": "projective"}), "cpu")
 
