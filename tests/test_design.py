@@ -198,9 +198,9 @@ def test_where_a_shape_is_off_is_said():
     cut = replace(BALL, points=BALL.points / np.linalg.norm(BALL.points, axis=1)[:, None])
     flat = replace(cut, points=np.maximum(cut.points, [-9.0, -0.5, -9.0]))
     sentence = places_off(Ruler(flat), cut.points, "; push")[0]
-    assert sentence.startswith("the bottom, ")
-    assert "is flat and is" in sentence
-    assert sentence.endswith("% of the size off; push")
+    assert sentence.startswith("the bottom (")
+    assert " vertices, flat) is off by " in sentence
+    assert sentence.endswith("% of the size; push")
 
 
 def test_command(tmp_path: Path):
@@ -276,7 +276,7 @@ def test_foil_of_an_inflated_size_is_drawn_larger(tmp_path: Path, monkeypatch: p
     frames = list(bw.Simulator(tmp_path / "disk.toml", "cpu").run())
     assert np.ptp(frames[-1].points[0][:, 0]) == pytest.approx(0.3, rel=0.03)
     said = CliRunner().invoke(app, [*asked, "--inflated-size", "0.3", "--height", "0.3"])
-    assert "--inflated-size: " in str(said.exception)
+    assert "--inflated-size, --height: " in str(said.exception)
 
 
 def test_foil_of_a_mesh_is_refused(tmp_path: Path):
