@@ -63,8 +63,8 @@ def test_balloons_that_touch_by_default_are_refused_with_a_way_out():
 
 
 WAYS = {
-    "lanes": "schedule: expected auto, launched or block, which differentiate (got 'lanes')",
-    "block": "schedule: block differentiates one balloon that fits in a block",
+    "lanes": "schedule: expected auto, launched or block, which run backwards (got 'lanes')",
+    "block": "schedule: block runs one balloon backwards that fits in a block",
 }
 
 

@@ -23,9 +23,9 @@ ALONE = Scene(balloon=[BALL], substeps=24)
 MISTAKES = {
     "a name": (("balloon.mas", 0.0, 1.0), r"balloon\.mas: cannot change"),
     "a kind": (("balloon.damping", 0.0, 1.0, "even"), r"damping: kind must be one of uniform, log_uniform, normal"),
-    "no number": (("balloon.damping", 0.0, np.nan), r"damping: expected finite numbers \(got 0\.0 and nan\)"),
+    "no number": (("balloon.damping", 0.0, np.nan), r"damping: must be drawn by finite numbers \(got 0\.0 and nan\)"),
     "an order": (("balloon.damping", 2.0, 1.0), r"damping: must be drawn from the least to the largest"),
-    "a logarithm": (("balloon.damping", 0.0, 1.0, "log_uniform"), r"damping: must be above 0 for kind"),
+    "a logarithm": (("balloon.damping", 0.0, 1.0, "log_uniform"), r"damping: must be above 0 where its logarithm"),
     "a rotation": (("balloon.rotation", 0.0, 1.0), r"balloon\.rotation: cannot be drawn on the device"),
     "a gas": (("balloon.1.position", 0.0, 1.0), r"balloon\.1\.position: cannot be drawn for a balloon of gas"),
 }

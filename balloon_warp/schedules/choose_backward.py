@@ -25,11 +25,11 @@ def backwards_of(model: Model, name: str = "auto") -> Backward:
     if name == "auto":
         name = "block" if fits else "launched"
     if name not in BACKWARDS:
-        raise InputError(f"schedule: expected auto, {' or '.join(BACKWARDS)}, which differentiate (got {name!r})")
+        raise InputError(f"schedule: expected auto, {' or '.join(BACKWARDS)}, which run backwards (got {name!r})")
     if name == "block" and not fits:
         raise InputError(
-            "schedule: block differentiates one balloon that fits in a block, with a constant amount of gas, without "
-            "water, spheres or normal forces; expected launched"
+            "schedule: block runs one balloon backwards that fits in a block, out of water, without spheres or "
+            "normal forces, with as much gas all the time; expected launched"
         )
     return BACKWARDS[name]
 

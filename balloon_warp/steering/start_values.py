@@ -54,15 +54,11 @@ def start_value(model: Model, path: str) -> StartValue | None:
         return None
     name = found[0][0]
     if name not in (*IN_PARAMETERS, *IN_STATE, SHIFTED):
-        raise InputError(
-            f"{path}: cannot be drawn on the device; expected a position, a velocity, or a value that may change"
-        )
+        raise InputError(f"{path}: cannot be drawn on the device; expected a position, a velocity, or what may change")
     indices = [tuple(part for part in index if isinstance(part, int)) for _, index in found]
     value = StartValue(path, name, *(tuple(sorted({index[part] for index in indices})) for part in (0, 1)))
     if name == SHIFTED and any(model.scene.balloon[number].inflation.kind == "gas" for number in value.things):
-        raise InputError(
-            f"{path}: cannot be drawn for a balloon of gas, whose initial state depends on the air around it"
-        )
+        raise InputError(f"{path}: cannot be drawn for a balloon of gas, whose start depends on the air around it")
     return value
 
 

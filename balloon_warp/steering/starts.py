@@ -142,7 +142,7 @@ class Starts(Shown):
         """
         _require_numbers(name, first, second, kind)
         if name in self._own:
-            raise InputError(f"{name}: is already drawn")
+            raise InputError(f"{name}: is drawn already")
         model = self._simulator.model
         self._own[name] = wp.zeros(model.world_count, dtype=wp.float32, device=model.device)
         self._draws.append(Draw(name, 0, KINDS.index(kind), float(first), float(second), None))
@@ -274,11 +274,11 @@ def _require_numbers(path: str, first: float, second: float, kind: str) -> None:
         raise InputError(f"{path}: kind must be one of {', '.join(KINDS)} (got {kind!r})")
     numbers = [first, second]
     if not all(isinstance(each, int | float | np.number) and np.isfinite(each) for each in numbers):
-        raise InputError(f"{path}: expected finite numbers (got {first!r} and {second!r})")
+        raise InputError(f"{path}: must be drawn by finite numbers (got {first!r} and {second!r})")
     if (second < 0.0) if kind == "normal" else second < first:
         raise InputError(f"{path}: must be drawn from the least to the largest (got {first:g} and {second:g})")
     if kind == "log_uniform" and first <= 0.0:
-        raise InputError(f'{path}: must be above 0 for kind = "log_uniform" (got {first:g})')
+        raise InputError(f"{path}: must be above 0 where its logarithm is uniform (got {first:g})")
 
 
 def _require_timeless(model: Model) -> None:
