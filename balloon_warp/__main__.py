@@ -13,7 +13,7 @@ def main() -> None:
             from balloon_warp.cli import main as command_line
         command_line()
     except KeyboardInterrupt:
-        print("error: stopped before it began", file=sys.stderr)
+        print("error: interrupted before the start", file=sys.stderr)
         sys.exit(130)
     finally:
         gc.freeze()  # a last garbage collection would take a tenth of a second

@@ -28,7 +28,7 @@ def check_writable(path: Path, suffixes: tuple[str, ...]) -> None:
         is_picture = path.suffix.lower() in PICTURES and STAGE in suffixes
         raise InputError(
             f"{path}: cannot write {path.suffix or 'a file without a suffix'}; expected {', '.join(suffixes)}"
-            + ("; `balloon-warp render` makes pictures and films of these" if is_picture else "")
+            + ("; `balloon-warp render` renders pictures and films" if is_picture else "")
         )
     try:
         target = target_of(path)
@@ -57,9 +57,9 @@ def _check_name(path: Path, given: Path | None = None) -> None:
     """
     said = legible(str(given or path))
     if legible(str(path.absolute())) != str(path.absolute()):
-        raise InputError(f"{said}: its name or its folder's is not UTF-8; expected one that is, by -o")
+        raise InputError(f"{said}: the path is not UTF-8; expected one that is, with -o")
     if ":SDF_FORMAT_ARGS:" in str(path):
-        raise InputError(f"{said}: USD takes :SDF_FORMAT_ARGS: for the start of options; expected a name without it")
+        raise InputError(f"{said}: USD reads :SDF_FORMAT_ARGS: as the start of options; expected a name without it")
 
 
 def target_of(path: Path) -> Path:
@@ -74,7 +74,7 @@ def target_of(path: Path) -> Path:
             break
         target = target.parent / target.readlink()
     else:
-        raise InputError(f"{path}: is a link that leads back to itself; expected one that leads to a file")
+        raise InputError(f"{path}: is a circular link; expected a link to a file")
     if target.exists() and not target.is_file() and not target.is_dir():
         raise InputError(f"{path}: {target} is neither a file nor a folder; expected a file name")
     return target

@@ -163,9 +163,9 @@ def _begun_again(
         BlowUpError: it was halved often enough.
     """
     if restarts == MOST_HALVINGS:
-        raise BlowUpError(f"{failure}. So it did with each of {restarts} longer steps") from None
+        raise BlowUpError(f"{failure}. The {restarts} longer steps blew up as well") from None
     scene = with_half_the_step(scene, substeps)
-    on_warning(f"{failure}. It begins again with {scene.substeps} substeps a frame")
+    on_warning(f"{failure}. It restarts with {scene.substeps} substeps a frame")
     return scene
 
 

@@ -84,14 +84,14 @@ def require_laws(laws: Sequence[Law]) -> None:
     owners = {name: (row, "a built-in law") for name, row in TAKEN.items()}
     for law in laws:
         if law.name in names:
-            raise InputError(f"law {law.name}: there is another law of that name; expected a name of its own")
+            raise InputError(f"law {law.name}: another law has this name; expected a unique name")
         names.add(law.name)
         for row in law.parameters:
             known, owner = owners.setdefault(row.name, (row, f"law {law.name}"))
             if known != row:
                 raise InputError(
-                    f"law {law.name}: its parameter {row.name} is also one of {owner}, with another meaning; expected "
-                    "another name, or the same row"
+                    f"law {law.name}: its parameter {row.name} is also a parameter of {owner}, with another "
+                    "definition; expected another name, or the same row"
                 )
 
 
@@ -118,10 +118,10 @@ def require_law(law: Law) -> None:
         for name in inspect.signature(bound).parameters if bound else ():
             if name not in numbers and name not in told:
                 known = ", ".join([*told, *rows])
-                raise InputError(f"{whose}: its {which} asks for {name}; expected {known or 'no argument'}")
+                raise InputError(f"{whose}: its {which} takes {name}; expected {known or 'no argument'}")
     for name in law.neutral:
         if name not in numbers:
-            raise InputError(f"{whose}: neutral says {name}; expected one of its parameters, {', '.join(rows)}")
+            raise InputError(f"{whose}: neutral names {name}; expected one of its parameters, {', '.join(rows)}")
 
 
 def _law(kind: Kind, function: Any, parameters: Sequence[Parameter], more: Mapping[str, Any]) -> Law:
@@ -157,7 +157,7 @@ def _require_function(whose: str, function: Any, types: Mapping[str, str], resul
     arguments = list(inspect.signature(function.func).parameters)
     for name in arguments:
         if name not in types:
-            raise InputError(f"{whose}: there is nothing that is called {name}; expected some of {known}")
+            raise InputError(f"{whose}: unknown argument {name}; expected some of {known}")
         if annotations.get(name, Any) not in (Any, *TYPES[types[name]]):
             expected = TYPES[types[name]][0].__name__
             raise InputError(f"{whose}: its argument {name} is of another type; expected {expected}")

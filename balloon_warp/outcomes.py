@@ -123,9 +123,7 @@ def _falling(
     fallen = float((start - frame.points[number][used]).mean(axis=0) @ up) / _size(start)
     if fallen < FALLEN or float(frame.velocities[number][used].mean(axis=0) @ up) >= 0.0:
         return None
-    sentence = (
-        f"{shape.name} falls forever: it is {fallen:.0f} times its size below its start; a [ground] would stop it"
-    )
+    sentence = f"{shape.name} falls forever: {fallen:.0f} times its size below the start; a [ground] would stop it"
     return BadEnding("falling", shape.name, fallen, sentence)
 
 
@@ -170,9 +168,7 @@ def _drifted(rest: PolygonMesh, end: PolygonMesh, used: NDArray[np.integer]) -> 
         return None
     count, far = int(np.count_nonzero(off > DRIFTED)), float(after[off.argmax()])
     which = "a part" if count == 1 else f"{count:,} parts"
-    sentence = (
-        f"{rest.name} came apart: {which} of its {len(parts):,} drifted off, as far as {far:.3g} m from the largest"
-    )
+    sentence = f"{rest.name} came apart: {which} of its {len(parts):,} drifted off, up to {far:.3g} m from the largest"
     return BadEnding("drifted", rest.name, float(off.max()), sentence)
 
 
@@ -198,8 +194,8 @@ def _collapsed(rest: PolygonMesh, end: PolygonMesh, used: NDArray[np.integer], c
             sentence = f"{rest.name} turned inside out: its volume is {part:.2f} times that of its mesh"
             return BadEnding("folded", rest.name, part, sentence)
         if part < least:
-            helps = "more pressure, stiffer springs or less weight keeps it up"
-            sentence = f"{rest.name} collapsed: it has {part:.0%} of the {what} of its mesh; {helps}"
+            helps = "more pressure, stiffer springs or less weight helps"
+            sentence = f"{rest.name} collapsed to {part:.0%} of the {what} of its mesh; {helps}"
             return BadEnding("collapsed", rest.name, part, sentence)
     return None
 
@@ -222,11 +218,11 @@ def _wrong_size(model: Model | ModelPlan, rest: PolygonMesh, end: PolygonMesh, n
     if not _is_left_to_itself(model):
         return None
     if grown < LEAST_INFLATED_VOLUME:
-        sentence = f"{name} crumpled: it has {grown:.0%} of the volume of its mesh; less weight or more pressure helps"
+        sentence = f"{name} crumpled to {grown:.0%} of the volume of its mesh; less weight or more pressure helps"
         return BadEnding("collapsed", name, grown, sentence)
     height = _height_left(rest, end, np.array(model.scene.up))
     if height < LEAST_HEIGHT:
-        sentence = f"{name} sank down to {height:.0%} of its height; less weight, more pressure or stiffer springs help"
+        sentence = f"{name} sank to {height:.0%} of its height; less weight, more pressure or stiffer springs help"
         return BadEnding("collapsed", name, height, sentence)
     return None
 
@@ -250,7 +246,7 @@ def _wrong_sided(rest: PolygonMesh, end: PolygonMesh) -> BadEnding | None:
     """Return the parts that came to lie inside others, or show their inner side."""
     before, after = wrong_sides(rest), wrong_sides(end)
     for new, what in (
-        (after.enclosed & ~before.enclosed, "swallowed {} of its surface, which is inside other parts of it now"),
+        (after.enclosed & ~before.enclosed, "swallowed {} of its surface, now inside other parts"),
         (after.reversed & ~before.reversed, "turned inside out in part: {} of its surface shows its inner side"),
     ):
         part = float(before.areas[new].sum() / before.areas.sum())
@@ -271,7 +267,7 @@ def _folded(rest: PolygonMesh, end: PolygonMesh) -> BadEnding | None:
     part = float(np.mean((after < FOLDED) & (before > UNFOLDED)))
     if part < MOST_FOLDS:
         return None
-    sentence = f"{rest.name} folded over itself: {part:.1%} of its edges are folded sharply that were not"
+    sentence = f"{rest.name} folded over itself: {part:.1%} of its edges are newly folded sharply"
     return BadEnding("folded", rest.name, part, sentence)
 
 

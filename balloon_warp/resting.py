@@ -50,8 +50,8 @@ def relax(simulator: Stepping, speed: float, most_seconds: float) -> None:
         if calm > CALM_SECONDS * rate:
             return
     raise InputError(
-        f"relax: the fastest particle moves by {fastest:.3g} m/s after {most_seconds:g} s; expected at most {speed:g}, "
-        "which more damping or time may bring"
+        f"relax: the fastest particle still moves at {fastest:.3g} m/s after {most_seconds:g} s; expected at most "
+        f"{speed:g}; more damping or time may help"
     )
 
 

@@ -39,11 +39,11 @@ def did_you_mean_file(path: Path, suffixes: Iterable[str], names: Iterable[str] 
     """
     endings = tuple(suffixes)
     if path.is_symlink():
-        return f"; it is a link to {path.readlink()}, where there is none"
+        return f"; it is a broken link to {path.readlink()}"
     try:
         beside = [each.name for each in path.parent.iterdir() if each.name.lower().endswith(endings)]
     except OSError:
-        return f"; there is no folder {path.parent}"
+        return f"; no folder {path.parent}"
     bare = path.parent == Path()
     files = [name if bare else str(path.parent / name) for name in beside]
     return did_you_mean(str(path), [*names, *files])

@@ -41,7 +41,7 @@ class Swelling:
 
     def __str__(self) -> str:
         volume = "" if self.volume is None else f", volume 1.00 -> {self.volume:.2f}"
-        return f"auto: {self.pressure:.4g} Pa{volume}"
+        return f"auto pressure {self.pressure:.4g} Pa{volume}"
 
 
 def swellings(scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters) -> list[Swelling]:

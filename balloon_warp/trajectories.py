@@ -135,7 +135,7 @@ def empty_tracks(groups: Sequence[Group], world_count: int, frames: int) -> dict
     """
     plan = groups[0].plan
     if any(group.plan.particle_count != plan.particle_count for group in groups):
-        raise InputError("vary: meshes of other sizes have trajectories of their own; expected one mesh, or run_batch")
+        raise InputError("vary: meshes of different sizes need separate trajectories; expected one mesh, or run_batch")
     particles, spheres, balloons = plan.particle_count, len(plan.scene.sphere), len(plan.shapes)
     require_memory(pick_device("cpu"), [world_count], [frames * 24 * (particles + spheres + balloons)])
 

@@ -146,7 +146,7 @@ LONG_COMMENT = b"# " + b"f 1 2 x \\ " * 1_600_000 + b"\n"
 NO_NUMBER = "coordinates must be decimal numbers"
 NOT_FINITE = "coordinates must be finite and fit in 32-bit floats"
 NO_INTEGER = "vertex numbers must be integers"
-OPEN = ": its mesh is open, so that it cannot hold gas: the first open edge goes from vertex 1"
+OPEN = ": an open mesh cannot hold gas; the first open edge goes from vertex 1"
 
 REFUSED = [
     _refused("empty", b"", ": has no vertices"),
@@ -180,10 +180,10 @@ REFUSED = [
         "face of 100,000 corners", one_big_face, ", line 100001: a face may have at most 4,096 corners, not 100,000"
     ),
     _refused("only faces of two vertices", CUBE_POINTS + b"f 1 2 1\n", ": has no face with three different corners"),
-    _refused("all vertices at one place", lambda: cube_of(0.0), ": all its vertices stand at one place"),
-    _refused("1e6 from the origin", lambda: cube_of(1.0, 1e6), ": is 1 m large and 1e+06 m from the origin, too far"),
-    _refused("a scale of 1e-18", lambda: cube_of(1e-18), ": is 1e-18 m large; expected 1e-06 to 1e+09 m"),
-    _refused("a scale of 1e18", lambda: cube_of(1e18), ": is 1e+18 m large; expected 1e-06 to 1e+09 m"),
+    _refused("all vertices at one place", lambda: cube_of(0.0), ": all vertices coincide"),
+    _refused("1e6 from the origin", lambda: cube_of(1.0, 1e6), ": is 1 m across and 1e+06 m from the origin, too far"),
+    _refused("a scale of 1e-18", lambda: cube_of(1e-18), ": is 1e-18 m across; expected 1e-06 to 1e+09 m"),
+    _refused("a scale of 1e18", lambda: cube_of(1e18), ": is 1e+18 m across; expected 1e-06 to 1e+09 m"),
     _refused("gas in a Moebius strip", moebius, f"{OPEN} to 2, counting from 1; expected a closed mesh or", *GAS),
     _refused("gas in an open mesh", without_face(3), f"{OPEN} to 2, counting from 1; expected a closed mesh or", *GAS),
     _refused(
@@ -237,9 +237,9 @@ WARNED = [
     _warned("seams", seams, "16 vertices along seams, exactly on others, have been welded to them"),
     _warned("welded seams", seams, "16 vertices that lay exactly on others have been welded", ("balloon.weld", True)),
     _warned("open seams", seams, "16 vertices lie exactly on others; the first is vertex", ("balloon.weld", False)),
-    _warned("several components", two_cubes, "It has 2 components, which share no vertex; face 7 is the first"),
-    _warned("components that are free", two_cubes, "It has 2 components, which share", ("balloon.parts", "free")),
-    _warned("a pinhole", pierced, "1 hole in the surface is closed by faces after the file's; it has 4"),
+    _warned("several components", two_cubes, "The mesh has 2 components, which share no vertex; face 7 is the first"),
+    _warned("components that are free", two_cubes, "The mesh has 2 components, which share", ("balloon.parts", "free")),
+    _warned("a pinhole", pierced, "1 hole in the surface is closed by faces numbered after the file's; it has 4"),
     _warned("a hole that is kept", pierced, "4 edges are on open borders", ("balloon.holes", "keep")),
     _warned("an edge of 100 faces", fan_at_an_edge, "1 edge has more than two faces; it goes from vertex 1 to 2"),
     _warned("a hub of 5,000 quads", hub, "1 vertex has more than 256 neighbors; it is vertex 1"),

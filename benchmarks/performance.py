@@ -11,11 +11,11 @@ GPU_FRAME = 488 * 32
 """particle-substeps in a frame of the cases' balloon"""
 SHOWN = {
     "springs and the paper's push": ("4,096 balloons", "block"),
-    "the same, its push new at every step": ("4,096 balloons, fresh normals", "block"),
+    "the same, with the push recomputed at every step": ("4,096 balloons, fresh normals", "block"),
     "a sealed gas, and drag in air": ("4,096 balloons, sealed gas", "block"),
     "latex that wrinkles, with a sealed gas": ("4,096 balloons of neo-Hookean rubber", ""),
-    "under a pressure, lying on a box": ("4,096 balloons on a box", ""),
-    "under a pressure, eight packed in a box": ("1,024 worlds of eight balloons that touch, packed in a box", ""),
+    "under pressure, lying on a box": ("4,096 balloons on a box", ""),
+    "under pressure, eight packed in a box": ("1,024 worlds of eight balloons that touch, packed in a box", ""),
 }
 """what the README calls them, and the rows' case and schedule"""
 

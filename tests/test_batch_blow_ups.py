@@ -197,13 +197,13 @@ def test_a_batch_that_is_stopped_while_worlds_begin_again_goes_on_to_the_same_fi
 
     def stop(sentence: str) -> None:
         notes.append(sentence)
-        if "once more" in sentence:
+        if "restarting" in sentence:
             raise KeyboardInterrupt
 
     batch(tmp_path / "expected", "restart", device="cpu")
     with pytest.raises(KeyboardInterrupt):
         batch(tmp_path / "stopped", "restart", device="cpu", checkpoint_seconds=1e-9, on_note=stop)
-    assert notes == ["4 of 6 worlds blew up: once more, with half the step"]
+    assert notes == ["4 of 6 worlds blew up: restarting them with half the step"]
     assert batch(tmp_path / "stopped", "restart", device="cpu", resume=True).restarted_worlds == len(SUBSTEPS)
     for name in ("table.csv", "table.npz", "worlds.usdc"):
         assert (tmp_path / "stopped" / name).read_bytes() == (tmp_path / "expected" / name).read_bytes()

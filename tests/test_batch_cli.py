@@ -108,7 +108,7 @@ def test_what_blew_up_is_told(folder: Path, monkeypatch: pytest.MonkeyPatch, cap
     said, warned = captured.out.splitlines(), captured.err.splitlines()[1:]
     assert said[0].startswith("ball: 3 worlds, 78 particles, 3 frames of ")
     assert warned[0].startswith("warning: the simulation blew up in frame 1, world 1, substep 1 of ")
-    assert warned[1:] == ["warning: 1 of 3 worlds blew up: health 0, and the rows of the last good frame"]
+    assert warned[1:] == ["warning: 1 of 3 worlds blew up: health 0; their rows repeat the last good frame"]
     assert said[1:] == [f"wrote ball_batch/{name}" for name in (*TABLES, "manifest.json")]
 
 
@@ -147,14 +147,14 @@ def test_one_is_one_and_names_are_as_they_are(
         (["--vary", "balloon.mass=-2:-1"], "--vary balloon.mass: balloon.0.mass: must be greater than 0"),
         (
             ["--vary", "frames=1,2"],
-            "--vary frames: cannot differ between worlds, but between runs of compare; what can ",
+            "--vary frames: cannot differ between worlds, only between runs of `compare`; what can: ",
         ),
         (
             ["--vary", "substeps=1:9"],
-            "--vary substeps: cannot differ between worlds, but between runs of compare; ",
+            "--vary substeps: cannot differ between worlds, only between runs of `compare`; ",
         ),
         (["--vary", "normals=cached,fresh"], "--vary normals=cached,fresh: expected PATH=LOW:HIGH with LOW below HIGH"),
-        (["--export", "64"], "--export 64: there is no world 64, the batch has worlds 0 to 63"),
+        (["--export", "64"], "--export 64: no world 64, the batch has worlds 0 to 63"),
         (["--worlds", "0", "--vary", "gravity=1,2"], "--worlds 0: expected at least 1"),
         (["--worlds", "-2", "--vary", "gravity=1:2", "--grid"], "--worlds -2: expected at least 1"),
     ],

@@ -51,5 +51,5 @@ def test_what_is_wrong_is_told_with_its_world():
         plan_groups(SCENE, 2, {"balloon.stiffness.variation": [1.0, 2.0]})
     with pytest.raises(InputError, match=r"^balloon\.scale: expected a number for each of 2 worlds \(got 1\)$"):
         plan_groups(SCENE, 2, {"balloon.scale": [1.0]})
-    with pytest.raises(InputError, match=r"^balloon\.scale: makes another model of each world; batches and `simulate`"):
+    with pytest.raises(InputError, match=r"^balloon\.scale: needs a model for each world; batches and `simulate`"):
         Simulator(SCENE, "cpu", 2, {"balloon.scale": [1.0, 2.0]})

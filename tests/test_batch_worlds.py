@@ -171,14 +171,14 @@ def test_the_step_suits_the_stiffest_world(path: str, values: list[float]):
         ({"balloon.mass": [1.0, 2.0]}, r"^balloon\.mass: expected a value for each of 4 worlds \(got shape \(2,\)\)$"),
         ({"balloon.mass": ["a", "b", "c", "d"]}, r"^balloon\.mass: expected a number for each world \(got \['a'"),
         ({"balloon.mas": [1.0] * 4}, r"^balloon\.0\.mas: unknown field; did you mean mass\?$"),
-        ({"sphere.5.mass": [1.0] * 4}, r"^sphere\.5\.mass: there is no sphere 5, the scene has 3, counted from 0$"),
+        ({"sphere.5.mass": [1.0] * 4}, r"^sphere\.5\.mass: no sphere 5, the scene has 3, counted from 0$"),
         (
             {"frames": [1] * 4},
-            r"^frames: cannot differ between worlds, .*; what can is gravity, corr.*, .*ground.*string\.length",
+            r"^frames: cannot differ between worlds, .*; what can: gravity, corr.*, .*ground.*string\.length",
         ),
         (
             {"balloon.1.position.2": [0.0, 1.0, 0.0, 1.0e6]},
-            r"^mesh: is 1 m large and 1e\+06 m from the origin, too far",
+            r"^mesh: is 1 m across and 1e\+06 m from the origin, too far",
         ),
     ],
 )
@@ -214,5 +214,5 @@ def test_overriding_a_scene_keeps_all_else():
 @pytest.mark.parametrize("world", [-1, 2])
 def test_a_world_that_is_not_there_gets_a_sentence(world: int):
     simulator = Simulator(Scene(balloon=[Balloon(mesh=cube())]), "cpu", world_count=2)
-    with pytest.raises(InputError, match=rf"^world: there is no world {world}; expected 0 to 1$"):
+    with pytest.raises(InputError, match=rf"^world: no world {world}; expected 0 to 1$"):
         simulator.read_frame(world)

@@ -75,7 +75,7 @@ def test_two_sets_of_cases_at_once_are_refused(monkeypatch: pytest.MonkeyPatch, 
     with pytest.raises(SystemExit) as ended:
         main()
     assert ended.value.code == 2
-    assert capsys.readouterr().err == "error: --quick, --scenes, and --gpus or --workers: expected one of them\n"
+    assert capsys.readouterr().err == "error: --quick, --scenes, and --gpus or --workers: expected only one of them\n"
 
 
 def test_variants_of_scenes_can_be_built():

@@ -262,7 +262,7 @@ def test_schedules_agree(device: str):
     [
         ({"strength": 0.0}, {}, "material.strength: must be greater than"),
         ({"tear_speed": 3.0, "strength": None}, {}, "material.tear_speed: needs `strength`"),
-        ({"springs": ["flexion"]}, {}, "springs: would hold a tear together"),
+        ({"springs": ["flexion"]}, {}, "springs: pull, and would hold a tear together"),
         ({}, {"touch": Touch(itself=True)}, "touch: balloons that may burst"),
         ({}, {"water": Water()}, "water: balloons that may burst"),
         ({}, {"tube": [Tube(balloons=(0, 0), conductance=1e-6)]}, "tube"),
@@ -281,5 +281,7 @@ def _planned(material: dict[str, Any], fields: dict[str, Any]) -> None:
 
 def test_schedules_that_cannot_say_so(device: str):
     for schedule in ("block", "lanes", "octets"):
-        with pytest.raises(InputError, match=f"--schedule {schedule}: cannot let balloons burst; auto, scatter and"):
+        with pytest.raises(
+            InputError, match=f"--schedule {schedule}: does not support balloons that burst; auto, scatter and"
+        ):
             Simulator(scene_of(), device, schedule=schedule)

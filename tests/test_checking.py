@@ -187,7 +187,7 @@ def _ball(folder: Path) -> Path:
     ("given", "said"),
     [
         ({"frames": (0, 9)}, "has frames 0 to 2; expected a range within (got 0:9)"),
-        ({"within": -1.0}, "expected a length of 0 m or more"),
+        ({"within": -1.0}, "expected at least 0 m"),
     ],
 )
 def test_bad_input_gets_a_sentence(stage: Stage, given: dict[str, Any], said: str) -> None:
@@ -197,7 +197,7 @@ def test_bad_input_gets_a_sentence(stage: Stage, given: dict[str, Any], said: st
 
 
 def test_an_empty_stage_gets_a_sentence(stage: Stage) -> None:
-    with pytest.raises(InputError, match="has nothing that could cross"):
+    with pytest.raises(InputError, match="has nothing to check"):
         check_stage(stage.save())
     with pytest.raises(InputError, match="no such file"):
         check_stage(stage.path.with_name("none.usda"))

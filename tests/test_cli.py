@@ -83,7 +83,7 @@ def command(
 
 FIRST_LINE = "note: ball.obj inflates above a floor. Its unit is not known"
 
-SECOND_LINE = "note: auto: 44.6 Pa, volume 1.00 -> 1.33"
+SECOND_LINE = "note: auto pressure 44.6 Pa, volume 1.00 -> 1.33"
 
 
 @pytest.fixture
@@ -119,7 +119,7 @@ def test_run_json_is_one_object_with_the_promised_keys(ball: Path):
     summary = json.loads(done.stdout)
     assert list(summary) == SUMMARY_KEYS
     (said,) = summary["inflation"]
-    assert f"auto: {said['pressure']:.4g} Pa, volume 1.00 -> {said['volume']:.2f}" in SECOND_LINE
+    assert f"auto pressure {said['pressure']:.4g} Pa, volume 1.00 -> {said['volume']:.2f}" in SECOND_LINE
     assert [summary[key] for key in ("output", "picture", "points", "scene")] == ["out.usda", None, None, "ball"]
     assert (summary["frames"], summary["worlds"], summary["particles"], summary["device"]) == (2, 1, 56, "cpu")
 
@@ -162,10 +162,10 @@ def test_help_explains_itself(command: Callable, named: list[str]):
     ("arguments", "sentence"),
     [
         (["run", "zebra"], "zebra: no such scene or file; bundled scenes are airbag, balloon_bunch, "),
-        (["run", "ball.obj", "-o", "film.mp4"], ".pvd; `balloon-warp render` makes pictures and films of these"),
+        (["run", "ball.obj", "-o", "film.mp4"], ".pvd; `balloon-warp render` renders pictures and films"),
         (["run", "--fps"], "error: --fps: has no value; expected --fps RATE; balloon-warp run --help explains\n"),
         (["run", "ball.txt"], "ball.txt: "),
-        (["scenes", "-o", "mine.toml"], "--output mine.toml: expected a scene to write"),
+        (["scenes", "-o", "mine.toml"], "--output mine.toml: needs a SCENE to write"),
         (["scenes", "squirrel_tether", "-o", "mine.txt"], "mine.txt: cannot write .txt; expected .toml"),
         (["run", "broken.obj"], "broken.obj, line 1: "),
         (["run", "bad.toml"], "bad.toml: frames: must be greater than or equal to 1 (got 0)"),
@@ -181,16 +181,16 @@ def test_help_explains_itself(command: Callable, named: list[str]):
         (["run", "ball.obj", "--set", "substeps=1"], "substeps: 1 are too few for these springs and masses"),
         (["run", "ball.obj", "--device", "cuda:77"], "--device cuda:77: no such device; this machine has cpu"),
         (["run", "ball.obj", "-o", "nowhere/out.usdc"], "nowhere/out.usdc: the folder nowhere does not exist"),
-        (["run", "ball.usda", "-o", "ball.usda"], "ball.usda: is the mesh of the scene; expected another name"),
+        (["run", "ball.usda", "-o", "ball.usda"], "ball.usda: is the scene's mesh; expected another name"),
         (["run", "ball.obj", "-o", "out.png"], "out.png: cannot write .png; expected .usdc, .usda, .usd"),
         (["inspect", "missing.obj"], "missing.obj: "),
         (["remesh", "ball.obj", "-o", "out.stl"], "out.stl: cannot write .stl; expected .obj"),
         (["foil", "L", "-o", "out.stl"], "out.stl: cannot write .stl; expected .obj, .toml"),
-        (["foil", " ", "-o", "out.obj"], "text: has nothing to be seen (got ' '); expected letters, or an .svg file"),
+        (["foil", " ", "-o", "out.obj"], "text: has no visible character (got ' '); expected letters, or an .svg file"),
         (["foil", "missing.svg", "-o", "out.obj"], "missing.svg: cannot be read: No such file or directory"),
         (["render", "missing.usdc"], "missing.usdc: "),
         (["convert", "missing.usdc", "-o", "out.glb"], "missing.usdc: "),
-        (["convert", "ball.obj", "-o", "out.ply"], "out.ply: one file for all frames; expected #### in the name"),
+        (["convert", "ball.obj", "-o", "out.ply"], "out.ply: is one file for all frames; expected #### in the name"),
         (["run", "ball.obj", "-o", "out.fbx"], "out.fbx: cannot write .fbx; expected .usdc, "),
         (["render", "ball.obj", "--size", "big"], "size: 'big'; expected WIDTHxHEIGHT"),
     ],
@@ -253,11 +253,12 @@ def test_a_stopped_run_says_how_far_it_got_and_leaves_no_output(ball: Path, comm
     finally:
         process.kill()
     assert process.returncode == status
-    left = r"out\.usdc\.partial/frames\.usda plays what there is, and --resume goes on from it"
+    left = r"out\.usdc\.partial/frames\.usda plays the frames so far, and --resume continues from them"
     if command == "batch":
-        left = r"out/partial has what there is, and --resume goes on from it"
+        left = r"out/partial holds the frames so far, and --resume continues from them"
     assert re.fullmatch(
-        rf"{FIRST_LINE}.*\n(?:{SECOND_LINE}\n)?error: ball was stopped after frame \d+ of 1000000; {left}\n", said[1]
+        rf"{FIRST_LINE}.*\n(?:{SECOND_LINE}\n)?error: ball was interrupted after frame \d+ of 1000000; {left}\n",
+        said[1],
     )
     assert said[0] == ""
     assert [path.name for path in ball.iterdir() if path.suffix != ".partial" and path.is_file()] == ["ball.obj"]

@@ -184,7 +184,7 @@ def test_a_share_that_ends_every_worker_is_given_up(tmp_path: Path):
     """A share that kills every worker ends the batch, also where Dask did not restart one that died as it joined."""
     with cluster_module.start_workers([{}]) as workers:
         cluster = Cluster(address=address_of(workers), prepare=end_worker)
-        lost = r"^(a share of the batch ended 4 workers, one after|all workers ended)"
+        lost = r"^(a share of the batch crashed 4 workers in a row|all workers ended)"
         with pytest.raises(WorkersLostError, match=lost):
             run_batch(scene(), tmp_path / "out", 1, cluster=cluster, device="cpu")
     assert list((tmp_path / "out").iterdir()) == []

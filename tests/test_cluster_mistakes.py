@@ -18,11 +18,11 @@ distributed = pytest.importorskip("distributed")
     ("arguments", "sentence"),
     [
         (["--cluster", "localhost"], "--cluster localhost: expected an address such as tcp://192.168.0.1:8786"),
-        (["--cluster", "tcp://127.0.0.1:1"], "--cluster tcp://127.0.0.1:1: no scheduler answers there within 1 s"),
+        (["--cluster", "tcp://127.0.0.1:1"], "--cluster tcp://127.0.0.1:1: no scheduler answered within 1 s"),
         (["--workers", "0"], "--workers 0: expected at least 1"),
         (["--gpus", "99"], "--gpus 99: this machine has "),
-        (["--gpus", "1", "--workers", "2"], "--cluster, --gpus, --workers: expected one of them"),
-        (["--workers", "1", "--device", "cpu"], "--device cpu: goes with --cluster"),
+        (["--gpus", "1", "--workers", "2"], "--cluster, --gpus, --workers: expected only one of them"),
+        (["--workers", "1", "--device", "cpu"], "--device cpu: needs --cluster"),
     ],
 )
 def test_a_mistake_gets_one_sentence_and_status_2(

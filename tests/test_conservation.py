@@ -65,7 +65,7 @@ def test_a_free_balloon_keeps_momentum_and_angular_momentum_for_10000_substeps(k
     torque, and pressure on a closed surface has neither net force nor torque; symplectic Euler preserves both, since x
     x v is the same before and after x += h v."""
     if schedule == "octets" and kind != "springs":
-        pytest.skip(f"octets does not simulate {kind}")
+        pytest.skip(f"octets does not support {kind}")
     drift, rounding = drifts(thrown(device, schedule, BALLOONS[kind]))
     assert (drift < rounding).all()
 

@@ -116,7 +116,7 @@ def _frames(simulator: Simulator):
 def test_the_manifest_says_what_the_columns_of_pairs_are(folder: Path):
     columns = json.loads((folder / "manifest.json").read_text())["columns"]
     assert columns["upper_on_lower_force_max"] == {
-        "unit": "N", "meaning": "net force of upper on lower: the largest of any frame",
+        "unit": "N", "meaning": "net force of upper on lower: maximum over all frames",
     }  # fmt: skip
     assert {*np.load(folder / "worlds.npz"), *np.load(folder / "table.npz")} == set(columns)
 

@@ -31,7 +31,7 @@ PRESSURE = "balloon.inflation.pressure"
 MISTAKES = {
     "a name": ("balloon.mas", {}, r"balloon\.mas: cannot change"),
     "the start": ("balloon.position", {}, r"balloon\.position: cannot change"),
-    "a table": ("balloon.stiffness", {}, r"balloon\.stiffness: must lead to a number or a vector; known are "),
+    "a table": ("balloon.stiffness", {}, r"balloon\.stiffness: must be the path of a number or a vector; known are "),
     "no bounds": ("balloon.mass", {}, r"balloon\.mass: the step depends on it; expected bounds, as in open"),
     "wrong bounds": ("gravity", {"low": 2.0, "high": 1.0}, r"gravity: low must be at most high \(got 2 and 1\)"),
     "a bound that is none": ("gravity", {"low": np.nan}, r"gravity: low must be a finite number \(got nan\)"),
@@ -181,7 +181,7 @@ def test_values_of_another_shape_are_refused(values: object) -> None:
 def test_a_number_has_one_control() -> None:
     simulator = Simulator(SCENE, "cpu", 2)
     simulator.controls.open("balloon.damping", 0.0, 1.0)
-    with pytest.raises(InputError, match=r"balloon\.0\.damping: is written by the control balloon\.damping already"):
+    with pytest.raises(InputError, match=r"balloon\.0\.damping: is already written by the control balloon\.damping"):
         simulator.controls.open("balloon.0.damping", 0.0, 1.0)
 
 

@@ -43,7 +43,7 @@ def test_colors_say_how_far_it_is_off(browser):
     window.set_default_timeout(1000.0 * LIMIT)
     window.goto(page.address)
     window.get_by_text("step 0", exact=True).wait_for()
-    window.get_by_text("stretched 1.2 times in the mean").wait_for()
+    window.get_by_text("mean stretch 1.2").wait_for()
     wait_until(lambda: colors(window)[0] > 500, "far places are red")
     page.show(step(1, 1.0))
     window.get_by_text("step 1", exact=True).wait_for()
@@ -95,5 +95,5 @@ def test_outlines_of_foil_are_not_shown(tmp_path: Path):
     said = CliRunner().invoke(app, ["design", "HEY", "--of", "foil", "-o", str(tmp_path / "hey"), "--view"])
     assert isinstance(said.exception, InputError)
     assert str(said.exception) == (
-        "--view: shows springs, latex and panels of foil, in depth (got --of foil without --panels)"
+        "--view: needs --of springs, --of latex or panels of foil (got --of foil without --panels)"
     )

@@ -77,7 +77,7 @@ def test_what_is_left_of_a_longer_sequence_is_named(written: Path, tmp_path: Pat
     (tmp_path / "out.0099.ply").write_text("old")
     told: list[str] = []
     export_stage(written, tmp_path / "out.####.ply", on_note=told.append)
-    assert told == ["out.0099.ply: of an earlier sequence of that name, kept"]
+    assert told == ["out.0099.ply: from an earlier sequence of that name; kept"]
     assert (tmp_path / "out.0099.ply").read_text() == "old"
 
 
@@ -146,9 +146,12 @@ def test_a_failure_keeps_what_was_there_and_the_checkpoints(tmp_path: Path, monk
     ("name", "complaint"),
     [
         ("out.fbx", r"cannot write \.fbx; expected \.usdc, .*\.glb, .*\.abc"),
-        ("out.obj", r"one file for all frames; expected #### in the name, .* such as out\.####\.obj"),
+        (
+            "out.obj",
+            r"is one file for all frames; expected #### in the name for the frame number, such as out\.####\.obj",
+        ),
         ("missing/out.glb", "the folder .* does not exist"),
-        ("stage.usdc", "is the stage itself"),
+        ("stage.usdc", "is the input stage"),
     ],
 )
 def test_mistakes_are_told_before_any_work(written: Path, tmp_path: Path, name: str, complaint: str):

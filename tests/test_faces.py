@@ -159,9 +159,9 @@ def test_what_is_large_beside_faces_needs_no_more(device):
 def test_touch_says_that_spheres_may_be_left_alone(device):
     ball = Sphere(position=(1.0, 0.0, 0.0), radius=0.01)
     model = Simulator(flight(ball, touch=Touch(itself=True, spheres=False)), device).model
-    assert model.warnings[0].startswith("sphere 0: with a radius of 0.01 m it fits through faces")
+    assert model.warnings[0].startswith("sphere 0: its radius of 0.01 m fits through faces")
     assert Simulator(flight(ball), device).model.warnings == []
-    with pytest.raises(InputError, match="balloons: must be true, or `itself` or `spheres` must"):
+    with pytest.raises(InputError, match="balloons: expected true for balloons, itself or spheres"):
         Touch(balloons=False, itself=False, spheres=False)
 
 

@@ -100,9 +100,9 @@ def test_a_pump_follows_its_curve_and_stops(device: str):
 @pytest.mark.parametrize(
     ("fields", "complaint"),
     [
-        ({"breaths": 1.0, "litres": 2.0}, "litres: says another way what breaths says; expected one of both"),
-        ({"amount": 1.0, "moles": 2.0}, "moles: says another way what amount says; expected one of both"),
-        ({"pump": 0.1, "breaths": 2.0}, "breaths: says another way what pump says; expected one of both"),
+        ({"breaths": 1.0, "litres": 2.0}, "litres: gives the same quantity as breaths; expected only one of them"),
+        ({"amount": 1.0, "moles": 2.0}, "moles: gives the same quantity as amount; expected only one of them"),
+        ({"pump": 0.1, "breaths": 2.0}, "breaths: gives the same quantity as pump; expected only one of them"),
         ({"pump_curve": [(5.0, 1.0), (5.0, 0.0)]}, "pump_curve: pressures must increase .got .5.0, 5.0.."),
         ({"breaths": -1.0}, "breaths: must be"),
         ({"fill_time": 0.0}, "fill_time: must be"),

@@ -116,7 +116,7 @@ def test_what_is_not_seen_is_told():
     free = {"balloon.helium": (0.1, 5.0), "gravity": (5.0, 12.0)}
     scene = bw.load_scene(falling(), {"balloon.helium": 1.0})
     fit = bw.fit(scene, seen, free=free, starts=1, rounds=4, device="cpu")
-    assert any("hardly told apart" in doubt for doubt in fit.doubts)
+    assert any("hardly be told apart" in doubt for doubt in fit.doubts)
 
 
 @pytest.mark.parametrize(
@@ -181,12 +181,12 @@ def test_command_of_a_curve(tmp_path: Path):
         ([], "1,2\n" * 5 + "2,nan\n", "line 6: pressure: expected a number (got nan)"),
         ([], "1,2\n" * 5 + "-2,1\n", "line 6: volume: expected a number above 0 (got -2)"),
         ([], "volume [l],pressure [Pa]\n" + "1,2\n" * 6, "volume: expected in m^3 (got l)"),
-        ([], "1,2\n" * 6, "volume: is 1 in each row; expected those of a balloon that grows"),
-        ([], "1,-2\n2,-1\n" * 3, "pressure: expected some above the air's, that is, above 0 (got -1 at most)"),
+        ([], "1,2\n" * 6, "volume: is 1 in every row; expected the volumes of a balloon that grows"),
+        ([], "1,-2\n2,-1\n" * 3, "pressure: expected gauge pressures above 0 (got -1 at most)"),
         (["--kind", "steel"], "1,2\n2,3\n" * 3, "kind: must be mooney_rivlin, gent, ogden"),
         (["--thickness", "-1"], "1,2\n2,3\n" * 3, "thickness: must be a number greater than 0"),
-        (["knot"], "1,2\n" * 6, "is a curve, which has no SCENE"),
-        (["--resume"], "1,2\n" * 6, "is a curve, whose fit takes seconds; expected no --resume"),
+        (["knot"], "1,2\n" * 6, "is a curve; SCENE and --free need"),
+        (["--resume"], "1,2\n" * 6, "a fit to a curve takes seconds; expected no --resume"),
     ],
 )
 def test_curves_that_cannot_be_get_a_sentence(words: list[str], rows: str, sentence: str, tmp_path: Path):

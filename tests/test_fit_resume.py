@@ -22,16 +22,16 @@ def test_a_fit_that_was_stopped_goes_on(tmp_path: Path):
         if stage.startswith("round 3"):
             raise KeyboardInterrupt
 
-    with pytest.raises(InputError, match="no fit was begun; expected none to --resume"):
+    with pytest.raises(InputError, match="has no fit to --resume"):
         bw.fit(falling(), seen, **asked, progress=kept, resume=True)
     with pytest.raises(KeyboardInterrupt):
         bw.fit(falling(), seen, **asked, progress=kept, on_stage=stop)
     kept.write_bytes(kept.read_bytes()[:-9])
-    with pytest.raises(InputError, match="another fit was begun"):
+    with pytest.raises(InputError, match="has another fit; --resume needs"):
         bw.fit(falling(), seen, **{**asked, "starts": 3}, progress=kept, resume=True)
     told: list[str] = []
     resumed = bw.fit(falling(), seen, **asked, progress=kept, resume=True, on_stage=told.append)
-    assert "going on after round 2" in told
+    assert "resuming after round 2" in told
     assert resumed.values == bw.fit(falling(), seen, **asked).values
     assert not kept.exists()
 
@@ -46,4 +46,4 @@ def test_ctrl_c_says_how_to_go_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr("balloon_warp.fitting.by_data.search", stop)
     said = CliRunner().invoke(app, words)
     assert isinstance(said.exception, StoppedError)
-    assert f"--resume goes on from {tmp_path / 'volumes.progress'}" in str(said.exception)
+    assert f"--resume continues from {tmp_path / 'volumes.progress'}" in str(said.exception)

@@ -63,8 +63,8 @@ def test_drawings_are_read(tmp_path: Path, content: str, expected: float):
 
 
 BAD = {
-    "": "text: has nothing to be seen",
-    "  \t": "text: has nothing to be seen",
+    "": "text: has no visible character",
+    "  \t": "text: has no visible character",
     "\u200b": "text: ",
     "漢": "text: the font DejaVu Sans has no '漢'; expected another --font",
 }
@@ -80,8 +80,8 @@ def test_text_without_outlines_gets_one_sentence(text: str):
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        ({"font": "No Such Family"}, "--font No Such Family: there is no such family of fonts"),
-        ({"font": "missing.ttf"}, "--font missing.ttf: there is no such file"),
+        ({"font": "No Such Family"}, "--font No Such Family: no such font family"),
+        ({"font": "missing.ttf"}, "--font missing.ttf: no such file"),
         ({"font": "broken.ttf"}, "--font broken.ttf: cannot be read as a font"),
         ({"height": 0.0}, "height: must be a number greater than 0 (got 0.0)"),
         ({"height": float("nan")}, "height: must be"),
@@ -102,7 +102,7 @@ def test_options_that_cannot_be_get_one_sentence(options: dict, sentence: str, t
     [
         ("", "is no SVG drawing"),
         ("<svg", "is no SVG drawing"),
-        ('<svg xmlns="http://www.w3.org/2000/svg"/>', "has no closed path that encloses anything; expected one"),
+        ('<svg xmlns="http://www.w3.org/2000/svg"/>', "has no closed path with an area; expected one"),
         ('<svg xmlns="http://www.w3.org/2000/svg"><path d="M0 0L9 9L5 0"/></svg>', "has no closed path"),
         ('<svg xmlns="http://www.w3.org/2000/svg"><path d="M0 0L9 9z"/></svg>', "has no closed path"),
         ('<svg xmlns="http://www.w3.org/2000/svg"><text x="9">A</text></svg>', "has no closed path"),

@@ -127,5 +127,5 @@ def test_a_full_disk_leaves_the_good_file(scene: Scene, tmp_path: Path):
     assert done.returncode == 2, done.stderr
     first, swells, last = done.stderr.splitlines()
     assert first.startswith("note: ball.obj inflates above a floor. ")
-    assert swells.startswith("note: auto: ")
+    assert swells.startswith("note: auto pressure ")
     assert last.startswith("error: disk/ball.usdc: cannot be written: ")

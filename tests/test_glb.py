@@ -99,7 +99,7 @@ def test_a_glb_is_bounded_and_says_so(written: Path, tmp_path: Path, monkeypatch
     assert "room" not in told[0]
     monkeypatch.setattr(glb, "MOST_TARGETS", 3)
     export_stage(written, tmp_path / "few.glb", on_note=told.append)
-    assert "every 2nd of 7 frames, as there is room for 3 morph targets" in told[1]
+    assert "every 2nd of 7 frames, to fit into 3 morph targets" in told[1]
     few = Glb(tmp_path / "few.glb")
     assert len(few.primitive("box")["targets"]) == 3
     np.testing.assert_allclose(few.shapes("box"), Glb(tmp_path / "all.glb").shapes("box")[::2], atol=1e-6)

@@ -170,8 +170,8 @@ def test_a_page_for_others_warns_and_no_stranger_fills_the_terminal(host: str | 
     assert len(told) <= 1
     assert all("a page at https://evil.example is refused" in line for line in told)
     warning = (
-        f"warning: whoever reaches port {port} of this machine can see it, play with it and save recordings into "
-        f"{tmp_path.resolve()}; nothing is encrypted, nobody is asked a name\n"
+        f"warning: anyone who reaches port {port} of this machine can watch and control the page, and save recordings "
+        f"into {tmp_path.resolve()}; it has no encryption and no login\n"
     )
     assert printed[1:] == ([warning] if host == "0.0.0.0" else [])
     assert rest == "the page is closed\n"

@@ -66,7 +66,7 @@ def test_eye_sockets_are_closed_and_hold_gas() -> None:
     cut = 2.0 * np.pi * (1.0 - np.cos(0.2)) ** 2
     assert signed_volume(BALL) - 3.0 * cut < signed_volume(mesh) < signed_volume(BALL)
     assert mesh.warnings[0].startswith(
-        "2 holes in the surface are closed by faces after the file's; the largest has 16"
+        "2 holes in the surface are closed by faces numbered after the file's; the largest has 16"
     )
     np.testing.assert_array_equal(mesh.points, BALL.points)
     np.testing.assert_array_equal(
@@ -75,7 +75,7 @@ def test_eye_sockets_are_closed_and_hold_gas() -> None:
     gas = Scene(balloon=[Balloon(mesh=without(BALL, EYES), inflation=Inflation(kind="gas"))])
     assert plan_model(gas).shapes[0].closed
     kept = gas.model_copy(update={"balloon": [gas.balloon[0].model_copy(update={"holes": "keep"})]})
-    with pytest.raises(InputError, match="its mesh is open"):
+    with pytest.raises(InputError, match="an open mesh cannot hold gas"):
         plan_model(kept)
 
 

@@ -29,7 +29,7 @@ def test_what_is_blown_in_gives_way_to_the_slider():
 
 
 def test_a_pump_s_curve_stays():
-    with pytest.raises(InputError, match=r"balloon\.1\.inflation\.pump_curve: says another way what pump says"):
+    with pytest.raises(InputError, match=r"balloon\.1\.inflation\.pump_curve: gives the same quantity as pump"):
         inflating(filled({"pump": 0.5}, {"pump_curve": [(0.0, 1.0), (100.0, 0.0)]}), 0.25)
 
 

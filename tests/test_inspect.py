@@ -78,11 +78,11 @@ ONE_FACE_TURNED.face_vertex_indices[:4] = ONE_FACE_TURNED.face_vertex_indices[:4
 WARNINGS = {
     "repeated corner": (
         with_faces(cube(), [0, 1, 0, 3], [2, 2, 2]),
-        "2 faces repeat a corner; the first is face 7, counting from 1. Each corner is taken once.",
+        "2 faces repeat a corner; the first is face 7, counting from 1. Repeated corners count once.",
     ),
     "repeated corner, and two faces that only follow each other": (
         mesh_of(curve(5), [[0, 1, 2], [2, 3, 4], [4, 0, 4]]),
-        "1 face repeats a corner; it is face 3, counting from 1. Each corner is taken once.",
+        "1 face repeats a corner; it is face 3, counting from 1. Repeated corners count once.",
     ),
     "no area": (
         mesh_of([(0, 0, 0), (1, 0, 0), (3, 0, 0), (0, 2, 0)], [[0, 1, 3], [0, 1, 2]]),
@@ -91,12 +91,12 @@ WARNINGS = {
     ),
     "duplicate faces": (
         with_faces(prism(5), [1, 6, 5, 0], [0, 1, 2, 3, 4]),
-        "2 faces have the corners of earlier faces; the first is face 8, counting from 1. Each face is taken once.",
+        "2 faces have the corners of earlier faces; the first is face 8, counting from 1. Repeated faces count once.",
     ),
     "coincident vertices": (
         joined(cube(), replace(cube(), points=cube().points + (1.0, 0.0, 0.0))),
         "4 vertices lie exactly on others; the first is vertex 9, at the place of vertex 2, counting from 1."
-        " They are particles apart; --weld makes them one.",
+        " They are separate particles; --weld merges them.",
     ),
     "unused vertices": (
         with_points(cube(), (5, 5, 5), (6, 6, 6)),
@@ -106,30 +106,30 @@ WARNINGS = {
     "non-manifold vertex": (
         two_quads_at_a_vertex(),
         "1 vertex joins parts of the surface that share no edge there; it is vertex 3, counting from 1."
-        " They hang together there.",
+        " The parts stay joined there.",
     ),
     "open border": (
         grid(1, 1),
         "4 edges are on open borders; the first goes from vertex 1 to 2, counting from 1."
-        " What is open is inflated where its border is held, and carried along where it is not; it holds no gas.",
+        " An open part is inflated if its border is pinned, and carried along otherwise; it cannot hold gas.",
     ),
     "non-manifold edge": (
         mesh_of(curve(5), [[0, 1, 2], [1, 0, 3], [0, 1, 4]]),
         "1 edge has more than two faces; it goes from vertex 1 to 2, counting from 1."
-        " A pressure pushes what is between inside and outside, and no walls or fins; gas is refused.",
+        " A pressure acts on faces between inside and outside, not on walls or fins; such a mesh cannot hold gas.",
     ),
     "inconsistent winding": (
         ONE_FACE_TURNED,
         "4 edges join faces of opposite winding; the first goes from vertex 1 to 2, counting from 1."
-        " Faces are turned until all wind alike.",
+        " Faces are flipped until all wind alike.",
     ),
     "inward winding": (
         inside_out(quad_sphere(3)),
-        "1 closed component winds inward; it has face 1, counting from 1. Such a component is turned outward.",
+        "1 closed component winds inward; it has face 1, counting from 1. Such a component is flipped outward.",
     ),
     "one of three components inward, one open": (
         joined(quad_sphere(1), inside_out(open_cube()), inside_out(torus(5, 5))),
-        "1 closed component winds inward; it has face 12, counting from 1. Such a component is turned outward.",
+        "1 closed component winds inward; it has face 12, counting from 1. Such a component is flipped outward.",
     ),
     "the reader's": (replace(cube(), warnings=("The stage has 2 meshes.",)), "The stage has 2 meshes."),
 }
@@ -200,7 +200,7 @@ def test_a_solver_that_is_stable_at_any_step_is_said_to_be():
     assert (report["solver"], report["substeps"]) == ("projective", 2)
     assert report == explicit | {"solver": "projective", "substeps": 2}
     step, explicitly, *_ = command("squirrel_inflate", "--set", "solver=projective").stdout.splitlines()[3:]
-    assert step.rstrip().endswith('stable, however long: 2 with "auto" at 60 frames/s')
+    assert step.rstrip().endswith('stable at any step: 2 with "auto" at 60 frames/s')
     assert explicitly.split()[:4] == ["explicit", "stable", "up", "to"]
 
 
@@ -227,7 +227,7 @@ def test_a_mesh_that_makes_no_balloon_is_reported_all_the_same_and_refused(tmp_p
     assert result.returncode == 2
     report = json.loads(result.stdout)
     assert (report["step"], report["vertices"]) == (None, 8)
-    assert result.stderr.startswith(f"error: {tmp_path / 'point.obj'}: all its vertices stand at one place")
+    assert result.stderr.startswith(f"error: {tmp_path / 'point.obj'}: all vertices coincide")
 
 
 def test_no_loop_goes_over_vertices() -> None:

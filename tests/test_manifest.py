@@ -102,7 +102,7 @@ def test_what_cannot_be_repeated_is_told(folder: Path):
     with pytest.raises(InputError, match=r"other\.obj: has changed since the batch: its SHA-256 is "):
         repeat_batch(path, folder / "again")
     (folder / "other.obj").unlink()
-    with pytest.raises(InputError, match=r"its mesh other\.obj is not there"):
+    with pytest.raises(InputError, match=r"its mesh other\.obj is missing"):
         repeat_batch(path, folder / "again")
     for text in ("[]", "{}", "{", "\x00"):
         path.write_text(text)
@@ -117,5 +117,5 @@ def test_a_mesh_from_python_is_named_and_hashed(tmp_path: Path):
         run_batch(Scene(frames=1, balloon=[Balloon(mesh=quad_sphere(cells))]), tmp_path / "out", 2, device="cpu")
         hashes += manifest(tmp_path / "out")["meshes"].values()
     assert hashes[0] == hashes[1] != hashes[2]
-    with pytest.raises(InputError, match="is not there"):
+    with pytest.raises(InputError, match="is missing; expected the file"):
         repeat_batch(tmp_path / "out" / "manifest.json", tmp_path / "again")

@@ -153,7 +153,7 @@ def test_worlds_differ_in_one_term_of_an_ogden_material(material: Material):
         ({"kind": "ogden"}, "material.ogden_exponents: is missing"),
         (
             {"kind": "ogden", "ogden_moduli": (1e5, -1e3, 0.0), "ogden_exponents": (2.0, 2.0, 1.0)},
-            "material.ogden_moduli: .* make an unstable material; expected each modulus times its exponent",
+            "material.ogden_moduli: .* make an unstable material; expected modulus times exponent",
         ),
         (
             {"preset": "natural_rubber_treloar", "ogden_exponents": (1.3, 300.0, -2.0)},
@@ -165,7 +165,7 @@ def test_worlds_differ_in_one_term_of_an_ogden_material(material: Material):
         ({"kind": "gent", "gent_limit": 0.0}, "material.gent_limit: must be greater than 0"),
         (
             {"kind": "gent", "gent_limit": 20.0, "most_stretch": 5.0},
-            "material.most_stretch: 5 is past the limit of this material, whose chains are straight at 3.39",
+            "material.most_stretch: 5 exceeds the locking stretch of this material, 3.39",
         ),
         ({"shear_modulus": 1e5}, 'material.shear_modulus: needs kind = "neo_hookean" or'),
         ({"thickness": 1e-3}, "material.thickness: needs a preset, or a kind such as"),
@@ -184,7 +184,7 @@ def test_bad_input_gets_a_sentence(material: dict[str, Any], sentence: str):
 def test_what_does_not_go_with_rubber_gets_a_sentence():
     with pytest.raises(InputError, match=r"balloon.mass: follows from the material's thickness and density \(got 2\)"):
         latex(mass=2.0)
-    with pytest.raises(InputError, match='"projective" does not simulate mooney-rivlin material'):
+    with pytest.raises(InputError, match='"projective" does not support mooney-rivlin material'):
         Simulator(latex(inflation=Inflation(k_normal=0.1)).model_copy(update={"solver": "projective"}), "cpu")
     with pytest.raises(InputError, match=r"material: .* has no face with an area"):
         build_model(latex(mesh=mesh_of([(0, 0, 0), (1, 0, 0)], [[0, 1]])), "cpu")

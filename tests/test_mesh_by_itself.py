@@ -92,7 +92,7 @@ def test_run_scenes_and_inspect_take_a_stretch_and_say_what_it_comes_to(tmp_path
             main()
         assert ended.value.code in (None, 0)
         said = capsys.readouterr()
-        wanted = "stretch = 0.2" if words[0] == "scenes" else "auto: 74.95 Pa, volume 1.00 -> 1.73"
+        wanted = "stretch = 0.2" if words[0] == "scenes" else "auto pressure 74.95 Pa, volume 1.00 -> 1.73"
         assert wanted in said.out + said.err
         assert words[0] != "run" or '"pressure": 74.9' in said.out
 

@@ -127,7 +127,7 @@ def test_all_meshes_that_are_shown_are_taken_as_one_or_the_named(tmp_path: Path)
     assert every.points[every.groups["c"]].min(axis=0)[0] == pytest.approx(6.0)
     assert every.warnings == (
         "Left out of the stage: /World/more/guide (purpose guide), /World/hidden (invisible), /World/proxy "
-        "(purpose proxy); prim names what to take instead.",
+        "(purpose proxy); prim selects other meshes.",
     )
     below = read_usd(path, "/World/more")
     assert (below.name, below.face_count, below.warnings) == ("more", 13, ())
@@ -144,7 +144,9 @@ def test_a_stage_that_shows_no_mesh_is_refused_with_the_reason(tmp_path: Path) -
     stage = stage_at(tmp_path / "stage.usda")
     add_mesh(stage, "/collider", cube()).MakeInvisible()
     stage.Save()
-    with pytest.raises(InputError, match=r'shows no mesh: /collider \(invisible\); prim = "/collider" takes it'):
+    with pytest.raises(
+        InputError, match=r'has no visible mesh: /collider \(invisible\); prim = "/collider" selects it'
+    ):
         read_usd(tmp_path / "stage.usda")
 
 
@@ -170,9 +172,9 @@ def test_a_prim_is_named_in_a_scene_and_on_the_command_line(tmp_path: Path) -> N
     plan = plan_model(Scene(balloon=[balloon], obstacle=walls, body=[body]))
     meshes = [plan.shapes[0].mesh, *(shape.mesh for shape in plan.obstacles), plan.bodies[0].solid.mesh]
     assert [mesh.face_count for mesh in meshes if mesh] == [6, 7, 13, 6]
-    assert plan.warnings == [f"{path}: Left out of the stage: /c (invisible); prim names what to take instead."]
+    assert plan.warnings == [f"{path}: Left out of the stage: /c (invisible); prim selects other meshes."]
     assert load_scene(path, {"balloon.prim": "/b"}).balloon[0].prim == "/b"
-    with pytest.raises(InputError, match=r"names a part of a USD stage; expected such a file as mesh"):
+    with pytest.raises(InputError, match=r"selects a part of a USD stage; expected a USD file as mesh"):
         plan_model(Scene(balloon=[Balloon(mesh=cube(), prim="/a")]))
 
 
@@ -203,13 +205,13 @@ def broken(attribute: str, value: object):
     ("spoil", "sentence"),
     [
         (broken("points", None), "/cube: has no points"),
-        (broken("points", []), "/cube: has 0 vertices and 6 faces; it needs both"),
-        (broken("points", [(0, 0, 0)]), "/cube: a face names point 7, but the points are 0 to 0"),
+        (broken("points", []), "/cube: has 0 vertices and 6 faces; expected both"),
+        (broken("points", [(0, 0, 0)]), "/cube: a face refers to point 7; expected 0 to 0"),
         (broken("points", [(float("nan"), 0, 0)] * 8), "/cube: vertex 1: coordinates must be finite"),
         (broken("faceVertexCounts", None), "/cube: has no faceVertexCounts"),
         (broken("faceVertexCounts", [4] * 5), "/cube: the face sizes add up to 20 corners, but 24 are given"),
         (broken("faceVertexCounts", [2, 6, 4, 4, 4, 4]), "/cube: face 1: a face needs three corners or more (got 2)"),
-        (broken("faceVertexIndices", [-1] * 24), "/cube: a face names point -1, but the points are 0 to 7"),
+        (broken("faceVertexIndices", [-1] * 24), "/cube: a face refers to point -1; expected 0 to 7"),
     ],
 )
 def test_broken_meshes_are_refused_in_a_sentence(tmp_path: Path, spoil, sentence: str) -> None:
@@ -234,7 +236,7 @@ def test_what_is_no_stage_is_refused_and_usd_prints_nothing(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], name: str
 ) -> None:
     (tmp_path / name).write_bytes(b"no stage")
-    with pytest.raises(InputError, match="is not a USD stage that can be read"):
+    with pytest.raises(InputError, match="cannot be read as a USD stage"):
         read_usd(tmp_path / name)
     assert capfd.readouterr() == ("", "")
 

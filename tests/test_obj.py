@@ -89,9 +89,9 @@ def test_negative_indices_count_from_where_they_stand(tmp_path: Path) -> None:
 
 TRIANGLE = b"v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 BAD = {
-    "empty": (b"", ": has no vertices, that is, no line that begins with v"),
-    "no vertices": (b"f 1 2 3\nvn 0 0 1\n", ": has no vertices, that is, no line that begins with v"),
-    "no faces": (TRIANGLE, ": has no faces, that is, no line that begins with f"),
+    "empty": (b"", ": has no vertices (no line begins with v)"),
+    "no vertices": (b"f 1 2 3\nvn 0 0 1\n", ": has no vertices (no line begins with v)"),
+    "no faces": (TRIANGLE, ": has no faces (no line begins with f)"),
     "NaN": (b"v 0 0 0\nv nan 0 0\n" + TRIANGLE + b"f 1 2 3\n", ", line 2: coordinates must be finite"),
     "infinity": (TRIANGLE + b"v 0 -inf 0\nf 1 2 3\n", ", line 4: coordinates must be finite"),
     "float32 overflow": (b"v 0 0 3.5e38\n" + TRIANGLE + b"f 1 2 3\n", ", line 1: coordinates must be finite and fit"),

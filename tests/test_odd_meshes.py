@@ -110,7 +110,7 @@ def test_schedules_move_odd_meshes_alike(schedule: str, tmp_path: Path, device: 
         overrides = [*free, ("balloon.inflation.k_normal", 3.0), *odd.overrides]
         simulators = [Simulator(load_scene(path, overrides), device, schedule=name) for name in ("scatter", schedule)]
         start = simulators[0].read_frame().points[0]
-        if odd.name in ("no winding fits", "an edge of 100 faces"):
+        if odd.name in ("not orientable", "an edge of 100 faces"):
             # Several faces are equally near to a particle, which is inflated by one of them: rounding would choose.
             start = start + np.random.default_rng(1).uniform(-0.05, 0.05, start.shape).astype(np.float32)
         for simulator in simulators:

@@ -69,7 +69,7 @@ def test_restarted_it_is_the_run_with_as_many_substeps_byte_by_byte(device: str,
     summary = run("restarted.usdc", GAINS_ENERGY, "restart", warnings)
     assert (summary.restarts, summary.substeps, summary.frames, summary.blow_up) == (2, 12, 40, None)
     assert [sentence.rpartition(". ")[2] for sentence in warnings] == [
-        f"It begins again with {substeps} substeps a frame" for substeps in (6, 12)
+        f"It restarts with {substeps} substeps a frame" for substeps in (6, 12)
     ]
     scene = GAINS_ENERGY.model_copy(update={"substeps": summary.substeps})
     assert run("expected.usdc", scene, "stop", []).restarts == 0
@@ -104,7 +104,9 @@ def test_stopped_in_shorter_steps_it_goes_on_in_these(device: str, tmp_path: Pat
 @pytest.mark.parametrize("on_blowup", ["stop", "restart"])
 def test_where_it_ends_in_a_blow_up_the_old_stage_stays(on_blowup: str, tmp_path: Path):
     (tmp_path / "a.usdc").write_text("old")
-    with pytest.raises(BlowUpError, match="each of 4 longer steps" if on_blowup == "restart" else "less force helps"):
+    with pytest.raises(
+        BlowUpError, match="The 4 longer steps blew up as well" if on_blowup == "restart" else "less force helps"
+    ):
         animate(HOPELESS, tmp_path / "a.usdc", device="cpu", on_blowup=on_blowup)
     assert [path.name for path in tmp_path.iterdir()] == ["a.usdc"]
     assert (tmp_path / "a.usdc").read_text() == "old"

@@ -115,7 +115,7 @@ MISTAKES = {
     "no such particle": ({"particles": [99]}, r"force\.0\.particles: mesh has particles 0 to 55 \(got 99\)"),
     "nothing": ({"particles": []}, r"particles: must be a list of at least one item \(got \[\]\)"),
     "no such balloon": ({"balloon": 1}, r"force\.0\.balloon: must be below the number of balloons, 1 \(got 1\)"),
-    "what is fixed": ({"particles": ["tail"]}, r"force\.0\.particles: all of them are fixed in mesh"),
+    "what is fixed": ({"particles": ["tail"]}, r"force\.0\.particles: all its particles are fixed in mesh"),
     "no vector": ({"newtons": 3.0}, r"newtons: must be "),
 }
 

@@ -102,9 +102,9 @@ def scene(**fields) -> Scene:
         (lambda: bw.face_law(wp.length), r"^face law: expected a function with @wp\.func"),
         (
             lambda: bw.particle_law(lost),
-            r"^law lost: there is nothing that is called distance; expected some of position, velocity, mass, .*time$",
+            r"^law lost: unknown argument distance; expected some of position, velocity, mass, .*time$",
         ),
-        (lambda: bw.spring_law(lost), r"^law lost: there is nothing that is called position; .* squared_length,"),
+        (lambda: bw.spring_law(lost), r"^law lost: unknown argument position; .* squared_length,"),
         (
             lambda: bw.particle_law(of_whole_numbers, [STRENGTH]),
             r"^law of_whole_numbers: its argument strength is of another type; expected float$",
@@ -115,14 +115,14 @@ def scene(**fields) -> Scene:
         (lambda: bw.particle_law(out_of_range), r"^law out_of_range: cannot be called: .*index"),
         (lambda: bw.particle_law(of_too_many), r"^law of_too_many: cannot be called: .*'length' compatible with"),
         (lambda: bw.particle_law(silent), r"^law silent: returns nothing; expected a return with a value$"),
-        (lambda: bw.particle_law(magnet, energy=plain), r"^law magnet: there is nothing that is called strength"),
+        (lambda: bw.particle_law(magnet, energy=plain), r"^law magnet: unknown argument strength"),
         (
             lambda: bw.particle_law(magnet, MAGNET.parameters, stiffness=lambda height: height),
-            r"^law magnet: its stiffness asks for height; expected mass, mass_share, area, velocity, strength, pole$",
+            r"^law magnet: its stiffness takes height; expected mass, mass_share, area, velocity, strength, pole$",
         ),
         (
             lambda: bw.particle_law(magnet, MAGNET.parameters, neutral={"weakness": 0.0}),
-            r"^law magnet: neutral says weakness; expected one of its parameters, strength, pole$",
+            r"^law magnet: neutral names weakness; expected one of its parameters, strength, pole$",
         ),
         (lambda: bw.particle_law(magnet, MAGNET.parameters, color="red"), r"^law magnet: .* argument 'color'$"),
         (
@@ -155,19 +155,19 @@ def test_what_only_kernels_have_is_no_mistake():
 @pytest.mark.parametrize(
     ("laws", "sentence"),
     [
-        ([MAGNET, MAGNET], r"^law magnet: there is another law of that name"),
-        ([bw.particle_law(magnet, MAGNET.parameters, name="hooke")], r"^law hooke: there is another law of that name"),
+        ([MAGNET, MAGNET], r"^law magnet: another law has this name"),
+        ([bw.particle_law(magnet, MAGNET.parameters, name="hooke")], r"^law hooke: another law has this name"),
         (
             [MAGNET, bw.particle_law(magnet, MAGNET.parameters[1:] + (STRENGTH,), name="other")],
-            r"^law other: its parameter strength is also one of law magnet, with another meaning",
+            r"^law other: its parameter strength is also a parameter of law magnet, with another definition",
         ),
         (
             [bw.particle_law(magnet, [*MAGNET.parameters, bw.Parameter("helium", "1")])],
-            r"^law magnet: its parameter helium is also one of a built-in law, with another meaning",
+            r"^law magnet: its parameter helium is also a parameter of a built-in law, with another definition",
         ),
         (
             [bw.particle_law(magnet, [*MAGNET.parameters, bw.Parameter("softening", "1")])],
-            r"^law magnet: its parameter softening is also one of a built-in law, with another meaning",
+            r"^law magnet: its parameter softening is also a parameter of a built-in law, with another definition",
         ),
         ([magnet], r"^laws: expected a Law \(got"),
     ],
@@ -200,9 +200,9 @@ def test_parameters_stand_in_the_law_s_table():
         (
             "law.hardening.hardness",
             1.0,
-            r"^law\.hardening: there are no parameters of such a law; known here are magnet",
+            r"^law\.hardening: unknown law; known here are magnet",
         ),
-        ("balloon.law.gravity.g", 1.0, r"^balloon\.0\.law\.gravity: there are no parameters .* magnet, hardening$"),
+        ("balloon.law.gravity.g", 1.0, r"^balloon\.0\.law\.gravity: unknown law; .* magnet, hardening$"),
         ("balloon.law.magnet.strength", "much", r"^balloon\.0\.law\.magnet\.strength: must be a valid number .*'much'"),
     ],
 )
@@ -213,7 +213,7 @@ def test_values_that_do_not_fit_are_refused(path, value, sentence):
 
 def test_a_table_of_a_law_that_was_not_given_is_refused():
     said = override_scene(scene(), [("balloon.law.magnet.strength", 1.0)])
-    with pytest.raises(bw.InputError, match=r"^balloon\.0\.law\.magnet: there are no parameters .*; no law was given"):
+    with pytest.raises(bw.InputError, match=r"^balloon\.0\.law\.magnet: unknown law; no given law has"):
         plan_model(said)
 
 

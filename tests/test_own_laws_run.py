@@ -65,7 +65,7 @@ def test_a_batch_is_repeated_with_the_same_law_alone(tmp_path: Path):
     bw.repeat_batch(summary.manifest, tmp_path / "b", laws=[MAGNET])
     assert (tmp_path / "a" / "table.csv").read_bytes() == (tmp_path / "b" / "table.csv").read_bytes()
     for laws, sentence in (
-        ([], r"its law magnet is not given; expected it among laws$"),
+        ([], r"its law magnet is missing; expected it in laws$"),
         ([MAGNET, HARDENING], r"has no law hardening; expected magnet$"),
         ([bw.particle_law(magnet, MAGNET.parameters)], r"^law magnet: its source has changed since the batch of"),
     ):

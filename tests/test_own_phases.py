@@ -178,7 +178,7 @@ def test_worlds_that_are_simulated_again_keep_what_they_had(listed, schedule, de
             {"sphere.0.law.slow.speed": 1.0},
             "sphere.0.law.slow.speed: unknown field; known here are slow_radius",
         ),
-        ({"sphere.0.law.warm.weakening": 1.0}, "sphere.0.law.warm: there are no parameters of such a law; known"),
+        ({"sphere.0.law.warm.weakening": 1.0}, "sphere.0.law.warm: unknown law; known"),
         ({"balloon.law.warm.warming_seconds": 0.0}, "balloon.0.law.warm.warming_seconds: must be at least 1e-06"),
     ],
 )
@@ -188,5 +188,5 @@ def test_bad_values_of_rows_are_refused_in_a_sentence(changes, sentence, listed)
 
 
 def test_a_solver_that_does_not_have_a_phase_says_so(listed):
-    with pytest.raises(InputError, match='solver: "projective" does not simulate the phase slow'):
+    with pytest.raises(InputError, match='solver: "projective" does not support the phase slow'):
         Simulator(scene_with(SLOWED | {"solver": "projective"}), "cpu")

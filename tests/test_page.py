@@ -182,7 +182,7 @@ def test_the_page_begins_where_a_simulator_is(tmp_path):
     simulator.state.points.assign(points)
     for _ in range(4):
         simulator.step()
-    with pytest.raises(InputError, match="world: there is no world 2; expected 0 to 1"):
+    with pytest.raises(InputError, match="world: no world 2; expected 0 to 1"):
         show(simulator, 2, folder=tmp_path)
     shown = show(simulator, 1, folder=tmp_path)
     session = shown.page.session  # time stands still, as nobody looks

@@ -130,7 +130,7 @@ def test_a_ball_of_gores_becomes_round_from_rest(tmp_path: Path):
         bw.design(BALL, **asked, on_stage=stop)
     told: list[str] = []
     design = bw.design(BALL, **asked, resume=True, on_stage=told.append)
-    assert told[0] == "going on after step 1"
+    assert told[0] == "resuming after step 1"
     assert design.error.mean < 0.012
     assert design.plain_error
     assert design.error.mean <= design.plain_error.mean + 1e-3
@@ -143,7 +143,7 @@ def test_a_ball_of_gores_becomes_round_from_rest(tmp_path: Path):
     np.testing.assert_allclose(last, design.simulated, atol=3e-3)
     for name in ("pattern.svg", "error.png", "panels.obj"):
         assert (tmp_path / name).stat().st_size > 1_000
-    with pytest.raises(InputError, match="another design was begun there"):
+    with pytest.raises(InputError, match="has another design; --resume needs"):
         bw.design(BALL, **(asked | {"panels": 7}), resume=True)
 
 
@@ -176,8 +176,8 @@ def tube() -> PolygonMesh:
     [
         (BALL, "1 2", r"is closed: the seams do not cut it; expected pieces with one border"),
         (BALL, "1 200", r"no edge of .* joins vertices \d+ and \d+, counted from 1, of a seam"),
-        (BALL, "1 900", r"names vertex 900; expected numbers from 1 to the \d+ of"),
-        (BALL, "1 two", r"line 1 is '1 two'; expected numbers of vertices"),
+        (BALL, "1 900", r"has vertex 900; expected numbers from 1 to the \d+ of"),
+        (BALL, "1 two", r"line 1 is '1 two'; expected vertex numbers"),
         (BALL, "7", r"line 1 has one vertex; expected two or more"),
         (BALL, "# none", r"has no seam; expected lines of vertices"),
     ],
@@ -199,7 +199,7 @@ def test_panels_that_cannot_be_are_refused(tmp_path: Path):
         panels_of(BALL, tmp_path / "none.txt", 0.3)
     with pytest.raises(InputError, match=r"has no materials with a border between them"):
         panels_of(BALL, "materials", 0.3)
-    with pytest.raises(InputError, match=r"panels: are of foil; expected none of latex \(got 8\)"):
+    with pytest.raises(InputError, match=r"panels: need foil; expected none for latex \(got 8\)"):
         bw.design(BALL, of="latex", panels=8)
     deep = replace(BALL, points=BALL.points * [0.1, 1.0, 0.1], name="rod")
     ring = [v + 1 for v in np.flatnonzero(np.abs(BALL.points[:, 1]) < 1e-9)]
@@ -208,7 +208,7 @@ def test_panels_that_cannot_be_are_refused(tmp_path: Path):
     (tmp_path / "waist.txt").write_text(" ".join(map(str, [*order, order[0]])))
     panels = panels_of(deep, tmp_path / "waist.txt", 0.3)
     assert panels.count == 2
-    with pytest.raises(InputError, match=r"panel \d+, of \d+ triangles, folds over when it is laid flat"):
+    with pytest.raises(InputError, match=r"panel \d+, of \d+ triangles, is too curved and folds over"):
         flattened(panels, panels.mesh.points)
 
 

@@ -39,7 +39,9 @@ def test_the_largest_is_by_area() -> None:
 
 
 def test_a_mesh_without_a_closed_part_is_refused() -> None:
-    with pytest.raises(InputError, match='has no closed part, all of its 20 parts are open; expected "all" or "larg'):
+    with pytest.raises(
+        InputError, match='has no closed part, all of its 20 parts are open; expected parts = "all" or "larg'
+    ):
         taken(hair(20), "closed")
 
 

@@ -229,7 +229,7 @@ def test_stiffer_springs_get_more_substeps_unless_told_not_to():
 def test_what_takes_too_many_substeps_is_refused_unless_they_stay():
     """A value that takes too many substeps is refused; with fixed substeps, forward Euler may be watched to blow up."""
     playground = Playground(on_a_string(), "cpu")
-    with pytest.raises(InputError, match=r"^this takes [0-9,]+ substeps a frame to be stable, too many to play with"):
+    with pytest.raises(InputError, match=r"^a stable step needs [0-9,]+ substeps a frame, too many for real time"):
         playground.set("balloon.stiffness.structural", 1e7)
     playground.step()
     playground.keep_stable = False

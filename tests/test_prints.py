@@ -127,7 +127,7 @@ def test_prints_that_cannot_be_get_a_sentence(image: Path, tmp_path: Path):
         animate(load_scene(printed_scene(tmp_path, "none.png")), tmp_path / "out.usdc", device="cpu")
     scene = printed_scene(tmp_path)
     (tmp_path / "cloth.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
-    with pytest.raises(InputError, match=r"cloth\.obj: has no texture coordinates, which say where image\.png is"):
+    with pytest.raises(InputError, match=r"cloth\.obj: has no texture coordinates to print image\.png"):
         animate(load_scene(scene), tmp_path / "out.usdc", device="cpu")
 
 

@@ -136,7 +136,7 @@ def test_what_it_cannot_simulate_is_refused():
         InputError, match=r'^--schedule gather: is for explicit steps; solver = "projective" needs auto$'
     ):
         Simulator(kicked_balloon(), "cpu", schedule="gather")
-    with pytest.raises(InputError, match=r'^solver: "projective" does not simulate water; expected another'):
+    with pytest.raises(InputError, match=r'^solver: "projective" does not support water; expected another'):
         Simulator(kicked_balloon(water=Water()), "cpu")
     many = Balloon(mesh=quad_sphere(27), inflation=Inflation(k_normal=0.2))
     large = build_model(Scene(balloon=[many], solver="projective"), "cpu")

@@ -162,7 +162,7 @@ def test_bad_cells(cells: int) -> None:
 
 def test_mesh_without_size() -> None:
     point = replace(ball(), points=np.ones((2562, 3)))
-    with pytest.raises(InputError, match="at one place"):
+    with pytest.raises(InputError, match="all vertices coincide"):
         remesh(point, CELLS)
 
 
@@ -182,7 +182,7 @@ def test_command(tmp_path: Path) -> None:
         (["-o", "out.obj", "--cells", "2"], "cells must be from 4 to 256 (got 2)"),
         (["-o", "out.stl"], "out.stl: cannot write .stl; expected .obj"),
         (["-o", "nowhere/out.obj", "--cells", "8"], "nowhere/out.obj: the folder nowhere does not exist"),
-        (["-o", "../here/ball.obj", "--cells", "8"], "ball.obj: is the mesh itself; expected another name, with -o"),
+        (["-o", "../here/ball.obj", "--cells", "8"], "ball.obj: is the input mesh; expected another name, with -o"),
     ],
 )
 def test_command_refuses(tmp_path: Path, monkeypatch, arguments: list[str], sentence: str) -> None:

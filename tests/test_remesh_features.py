@@ -79,7 +79,7 @@ def test_corners_of_a_box_stay() -> None:
 def test_a_car_is_made_with_the_cells_that_are_asked_for() -> None:
     made = remesh(car(windshield=False), 32)
     assert_closed_quads(made)
-    assert not [warning for warning in made.warnings if "were taken" in warning]
+    assert not [warning for warning in made.warnings if "were used" in warning]
 
 
 def test_hair_is_refused_before_it_takes_long(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -87,9 +87,9 @@ def test_hair_is_refused_before_it_takes_long(monkeypatch: pytest.MonkeyPatch) -
         raise AssertionError("it was begun")
 
     monkeypatch.setattr("balloon_warp.mesh.remesh._quads", far)
-    with pytest.raises(InputError, match=r"200 of its 200 parts are open, as hair is, .* expected a surface with an"):
+    with pytest.raises(InputError, match=r"200 of its 200 parts are open, like hair, .* expected a surface with an"):
         remesh(hair(), 48)
-    with pytest.raises(InputError, match=r"60 of its 61 parts are open, as hair is, .* expected --parts closed"):
+    with pytest.raises(InputError, match=r"60 of its 61 parts are open, like hair, .* expected --parts closed"):
         remesh(haired(), 48)
 
 
@@ -118,5 +118,5 @@ def joined_of(mesh: PolygonMesh, quads: np.ndarray) -> PolygonMesh:
 
 def test_too_many_quads_are_refused_with_a_number_that_works() -> None:
     many = joined(*(deformed(grid(4, 4), lambda p, z=z: p + [0.0, 0.0, z]) for z in np.linspace(0.0, 4.0, 9)))
-    with pytest.raises(InputError, match=r"256 cells would give it .* quads; expected --cells 1\d\d or fewer"):
+    with pytest.raises(InputError, match=r"256 cells would make .* quads; expected --cells 1\d\d or fewer"):
         remesh(many, 256)

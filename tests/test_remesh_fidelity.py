@@ -42,7 +42,7 @@ def test_a_rod_of_any_thickness_stays_in_one_piece(lean: float) -> None:
     mesh = replace(mesh, points=mesh.points + np.outer(mesh.points[:, 1], [lean, 0.0, 0.0]))
     made = remesh(mesh, 24)
     assert_closed_quads(made)
-    assert not [warning for warning in made.warnings if "were taken" in warning]
+    assert not [warning for warning in made.warnings if "were used" in warning]
 
 
 def test_sheets_one_behind_the_other_are_closed() -> None:
@@ -58,7 +58,7 @@ def test_more_cells_are_taken_where_a_part_would_be_lost_and_it_is_said() -> Non
     mesh = remesh(joined(BALL, at(BALL, (1.8, 0.0, 0.0), 0.14)), 15)
     assert_closed_quads(mesh, parts=2)
     assert mesh.warnings[0].startswith("With 15 cells the surface near (")
-    assert mesh.warnings[0].endswith(") is lost: 34 were taken.")
+    assert mesh.warnings[0].endswith(") is lost: 34 were used.")
 
 
 def test_what_is_lost_with_more_cells_too_is_refused_and_nothing_is_written(tmp_path: Path) -> None:
@@ -79,11 +79,11 @@ def test_what_is_not_faithful_is_found() -> None:
     one_gone = replace(BALL, face_vertex_counts=BALL.face_vertex_counts[1:])
     one_gone = replace(one_gone, face_vertex_indices=BALL.face_vertex_indices[4:])
     assert infidelity(BALL, one_gone, 0.1) == "4 of its edges are open or crossed"
-    assert infidelity(BALL, joined(BALL, small), 0.1) == "2 parts come of 1"
+    assert infidelity(BALL, joined(BALL, small), 0.1) == "it has 2 parts instead of 1"
 
 
 def test_a_part_in_pieces_is_found() -> None:
     whole, half = rod(np.linspace(0.0, 3.0, 60), np.full(60, 0.2)), rod(np.linspace(0.0, 1.47, 30), np.full(30, 0.2))
     halves = joined(half, replace(half, points=half.points + (0.0, 1.53, 0.0)))
     assert infidelity(halves, halves, 0.1) is None
-    assert str(infidelity(whole, halves, 0.1)).startswith("one part comes to pieces near (")
+    assert str(infidelity(whole, halves, 0.1)).startswith("one part breaks into pieces near (")

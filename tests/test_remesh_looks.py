@@ -88,7 +88,7 @@ def test_a_texture_in_crumbs_becomes_its_mean(tmp_path: Path, monkeypatch: pytes
     monkeypatch.setattr("balloon_warp.mesh.look_transfer.MOST_CHARTS", 2)
     made = remesh(surface, 8)
     assert made.texture_coordinates is None
-    assert made.warnings == ("Its texture is in pieces smaller than the quads: they have its mean color instead.",)
+    assert made.warnings == ("The texture's pieces are smaller than the quads, which have its mean color instead.",)
     assert made.looks.pictures == []
     assert made.looks.mean((0.0, 0.0, 0.0)) == pytest.approx(surface.looks.pictures[0].mean, abs=1e-4)
 
@@ -115,7 +115,9 @@ def test_materials_of_another_program_are_not_written_over(tmp_path: Path, monke
     before = {path: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()}
     result = CliRunner().invoke(app, ["remesh", str(source), "-o", str(tmp_path / "cube.obj")])
     assert isinstance(result.exception, InputError)
-    assert "cube.mtl: is another program's, and cube.obj has looks; expected another name" in str(result.exception)
+    assert "cube.mtl: another program wrote it, and the materials of cube.obj go there; expected another name" in str(
+        result.exception
+    )
     assert {path: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()} == before
 
 

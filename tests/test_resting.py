@@ -44,5 +44,5 @@ def test_rounding_of_short_steps_does_not_count_as_motion():
 @pytest.mark.parametrize(("drift", "places"), [(2e-4, 0.0), (0.0, 100.0)], ids=["drifts", "trembles"])
 def test_what_drifts_or_really_trembles_is_not_at_rest(drift: float, places: float):
     moves = Trembling(drift, places * PLACE * RATE * SUBSTEPS)
-    with pytest.raises(InputError, match="the fastest particle moves by"):
+    with pytest.raises(InputError, match="the fastest particle still moves at"):
         relax(moves, 1e-4, 0.5)

@@ -142,7 +142,9 @@ def test_what_is_short_or_not_to_be_saved_leaves_nothing(seconds: float, tmp_pat
 def test_another_scene_is_refused(tmp_path: Path):
     output = tmp_path / "out.usdc"
     folder = stop(SCENE, output)
-    with pytest.raises(InputError, match=r"out\.usdc\.partial is of another run: scene\.gravity is 9\.81 there and 3"):
+    with pytest.raises(
+        InputError, match=r"out\.usdc\.partial belongs to another run: scene\.gravity is 9\.81 there and 3"
+    ):
         animate(SCENE.model_copy(update={"gravity": 3.0}), output, resume=True)
     assert folder.exists()
 
@@ -172,7 +174,7 @@ def test_what_else_the_bits_depend_on_is_compared(path: str, value: object, tmp_
     output = tmp_path / "out.usdc"
     tamper(stop(SCENE, output) / "job.json", path, value)
     with pytest.raises(
-        InputError, match=rf"is of another run: {path} is {json.dumps(value)} there and .* here; expected"
+        InputError, match=rf"belongs to another run: {path} is {json.dumps(value)} there and .* here; expected"
     ):
         animate(SCENE, output, resume=True)
 
@@ -181,7 +183,7 @@ def test_what_else_the_bits_depend_on_is_compared(path: str, value: object, tmp_
 def test_something_else_of_that_name_is_told_before_the_run(name: str, tmp_path: Path):
     (tmp_path / name).mkdir()
     (tmp_path / name / "thesis.txt").write_text("not ours")
-    with pytest.raises(InputError, match=rf"{name}: is in the way of checkpoints; expected nothing of that name$"):
+    with pytest.raises(InputError, match=rf"{name}: is where checkpoints go; expected no file of that name$"):
         animate(SCENE, tmp_path / "out.usdc", on_frame=lambda _: pytest.fail("simulates"))
     assert (tmp_path / name / "thesis.txt").read_text() == "not ours"
 
@@ -193,8 +195,7 @@ def test_an_earlier_run_is_mentioned_and_kept_aside_until_another_is_done(tmp_pa
     other, aside = SCENE.model_copy(update={"gravity": 3.0}), tmp_path / "out.usdc.partial.old"
     stop(other, output, on_note=notes.append)
     assert notes == [
-        f"{folder} has part of an earlier run, from which --resume would have gone on; it is kept as "
-        f"{aside.name} until this one is done"
+        f"{folder} holds an earlier run that --resume would continue; it is kept as {aside.name} until this run is done"
     ]
     assert {path.name: path.read_bytes() for path in aside.iterdir()} == saved
     assert animate(other, output, resume=True).begin == STOPPED_AT - 1
@@ -234,7 +235,7 @@ def test_a_run_too_short_for_a_checkpoint_leaves_an_earlier_one_as_it_is(tmp_pat
 def test_nothing_to_resume_is_the_start(tmp_path: Path):
     output, notes = tmp_path / "out.usdc", []
     assert animate(SCENE, output, resume=True, on_note=notes.append).begin == 0
-    assert "nothing to resume" in notes[0]
+    assert "starting from the beginning" in notes[0]
 
 
 @pytest.mark.parametrize("name", ["frames_000003.usdc", "state_000006_0000.npz", "job.json"])

@@ -62,7 +62,7 @@ def test_it_goes_on_to_the_same_bytes(
         scene(), tmp_path / "parts", WORLDS, vary, **how, resume=True, on_frame=frames.append, on_note=notes.append
     )
     assert frames == [5, 6]
-    assert notes == [f"goes on after frame 4, from {tmp_path / 'parts' / 'partial'}"]
+    assert notes == [f"resuming after frame 4, from {tmp_path / 'parts' / 'partial'}"]
     assert summary.resumed == pytest.approx(4 / FRAMES, abs=1e-3)
     assert summary.unhealthy_worlds == 1
     assert contents(tmp_path / "parts") == contents(tmp_path / "whole")
@@ -140,7 +140,7 @@ def test_rows_without_their_stage_are_never_there(tmp_path: Path, monkeypatch: p
     monkeypatch.undo()
     notes: list[str] = []
     run_batch(scene(), tmp_path / "out", 2, **how, resume=True, on_note=notes.append)
-    assert notes == [f"goes on after frame 1, from {tmp_path / 'out' / 'partial'}"]
+    assert notes == [f"resuming after frame 1, from {tmp_path / 'out' / 'partial'}"]
     run_batch(scene(), tmp_path / "whole", 2, **how)
     assert contents(tmp_path / "out") == contents(tmp_path / "whole")
 
@@ -174,7 +174,7 @@ def test_what_an_earlier_batch_left_is_told_and_stays_until_the_first_checkpoint
     notes: list[str] = []
     job = (stopped / "partial" / "job.json").read_bytes()
     run_batch(scene(frames=2), stopped, 2, device="cpu", on_note=notes.append)
-    assert notes[0].startswith(f"{stopped / 'partial'} has part of an earlier batch, from which --resume would have")
+    assert notes[0].startswith(f"{stopped / 'partial'} holds an earlier batch that --resume would")
     assert (stopped / "partial" / "job.json").read_bytes() == job
     with pytest.raises(RuntimeError):
         run_batch(scene(frames=2), stopped, 2, device="cpu", checkpoint_seconds=OFTEN, on_frame=stop_after(1))
@@ -186,7 +186,7 @@ def test_what_an_earlier_batch_left_is_told_and_stays_until_the_first_checkpoint
 def test_something_else_of_that_name_is_told_before_the_batch(name: str, tmp_path: Path):
     (tmp_path / name).mkdir()
     (tmp_path / name / "thesis.txt").write_text("not ours")
-    with pytest.raises(InputError, match=rf"{name}: is in the way of checkpoints; expected nothing of that name$"):
+    with pytest.raises(InputError, match=rf"{name}: is where checkpoints go; expected no file of that name$"):
         run_batch(scene(), tmp_path, 2, device="cpu", on_frame=stop_after(0))
     assert (tmp_path / name / "thesis.txt").read_text() == "not ours"
 
@@ -213,7 +213,7 @@ def test_a_checkpoint_that_cannot_be_written_leaves_what_was_there(stopped: Path
     assert len(str(refusal.value).splitlines()) == 1
     notes: list[str] = []
     run_batch(scene(), stopped, 2, {"gravity": [1, 9]}, device="cpu", resume=True, on_note=notes.append)
-    assert notes == [f"goes on after frame 2, from {stopped / 'partial'}"]
+    assert notes == [f"resuming after frame 2, from {stopped / 'partial'}"]
     run_batch(scene(), tmp_path / "whole", 2, {"gravity": [1, 9]}, device="cpu")
     assert contents(stopped) == contents(tmp_path / "whole")
 
@@ -221,9 +221,7 @@ def test_a_checkpoint_that_cannot_be_written_leaves_what_was_there(stopped: Path
 def test_nothing_to_resume_begins_at_the_start(tmp_path: Path):
     notes: list[str] = []
     summary = run_batch(scene(), tmp_path, 2, device="cpu", resume=True, on_note=notes.append)
-    assert notes == [
-        f"there is no checkpoint in {tmp_path / 'partial'}: nothing to resume, so this begins at the start"
-    ]
+    assert notes == [f"no checkpoint in {tmp_path / 'partial'} to resume from: starting from the beginning"]
     assert summary.resumed == 0.0
 
 
@@ -238,7 +236,7 @@ def test_ctrl_c_saves_the_frame_that_it_finds(tmp_path: Path):
 
     how = {"vary": {"gravity": [1, 9]}, "export": [1], "device": "cpu"}
     with pytest.raises(
-        KeyboardInterrupt, match=r"partial/frames\.usda plays what there is, and --resume goes on from it$"
+        KeyboardInterrupt, match=r"partial/frames\.usda plays the frames so far, and --resume continues from them$"
     ):
         run_batch(scene(), tmp_path / "out", 2, **how, checkpoint_seconds=0.0, on_frame=look)
     assert frames == [0, 1, 2, 3]

@@ -89,7 +89,7 @@ def test_a_killed_process_is_gone_on_from(ball: Path, whole: dict[str, bytes], t
     assert end(ball, tmp_path / "out", signal.SIGKILL, "--device", "cpu") == (-signal.SIGKILL, "")
     assert contents(tmp_path / "out") == {}
     notes = go_on(ball, tmp_path / "out")
-    assert re.fullmatch(r"goes on after frame \d+, from .*out/partial", *notes)
+    assert re.fullmatch(r"resuming after frame \d+, from .*out/partial", *notes)
     assert contents(tmp_path / "out") == whole
     assert not (tmp_path / "out" / "partial").exists()
 
@@ -99,11 +99,11 @@ def test_a_process_that_is_told_to_end_finishes_its_frame_and_saves_it(
 ):
     status, said = end(ball, tmp_path / "out", signal.SIGTERM, "--device", "cpu")
     assert status == 128 + signal.SIGTERM
-    stopped = r"error: ball was stopped after frame (\d+) of 200"
-    advice = r".*out/partial/frames\.usda plays what there is, and --resume goes on from it"
+    stopped = r"error: ball was interrupted after frame (\d+) of 200"
+    advice = r".*out/partial/frames\.usda plays the frames so far, and --resume continues from them"
     assert (found := re.fullmatch(rf"{stopped}; {advice}\n", said)), said
     assert contents(tmp_path / "out") == {}
-    assert go_on(ball, tmp_path / "out") == [f"goes on after frame {found[1]}, from {tmp_path / 'out' / 'partial'}"]
+    assert go_on(ball, tmp_path / "out") == [f"resuming after frame {found[1]}, from {tmp_path / 'out' / 'partial'}"]
     assert contents(tmp_path / "out") == whole
 
 
@@ -134,7 +134,7 @@ def test_a_cluster_goes_on_without_the_shares_that_are_done(
     else:
         press = press_ctrl_c_once(lambda frame: frame > LONG / 2)  # at most two shares are between start and end
         with pytest.raises(
-            KeyboardInterrupt, match=r"partial/frames\.usda plays what there is, and --resume goes on from it$"
+            KeyboardInterrupt, match=r"partial/frames\.usda plays the frames so far, and --resume continues from them$"
         ):
             go_on(ball, out, address, on_frame=press, checkpoint_seconds=0.0)
     assert contents(out) == {}
@@ -151,7 +151,7 @@ def test_a_cluster_goes_on_without_the_shares_that_are_done(
         if world in done:
             np.testing.assert_array_equal(found.Get(LONG), there.Get(LONG))
     notes = go_on(ball, out, address)
-    assert re.fullmatch(r"goes on with [1-7] of 8 shares done, from .*out/partial", *notes)
+    assert re.fullmatch(r"resuming with [1-7] of 8 shares done, from .*out/partial", *notes)
     written = contents(out)
     stages = [Sdf.Layer.OpenAsAnonymous(str(folder / STAGE_NAME)).ExportToString() for folder in (out, ball / "whole")]
     assert stages[0] == stages[1]  # sample by sample: the shares came in another order

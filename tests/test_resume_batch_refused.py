@@ -33,7 +33,7 @@ def test_another_batch_is_refused(stopped: Path, change: dict, difference: str):
     arguments = {"scene": scene(), "folder": stopped, "world_count": 2, "vary": {"gravity": [1, 9]}} | change
     with pytest.raises(InputError) as refusal:
         run_batch(**arguments, device="cpu", resume=True, on_frame=stop_after(0))
-    assert str(refusal.value).startswith(f"--resume: {stopped / 'partial'} is of another batch: {difference}")
+    assert str(refusal.value).startswith(f"--resume: {stopped / 'partial'} belongs to another batch: {difference}")
     assert len(str(refusal.value).splitlines()) == 1
     assert {path: path.read_bytes() for path in stopped.rglob("*") if path.is_file()} == before
 
@@ -82,5 +82,5 @@ def test_a_state_without_its_rows_is_not_gone_on_from(stopped: Path, tmp_path: P
     notes: list[str] = []
     run_batch(scene(), stopped, 2, {"gravity": [1, 9]}, device="cpu", resume=True, on_note=notes.append)
     run_batch(scene(), tmp_path / "whole", 2, {"gravity": [1, 9]}, device="cpu")
-    assert notes == [f"goes on after frame 2, from {partial}"]
+    assert notes == [f"resuming after frame 2, from {partial}"]
     assert contents(stopped) == contents(tmp_path / "whole")

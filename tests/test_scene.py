@@ -103,8 +103,8 @@ def test_an_override_makes_tables_that_are_not_there(scene_file: Path):
         ("balloon.inflation.k_normal=[[0, 1], [0.01, 2]]", r"keyframes must be at least a frame apart, 0\.0166667 s"),
         ("string=[{}]", r"string\.0\.anchor: is missing"),
         ("string=[{anchor=[0, 0, 0], balloon=2}]", r"string\.0\.balloon: must be below .* balloons, 2 \(got 2\)"),
-        ("sphere.2.mass=1", r"^sphere\.2\.mass: there is no sphere 2, the scene has 2, counted from 0$"),
-        ("balloon.1.position.3=1", r"^balloon\.1\.position\.3: there is no balloon\.1\.position 3, the scene has 3, "),
+        ("sphere.2.mass=1", r"^sphere\.2\.mass: no sphere 2, the scene has 2, counted from 0$"),
+        ("balloon.1.position.3=1", r"^balloon\.1\.position\.3: no balloon\.1\.position 3, the scene has 3, "),
         ("string.stiffness=1", r"^string\.stiffness: cannot be set, the scene has no string$"),
         ("string.0.stiffness=1", r"^string\.0\.stiffness: cannot be set, the scene has no string$"),
         ("frames.x=1", r"^frames\.x: cannot be set, since a plain value has no field 'x'$"),
@@ -131,12 +131,12 @@ def test_a_wrong_value_gets_one_sentence(scene_file: Path, override: str, senten
             r"balloon: is one table, \[balloon\]; expected a list .* \[\[balloon\]\]$",
         ),
         (b"[[balloons]]\nmesh = 'a.obj'", r"balloons: unknown table; did you mean balloon\?$"),
-        (b"[[balloon]]\nmesh = a.obj", r"Invalid value \(at line 2, column 8\); a text stands in quotes$"),
+        (b"[[balloon]]\nmesh = a.obj", r"Invalid value \(at line 2, column 8\); text needs quotes$"),
         (b"balloon = 3", r"balloon: must be a valid list \(got 3\)"),
         (b"[[balloon]]", r"balloon\.0\.mesh: is missing"),
         (b"[[balloon]]\nmesh = 'a'\n'b.c.d' = 1", r"balloon\.0\.b\.c\.d: unknown field; known here are mesh, .*"),
         (b"[[balloon]]\nmesh = 'a'\n" + 9999 * b"x" + b" = 1", r"balloon\.0\.x{57}\.\.\.: unknown field; .*"),
-        (b"# " + 2**24 * b"x", r"is 16,777,218 bytes large; expected at most 16,777,216"),
+        (b"# " + 2**24 * b"x", r"has 16,777,218 bytes; expected at most 16,777,216"),
     ],
 )
 def test_a_broken_scene_file_gets_one_sentence(tmp_path: Path, content: bytes, sentence: str):
@@ -184,7 +184,7 @@ def test_a_file_that_is_missing_is_said_to_be(tmp_path: Path, monkeypatch: pytes
         ("boxs.toml", r"^boxs\.toml: no such scene or file; did you mean boxes\.toml\?$"),
         ("BOX.OBJ", r"^BOX\.OBJ: no such scene or file; did you mean box\.obj\?$"),
         ("./bx.obj", r"^\./bx\.obj: no such scene or file; did you mean box\.obj\?$"),
-        ("nowhere/box.obj", r"^nowhere/box\.obj: no such scene or file; there is no folder nowhere$"),
+        ("nowhere/box.obj", r"^nowhere/box\.obj: no such scene or file; no folder nowhere$"),
     ],
 )
 def test_what_is_not_there_asks_for_what_is_like_it(
@@ -228,9 +228,9 @@ def test_an_override_seeks_a_mesh_in_the_current_folder(tmp_path: Path, monkeypa
 @pytest.mark.parametrize(
     ("scale", "position", "sentence"),
     [
-        (1e11, (0.0, 0.0, 0.0), r"is 1e\+11 m large; expected 1e-06 to 1e\+09 m"),
-        (1e-9, (0.0, 0.0, 0.0), r"is 1e-09 m large; expected"),
-        (1.0, (1e7, 0.0, 0.0), r"is 1 m large and 1e\+07 m from the origin, too far for 32-bit numbers"),
+        (1e11, (0.0, 0.0, 0.0), r"is 1e\+11 m across; expected 1e-06 to 1e\+09 m"),
+        (1e-9, (0.0, 0.0, 0.0), r"is 1e-09 m across; expected"),
+        (1.0, (1e7, 0.0, 0.0), r"is 1 m across and 1e\+07 m from the origin, too far for 32-bit floats"),
     ],
 )
 def test_what_float32_cannot_hold_is_refused(scale: float, position: tuple[float, float, float], sentence: str):
@@ -241,7 +241,7 @@ def test_what_float32_cannot_hold_is_refused(scale: float, position: tuple[float
 
 def test_absurd_steps_are_refused_and_heavy_balloons_still_get_one_substep():
     stiff = Balloon(mesh=cube(), stiffness=Stiffness(structural=1e11), mass=1e-6)
-    with pytest.raises(InputError, match="makes more than 100,000 in a frame"):
+    with pytest.raises(InputError, match="needs more than 100,000 in a frame"):
         build_model(Scene(balloon=[stiff]), "cpu")
     soft = Balloon(mesh=cube(), stiffness=Stiffness(structural=0.0, shear=0.0, flexion=0.0), damping=0.0)
     assert build_model(Scene(balloon=[soft]), "cpu").substeps == 1

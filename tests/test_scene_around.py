@@ -130,7 +130,7 @@ def test_a_known_unit_gives_true_size_and_gravity(tmp_path: Path, kind: str):
             2.0 * 1.81 * size, rel=1e-5
         )  # six digits
         assert np.ptp(build_model(scene, "cpu").shapes[0].mesh.points[:, 1]) == pytest.approx(size)
-        said = f"ball.obj, {size:.3g} m large, inflates above a floor{Y_IS_UP}. Its unit is {unit}, as told"
+        said = f"ball.obj, {size:.3g} m across, inflates above a floor{Y_IS_UP}. Its unit is {unit}, as given"
         assert scene.description == said
 
 
@@ -172,7 +172,7 @@ def test_the_command_says_it_first_and_takes_a_unit(
             [],
             "note: box.obj inflates above a floor. Its unit is not known, so gravity is 9.81 m/s2, which suits its ",
         ),
-        (["--unit", "ft"], "note: box.obj, 0.305 m large, inflates above a floor"),
+        (["--unit", "ft"], "note: box.obj, 0.305 m across, inflates above a floor"),
         (["--unit", "furlong"], "error: --unit furlong: expected m, cm, mm, km, in, ft"),
     ):
         monkeypatch.setattr("sys.argv", [*run, *more])
@@ -188,7 +188,7 @@ def test_a_closed_mesh_wound_inward_is_turned_outward(tmp_path: Path):
     (shape,) = build_model(Scene(balloon=[Balloon(mesh=inward)]), "cpu").shapes
     assert signed_volume(shape.mesh) == pytest.approx(1.0)
     assert shape.mesh.warnings == (
-        "1 closed component winds inward; it has face 1, counting from 1. Such a component is turned outward.",
+        "1 closed component winds inward; it has face 1, counting from 1. Such a component is flipped outward.",
     )
 
 
@@ -201,8 +201,8 @@ def test_the_axis_of_a_file_that_points_up_can_be_told(tmp_path: Path):
             scene = load_with(tmp_path / "cone.stl", f"up_axis={world}", *told)
             points = plan_model(scene).shapes[0].mesh.points
             assert np.ptp(points[:, up_axis]) == pytest.approx(height, rel=0.02)  # of 32 corners
-            up = "Z is up, as told" if told else "The file names no up axis, so Y is up; --up Z turns it"
-            turned = f". It is turned, so that this is the scene's {world}" if (world == "Z") != bool(told) else ""
+            up = "Z is up, as given" if told else "The file names no up axis, so Y is up; --up Z turns it"
+            turned = f". It is turned to the scene's {world}" if (world == "Z") != bool(told) else ""
             assert scene.description.endswith(f". {up}{turned}")
             asked = [warning for warning in plan_model(scene).warnings if "names no up axis" in warning]
             assert len(asked) == (world == "Z" and not told)
@@ -212,5 +212,5 @@ def test_the_axis_of_a_file_that_points_up_can_be_told(tmp_path: Path):
             assert np.ptp(shape.mesh.points[:, up_axis]) == pytest.approx(height, rel=0.02)
     trimesh.Scene(cone).export(tmp_path / "cone.glb")
     assert load_scene(tmp_path / "cone.glb").description == (
-        "cone.glb, 1.2 m large, inflates above a floor. Y is up, as its file says. Its unit is m, as its file says"
+        "cone.glb, 1.2 m across, inflates above a floor. Y is up, as its file says. Its unit is m, as its file says"
     )

@@ -58,7 +58,9 @@ def test_a_copy_of_the_mesh_stays_and_another_file_is_not_replaced(tmp_path: Pat
     assert write_scene(load_scene("helium_rise"), path) == [path]
     before = path.read_bytes()
     (tmp_path / "ball.obj").write_text("of my own")
-    with pytest.raises(InputError, match=r"/ball\.obj: is there already, and is not the scene's file of that name; "):
+    with pytest.raises(
+        InputError, match=r"/ball\.obj: already exists and differs from the scene's file of that name; "
+    ):
         write_scene(load_scene("two_balloons"), path)
     assert (path.read_bytes(), (tmp_path / "ball.obj").read_text()) == (before, "of my own")
 
@@ -116,7 +118,7 @@ def test_every_default_of_a_scene_stands_in_them():
     cells = [[cell.strip(" |") for cell in row.split(" | ")] for row in as_markdown().splitlines()]
     rows = {(row[0], *row[2:]) for row in cells if len(row) == 4}
     assert ("`gravity`", "number", "`9.81`") in rows
-    assert ("`mesh`", "file", "must be given") in rows
+    assert ("`mesh`", "file", "required") in rows
     assert ("`molar_mass`", "number ≥ 0", "`0.0040026`") in rows
     assert ("`particle`", 'whole number ≥ 0 or `"highest"` or `"lowest"`', '`"lowest"`') in rows
     assert ("`color`", "3 numbers from 0 to 1", "-") in rows

@@ -147,7 +147,7 @@ def test_a_substep_of_scatter_is_few_launches(scene, kernels, monkeypatch):
 
 
 def test_an_unknown_schedule_is_refused():
-    with pytest.raises(InputError, match="--schedule weave: no such schedule; there are auto, scatter, gather"):
+    with pytest.raises(InputError, match="--schedule weave: no such schedule; known are auto, scatter, gather"):
         Simulator(bare(), "cpu", schedule="weave")
 
 

@@ -37,7 +37,7 @@ def test_welding_takes_the_first_vertex_at_a_place_and_tells_how_many_went() -> 
     assert mesh.stand_ins is not None
     assert mesh.stand_ins.tolist() == [0, 1, 2, 1, 4, 2, 0]
     assert mesh.warnings == (
-        "2 vertices that lay exactly on others have been welded to them: they keep their numbers and move along.",
+        "2 vertices that lay exactly on others have been welded to them: they keep their numbers and move with them.",
     )
     whole = cube()
     assert welded(whole) is whole
@@ -174,7 +174,7 @@ def test_a_wider_seam_is_told_and_what_is_advised_closes_it(gap: float, size: fl
     assert gap * size < found.gap < 3.0**0.5 * gap * size
     left = prepared(mesh, "mesh", Treatment())
     assert not is_closed(mesh_edges(left))
-    assert f"48 open edges lie up to {found.gap:.2g} from others, as of a seam; --weld {found.weld} joins them." in (
+    assert f"48 open edges lie within {found.gap:.2g} of others, like a seam; --weld {found.weld} joins them." in (
         left.warnings
     )
     assert float(found.weld) < 5.0 * gap
@@ -248,7 +248,7 @@ def test_another_value_of_weld_is_refused(value: str, tmp_path: Path) -> None:
     write_obj(tmp_path / "mesh.obj", cube())
     said = CliRunner().invoke(app, ["inspect", str(tmp_path / "mesh.obj"), f"--weld={value}"])
     assert isinstance(said.exception, InputError)
-    assert str(said.exception).startswith(f"--weld {value}: expected a part of the mesh's size from 1e-06 to 0.1")
+    assert str(said.exception).startswith(f"--weld {value}: expected a fraction of the mesh's size from 1e-06 to 0.1")
 
 
 def test_a_scene_keeps_a_gap_and_a_truth(tmp_path: Path) -> None:

@@ -40,14 +40,14 @@ MISTAKES = {
     "a world's bound": ({"balloon.mass": [1.0, -2.0]}, r"balloon\.0\.mass: must be .* \(got -2\.0\), in world 1"),
     "worlds": ({"balloon.mass": [1.0, 2.0, 3.0]}, r"balloon\.mass: expected a value for each of 2 worlds"),
     "a choice": ({"normals": "fres"}, r"normals: must be 'cached' or 'fresh' \(got 'fres'\)"),
-    "the mesh": ({"balloon.mesh": "a.obj"}, r"balloon\.mesh: cannot change; what can is substeps, "),
+    "the mesh": ({"balloon.mesh": "a.obj"}, r"balloon\.mesh: cannot change; what can: substeps, "),
     "the start": ({"balloon.position": (0, 1, 0)}, r"balloon\.position: cannot change"),
     "how many": ({"sphere": []}, r"sphere: cannot change"),
-    "no such thing": ({"sphere.5.mass": 2.0}, r"sphere\.5\.mass: there is no sphere 5, the scene has 2"),
-    "not there yet": ({"sphere.1.radius": 0.2}, r"sphere\.1\.radius: sphere 1 is not there in frame 1"),
+    "no such thing": ({"sphere.5.mass": 2.0}, r"sphere\.5\.mass: no sphere 5, the scene has 2"),
+    "not there yet": ({"sphere.1.radius": 0.2}, r"sphere\.1\.radius: sphere 1 does not exist in frame 1"),
     "auto": (
         {"balloon.inflation.pressure": "auto"},
-        r"pressure: must be a number while it is simulated \(got \"auto\"\)",
+        r"pressure: must be a number during the simulation \(got \"auto\"\)",
     ),
     "new keyframes": ({"balloon.inflation.pressure": [(0, 1), (1, 2)]}, r"must be a number .* \(got keyframes\)"),
     "another kind": ({"balloon.inflation.moles": 1.0}, r'moles: needs kind = "gas" \(got kind = "pressure"\)'),
@@ -74,7 +74,7 @@ def test_a_step_hands_out_the_frame_of_a_world(device: str):
     assert (frame.number, second.number) == (1, 2)
     np.testing.assert_array_equal(second.points[0], points(simulator)[1])
     assert np.abs(second.points[0] - frame.points[0]).max() > 1e-4
-    with pytest.raises(InputError, match="there is no world 2"):
+    with pytest.raises(InputError, match="no world 2"):
         simulator.step(2)
     assert simulator.frame_number == 2
 

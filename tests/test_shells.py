@@ -142,7 +142,7 @@ def test_open_parts_beside_closed_ones_are_named_and_carried() -> None:
     shape = shape_of(car())
     assert np.count_nonzero(shape.slack) == 18
     sentence = next(remark for remark in shape.remarks if "carried along" in remark)
-    assert sentence.startswith("A part of 18 of its 1,562 faces (at vertex 1603, counting from 1) is open, as a pane")
+    assert sentence.startswith("A part of 18 of its 1,562 faces (at vertex 1603, counting from 1) is open, like a pane")
     groups = {"windshield": np.arange(1602, 1630, dtype=np.int32), "car": np.arange(1630, dtype=np.int32)}
     named = shape_of(replace(car(), groups=groups))
     assert any("(windshield, at vertex 1603" in remark for remark in named.remarks)

@@ -49,7 +49,7 @@ def test_tab_offers_what_is_public(simulator: bw.Simulator):
 def test_help_of_a_table_says_every_field(table: type):
     said = helped(table)
     for name, field in table.model_fields.items():
-        default = ", must be given" if field.is_required() else f" = {' '.join(repr(field.default).split())}"
+        default = ", required" if field.is_required() else f" = {' '.join(repr(field.default).split())}"
         assert f"{name}{default}" in said, name
         assert meaning_of(table, name).replace("|", " ").replace("  ", " ") in said, name
     assert not [word for word in PYTHONS if word in said]

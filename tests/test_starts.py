@@ -267,7 +267,7 @@ def shape_of(simulator: Simulator, number: int, points: np.ndarray) -> Any:
     ("name", "sentence"),
     [
         ("center", r"center: no such observation; known are centers, velocities, turns, volumes, "),
-        ("contact_forces", r"contact_forces: the scene does not ask for them; expected contacts = true"),
+        ("contact_forces", r"contact_forces: needs contacts = true in the scene"),
     ],
 )
 def test_what_is_not_there_cannot_be_observed(name: str, sentence: str) -> None:

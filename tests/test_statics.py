@@ -66,7 +66,7 @@ def test_a_singular_matrix_gets_an_answer():
 
 def test_what_still_moves_is_not_called_at_rest():
     simulator = bw.Simulator(gas_scene(EGG), "cpu")
-    with pytest.raises(InputError, match=r"fastest particle moves by .* after 0.05 s"):
+    with pytest.raises(InputError, match=r"fastest particle still moves at .* after 0.05 s"):
         simulator.relax(1.0e-6, most_seconds=0.05)
     with pytest.raises(InputError, match="speed: must be above 0"):
         simulator.relax(0.0)

@@ -36,7 +36,7 @@ def test_a_command_that_is_stopped_says_so(
     with pytest.raises(SystemExit) as ended:
         main()
     assert ended.value.code == status
-    assert capsys.readouterr() == ("", "error: scenes was stopped before it was done\n")
+    assert capsys.readouterr() == ("", "error: scenes was interrupted\n")
     assert list(tmp_path.iterdir()) == []
     assert signal.getsignal(number) == before
 
@@ -49,7 +49,7 @@ def test_ctrl_c_while_the_program_loads_is_a_word_too(tmp_path: Path):
     done = subprocess.run(
         [sys.executable, "-m", "balloon_warp", "scenes"], env=environment, capture_output=True, text=True
     )
-    assert (done.returncode, done.stdout, done.stderr) == (130, "", "error: stopped before it began\n")
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "error: interrupted before the start\n")
 
 
 def test_what_is_ignored_stays_ignored(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):

@@ -196,4 +196,4 @@ def test_names_and_logs_that_are_not_utf8_cost_no_work(tmp_path: Path):
     os.rename(tmp_path / mesh, folder / "ball.obj")
     done = subprocess.run([*command[:4], "ball.obj"], cwd=folder, env=environment, capture_output=True, timeout=120)
     assert done.returncode == 2
-    assert done.stderr == b"error: ball.usdc: its name or its folder's is not UTF-8; expected one that is, by -o\n"
+    assert done.stderr == b"error: ball.usdc: the path is not UTF-8; expected one that is, with -o\n"

@@ -208,7 +208,7 @@ def test_too_few_substeps_for_a_change_are_refused():
     [
         (
             [Change(time=0, set={"balloon.position": [0, 0, 1]})],
-            "change.0.set: balloon.position: cannot change; what can is substeps, solver",
+            "change.0.set: balloon.position: cannot change; what can: substeps, solver",
         ),
         ([Change(time=0, set={"frames": 3})], "change.0.set: frames: cannot change"),
         ([Change(time=0, set={"gravity": 1}), Change(time=1, set={"gravity": "up"})], "change.1.set: gravity: "),

@@ -104,9 +104,13 @@ def test_schedules_agree_on_struts(device: str):
 @pytest.mark.parametrize(
     ("stiffness", "fields", "sentence"),
     [
-        ({}, {}, "springs: would hold a tear together, as they pull; expected stiffness.yield_stretch = 1"),
-        ({"yield_stretch": 1.5}, {}, "springs: would hold a tear together, as they pull; expected"),
-        ({"yield_stretch": 1.0}, {"correction": "provot"}, "correction: shortens springs beside a material that tears"),
+        ({}, {}, "springs: pull, and would hold a tear together; expected stiffness.yield_stretch = 1"),
+        ({"yield_stretch": 1.5}, {}, "springs: pull, and would hold a tear together; expected"),
+        (
+            {"yield_stretch": 1.0},
+            {"correction": "provot"},
+            "correction: shortens springs of balloon 0, whose material tears",
+        ),
     ],
 )
 def test_springs_that_pull_get_a_sentence(stiffness: dict[str, float], fields: dict[str, Any], sentence: str):

@@ -199,8 +199,8 @@ def test_a_folded_balloon_touches_itself_if_it_is_to(itself, way, device):
         ({"friction": -0.1}, "touch.friction: must be greater than or equal to 0 (got -0.1)"),
         (
             {"balloons": False, "itself": False, "spheres": False},
-            "touch.balloons: must be true, or `itself` or `spheres` must (got none); with touch = false nothing "
-            "touches",
+            "touch.balloons: expected true for balloons, itself or spheres (got none); touch = false turns all "
+            "contact off",
         ),
         ({"frictoin": 0.1}, "touch.frictoin: unknown field; did you mean friction?"),
     ],
@@ -227,7 +227,7 @@ def test_a_world_that_fits_in_no_block_goes_side_by_side_too():
 
 
 def test_large_steps_are_refused():
-    said = 'solver: "projective" does not simulate balloons that touch; expected another solver'
+    said = 'solver: "projective" does not support balloons that touch; expected another solver'
     with pytest.raises(InputError, match=re.escape(said)):
         Simulator(load_scene(collision(), {"solver": "projective"}), "cpu")
 
@@ -241,7 +241,7 @@ def test_a_blow_up_names_what_touched(device):
     simulator.step()
     assert touching(simulator) > 0
     simulator.set_parameters({"gravity": [1e12 - 1e9]})
-    with pytest.raises(BlowUpError, match="it lay on a balloon"):
+    with pytest.raises(BlowUpError, match="it touched a balloon"):
         simulator.step()
 
 

@@ -56,7 +56,7 @@ def test_what_differs_by_its_model_keeps_its_world():
 
 
 def test_what_cannot_be_told_is_refused():
-    with pytest.raises(InputError, match=r"^vary: meshes of other sizes have trajectories of their own"):
+    with pytest.raises(InputError, match=r"^vary: meshes of different sizes need separate trajectories"):
         simulate(TWO, world_count=2, vary={"balloon.0.mesh": [cube(), quad_sphere(3)]}, device="cpu")
     with pytest.raises(InputError, match=r"^every: must be a whole number, at least 1 \(got 0\)$"):
         simulate(TWO, every=0, device="cpu")

@@ -40,8 +40,8 @@ def test_a_size_a_wall_and_a_mass_are_asked_about() -> None:
     assert asked(100.0, unit="m") == []
     assert "0.0002 m? --unit mm?" in asked(0.2, unit="mm")[0]
     wall = asked(0.3, material__kind="neo_hookean", material__thickness=0.2)
-    assert "a wall 0.2 m thick, of a balloon of 0.3 m?" in wall[0]
-    assert "a mass of 500 kg, of a balloon of 1 m?" in asked(1.0, mass=500.0)[0]
+    assert "a wall 0.2 m thick, for a balloon of 0.3 m?" in wall[0]
+    assert "a mass of 500 kg, for a balloon of 1 m?" in asked(1.0, mass=500.0)[0]
     assert plan_model(load_scene(cube())).warnings == []
 
 

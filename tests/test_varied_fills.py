@@ -61,7 +61,7 @@ def test_a_scene_that_leaves_the_kind_open_is_filled_by_what_differs():
     ("overrides", "litres", "said"),
     [
         ({"balloon.inflation.kind": "pressure"}, [1.0, 3.0], r'inflation\.litres: needs kind = "gas"'),
-        ({"balloon.inflation.pump": 0.1}, [1.0, 3.0], r"inflation\.litres: says another way what pump says"),
+        ({"balloon.inflation.pump": 0.1}, [1.0, 3.0], r"inflation\.litres: gives the same quantity as pump"),
         ({}, [-1.0, -3.0], r"inflation\.litres: must be greater than or equal to 0"),
         ({}, ["a", "b"], r"inflation\.litres: "),
     ],

@@ -178,7 +178,7 @@ def test_worlds_have_winds_of_their_own(schedule: str, device: str):
 def test_mistakes_of_the_wind_are_said():
     balloon = Balloon(mesh=cube(), inflation=Inflation(pressure=0))
     for fields, vary, sentence in (
-        ({"roughness": 0.1, "shear": 0.2}, None, "roughness: says how the wind grows, as does shear"),
+        ({"roughness": 0.1, "shear": 0.2}, None, "roughness: gives another wind profile than shear"),
         ({"roughness": 10.0}, None, r"roughness: must be less than wind_height, 10 m \(got 10\)"),
         ({"roughness": 0.1}, {"atmosphere.wind_height": [10.0, 0.05]}, r"less than wind_height, 0.05 m \(got 0.1\)"),
     ):

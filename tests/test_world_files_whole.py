@@ -57,7 +57,7 @@ def test_a_batch_that_was_stopped_goes_on_to_the_same_bytes(
             )
     notes: list[str] = []
     data = batch(tmp_path / "parts", format_, BLOWS_UP, resume=True, on_note=notes.append)
-    assert notes[0].startswith("goes on after frame 3")
+    assert notes[0].startswith("resuming after frame 3")
     assert files_of(data) == files_of(whole)
 
 
@@ -191,5 +191,5 @@ def test_those_of_another_batch_are_not_gone_on_with(tmp_path: Path) -> None:
     with pytest.raises(RuntimeError):
         batch(tmp_path, checkpoint_seconds=OFTEN, on_frame=stop_after(3))
     run_batch(scene(), tmp_path / "other", 2, device="cpu", trajectories=tmp_path / "data")
-    with pytest.raises(InputError, match=r"^--resume: .*partial has not the trajectories of this batch; expected"):
+    with pytest.raises(InputError, match=r"^--resume: .*partial lacks the trajectories of this batch; expected"):
         batch(tmp_path, resume=True)

@@ -26,8 +26,8 @@ class Pull:
     def __str__(self) -> str:
         if self.stretch is None:
             return f"{self.by} pushed it with {self.newtons:.2g} N"
-        length = f"{self.stretch:.3g} times as long as at rest"
-        return f"{self.by} was {length} and {'pulled' if self.stretch > 1.0 else 'pushed'} it with {self.newtons:.2g} N"
+        length = f"at {self.stretch:.3g} times its rest length"
+        return f"{self.by}, {length}, {'pulled' if self.stretch > 1.0 else 'pushed'} it with {self.newtons:.2g} N"
 
 
 class Pulls:
@@ -124,7 +124,7 @@ class Pulls:
         if not len(touching):
             return None
         if self.model.scene.contact == "impulse":
-            return Pull(f"what was in contact with it, {len(touching):,} particles,", newtons)
+            return Pull(f"{len(touching):,} particles in contact with it", newtons)
         particle = int(touching[self._pushes["inflation"][touching].argmax()])
         return Pull(f"particle {self._of_balloon(particle)} in contact with it", newtons)
 

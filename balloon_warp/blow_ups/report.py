@@ -48,24 +48,24 @@ class BlowUp:
             when += f", substep {self.substep} of {self.substeps}"
         clauses = [f"the simulation blew up in {when}: {self.body or 'something'} {self._fate}"]
         clauses += [str(pull) for pull in (self.other, self.spring) if pull]
-        clauses += [f"it lay on {' and '.join(self.touched)}"] if self.touched else []
+        clauses += [f"it touched {' and '.join(self.touched)}"] if self.touched else []
         return "; ".join([*clauses, self._advice])
 
     @property
     def _fate(self) -> str:
         if self.moved is not None and isfinite(self.moved):
             return f"flew off, {self.moved:.2g} m in one step"
-        return "is no longer at a finite place"
+        return "has a position that is not finite"
 
     @property
     def _advice(self) -> str:
         """The step beside the stable one, and what helps."""
         if self.pressure:
-            return f"its pressure of {self.pressure:.3g} Pa alone throws it away within a frame: less pressure helps"
+            return f"its pressure of {self.pressure:.3g} Pa alone blows it up within a frame: less pressure helps"
         if self.k_normal:
             return (
-                f"its k_normal of {self.k_normal:.3g}, a push of {100.0 * self.k_normal:.3g} N in all, alone throws it "
-                "away within a frame: less force helps"
+                f"its k_normal of {self.k_normal:.3g}, {100.0 * self.k_normal:.3g} N in all, alone blows it up within "
+                "a frame: less force helps"
             )
         if self.limit_point:
             return self.limit_point
@@ -74,17 +74,17 @@ class BlowUp:
         if self.stable_step is None:
             return "more substeps, more damping or softer springs help"
         if self.stable_step == 0.0:
-            return "with forward Euler and no damping no step is stable; symplectic Euler's are"
+            return "forward Euler without damping is unstable at any step; symplectic Euler helps"
         if self.step > self.stable_step:
             enough = ceil(self.step * self.substeps / (AUTO_MARGIN * self.stable_step))
             helps = f"{enough:,} substeps a frame" if enough <= MOST_SUBSTEPS else "less force"
             return (
-                f"the step of {self.step:.2e} s is longer than the {self.stable_step:.2e} s that were stable then: "
+                f"the step of {self.step:.2e} s exceeds the largest stable step, then {self.stable_step:.2e} s: "
                 f"{helps}, more damping or softer springs help"
             )
         return (
-            f"the step of {self.step:.2e} s is stable for its springs, up to {self.stable_step:.2e} s: "
-            "less force helps, or more substeps"
+            f"the step of {self.step:.2e} s is stable for its springs (up to {self.stable_step:.2e} s): less force or "
+            "more substeps help"
         )
 
     def as_json(self) -> dict[str, Any]:

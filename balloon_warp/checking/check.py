@@ -41,7 +41,7 @@ class Crossing:
     def __str__(self) -> str:
         place = ", ".join(f"{number:.4g}" for number in self.place)
         other = "itself" if self.first == self.second else self.second
-        return f"frame {self.frame}: {self.first} is {self.depth:.3g} m deep in {other} at ({place})"
+        return f"frame {self.frame}: {self.first} penetrates {other} by {self.depth:.3g} m at ({place})"
 
 
 @described
@@ -90,13 +90,13 @@ def check_stage(
     if not path.is_file():
         raise InputError(f"{path}: no such file; expected a USD stage{did_you_mean_file(path, STAGE_SUFFIXES)}")
     if within is not None and not 0.0 <= within < np.inf:
-        raise InputError(f"within: {within:g}; expected a length of 0 m or more")
+        raise InputError(f"within: {within:g}; expected at least 0 m")
     stage, first, last, _rate = timing_of(open_stage(file_behind(path)), path)
     numbers = _chosen(path, range(first, last + 1), frames)
     unit = UsdGeom.GetStageMetersPerUnit(stage)
     things = things_of(stage, [Usd.TimeCode(number) for number in numbers])
     if len(things) < 2 and not any(isinstance(each, Surface) for each in things):
-        raise InputError(f"{path}: has nothing that could cross; expected meshes, spheres or capsules")
+        raise InputError(f"{path}: has nothing to check; expected meshes, spheres or capsules")
     checker = Checker(things, unit, pick_device(device))
     allowed = within if within is not None else _thickness(checker, Usd.TimeCode(numbers[0]), unit)
     found: list[Crossing] = []

@@ -98,8 +98,8 @@ class Surface(Thing):
         points = placed(self.prim, time, unit).of(self._own_points(time))
         if len(points) != len(self.vertices) or not np.isfinite(points).all():
             raise InputError(
-                f"{self.prim.GetPath()}: has {len(points)} points at frame {time.GetValue():g}, or some that are not "
-                f"finite; expected {len(self.vertices)} finite ones at every frame"
+                f"{self.prim.GetPath()}: has {len(points)} points at frame {time.GetValue():g}, or points that are not "
+                f"finite; expected {len(self.vertices)} finite points at every frame"
             )
         if not self._same:
             self.triangles = self._triangles_at(time)
@@ -123,7 +123,7 @@ class Surface(Thing):
         )
         points = self._own_points(self._start)
         if (counts < 3).any() or counts.sum() != len(indices) or ((indices < 0) | (indices >= len(points))).any():
-            raise InputError(f"{self.prim.GetPath()}: its faces do not fit its {len(points)} points")
+            raise InputError(f"{self.prim.GetPath()}: its faces do not match its {len(points)} points")
         return triangles_of(PolygonMesh(points, counts, indices)).astype(np.int32)
 
 

@@ -108,7 +108,7 @@ def main() -> None:
         _fail(stopped, status=128 + (signals or [signal.SIGINT])[0])
     else:
         if status == 128 + signal.SIGINT:  # Typer's form of a KeyboardInterrupt
-            _fail(f"{sys.argv[1]} was stopped before it was done", status=128 + (signals or [signal.SIGINT])[0])
+            _fail(f"{sys.argv[1]} was interrupted", status=128 + (signals or [signal.SIGINT])[0])
         sys.exit(status)
     finally:
         for number, handler in before.items():

@@ -234,7 +234,7 @@ def _trajectory_files(
     asked = {name: value for name, value in given.items() if value is not None}
     if folder is None:
         if asked:
-            raise InputError(f"--{next(iter(asked))}: goes with --trajectories, which is not given")
+            raise InputError(f"--{next(iter(asked))}: needs --trajectories")
         return None
     from balloon_warp.sweep.world_files.options import TrajectoryFiles
 
@@ -271,13 +271,13 @@ def _print_summary(summary: "BatchSummary", rate: float, spread: bool) -> None:
         warn(sentence)
     of_all = f"of {summary.worlds:,} worlds blew up"
     if summary.restarted_worlds:
-        warn(f"{summary.restarted_worlds:,} {of_all}, but not in shorter steps: health 2")
+        warn(f"{summary.restarted_worlds:,} {of_all} and were restarted with shorter steps: health 2")
     if summary.unhealthy_worlds:
-        warn(f"{summary.unhealthy_worlds:,} {of_all}: health 0, and the rows of the last good frame")
+        warn(f"{summary.unhealthy_worlds:,} {of_all}: health 0; their rows repeat the last good frame")
     stage = [f"{summary.stage}: {played(summary.frames, rate)}"] if summary.stage else []
     folders = [f"{summary.trajectories}: {counted(summary.worlds, 'world')}"] if summary.trajectories else []
     for written in [*summary.table, *summary.worlds_table, *stage, *folders, summary.manifest]:
         console.print(f"wrote {written}", markup=False)
     if summary.removed_stage:
-        removed = f"removed {summary.removed_stage}, which was an earlier batch's: this one exports no worlds"
+        removed = f"removed {summary.removed_stage} of an earlier batch: this batch exports no worlds"
         console.print(removed, markup=False)

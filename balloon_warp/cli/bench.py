@@ -60,9 +60,9 @@ def bench(
     if output:
         check_writable(output, (".json",))
     if sum(choice is not None for choice in (device, gpus, workers)) > 1:
-        raise InputError("--device, --gpus, --workers: expected one of them")
+        raise InputError("--device, --gpus, --workers: expected only one of them")
     if sum((quick, scenes, bool(gpus or workers))) > 1:
-        raise InputError("--quick, --scenes, and --gpus or --workers: expected one of them")
+        raise InputError("--quick, --scenes, and --gpus or --workers: expected only one of them")
     if gpus or workers:
         counts = _counts(gpus or workers or "")
         measured = (

@@ -46,7 +46,7 @@ class Changes:
     ):
         mesh, length = mesh or MeshOptions(), length or LengthOptions()
         if length.frames is not None and length.seconds is not None:
-            raise InputError("--frames, --seconds: expected one of them")
+            raise InputError("--frames, --seconds: expected only one of them")
         if length.seconds is not None and not 0.0 < length.seconds < 1e9:
             raise InputError(f"--seconds {length.seconds:g}: expected a time above 0")
         if mesh.unit not in (None, *METERS):

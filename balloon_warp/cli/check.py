@@ -77,7 +77,7 @@ def _print(report: "CheckReport") -> None:
     pairs: dict[tuple[str, str], list[Crossing]] = {}
     for crossing in report.crossings:
         pairs.setdefault((crossing.first, crossing.second), []).append(crossing)
-    said = f"{counted(len(pairs), 'pair')} of things cross" if pairs else "nothing crosses"
+    said = f"{counted(len(pairs), 'pair')} of objects cross" if pairs else "nothing crosses"
     console.print(f"{report.stage}: {said} ({looked})", markup=False)
     deepest = sorted(pairs.values(), key=lambda those: -max(each.depth for each in those))
     for those in deepest[:MOST_PAIRS]:
@@ -85,7 +85,7 @@ def _print(report: "CheckReport") -> None:
         frames = _spans([each.frame for each in those])
         console.print(f"  {worst}; crosses at {frames}", markup=False)
     if len(deepest) > MOST_PAIRS:
-        console.print(f"  and {len(deepest) - MOST_PAIRS} pairs less deep; --json has all", markup=False)
+        console.print(f"  and {len(deepest) - MOST_PAIRS} shallower pairs; --json lists all", markup=False)
 
 
 def _spans(frames: Sequence[int]) -> str:

@@ -97,7 +97,7 @@ def compare(
     """
     loaded, name = Changes(overrides, length=length).load(scene), scene_name(scene)
     if not vary:
-        raise InputError("--vary: is missing; expected what differs, as in --vary normals=cached,fresh")
+        raise InputError("--vary: is missing; expected a value to vary, as in --vary normals=cached,fresh")
     quiet_warp()
     from balloon_warp.comparison.compare import compare as run_all  # loads Warp and USD: only for a good scene
 
@@ -105,7 +105,7 @@ def compare(
     for text in vary or []:
         path, values = parse_choices(text, scene)
         if path in choices:
-            raise InputError(f"--vary {text}: {path} is varied already; expected all its values in one --vary")
+            raise InputError(f"--vary {text}: {path} is already varied; expected all its values in one --vary")
         choices[path] = values
     with frame_progress() as progress:
         task = progress.add_task(escape(name))

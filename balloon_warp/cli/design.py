@@ -129,9 +129,9 @@ def design(
 
     quiet_warp()
     if view and wanted.of == "foil" and wanted.panels is None:
-        raise InputError("--view: shows springs, latex and panels of foil, in depth (got --of foil without --panels)")
+        raise InputError("--view: needs --of springs, --of latex or panels of foil (got --of foil without --panels)")
     asked = {**vars(wanted), "thickness": _thickness(wanted.thickness), "fixed": _fixed(wanted.fixed)}
-    last = ["before its first step"]
+    last = ["before the first step"]
     with watched(view, port, Path(target).name) as watch, stages(Path(target).name) as stage:
 
         def on_stage(words: str) -> None:
@@ -144,7 +144,7 @@ def design(
                 on_step=watch,
             )  # fmt: skip
         except KeyboardInterrupt:
-            raise StoppedError(f"design was stopped {last[0]}; --resume goes on from its last step") from None
+            raise StoppedError(f"design was interrupted {last[0]}; --resume continues from the last step") from None
         stage.end()
         _say(found, output)
 
@@ -152,8 +152,8 @@ def design(
 def _say(found: "Design", output: Path) -> None:
     for sentence in found.cannot:
         warn(sentence)
-    print(f"simulated from rest: {found.error} of the size off; as designed {found.held_error}", end="")
-    print(f"; plain at the same stretch {found.plain_error}" if found.plain_error else "")
+    print(f"simulated from rest: error {found.error} of the size; as designed {found.held_error}", end="")
+    print(f"; plain shape at the same stretch {found.plain_error}" if found.plain_error else "")
     print(f"wrote {output}: balloon-warp run {output / 'balloon.toml'} inflates it")
 
 

@@ -35,7 +35,7 @@ def _print(report: "Report", console: Console) -> None:
         "versions": ", ".join(f"{name} {version}" for name, version in report.versions.items()),
         "system": report.system,
         "device": f"{report.device}; Warp sees {', '.join(report.devices)}",
-        "kernels": f"kept in {report.kernel_cache}",
+        "kernels": f"cached in {report.kernel_cache}",
         **{f"extra {name}": _extra(name, missing) for name, missing in report.missing.items()},
         "self-test": _verdict(report.self_test),
     }
@@ -44,7 +44,7 @@ def _print(report: "Report", console: Console) -> None:
 
 
 def _extra(name: str, missing: list[str]) -> str:
-    return f"lacks {', '.join(missing)}: pip install 'balloon-warp[{name}]'" if missing else "installed"
+    return f"missing {', '.join(missing)}: pip install 'balloon-warp[{name}]'" if missing else "installed"
 
 
 def _verdict(test: "SelfTest") -> str:

@@ -89,12 +89,12 @@ def fit(
     """
     is_curve = data.suffix.lower() == ".csv"
     if is_curve and resume:
-        raise InputError(f"{data}: is a curve, whose fit takes seconds; expected no --resume")
+        raise InputError(f"{data}: a fit to a curve takes seconds; expected no --resume")
     if is_curve and (scene or free):
-        raise InputError(f"{data}: is a curve, which has no SCENE and no --free; expected a .npz file with these")
+        raise InputError(f"{data}: is a curve; SCENE and --free need a .npz file")
     if not is_curve and not (scene and free):
         raise InputError(
-            f"{data}: expected a .csv file of a curve, or a SCENE and --free PATH=LOW:HIGH with a .npz file"
+            f"{data}: expected a .csv file of a curve, or a .npz file with a SCENE and --free PATH=LOW:HIGH"
         )
     if output:
         check_writable(output, (".png",))
@@ -127,7 +127,7 @@ def _of_scene(
     """
     from balloon_warp.fitting.fit import fit as fitted
 
-    kept, last = data.with_suffix(PROGRESS), ["before its first round"]
+    kept, last = data.with_suffix(PROGRESS), ["before the first round"]
     can_keep = resume or os.access(data.absolute().parent, os.W_OK)
 
     def on_stage(words: str) -> None:
@@ -140,8 +140,8 @@ def _of_scene(
             resume=resume, device=device, schedule=schedule, on_stage=on_stage,
         )  # fmt: skip
     except KeyboardInterrupt:
-        go_on = f"; --resume goes on from {kept}" if can_keep else ""
-        raise StoppedError(f"fit was stopped {last[0]}{go_on}") from None
+        go_on = f"; --resume continues from {kept}" if can_keep else ""
+        raise StoppedError(f"fit was interrupted {last[0]}{go_on}") from None
 
 
 def _say(found: "Fit", toml: str, json: bool, is_curve: bool) -> None:

@@ -74,7 +74,7 @@ def foil(
     """
     check_writable(output, (*LOADERS, SCENE))
     if height is not None and inflated_size is not None:
-        raise InputError("--inflated-size: is the size once inflated, and --height that of flat foil; expected one")
+        raise InputError("--inflated-size, --height: expected only one of them, the inflated size or the flat height")
     in_files = apart or output.suffix.lower() == SCENE
     if inflated_size is not None:
         parts, scene = _of_inflated_size(source, inflated_size, edge, font)
@@ -109,4 +109,4 @@ def _write(parts: list[PolygonMesh], output: Path, apart: bool, scene_of: SceneO
         print(f"wrote {path}: {mesh.vertex_count:,} vertices, {mesh.face_count:,} quads")
     if is_scene:
         write_scene(scene_of(meshes), output)
-        print(f"wrote {output}: balloon-warp run {output} fills them")
+        print(f"wrote {output}: balloon-warp run {output} inflates the balloons")

@@ -112,7 +112,7 @@ def _inspect_mesh(mesh: Path, changes: Changes, as_json: bool) -> None:
         from balloon_warp.swelling import foretold_swellings, sentences
 
         try:
-            stage("building its scene")
+            stage("building the scene")
             scene = changes.load(str(mesh))
             alone = {"by itself": scene.description}
             stage(STEP_STAGE)
@@ -198,7 +198,7 @@ def _step_rows(step: dict) -> dict[str, str]:
     auto = f'{step["substeps"]:,} with "auto"'
     rate = f"at {step['frames_per_second']:g} frames/s"
     if step["solver"] == "projective":
-        return {"step": f"stable, however long: {auto} {rate}", "explicit": f"{up_to} {rate}"}
+        return {"step": f"stable at any step: {auto} {rate}", "explicit": f"{up_to} {rate}"}
     place = ", ".join(f"{coordinate:.3g}" for coordinate in step["limiting_place"])
     particle = f"particle {step['limiting_particle']:,} of {step['limiting_balloon']}, at ({place}) m"
     return {"step": f"{up_to} {rate}, {auto}", "limited by": particle}

@@ -38,8 +38,8 @@ def weld_of(said: str | None) -> bool | float | None:
         return None if said is None else True
     gap = _number(said)
     if gap is None or not LEAST_GAP <= gap <= LARGEST_GAP:
-        expected = f"a part of the mesh's size from {LEAST_GAP:g} to {LARGEST_GAP:g}, such as 1e-4"
-        raise InputError(f"--weld {said}: expected {expected}; or nothing")
+        expected = f"a fraction of the mesh's size from {LEAST_GAP:g} to {LARGEST_GAP:g}, such as 1e-4"
+        raise InputError(f"--weld {said}: expected {expected}, or no value")
     return gap
 
 

@@ -103,5 +103,7 @@ def frame_progress() -> Iterator[FrameProgress]:
             yield progress
         except KeyboardInterrupt as stop:
             task = progress.tasks[-1]
-            far = f"after frame {task.completed:.0f} of {task.total:.0f}" if task.total else "before its first frame"
-            raise StoppedError(f"{task.description} was stopped {far}; {str(stop) or 'nothing was written'}") from None
+            far = f"after frame {task.completed:.0f} of {task.total:.0f}" if task.total else "before the first frame"
+            raise StoppedError(
+                f"{task.description} was interrupted {far}; {str(stop) or 'nothing was written'}"
+            ) from None

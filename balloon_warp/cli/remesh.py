@@ -34,7 +34,7 @@ def remesh(
     """
     check_writable(output, tuple(LOADERS))
     if is_same_file(output, mesh):
-        raise InputError(f"{output}: is the mesh itself; expected another name, with -o")
+        raise InputError(f"{output}: is the input mesh; expected another name, with -o")
     with stages(mesh.name) as stage:
         stage("reading the mesh")
         surface = load_mesh(mesh, prim)

@@ -124,7 +124,7 @@ def run(
     asked = camera.asked()
     if any(asked.values()) and not picture:
         name = next(name for name, value in asked.items() if value)
-        raise InputError(f"--{name.replace('_', '-')}: applies to the picture only; expected --picture, too")
+        raise InputError(f"--{name.replace('_', '-')}: needs --picture")
     loaded = Changes(overrides, mesh, length).load(scene)
     name = scene_name(scene)
     stage = output or Path(f"{name}_balloon.usdc" if Path(scene).suffix.startswith(".usd") else f"{name}.usdc")
@@ -165,7 +165,7 @@ def _lasting(summary: "Summary", rate: float) -> str:
     """Return the duration of the stage, and the frame rate to set in Blender."""
     kind = Path(summary.output).suffix.lower()
     if kind in (".obj", ".ply"):
-        return f"{counted(summary.frames + 1, 'file')}, {rate:g} for a second"
+        return f"{counted(summary.frames + 1, 'file')}, {rate:g} per second"
     return played(summary.frames, rate, hint=kind.startswith((".usd", ".abc")))
 
 

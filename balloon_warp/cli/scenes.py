@@ -37,7 +37,7 @@ def scenes(
     if scene is None:
         if output or mesh.inflate is not None:
             option = f"--output {output}" if output else f"--inflate {mesh.inflate:g}"
-            raise InputError(f"{option}: expected a scene to write")
+            raise InputError(f"{option}: needs a SCENE to write")
         _list_scenes()
         return
     loaded = Changes(mesh=mesh).load(scene)

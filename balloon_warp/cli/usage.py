@@ -53,7 +53,7 @@ def _mistake(error: Any, command: Any, name: str, words: Sequence[str]) -> str:
 def _command_meant(word: str, commands: Iterable[str]) -> str:
     if word in bundled_scenes() or Path(word).is_file():
         return ask([f"balloon-warp run {word}"])
-    return did_you_mean(word, commands) or f"; there are {', '.join(commands)}"
+    return did_you_mean(word, commands) or f"; commands are {', '.join(commands)}"
 
 
 def _called(parameter: Any) -> str:

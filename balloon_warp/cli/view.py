@@ -99,8 +99,8 @@ def _say_where(address: str, name: str) -> None:
 
 def _say_who_may_come(port: int, folder: Path) -> None:
     Console(emoji=False, highlight=False, soft_wrap=True).print(
-        f"[yellow]warning:[/] whoever reaches port {port} of this machine can see it, play with it and save recordings "
-        f"into {escape(str(folder))}; nothing is encrypted, nobody is asked a name"
+        f"[yellow]warning:[/] anyone who reaches port {port} of this machine can watch and control the page, and save "
+        f"recordings into {escape(str(folder))}; it has no encryption and no login"
     )
 
 

@@ -28,7 +28,7 @@ def parse_choices(text: str, scene_source: str = "") -> tuple[str, list[Any]]:
     values = [word.strip() for word in _split(words)]
     if len(values) == 1 and re.fullmatch(RANGE, values[0]):
         raise InputError(
-            f"--vary {text}: takes values, as in --vary {path}={values[0].replace(':', ',')}; a range is for batch"
+            f"--vary {text}: takes values, as in --vary {path}={values[0].replace(':', ',')}; ranges are for `batch`"
         )
     if not all(path.split(".")) or not all(values):
         raise InputError(

@@ -143,8 +143,8 @@ def _check_request(
     width, height = columns * size[0], math.ceil(len(combinations) / columns) * size[1]
     if max(width, height) > MOST_PIXELS:
         raise InputError(
-            f"vary: {len(combinations)} runs make a picture of {width}x{height} pixels; "
-            f"expected at most {MOST_PIXELS}x{MOST_PIXELS}: vary less, or make each smaller"
+            f"vary: {len(combinations)} runs make a picture of {width}x{height} pixels; expected at most "
+            f"{MOST_PIXELS}x{MOST_PIXELS}: vary fewer values, or make each picture smaller"
         )
     if not 1 <= samples <= MOST_SAMPLES:
         raise InputError(f"samples: {samples} rays a pixel; expected 1 to {MOST_SAMPLES}")

@@ -105,7 +105,7 @@ def _measured(
     figures = {name: measured[name] for name in MEASURES}
     if not record.healthy[0] or figures["largest_stretch"] > MOST_STRETCH:
         raise BlowUpError(
-            f"the simulation blew up: by frame {last} a spring is more than {MOST_STRETCH:g} times as long as at rest"
+            f"the simulation blew up: by frame {last} a spring exceeds {MOST_STRETCH:g} times its rest length"
         )
     if stage:
         with StageWriter(stage, simulator.model) as writer:

@@ -86,7 +86,7 @@ def design(
     if of == "foil" and panels is None:
         return _of_foil(target, size, least, place, steps, device, on_stage)
     if of != "foil" and panels is not None:
-        raise InputError(f"panels: are of foil; expected none of {of} (got {panels})")
+        raise InputError(f"panels: need foil; expected none for {of} (got {panels})")
 
     def job(mesh: PolygonMesh, options: Mapping[str, Any], held: NDArray[np.bool_] | None = None) -> Job:
         where = place or _temporary()
@@ -118,9 +118,9 @@ def _require_numbers(of: Of, numbers: Mapping[str, float], thickest: float, step
             raise InputError(f"{name}: must be a number greater than 0 (got {number})")
     least = numbers["thickness"]
     if thickest < least:
-        raise InputError(f"thickness: must grow from the least to the greatest (got {least:g} to {thickest:g})")
+        raise InputError(f"thickness: the range must go from low to high (got {least:g} to {thickest:g})")
     if thickest > least and of != "latex":
-        raise InputError(f"thickness: varies by place in latex alone; expected one number for {of}")
+        raise InputError(f"thickness: only latex varies by place; expected one number for {of}")
     if not isinstance(steps, int) or steps < 0:
         raise InputError(f"steps: must be a whole number, at least 0 (got {steps})")
 
@@ -138,7 +138,7 @@ def _of_foil(
 
     if not isinstance(target, str | Path) or Path(target).suffix.lower() in LOADERS:
         got = target if isinstance(target, str | Path) else type(target).__name__
-        raise InputError(f"target: must be letters or a drawing, .svg, for foil without panels (got {got})")
+        raise InputError(f"target: foil without panels needs letters or a drawing, .svg (got {got})")
     require_size(size)
     place = folder or _temporary()
     require_folder(place)

@@ -40,8 +40,8 @@ def flattened(panels: Panels, points: Values, flat: Values | None = None) -> Val
     if folded.any():
         panel = panels.of_faces[folded][0]
         raise InputError(
-            f"panels: panel {panel + 1}, of {(panels.of_faces == panel).sum()} triangles, folds over when it is laid "
-            "flat, since it is too much curved; expected more seams through it"
+            f"panels: panel {panel + 1}, of {(panels.of_faces == panel).sum()} triangles, is too curved and folds over "
+            "when flattened; expected more seams through it"
         )
     return here
 

@@ -26,7 +26,7 @@ def require_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"{folder}: cannot be a folder to write to: {error.strerror}") from None
+        raise InputError(f"{folder}: cannot be the output folder: {error.strerror}") from None
 
 
 def write_springs(

@@ -127,8 +127,8 @@ def _meridians(mesh: PolygonMesh) -> Meridian:
         if len(parts) != 1:
             raise InputError(
                 f"panels: the half-plane at {np.degrees(angle):.0f} degrees meets {mesh.name} in {len(parts)} lines "
-                "from pole to pole; expected one, as of what goes around its vertical axis once; a file of seams cuts "
-                "other shapes"
+                "from pole to pole; gores need one, as of a shape around its vertical axis; a file of seams cuts other "
+                "shapes"
             )
         return parts[0] if parts[0][0, up] < parts[0][-1, up] else parts[0][::-1]
 

@@ -90,6 +90,6 @@ def require_gravity(gravity: float, fixed: object, of: str) -> None:
     if not (isinstance(gravity, int | float) and 0.0 <= gravity <= MOST_GRAVITY):
         raise InputError(f"gravity: must be from 0 to {MOST_GRAVITY:g} m/s^2 (got {gravity})")
     if gravity and of != "latex":
-        raise InputError(f"gravity: acts in designs of latex alone; expected none for {of} (got {gravity:g})")
+        raise InputError(f"gravity: only latex hangs; expected none for {of} (got {gravity:g})")
     if fixed is not None and not gravity:
-        raise InputError("fixed: holds a design against gravity; expected a gravity, such as 9.81, too")
+        raise InputError("fixed: needs a gravity to hang under, such as gravity = 9.81")

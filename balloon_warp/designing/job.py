@@ -115,10 +115,10 @@ class Job:
             told = json.loads((self.folder / JOB).read_text(encoding="utf-8"))
             reached = load(self.folder / SAVED)
         except (OSError, ValueError, KeyError, TypeError):
-            raise InputError(f"{self.folder}: no design was begun there; expected none to --resume") from None
+            raise InputError(f"{self.folder}: has no design to --resume") from None
         if told != self._asked:
-            raise InputError(f"{self.folder}: another design was begun there; expected the same target and options")
-        self.say(f"going on after step {reached.steps}")
+            raise InputError(f"{self.folder}: has another design; --resume needs the same target and options")
+        self.say(f"resuming after step {reached.steps}")
         return reached
 
     def remember(self, reached: Saved) -> None:
@@ -160,7 +160,7 @@ class Job:
         Raises:
             InputError: it blows up or finds no rest.
         """
-        self.say("simulating it from rest")
+        self.say("simulating from rest")
         simulated = simulate_from_rest(scene, self.ruler.size, self.device, self._slow)
         if isinstance(simulated, str):
             raise InputError(f"the design does not come to rest: {simulated}; expected a smaller stretch")
@@ -186,7 +186,7 @@ class Job:
         elsewhere = np.linalg.norm(ruler.aligned(simulated.points) - ruler.aligned(held), axis=1).max() / ruler.size
         if elsewhere > MOVED:
             cannot.append(
-                f"from rest it comes to another balance than was designed, {100 * elsewhere:.2g}% off at most"
+                f"inflated from rest it settles in another equilibrium than designed, up to {100 * elsewhere:.2g}% off"
             )
         return Design(
             scene=scene,

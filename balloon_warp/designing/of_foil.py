@@ -179,7 +179,7 @@ def _written(foil: Foil, best: Tried, first: Tried, folder: Path) -> Design:
     write_picture(folder / "error.png", outline_picture(lines, loops))
     cannot = []
     if error.worst > GOOD:
-        cannot.append(f"the rim is {100.0 * error.worst:.2g}% of the size off at its worst place: it wrinkles there")
+        cannot.append(f"the rim is off by {100.0 * error.worst:.2g}% of the size at its worst point, where it wrinkles")
     design = Design(scene, folder, error, error, first.error, 1.0, cannot, np.concatenate(best.points))
     write_report(folder / "report.json", {"of": "foil", "size": foil.size, **design.report()})
     return design

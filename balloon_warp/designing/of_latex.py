@@ -46,7 +46,7 @@ def design_of_latex(job: Job) -> Design:
     job.say("inflating a plain mould")
     plain = begin(problem, problem.plain)
     if plain is None:
-        raise InputError(f"stretch: a plain mould finds no rest at {job.stretch:g}; expected less")
+        raise InputError(f"stretch: a plain mould has no equilibrium at {job.stretch:g}; expected less")
     job.watch(DesignStep(job.ruler, 0, plain.points, job.stretch))
     thick = ThicknessProblem(problem, job.thickest)
     reached = _descended(job, thick, job.saved(Reached.load) or plain)

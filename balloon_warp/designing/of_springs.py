@@ -36,7 +36,7 @@ def design_of_springs(job: Job) -> Design:
     job.say("inflating plain springs")
     plain = begin(problem, problem.plain)
     if plain is None:
-        raise InputError(f"stretch: plain springs find no rest at {job.stretch:g}; expected less")
+        raise InputError(f"stretch: plain springs have no equilibrium at {job.stretch:g}; expected less")
 
     def on_step(reached: Reached) -> None:
         job.on_step(reached, problem.mean_stretch(reached.design))
@@ -46,7 +46,7 @@ def design_of_springs(job: Job) -> Design:
     scene = write_design(problem, reached, job.folder)
     same = replace(problem, stretch=max(problem.mean_stretch(reached.design), LEAST_STRETCH))
     plain = begin(same, same.plain) or plain
-    help_ = "; --hold any, with springs that push, may bring it nearer" if job.hold == "tension" else ""
+    help_ = "; --hold any, which allows compression, may reduce the error" if job.hold == "tension" else ""
     return job.proven(scene, reached.points, plain.points, problem.mean_stretch(reached.design), help_)
 
 

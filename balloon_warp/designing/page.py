@@ -50,7 +50,7 @@ class DesignPage:
         self._status = self.server.gui.add_html('<div class="bw-status"><span>begins</span></div>')
         self._said = self.server.gui.add_html("")
         self.server.gui.add_html(_legend())
-        self._wires = self.server.gui.add_checkbox("wanted shape", initial_value=False)
+        self._wires = self.server.gui.add_checkbox("target shape", initial_value=False)
         self._wires.on_update(lambda _: self._show_wanted())
         self._plot: viser.GuiUplotHandle | None = None
         self._lock = threading.Lock()
@@ -140,8 +140,8 @@ def _status(step: DesignStep) -> str:
 
 
 def _details(step: DesignStep) -> str:
-    stretch = "" if step.stretch is None else f"<br>stretched {step.stretch:.3g} times in the mean"
-    return f'<div class="bw-details">{step.error} of the size off{stretch}<br>{len(step.points):,} vertices</div>'
+    stretch = "" if step.stretch is None else f"<br>mean stretch {step.stretch:.3g}"
+    return f'<div class="bw-details">error {step.error} of the size{stretch}<br>{len(step.points):,} vertices</div>'
 
 
 def _legend() -> str:
@@ -152,7 +152,7 @@ def _legend() -> str:
     )
     ends = f"<span>0</span><span>{50.0 * FULL:g}</span><span>{100.0 * FULL:g} and more</span>"
     return (
-        '<div style="font-size:0.8em;margin:0 1.2em">distance to the wanted shape, % of its size</div>'
-        f'<div style="display:flex;margin:0.2em 1.2em 0">{cells}</div>'
-        f'<div style="display:flex;justify-content:space-between;font-size:0.7em;margin:0 1.2em 0.8em">{ends}</div>'
+        '<div style="font-size:0.8em;margin:0 1.2em">distance to the target shape, % of its size</div><div '
+        f'style="display:flex;margin:0.2em 1.2em 0">{cells}</div><div '
+        f'style="display:flex;justify-content:space-between;font-size:0.7em;margin:0 1.2em 0.8em">{ends}</div>'
     )

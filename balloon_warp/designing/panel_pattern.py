@@ -122,8 +122,7 @@ def require_simple(number: int, border: Values):
     outline = from_extra("shapely").Polygon(border)
     if not outline.is_valid:
         raise InputError(
-            f"panels: panel {number} would lie on itself when it is flat, so that it cannot be cut; expected more "
-            "seams through it"
+            f"panels: panel {number} overlaps itself when flat and cannot be cut; expected more seams through it"
         )
     return outline
 

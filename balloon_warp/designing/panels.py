@@ -129,5 +129,5 @@ def _require_disks(panels: Panels) -> None:
         what = "is closed: the seams do not cut it" if euler == 2 else f"has {2 - euler} borders or a handle"
         raise InputError(
             f"panels: the piece of {len(triangles)} triangles about {where} of {panels.mesh.name} {what}; expected "
-            "pieces with one border, that lie flat"
+            "pieces with one border, which can be flattened"
         )

@@ -44,5 +44,5 @@ class Design(Shown):
         return {"stretch": self.stretch, **parts, "cannot": self.cannot}
 
     def __repr__(self) -> str:
-        plain = f"; plain {self.plain_error}" if self.plain_error else ""
+        plain = f"; plain shape {self.plain_error}" if self.plain_error else ""
         return f"Design({self.folder}: {self.error} of the size{plain}; stretch {self.stretch:.3g})"

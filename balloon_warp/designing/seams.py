@@ -35,7 +35,7 @@ def seams_of(said: str, read: PolygonMesh, kept: PolygonMesh) -> Numbers:
     pairs = _pairs_in(Path(said))
     if (wrong := (pairs < 1) | (pairs > read.vertex_count)).any():
         raise InputError(
-            f"{said}: names vertex {pairs[wrong][0]}; expected numbers from 1 to the {read.vertex_count} of {read.name}"
+            f"{said}: has vertex {pairs[wrong][0]}; expected numbers from 1 to the {read.vertex_count} of {read.name}"
         )
     apart, here = KDTree(kept.points).query(read.points[pairs - 1])
     if (lost := apart > NEAR * np.ptp(read.points, axis=0).max()).any():
@@ -61,7 +61,7 @@ def _pairs_in(path: Path) -> Numbers:
         try:
             along = [int(word) for word in words]
         except ValueError:
-            raise InputError(f"{path}: line {number} is {line.strip()!r}; expected numbers of vertices") from None
+            raise InputError(f"{path}: line {number} is {line.strip()!r}; expected vertex numbers") from None
         if len(along) < 2:
             raise InputError(f"{path}: line {number} has one vertex; expected two or more along a seam")
         pairs += pairwise(along)

@@ -58,10 +58,7 @@ def held_target_of(
     read = load_mesh(Path(given) if isinstance(given, str) else given)
     if fixed is None:
         if NECK not in read.groups:
-            raise InputError(
-                f"{read.name}: has no group {NECK}, which would hold it against gravity; expected fixed, with vertices "
-                "or groups that do"
-            )
+            raise InputError(f"{read.name}: has no group {NECK} to hang from; expected fixed, with vertices or groups")
         fixed = [NECK]
     named = np.unique(np.array(fixed_particles(fixed, read), dtype=np.int32))
     shape = shape_of(replace(read, groups={HELD: named}))[1]
@@ -97,13 +94,13 @@ def shape_of(given: str | Path | MeshLike) -> tuple[PolygonMesh, PolygonMesh]:
             "`balloon-warp remesh`"
         )
     if not abs(volume := signed_volume(mesh)) > THINNEST * float(np.ptp(mesh.points, axis=0).max()) ** 3:
-        raise InputError(f"{source}: is flat: it encloses nothing; expected a shape with an inside")
+        raise InputError(f"{source}: is flat and encloses no volume; expected a solid shape")
     if volume < 0.0:
         mesh = _turned(mesh)
     if crossed := crossing_count(mesh):
         raise InputError(
-            f"{source}: crosses itself at {crossed} places; expected a surface that does not, as `balloon-warp remesh` "
-            "makes"
+            f"{source}: crosses itself at {crossed} places; expected a surface that does not, such as `balloon-warp "
+            "remesh` makes"
         )
     return read, mesh
 

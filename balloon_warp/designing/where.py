@@ -39,8 +39,8 @@ def _sentence(ruler: Ruler, group: NDArray[np.int64], worst: float, help_: str) 
     middle = ruler.mesh.points[group].mean(axis=0)
     axis = int(np.abs(middle / np.ptp(ruler.mesh.points, axis=0)).argmax())
     side = SIDES[axis][int(middle[axis] > 0.0)]
-    flat = " is flat and" if _curvature(ruler, group) < FLAT else ""
-    return f"the {side}, {len(group)} vertices,{flat} is {100.0 * worst:.2g}% of the size off{help_}"
+    flat = ", flat" if _curvature(ruler, group) < FLAT else ""
+    return f"the {side} ({len(group)} vertices{flat}) is off by {100.0 * worst:.2g}% of the size{help_}"
 
 
 def _curvature(ruler: Ruler, group: NDArray[np.int64]) -> float:

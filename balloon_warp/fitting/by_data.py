@@ -45,14 +45,14 @@ def least_squares(
     Raises:
         InputError: the data are wrong, no start can be simulated, or there is nothing to resume.
     """
-    on_stage("reading what was measured")
+    on_stage("reading the measured data")
     once = run(scene.model_copy(update={"frames": 1}))
     measured = measured_of(data, once.points[0].shape[1], scene.frames / scene.frames_per_second)
     scene = scene.model_copy(update={"frames": max(1, int(np.ceil(measured.times.max() * scene.frames_per_second)))})
     forward = _forward(partial(run, scene), measured, request.bounds)
     found = _kept(forward, scene, measured, request, on_stage)
     if not np.isfinite(found.best.cost):
-        raise InputError("free: no start can be simulated; expected narrower bounds")
+        raise InputError("free: none of the starts can be simulated; expected narrower bounds")
     return _fit_of(found, request.bounds, measured.noise_known)
 
 
@@ -70,7 +70,7 @@ def _kept(
     }
     journal = Journal(request.progress, asked, request.resume)
     if request.resume:
-        on_stage(f"going on after round {journal.rounds}")
+        on_stage(f"resuming after round {journal.rounds}")
     done = False
     try:
         found = _found(journal.remembered(forward), measured, request, on_stage)

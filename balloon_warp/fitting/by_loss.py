@@ -69,7 +69,7 @@ def least_loss(derive: Derive, bounds: Bounds, first: Values, rounds: int, on_st
     places, asked = minima_together(ask, first, rounds, on_round)
     losses, _ = ask(places)
     if not np.isfinite(losses).any():
-        raise InputError("of: no start can be simulated; expected narrower bounds")
+        raise InputError("of: none of the starts can be simulated; expected narrower bounds")
     best = int(np.argmin(losses))
     values = values_at(bounds, places[best : best + 1])[0]
     found = dict(zip(bounds, values.tolist(), strict=True))
@@ -89,11 +89,11 @@ def _tell_idle(idle: Sequence[str], bounds: Bounds, on_stage: Callable[[str], No
     """
     if len(idle) == len(bounds):
         raise InputError(
-            f"of: the loss does not change with any of the values at any start: {', '.join(idle)}; expected one that "
-            "leads to what the loss looks at"
+            f"of: the loss depends on none of the values at any start: {', '.join(idle)}; expected a value that "
+            "affects the loss"
         )
     if idle:
-        on_stage(f"the loss does not change with {', '.join(idle)} at any start")
+        on_stage(f"the loss does not depend on {', '.join(idle)} at any start")
 
 
 def _derived(derive: Derive, bounds: Bounds, values: Values) -> tuple[Values, Values]:

@@ -113,7 +113,8 @@ class MeshCurve:
         self._volume, self._kind, self._volumes = Volume(mesh), kind, volumes
         if not 0.0 < self._volume.of(mesh.points) < volumes.max():
             raise InputError(
-                f"{path}: encloses {self._volume.of(mesh.points):.3g} m^3 at rest; expected less than measured"
+                f"{path}: encloses {self._volume.of(mesh.points):.3g} m^3 at rest; expected less than the measured "
+                "volumes"
             )
         membrane = build_membrane(mesh)
         parts = membrane.areas / (0.5 * np.sqrt(determinant(metric_of(membrane.edges))))

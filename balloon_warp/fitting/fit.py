@@ -88,10 +88,10 @@ def fit(
     if (data is None) == (loss is None):
         raise InputError("fit: expected either measured data and `free`, or a `loss` and `of`")
     if resume and progress is None:
-        raise InputError("resume: expected a `progress` to go on from")
+        raise InputError("resume: needs the `progress` file of an earlier fit")
     if loss is not None:
         if progress is not None:
-            raise InputError("progress: is kept of fits to measured data; expected none with a `loss`")
+            raise InputError("progress: only fits to measured data save it; expected none with a `loss`")
         places = first_places(starts, len(checked_bounds("of", of)), seed)
 
         def derive(of: Sequence[str], vary: Vary, world_count: int) -> Gradient:

@@ -56,7 +56,7 @@ class Journal:
                 asked, residuals = self._known.pop(0)
                 if asked.shape == places.shape and (asked == places).all():
                     return residuals
-                raise InputError(f"{self._path}: another version wrote it; expected one that searches alike")
+                raise InputError(f"{self._path}: was written by a version with another search; expected the same")
             residuals = forward(places)
             self._write(places, residuals)
             return residuals
@@ -86,10 +86,10 @@ def _read(path: Path, head: str) -> tuple[list[tuple[Values, Values]], int]:
         file = path.open("rb")
         told = str(np.load(file, allow_pickle=False))
     except (OSError, EOFError, ValueError):
-        raise InputError(f"{path}: no fit was begun; expected none to --resume") from None
+        raise InputError(f"{path}: has no fit to --resume") from None
     with file:
         if told != head:
-            raise InputError(f"{path}: another fit was begun; expected the same data, scene and options")
+            raise InputError(f"{path}: has another fit; --resume needs the same data, scene and options")
         end = file.tell()
         try:
             while True:

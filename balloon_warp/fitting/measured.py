@@ -71,7 +71,7 @@ def measured_of(data: str | Path | Mapping[str, Any], particle_count: int, last_
     if not len(times) or not tracks or times.ndim != 1:
         raise InputError(f"{source}: expected {EXPECTED} (got {', '.join(table) or 'nothing'})")
     if not (np.isfinite(times).all() and times.min() >= 0.0 and times.max() <= last_time * (1.0 + 1e-9)):
-        raise InputError(f"{source}: times: expected from 0 to {last_time:g} s, as long as the scene goes on")
+        raise InputError(f"{source}: times: expected from 0 to {last_time:g} s, the duration of the scene")
     particles = _numbers(source, "particles", table.get("particles", np.arange(particle_count))).astype(np.int64)
     if particles.ndim != 1 or (len(particles) and not 0 <= particles.min() <= particles.max() < particle_count):
         raise InputError(f"{source}: particles: expected numbers from 0 to {particle_count - 1}")
@@ -117,6 +117,6 @@ def _read(path: Path) -> dict[str, Any]:
         with np.load(path, allow_pickle=False) as file:
             return {name: file[name] for name in file.files}
     except FileNotFoundError:
-        raise InputError(f"{path}: no such file; expected a .npz file of what was measured") from None
+        raise InputError(f"{path}: no such file; expected a .npz file of measured data") from None
     except Exception:  # for a damaged file zipfile, zlib and NumPy raise errors of a dozen kinds
         raise InputError(f"{path}: cannot be read; expected a .npz file with {EXPECTED}") from None

@@ -33,7 +33,7 @@ def curve_plot(volumes: Values, measured: Values, found: Values) -> Image.Image:
         draw.line([place(across[0], y), place(across[1], y)], FAINT)
         draw.text((left - 8, place(across[0], y)[1]), f"{y:.6g}", INK, font, anchor="rm")
     draw.text((SIZE[0] // 2, SIZE[1] - 24), "volume [l]", INK, font, anchor="ma")
-    draw.text((8, 4), "pressure [Pa]: dots measured, line found", INK, font)
+    draw.text((8, 4), "pressure [Pa]: dots measured, line fitted", INK, font)
     draw.line(_joined([place(x, y) for x, y in zip(volumes, found, strict=True)]), LINE, 3)
     for x, y in zip(volumes, measured, strict=True):
         (u, v), r = place(x, y), 4

@@ -42,11 +42,11 @@ def read_curve(path: Path) -> Curve:
         np.array([_number(path, line, name, row, column) for line, row in rows]) for name, column in columns.items()
     )
     if np.ptp(volumes) == 0.0:
-        raise InputError(f"{path}: volume: is {volumes[0]:g} in each row; expected those of a balloon that grows")
-    if pressures.max() <= 0.0:
         raise InputError(
-            f"{path}: pressure: expected some above the air's, that is, above 0 (got {pressures.max():g} at most)"
+            f"{path}: volume: is {volumes[0]:g} in every row; expected the volumes of a balloon that grows"
         )
+    if pressures.max() <= 0.0:
+        raise InputError(f"{path}: pressure: expected gauge pressures above 0 (got {pressures.max():g} at most)")
     order = np.argsort(volumes)
     return Curve(volumes[order], pressures[order])
 

@@ -41,7 +41,7 @@ class Fit(Shown):
         """Sentences on values that are not well known."""
         names = list(self.values)
         said = [
-            f"{name} is seen to {100.0 * abs(self.errors[name] / value):.2g}% only"
+            f"{name} is known to {100.0 * abs(self.errors[name] / value):.2g}% only"
             for name, value in self.values.items()
             if value and abs(self.errors[name]) > VAGUE * abs(value)
         ]
@@ -49,7 +49,7 @@ class Fit(Shown):
         for i, j in zip(*np.triu_indices(len(names), 1), strict=True):
             if abs(self.correlations[i, j]) > TWINS:
                 said.append(
-                    f"{names[i]} and {names[j]} are hardly told apart (correlation {self.correlations[i, j]:.3f})"
+                    f"{names[i]} and {names[j]} can hardly be told apart (correlation {self.correlations[i, j]:.3f})"
                 )
         if self.noise_known and self.misfit > MISSES:
             said.append(f"the misfit is {self.misfit:.3g} times the noise: more starts may find a better minimum")

@@ -44,12 +44,12 @@ def outlines_of_drawing(path: Path) -> list[Any]:
     except DAMAGED:
         raise InputError(f"{path}: is no SVG drawing, or a damaged one") from None
     if not all(np.isfinite(loop).all() for loops, _ in shapes for loop in loops):
-        raise InputError(f"{path}: has a place that is no finite number")
+        raise InputError(f"{path}: has a coordinate that is not finite")
     outlines = [
         each for loops, rule in shapes for each in enclosed(loops, "evenodd" if rule == "evenodd" else "nonzero")
     ]
     if not outlines:
-        raise InputError(f"{path}: has no closed path that encloses anything; expected one (convert text to paths)")
+        raise InputError(f"{path}: has no closed path with an area; expected one (convert text to paths)")
     return united(outlines)
 
 

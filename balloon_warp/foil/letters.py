@@ -28,7 +28,7 @@ def outlines_of_text(text: str, font: str | None = None) -> list[Any]:
     """
     line = "".join(" " if character.isspace() else character for character in text)
     if not line.strip():
-        raise InputError(f"text: has nothing to be seen (got {text!r}); expected letters, or an .svg file")
+        raise InputError(f"text: has no visible character (got {text!r}); expected letters, or an .svg file")
     properties, face = _font(font)
     for character in line.replace(" ", ""):
         if not face.get_char_index(ord(character)):
@@ -49,7 +49,7 @@ def _font(font: str | None) -> tuple[Any, Any]:
     path = font or FONT
     is_file = path.lower().endswith(FONT_SUFFIXES)
     if is_file and not Path(path).is_file():
-        raise InputError(f"--font {path}: there is no such file")
+        raise InputError(f"--font {path}: no such file")
     try:
         if not is_file:
             wanted = manager.FontProperties(family=path, weight="bold")
@@ -57,8 +57,7 @@ def _font(font: str | None) -> tuple[Any, Any]:
         return manager.FontProperties(fname=path), manager.get_font(path)
     except ValueError:
         raise InputError(
-            f"--font {font}: there is no such family of fonts; expected one of the machine's, or a file of "
-            f"{', '.join(FONT_SUFFIXES)}"
+            f"--font {font}: no such font family; expected an installed one, or a file of {', '.join(FONT_SUFFIXES)}"
         ) from None
     except (RuntimeError, OSError):
         raise InputError(f"--font {font}: cannot be read as a font") from None

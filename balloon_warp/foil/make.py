@@ -84,7 +84,9 @@ def _sheets(source: str | Path, height: float, edge: float | None, font: str | N
     size = edge or height / EDGES
     count = 2.0 * sum(outline.area for outline in outlines) / size**2
     if count > MOST_QUADS:
-        raise InputError(f"edge: {size:g} m makes {count:.2g} quads; expected at most {MOST_QUADS:,}, of longer edges")
+        raise InputError(
+            f"edge: {size:g} m makes {count:.2g} quads; expected at most {MOST_QUADS:,}, with longer edges"
+        )
     parts = enumerate(outlines, start=1)
     sheets = [_sheet(outline, size, edge is not None, f"{name}, part {part}") for part, outline in parts]
     return sheets, size, name
@@ -106,4 +108,4 @@ def _sheet(outline: Any, edge: float, as_asked: bool, what: str) -> Sheet:
             if halvings and as_asked:
                 raise InputError(f"edge: {what} is too narrow for {edge:g} m; expected {finer:g} or less")
             return sheet
-    raise InputError(f"{what} is too narrow for even quads; expected it bolder, or with corners less sharp")
+    raise InputError(f"{what} is too narrow for even quads; expected a bolder shape, or blunter corners")

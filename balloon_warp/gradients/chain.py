@@ -68,7 +68,7 @@ def _slopes(plan: ModelPlan, path: str, vary: Vary) -> Slopes:
         if len(sides) == 2:
             break
     if len(sides) < 2:
-        raise InputError(f"{path}: cannot be derived by, for neither more nor less is possible there")
+        raise InputError(f"{path}: cannot be derived by, since its value can neither grow nor fall")
     here = settled_parameters(plan, {**vary, path: value})
     slopes = {}
     for name, more in sides[1.0].items():

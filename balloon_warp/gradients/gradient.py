@@ -83,7 +83,7 @@ def derived(
     """
     groups = plan_groups(scene_to_vary(scene, asked.vary, overrides), asked.world_count, asked.vary, asked.laws)
     if len(groups) > 1:
-        raise InputError("vary: gradients are of one mesh and its springs; expected values that make no other model")
+        raise InputError("vary: gradients need one mesh and its springs; expected values that keep the model")
     require_differentiable(groups[0].plan)
     require_room_for_frames(groups[0].plan)
     if not cluster:

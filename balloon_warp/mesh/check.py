@@ -23,7 +23,7 @@ def check_mesh(mesh: PolygonMesh, source: str, least_corners: int = 3) -> None:
         InputError: names `source` and the first face or vertex, from 1, that is wrong.
     """
     if mesh.vertex_count == 0 or mesh.face_count == 0:
-        raise InputError(f"{source}: has {mesh.vertex_count} vertices and {mesh.face_count} faces; it needs both")
+        raise InputError(f"{source}: has {mesh.vertex_count} vertices and {mesh.face_count} faces; expected both")
     outside = ~(np.abs(mesh.points) <= FLOAT32_MAX).all(axis=1)
     if outside.any():
         vertex = int(outside.argmax())
@@ -50,4 +50,4 @@ def check_mesh(mesh: PolygonMesh, source: str, least_corners: int = 3) -> None:
         )
     for index in (mesh.face_vertex_indices.min(), mesh.face_vertex_indices.max()):
         if not 0 <= index < mesh.vertex_count:
-            raise InputError(f"{source}: a face names point {index}, but the points are 0 to {mesh.vertex_count - 1}")
+            raise InputError(f"{source}: a face refers to point {index}; expected 0 to {mesh.vertex_count - 1}")

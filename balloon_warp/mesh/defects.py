@@ -47,7 +47,7 @@ def describe_defects(
             np.unique(corner_faces(mesh)[repeated_corners(mesh)]),
             "repeats a corner",
             "repeat a corner",
-            "Each corner is taken once.",
+            "Repeated corners count once.",
         ),
         _about_faces(
             _faces_without_area(mesh),
@@ -59,7 +59,7 @@ def describe_defects(
             _duplicates(mesh, kept),
             "has the corners of an earlier face",
             "have the corners of earlier faces",
-            "Each face is taken once.",
+            "Repeated faces count once.",
         ),
         _about_coincident_vertices(mesh),
         _about_vertices(
@@ -72,27 +72,27 @@ def describe_defects(
             non_manifold_vertices(distinct, edges),
             "joins parts of the surface that share no edge there",
             "join parts of the surface that share no edge there",
-            "They hang together there.",
+            "The parts stay joined there.",
         ),
         _about_vertices(
             np.flatnonzero(np.bincount(edges.ends.ravel()) > LARGEST_FAN),
             f"has more than {LARGEST_FAN} neighbors",
             f"have more than {LARGEST_FAN} neighbors",
-            "Past it each of them gets one flexion spring, instead of one to every other.",
+            "Beyond, each neighbor gets one flexion spring instead of one to every other neighbor.",
         ),
         _about_edges(
             border_edges(edges_left),
             edges_left,
             "is on an open border",
             "are on open borders",
-            "What is open is inflated where its border is held, and carried along where it is not; it holds no gas.",
+            "An open part is inflated if its border is pinned, and carried along otherwise; it cannot hold gas.",
         ),
         _about_edges(
             non_manifold_edges(edges),
             edges,
             "has more than two faces",
             "have more than two faces",
-            "A pressure pushes what is between inside and outside, and no walls or fins; gas is refused.",
+            "A pressure acts on faces between inside and outside, not on walls or fins; such a mesh cannot hold gas.",
         ),
         _about_opposite_winding(distinct, edges),
         _about_inward_components(distinct, edges, kept),
@@ -122,7 +122,7 @@ def _about_coincident_vertices(mesh: PolygonMesh) -> str | None:
     if len(later):
         vertex, place = used[later[0]] + 1, first[later[0]] + 1
         where = f"is vertex {vertex}, at the place of vertex {place}"
-        policy = "They are particles apart; --weld makes them one."
+        policy = "They are separate particles; --weld merges them."
         return _sentence(len(later), "vertex", "lies exactly on another", "lie exactly on others", where, policy)
 
 
@@ -132,9 +132,9 @@ def _about_opposite_winding(mesh: PolygonMesh, edges: MeshEdges) -> str | None:
         return None
     left = _turned_edges(mesh_edges(wound_alike(mesh)))
     policy = (
-        "No winding fits all, as on a Moebius strip: what is so has no inside, and is carried along."
+        "The surface is not orientable, like a Moebius strip: it has no inside, and is carried along."
         if len(left)
-        else "Faces are turned until all wind alike."
+        else "Faces are flipped until all wind alike."
     )
     return _about_edges(found, edges, "joins faces of opposite winding", "join faces of opposite winding", policy)
 
@@ -149,7 +149,7 @@ def _about_inward_components(mesh: PolygonMesh, edges: MeshEdges, kept: NDArray[
     inward = np.flatnonzero(inward_faces(mesh, edges))
     if len(inward):
         count = len(np.unique(_face_components(mesh, edges)[inward]))
-        policy = "Such a component is turned outward."
+        policy = "Such a component is flipped outward."
         return _sentence(
             count, "closed component", "winds inward", "wind inward", f"has face {kept[inward[0]] + 1}", policy
         )
@@ -163,13 +163,13 @@ def _about_components(
     if count > 1:
         apart = kept[int((component != component[0]).argmax())] + 1
         became = (
-            'Springs hold them together; parts = "free" lets them part.'
+            'Springs hold them together; parts = "free" lets them separate.'
             if parts == "held"
-            else "They are inflated as one balloon, and free to part."
+            else "They are inflated as one balloon, and free to separate."
         )
         return (
-            f"It has {count:,} components, which share no vertex; face {apart} is the first apart from face "
-            f"{kept[0] + 1}, counting from 1. {became}"
+            f"The mesh has {count:,} components, which share no vertex; face {apart} is the first that face "
+            f"{kept[0] + 1} is not connected to, counting from 1. {became}"
         )
 
 

@@ -44,7 +44,7 @@ def require_quads(mesh: PolygonMesh, cells: int) -> None:
     if expected > MOST_QUADS:
         most = int(cells * (MOST_QUADS / expected) ** 0.5)
         raise InputError(
-            f"{mesh.name}: {cells} cells would give it {expected:,.0f} quads; expected --cells {max(most, 4)} or fewer"
+            f"{mesh.name}: {cells} cells would make {expected:,.0f} quads; expected --cells {max(most, 4)} or fewer"
         )
 
 
@@ -67,8 +67,8 @@ def require_no_ribbons(mesh: PolygonMesh) -> None:
     parts = len(np.unique(of_faces))
     helps = "--parts closed" if parts > len(open_parts) else "a surface with an inside, or a few sheets"
     raise InputError(
-        f"{mesh.name}: {len(open_parts):,} of its {parts:,} parts are open, as hair is, and have nothing inside that "
-        f"quads could go around; expected {helps}"
+        f"{mesh.name}: {len(open_parts):,} of its {parts:,} parts are open, like hair, and enclose nothing; expected "
+        f"{helps}"
     )
 
 
@@ -108,4 +108,4 @@ def wrong_volume(mesh: PolygonMesh, quads: PolygonMesh) -> str | None:
     made = signed_volume(quads)
     if (1.0 - OFF) * volumes.max() <= made <= (1.0 + OFF) * volumes.sum():
         return None
-    return f"its volume becomes {made:.3g} of {volumes.sum():.3g}"
+    return f"its volume changes from {volumes.sum():.3g} to {made:.3g}"

@@ -44,8 +44,8 @@ def infidelity(surface: PolygonMesh, result: PolygonMesh, cell: float) -> str | 
     if place := _lost(points[far], result, cell):
         return f"the surface near {place} is lost"
     if place := _piece(points[~far], parts[~far], result, labels[which[~far]], labels, NEAR * cell):
-        return f"one part comes to pieces near {place}"
-    return f"{made:,} parts come of {len(sizes):,}" if made > len(sizes) else None
+        return f"one part breaks into pieces near {place}"
+    return f"it has {made:,} parts instead of {len(sizes):,}" if made > len(sizes) else None
 
 
 def _samples(surface: PolygonMesh) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

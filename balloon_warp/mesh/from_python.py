@@ -77,15 +77,15 @@ def _corners(given: Any) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     try:
         faces = [np.asarray(face) for face in given]
     except TypeError:
-        raise InputError(f"faces: must be lists of points' numbers (got {type(given).__name__})") from None
+        raise InputError(f"faces: must be lists of point numbers (got {type(given).__name__})") from None
     for number, face in enumerate(faces):
         if face.ndim != 1 or not np.issubdtype(face.dtype, np.integer):
             found = str(face.tolist())[:60]
-            raise InputError(f"faces: face {number} must be points' numbers, counted from 0 (got {found})")
+            raise InputError(f"faces: face {number} must be point numbers, counted from 0 (got {found})")
     counts = np.array([len(face) for face in faces], dtype=np.int32)
     indices = np.concatenate([np.zeros(0, dtype=np.int64), *faces])
     if len(indices) and not np.array_equal(indices, indices.astype(np.int32)):
-        raise InputError(f"faces: points' numbers must fit in 32 bits (got {indices.max()})")
+        raise InputError(f"faces: point numbers must fit in 32 bits (got {indices.max()})")
     return counts, indices.astype(np.int32)
 
 

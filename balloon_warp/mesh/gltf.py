@@ -40,7 +40,7 @@ def read_gltf(path: Path | str) -> PolygonMesh:
     required = tree.get("extensionsRequired", [])
     if unknown := [name for name in _texts(required) if not _is_decoded(name)]:
         helps = "; pip install DracoPy, or export without compression" if unknown == [COMPRESSED] else ""
-        raise InputError(f"{path}: requires the extension {', '.join(unknown)}, which is not decoded here{helps}")
+        raise InputError(f"{path}: requires the extension {', '.join(unknown)}, which is not supported{helps}")
     try:
         _scale_normalized(tree)
     except (LookupError, TypeError, AttributeError):  # again

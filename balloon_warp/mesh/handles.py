@@ -45,7 +45,7 @@ def handles_said(lost: int, handles: int) -> str:
     """Return the change of the number of handles, as the end of a sentence."""
     if lost > 0:
         return f"{lost:,} of its {handles:,} handles, or holes through it, {'is' if lost == 1 else 'are'} lost"
-    return f"it gets {-lost:,} {'handle' if lost == -1 else 'handles'} more than its {handles:,}"
+    return f"it gains {-lost:,} {'handle' if lost == -1 else 'handles'} over its {handles:,}"
 
 
 def handles_of_level(distance: MeshDistance, reach: NDArray[np.float64]) -> int | None:

@@ -242,10 +242,9 @@ def _closed(mesh: PolygonMesh, lids: list[Lid]) -> PolygonMesh:
     largest = max(lids, key=lambda lid: len(lid.loop))
     which = "it has" if one else "the largest has"
     sentence = (
-        f"{len(lids):,} {'hole' if one else 'holes'} in the surface {'is' if one else 'are'} closed by faces after the "
-        f"file's; {which} {len(largest.loop)} edges, one at vertex {largest.loop.min() + 1}, counting from 1. "
-        'holes = "keep" leaves '
-        f"{'it' if one else 'them'} open."
+        f"{len(lids):,} {'hole' if one else 'holes'} in the surface {'is' if one else 'are'} closed by faces numbered "
+        f"after the file's; {which} {len(largest.loop)} edges, one at vertex {largest.loop.min() + 1}, counting from "
+        f'1. holes = "keep" leaves {"it" if one else "them"} open.'
     )
     return replace(
         mesh,

@@ -32,7 +32,7 @@ def load_mesh(source: Path | str | MeshLike, prim: str | Sequence[str] | None = 
     """
     if not isinstance(source, str | Path):
         if prim is not None:
-            raise InputError(f"prim {prim}: names a part of a USD stage; expected a file of one beside it")
+            raise InputError(f"prim {prim}: selects a part of a USD stage; expected a USD file")
         mesh = mesh_from(source)
         check_mesh(mesh, mesh.name)
         return mesh
@@ -56,5 +56,7 @@ def _read(path: Path, prim: str | Sequence[str] | None) -> PolygonMesh:
     if suffix in usd.LOADERS:
         return usd.read_usd(path, prim)
     if prim is not None:
-        raise InputError(f"{path}: prim {prim} names a part of a USD stage, and this is none ({' '.join(usd.LOADERS)})")
+        raise InputError(
+            f"{path}: prim {prim} selects a part of a USD stage; expected a USD file ({' '.join(usd.LOADERS)})"
+        )
     return LOADERS[suffix](path)

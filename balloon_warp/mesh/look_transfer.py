@@ -39,7 +39,7 @@ def dressed(mesh: PolygonMesh, surface: PolygonMesh) -> PolygonMesh:
         places = _places(painted, places, mesh, middles, triangles, weights)
     if places is None and looks is not None and looks.pictures:
         looks = _without_pictures(looks)
-        warnings = (*warnings, "Its texture is in pieces smaller than the quads: they have its mean color instead.")
+        warnings = (*warnings, "The texture's pieces are smaller than the quads, which have its mean color instead.")
     return replace(mesh, looks=looks, texture_coordinates=places, warnings=warnings)
 
 

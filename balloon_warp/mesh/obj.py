@@ -69,9 +69,9 @@ def read_obj(path: Path | str) -> PolygonMesh:
         except _LineError as problem:
             raise InputError(f"{path}, line {number}: {problem} (got {_quote(line)})") from None
     if not vertex_lines:
-        raise InputError(f"{path}: has no vertices, that is, no line that begins with v")
+        raise InputError(f"{path}: has no vertices (no line begins with v)")
     if not face_lines:
-        raise InputError(f"{path}: has no faces, that is, no line that begins with f")
+        raise InputError(f"{path}: has no faces (no line begins with f)")
 
     counts, indices = np.frombuffer(sizes, dtype=np.int32), np.frombuffer(corners, dtype=np.int32)
     mesh = PolygonMesh(
@@ -191,7 +191,7 @@ def _content(path: Path) -> bytes:
         if path.exists() and not path.is_file():  # reading a pipe would wait forever
             raise InputError(f"{path}: is not a regular file")
         if path.exists() and path.stat().st_size > LARGEST_FILE:
-            raise InputError(f"{path}: is {path.stat().st_size:,} bytes large; expected at most {LARGEST_FILE:,}")
+            raise InputError(f"{path}: has {path.stat().st_size:,} bytes; expected at most {LARGEST_FILE:,}")
         content = path.read_bytes()
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from error

@@ -27,7 +27,10 @@ def check_materials(path: Path) -> None:
     if library.exists():
         with library.open("rb") as file:
             if not file.readline().startswith(OURS.encode()):
-                raise InputError(f"{library}: is another program's, and {path.name} has looks; expected another name")
+                raise InputError(
+                    f"{library}: another program wrote it, and the materials of {path.name} go there; expected another "
+                    "name"
+                )
 
 
 def write_materials(path: Path, looks: Looks) -> list[str]:

@@ -55,13 +55,13 @@ def remesh(mesh: PolygonMesh, cells: int, on_stage: Callable[[str], None] = lamb
         raise InputError(f"cells must be from {MIN_CELLS} to {MAX_CELLS} (got {cells})")
     quiet_warp()
     if Level.width(mesh, cells) == 0.0:
-        raise InputError(f"{mesh.name}: all its vertices are at one place, expected a surface")
-    on_stage("looking at the surface")
+        raise InputError(f"{mesh.name}: all vertices coincide; expected a surface")
+    on_stage("analyzing the surface")
     require_quads(mesh, cells)
     require_no_ribbons(mesh)
     made = _keeping_handles(mesh, _faithful(mesh, cells, on_stage), on_stage)
-    more = [f"With {cells} cells {made.wrong}: {made.cells} were taken."] if made.cells > cells else []
-    on_stage("giving them the looks of the surface")
+    more = [f"With {cells} cells {made.wrong}: {made.cells} were used."] if made.cells > cells else []
+    on_stage("transferring colors and textures")
     return dressed(replace(made.quads, warnings=(*mesh.warnings, *more, *made.warnings)), mesh)
 
 
@@ -90,7 +90,7 @@ def _faithful(mesh: PolygonMesh, cells: int, on_stage: Callable[[str], None]) ->
     number, mistake, wrong = cells, None, None
     for number in dict.fromkeys([cells, *(more for more in finer if quads_expected(mesh, more) < MOST_BY_ITSELF)]):
         made = replace(_quads(mesh, number, on_stage), wrong=wrong)
-        on_stage("comparing them with the surface")
+        on_stage("comparing the quads with the surface")
         mistake = made.mistake(mesh)
         if mistake is None:
             return made
@@ -110,7 +110,7 @@ def _keeping_handles(mesh: PolygonMesh, made: _Made, on_stage: Callable[[str], N
     lost = handles_lost(mesh, made.quads)
     if not lost:
         return made
-    on_stage("looking for how many cells keep its handles")
+    on_stage("searching the number of cells that keeps the handles")
     what, needed = handles_said(lost, handle_count(mesh)), _cells_for_handles(mesh, made.cells)
     if needed and quads_expected(mesh, needed) < MOST_BY_ITSELF:
         finer = replace(_quads(mesh, needed, on_stage), wrong=made.wrong or what)
@@ -120,7 +120,7 @@ def _keeping_handles(mesh: PolygonMesh, made: _Made, on_stage: Callable[[str], N
         raise InputError(
             f"{mesh.name}: with {made.cells} cells {what}; expected --cells {needed}, or a surface without that"
         )
-    why = "no number of cells keeps that" if lost > 0 else "where parts come near each other"
+    why = "no number of cells keeps the handles" if lost > 0 else "parts come too near each other"
     return replace(made, warnings=[*made.warnings, f"With {made.cells} cells {what}: {why}."])
 
 
@@ -139,22 +139,22 @@ def _cells_for_handles(mesh: PolygonMesh, cells: int) -> int | None:
 
 def _quads(mesh: PolygonMesh, cells: int, on_stage: Callable[[str], None]) -> _Made:
     """Make a closed quad mesh of a surface, with so many cells, and what to say about it."""
-    on_stage("looking for thin parts")
+    on_stage("finding thin parts")
     level = Level.of(mesh, cells)
-    on_stage(f"making quads of {cells} cells")
+    on_stage(f"building quads on a grid of {cells} cells")
     nets = surface_nets(level.distance, -level.reach, level.reach, cell=1.0)
     if nets.face_count == 0:
         raise InputError(
-            f"{mesh.name}: nothing of it is as thick as a cell ({level.cell:.3g}), expected more than {cells} cells"
+            f"{mesh.name}: no part is as thick as a cell ({level.cell:.3g}); expected more than {cells} cells"
         )
     kept, warnings = _without_crumbs(nets)
-    on_stage("fitting them to the surface")
+    on_stage("fitting the quads to the surface")
     used = mesh.points[np.unique(mesh.face_vertex_indices)]
     kept = fitted(kept, level.distance, (used - level.middle) / level.cell)
     if level.distance.has_thin_parts and slabs_left(kept, level.distance):
         warnings.append(
-            f"Open parts became 1.5 cells thick ({1.5 * level.cell:.3g}), and thin ones where there is no room; more "
-            "cells make them thinner."
+            f"Open parts became 1.5 cells thick ({1.5 * level.cell:.3g}), as did thin parts without room; more cells "
+            "make them thinner."
         )
     placed = replace(
         mesh,
@@ -179,10 +179,10 @@ def _without_crumbs(mesh: PolygonMesh) -> tuple[PolygonMesh, list[str]]:
     sizes = (highest - lowest).max(axis=1)  # minus infinity where no component has that number
     worth = sizes >= min(CRUMB, sizes.max())
     parts, crumbs = np.count_nonzero(worth), np.count_nonzero(~worth & (sizes >= 0.0))
-    warnings = [f"It has {parts} separate parts."] if parts > 1 else []
+    warnings = [f"The mesh has {parts} separate parts."] if parts > 1 else []
     if crumbs:
         what = "1 crumb" if crumbs == 1 else f"{crumbs} crumbs"
-        warnings.append(f"Left out {what} of less than {CRUMB:g} cells.")
+        warnings.append(f"Left out {what} smaller than {CRUMB:g} cells.")
     return _vertices_kept(mesh, worth[labels]), warnings
 
 

@@ -81,7 +81,7 @@ class Seam:
 
     def __str__(self) -> str:
         return (
-            f"{self.edges:,} open edges lie up to {self.gap:.2g} from others, as of a seam; --weld {self.weld} joins "
+            f"{self.edges:,} open edges lie within {self.gap:.2g} of others, like a seam; --weld {self.weld} joins "
             "them."
         )
 
@@ -141,8 +141,10 @@ def _joined(mesh: PolygonMesh, stand_ins: NDArray[np.int64], which: str, more: s
     how += "another" if one else "others"
     found = f"{len(left):,} {'vertex' if one else 'vertices'} {which.format(how=how)}"
     became = (
-        "has been welded to it: it keeps its number" if one else "have been welded to them: they keep their numbers"
+        "has been welded to it: it keeps its number and moves with it"
+        if one
+        else "have been welded to them: they keep their numbers and move with them"
     )
-    sentence = f"{found} {became} and move{'s' if one else ''} along{more}."
+    sentence = f"{found} {became}{more}."
     before = stand_ins if mesh.stand_ins is None else stand_ins[mesh.stand_ins]
     return replace(mesh, face_vertex_indices=indices, stand_ins=before, warnings=(*mesh.warnings, sentence))

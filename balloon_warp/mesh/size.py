@@ -24,7 +24,7 @@ def require_size(mesh: PolygonMesh, source: object) -> None:
     size = float(np.ptp(mesh.points[mesh.face_vertex_indices], axis=0).max())
     if not LEAST_SIZE <= size <= LARGEST_SIZE:
         expected = f"expected {LEAST_SIZE:g} to {LARGEST_SIZE:g} m; balloon.scale changes it"
-        raise InputError(f"{source}: is {size:g} m large; {expected}")
+        raise InputError(f"{source}: is {size:g} m across; {expected}")
     require_reach(mesh, source, box_corners(mesh))
 
 
@@ -48,6 +48,6 @@ def require_reach(mesh: PolygonMesh, source: object, corners: NDArray[np.float64
     reach = float(np.abs(corners).max())
     if size < LEAST_SIZE_OVER_DISTANCE * reach:
         raise InputError(
-            f"{source}: is {size:g} m large and {reach:g} m from the origin, too far for 32-bit numbers; "
+            f"{source}: is {size:g} m across and {reach:g} m from the origin, too far for 32-bit floats; "
             "balloon.position moves it closer"
         )

@@ -52,7 +52,7 @@ class StageMotion:
         columns = np.swapaxes(np.array(moved).reshape(-1, 4, 4), 1, 2)
         turned = columns[:, :3, :3]
         if np.abs(turned @ np.swapaxes(turned, 1, 2) - np.eye(3)).max(initial=0.0) > MOST_SCALED:
-            raise InputError(f"{self.path}: {prim.GetPath()} changes its size as it moves; expected a rigid obstacle")
+            raise InputError(f"{self.path}: {prim.GetPath()} changes its size while moving; expected a rigid obstacle")
         return np.asarray(columns, dtype=np.float64)
 
 
@@ -137,6 +137,4 @@ def _rigid(path: Path, prim: Usd.Prim, code: Usd.TimeCode) -> NDArray[np.float64
             matrix = np.eye(4)
             matrix[:3, :3], matrix[3, :3] = turn, centers[1] - centers[0] @ turn
             return matrix
-    raise InputError(
-        f"{path}: {prim.GetPath()} bends, as its points, skin or blend shapes move it; expected a rigid obstacle"
-    )
+    raise InputError(f"{path}: {prim.GetPath()} deforms by its points, skin or blend shapes; expected a rigid obstacle")

@@ -43,12 +43,12 @@ def open_stage(path: Path | str) -> Usd.Stage:
         InputError: it is none.
     """
     if legible(str(path)) != str(path):
-        raise InputError(f"{legible(str(path))}: its name is not UTF-8, which USD needs; expected another name")
+        raise InputError(f"{legible(str(path))}: the name is not UTF-8, which USD requires; expected another name")
     _quiet = UsdUtils.CoalescingDiagnosticDelegate()  # while it lives, USD prints nothing
     try:
         return Usd.Stage.Open(str(file_behind(Path(path))))
     except Tf.ErrorException as error:
-        raise InputError(f"{path}: is not a USD stage that can be read") from error
+        raise InputError(f"{path}: cannot be read as a USD stage") from error
 
 
 class Chosen(NamedTuple):
@@ -80,8 +80,8 @@ def choose_prims(stage: Usd.Stage, path: Path | str, prim: str | Sequence[str] |
     shown = [each for each in meshes if not hidden[str(each.GetPath())]]
     left_out = _listed([f"{name} ({why})" for name, why in hidden.items() if why])
     if not shown:
-        raise InputError(f'{path}: shows no mesh: {left_out}; prim = "{meshes[0].GetPath()}" takes it all the same')
-    return Chosen(shown, (f"Left out of the stage: {left_out}; prim names what to take instead.",) if left_out else ())
+        raise InputError(f'{path}: has no visible mesh: {left_out}; prim = "{meshes[0].GetPath()}" selects it anyway')
+    return Chosen(shown, (f"Left out of the stage: {left_out}; prim selects other meshes.",) if left_out else ())
 
 
 def _meshes_below(meshes: list[Usd.Prim], path: Path | str, name: str) -> list[Usd.Prim]:

@@ -47,13 +47,13 @@ def shape_body(number: int, body: Body, scene: Scene) -> BodyShape:
     else:
         if not solid.closed and not body.thickness:
             raise InputError(
-                f"body.{number}.thickness: is missing, and {solid.mesh.name} is not closed; expected half of what the "
-                "sheet is thick, or a closed mesh"
+                f"body.{number}.thickness: is missing, and {solid.mesh.name} is not closed; expected half the sheet's "
+                "thickness, or a closed mesh"
             )
         corners = solid.mesh.points[solid.triangles]
         volume, center, second = _moments_of_solid(corners) if solid.closed else _moments_of_sheet(corners)
         if volume <= 0.0:
-            raise InputError(f"body.{number}.mesh: {solid.mesh.name} encloses nothing; expected a mesh with an inside")
+            raise InputError(f"body.{number}.mesh: {solid.mesh.name} encloses no volume; expected a solid mesh")
         if not solid.closed:
             volume *= 2.0 * solid.thickness
         mesh = replace(solid.mesh, points=solid.mesh.points - center)

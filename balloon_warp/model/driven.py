@@ -55,6 +55,6 @@ def _driven_by(
         particles = np.unique([shape.mesh.stand_in(particle) for particle in named]).astype(np.int64)
     particles = particles[shape.mass_share[particles] > 0.0]
     if not len(particles):
-        raise InputError(f"{field}: all of them are fixed in {shape.name}; expected some that move")
+        raise InputError(f"{field}: all its particles are fixed in {shape.name}; expected some that move")
     shares = shape.mass_share[particles]
     return particles, shares / shares.sum()

@@ -35,18 +35,18 @@ def require_sealed(shape: BalloonShape) -> None:
         low, high = edges.ends[border_edges(edges)[0]] + 1
         helps = f"{weld}, which closes it," if (weld := _closing_weld(shape.mesh)) else "a closed mesh"
         raise InputError(
-            f"{shape.name}: its mesh is open, so that it cannot hold gas: the first open edge goes from vertex {low} "
-            f"to {high}, counting from 1; expected {helps} or another inflation.kind"
+            f"{shape.name}: an open mesh cannot hold gas; the first open edge goes from vertex {low} to {high}, "
+            f"counting from 1; expected {helps} or another inflation.kind"
         )
     if len(inconsistent_edges(edges)):
         low, high = edges.ends[inconsistent_edges(edges)[0]] + 1
         raise InputError(
-            f"{shape.name}: its faces have no common outer side, so that it cannot hold gas: the first edge where they "
-            f"part goes from vertex {low} to {high}, counting from 1"
+            f"{shape.name}: a surface that is not orientable cannot hold gas; the first edge of opposite winding goes "
+            f"from vertex {low} to {high}, counting from 1"
         )
     size = float(np.ptp(shape.mesh.points[shape.mesh.face_vertex_indices], axis=0).max())
     if signed_volume(shape.mesh) < LEAST_ROUNDNESS * size**3:
-        raise InputError(f"{shape.name}: encloses no volume at the start, so that it cannot hold gas")
+        raise InputError(f"{shape.name}: encloses no volume at the start and cannot hold gas")
 
 
 def _closing_weld(mesh: PolygonMesh) -> str | None:
@@ -79,7 +79,8 @@ def require_openings(scene: Scene, shapes: Sequence[BalloonShape], parameters: P
             )
         if (diameter > 0.0 or leak > 0.0) and float(parameters["molar_mass"][:, number].min()) <= 0.0:
             raise InputError(
-                f"balloon.{number}.inflation.molar_mass: must be above 0 where gas leaves, by its density (got 0)"
+                f"balloon.{number}.inflation.molar_mass: must be above 0 where gas leaves, since the flow depends on "
+                "its density (got 0)"
             )
 
 

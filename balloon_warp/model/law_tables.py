@@ -46,8 +46,8 @@ def _by_law(rows: Iterable[Parameter]) -> Rows:
 def _filled(path: str, tables: Tables, rows: Rows) -> Tables:
     for law, values in tables.items():
         if law not in rows:
-            known = f"known here are {', '.join(rows)}" if rows else "no law was given that has any here"
-            raise InputError(f"{path}.{law}: there are no parameters of such a law; {known}")
+            known = f"known here are {', '.join(rows)}" if rows else "no given law has parameters here"
+            raise InputError(f"{path}.{law}: unknown law; {known}")
         for field, value in values.items():
             if field not in rows[law]:
                 raise InputError(f"{path}.{law}.{field}: unknown field; known here are {', '.join(rows[law])}")

@@ -39,9 +39,9 @@ class LimitPoint:
         again = self.held_again
         beyond = f"at once, to a stretch of {again:.3g}" if again else "without end"
         return (
-            f"its pressure of {self.given:.4g} Pa is more than the {self.most:.4g} Pa that {self.material} of its area "
-            f"bears at a stretch of {self.stretch:.3g}, its limit point, beyond which it swells {beyond}: a gas "
-            '(inflation.kind = "gas"), whose pressure falls as it swells, or less pressure helps'
+            f"its pressure of {self.given:.4g} Pa exceeds the {self.most:.4g} Pa that {self.material} of its area "
+            f"bears at the limit point, a stretch of {self.stretch:.3g}; beyond, it swells {beyond}: less pressure "
+            'helps, or a gas (inflation.kind = "gas"), whose pressure falls as it swells'
         )
 
 

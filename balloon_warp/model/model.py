@@ -166,7 +166,7 @@ class Model:
             InputError: there is none.
         """
         if not isinstance(world, int | np.integer) or not 0 <= world < self.world_count:
-            raise InputError(f"world: there is no world {world}; expected 0 to {self.world_count - 1}")
+            raise InputError(f"world: no world {world}; expected 0 to {self.world_count - 1}")
 
     def with_own_parameters(self) -> Self:
         """Return the model with a copy of its parameters, which may be written though others use this model."""
@@ -289,7 +289,7 @@ def fitting(model: Model, name: str, values: ArrayLike) -> NDArray[np.float32]:
         InputError: there is no such parameter, or its values have another shape or are not finite.
     """
     if name not in model.parameters:
-        raise InputError(f"{name}: there is no such parameter; known are {', '.join(sorted(model.parameters))}")
+        raise InputError(f"{name}: no such parameter; known are {', '.join(sorted(model.parameters))}")
     shape = model.parameters[name].numpy().shape
     try:
         rows = np.broadcast_to(np.asarray(values, dtype=np.float32), shape)

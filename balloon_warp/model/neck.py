@@ -38,13 +38,13 @@ def neck_of(at: int | str, mesh: PolygonMesh, mass_share: NDArray[np.float64], u
     closing = _faces_at(at, mesh, up)
     corners = np.flatnonzero(closing[faces])
     if not len(corners):
-        raise InputError(f"neck.at: {mesh.name} has no face at {at}; expected a vertex of one, or a group of faces")
+        raise InputError(f"neck.at: {mesh.name} has no face at {at}; expected a vertex of a face, or a group of faces")
     begins = mesh.face_vertex_indices.astype(np.int64)
     edges = np.stack([begins, begins[next_corners(mesh)]], axis=1)[corners]
     keys, opposite = (edges @ [mesh.vertex_count, 1], edges @ [1, mesh.vertex_count])
     around = edges[~np.isin(keys, opposite)]
     if not len(around):
-        raise InputError(f"neck.at: {at} is all of {mesh.name}; expected a part of it")
+        raise InputError(f"neck.at: {at} covers all of {mesh.name}; expected a part")
     weights = np.zeros(mesh.vertex_count)
     particles = np.unique(begins[corners])
     weights[particles] = mass_share[particles]

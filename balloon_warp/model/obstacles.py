@@ -85,7 +85,7 @@ def shape_obstacle(number: int, obstacle: Obstacle | Body, scene: Scene) -> Obst
         used = mesh.points[np.unique(mesh.face_vertex_indices)]
         reach = float(np.linalg.norm(used, axis=1).max())
         if np.ptp(used, axis=0).max() == 0.0:
-            raise InputError(f"{source}: all its vertices stand at one place; expected a mesh with some size")
+            raise InputError(f"{source}: all vertices coincide; expected a mesh with an extent")
     thickness = obstacle.thickness
     if thickness is None:
         thickness = 0.0 if closed else SHEET * reach

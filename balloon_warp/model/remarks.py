@@ -61,16 +61,15 @@ def remark_sentences(remarks: Sequence[Remark]) -> list[str]:
 
 
 def _others(count: int) -> str:
-    return "1 world more" if count == 1 else f"{count:,} worlds more"
+    return "1 more world" if count == 1 else f"{count:,} more worlds"
 
 
 def _unsettled(model: Model, frame: int, world: int, change: float) -> str:
     said = model.scene.solver_iterations
     helps = "more substeps or softer springs help" if said == "auto" else 'solver_iterations = "auto" helps'
     return (
-        f'solver "projective": in frame {frame} of world {world} its iterations did not converge: the last one still '
-        f"changed the springs' displacements by {change:.1%}, so that balloons are stiffer or smaller than they should "
-        f"be; {helps}"
+        f'solver "projective": the iterations did not converge in frame {frame} of world {world}: the last one changed '
+        f"the springs' displacements by {change:.1%}, so balloons are too stiff or too small; {helps}"
     )
 
 
@@ -80,7 +79,7 @@ def _overstretched(model: Model, frame: int, world: int, row: int) -> str:
     limit, most = (float(values[row % len(values), number]) for values in parameters.values())
     lock = (0.5 * (limit + 3.0)) ** 0.5
     return (
-        f"material.most_stretch: in frame {frame} of world {world} rubber was stretched by more than {most:.3g} both "
-        f'ways; beyond, the tension of "gent" is extrapolated, since its law locks at {lock:.3g}; '
-        f"less gas or pressure, a larger gent_limit or a larger most_stretch helps"
+        f"material.most_stretch: rubber exceeded a biaxial stretch of {most:.3g} in frame {frame} of world {world}; "
+        f'beyond, the tension of "gent", which locks at {lock:.3g}, is extrapolated; less gas or pressure, a larger '
+        "gent_limit or a larger most_stretch helps"
     )

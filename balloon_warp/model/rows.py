@@ -17,7 +17,7 @@ KEYFRAME_VALUES = Parameter(
     "keyframe_values",
     "N, Pa or mol/s",
     path="inflation.k_normal, inflation.pressure or inflation.pump",
-    meaning="what is keyframed, by the kind of inflation, at each keyframe",
+    meaning="keyframed value by the kind of inflation, at each keyframe",
 )
 VELOCITY = "obstacle_velocity"
 """Parameter that only controls have: velocities of obstacles beside their motion [m/s]"""
@@ -30,7 +30,7 @@ ROWS: tuple[Parameter, ...] = (
     Parameter("initial_density", "kg/m^3", 940.0, least=TINY, path="material.density"),
     *SOFTENING,
     *TEARING,
-    Parameter("initial_pressures", "Pa", path="inflation.start_pressure", meaning="of a gas, above the air's"),
+    Parameter("initial_pressures", "Pa", path="inflation.start_pressure", meaning="gauge pressure of a gas"),
     Parameter("initial_sphere_positions", "m", of="sphere", path="position", size=3),
     Parameter("initial_sphere_velocities", "m/s", of="sphere", path="velocity", size=3),
     Parameter("initial_sphere_spins", "rad/s", of="sphere", path="angular_velocity", size=3),

@@ -134,7 +134,7 @@ def _require_there(scene: Scene, path: str, name: str, index: Sequence[Any], fra
         InputError: it is not.
     """
     if name in LASTING and not is_there(scene, getattr(scene, LASTING[name])[index[0]], frame):
-        raise InputError(f"{path}: {LASTING[name]} {index[0]} is not there in frame {frame}")
+        raise InputError(f"{path}: {LASTING[name]} {index[0]} does not exist in frame {frame}")
 
 
 def _said_at(said: Parameters, path: str, name: str, index: Sequence[Any]) -> float:
@@ -145,7 +145,7 @@ def _said_at(said: Parameters, path: str, name: str, index: Sequence[Any]) -> fl
     """
     values = np.unique(said[name][(0, *index)])
     if len(values) > 1 and not np.isnan(values).any():
-        raise InputError(f"{path}: must be a number while it is simulated (got keyframes)")
+        raise InputError(f"{path}: must be a number during the simulation (got keyframes)")
     return float(values[-1])  # where NaN comes
 
 
@@ -156,7 +156,7 @@ def _number(path: str, value: Any) -> Any:
         InputError: it is.
     """
     if np.isnan(value).any():
-        raise InputError(f'{path}: must be a number while it is simulated (got "auto")')
+        raise InputError(f'{path}: must be a number during the simulation (got "auto")')
     return value
 
 

@@ -228,14 +228,14 @@ def _mesh_of(balloon: Balloon) -> tuple[PolygonMesh, object]:
         mesh, source = load_mesh(balloon.mesh, balloon.prim), balloon.mesh
     else:
         if balloon.prim is not None:
-            raise InputError(f"balloon.prim {balloon.prim}: names a part of a USD stage; expected such a file as mesh")
+            raise InputError(f"balloon.prim {balloon.prim}: selects a part of a USD stage; expected a USD file as mesh")
         mesh, source = balloon.mesh, balloon.mesh.name
         check_mesh(mesh, source, least_corners=2)
     if balloon.print is not None:
         if not balloon.print.is_file():
             raise InputError(f"{balloon.print}: no such file; expected an image to print on {mesh.name}")
         if mesh.texture_coordinates is None:
-            raise InputError(f"{source}: has no texture coordinates, which say where {balloon.print.name} is printed")
+            raise InputError(f"{source}: has no texture coordinates to print {balloon.print.name} by")
     return prepared(mesh, source, balloon.treatment), source
 
 

@@ -16,8 +16,8 @@ NOTHING_HELD = (
 CLOSES = "Close it by `balloon-warp remesh`, pin the border by `fixed`, or give a pressure:"
 HOLDS = "Pin the border by `fixed`, or give a pressure:"
 NO_INSIDE = (
-    "Not inflated: none of its faces is between an inside and an outside, as of a Moebius strip. "
-    "Give a pressure, such as --set balloon.inflation.pressure=100, and each face is pushed as it winds."
+    "Not inflated: no face lies between an inside and an outside, as on a Moebius strip. Give a pressure, such as "
+    "--set balloon.inflation.pressure=100, which pushes each face along its normal."
 )
 
 
@@ -46,11 +46,11 @@ def about_slack(mesh: PolygonMesh, slack: NDArray[np.bool_], moves: NDArray[np.b
     open_, walls = slack & has_border[pieces], slack & ~has_border[pieces]
     component = components[mesh.face_vertex_indices[face_starts(mesh)]]
     apart = not np.isin(component[open_], component[~slack]).any()
-    thick = "." if ribbons else "; `balloon-warp remesh` makes it thick."
+    thick = "." if ribbons else "; `balloon-warp remesh` thickens it."
     more = f" --parts closed leaves it out{thick}" if apart else ""
     return (
-        *_sentence(mesh, open_, "open, as a pane, and has no inside: it is carried along, and not inflated.", more),
-        *_sentence(mesh, walls, "a wall with the same pressure on both sides, which does not push it.", ""),
+        *_sentence(mesh, open_, "open, like a pane, and has no inside: it is carried along, not inflated.", more),
+        *_sentence(mesh, walls, "a wall with equal pressure on both sides, which does not push it.", ""),
     )
 
 

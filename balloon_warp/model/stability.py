@@ -193,12 +193,12 @@ def choose_substeps(scene: Scene, stable: float, auto_step: float) -> int:
         return scene.substeps  # to see how it gains energy
     if scene.solver == "forward_euler" and stable == 0.0:
         raise InputError(
-            "substeps: forward Euler without damping gains energy at every step, however small; expected a number of "
-            "substeps to watch it, or damping"
+            "substeps: forward Euler without damping gains energy at every step, however small; expected damping, or a "
+            "fixed number of substeps"
         )
     if not frame_seconds <= MOST_SUBSTEPS * auto_step:
         raise InputError(
-            f"substeps: these springs, masses and damping are stable up to a step of {stable:.2e} s, which makes more "
+            f"substeps: these springs, masses and damping are stable up to a step of {stable:.2e} s, which needs more "
             f"than {MOST_SUBSTEPS:,} in a frame; expected softer springs, more mass or more frames per second"
         )
     if scene.substeps == "auto":

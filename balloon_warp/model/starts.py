@@ -103,8 +103,9 @@ def require_same_extreme(scene: Scene, parameters: Parameters, string: int, shap
     for world, turn in enumerate(turns):
         if (used @ ((turn + np.eye(3)).T @ np.array(scene.up)) * sign).max() > slack:
             raise InputError(
-                f"balloon.{tied.balloon}.rotation: in world {world} another particle is the {tied.particle}, which "
-                f"string {string} holds; expected string.{string}.particle as a number, {held} for the scene's own"
+                f"balloon.{tied.balloon}.rotation: in world {world} string {string} would hold another particle, which "
+                f"is the {tied.particle} there; expected string.{string}.particle as a number, {held} for the scene's "
+                "own"
             )
 
 

@@ -44,31 +44,33 @@ def _require_bursting_alone(scene: Scene, parameters: Mapping[str, Values]) -> N
         balloon = scene.balloon[number]
         named = f"balloon.{number}.material.strength: a balloon that may burst"
         if balloon.stiffness.torsion:
-            raise InputError(f"{named} has no torsion springs, which hold tears together (got stiffness.torsion)")
+            raise InputError(f"{named} cannot have torsion springs, which hold tears together (got stiffness.torsion)")
         if balloon.material.springs:
             _require_struts(scene, number, parameters["yield_stretch"][:, number])
         if balloon.neck:
-            raise InputError(f"{named} has no open neck (got neck); expected one or the other")
+            raise InputError(f"{named} cannot have an open neck (got neck); expected one or the other")
         if balloon.inflation.kind == "normal_force":
             raise InputError(f'{named} needs a pressure or gas (got inflation.kind = "normal_force")')
     for number, tube in enumerate(scene.tube):
         if joined := may_burst & set(tube.balloons):
             raise InputError(f"tube.{number}: joins balloon {min(joined)}, which may burst; expected one or the other")
     if may_burst and scene.touches:
-        raise InputError("touch: balloons that may burst, material.strength, touch none; expected one or the other")
+        raise InputError(
+            "touch: balloons that may burst (material.strength) cannot touch others; expected one or the other"
+        )
     if may_burst and scene.water:
-        raise InputError("water: balloons that may burst, material.strength, do not float; expected one or the other")
+        raise InputError("water: balloons that may burst (material.strength) cannot float; expected one or the other")
 
 
 def _require_struts(scene: Scene, number: int, yield_stretches: Values) -> None:
     """Refuse springs that pull in a balloon that may tear, since they would go on across a tear."""
     if yield_stretches.max() > 1.0:
         raise InputError(
-            f"balloon.{number}.material.springs: would hold a tear together, as they pull; expected "
-            "stiffness.yield_stretch = 1, with which they only push, or none beside a strength"
+            f"balloon.{number}.material.springs: pull, and would hold a tear together; expected "
+            "stiffness.yield_stretch = 1, so that they only push, or no springs beside a strength"
         )
     if scene.correction != "none":
         raise InputError(
-            f"correction: shortens springs beside a material that tears, balloon {number}, and would hold it together "
+            f"correction: shortens springs of balloon {number}, whose material tears, and would hold a tear together "
             f'(got "{scene.correction}"); expected "none"'
         )

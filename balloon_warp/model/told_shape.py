@@ -40,9 +40,7 @@ def springs_told(path: Path, own: Springs, mesh: PolygonMesh, constants: Values,
     of_kind = constants[kind]
     if (none := (of_kind == 0.0) & (stiffness > 0.0)).any():
         name = SpringKind(int(kind[none][0])).name.lower()
-        raise InputError(
-            f"stiffness.{name}: is 0, so that {path} cannot scale it spring by spring; expected more than 0"
-        )
+        raise InputError(f"stiffness.{name}: is 0, which {path} cannot scale; expected more than 0")
     scale = np.divide(stiffness, of_kind, out=np.zeros(len(kind)), where=of_kind > 0.0)
     return Springs(pairs[order], kind[order], unit * lengths[order]), scale[order]
 

@@ -49,8 +49,8 @@ def passing_spheres(
         way = step_seconds * _highest_speed(scene, number, shapes)
         if scene.contact == "penalty" and way > radius:
             sentences.append(
-                f"sphere {number}: it may move {way:.2g} m in a substep, further than its radius of {radius:.2g} m, "
-                'and so jump over particles; more substeps or contact = "impulse" help'
+                f"sphere {number}: may move {way:.2g} m in a substep, more than its radius of {radius:.2g} m, and so "
+                'tunnel through a balloon; more substeps or contact = "impulse" help'
             )
     return sentences
 
@@ -65,10 +65,10 @@ def held_within(scene: Scene) -> float:
 
 def _fits_through(number: int, radius: float, opening: float, shape: BalloonShape) -> str:
     stretch = radius / opening
-    where = "as they are at rest" if stretch <= 1.0 else f"once they are stretched {stretch:.2g} times"
+    where = "even at rest" if stretch <= 1.0 else f"at a stretch of {stretch:.2g}"
     return (
-        f"sphere {number}: with a radius of {radius:.2g} m it fits through faces of {shape.name}, whose longest edge "
-        f"is {_longest_edge(shape.mesh):.2g} m at rest, {where}, since only particles touch it; faces = true, a larger "
+        f"sphere {number}: its radius of {radius:.2g} m fits through faces of {shape.name}, {where}, since only "
+        f"particles touch it and the longest edge is {_longest_edge(shape.mesh):.2g} m at rest; faces = true, a larger "
         "sphere or a finer mesh helps"
     )
 

@@ -39,15 +39,17 @@ def doubts_about(scene: Scene, shapes: Sequence[BalloonShape], parameters: Param
             found.append(f"{shape.name}: {size:.3g} m? --unit {balloon.unit}?")
         if scene.up_axis != "Y" and isinstance(balloon.mesh, Path) and not shape.mesh.up_known:
             found.append(
-                f"{shape.name}: its {NO_AXIS}, so that its Y is turned to the {scene.up_axis} of up_axis; "
-                f'--up {scene.up_axis} (up = "{scene.up_axis}") takes it as it is'
+                f"{shape.name}: its {NO_AXIS}, so its Y is turned to up_axis, {scene.up_axis}; --up {scene.up_axis} "
+                f'(up = "{scene.up_axis}") keeps the mesh as it is'
             )
         thickness = float(parameters["thickness"][:, number].max()) if balloon.material.is_membrane else 0.0
         if thickness > THICKEST * size:
-            wall = f"a wall {thickness:.3g} m thick, of a balloon of {size:.3g} m?"
+            wall = f"a wall {thickness:.3g} m thick, for a balloon of {size:.3g} m?"
             found.append(f"{shape.name}: {wall} material.thickness is in meters")
         if mass > max(LIGHT, HEAVIEST * AIR * np.pi / 6.0 * size**3):
-            found.append(f"{shape.name}: a mass of {mass:.3g} kg, of a balloon of {size:.3g} m? It is in kilograms")
+            found.append(
+                f"{shape.name}: a mass of {mass:.3g} kg, for a balloon of {size:.3g} m? Masses are in kilograms"
+            )
     return found
 
 

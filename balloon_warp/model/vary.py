@@ -89,9 +89,9 @@ def _refuse(
     if table in SURROUNDINGS and not getattr(scene, table):
         raise InputError(f"{path}: cannot differ between worlds, the scene has no {table}")
     if SHAPING.fullmatch(path):
-        raise InputError(f"{path}: makes another model of each world; batches and `simulate` can vary it")
+        raise InputError(f"{path}: needs a model for each world; batches and `simulate` can vary it")
     names = ", ".join(_summary(places))
-    raise InputError(f"{path}: cannot differ between worlds, but between runs of compare; what can is {names}")
+    raise InputError(f"{path}: cannot differ between worlds, only between runs of `compare`; what can: {names}")
 
 
 def require_changeable(
@@ -110,11 +110,11 @@ def require_changeable(
         named = [place for known, place in places.items() if known == path or known.startswith(f"{path}.")]
         names = {name for place in named for name, _ in place}
         if THICKNESS.name in names and not mass_follows:
-            raise InputError(f"{path}: cannot change, for the balloon's mass follows from it")
+            raise InputError(f"{path}: cannot change, since the balloon's mass follows from it")
         at_start = any(name.startswith(START) for name in names)
         if path not in METHODS and (at_start or not named):
             methods = ", ".join(METHODS)
-            raise InputError(f"{path}: cannot change; what can is {methods}, and what may differ between worlds")
+            raise InputError(f"{path}: cannot change; what can: {methods}, and what may differ between worlds")
 
 
 def _checked(

@@ -16,8 +16,8 @@ def require_profile(parameters: Parameters) -> None:
     roughness, height, shear = np.broadcast_arrays(*(parameters[name] for name in names))
     for world in np.flatnonzero((roughness > 0.0) & (shear > 0.0))[:1]:
         raise InputError(
-            f"atmosphere.roughness: says how the wind grows, as does shear (got {roughness[world]:g}, and a shear of "
-            f"{shear[world]:g}); expected one of both"
+            f"atmosphere.roughness: gives another wind profile than shear (got {roughness[world]:g}, and a shear of "
+            f"{shear[world]:g}); expected only one of them"
         )
     for world in np.flatnonzero(roughness >= height)[:1]:
         raise InputError(

@@ -20,7 +20,7 @@ def snapshot(model: Model, frame: Frame, size: tuple[int, int], samples: int) ->
         InputError: the frame is not finite, or the size cannot be drawn.
     """
     if not frame.is_finite:
-        raise InputError(f"frame {frame.number}: is not finite, so that there is nothing to draw")
+        raise InputError(f"frame {frame.number}: has positions that are not finite; expected finite ones to draw")
     # only who looks waits for USD and Pillow
     from balloon_warp.outputs.render import render_stage
     from balloon_warp.outputs.usd import StageWriter

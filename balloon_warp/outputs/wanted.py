@@ -89,7 +89,7 @@ class Wanted:
             check_export(self.points)
         for balloon in scene.balloon:
             if isinstance(balloon.mesh, Path) and is_same_file(balloon.mesh, self.output):
-                raise InputError(f"{self.output}: is the mesh of the scene; expected another name, with -o")
+                raise InputError(f"{self.output}: is the scene's mesh; expected another name, with -o")
         return self
 
     def check_names(self, stage: Usd.Stage) -> None:

@@ -16,7 +16,7 @@ BLOCK = 4096
 """Number of worlds whose rows are formatted together: more would only fill the memory"""
 WELL, BLEW_UP = "finished", "blew up"
 """Ending of a world, where nothing else is known of it"""
-EXTREMES = {"end": "at the end", "min": "the least until then", "max": "the most until then"}
+EXTREMES = {"end": "at the end", "min": "minimum over good frames", "max": "maximum over good frames"}
 """Columns of each measure, by the suffixes of their names"""
 
 

@@ -81,18 +81,18 @@ class Checkpoints:
         if not self.resume:
             if is_there:
                 self.on_note(
-                    f"{path} has part of an earlier {self._kind}, from which --resume would have gone on; it is kept "
-                    f"as {self.folder.aside.name} until this one is done"
+                    f"{path} holds an earlier {self._kind} that --resume would continue; it is kept as "
+                    f"{self.folder.aside.name} until this {self._kind} is done"
                 )
             return
         if not is_there:
-            self.on_note(f"there is no checkpoint in {path}: nothing to resume, so this begins at the start")
+            self.on_note(f"no checkpoint in {path} to resume from: starting from the beginning")
             return
         if different := list(differences(self.folder.job(), self._job)):
             more = f", and {len(different) - 1} more" if len(different) > 1 else ""
             raise InputError(
-                f"--resume: {path} is of another {self._kind}: {different[0]}{more}; expected the same inputs, "
-                "versions and device, or no --resume to start anew"
+                f"--resume: {path} belongs to another {self._kind}: {different[0]}{more}; expected the same inputs, "
+                "versions and device, or no --resume to start over"
             )
         self.folder.go_on()
         self._begun = True
@@ -112,7 +112,7 @@ class Checkpoints:
         for group, restore in enumerate(restores):
             with _reading(path := self._state(begin - 1, group), "a checkpoint"), np.load(path) as saved:
                 restore(saved)
-        self.on_note(f"goes on after frame {begin - 1}, from {self.folder.path}")
+        self.on_note(f"resuming after frame {begin - 1}, from {self.folder.path}")
 
     @property
     def due(self) -> bool:
@@ -125,8 +125,8 @@ class Checkpoints:
         if not self._begun:
             return "nothing was written"
         if (playlist := self.folder.path / PLAYLIST).exists():
-            return f"{playlist} plays what there is, and --resume goes on from it"
-        return f"{self.folder.path} has what there is, and --resume goes on from it"
+            return f"{playlist} plays the frames so far, and --resume continues from them"
+        return f"{self.folder.path} holds the frames so far, and --resume continues from them"
 
     def save_state(self, frame: int, group: int, arrays: Iterable[tuple[str, NDArray]]) -> None:
         """Save where the simulation of a group is, before the rows that lead up to it.

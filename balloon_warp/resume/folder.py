@@ -55,7 +55,7 @@ class PartialFolder:
             if path.exists() and not (path / JOB_NAME).is_file():
                 begun = path.is_dir() and all(file.name.startswith(".") for file in path.iterdir())
                 if not begun:
-                    raise InputError(f"{path}: is in the way of checkpoints; expected nothing of that name")
+                    raise InputError(f"{path}: is where checkpoints go; expected no file of that name")
 
     def clear(self, has_checkpoint: bool) -> None:
         """Clear away what a process that was killed had begun here: all of it, where it came to no checkpoint."""

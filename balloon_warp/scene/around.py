@@ -59,7 +59,7 @@ def scene_table_around(
     lowest, highest = points.min(axis=0), points.max(axis=0)
     size = float((highest - lowest).max())
     if size == 0.0:
-        raise InputError(f"{label}: all its vertices stand at one place; expected a mesh with some size")
+        raise InputError(f"{label}: all vertices coincide; expected a mesh with an extent")
     require_size(placed, label)
     kind = balloon.inflation.kind
     weight = WEIGHT if kind == "pressure" else WEIGHT_OF_OTHERS
@@ -98,13 +98,13 @@ def _as_taken(mesh: PolygonMesh, balloon: Balloon, up_axis: str) -> str:
 
     A missing unit is reported elsewhere.
     """
-    up = f"{mesh.up_axis} is up, as {'told' if balloon.up else 'its file says'}"
+    up = f"{mesh.up_axis} is up, as {'given' if balloon.up else 'its file says'}"
     if not mesh.up_known:
         up = f"The {NO_AXIS}, so {mesh.up_axis} is up; --up {'Y' if mesh.up_axis == 'Z' else 'Z'} turns it"
     if mesh.up_axis != up_axis:
-        up += f". It is turned, so that this is the scene's {up_axis}"
+        up += f". It is turned to the scene's {up_axis}"
     if balloon.unit:
-        return f". {up}. Its unit is {balloon.unit}, as told"
+        return f". {up}. Its unit is {balloon.unit}, as given"
     unit = {meters: name for name, meters in METERS.items()}.get(mesh.meters_per_unit, f"{mesh.meters_per_unit:g} m")
     return f". {up}. Its unit is {unit}, as its file says" if mesh.unit_known else f". {up}"
 
@@ -118,7 +118,7 @@ def _description(name: str, mesh: PolygonMesh, size: float, gravity: float | Non
         taken: which axis is up, and what else is known, in sentences.
     """
     if mesh.unit_known:
-        return f"{name}, {size:.3g} m large, inflates above a floor{taken}"
+        return f"{name}, {size:.3g} m across, inflates above a floor{taken}"
     if gravity is None:
         return f"{name} inflates above a floor{taken}"
     *units, last = METERS

@@ -238,12 +238,12 @@ def _read_toml(path: Path) -> dict[str, Any]:
         if path.exists() and not path.is_file():  # reading a pipe would wait forever
             raise InputError(f"{path}: is not a regular file")
         if path.exists() and path.stat().st_size > LARGEST_FILE:
-            raise InputError(f"{path}: is {path.stat().st_size:,} bytes large; expected at most {LARGEST_FILE:,}")
+            raise InputError(f"{path}: has {path.stat().st_size:,} bytes; expected at most {LARGEST_FILE:,}")
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read as a scene file: {error}") from None
     except RecursionError:
         raise InputError(f"{path}: is nested too deeply for a scene file") from None
     except tomllib.TOMLDecodeError as error:
-        hint = "; a text stands in quotes" if "Invalid value" in str(error) else ""
+        hint = "; text needs quotes" if "Invalid value" in str(error) else ""
         raise InputError(f"{path}: is not valid TOML: {error}{hint}") from None

@@ -83,7 +83,7 @@ def _put(place: Any, names: list[str], value: Any, path: str) -> None:
                 _put(item, names, value, path)
             return
         if int(name) >= len(place):
-            raise InputError(f"{path}: there is no {listed} {name}, the scene has {len(place)}, counted from 0")
+            raise InputError(f"{path}: no {listed} {name}, the scene has {len(place)}, counted from 0")
         if rest:
             _put(place[int(name)], rest, value, path)
         else:

@@ -47,11 +47,11 @@ def as_markdown() -> str:
 
 def _section(heading: str, table: Tables) -> str:
     properties = table.model_json_schema(schema_generator=PlainSchema)["properties"]
-    lines = [f"## {f'`{heading}`' if heading else 'At the top'}", "", inspect.cleandoc(plain_docstring(table)), ""]
+    lines = [f"## {f'`{heading}`' if heading else 'Top level'}", "", inspect.cleandoc(plain_docstring(table)), ""]
     lines += ["| field | meaning | takes | default |", "|---|---|---|---|"]
     for field in table.model_fields:
         default = f"`{default_of(table, field)}`".replace("``", "-")
-        default = "must be given" if table.model_fields[field].is_required() else default
+        default = "required" if table.model_fields[field].is_required() else default
         said = meaning_of(table, field).replace("|", "\\|")
         lines.append(f"| `{field}` | {said} | {taken(properties[field])} | {default} |")
     return "\n".join(lines)

@@ -98,7 +98,7 @@ def _is_copied(mesh: Path, copy: Path) -> bool:
         return False
     if copy.is_file() and copy.read_bytes() == mesh.read_bytes():
         return True
-    raise InputError(f"{copy}: is there already, and is not the scene's file of that name; expected another folder")
+    raise InputError(f"{copy}: already exists and differs from the scene's file of that name; expected another folder")
 
 
 def _named_from(mesh: Path, folder: Path) -> str:

@@ -80,9 +80,9 @@ def schedule_named(name: str, model: Model) -> type[Schedule]:
     if name == "auto":
         name = fastest_schedule(model, model.world_count)
     if name not in SCHEDULES:
-        raise InputError(f"--schedule {name}: no such schedule; there are auto, {', '.join(SCHEDULES)}")
+        raise InputError(f"--schedule {name}: no such schedule; known are auto, {', '.join(SCHEDULES)}")
     if name not in LAUNCHED and (what := only_launched(model)):
-        raise InputError(f"--schedule {name}: cannot let {what}; auto, {' and '.join(LAUNCHED)} can")
+        raise InputError(f"--schedule {name}: does not support {what}; auto, {' and '.join(LAUNCHED)} do")
     module, schedule = SCHEDULES[name]
     return getattr(import_module(f"balloon_warp.schedules.{module}"), schedule)
 
@@ -90,8 +90,8 @@ def schedule_named(name: str, model: Model) -> type[Schedule]:
 def only_launched(model: Model) -> str | None:
     """Return the feature of a model that only launched schedules have, in words, or None."""
     if model.bursts:
-        return "balloons burst"
-    return "balloons tell what presses them" if model.scene.contacts else None
+        return "balloons that burst"
+    return "contact forces (contacts = true)" if model.scene.contacts else None
 
 
 def settled_schedule(name: str, model: Model, world_count: int) -> str:

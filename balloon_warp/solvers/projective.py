@@ -58,7 +58,7 @@ class ProjectiveSolver(LaunchedSchedule):
 
     def __init__(self, model: Model, global_step: type[SparseFactor] | type[DenseInverse] | None = None):
         if beyond := _beyond(model_features(model)):
-            raise InputError(f'solver: "projective" does not simulate {beyond}; expected another solver')
+            raise InputError(f'solver: "projective" does not support {beyond}; expected another solver')
         super().__init__(model)
         matrices = StepMatrices(model)
         self._global_step = (global_step or _global_step(model))(model, matrices)

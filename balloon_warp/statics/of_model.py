@@ -65,7 +65,7 @@ def stiffness_in(model: Model, frame: Frame, world: int, balloon: int) -> Linear
         InputError: there is no such balloon.
     """
     if not isinstance(balloon, int) or not 0 <= balloon < len(frame.points):
-        raise InputError(f"balloon: there is no balloon {balloon}; expected 0 to {len(frame.points) - 1}")
+        raise InputError(f"balloon: no balloon {balloon}; expected 0 to {len(frame.points) - 1}")
     points = frame.points[balloon].astype(np.float64)
     return stiffness_operator(model, points, float(frame.pressures[balloon]), world, balloon)
 

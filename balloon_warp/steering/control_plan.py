@@ -72,7 +72,7 @@ def plan_control(model: Model, path: str, low: float | None, high: float | None,
 def _places(model: Model, rows: Sequence[Parameter], path: str) -> tuple[tuple[Place, ...], ...]:
     if steered := re.fullmatch(r"obstacle\.(\d+)\.velocity", path):
         if (number := int(steered[1])) >= len(model.obstacles):
-            raise InputError(f"{path}: there is no obstacle {number}, the scene has {len(model.obstacles)}")
+            raise InputError(f"{path}: no obstacle {number}; the scene has {len(model.obstacles)}")
         return tuple(((VELOCITY, (number, axis)),) for axis in range(3))
     require_changeable(model.scene, rows, [path])
     places = places_of(model.scene, rows)
@@ -81,7 +81,7 @@ def _places(model: Model, rows: Sequence[Parameter], path: str) -> tuple[tuple[P
     axes = [f"{path}.{axis}" for axis in range(3)]
     if not all(axis in places for axis in axes):
         below = sorted(known for known in places if known.startswith(f"{path}."))
-        raise InputError(f"{path}: must lead to a number or a vector; known are {', '.join(below[:6])}")
+        raise InputError(f"{path}: must be the path of a number or a vector; known are {', '.join(below[:6])}")
     return tuple(tuple(places[axis]) for axis in axes)
 
 
@@ -113,7 +113,9 @@ def _require_alone(model: Model, plan: ControlPlan) -> None:
         raise
     if follows:
         others = ", ".join(sorted(follows))
-        raise InputError(f"{plan.path}: cannot be written on the device, for {others} follow from it; `set` changes it")
+        raise InputError(
+            f"{plan.path}: cannot be written on the device, since {others} follow from it; `set` changes it"
+        )
 
 
 def current_value(model: Model, plan: ControlPlan) -> NDArray[np.float64]:
@@ -178,7 +180,7 @@ def _substeps(model: Model, plans: Sequence[ControlPlan]) -> int:
     corners = list(product(*((plan.low, plan.high) for plan in asked)))
     if len(corners) > MOST_CORNERS:
         paths = ", ".join(plan.path for plan in asked)
-        raise InputError(f"controls: the step depends on too many of them at once: {paths}")
+        raise InputError(f"controls: too many of them affect the step at once: {paths}")
     found = [model.substeps]
     for corner in corners if asked else ():
         shapes = {plan.path: current_value(model, plan).shape for plan in asked}

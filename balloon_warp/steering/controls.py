@@ -91,7 +91,7 @@ class Controls(Shown):
             InputError: there is no such path, its value cannot be written on the device, or the bounds are wrong.
         """
         if path in self._values:
-            raise InputError(f"{path}: is open already")
+            raise InputError(f"{path}: is already open")
         return self._open(plan_control(self._simulator.model, path, low, high, beyond))
 
     def open_planned(self, path: str, first: NDArray[np.float64], low: float, high: float) -> None:
@@ -111,9 +111,9 @@ class Controls(Shown):
         model, path = self._simulator.model, plan.path
         moved = {VELOCITY, "obstacle_position"}
         if moved <= plan.names.union(*(each.names for each in self._plans)):
-            raise InputError(f"{path}: obstacles are moved either by their positions or by their velocities")
+            raise InputError(f"{path}: controls move an obstacle either by position or by velocity")
         if taken := next((each for each in self._plans if _meet(each, plan)), None):
-            raise InputError(f"{path}: is written by the control {taken.path} already")
+            raise InputError(f"{path}: is already written by the control {taken.path}")
         controlled = with_reach(model, [*self._plans, plan])
         self._plans.append(plan)
         self._values[path] = wp.array(current_value(model, plan), dtype=wp.float32, device=model.device)

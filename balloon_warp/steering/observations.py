@@ -138,7 +138,7 @@ class Observations(Shown):
         elif name == "obstacle_positions":
             self._values[name] = wp.zeros((shape[0], len(model.obstacles)), dtype=wp.vec3, device=model.device)
         elif name in ("contact_forces", OF_PARTICLES) and not model.scene.contacts:
-            raise InputError(f"{name}: the scene does not ask for them; expected contacts = true")
+            raise InputError(f"{name}: needs contacts = true in the scene")
         elif name == OF_PARTICLES:
             self._values[name] = wp.zeros(state.points.shape, dtype=wp.vec3, device=model.device)
         elif name in OF_STATE:

@@ -51,7 +51,7 @@ class Cluster:
 
     def __post_init__(self) -> None:
         if sum(choice is not None for choice in (self.address, self.gpus, self.workers)) != 1:
-            raise InputError("--cluster, --gpus, --workers: expected one of them")
+            raise InputError("--cluster, --gpus, --workers: expected only one of them")
         if self.address is not None and not re.fullmatch(r"(tcp|tls)://[^/]+:\d+", self.address):
             raise InputError(f"--cluster {self.address}: expected an address such as {EXAMPLE}")
         for option, count in (("--gpus", self.gpus), ("--workers", self.workers)):
@@ -74,9 +74,7 @@ class Cluster:
         if self.address is not None:
             return asked
         if asked:
-            raise InputError(
-                f"--device {asked}: goes with --cluster, not with --gpus or --workers, which say it already"
-            )
+            raise InputError(f"--device {asked}: needs --cluster; --gpus and --workers choose the device themselves")
         return "cuda:0" if self.gpus else "cpu"
 
 
@@ -104,7 +102,7 @@ def connect(cluster: Cluster) -> Iterator["Client"]:
             except RuntimeError:
                 raise InputError(
                     f"{cluster.option}: the workers do not start; a script that starts them needs its main part under "
-                    '`if __name__ == "__main__":`, for each worker imports it'
+                    '`if __name__ == "__main__":`, since each worker imports it'
                 ) from None
             yield stack.enter_context(Client(workers, set_as_default=False))
             return
@@ -113,7 +111,7 @@ def connect(cluster: Cluster) -> Iterator["Client"]:
             client = stack.enter_context(Client(cluster.address, timeout=CONNECT_SECONDS, set_as_default=False))
         except OSError:
             raise InputError(
-                f"{cluster.option}: no scheduler answers there within {CONNECT_SECONDS:g} s; expected one that runs"
+                f"{cluster.option}: no scheduler answered within {CONNECT_SECONDS:g} s; expected a running one"
             ) from None
         try:
             client.wait_for_workers(1, timeout=WORKER_SECONDS)

@@ -17,32 +17,38 @@ from balloon_warp.sweep.recorder import columns_of
 OF_ROWS = {
     "world": ("1", "number of the world, from 0"),
     "frame": ("1", "number of the frame; 0 is the start"),
-    "time": ("s", "simulated since the start"),
+    "time": ("s", "simulated time since the start"),
     "health": (
         "1",
-        "1 as long as all is well; 0 from the frame on in which the world blew up, whose rows repeat the last good "
-        "one; 2 of a world that was simulated again, in shorter steps",
+        "1 for a good frame; 0 from the frame in which the world blew up, whose rows repeat the last good one; 2 for a "
+        "world restarted with shorter steps",
     ),
     "ending": (
         "",
-        "finished, or blew up; or of a world of the stage whose end was looked at what became of a balloon that ended "
-        "badly, such as falling or collapsed",
+        "finished or blew up; for a world of the stage also the fate of a balloon that ended badly, such as falling or "
+        "collapsed",
     ),
-    "last_frame": ("1", "the last good frame"),
+    "last_frame": ("1", "number of the last good frame"),
 }
 """Unit and meaning of the columns that every table has"""
 MEASURED = {
-    "volume": ("m^3", "that all balloons enclose"),
-    "area": ("m^2", "of all balloons"),
-    "pressure": ("Pa", "above the air's, the mean of the balloons' by area; of normal forces, their sum over the area"),
-    "center_height": ("m", "of the balloons' center, along the up axis"),
-    "largest_stretch": ("1", "of a spring, its length over its rest length; or of rubber or film, either way"),
-    "kinetic_energy": ("J", "of all balloons"),
-    "in_box": ("1", "balloons whose center is in the box"),
-    "burst": ("1", "balloons that have burst"),
-    "moles": ("mol", "of gas in all balloons"),
-    "mean_stretch": ("1", "root of the area over that at the start"),
-    "thrust": ("N", "of the jets of all necks"),
+    "volume": ("m^3", "volume enclosed by all balloons"),
+    "area": ("m^2", "area of all balloons"),
+    "pressure": (
+        "Pa",
+        "gauge pressure, the mean of all balloons weighted by area; of normal forces, their sum over the area",
+    ),
+    "center_height": ("m", "height of the balloons' center along the up axis"),
+    "largest_stretch": (
+        "1",
+        "largest length of a spring over its rest length; of rubber or film, the larger principal stretch",
+    ),
+    "kinetic_energy": ("J", "kinetic energy of all balloons"),
+    "in_box": ("1", "number of balloons whose center is in the box"),
+    "burst": ("1", "number of balloons that have burst"),
+    "moles": ("mol", "amount of gas in all balloons"),
+    "mean_stretch": ("1", "square root of the area over that at the start"),
+    "thrust": ("N", "thrust of the jets of all necks"),
 }
 """Unit and meaning of measured columns"""
 KEYFRAMED_UNITS = {"k_normal": "100 N", "pressure": "Pa", "pump": "mol/s"}
@@ -62,7 +68,7 @@ def describe_columns(
     """
     told = dict(OF_ROWS) | {path: (unit, _meaning(path)) for path, unit in units_of(scene, varied, laws).items()}
     for name in columns_of(scene):
-        unit, meaning = MEASURED.get(name, ("m", "of its center, along the up axis"))
+        unit, meaning = MEASURED.get(name, ("m", "height of its center along the up axis"))
         told[name] = unit, meaning
         told |= {f"{name}_{end}": (unit, f"{meaning}; {when}") for end, when in EXTREMES.items()}
     told |= describe_pairs(pairs)

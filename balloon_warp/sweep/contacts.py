@@ -11,14 +11,14 @@ from balloon_warp.contacts import things_of
 from balloon_warp.model import ModelPlan
 
 COLUMNS = {
-    "force_mean": ("N", "net force of {pair}: the mean of its strength in all frames"),
-    "torque_mean": ("N m", "torque of {pair} about the mean of the latter's points: the mean of its strength"),
-    "area_mean": ("m^2", "contact area of {pair}: the mean of all frames"),
-    "pressure_mean": ("Pa", "largest pressure of {pair} on a particle: the mean of all frames"),
-    "force_max": ("N", "net force of {pair}: the largest of any frame"),
-    "torque_max": ("N m", "torque of {pair} about the mean of the latter's points: the largest of any frame"),
-    "area_max": ("m^2", "contact area of {pair}: the largest of any frame"),
-    "pressure_max": ("Pa", "largest pressure of {pair} on a particle: the largest of any frame"),
+    "force_mean": ("N", "net force of {pair}: mean magnitude over all frames"),
+    "torque_mean": ("N m", "torque of {pair} about the mean of the latter's points: mean magnitude over all frames"),
+    "area_mean": ("m^2", "contact area of {pair}: mean over all frames"),
+    "pressure_mean": ("Pa", "largest pressure of {pair} on a particle: mean over all frames"),
+    "force_max": ("N", "net force of {pair}: maximum over all frames"),
+    "torque_max": ("N m", "torque of {pair} about the mean of the latter's points: maximum over all frames"),
+    "area_max": ("m^2", "contact area of {pair}: maximum over all frames"),
+    "pressure_max": ("Pa", "largest pressure of {pair} on a particle: maximum over all frames"),
 }
 """Suffixes of a pair's columns, in the order in which a `Recorder` keeps them, with units and meanings"""
 

@@ -50,7 +50,7 @@ class ShareJournal:
         """Fraction of the worlds that an earlier batch had simulated"""
         if self.schedules:
             shares = f"{len(self.schedules)} of {len(output.groups)} shares"
-            checkpoints.on_note(f"goes on with {shares} done, from {checkpoints.folder.path}")
+            checkpoints.on_note(f"resuming with {shares} done, from {checkpoints.folder.path}")
 
     def add(self, number: int, result: ShareResult) -> None:
         """Add a share that is done."""

@@ -64,7 +64,9 @@ def simulate_locally(
             simulators.clear()  # restarted worlds reuse their memory
             if task.on_blowup == "restart":
                 bad = task.world_count - output.healthy_count
-                checkpoints.on_note(f"{bad:,} of {task.world_count:,} worlds blew up: once more, with half the step")
+                checkpoints.on_note(
+                    f"{bad:,} of {task.world_count:,} worlds blew up: restarting them with half the step"
+                )
                 failures.add(_restart_all(task, output, target, schedules))
         endings = output.endings()
     return Outcome(

@@ -203,9 +203,7 @@ def _result(client: "Client", future: "Future") -> Any:
                     raise WorkersLostError(f"all workers ended, and none came for {ALONE_SECONDS:g} s") from None
                 seconds *= 2.0  # it begins anew, and may be large
     except KilledWorker as error:
-        raise WorkersLostError(
-            f"a share of the batch ended {error.allowed_failures + 1} workers, one after the other"
-        ) from None
+        raise WorkersLostError(f"a share of the batch crashed {error.allowed_failures + 1} workers in a row") from None
     except CancelledError:
         raise WorkersLostError("the scheduler is gone") from None
 

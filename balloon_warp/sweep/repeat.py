@@ -40,7 +40,7 @@ def repeat_batch(
     batch = _read(Path(manifest))
     for path, expected in batch["meshes"].items():
         if not Path(path).is_file():
-            raise InputError(f"{manifest}: its mesh {path} is not there; expected a file, as seen from this folder")
+            raise InputError(f"{manifest}: its mesh {path} is missing; expected the file, relative to this folder")
         if (found := hash_of_file(Path(path))) != expected:
             raise InputError(f"{path}: has changed since the batch: its SHA-256 is {found}; expected {expected}")
     _require_laws(str(manifest), batch.get("laws", {}), describe_laws(laws))
@@ -74,7 +74,7 @@ def _require_laws(manifest: str, there: dict[str, Any], here: dict[str, Any]) ->
     """Make sure that the laws which are given are those of the batch."""
     for name in there.keys() | here.keys():
         if name not in here:
-            raise InputError(f"{manifest}: its law {name} is not given; expected it among laws")
+            raise InputError(f"{manifest}: its law {name} is missing; expected it in laws")
         if name not in there:
             raise InputError(f"{manifest}: has no law {name}; expected {', '.join(there) or 'none'}")
         if there[name] != here[name]:

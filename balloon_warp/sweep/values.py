@@ -48,8 +48,8 @@ def parse_vary(text: str, scene_source: str = "") -> tuple[str, Choice]:
             if low < high:
                 return path, Range(low, high)
     raise InputError(
-        f"--vary {text}: expected PATH=LOW:HIGH with LOW below HIGH, or PATH=NUMBER,NUMBER,..., as in "
-        "--vary balloon.inflation.k_normal=0:8 or --vary sphere.0.mass=1,10,100; `compare` varies words, too"
+        f"--vary {text}: expected PATH=LOW:HIGH with LOW below HIGH, or PATH=NUMBER,NUMBER,..., as in --vary "
+        "balloon.inflation.k_normal=0:8 or --vary sphere.0.mass=1,10,100; `compare` also varies words"
     )
 
 
@@ -100,7 +100,7 @@ def parse_export(text: str, world_count: int) -> list[int]:
         raise InputError(f"--export {text}: expected all, none, or worlds such as 0,5,9") from None
     for world in worlds:
         if not 0 <= world < world_count:
-            raise InputError(f"--export {text}: there is no world {world}, the batch has worlds 0 to {world_count - 1}")
+            raise InputError(f"--export {text}: no world {world}, the batch has worlds 0 to {world_count - 1}")
     return worlds
 
 

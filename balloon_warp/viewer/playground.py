@@ -277,8 +277,8 @@ class Playground:
     def _require_playable(self, substeps: int) -> None:
         if self.keep_stable and substeps > MOST_SUBSTEPS:
             raise InputError(
-                f"this takes {substeps:,} substeps a frame to be stable, too many to play with; with the substeps as "
-                "they are it would blow up"
+                f"a stable step needs {substeps:,} substeps a frame, too many for real time; with the current substeps "
+                "the simulation would blow up"
             )
 
     def _rebuild(

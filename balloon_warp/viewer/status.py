@@ -17,7 +17,7 @@ KEYS = (
     ("?", "shows or hides the keys"),
 )
 """Actions of a user and their effects"""
-COMPILING = "kernels for something new are compiling; they are cached, so that the next time is quick"
+COMPILING = "compiling kernels; they are cached for the next time"
 """Reason why time stops for some seconds"""
 KEPT_UP = 0.95
 """Fraction of the requested speed that counts as kept"""

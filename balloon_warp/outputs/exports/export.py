@@ -76,7 +76,7 @@ def export_stage(
     stage, output = Path(stage), Path(output)
     check_export(output)
     if stage.exists() and output.exists() and stage.samefile(output):
-        raise InputError(f"{output}: is the stage itself; expected another name, with -o")
+        raise InputError(f"{output}: is the input stage; expected another name, with -o")
     from balloon_warp.outputs.exports.parts import Animation  # loads USD: only once the output is known to be good
 
     module, function = WRITERS[output.suffix.lower()].split(".")

@@ -72,9 +72,7 @@ def _shown_frames(animation: Animation, vertices: int) -> tuple[range, str]:
         return frames, ""
     step = math.ceil((len(frames) - 1) / (most - 1))
     bound = f"{MOST_TARGETS} morph targets" if most > MOST_TARGETS else f"{MOST_BYTES >> 20} MB"
-    return frames[::step], (
-        f": every {_ordinal(step)} of {len(frames)} frames, as there is room for {bound}; straight between them"
-    )
+    return frames[::step], f": every {_ordinal(step)} of {len(frames)} frames, to fit into {bound}; linear in between"
 
 
 def _ordinal(number: int) -> str:

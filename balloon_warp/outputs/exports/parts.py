@@ -54,8 +54,8 @@ class Part:
         points = self.local_points(frame)
         if len(points) != self.mesh.vertex_count or not np.isfinite(points).all():
             raise InputError(
-                f"{self.prim.GetPath()}: has {len(points)} points at frame {frame:g}, or some that are not finite; "
-                f"expected {self.mesh.vertex_count} finite ones"
+                f"{self.prim.GetPath()}: has {len(points)} points at frame {frame:g}, or points that are not "
+                f"finite; expected {self.mesh.vertex_count} finite points"
             )
         matrix = self.matrix(frame)
         return points @ matrix[:3, :3] + matrix[3, :3]
@@ -147,7 +147,7 @@ def _part_of(prim: Usd.Prim, first: int, name: str) -> Part | None:
         place = _points_of(mesh)
         point_count = len(place(first))
         if np.any(counts < 0) or counts.sum() != len(indices) or np.any((indices < 0) | (indices >= point_count)):
-            raise InputError(f"{prim.GetPath()}: its faces do not fit its {point_count} points")
+            raise InputError(f"{prim.GetPath()}: its faces do not match its {point_count} points")
         whole = np.repeat(counts, counts) >= 3
         covering, uv = (
             read_covering(mesh, counts, indices, point_count, counts >= 3),

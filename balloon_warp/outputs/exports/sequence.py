@@ -25,7 +25,7 @@ def frame_path(pattern: Path, frame: int) -> Path:
     """
     if not re.search("#+", pattern.name):
         raise InputError(
-            f"{pattern}: one file for all frames; expected #### in the name, where each frame's number goes, such as "
+            f"{pattern}: is one file for all frames; expected #### in the name for the frame number, such as "
             f"{pattern.stem}.####{pattern.suffix}"
         )
     name = re.sub("#+", lambda found: f"{frame:0{len(found[0])}d}", pattern.name, count=1)
@@ -45,7 +45,7 @@ def write_sequence(
         on_frame(done, len(animation.frames))
     if others := _of_no_frame(output, animation):
         more = f" and {len(others) - 1} more" if len(others) > 1 else ""
-        on_note(f"{others[0].name}{more}: of an earlier sequence of that name, kept")
+        on_note(f"{others[0].name}{more}: from an earlier sequence of that name; kept")
 
 
 def _of_no_frame(pattern: Path, animation: Animation) -> list[Path]:

@@ -54,7 +54,7 @@ def frame_action(
         upper = np.maximum(upper, (centers + radii[:, None]).max(axis=0))
     size = float((upper - lower).max())
     if not size > 0.0:
-        raise InputError(f"{moments[0][0].path}: all that it shows is in one point")
+        raise InputError(f"{moments[0][0].path}: all visible geometry is at one point")
     return Framing(0.5 * (lower + upper), size, fit.camera())
 
 

@@ -72,7 +72,7 @@ class MeshPrim:
             for attribute in (self._mesh.GetFaceVertexCountsAttr(), self._mesh.GetFaceVertexIndicesAttr())
         )
         if np.any(counts < 0) or counts.sum() != len(indices) or np.any((indices < 0) | (indices >= len(points))):
-            raise InputError(f"{prim.GetPath()}: its faces do not fit its {len(points)} points")
+            raise InputError(f"{prim.GetPath()}: its faces do not match its {len(points)} points")
         seen = (counts >= 3) & ~_gathered(counts, indices)
         whole = np.repeat(seen, counts)
         self._counts, self._seen = counts, seen
@@ -104,7 +104,7 @@ class MeshPrim:
             return None
         indices = np.asarray(attribute.Get(moment.time), np.int32)
         if len(indices) != self._counts.sum():
-            raise InputError(f"{self._mesh.GetPath()}: has other faces at frame {moment.time.GetValue():g}")
+            raise InputError(f"{self._mesh.GetPath()}: its faces change at frame {moment.time.GetValue():g}")
         return self.surface.triangles_of(_gathered(self._counts, indices)[self._seen])
 
     def points(self, moment: Moment) -> NDArray[np.float64]:

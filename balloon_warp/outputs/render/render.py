@@ -161,7 +161,7 @@ def _choose_frames(
     if part is not None:
         begin, end = (own if given is None else given for own, given in zip((first, last), part, strict=True))
         if not first <= begin <= end <= last:
-            raise InputError(f"frames: {begin}:{end} is not in {stage.path}; expected some of {first}:{last}")
+            raise InputError(f"frames: {begin}:{end} is not in {stage.path}; expected a range in {first}:{last}")
         first, last = begin, end
     if suffix == ".png":
         chosen = stage.picture_frame if frame is None else frame

@@ -52,7 +52,7 @@ class RenderStage:
             hint = did_you_mean_file(path, STAGE_SUFFIXES)
             raise InputError(f"{path}: no such file; expected a USD stage{hint}")
         if legible(str(path)) != str(path):
-            raise InputError(f"{legible(str(path))}: its name is not UTF-8, which USD needs; expected another name")
+            raise InputError(f"{legible(str(path))}: the name is not UTF-8, which USD requires; expected another name")
         self._quiet = UsdUtils.CoalescingDiagnosticDelegate()  # while it lives, USD prints nothing
         try:
             self._stage = Usd.Stage.Open(str(file_behind(path)))
@@ -156,7 +156,9 @@ class RenderStage:
                 "expected positive ones"
             )
         if not moment.is_frame(camera.transform):
-            raise InputError(f"{source} is scaled to nothing or nowhere; expected a finite place and three axes")
+            raise InputError(
+                f"{source} has a transform that is singular or not finite; expected a finite position and three axes"
+            )
         half_height = aperture / (2.0 * camera.focalLength)
         return Camera(moment.origin(camera.transform), moment.axes(camera.transform), half_height * aspect, half_height)
 

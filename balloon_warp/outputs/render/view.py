@@ -63,13 +63,13 @@ class View:
             if not all(map(math.isfinite, self.look_at)):
                 raise InputError(f"look-at: {self.look_at}; expected finite numbers")
             if self.follow:
-                raise InputError("follow: a point does not move; expected look-at to name a prim, or nothing")
+                raise InputError("follow: a point does not move; expected a prim as look-at, or no look-at")
         if not 0.0 <= self.aperture < math.inf:
             raise InputError(f"aperture: {self.aperture:g}; expected the lens's diameter, 0 or more")
         if isinstance(self.focus, tuple) and not all(map(math.isfinite, self.focus)):
             raise InputError(f"focus: {self.focus}; expected finite numbers")
         if self.focus is not None and self.aperture == 0.0:
-            raise InputError("focus: has no effect without an aperture; expected aperture, too")
+            raise InputError("focus: needs an aperture")
 
     @property
     def from_own_place(self) -> bool:
@@ -135,7 +135,7 @@ class View:
             shapes = zip(stage.points(frame), stage.meshes, strict=True)
             soft = [points[mesh.used] for points, mesh in shapes if mesh.soft]
             if not soft:
-                raise InputError(f"{stage.path}: has no balloon to follow; expected look-at to name a prim")
+                raise InputError(f"{stage.path}: has no balloon to follow; expected a prim as look-at")
             return np.concatenate(soft)
         turn = Z_TO_Y_UP if UsdGeom.GetStageUpAxis(stage.stage) == UsdGeom.Tokens.z else np.eye(3)
         if not isinstance(named, str):
@@ -166,8 +166,8 @@ class View:
         """Return the error for a name of nothing visible."""
         place = "look-at" if named == self.look_at else "focus"
         seen = [prim.GetName() for prim in stage.Traverse() if UsdGeom.Gprim(prim) and is_shown(prim)]
-        known = did_you_mean(named, seen) or f"; there are {', '.join(seen[:MOST_NAMES])}"
-        return InputError(f"{place}: {named!r} is nothing to be seen in {path}{known}")
+        known = did_you_mean(named, seen) or f"; visible are {', '.join(seen[:MOST_NAMES])}"
+        return InputError(f"{place}: {named!r} is not visible in {path}{known}")
 
 
 def check_view(output: Path, shutter: float = 0.0, transparent: bool = False, **asked: Any) -> View:

@@ -94,7 +94,7 @@ class GrowingStage(ABC):
         try:
             source = Sdf.Layer.OpenAsAnonymous(str(path))
         except Tf.ErrorException:
-            raise InputError(f"{path}: USD cannot open it; expected frames of what was stopped") from None
+            raise InputError(f"{path}: USD cannot open it; expected the frames of an interrupted run") from None
         self._copy(source, numbers, groups, self._write_velocities_before)
         self._last = numbers[-1]
 

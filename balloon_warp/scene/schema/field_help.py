@@ -33,7 +33,7 @@ def fields_of(table: Tables) -> Iterator[FieldHelp]:
     """Describe a table's fields for help()."""
     properties = table.model_json_schema(schema_generator=PlainSchema)["properties"]
     for field, info in table.model_fields.items():
-        default = ", must be given" if info.is_required() else f" = {info.default!r}"
+        default = ", required" if info.is_required() else f" = {info.default!r}"
         inner, takes = table_in(info.annotation), taken(properties[field]).replace("`", "")
         if inner:
             takes = f"list of {inner.__name__}" if takes.startswith("list") else inner.__name__

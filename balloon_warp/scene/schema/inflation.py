@@ -141,7 +141,7 @@ class Inflation(Table):
         for several in (MUCH, FAST):
             given = [field for field in several if getattr(self, field) not in (None, 0.0, [])]
             if len(given) > 1:
-                raise ValueError(f"{given[1]}: says another way what {given[0]} says; expected one of both")
+                raise ValueError(f"{given[1]}: gives the same quantity as {given[0]}; expected only one of them")
         return self
 
     @model_validator(mode="after")

@@ -147,7 +147,10 @@ class Material(Table):
             kinds = " or ".join(f'"{kind}"' for kind, fields in FIELDS_OF_KINDS.items() if field in fields)
             needed = 'a preset, or a kind such as "neo_hookean"' if field in OF_ALL else f"kind = {kinds}"
             raise ValueError(f'{field}: needs {needed} (got kind = "{self.law}")')
-        for (first, *others), what in ((SOFTENING, "the most of its pull that it loses"), (TEARING, "where it tears")):
+        for (first, *others), what in (
+            (SOFTENING, "the largest loss of tension"),
+            (TEARING, "the stress at which it tears"),
+        ):
             for field in others:
                 if getattr(self, first) is None and getattr(self, field) != type(self).model_fields[field].default:
                     raise ValueError(f"{field}: needs `{first}`, {what}")
@@ -164,11 +167,11 @@ class Material(Table):
             if min(products) < 0.0 or sum(products) <= 0.0:
                 raise ValueError(
                     f"ogden_moduli: {list(moduli)} with exponents {list(exponents)} make an unstable material; "
-                    "expected each modulus times its exponent to be at least 0, and one more than that"
+                    "expected modulus times exponent to be at least 0 for each, and above 0 for one"
                 )
         if self.most_stretch is not None and self.most_stretch >= self.locking_stretch:
             raise ValueError(
-                f"most_stretch: {self.most_stretch:g} is past the limit of this material, whose chains are straight at "
+                f"most_stretch: {self.most_stretch:g} exceeds the locking stretch of this material, "
                 f"{self.locking_stretch:.3g}; expected less, or a larger gent_limit"
             )
         return self

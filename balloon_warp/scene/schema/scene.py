@@ -210,7 +210,7 @@ class Scene(Table):
                     f"{1.0 / self.frames_per_second:g} s, or change little within one (got {shortest:g} s)"
                 )
             if inflation.kind == "gas" and balloon.helium:
-                raise ValueError(f"balloon.{number}.helium: must be 0, its gas lifts it (got {balloon.helium:g})")
+                raise ValueError(f"balloon.{number}.helium: must be 0, since its gas lifts it (got {balloon.helium:g})")
         for number, tube in enumerate(self.tube):
             self._check_tube(number, tube)
         return self

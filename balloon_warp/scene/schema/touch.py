@@ -31,6 +31,7 @@ class Touch(Table):
     def _something_touches(self) -> Self:
         if not self.balloons and not self.itself and not self.spheres:
             raise ValueError(
-                "balloons: must be true, or `itself` or `spheres` must (got none); with touch = false nothing touches"
+                "balloons: expected true for balloons, itself or spheres (got none); touch = false turns all contact "
+                "off"
             )
         return self

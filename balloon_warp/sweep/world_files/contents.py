@@ -100,7 +100,7 @@ class Contents:
 FIXED = (
     ("time", ("time",), "<f8", "s", "times of the frames"),
     ("rest_pos", ("particle", "axis"), "<f4", "m", "rest shape: the mesh as the scene places it"),
-    ("mass_share", ("particle",), "<f4", "1", "share of a particle in its balloon's mass, 0 where it is fixed"),
+    ("mass_share", ("particle",), "<f4", "1", "share of a particle in its balloon's mass, 0 if pinned"),
     ("particle_balloon", ("particle",), "<i4", "1", "balloon of a particle, from 0"),
     ("edges", ("edge", "end"), "<i4", "1", "particles at the ends of each side of a face, once"),
     ("triangles", ("triangle", "corner"), "<i4", "1", "particles at the corners of triangles, counterclockwise"),

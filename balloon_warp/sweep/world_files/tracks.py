@@ -30,9 +30,9 @@ class Track:
 TRACKS = (
     Track("mesh_pos", "points", ("particle", "axis"), "m", "positions of particles"),
     Track("velocity", "velocities", ("particle", "axis"), "m/s", "velocities of particles"),
-    Track("pressure", "pressures", ("balloon",), "Pa", "gauge pressures, 0 of what has none"),
+    Track("pressure", "pressures", ("balloon",), "Pa", "gauge pressures, 0 without pressure or gas"),
     Track("volume", "volumes", ("balloon",), "m^3", "enclosed volumes"),
-    Track("gas_amount", "gas_amounts", ("balloon",), "mol", "amounts of gas, 0 of what is not filled with gas", "<f8"),
+    Track("gas_amount", "gas_amounts", ("balloon",), "mol", "amounts of gas, 0 without gas", "<f8"),
     Track(
         *("contact_force", "contact_forces", ("balloon", "thing", "axis"), "N"),
         "net force of each of `things` on each balloon, averaged over the frame before; where the scene has contacts",
@@ -51,7 +51,13 @@ OF_CONTACTS = ("contact_forces", "particle_contact_forces")
 """Sources that only scenes with contacts have"""
 OBSERVED = ("volumes", "particle_contact_forces")
 """Sources that are observations"""
-HEALTH = ("health", ("time",), "<i4", "1", "1; 0 from the frame on in which the world blew up; 2 with shorter steps")
+HEALTH = (
+    "health",
+    ("time",),
+    "<i4",
+    "1",
+    "1; 0 from the frame in which the world blew up; 2 if restarted with shorter steps",
+)
 
 
 def tracks_of(plan: ModelPlan | Model) -> dict[Track, tuple[int, ...]]:

@@ -138,8 +138,8 @@ class TrajectoryWriter:
         """Go on with the files of an earlier batch, of which some may be in their places already."""
         if self._partial.job() != self._job:
             raise InputError(
-                f"--resume: {self._partial.path} has not the trajectories of this batch; expected those that it had "
-                "written, or no --resume to start anew"
+                f"--resume: {self._partial.path} lacks the trajectories of this batch; expected the files written so "
+                "far, or no --resume to start over"
             )
         self._partial.go_on()
         self._safe = True
@@ -148,7 +148,7 @@ class TrajectoryWriter:
                 path, place = self._path(number, world), self.folder / self._name(world)
                 if not path.exists():
                     if not place.exists():
-                        raise InputError(f"{path}: is not there; expected the trajectory of world {world}")
+                        raise InputError(f"{path}: is missing; expected the trajectory of world {world}")
                     place.rename(path)
 
     def _finished(self, health: NDArray[np.integer]) -> Iterator[tuple[int, Path]]:
