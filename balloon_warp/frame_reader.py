@@ -97,7 +97,9 @@ class WorldReader:
             self._hand_over(self._stream)
         self._last = self._buffers[buffer]
         self._last.fill()
-        return Reading(self.model, self._last, number, self._obstacle_motion)
+        ages = self.model.ages
+        since = number if ages is None else int(np.asarray(ages.numpy())[0])
+        return Reading(self.model, self._last, number, obstacle_motion=self._obstacle_motion, since=since)
 
     def _hand_over(self, reading: wp.Stream) -> None:
         """Hand what the simulation has come to, once the last copy is read, to the reading stream."""

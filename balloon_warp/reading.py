@@ -90,11 +90,14 @@ class Reading:
     Args:
         number: of the frame.
         obstacle_motion: the model's, on the host.
+        since: number of frames since the world began.
     """
 
-    def __init__(self, model: Model, buffer: HostBuffer, number: int, obstacle_motion: NDArray[np.float32]):
+    def __init__(
+        self, model: Model, buffer: HostBuffer, number: int, *, obstacle_motion: NDArray[np.float32], since: int
+    ):
         self.model, self.number = model, number
-        self._buffer, self._obstacle_motion = buffer, obstacle_motion
+        self._buffer, self._obstacle_motion, self._since = buffer, obstacle_motion, since
 
     def frame(self) -> Frame:
         """Return what was read, once it is there."""
@@ -113,7 +116,7 @@ class Reading:
             sphere_velocities=self._rows("sphere_velocities"),
             string_anchors=self._rows("string_anchor"),
             string_lengths=self._row("string_length", np.float32),
-            obstacle_poses=obstacle_poses(self._rows("obstacle_position"), self._obstacle_motion, self.number),
+            obstacle_poses=obstacle_poses(self._rows("obstacle_position"), self._obstacle_motion, self._since),
             body_poses=np.concatenate([self._rows("body_positions"), self._rows("body_turns", 4)], axis=1),
             ground_height=self._height("ground_height"),
             water_level=self._height("water_level"),

@@ -13,12 +13,6 @@ def time_of(t: Tables, frame: wp.array[wp.int32], time_in_frame: float):
 
 
 @wp.func
-def end_of_step(t: Tables, frame: wp.array[wp.int32], time_in_frame: float):
-    """Return the time at the end of a substep that begins at a time in the frame [s]."""
-    return time_of(t, frame, time_in_frame) + t.step_seconds
-
-
-@wp.func
 def ramp_at(state: WorldState, world: wp.int32, balloon: wp.int32, time_in_frame: float):
     """Return a keyframed value, such as k_normal, at a time in the frame."""
     ramp = two_in(state.inflation_ramp, world, balloon)

@@ -40,7 +40,8 @@ class FixtureTable:
 
     solids: wp.array[Solid]
     motion: wp.array2d[wp.transform]
-    """Shift from its position, and rotation, at the start of each frame until the obstacle rests, shape (frames, N)"""
+    """Shift from its position, and rotation, as the frame begins, and then as it ends, shape (2 W, N), or (1, N) if
+    all rest"""
     positions: wp.array2d[wp.vec3]
     velocities: wp.array2d[wp.vec3]
     """Velocities that are written on the device, in addition to `motion` [m/s]; empty where none are"""

@@ -12,7 +12,7 @@ A name that a phase reads is one of these:
 - `number`, a particle's in the state, where a schedule has particles in another order
 - state of a particle, `point` [m] and `velocity` [m/s], or a view of all in its world, `points` and `velocities`
 - a value that an earlier phase of the list has written, or that an item keeps, see `Phase.keeps`
-- the time: `time` when the substep begins, and `end` when it ends [s]
+- the time: `time` when the substep begins, and `end` when it ends, since the frame began [s]
 - what a schedule says itself of items, see there: `keyed`, `load`, `gas_mass`, `origin`
 
 Where all that it reads is of type `Any`, it is a function of one item or of eight side by side, see `algebra`.

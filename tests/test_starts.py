@@ -4,22 +4,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from meshes import cube, quad_sphere
+from beginning_worlds import ALONE, BALL, TOUCHING, arrays, stepped
+from meshes import cube
 
 from balloon_warp import InputError, Simulator
 from balloon_warp.mesh.geometry import signed_volume
-from balloon_warp.scene import Balloon, Body, Change, Ground, Inflation, Obstacle, Scene, Sphere
+from balloon_warp.scene import Balloon, Ground, Inflation, Obstacle, Scene, Sphere
 
-BALL = Balloon(mesh=quad_sphere(3, 0.5), inflation=Inflation(pressure=5.0), velocity=(0.0, -1.0, 0.0))
-GAS = Balloon(mesh=quad_sphere(3, 0.4), position=(0.0, 1.1, 0.0), inflation=Inflation(kind="gas"))
-TOUCHING = Scene(
-    balloon=[BALL, GAS],
-    sphere=[Sphere(position=(0.0, -0.9, 0.0), radius=0.35)],
-    body=[Body(shape="box", size=(0.2, 0.2, 0.2), position=(2.0, 1.0, 0.0))],
-    ground=Ground(height=-1.3),
-    contacts=True,
-)
-ALONE = Scene(balloon=[BALL], substeps=24)
 MISTAKES = {
     "a name": (("balloon.mas", 0.0, 1.0), r"balloon\.mas: cannot change"),
     "a kind": (("balloon.damping", 0.0, 1.0, "even"), r"damping: kind must be one of uniform, log_uniform, normal"),
@@ -27,18 +18,12 @@ MISTAKES = {
     "an order": (("balloon.damping", 2.0, 1.0), r"damping: must be drawn from the least to the largest"),
     "a logarithm": (("balloon.damping", 0.0, 1.0, "log_uniform"), r"damping: must be above 0 where its logarithm"),
     "a rotation": (("balloon.rotation", 0.0, 1.0), r"balloon\.rotation: cannot be drawn on the device"),
+    "a late sphere": (
+        ("sphere.1.position", 0.0, 1.0),
+        r"sphere\.1\.position: cannot be drawn for a sphere that appears",
+    ),
     "a gas": (("balloon.1.position", 0.0, 1.0), r"balloon\.1\.position: cannot be drawn for a balloon of gas"),
 }
-
-
-def arrays(simulator: Simulator) -> dict[str, np.ndarray]:
-    return {name: array.numpy().copy() for name, array in simulator.state.arrays.items() if name != "frame"}
-
-
-def stepped(simulator: Simulator, frames: int) -> Simulator:
-    for _ in range(frames):
-        simulator.step_unread()
-    return simulator
 
 
 def test_a_world_that_begins_anew_is_as_one_that_begins(schedule: str) -> None:
@@ -128,79 +113,6 @@ def test_worlds_are_what_the_values_say() -> None:
     np.testing.assert_allclose(moved, np.broadcast_to(moved[:, :1], moved.shape), atol=2e-6)
 
 
-PLANNED = ALONE.model_copy(
-    update={
-        "change": [
-            Change(time=2 / 60, set={"gravity": 1.0, "balloon.inflation.pressure": 8.0}),
-            Change(time=4 / 60, set={"gravity": 4.0, "atmosphere.wind": [1.0, 0.0, 2.0], "balloon.damping": 0.4}),
-        ]
-    }
-)
-
-
-def test_planned_changes_come_in_a_worlds_own_time(schedule: str) -> None:
-    """Bit for bit as in a world that begins; the other goes on as if nothing were, and both do so again."""
-    whole, masked = (Simulator(PLANNED, "cpu", 2, schedule=schedule) for _ in range(2))
-    stepped(whole, 10)
-    for frames in (3, 1):
-        stepped(masked, frames).reset([0, 1])
-    stepped(masked, 6)
-    fresh = arrays(stepped(Simulator(PLANNED, "cpu", 1, schedule=schedule), 6))
-    gone_on = arrays(whole)
-    for name, array in arrays(masked).items():
-        np.testing.assert_array_equal(array[1:], fresh[name], err_msg=name)
-        np.testing.assert_array_equal(array[:1], gone_on[name][:1], err_msg=name)
-    masked.reset()
-    for name, array in arrays(stepped(masked, 6)).items():
-        np.testing.assert_array_equal(array[:1], fresh[name], err_msg=name)
-
-
-def test_worlds_of_different_times_are_saved_and_restored() -> None:
-    simulator = stepped(Simulator(PLANNED, "cpu", 2), 3)
-    simulator.reset([0, 1])
-    saved = stepped(simulator, 1).save()
-    told = arrays(stepped(simulator, 4))
-    for other in (Simulator(PLANNED, "cpu", 2), simulator):
-        other.restore(saved)
-        for name, array in arrays(stepped(other, 4)).items():
-            np.testing.assert_array_equal(array, told[name], err_msg=name)
-
-
-def test_a_control_of_ones_own_hears_of_what_is_planned() -> None:
-    simulator = Simulator(PLANNED, "cpu", 2)
-    pressure = simulator.controls["balloon.inflation.pressure"]
-    stepped(simulator, 1).reset([0, 1])
-    stepped(simulator, 1)
-    assert pressure.numpy().tolist() == [5.0, 5.0]
-    stepped(simulator, 1)
-    assert pressure.numpy().tolist() == [8.0, 5.0]
-    pressure.fill_(6.0)
-    stepped(simulator, 1)
-    assert pressure.numpy().tolist() == [6.0, 8.0]
-
-
-@pytest.mark.parametrize(
-    ("change", "sentence"),
-    [
-        ({"substeps": 30}, r"change\.0\.set: substeps: changes in all worlds at once"),
-        ({"balloon.stiffness": {"shear": 3.0}}, r"change\.0\.set: balloon\.stiffness: must be a number or three"),
-        ({"balloon.friction": 0.3}, r"change: balloon\.friction: cannot be written on the device"),
-    ],
-)
-def test_what_cannot_change_in_a_world_by_itself_is_refused(change: dict[str, Any], sentence: str) -> None:
-    scene = ALONE.model_copy(update={"change": [Change(time=1.0, set=change)], "ground": Ground(height=-2.0)})
-    simulator = Simulator(scene, "cpu", 2)
-    with pytest.raises(InputError, match=r"reset: some worlds cannot begin anew by themselves: " + sentence):
-        simulator.reset([0, 1])
-
-
-def test_worlds_of_one_clock_do_not_begin_anew_by_themselves() -> None:
-    moving = Obstacle(position=(9.0, 0.0, 0.0), motion=[(0.0, (0.0, 0.0, 0.0)), (1.0, (1.0, 0.0, 0.0))])
-    planned = ALONE.model_copy(update={"obstacle": [moving]})
-    with pytest.raises(InputError, match=r"reset: some worlds cannot begin anew where the scene has obstacle\.motion"):
-        Simulator(planned, "cpu", 2).reset([0, 1])
-
-
 @pytest.mark.parametrize("mask", [[1], [[0, 1]], "all", [0, 1, 0]])
 def test_a_mask_of_another_length_is_refused(mask: Any) -> None:
     with pytest.raises(InputError, match=r"reset: expected a (value|number) for each world"):
@@ -210,7 +122,8 @@ def test_a_mask_of_another_length_is_refused(mask: Any) -> None:
 @pytest.mark.parametrize("case", MISTAKES)
 def test_what_cannot_be_drawn_is_refused(case: str) -> None:
     told, sentence = MISTAKES[case]
-    simulator = Simulator(TOUCHING, "cpu", 2)
+    late = Sphere(position=(3.0, 0.0, 0.0), radius=0.1, start=0.5)
+    simulator = Simulator(TOUCHING.model_copy(update={"sphere": [*TOUCHING.sphere, late]}), "cpu", 2)
     with pytest.raises(InputError, match=sentence):
         simulator.starts.draw(*told)
 

@@ -3,6 +3,8 @@
 from dataclasses import dataclass, replace
 from typing import Protocol, Self, TypeVar
 
+import warp as wp
+
 from balloon_warp.model import Model, State, overwrite
 
 
@@ -31,6 +33,10 @@ class Origin:
     state: State | None = None
     """State of the worlds; the scene's start, when missing"""
 
+    def __post_init__(self) -> None:
+        if self.model.ages is not None:  # which frames count
+            object.__setattr__(self, "model", replace(self.model, ages=wp.clone(self.model.ages)))
+
     def fill(self, state: State) -> None:
         """Copy the origin into a state, unless it is the scene's start."""
         if self.state is not None:
@@ -39,7 +45,7 @@ class Origin:
     def of_world(self, world: int) -> Self:
         """Return one world of the origin by itself."""
         if self.model.world_count == 1:
-            return self
+            return replace(self)
         state = self.state.of_world(world) if self.state else None
         return replace(self, model=self.model.of_world(world), state=state)
 

@@ -153,6 +153,8 @@ class Model:
     """
     reach: Mapping[str, Sequence[NDArray[np.float32]]] = field(default_factory=dict)
     """Rows of parameters at the bounds of what is written on the device between frames, by name"""
+    ages: wp.array | None = None
+    """Frames since each world began, if each has a time of its own, shape (world_count,), int32"""
 
     def __repr__(self) -> str:
         balloons = ", ".join(f"{shape.name} of {shape.mesh.vertex_count} particles" for shape in self.shapes)
@@ -195,7 +197,8 @@ class Model:
                 return array
             return wp.clone(array[world : world + 1]) if copied else array[world : world + 1]
 
-        return replace(self._with_parameters(row), world_count=1)
+        ages = None if self.ages is None else row(self.ages)
+        return replace(self._with_parameters(row), world_count=1, ages=ages)
 
     def _with_parameters(self, made_of: Callable[[wp.array], wp.array]) -> Self:
         """Return the model with other arrays, each made of an existing one."""
@@ -222,10 +225,6 @@ class Model:
     def faces_meet(self) -> bool:
         """Return whether faces of balloons touch ridges of obstacles and bodies."""
         return bool(self.ridges)
-
-    @property
-    def has_water(self) -> bool:
-        return self.scene.water is not None
 
     @property
     def particle_count(self) -> int:

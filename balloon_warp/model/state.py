@@ -205,6 +205,11 @@ def contact_shape(model: Model) -> tuple[int, int, int]:
     return model.world_count, things if model.scene.contacts else 0, model.particle_count
 
 
+def frames_of(model: Model, state: State) -> wp.array:
+    """Return how many frames have passed in each world, shape (world_count,), or in all, shape (1,), int32."""
+    return state.frame if model.ages is None else model.ages
+
+
 def initial_state(model: Model) -> State:
     """Return the initial state of every world: the shape of the meshes, and each balloon's velocity as a rigid body."""
     state, parameters = new_state(model, Allocating(model.device)), model.parameters

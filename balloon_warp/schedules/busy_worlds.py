@@ -15,7 +15,7 @@ from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Room
 from balloon_warp.schedules.block_frames import BlockFrames
 from balloon_warp.schedules.block_room import fits_in_block
-from balloon_warp.schedules.fixtures import forget_looks
+from balloon_warp.schedules.fixtures import forget_looks, place_obstacles
 from balloon_warp.schedules.gather import GatherSchedule
 from balloon_warp.schedules.launches import Launches
 from balloon_warp.schedules.outlook import Outlook, busy_features, outlook_arrays
@@ -107,6 +107,7 @@ class BusyWorlds:
 
     def find(self, state: State) -> None:
         """Find the busy worlds, before the free ones are advanced."""
+        place_obstacles(self._model, self._frames.tables, state)
         self.outlook.look(state)
 
     def advance(self, state: State) -> None:

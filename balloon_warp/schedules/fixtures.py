@@ -8,12 +8,15 @@ import warp as wp
 from numpy.typing import NDArray
 
 from balloon_warp.kernels.contact_tables import BodyTable, FixtureTable, Solid
+from balloon_warp.kernels.frames.around import place_fixtures
 from balloon_warp.kernels.laws.fixture import SHAPES
-from balloon_warp.model import Model
+from balloon_warp.launching import launch
+from balloon_warp.model import Model, State
 from balloon_warp.model.body_samples import sample
 from balloon_warp.model.memory import Allocating, Room
 from balloon_warp.model.obstacles import ObstacleShape
 from balloon_warp.model.rows import VELOCITY
+from balloon_warp.model.state import frames_of
 
 NOWHERE = 1.0e18
 """Extent of something infinite [m], whose square is a float32"""
@@ -40,6 +43,9 @@ def fixture_table(model: Model) -> Any:
     table = FixtureTable()
     table.solids = solid_array(model.obstacles, model.obstacle_meshes, model.device)
     table.motion = model.obstacle_motion
+    if _moves(model):
+        rows = 2 if model.ages is None else 2 * model.world_count
+        table.motion = wp.zeros((rows, len(model.obstacles)), dtype=wp.transform, device=model.device)
     table.positions = model.parameters["obstacle_position"]
     if model.is_steered:
         table.velocities = model.parameters[VELOCITY]
@@ -50,6 +56,11 @@ def fixture_table(model: Model) -> Any:
     table.fastest = fastest(_floats(model.obstacle_motion), reaches, model.frame_seconds) + _steered_speed(model)
     table.looks, table.nearest = look_arrays(model, Allocating(model.device))
     return table
+
+
+def _moves(model: Model) -> bool:
+    """Return whether any obstacle moves, by the scene or by controls."""
+    return model.obstacle_motion.shape[0] > 1
 
 
 def _steered_speed(model: Model) -> float:
@@ -109,6 +120,14 @@ def look_arrays(model: Model, room: Room) -> tuple[Any, Any]:
     """Return the memory for what particles have seen of obstacles, where there are any, and of which, where of many."""
     seen, many = (model.particle_count if len(model.obstacles) > least else 0 for least in (0, 1))
     return room.array((model.world_count, seen), wp.vec4), room.array((model.world_count, many), wp.vec2)
+
+
+def place_obstacles(model: Model, tables: Any, state: State) -> None:
+    """Place obstacles as the frame that begins has them, in each world by its own time."""
+    if _moves(model):
+        placed, frames = tables.fixtures.motion, frames_of(model, state)
+        shape = placed.shape[0] // 2, placed.shape[1]
+        launch(place_fixtures, shape, [model.obstacle_motion, frames], [placed], device=model.device)
 
 
 def forget_looks(tables: Any) -> None:

@@ -9,7 +9,7 @@ from balloon_warp.kernels.schedules.launched.sphere_forces import read_sphere_fo
 from balloon_warp.launching import launch
 from balloon_warp.model import Model, State
 from balloon_warp.schedules.contact_sums import ContactSums
-from balloon_warp.schedules.fixtures import forget_looks
+from balloon_warp.schedules.fixtures import forget_looks, place_obstacles
 from balloon_warp.schedules.health import HealthCheck
 from balloon_warp.schedules.ramp import note_pressures, refresh_ramp, weigh_air
 
@@ -40,9 +40,10 @@ class Framing:
         self._health = HealthCheck(model, particles=looks)
 
     def begin(self, state: State) -> None:
-        """Update the ramp of keyframed values, and read the forces that the last frame left on spheres."""
+        """Update what follows from the frame, and read the forces that the last frame left on spheres."""
         refresh_ramp(self.model, state)
         weigh_air(self.model, self.features, self.tables, state, self._numbers)
+        place_obstacles(self.model, self.tables, state)
         forget_looks(self.tables)
         if self.working and self.features.tells_contacts:
             self.working.contact_impulses.zero_()

@@ -6,6 +6,7 @@ import numpy as np
 import warp as wp
 
 from balloon_warp.kernels.frames.around import end_frame
+from balloon_warp.kernels.frames.starting import count_ages
 from balloon_warp.kernels.measure.health import HealthTable
 from balloon_warp.kernels.measure.locking import note_overstretched
 from balloon_warp.launching import launch
@@ -53,8 +54,10 @@ class HealthCheck:
     def end_frame(self, state: State) -> None:
         """Count the frame, and look at what it wrote."""
         self._launch(state, 1)
+        model, parameters = self._model, self._model.parameters
+        if model.ages is not None:
+            launch(count_ages, model.world_count, [], [model.ages], device=self._device)
         if self._locking:
-            model, parameters = self._model, self._model.parameters
             launch(
                 note_overstretched,
                 (model.world_count, len(self._locking[0])),

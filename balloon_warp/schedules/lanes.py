@@ -23,7 +23,7 @@ from balloon_warp.launching import begin_loading, launch
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Counting
 from balloon_warp.schedules.features import choosing_parameters, model_features
-from balloon_warp.schedules.fixtures import forget_looks, look_arrays
+from balloon_warp.schedules.fixtures import forget_looks, look_arrays, place_obstacles
 from balloon_warp.schedules.health import HealthCheck
 from balloon_warp.schedules.lane_memory import allot_lanes, group_count, put_far_away, rows_of
 from balloon_warp.schedules.lane_tables import make_lane_tables
@@ -139,6 +139,7 @@ class LanesSchedule:
             self.busy.begin_loading(are_recorded=False)
         refresh_ramp(self.model, state)
         weigh_air(self.model, self._features, self.tables, state)
+        place_obstacles(self.model, self.tables, state)
         forget_looks(self.tables)
         given = {"state": world_state(state), **kept_arguments(state)}
         if self.busy:

@@ -5,6 +5,7 @@ import warp as wp
 from balloon_warp.kernels.frames.timeline import hold_spheres
 from balloon_warp.launching import launch
 from balloon_warp.model import Model, State
+from balloon_warp.model.state import frames_of
 from balloon_warp.scene.timeline import frame_at
 
 
@@ -25,7 +26,7 @@ class LateSpheres:
         launch(
             hold_spheres,
             state.sphere_positions.shape,
-            inputs=[self._first_frames, *starts, state.frame],
+            inputs=[self._first_frames, *starts, frames_of(self._model, state)],
             outputs=[state.sphere_positions, state.sphere_velocities, state.sphere_spins],
             device=self._model.device,
         )

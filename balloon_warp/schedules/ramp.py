@@ -9,6 +9,7 @@ from balloon_warp.kernels.frames.air_along import air_kernel
 from balloon_warp.kernels.frames.around import note_given_loads, ramp_inflation
 from balloon_warp.launching import launch
 from balloon_warp.model import Model, State
+from balloon_warp.model.state import frames_of
 from balloon_warp.schedules.tables import world_state
 
 
@@ -17,7 +18,10 @@ def refresh_ramp(model: Model, state: State) -> None:
     launch(
         ramp_inflation,
         (model.world_count, model.balloon_count),
-        inputs=[model.keyframe_times, model.parameters["keyframe_values"], model.frame_seconds, state.frame],
+        inputs=[
+            *(model.keyframe_times, model.parameters["keyframe_values"], model.frame_seconds),
+            frames_of(model, state),
+        ],
         outputs=[state.inflation_ramp],
         device=model.device,
     )

@@ -15,6 +15,7 @@ from balloon_warp.launching import launch
 from balloon_warp.mesh.corners import face_starts
 from balloon_warp.mesh.geometry import triangulate
 from balloon_warp.model import Model, State
+from balloon_warp.model.state import frames_of
 from balloon_warp.scene.colors import (
     BODY_COLORS,
     GROUND_COLOR,
@@ -135,7 +136,8 @@ class WorldCamera(Shown):
     def _things(self, model: Model, state: State) -> Any:
         """Return all that is no balloon, as it is now."""
         things = Things()
-        things.up, things.frame, things.has_ground = model.up, state.frame, int(model.scene.ground is not None)
+        things.up, things.frame = model.up, frames_of(model, state)
+        things.has_ground = int(model.scene.ground is not None)
         things.ground_heights = model.parameters["ground_height"]
         things.sphere_positions, things.sphere_radii = state.sphere_positions, model.parameters["sphere_radius"]
         things.obstacles, things.obstacle_motion = self._obstacles, model.obstacle_motion

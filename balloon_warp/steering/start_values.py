@@ -59,6 +59,8 @@ def start_value(model: Model, path: str) -> StartValue | None:
     value = StartValue(path, name, *(tuple(sorted({index[part] for index in indices})) for part in (0, 1)))
     if name == SHIFTED and any(model.scene.balloon[number].inflation.kind == "gas" for number in value.things):
         raise InputError(f"{path}: cannot be drawn for a balloon of gas, whose start depends on the air around it")
+    if name in IN_STATE and any(model.scene.sphere[number].start > 0.0 for number in value.things):
+        raise InputError(f"{path}: cannot be drawn for a sphere that appears later")
     return value
 
 

@@ -1,6 +1,7 @@
 """Starts: some worlds begin anew, by a mask on the device, with values drawn for each."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -12,14 +13,13 @@ from balloon_warp.kernels.frames.starting import begin_episodes, copy_rows, draw
 from balloon_warp.launching import launch
 from balloon_warp.model import Model, State, initial_state
 from balloon_warp.model.placing import place_particles
-from balloon_warp.model.rows import KEYFRAME_VALUES
 from balloon_warp.shown import Shown
 from balloon_warp.steering.controls import Controls
 from balloon_warp.steering.draws import KINDS, Draw, Kind, require_numbers
 from balloon_warp.steering.given import copy_given
 from balloon_warp.steering.observations import Observations
 from balloon_warp.steering.start_values import Shifts, start_value
-from balloon_warp.steering.timetable import Begun, Timetable, begun_of
+from balloon_warp.steering.timetable import Begun, Timetable, begun_of, has_times, require_timeless
 from balloon_warp.steering.views import rows_of_words
 from balloon_warp.warp_lock import recording
 
@@ -159,7 +159,7 @@ class Starts(Shown):
         if mask is not self.mask:
             copy_given(self.mask, mask, "reset")
         if self._graph is None:
-            _require_timeless(self._simulator.model)
+            require_timeless(self._simulator.model)
             self._follow_worlds()
             model = self._simulator.model
             self._start = _start_of(model)
@@ -169,22 +169,22 @@ class Starts(Shown):
         wp.capture_launch(self._graph)
 
     def _follow_worlds(self) -> None:
-        """Let planned changes follow the time of each world from here on, if there are any.
+        """Let what is planned follow the time of each world from here on, if there is anything.
 
         Raises:
-            InputError: one of them cannot.
+            InputError: a change cannot.
         """
         simulator = self._simulator
-        if simulator.model.scene.change and self._timetable is None:
+        if self._timetable is None and has_times(simulator.model):
             frame = simulator.frame_number
             self._timetable = Timetable(simulator.model, simulator.controls, self._begun, frame)
             simulator.drop_planned_changes()
-            simulator.record_again()
+            simulator.go_on_in(replace(simulator.model.with_rows_of_worlds(), ages=self._timetable.ages))
 
     def write(self) -> None:
         """Write what is planned for the next frame of each world, and all controls."""
         if self._timetable:
-            self._timetable.write()
+            self._timetable.write(self._simulator.model)
         self._simulator.controls.write()
 
     def saved(self) -> dict[str, NDArray]:
@@ -209,6 +209,7 @@ class Starts(Shown):
         """Go back to the saved time of each world, and draw next what would have been drawn then."""
         if self._timetable and AGES in saved:
             self._timetable.ages.assign(saved[AGES])
+            self._timetable.settle(self._simulator.model)
         for name, array in self._drawing.items():
             if name in saved:
                 array.assign(saved[name])
@@ -226,7 +227,7 @@ class Starts(Shown):
                 launch(copy_rows, (model.world_count, threads), [mask, source], [target, threads], device=model.device)
         controls.restart(mask)
         if self._timetable:
-            self._timetable.restart(mask)
+            self._timetable.restart(mask, model)
         for draw in self._draws:
             self._draw(draw)
         place_particles(model, state.points, state.velocities, mask)
@@ -258,21 +259,3 @@ def _start_of(model: Model) -> State:
     ]
     alike = all((values == values[:1]).all() for values in rows)
     return initial_state(model.of_world(0) if alike else model)
-
-
-def _require_timeless(model: Model) -> None:
-    """Make sure that nothing in a scene depends on the clock.
-
-    Raises:
-        InputError: something does.
-    """
-    scene = model.scene
-    lasting = [*scene.sphere, *scene.string]
-    reasons = {
-        "keyframes of its inflation, which no control has": KEYFRAME_VALUES.name not in model.reach
-        and any(balloon.inflation.has_keyframes for balloon in scene.balloon),
-        "obstacle.motion": np.ptp(np.asarray(model.obstacle_motion.numpy()), axis=0).any(),
-        "start or end": any(thing.start > 0.0 or thing.end is not None for thing in lasting),
-    }
-    if reason := next((name for name, depends in reasons.items() if depends), None):
-        raise InputError(f"reset: some worlds cannot begin anew where the scene has {reason}: the clock is that of all")

@@ -1,4 +1,4 @@
-"""Planned changes of a scene where each world has a time of its own: they write controls, on the device."""
+"""Time of each world by itself: planned changes write controls, on the device, and keyframes and obstacles follow."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
@@ -8,15 +8,17 @@ import warp as wp
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.kernels.frames.starting import begin_ages, count_ages, follow_plan
+from balloon_warp.kernels.frames.starting import begin_ages, follow_plan, let_appear
+from balloon_warp.kernels.laws.tearing import NEVER
 from balloon_warp.launching import launch
 from balloon_warp.model import Model
-from balloon_warp.model.parameters import places_of
+from balloon_warp.model.parameters import places_of, scene_parameters
 from balloon_warp.model.rows import rows_of
 from balloon_warp.model.vary import METHODS
 from balloon_warp.scene import Scene
-from balloon_warp.scene.timeline import frame_at
+from balloon_warp.scene.timeline import frame_at, is_there
 from balloon_warp.steering.controls import Controls
+from balloon_warp.steering.views import columns_of
 
 Begun = Mapping[str, NDArray]
 """Parameters that are planned to change, by name, as they were when the simulation began"""
@@ -33,10 +35,70 @@ class Turn(NamedTuple):
     """Values from then on"""
 
 
+class Appearance(NamedTuple):
+    """Sizes that a thing takes, one that appears later or ends."""
+
+    name: str
+    """Parameter that is 0 while it is not there"""
+    number: int
+    frames: wp.array
+    """Frames of a world at whose start it changes, in order"""
+    sizes: wp.array
+    """Values from then on"""
+    first: float
+    """Value as a world begins"""
+
+
 def begun_of(model: Model) -> Begun:
     """Copy what is planned to change, as a simulation begins."""
     names = dict.fromkeys(name for change in model.due_changes for name in change.values)
     return {name: np.array(model.parameters[name].numpy()) for name in names}
+
+
+def _appearances(model: Model, begun: Begun) -> Iterator[Appearance]:
+    """Find the spheres and strings that appear later or end."""
+    scene, device = model.scene, model.device
+    said = scene_parameters(scene, rows_of(model.laws))
+    for name, things in (("sphere_radius", scene.sphere), ("string_stiffness", scene.string)):
+        for number, thing in enumerate(things):
+            frames = sorted({frame_at(scene, time) for time in (thing.start, thing.end) if time})
+            if frames:
+                sizes = [said[name][0, number] * is_there(scene, thing, frame) for frame in frames]
+                yield Appearance(
+                    name,
+                    number,
+                    wp.array(frames, dtype=wp.int32, device=device),
+                    wp.array(sizes, dtype=wp.float32, device=device),
+                    float(begun[name][0, number]),
+                )
+
+
+def has_times(model: Model) -> bool:
+    """Return whether a scene says what comes when: changes, keyframes, moving obstacles, things that appear or end."""
+    moves = np.ptp(np.asarray(model.obstacle_motion.numpy()), axis=0).any()
+    keyed = any(balloon.inflation.has_keyframes for balloon in model.scene.balloon)
+    return bool(model.due_changes or keyed or moves)
+
+
+def require_timeless(model: Model) -> None:
+    """Make sure that nothing in a scene depends on the clock of all worlds.
+
+    Raises:
+        InputError: something does.
+    """
+    scene = model.scene
+    ties = any(string.start > 0.0 or string.end is not None for string in scene.string)
+    necks = [balloon.neck for balloon in scene.balloon if balloon.neck]
+    fills = (model.parameters[f"fill_{name}"].numpy() for name in ("breaths", "litres", "moles"))
+    blown_in = sum(float(np.sum(fill)) for fill in fills)
+    reasons = {
+        'strings that appear or end, and solver = "projective"': ties and scene.solver == "projective",
+        "a neck that opens or closes": any(neck.opens > 0.0 or neck.closes is not None for neck in necks),
+        "gas that is blown in for a time": blown_in > 0.0,
+        "a needle_time": any(balloon.material.needle_time < NEVER for balloon in scene.balloon),
+    }
+    if reason := next((name for name, depends in reasons.items() if depends), None):
+        raise InputError(f"reset: some worlds cannot begin anew where the scene has {reason}: the clock is that of all")
 
 
 class Timetable:
@@ -69,17 +131,31 @@ class Timetable:
                 values = wp.array([value[axis] for _, value in planned], dtype=wp.float32, device=model.device)
                 self._turns.append(Turn(path, axis, frames, values))
 
-    def write(self) -> None:
-        """Write what is planned for the frame that each world begins, and count that frame."""
+        self._appearances = list(_appearances(model, begun))
+        self._nobody = wp.zeros(model.world_count, dtype=wp.int32, device=model.device)
+
+    def write(self, model: Model) -> None:
+        """Write what is planned for the frame that each world begins."""
+        self._appear(model, self._nobody)
         count, device = self.ages.shape[0], self._device
         for turn in self._turns:
             target = self._controls.column(turn.path, turn.axis)
             launch(follow_plan, count, [self.ages, turn.frames, turn.values], [target], device=device)
-        launch(count_ages, count, [], [self.ages], device=device)
 
-    def restart(self, mask: wp.array) -> None:
+    def restart(self, mask: wp.array, model: Model) -> None:
         """Let the time of worlds begin anew."""
         launch(begin_ages, self.ages.shape[0], [mask], [self.ages], device=self._device)
+        self._appear(model, mask)
+
+    def settle(self, model: Model) -> None:
+        """Let be there what is, after the time of worlds has been set."""
+        self._appear(model, wp.ones_like(self._nobody))
+
+    def _appear(self, model: Model, mask: wp.array) -> None:
+        for each in self._appearances:
+            (target,) = columns_of(model.parameters[each.name], (each.number,))
+            inputs = [mask, self.ages, each.frames, each.sizes, each.first]
+            launch(let_appear, self.ages.shape[0], inputs, [target], device=self._device)
 
 
 def _planned(scene: Scene) -> dict[str, list[tuple[int, NDArray[np.float64]]]]:

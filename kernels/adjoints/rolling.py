@@ -11,7 +11,6 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.adjoint import Adjoint, NoAdjointError
-from balloon_warp.kernels.clock import end_of_step
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.fixed_point import total_newtons
 from balloon_warp.kernels.frames.backwards import Bars, numbers_adder
@@ -168,7 +167,7 @@ def roll_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
             quanta: forces on spheres since they last moved, as the substep began.
         """
         world = wp.tid()
-        end = end_of_step(t, before.frame, time_in_frame)
+        end = time_in_frame + t.step_seconds
         for sphere in range(t.spheres.numbers.shape[1]):
             if has_met(t, before, after, world, sphere, end):
                 bars.met[world] = 1

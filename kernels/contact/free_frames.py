@@ -119,8 +119,7 @@ def surround_kernel(features: Features) -> Any:
             free.boxes[world, balloon, UPPER] = upper
             clearance = float(FAR_AWAY)
             if wp.static(keeps_off):
-                begin = float(state.frame[0]) * t.frame_seconds
-                clearance = free_ball(t, world, begin, 0.5 * (lower + upper), 0.5 * wp.length(upper - lower))
+                clearance = free_ball(t, world, 0.0, 0.5 * (lower + upper), 0.5 * wp.length(upper - lower))
                 clearance -= t.fixtures.fastest * t.frame_seconds
             free.alone[world, balloon, CLEARANCE] = clearance
             free.alone[world, balloon, SPEED] = wp.sqrt(whole[6])

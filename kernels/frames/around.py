@@ -47,10 +47,29 @@ def ramp_inflation(
     A thread a (world, balloon).
     """
     world, balloon = wp.tid()
-    begin = float(frame[0]) * frame_seconds
+    begin = float(frame[row_of_world(world, frame.shape[0])]) * frame_seconds
     first = keyframed_value(keyframe_times, keyframe_values, world, balloon, begin)
     last = keyframed_value(keyframe_times, keyframe_values, world, balloon, begin + frame_seconds)
     inflation_ramp[world, balloon] = wp.vec2(first, (last - first) / frame_seconds)
+
+
+@wp.kernel
+def place_fixtures(
+    # model
+    motion: wp.array2d[wp.transform],
+    # state in
+    frame: wp.array[wp.int32],
+    # out
+    placed: wp.array2d[wp.transform],
+):
+    """Place obstacles as the frame begins, and then as it ends, when the last of their motion is one of rest.
+
+    A thread a (row of worlds, obstacle).
+    """
+    row, fixture = wp.tid()
+    begin = wp.clamp(frame[row_of_world(row, frame.shape[0])], 0, motion.shape[0] - 2)
+    placed[2 * row, fixture] = motion[begin, fixture]
+    placed[2 * row + 1, fixture] = motion[begin + 1, fixture]
 
 
 @wp.kernel

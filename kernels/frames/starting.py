@@ -115,6 +115,28 @@ def count_ages(ages: wp.array[wp.int32]):
 
 
 @wp.kernel
+def let_appear(
+    mask: wp.array[wp.int32],
+    ages: wp.array[wp.int32],
+    frames: wp.array[wp.int32],
+    sizes: wp.array[float],
+    first: float,
+    # parameter out
+    target: wp.array[float],
+):
+    """Let a thing appear or end in the frame that a world begins; a thread a world.
+
+    Where a mask is not 0, it gets what it has had until then, too.
+    """
+    world = wp.tid()
+    if mask[world] != 0:
+        target[world] = first
+    for turn in range(frames.shape[0]):
+        if frames[turn] == ages[world] or (mask[world] != 0 and frames[turn] < ages[world]):
+            target[world] = sizes[turn]
+
+
+@wp.kernel
 def follow_plan(
     ages: wp.array[wp.int32],
     frames: wp.array[wp.int32],

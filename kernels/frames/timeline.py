@@ -3,6 +3,7 @@
 import warp as wp
 
 from balloon_warp.kernels.options import OPTIONS
+from balloon_warp.kernels.tables import row_of_world
 
 wp.set_module_options(OPTIONS)
 
@@ -23,7 +24,7 @@ def hold_spheres(
 ):
     """Hold spheres at their place until their first frame, at the end of a frame; a thread a (world, sphere)."""
     world, sphere = wp.tid()
-    if frame[0] <= first_frames[sphere]:
+    if frame[row_of_world(world, frame.shape[0])] <= first_frames[sphere]:
         positions[world, sphere] = initial_positions[world % initial_positions.shape[0], sphere]
         velocities[world, sphere] = initial_velocities[world % initial_velocities.shape[0], sphere]
         spins[world, sphere] = initial_spins[world % initial_spins.shape[0], sphere]

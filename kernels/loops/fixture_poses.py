@@ -20,35 +20,33 @@ class Pose:
 
 
 @wp.func
-def frame_at(t: Tables, time: float):
-    """Return the frame of a step that ends at a time, and the fraction of it then; the last frame is one of rest."""
-    last = t.fixtures.motion.shape[0] - 2
-    frame = wp.clamp(int((time - 0.5 * t.step_seconds) / t.frame_seconds), 0, last)
-    return frame, wp.clamp(time / t.frame_seconds - float(frame), 0.0, 1.0)
+def motion_of(t: Tables, world: wp.int32, fixture: wp.int32):
+    """Return the shift and rotation of an obstacle as a world's frame begins, and as it ends."""
+    row = 2 * row_of_world(world, t.fixtures.motion.shape[0] // 2)
+    return t.fixtures.motion[row, fixture], t.fixtures.motion[row + 1, fixture]
 
 
 @wp.func
-def seconds_in_frame(t: Tables, time: float):
-    """Return the time since the frame of a step began that ends at a time [s]."""
-    frame = wp.floor((time - 0.5 * t.step_seconds) / t.frame_seconds)
-    return wp.clamp(time - frame * t.frame_seconds, 0.0, t.frame_seconds)
+def seconds_in_frame(t: Tables, end: float):
+    """Return a time within a frame, whose end and beginning rounding does not pass [s]."""
+    return wp.clamp(end, 0.0, t.frame_seconds)
 
 
 @cache
 def center_function(features: Features) -> Any:
-    """Return the function that returns an obstacle's origin at a time."""
+    """Return the function that returns an obstacle's origin at a time since the frame began."""
 
     @wp.func
-    def center_at(t: Tables, world: wp.int32, fixture: wp.int32, time: float):
+    def center_at(t: Tables, world: wp.int32, fixture: wp.int32, end: float):
         """Return the position of an obstacle [m], linear between two frames."""
         shift = wp.transform_get_translation(t.fixtures.motion[0, fixture])
         if wp.static(features.fixtures_move):
-            frame, part = frame_at(t, time)
-            begin = wp.transform_get_translation(t.fixtures.motion[frame, fixture])
-            end = wp.transform_get_translation(t.fixtures.motion[frame + 1, fixture])
-            shift = begin + part * (end - begin)
+            first, last = motion_of(t, world, fixture)
+            part = seconds_in_frame(t, end) / t.frame_seconds
+            way = wp.transform_get_translation(last) - wp.transform_get_translation(first)
+            shift = wp.transform_get_translation(first) + part * way
         if wp.static(features.fixtures_steered):
-            shift += seconds_in_frame(t, time) * t.fixtures.velocities[world, fixture]
+            shift += seconds_in_frame(t, end) * t.fixtures.velocities[world, fixture]
         return t.fixtures.positions[row_of_world(world, t.fixtures.positions.shape[0]), fixture] + shift
 
     return center_at
@@ -56,23 +54,22 @@ def center_function(features: Features) -> Any:
 
 @cache
 def pose_function(features: Features) -> Any:
-    """Return the function that returns an obstacle's pose at a time."""
+    """Return the function that returns an obstacle's pose at a time since the frame began."""
     center_at = center_function(features)
 
     @wp.func
-    def pose_at(t: Tables, world: wp.int32, fixture: wp.int32, time: float):
+    def pose_at(t: Tables, world: wp.int32, fixture: wp.int32, end: float):
         """Return the pose of an obstacle: between two frames it moves along a line, and turns about an axis."""
         pose = Pose()
-        pose.center = center_at(t, world, fixture, time)
+        pose.center = center_at(t, world, fixture, end)
         if wp.static(features.fixtures_move):
-            frame, part = frame_at(t, time)
-            begin = t.fixtures.motion[frame, fixture]
-            end = t.fixtures.motion[frame + 1, fixture]
-            shift = wp.transform_get_translation(end) - wp.transform_get_translation(begin)
+            first, last = motion_of(t, world, fixture)
+            part = seconds_in_frame(t, end) / t.frame_seconds
+            shift = wp.transform_get_translation(last) - wp.transform_get_translation(first)
             axis, angle = wp.quat_to_axis_angle(
-                wp.transform_get_rotation(end) * wp.quat_inverse(wp.transform_get_rotation(begin))
+                wp.transform_get_rotation(last) * wp.quat_inverse(wp.transform_get_rotation(first))
             )
-            pose.turn = wp.quat_from_axis_angle(axis, part * angle) * wp.transform_get_rotation(begin)
+            pose.turn = wp.quat_from_axis_angle(axis, part * angle) * wp.transform_get_rotation(first)
             pose.velocity = shift / t.frame_seconds
             if wp.static(features.fixtures_steered):
                 pose.velocity += t.fixtures.velocities[world, fixture]

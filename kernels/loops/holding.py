@@ -146,8 +146,8 @@ def holding_function(features: Features) -> Any:
     hold_thing = thing_holding_function(features)
 
     @wp.func
-    def take_hold(t: Tables, state: WorldState, working: Working, world: wp.int32, time: float, pull: float):
-        """List the contacts in a step that begins at a time, and return their number."""
+    def take_hold(t: Tables, state: WorldState, working: Working, world: wp.int32, begin: float, pull: float):
+        """List the contacts in a step that begins at a time in the frame, and return their number."""
         bodies = state.body_positions.shape[1]
         things = count_of(t, state)
         fastest = t.fixtures.fastest
@@ -162,7 +162,7 @@ def holding_function(features: Features) -> Any:
             own = body_in(t, state, world, body)
             within = LOOKED_AHEAD * t.step_seconds * (speed_of(t, state, working, world, body, pull) + fastest)
             for number in range(things):
-                thing = thing_at(t, state, world, number, time)
+                thing = thing_at(t, state, world, number, begin)
                 if thing.other != body:
                     away = wp.length(own.center - thing.center)
                     if thing.fixture < 0 and thing.other < 0:

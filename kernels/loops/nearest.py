@@ -63,8 +63,8 @@ def thing_functions(features: Features) -> tuple[Any, Any, Any, Any]:
         return thing
 
     @wp.func
-    def thing_at(t: Tables, state: WorldState, world: wp.int32, number: wp.int32, time: float):
-        """Return a thing as it is and moves when a step begins at a time."""
+    def thing_at(t: Tables, state: WorldState, world: wp.int32, number: wp.int32, begin: float):
+        """Return a thing as it is and moves when a step begins at a time in the frame."""
         thing = Thing()
         thing.fixture = -1
         thing.other = number - 1
@@ -78,7 +78,7 @@ def thing_functions(features: Features) -> tuple[Any, Any, Any, Any]:
             fixture = number - 1
             thing.other = fixture - t.fixtures.solids.shape[0]
             if thing.other < 0:
-                pose = pose_at(t, world, fixture, time + t.step_seconds)  # in the frame of the step, then back
+                pose = pose_at(t, world, fixture, begin + t.step_seconds)  # as the step ends, then back
                 thing.fixture = fixture
                 thing.other = -1
                 thing.center = pose.center - t.step_seconds * pose.velocity

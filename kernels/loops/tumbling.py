@@ -203,13 +203,13 @@ def tumbling_function(features: Features) -> Any:
     gravity = features.columns.places["gravity"] - split
 
     @wp.func
-    def tumble(t: Tables, state: WorldState, working: Working, world: wp.int32, time: float):
-        """Move all bodies in a step that begins at a time [s]; spheres have moved."""
+    def tumble(t: Tables, state: WorldState, working: Working, world: wp.int32, time_in_frame: float):
+        """Move all bodies in a step that begins at a time in the frame [s]; spheres have moved."""
         bodies = state.body_positions.shape[1]
         pull = t.world_numbers[row_of_world(world, t.world_numbers.shape[0]), gravity]
         for body in range(bodies):
             begin(t, state, working, world, body)
-        count = take_hold(t, state, working, world, time, pull)
+        count = take_hold(t, state, working, world, time_in_frame, pull)
         remember(state, working, world, count)
         part(t, state, working, world, count)
         for body in range(bodies):

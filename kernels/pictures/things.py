@@ -117,7 +117,8 @@ def glance_at_solids(things: Things, world: wp.int32, eye: wp.vec3, direction: w
         first: number of the first obstacle.
     """
     glance = seen
-    frame = wp.min(things.frame[0], things.obstacle_motion.shape[0] - 1)
+    frame = things.frame[row_of_world(world, things.frame.shape[0])]
+    frame = wp.min(frame, things.obstacle_motion.shape[0] - 1)
     for obstacle in range(things.obstacles.shape[0]):
         moved = things.obstacle_motion[frame, obstacle]
         center = things.obstacle_positions[row_of_world(world, things.obstacle_positions.shape[0]), obstacle]

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from balloon_warp.kernels.clock import end_of_step, ramp_at, time_of
+from balloon_warp.kernels.clock import ramp_at, time_of
 from balloon_warp.kernels.loops.areas import volume_origin
 from balloon_warp.kernels.memory import put_vector_in, two_in, vector_in
 from balloon_warp.kernels.params import numbers_reader, params_functions
@@ -17,7 +17,7 @@ from balloon_warp.kernels.tables import Tables, WorldState, sphere_number
 from balloon_warp.kernels.working import Working
 
 SCOPE: Mapping[str, Any] = {
-    "Tables": Tables, "WorldState": WorldState, "Working": Working, "time_of": time_of, "end_of_step": end_of_step,
+    "Tables": Tables, "WorldState": WorldState, "Working": Working, "time_of": time_of,
     "ramp_at": ramp_at, "vector_in": vector_in, "put_vector_in": put_vector_in, "two_in": two_in,
     "volume_origin": volume_origin, "spheres_in_state": spheres_in_state,
     "sphere_number": sphere_number,

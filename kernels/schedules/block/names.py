@@ -79,7 +79,7 @@ class NamesInBlock(Writer):
         """Return the arguments that a name depends on, and the text that computes it."""
         anywhere = {
             "time": ("", "frame_begin + time_in_frame"),
-            "end": ("time", "time + t.step_seconds"),
+            "end": ("", "time_in_frame + t.step_seconds"),
             "springs": ("", "working"),  # they are read from tables
         }
         if name in anywhere:

@@ -102,7 +102,7 @@ class _Writer(NamesInLanes):
     def _begin_substep(self) -> None:
         self.line("time_in_frame = float(substep) * t.step_seconds")
         self.line("time = time_of(tables, state.frame, time_in_frame)")
-        self.line("end = end_of_step(tables, state.frame, time_in_frame)")
+        self.line("end = time_in_frame + t.step_seconds")
         turns = [view for view in self.doubled if sum(self._flips(piece, view) for piece in self.step.pieces) % 2]
         for condition, names in (("if substep % 2 == 1:", ("other", "all")), ("else:", ("all", "other"))):
             if turns:

@@ -19,7 +19,7 @@ Part = Literal["all", "part", "parts"]
 HANDLES = ("t", "time_in_frame", "state", "working")
 NAMES: Mapping[str, tuple[str, str]] = {
     "time": ("", "time_of(t, state.frame, time_in_frame)"),
-    "end": ("", "end_of_step(t, state.frame, time_in_frame)"),
+    "end": ("", "time_in_frame + t.step_seconds"),
     "points": ("", "all_points[world]"),
     "velocities": ("", "all_velocities[world]"),
     "spheres": ("", "spheres_in_state(t, state, working)"),
