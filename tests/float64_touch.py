@@ -1,7 +1,7 @@
 """Motion of balloons of springs that touch, in NumPy and double precision, written from the formulas of `laws.touch`.
 
-Every particle looks at all triangles of the others, or of its own balloon that are far from it at the start. Balloons are
-closed and come from outside, or their parts face each other across a gap."""
+Every particle looks at all triangles of the others, or of its own balloon that are far from it at the start. Balloons
+are closed and come from outside, or their parts face each other across a gap."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -12,19 +12,25 @@ from balloon_warp.kernels.laws.touch import DAMPING_RATIO, NEAR, STEEPEST
 from balloon_warp.kernels.loops.meeting import APART_RATE, AS_NEAR, LITTLE, SOON
 from balloon_warp.mesh.triangles import triangles_of
 from balloon_warp.model import plan_model
+from balloon_warp.model.folded import is_folded
 from balloon_warp.model.friction import FRICTION
 from balloon_warp.model.plan import settled_parameters
 from balloon_warp.model.starts import start_of
 from balloon_warp.model.touch import APART, STIFFNESSES, THICKNESS, crowd_of, edge_length
 from balloon_warp.scene import Scene
+from balloon_warp.schedules.touch_table import ITSELF
 from balloon_warp.statics.volume import Volume
 
 Array = np.ndarray
 
 
-def touching_motion(scene: Scene, values: Mapping[str, float] | None = None) -> tuple[list[Array], list[Array]]:
-    """Return places and velocities of each balloon in all frames, shape (frames + 1, n, 3)."""
-    return _Touching(scene, values or {}).frames()
+def touching_motion(
+    scene: Scene, values: Mapping[str, float] | None = None, shifts: tuple[Any, Any] = (0.0, 0.0)
+) -> tuple[list[Array], list[Array]]:
+    """Return places and velocities of each balloon in all frames, shape (frames + 1, n, 3).
+
+    Args: shifts: offsets of places and velocities of all particles at the start."""
+    return _Touching(scene, values or {}).frames(*shifts)
 
 
 def dots(a: Array, b: Array) -> Array:
@@ -57,11 +63,12 @@ class _Touching:
                 if first == second and not itself:
                     continue
                 ways = np.linalg.norm(rest[corners][None] - rest[own][:, None, None], axis=-1)
-                far = (ways >= APART * self.edges[first]).all(axis=-1)
+                apart = ITSELF if itself and is_folded(plan.shapes[first].mesh) else APART
+                far = (ways >= apart * self.edges[first]).all(axis=-1)
                 may = far if first == second else np.ones((len(own), len(corners)), dtype=bool)
                 self.pairs.append((first, second, own, corners, may))
 
-    def frames(self) -> tuple[list[Array], list[Array]]:
+    def frames(self, shift: Any, push: Any) -> tuple[list[Array], list[Array]]:
         starts = [
             start_of(self.scene, self.p, number, shape.mesh.points)[0] for number, shape in enumerate(self.shapes)
         ]
@@ -73,8 +80,8 @@ class _Touching:
                 for number, at in enumerate(starts)
             ]
         )
-        v = v * (self.mass > 0.0)[:, None]
-        self.holds, self.sides = np.zeros((len(x), 4)), {}
+        x, v = x + shift, v * (self.mass > 0.0)[:, None] + push
+        self.holds = np.zeros((len(x), 4))
         found = [(x, v)]
         for _ in range(self.scene.frames):
             self.contacts = np.zeros(len(x))
@@ -91,6 +98,9 @@ class _Touching:
         self.contacts = counts
         up = np.array(self.scene.up)
         force = push - self.mass[:, None] * float(np.ravel(self.p["gravity"])[0]) * up
+        for outer in self.scene.force:
+            own = self.offsets[outer.balloon] + np.array(outer.particles)
+            force[own] += np.outer(self.shares[own] / self.shares[own].sum(), outer.newtons)
         for number, shape in enumerate(self.shapes):
             part = slice(self.offsets[number], self.offsets[number + 1])
             force[part] += self._springs(number, shape, x[part])
@@ -114,13 +124,15 @@ class _Touching:
         """Return contact forces, counts of contacts, and the state of each particle's contact."""
         force, counts, holds = np.zeros_like(x), np.zeros(len(x)), np.zeros((len(x), 4))
         for first, second, own, corners, may in self.pairs:
-            chosen, some = self._nearest(x, own, corners, may)
-            own_near, triangle = own[some], corners[chosen[some]]
-            if len(own_near):
-                self._press(x, v, first, second, own_near, triangle, force, counts, holds)
+            pad = self._skins(first, second)[0] + 0.5 * self.edges[second]
+            low, high = x[corners].min(axis=(0, 1)) - pad, x[corners].max(axis=(0, 1)) + pad
+            near = ((x[own] >= low) & (x[own] <= high)).all(axis=1) & may.any(axis=1)
+            if near.any():
+                triangle = corners[self._nearest(x, own[near], corners, may[near])]
+                self._press(x, v, first, second, own[near], triangle, force, counts, holds)
         return force, counts, holds
 
-    def _nearest(self, x: Array, own: Array, corners: Array, may: Array) -> tuple[Array, Array]:
+    def _nearest(self, x: Array, own: Array, corners: Array, may: Array) -> Array:
         """Return the triangle to which each particle is nearest; of those that share a place, that which faces it."""
         arms = x[own][:, None] - nearest_places(x[own][:, None], *(x[corners[:, n]][None] for n in range(3)))
         squares = np.where(may, dots(arms, arms), 1e30)
@@ -128,7 +140,7 @@ class _Touching:
         rise = np.abs(dots(arms, areas[None]))
         steep = rise / np.maximum(np.sqrt(squares) * np.linalg.norm(areas, axis=-1), 1e-30)
         as_near = squares <= squares.min(axis=1, keepdims=True) * (1.0 + float(AS_NEAR))
-        return np.where(as_near, steep, -1.0).argmax(axis=1), may.any(axis=1)
+        return np.where(as_near, steep, -1.0).argmax(axis=1)
 
     def _press(
         self, x: Array, v: Array, first: int, second: int, own: Array, corners: Array, force: Array, counts: Array,
@@ -146,7 +158,8 @@ class _Touching:
         outward = np.where(inside[:, None], area / size[:, None], towards)
         gap = dots(arm, outward)
         along = dots(outward, area)
-        reach = np.cross(outward[:, None], np.stack([c - b, a - c, b - a], axis=1)) / np.maximum(along, 1e-30)[:, None, None]
+        reach = np.cross(outward[:, None], np.stack([c - b, a - c, b - a], axis=1))
+        reach /= np.maximum(along, 1e-30)[:, None, None]
         reach *= (along > float(STEEPEST) * size)[:, None, None]
         beyond = arm - gap[:, None] * outward
         more = (reach * beyond[:, None]).sum(axis=-1)
@@ -155,8 +168,8 @@ class _Touching:
         reach = reach * ~tall[:, None, None]
 
         side = np.ones(len(own))
-        if first == second:  # the side on which they came together stays theirs
-            side = np.array([self.sides.setdefault(one, float(np.sign(g))) for one, g in zip(own, gap, strict=True)])
+        if first == second:  # no particle comes through
+            side = np.where(gap < 0.0, -1.0, 1.0)
         overlap = thickness - side * gap
         across = v[own] - (weights[:, :, None] * moving).sum(axis=1)
         comes = overlap + float(SOON) * self.h * np.maximum(-side * dots(across, outward), 0.0) > 0.0

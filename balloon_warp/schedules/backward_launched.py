@@ -57,7 +57,7 @@ class _Remembering(Launches):
 CARRIED = {"inflation_loads": wp.vec2}
 """Values that balloons carry from one substep to the next, and their types"""
 WAYS_OUT = {"meet_edges": "touch.edges = false", "meet_ridges": "faces = false"}
-"""What leaves a phase out that has no adjoint, by its name"""
+"""Settings by the names of phases without an adjoint, which they leave out"""
 GAS_CARRIED = {"pressures": wp.float32, "gas_amounts": wp.float64, "free_volumes": wp.float64}
 """Further values that balloons carry, where gas comes and goes"""
 
@@ -170,7 +170,8 @@ class LaunchedBackward(BackwardFrames):
 
     def _touch(self, state: State, substep: int, time_in_frame: float, now: Moving) -> None:
         """Let balloons touch, and keep what they find."""
-        assert self._searching is not None and self.touch is not None
+        assert self._searching
+        assert self.touch
         self._searching.search(state, substep, *now)
         self.touch.note(substep)
         self._searching.press(state, *now)

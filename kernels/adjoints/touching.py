@@ -40,17 +40,17 @@ class TouchBars:
     """Derivatives by what touching balloons read and find."""
 
     forces: wp.array2d[wp.vec3]
-    """By the forces that particles take"""
+    """Derivatives by the forces that particles take"""
     holds: wp.array2d[wp.vec4]
-    """By the state of contacts after a substep, and then before it"""
+    """Derivatives by the state of contacts after a substep, and then before it"""
     counts: wp.array2d[float]
-    """By the counts of contacts that a substep finds"""
+    """Derivatives by the counts of contacts that a substep finds"""
     sums: wp.array3d[wp.int64]
     largest: wp.array2d[float]
     pairs: wp.array3d[wp.vec3]
-    """By stiffness, friction and thickness between each particle and each balloon, in the frame so far"""
+    """Derivatives by stiffness, friction and thickness between each particle and each balloon, in the frame so far"""
     totals: wp.array3d[wp.vec3d]
-    """The same between balloons, since they were last taken"""
+    """Sums of these between balloons, since they were last taken"""
 
 
 @wp.func
