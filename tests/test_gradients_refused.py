@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import warp as wp
 from gradient_scenes import CASES, SPRINGS, far, scene
-from meshes import quad_sphere
 
 import balloon_warp as bw
 from balloon_warp.kernels.adjoint import NoAdjointError
@@ -51,15 +50,6 @@ def test_a_phase_without_an_adjoint_is_refused_by_its_name():
     of = scene(correction="provot")
     with pytest.raises(bw.InputError, match="gradients: `correct` has no adjoint yet; expected a scene without"):
         bw.gradient(of, of=SPRINGS, loss=far, device="cpu")
-
-
-def test_balloons_that_touch_by_default_are_refused_with_a_way_out():
-    alone = scene()
-    pair = alone.model_copy(
-        update={"balloon": [*alone.balloon, bw.Balloon(mesh=quad_sphere(3), position=(3.0, 0.0, 0.0))]}
-    )
-    with pytest.raises(bw.InputError, match="balloons that touch have no adjoint yet; expected touch = false"):
-        bw.gradient(pair, of=SPRINGS, loss=far, device="cpu")
 
 
 WAYS = {

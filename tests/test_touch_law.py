@@ -134,7 +134,6 @@ def meet(
     inputs.side = side
     place = faced(place_beside(points[number], a, b, c), a, b, c)
     inputs.thickness = 0.5
-    inputs.overlap = 0.5 - side * place.gap
     inputs.stiffness = 100.0
     inputs.friction = 0.7
     inputs.masses = wp.vec4(1.0, 2.0, 3.0, 4.0)

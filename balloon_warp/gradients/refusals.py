@@ -16,6 +16,7 @@ from balloon_warp.mesh.topology import inconsistent_edges, is_closed, mesh_edges
 from balloon_warp.model import Model, ModelPlan
 from balloon_warp.model.friction import FRICTION, SAID
 from balloon_warp.model.memory import usable_memory
+from balloon_warp.model.touch import STIFFNESSES
 from balloon_warp.model.vary import METHODS
 from balloon_warp.schedules.backward_launched import gradient_step, kernels_of
 from balloon_warp.schedules.features import model_features
@@ -37,8 +38,6 @@ def require_differentiable(plan: ModelPlan) -> None:
     scene = plan.scene
     if scene.solver == "projective":
         raise InputError('gradients: `projective` has no adjoint; expected solver = "symplectic_euler"')
-    if scene.touches:
-        raise InputError("gradients: balloons that touch have no adjoint yet; expected touch = false")
     for number, change in enumerate(scene.change):
         for path in change.set:
             if path in METHODS or path.endswith(".gamma"):
@@ -64,7 +63,7 @@ def require_paths(plan: ModelPlan, model: Model, chains: Sequence[Chain]) -> Non
             raise InputError(f"{chain.path}: no path leads from it to the loss: nothing follows from its value")
         for name, slopes in (each for span in chain.spans for each in span.items()):
             known = name in laws or name in (*FOUND, *OF_SPHERES) or name in UNREAD or name.startswith("initial_")
-            known = known or (name == FRICTION and _is_of_ground(plan, slopes))
+            known = known or (name == FRICTION and _is_of_balloons(plan, slopes)) or name == STIFFNESSES
             changes = name in (FRICTION, *SAID) and _friction_changes(plan)
             if changes or (name in model.parameters and not known):
                 raise InputError(f"{chain.path}: cannot be derived by yet, for it acts by `{name}`")
@@ -74,8 +73,8 @@ def require_paths(plan: ModelPlan, model: Model, chains: Sequence[Chain]) -> Non
                 raise InputError(f"{chain.path}: cannot be derived by, its slope is not finite")
 
 
-def _is_of_ground(plan: ModelPlan, slopes: NDArray[np.float64]) -> bool:
-    """Return whether all coefficients that grow are those of balloons and the ground; balloons do not touch."""
+def _is_of_balloons(plan: ModelPlan, slopes: NDArray[np.float64]) -> bool:
+    """Return whether all coefficients that grow are those of balloons, with each other or the ground."""
     balloons = np.arange(slopes.shape[1])[-len(plan.shapes) :]
     known = [ON_GROUND, *balloons]
     others = slopes.copy()

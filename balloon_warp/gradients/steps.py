@@ -73,6 +73,10 @@ class Steps:
         require_differentiable(self.plan)
         if self.plan.scene.sphere:
             raise InputError("rollout: spheres are not carried from frame to frame yet; expected a scene without")
+        if self.plan.scene.touches:
+            raise InputError(
+                "rollout: contacts of balloons are not carried from frame to frame yet; expected touch = false"
+            )
         if self.plan.due_changes:
             raise InputError("rollout: expected a scene without [[change]]; `step` takes other values in each frame")
         self.paths = list(of)

@@ -92,7 +92,11 @@ class WayBack:
         backward.bars.number_totals.zero_()
         of_spheres = backward.spheres.taken_numbers() if backward.spheres else {}
         numbers = by_numbers(self._model.columns, backward.columns, totals)
-        return {**by_friction(self._model, numbers), **numbers, **of_spheres}
+        of_touch = backward.touch.taken_numbers() if backward.touch else {}
+        of_pairs = by_friction(self._model, numbers)
+        for name in of_pairs.keys() & of_touch.keys():
+            of_touch[name] = of_touch[name] + of_pairs[name]
+        return {**of_pairs, **numbers, **of_spheres, **of_touch}
 
     def _by_start(self, told: Told) -> dict[str, Values]:
         """Return derivatives by all that counts at the start alone."""

@@ -19,6 +19,7 @@ from balloon_warp.launching import launch
 from balloon_warp.model import Model, State, copy_of
 from balloon_warp.model.memory import Room
 from balloon_warp.schedules.backward_spheres import SpheresBackward
+from balloon_warp.schedules.backward_touch import STATE_OF_TOUCH, TouchBackward
 from balloon_warp.schedules.tables import world_state
 from balloon_warp.warp_lock import recording
 
@@ -44,6 +45,8 @@ class BackwardFrames(ABC):
     """Whether the pressure of one substep is read in the next"""
     spheres: SpheresBackward | None = None
     """Adjoint of spheres, where there are any"""
+    touch: TouchBackward | None = None
+    """Adjoint of balloons that touch, where any may"""
 
     def __init__(
         self, model: Model, state: State, columns: Sequence[int], step: Step, tables: Any, room: Room,
@@ -68,7 +71,8 @@ class BackwardFrames(ABC):
 
     def checkpoint(self, state: State, but: Collection[str] = ()) -> dict[str, wp.array]:
         """Return what a frame begins with, copied, but for what somebody else keeps."""
-        return {name: wp.clone(getattr(state, name)) for name in KEPT if name not in but}
+        names = (*KEPT, *STATE_OF_TOUCH) if self.step.features.touches else KEPT
+        return {name: wp.clone(getattr(state, name)) for name in names if name not in but}
 
     def turn_back(self, checkpoint: Mapping[str, Any]) -> None:
         """Turn the bars of where a frame ends into those of where it begins.

@@ -1,6 +1,6 @@
 """Frames backwards, as launches: a thread has a particle of a world."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -21,9 +21,12 @@ from balloon_warp.schedules.backward import BackwardFrames
 from balloon_warp.schedules.backward_directions import DirectionsBackward
 from balloon_warp.schedules.backward_gas import GasBackward
 from balloon_warp.schedules.backward_spheres import STATE_OF_SPHERES, SpheresBackward
+from balloon_warp.schedules.backward_touch import TouchBackward, kept_of_touch
+from balloon_warp.schedules.balloon_contact import TouchLaunches
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.framing import Framing
-from balloon_warp.schedules.launches import Launches, Moving, step_arrays, team_threads
+from balloon_warp.schedules.gather import GatherSchedule
+from balloon_warp.schedules.launches import Launches, Moving, Own, step_arrays, team_threads
 from balloon_warp.schedules.tables import make_tables, world_state
 
 
@@ -34,8 +37,10 @@ class _Remembering(Launches):
         remembered: where the values of each substep are kept.
     """
 
-    def __init__(self, model: Model, step: Step, tables: Any, room: Room, remembered: "_Remembered"):
-        super().__init__(model, step, tables, room)
+    def __init__(
+        self, model: Model, step: Step, tables: Any, room: Room, remembered: "_Remembered", own: Mapping[str, Own]
+    ):
+        super().__init__(model, step, tables, room, own)
         self._remembered, self._substep = remembered, 0
 
     def substep(self, state: State, substep: int, now: Moving) -> Moving:
@@ -51,6 +56,8 @@ class _Remembering(Launches):
 
 CARRIED = {"inflation_loads": wp.vec2}
 """Values that balloons carry from one substep to the next, and their types"""
+WAYS_OUT = {"meet_edges": "touch.edges = false", "meet_ridges": "faces = false"}
+"""Settings by the names of phases without an adjoint, which they leave out"""
 GAS_CARRIED = {"pressures": wp.float32, "gas_amounts": wp.float64, "free_volumes": wp.float64}
 """Further values that balloons carry, where gas comes and goes"""
 
@@ -74,10 +81,11 @@ class _Remembered:
         self.carried = [
             {name: room.array(balloons, dtype) for name, dtype in carried.items()}
             | ({name: room.array(spheres, wp.vec3) for name in STATE_OF_SPHERES} if model.sphere_count else {})
+            | ({"holds": room.array(of_particles, wp.vec4)} if step.features.touches else {})
             for _ in range(model.substeps + 1)
         ]
-        """Arrays that balloons and spheres carry into each substep, by their names in the state, and those that the
-        last leaves"""
+        """Arrays that balloons, spheres and contacts carry into each substep, by their names in the state, and those
+        that the last leaves"""
 
     def note(self, state: State) -> None:
         """Keep what a frame begins with."""
@@ -92,11 +100,7 @@ class _Remembered:
 
 
 def gradient_step(model: Model, features: Features) -> Step:
-    """Return the phases of a model, in pieces, with all that they write kept.
-
-    Raises:
-        InputError: a phase has no adjoint.
-    """
+    """Return the phases of a model, in pieces, with all that they write kept."""
     phases = phases_of(features, instead=SOAKED)
     shown = [name for phase in phases if not phase.light for name in phase.writes]
     return cut(phases, features, GATHERED, shown=shown)
@@ -111,8 +115,9 @@ def kernels_of(step: Step, columns: tuple[int, ...]) -> tuple[BackwardKernel, ..
     try:
         return backward_kernels(step, columns)
     except NoAdjointError as missing:
+        way_out = next((text for name, text in WAYS_OUT.items() if f"`{name}`" in str(missing)), "a scene without")
         raise InputError(
-            f"gradients: {missing} has no adjoint yet; expected a scene without, see docs/GRADIENTS.md"
+            f"gradients: {missing} has no adjoint yet; expected {way_out}, see docs/GRADIENTS.md"
         ) from None
 
 
@@ -124,6 +129,7 @@ class LaunchedBackward(BackwardFrames):
     """
 
     _directions: DirectionsBackward | None = None
+    _searching: TouchLaunches | None = None
 
     def __init__(self, model: Model, state: State, columns: Sequence[int]):
         features, room = model_features(model), Allocating(model.device)
@@ -131,13 +137,17 @@ class LaunchedBackward(BackwardFrames):
         super().__init__(model, state, columns, step, tables, room)
         kernels = kernels_of(step, self.columns)
         self._remembered = _Remembered(model, step, self.state, room)
-        self._launches = _Remembering(model, step, tables, room, self._remembered)
+        own = {"touch_balloons": self._touch}
+        self._launches = _Remembering(model, step, tables, room, self._remembered, own)
         self._framing = Framing(model, features, tables, self._launches.working)
         self._kernels = list(zip(kernels, made_kernels(step, self.columns), strict=True))
         self._gas_back = None
         working = self._launches.working
         if features.inflation_directions:
             self._directions = DirectionsBackward(model, tables, working, self.bars.points, room)
+        if features.touches:
+            self._searching = TouchLaunches(model, features, tables, working, GatherSchedule.fast_math)
+            self.touch = TouchBackward(model, features, self.columns, tables, working, self.arrays, room)
         if model.sphere_count:
             self.spheres = SpheresBackward(model, features, self.columns, tables, working, self.bars, room)
         if features.gas_changes:
@@ -154,6 +164,17 @@ class LaunchedBackward(BackwardFrames):
         for _ in range(model.substeps):
             step_arrays(model, step, room)
             room.array((2, model.world_count, model.particle_count), wp.vec3)
+        if step.features.touches:
+            kept_of_touch(model, room)
+            room.array((model.substeps, model.world_count, model.particle_count), wp.vec4)
+
+    def _touch(self, state: State, substep: int, time_in_frame: float, now: Moving) -> None:
+        """Let balloons touch, and keep what they find."""
+        assert self._searching
+        assert self.touch
+        self._searching.search(state, substep, *now)
+        self.touch.note(substep)
+        self._searching.press(state, *now)
 
     def frame(self) -> None:
         """Launch a frame forward, and then its substeps backwards."""
@@ -187,6 +208,8 @@ class LaunchedBackward(BackwardFrames):
                 launch_tiled(made, dim=places, inputs=inputs, block_dim=team_threads(m), device=m.device)
             else:
                 launch(made, (m.world_count, m.particle_count), inputs, device=m.device)
+        if self.touch:
+            self.touch.turn_back(kept.carried[substep]["holds"], points, velocities, substep)
         if self._directions and (substep == 0 or self.step.features.fresh_normals):
             self._directions.turn_back(points, kept.values[substep]["balloon_area"])
         if self.spheres:

@@ -29,7 +29,7 @@ def backwards_of(model: Model, name: str = "auto") -> Backward:
     if name == "block" and not fits:
         raise InputError(
             "schedule: block runs one balloon backwards that fits in a block, out of water, without spheres or "
-            "normal forces, with as much gas all the time; expected launched"
+            "normal forces, with as much gas all the time, and that does not touch itself; expected launched"
         )
     return BACKWARDS[name]
 
@@ -49,4 +49,7 @@ def bytes_backwards(model: Model, columns: Sequence[int], frames: int, name: str
     backwards_of(model, name).room_of_frame(model, room)
     bars = 4 * model.world_count * model.particle_count * (len(columns) + 24 + 8 * model.sphere_count)
     of_frame = 40 * model.balloon_count + 48 * model.sphere_count
+    if model.scene.touches:
+        bars += model.world_count * model.particle_count * (84 + 12 * model.balloon_count)
+        of_frame += 17 * model.particle_count
     return (room.bytes + bars) // model.world_count + frames * of_frame

@@ -6,33 +6,29 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.contact.forces import add_contact, add_contact_forces, record_impulse
+from balloon_warp.kernels.contact.pairs import pair_functions
 from balloon_warp.kernels.contact.search import TOUCHING
 from balloon_warp.kernels.contact.triangles import (
     is_first_of_balloon,
     on_side,
     rows_at,
-    side_of,
     triangle_of,
 )
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.loops.friction import friction_of_balloons
 from balloon_warp.kernels.loops.meeting import (
     FARTHEST,
     SOON,
     Place,
-    Touching,
     comes_at,
     corner_counts,
     faced,
     is_clear,
     is_nearer,
+    overlap_of,
     place_beside,
-    skin_functions,
     touch,
 )
 from balloon_warp.kernels.memory import (
-    float_at,
-    float_in,
     four_in,
     four_on_page,
     int_at,
@@ -41,36 +37,17 @@ from balloon_warp.kernels.memory import (
     vector_at,
 )
 from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
+from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.working import Working
 
 RESPONSE_REGISTERS = 96
 """Registers of a thread: a multiprocessor then has 20 warps, whose memory latencies overlap, and 12 without a limit"""
 
 
-@wp.func
-def ease_of_moving(t: Tables, mass_of_balloon: float, particle: wp.int32):
-    """Return the inverse mass of a particle [1/kg], 0 if it is fixed."""
-    mass = float_at(t.particles.mass_share, particle) * mass_of_balloon
-    return wp.where(mass > 0.0, 1.0 / mass, 0.0)
-
-
-@wp.func
-def contacts_at(working: Working, world: wp.int32, particle: wp.int32, ease: float):
-    """Return the contacts of a particle; none if it is fixed."""
-    return wp.where(ease > 0.0, float_in(working.contacts, world, particle), 0.0)
-
-
 @cache
 def response_function(features: Features) -> Any:
     """Make the function by which a particle touches one triangle."""
-    thickness_between, stiffness_between = skin_functions(features)
-    mass_column = features.columns.places["mass"]
-
-    @wp.func
-    def mass_of(t: Tables, world: wp.int32, balloon: wp.int32):
-        """Return a balloon's mass [kg]."""
-        return t.balloon_numbers[row_of_world(world, t.balloon_numbers.shape[0]), balloon, mass_column]
+    beside, masses_of, pressed = pair_functions(features)
 
     @wp.func
     def respond(
@@ -88,47 +65,23 @@ def response_function(features: Features) -> Any:
     ):
         """Press a particle against a triangle, and return its hold; zero if they do not touch."""
         corners = triple_at(t.touch.triangles, triangle_of(candidate))
-        balloon = int_at(t.particles.balloon, particle)
-        other = int_at(t.particles.balloon, corners[0])
         velocity = vector_at(velocities, particle)
         kept = wp.vec4()
-        inputs = Touching()
-        inputs.side = side_of(candidate)
-        inputs.thickness = thickness_between(t, world, balloon, other)
-        inputs.step_seconds = t.step_seconds
+        inputs = beside(t, world, particle, candidate, corners)
         moving = rows_at(velocities, corners)
         if is_clear(inputs.side, place, inputs.thickness, SOON * t.step_seconds, velocity, moving):
             return kept
         places = rows_at(points, corners)
         place = faced(place, places[0], places[1], places[2])
-        inputs.overlap = inputs.thickness - inputs.side * place.gap
-        its_mass = mass_of(t, world, other)
-        inputs.masses = wp.vec4(
-            ease_of_moving(t, mass_of(t, world, balloon), particle),
-            ease_of_moving(t, its_mass, corners[0]),
-            ease_of_moving(t, its_mass, corners[1]),
-            ease_of_moving(t, its_mass, corners[2]),
-        )
+        inputs.masses = masses_of(t, world, particle, corners)
         if comes_at(inputs, place, velocity, moving):
             add_contact(working, world, particle, corners, corner_counts(place, places))
-        if inputs.overlap > 0.0 and wp.max(inputs.masses) > 0.0 and not only_counts:
-            inputs.stiffness = stiffness_between(t, world, balloon, other)
-            inputs.friction = friction_of_balloons(t, world, balloon, other)
-            inputs.first = first
-            its_contacts = wp.max(
-                wp.max(
-                    contacts_at(working, world, corners[0], inputs.masses[1]),
-                    contacts_at(working, world, corners[1], inputs.masses[2]),
-                ),
-                contacts_at(working, world, corners[2], inputs.masses[3]),
-            )
-            inputs.crowd = wp.max(
-                contacts_at(working, world, particle, inputs.masses[0]) / float_at(t.touch.crowd, balloon),
-                its_contacts / float_at(t.touch.crowd, other),
-            )
-            forces = touch(inputs, place, hold, velocity, places, moving)
+        if overlap_of(inputs, place) > 0.0 and wp.max(inputs.masses) > 0.0 and not only_counts:
+            pressing = pressed(t, working, world, particle, corners, inputs, first)
+            forces = touch(pressing, place, hold, velocity, places, moving)
             add_contact_forces(working.force_quanta, world, particle, corners, forces.a, forces.b, forces.c)
             if wp.static(features.tells_contacts):
+                other = int_at(t.particles.balloon, corners[0])
                 record_impulse(working, world, particle, other, -(forces.a + forces.b + forces.c), t.step_seconds)
             kept = forces.hold
         return kept

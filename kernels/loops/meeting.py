@@ -62,19 +62,26 @@ def place_beside(point: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3):
 
 @wp.func
 def faced(place: Place, a: wp.vec3, b: wp.vec3, c: wp.vec3):
-    """Return the position of a particle relative to a triangle, with normal and gap."""
-    place.normal = facing(place.arm, place.weights, place.area_vector)
-    place.gap = wp.dot(place.arm, place.normal)
+    """Return the position of a particle relative to a triangle, with normal and gap.
+
+    Nothing is overwritten, so that Warp can derive it.
+    """
+    here = Place()
+    here.arm = place.arm
+    here.squared = place.squared
+    here.area_vector = place.area_vector
+    here.normal = facing(place.arm, place.weights, place.area_vector)
+    here.gap = wp.dot(place.arm, here.normal)
     # beside an edge, so near that it is taken along the normal: what is met is below it, a little beyond the edge
-    beyond = across(place.arm, place.normal)
+    beyond = across(place.arm, here.normal)
     more = wp.vec3(
-        wp.dot(reach_gradient(place.normal, c - b, place.area_vector), beyond),
-        wp.dot(reach_gradient(place.normal, a - c, place.area_vector), beyond),
-        wp.dot(reach_gradient(place.normal, b - a, place.area_vector), beyond),
+        wp.dot(reach_gradient(here.normal, c - b, place.area_vector), beyond),
+        wp.dot(reach_gradient(here.normal, a - c, place.area_vector), beyond),
+        wp.dot(reach_gradient(here.normal, b - a, place.area_vector), beyond),
     )
-    if wp.length_sq(more) < LITTLE * LITTLE:  # or the triangle has no height to speak of
-        place.weights += more
-    return place
+    has_height = wp.length_sq(more) < LITTLE * LITTLE
+    here.weights = wp.where(has_height, place.weights + more, place.weights)
+    return here
 
 
 @wp.func
@@ -125,7 +132,6 @@ class Touching:
     """Parameters of a contact, besides its geometry."""
 
     side: float  # 1 in front of the triangle, -1 behind it
-    overlap: float  # [m]
     thickness: float  # [m]
     stiffness: float  # [N/m]
     friction: float
@@ -194,11 +200,17 @@ def is_clear(side: float, place: Place, thickness: float, seconds: float, veloci
 
 
 @wp.func
+def overlap_of(inputs: Touching, place: Place):
+    """Return the overlap of a particle with the skin of its triangle [m], negative where there is a gap between."""
+    return inputs.thickness - inputs.side * place.gap
+
+
+@wp.func
 def comes_at(inputs: Touching, place: Place, velocity: wp.vec3, moving: wp.mat33):
     """Return whether a particle touches, or will within two substeps at its velocity: such contacts are counted."""
     relative = velocity - weighted(place.weights, moving[0], moving[1], moving[2])
     approach = -inputs.side * wp.dot(relative, place.normal)
-    return inputs.overlap + SOON * inputs.step_seconds * wp.max(approach, 0.0) > 0.0
+    return overlap_of(inputs, place) + SOON * inputs.step_seconds * wp.max(approach, 0.0) > 0.0
 
 
 @wp.func
@@ -242,12 +254,10 @@ def touch(inputs: Touching, place: Place, hold: wp.vec4, velocity: wp.vec3, corn
         + w[2] * w[2] * inputs.masses[3]
     )
     slip = wp.vec3()
-    overlap = inputs.overlap
+    overlap = wp.min(overlap_of(inputs, place), inputs.thickness)
     if inputs.first:
-        overlap = what_pushes(wp.abs(hold[3]) / root, overlap, approach, inputs.step_seconds)
+        overlap = what_pushes(wp.abs(hold[3]) / root, overlap_of(inputs, place), approach, inputs.step_seconds)
         slip = wp.vec3(hold[0], hold[1], hold[2]) / root
-    else:
-        overlap = wp.min(overlap, inputs.thickness)
     push = touch_push(overlap, approach, stiffness, mass)
     force = push * normal
     forces = ContactForces()

@@ -1,15 +1,14 @@
 """Outer forces on groups of particles, which a scene says or somebody steers by."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.adjoint import Adjoint
+from balloon_warp.kernels.adjoints.added import add_backwards
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.lanes import any_positive
 from balloon_warp.kernels.loops.outer_forces import outer_force
-from balloon_warp.kernels.phase import Look, Phase, phase
+from balloon_warp.kernels.phase import Look, phase
 from balloon_warp.kernels.tables import Tables
 
 
@@ -22,22 +21,12 @@ def _is_driven(features: Features, look: Look) -> Any:
     return is_driven
 
 
-def _drive_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
-    """Return the adjoint: an outer force is constant, and adds to the others."""
-
-    @wp.func
-    def drive_adjoint(force_bar: wp.vec3):
-        return force_bar
-
-    return (Adjoint(drive_adjoint, ("force",)),)
-
-
 @phase(
     "particle",
     {"force": wp.vec3},
     when=lambda features: features.driven,
     rare=_is_driven,
-    adjoint=_drive_backwards,
+    adjoint=add_backwards,
 )
 def drive(features: Features, look: Look) -> Any:
     """Add the outer forces on groups of particles."""

@@ -8,6 +8,7 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.adjoints.added import add_backwards
 from balloon_warp.kernels.adjoints.jets import jet_backwards
 from balloon_warp.kernels.adjoints.pull import pull_backwards
 from balloon_warp.kernels.contact.forces import take_contact_forces
@@ -84,7 +85,7 @@ def pull_and_face(features: Features, look: Look) -> Any:
     return pull_by_velocities if features.looks_at_velocities else pull_and_face
 
 
-@phase("particle", {"force": wp.vec3}, when=lambda features: features.touches)
+@phase("particle", {"force": wp.vec3}, when=lambda features: features.touches, adjoint=add_backwards)
 def take(features: Features, look: Look) -> Any:
     """Add contact forces to a particle."""
 

@@ -1,0 +1,142 @@
+"""Balloons that touch, backwards: what searches have found is kept, and each substep's contacts are gone through again.
+
+Frozen is who touches whom. Counts of contacts, by which crowded ones share, and the state of friction are carried on.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from balloon_warp.kernels.adjoints.touching import (
+    KINDS,
+    SUMS,
+    TouchBars,
+    press_back_kernel,
+    sum_pairs,
+    take_back_kernel,
+)
+from balloon_warp.kernels.contact.nearby import MOST_TRIANGLES
+from balloon_warp.kernels.features import Features
+from balloon_warp.kernels.working import Working
+from balloon_warp.launching import launch
+from balloon_warp.model import Model
+from balloon_warp.model.friction import FRICTION
+from balloon_warp.model.memory import Room
+from balloon_warp.model.touch import STIFFNESSES
+from balloon_warp.schedules.deferred import FEW_THREADS, threads_of_list
+from balloon_warp.schedules.touch_table import substeps_of_search
+
+Values = NDArray[np.float64]
+STATE_OF_TOUCH = ("holds", "deep")
+"""Arrays of the state that a frame begins with"""
+
+
+class TouchBackward:
+    """Run the contacts of balloons backwards, a substep at a time.
+
+    Args:
+        columns: of the numbers that are derived by.
+        working: of the launches that compute frames again.
+        arrays: bars of the substep that runs backwards, by name.
+    """
+
+    def __init__(
+        self, model: Model, features: Features, columns: tuple[int, ...], tables: Any, working: Any,
+        arrays: Mapping[str, wp.array], room: Room,
+    ):  # fmt: skip
+        self._model, self._tables, self._working, self._arrays = model, tables, working, arrays
+        self._press_back, self._take_back = press_back_kernel(features), take_back_kernel(features, columns)
+        self._interval, self._threads = substeps_of_search(model), threads_of_list(model)
+        worlds, particles, balloons = model.world_count, model.particle_count, model.balloon_count
+        self.bars = TouchBars()
+        self.bars.forces = arrays["all_force_bar"]
+        self.bars.holds = room.array((worlds, particles), wp.vec4)
+        self.bars.counts = room.array((worlds, particles), wp.float32)
+        self.bars.sums = room.array((worlds, particles, SUMS), wp.int64)
+        self.bars.largest = room.array((worlds, KINDS), wp.float32)
+        self.bars.pairs = room.array((worlds, particles, balloons), wp.vec3)
+        self.bars.totals = room.array((worlds, balloons, balloons), wp.vec3d)
+        self._searches, self._contacts = kept_of_touch(model, room)
+
+    def note(self, substep: int) -> None:
+        """Keep what a substep knows of contacts before it presses."""
+        if substep % self._interval == 0:
+            for name, array in self._searches[substep // self._interval].items():
+                wp.copy(array, getattr(self._working, name))
+        wp.copy(self._contacts[substep], self._working.contacts)
+
+    def turn_back(self, holds: wp.array, points: wp.array, velocities: wp.array, substep: int) -> None:
+        """Turn the bars of the forces of a substep into those of what it began with.
+
+        Args:
+            holds: state of contacts before the substep.
+            points: places before it.
+        """
+        working = self._as_it_was(substep)
+        self._press(working, holds, points, velocities, only_counts=False)
+        if substep == 0:  # as a frame begins, contacts are counted without forces
+            self._press(working, holds, points, velocities, only_counts=True)
+            self._add_up()
+
+    def _press(self, working: Any, holds: wp.array, points: wp.array, velocities: wp.array, only_counts: bool) -> None:
+        device, m, bars = self._model.device, self._model, self.bars
+        bars.sums.zero_()
+        bars.largest.zero_()
+        for adds in (0, 1):
+            inputs = [
+                self._tables, self._threads, int(only_counts), adds, points, velocities, holds, working, bars,
+            ]  # fmt: skip
+            launch(self._press_back, (m.world_count, self._threads), inputs, block_dim=FEW_THREADS, device=device)
+        arrays = [self._arrays[name] for name in ("all_point_bar", "all_velocity_bar", "number_bars")]
+        launch(self._take_back, (m.world_count, m.particle_count), [self._tables, bars, *arrays], device=device)
+
+    def _as_it_was(self, substep: int) -> Any:
+        """Return the working memory with what a substep knew of contacts."""
+        before = Working()
+        for name in vars(Working.cls)["__annotations__"]:
+            setattr(before, name, getattr(self._working, name))
+        for name, array in self._searches[substep // self._interval].items():
+            setattr(before, name, array)
+        before.contacts = self._contacts[substep]
+        return before
+
+    def _add_up(self) -> None:
+        m = self._model
+        shape = m.world_count, m.balloon_count, m.balloon_count
+        launch(sum_pairs, shape, [self._tables, self.bars], device=m.device)
+
+    def taken_numbers(self) -> dict[str, Values]:
+        """Return the bars of what pairs of balloons have, since they were last taken, by the names of parameters."""
+        model = self._model
+        totals = self.bars.totals.numpy().copy()
+        self.bars.totals.zero_()
+        own = np.asarray(model.parameters[STIFFNESSES].numpy(), dtype=np.float64)
+        said = np.asarray(model.parameters["touch_stiffness"].numpy(), dtype=np.float64).reshape(-1) >= 0.0
+        between = np.where(said[:, None, None], 0.0, totals[..., 0])
+        both = np.maximum(own[:, :, None] + own[:, None, :], 1e-30)
+        by_own = ((between + between.transpose(0, 2, 1)) * 2.0 * (own[:, None, :] / both) ** 2).sum(axis=2)
+        of_pairs = np.zeros((model.world_count, *model.parameters[FRICTION].shape[1:]))
+        of_pairs[:, -model.balloon_count :, -model.balloon_count :] = totals[..., 1]
+        return {
+            STIFFNESSES: by_own, FRICTION: of_pairs,
+            "touch_stiffness": totals[..., 0].sum(axis=(1, 2)), "touch_thickness": totals[..., 2].sum(axis=(1, 2)),
+        }  # fmt: skip
+
+
+def kept_of_touch(model: Model, room: Room) -> tuple[list[dict[str, wp.array]], list[wp.array]]:
+    """Allocate what each search finds, by its names in the working memory, and the counts of each substep."""
+    worlds, particles = model.world_count, model.particle_count
+    searches = -(-model.substeps // substeps_of_search(model))
+    found = [
+        {
+            "candidates": room.array((worlds, particles, int(MOST_TRIANGLES)), wp.int32),
+            "candidate_counts": room.array((worlds, particles), wp.int32),
+            "particle_lists": room.array((worlds, 2, particles), wp.int32),
+            "list_lengths": room.array((worlds, 4), wp.int32),
+        }
+        for _ in range(searches)
+    ]
+    return found, [room.array((worlds, particles), wp.float32) for _ in range(model.substeps)]

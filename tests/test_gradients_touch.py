@@ -1,0 +1,157 @@
+"""Gradients through balloons that touch, against differences of a run in double precision."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from float64_touch import touching_motion
+from meshes import quad_sphere
+from touching import VACUUM
+
+import balloon_warp as bw
+from balloon_warp.gradients.steps import Steps
+from balloon_warp.trajectories import Trajectories
+
+RNG = np.random.default_rng(3)
+WEIGHTS = [RNG.uniform(0.5, 1.5, (98, 1)) for _ in range(2)]
+STARTS = ["balloon.0.velocity.0", "balloon.0.velocity.1", "balloon.1.position.2", "balloon.0.rotation.1"]
+SKINS = ["balloon.0.mass", "balloon.1.mass", "balloon.0.stiffness.structural", "balloon.1.stiffness.shear"]
+TOUCH = ["touch.friction", "touch.thickness", "touch.stiffness"]
+
+
+def pair(
+    frames: int = 3, substeps: int = 32, speed: float = 2.0, apart: float = 1.03, meshes: tuple[int, int] = (2, 2),
+    **touch: Any,
+) -> bw.Scene:  # fmt: skip
+    """Return two balls of springs that collide off their centers, one turning; substeps take as long in all scenes."""
+    firm: dict[str, Any] = {
+        "damping": 0.05, "inflation": bw.Inflation(pressure=20.0),
+        "stiffness": {"structural": 100.0, "shear": 50.0, "flexion": 20.0},
+    }  # fmt: skip
+    left: dict[str, Any] = {"position": (-apart, 1.0, 0.05), "velocity": (speed, 0.3, 0.0), "mass": 0.05, **firm}
+    right: dict[str, Any] = {"position": (apart, 1.1, 0.05), "velocity": (-speed, 0.0, 0.1), "mass": 0.08, **firm}
+    turning: dict[str, Any] = {"rotation": (0.0, 20.0, 10.0), "angular_velocity": (0.0, 2.0, 5.0)}
+    first, second = (quad_sphere(count) for count in meshes)
+    return bw.Scene(
+        balloon=[bw.Balloon(mesh=first, **left, **turning), bw.Balloon(mesh=second, **right)],
+        frames=frames, frames_per_second=1920.0 / substeps, substeps=substeps,
+        touch=bw.Touch(itself=False, **touch), **VACUUM,
+    )  # fmt: skip
+
+
+CASES = {
+    "a substep": (pair(1, 1, apart=0.95, thickness=0.3, stiffness=300.0), [*STARTS[:3], *SKINS[:2], *TOUCH]),
+    "of their own": (pair(), [*STARTS[:2], *SKINS[1:], "touch.friction"]),
+    "as said": (pair(thickness=0.06, stiffness=300.0), [*STARTS, *SKINS, *TOUCH]),
+    "crowded": (pair(2, speed=5.0, meshes=(4, 4), thickness=0.16), [*STARTS[1:3], *SKINS[::2], *TOUCH[:2]]),
+    "for long": (pair(12, friction=0.0), [STARTS[0], *SKINS[::2]]),
+}
+"""Scenes of 1 to 384 substeps: contacts that begin and end, share where more meet than a step allows for, and rub"""
+
+
+def far(moved: Trajectories) -> tuple[Any, dict[str, Any]]:
+    """Return a loss of places and velocities at the end, with its derivatives."""
+    slopes = [[np.zeros(each.shape) for each in parts] for parts in (moved.points, moved.velocities)]
+    loss: Any = 0.0
+    for parts, found, scale in zip((moved.points, moved.velocities), slopes, (1.0, 0.1), strict=True):
+        for number, part in enumerate(parts):
+            last, weights = part[..., -1, :, :].astype(float), scale * WEIGHTS[number][: part.shape[-2]]
+            found[number][..., -1, :, :] = 2.0 * weights * last
+            loss = loss + (weights * last**2).sum(axis=(-2, -1))
+    return loss, {"points": slopes[0], "velocities": slopes[1]}
+
+
+def far_in_float64(of: bw.Scene, values: dict[str, float]) -> float:
+    loss = 0.0
+    for parts, scale in zip(touching_motion(of, values), (1.0, 0.1), strict=True):
+        loss += sum(
+            scale * (WEIGHTS[number][: part.shape[1]] * part[-1] ** 2).sum() for number, part in enumerate(parts)
+        )
+    return loss
+
+
+def value_at(of: bw.Scene, path: str) -> float:
+    value: Any = of
+    for name in path.split("."):
+        value = value[int(name)] if name.isdecimal() else getattr(value, name)
+    return float(value)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_gradients_are_the_slopes_of_a_run_in_double_precision(case: str, device: str):
+    """Gradients agree to 1e-4 of themselves, or to 1e-5 of what the largest says by its own value: a small one is the
+    difference of large ones, of which states in float32 leave less."""
+    of, paths = CASES[case]
+    found = bw.gradient(of, of=paths, loss=far, device=device)
+    assert found.loss[0] == pytest.approx(far_in_float64(of, {}), rel=1e-5)
+    values = {path: value_at(of, path) for path in paths}
+    sizes = {path: abs(value) or 1.0 for path, value in values.items()}
+    told = {}
+    for path in paths:
+        h = 1e-6 * sizes[path]
+        more, less = (far_in_float64(of, {path: values[path] + sign * h}) for sign in (1.0, -1.0))
+        told[path] = (more - less) / (2.0 * h)
+    most = max(abs(told[path]) * sizes[path] for path in paths)
+    for path in paths:
+        assert found.gradients[path][0] == pytest.approx(told[path], rel=1e-4, abs=1e-5 * most / sizes[path]), path
+
+
+def test_what_a_shift_of_the_start_does_to_the_end_is_what_the_end_says_of_the_start(device: str):
+    """The adjoint identity u . (J w) = (u J) . w holds for all places and velocities, with J w by differences."""
+    of, rng = CASES["as said"][0], np.random.default_rng(11)
+    weights, shifts = ([rng.normal(size=(52, 3)), scale * rng.normal(size=(52, 3))] for scale in (0.05, 1.0))
+
+    def loss(moved: Trajectories) -> tuple[Any, dict[str, Any]]:
+        slopes = [[np.zeros(each.shape) for each in parts] for parts in (moved.points, moved.velocities)]
+        value = 0.0
+        for parts, found, weight in zip((moved.points, moved.velocities), slopes, weights, strict=True):
+            for part, slope, own in zip(parts, found, (weight[:26], weight[26:]), strict=True):
+                slope[-1] = own
+                value += (own * part[-1]).sum()
+        return value, {"points": slopes[0], "velocities": slopes[1]}
+
+    found = bw.gradient(of, of=["balloon.0.mass"], loss=loss, device=device)
+    back = (np.concatenate(found.by_points) * shifts[0]).sum() + (np.concatenate(found.by_velocities) * shifts[1]).sum()
+    h, ends = 1e-6, []
+    for sign in (1.0, -1.0):
+        parts = touching_motion(of, {}, (sign * h * shifts[0], sign * h * shifts[1]))
+        moved = [np.concatenate([each[-1] for each in part]) for part in parts]
+        ends.append(sum((weight * part).sum() for weight, part in zip(weights, moved, strict=True)))
+    assert back == pytest.approx((ends[0] - ends[1]) / (2.0 * h), rel=2e-5)
+
+
+def test_a_world_in_a_batch_has_the_gradients_that_it_has_alone(device: str):
+    """Each world's gradients are the same to the bit alone, and its frames those without gradients."""
+    of, paths = CASES["as said"]
+    varied = {"balloon.0.velocity.0": np.array([2.0, 1.0]), "touch.friction": np.array([0.3, 0.5])}
+    found = bw.gradient(of, of=paths, loss=far, world_count=2, vary=varied, device=device)
+    for world in range(2):
+        alone = {path: values[world : world + 1] for path, values in varied.items()}
+        single = bw.gradient(of, of=paths, loss=far, vary=alone, device=device)
+        assert single.loss[0] == found.loss[world]
+        for path in paths:
+            assert single.gradients[path][0] == found.gradients[path][world], path
+    assert found.loss[0] != found.loss[1]
+    told = bw.simulate(of, device=device, schedule="gather", world_count=2, vary=varied)
+    for ours, theirs in zip(found.trajectories.points, told.points, strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+
+
+def test_sharp_edges_are_refused_with_a_way_out():
+    of = pair(1, 1, edges=True)
+    with pytest.raises(bw.InputError, match=r"`meet_edges` has no adjoint yet; expected touch\.edges = false"):
+        bw.gradient(of, of=["balloon.0.mass"], loss=far, device="cpu")
+
+
+def test_balloons_that_touch_by_default_are_derived():
+    """Balloons of a scene without the table `touch` touch, as their derivatives show."""
+    of = pair(1, 1, apart=0.94).model_copy(update={"touch": None})
+    apart = of.model_copy(update={"touch": False})
+    paths = ["balloon.0.velocity.0"]
+    found, told = (bw.gradient(each, of=paths, loss=far, device="cpu").gradients[paths[0]] for each in (of, apart))
+    assert found[0] != told[0]
+
+
+def test_frames_for_frameworks_refuse_contact():
+    with pytest.raises(bw.InputError, match="rollout: contacts of balloons are not carried from frame to frame yet"):
+        Steps(pair(), ["balloon.0.mass"], 1, "cpu", "auto", ())
