@@ -25,24 +25,24 @@ class LawInput(NamedTuple):
 _MOMENT = (
     LawInput("up", "vec3", "unit vector against gravity"),
     LawInput("step_seconds", "float", "length of the substep [s]"),
-    LawInput("time", "float", "since the simulation began [s]"),
+    LawInput("time", "float", "time since the start of the simulation [s]"),
 )
-_AIR = LawInput("air", "vec4", "how fast it is there [m/s], and its density [kg/m^3]")
+_AIR = LawInput("air", "vec4", "velocity of the air there [m/s], and its density [kg/m^3]")
 _PAIR = (
     LawInput("squared_length", "float", "|d|^2 [m^2], d from this end to the other; never 0"),
-    LawInput("opening", "float", "d . d' [m^2/s], d' how fast d changes: it lengthens by opening / |d| each second"),
+    LawInput("opening", "float", "d . d' [m^2/s], d' the rate of d: the spring lengthens at opening / |d|"),
     LawInput("rest_length", "float", "[m]"),
-    LawInput("stiffness", "float", "its spring constant k [N/m]"),
-    LawInput("stiffness_times_length", "float", "k times its rest length [N]"),
+    LawInput("stiffness", "float", "spring constant k [N/m]"),
+    LawInput("stiffness_times_length", "float", "k times the rest length [N]"),
 )
 LAW_INPUTS: Mapping[Kind, tuple[LawInput, ...]] = {
     "particle": (
         LawInput("position", "vec3", "[m]"),
         LawInput("velocity", "vec3", "[m/s]"),
-        LawInput("mass", "float", "[kg]; 0 if it is fixed"),
-        LawInput("mass_share", "float", "its part of the balloon's mass"),
-        LawInput("area_vector", "vec3", "gradient of the balloon's volume by its place [m^2]"),
-        LawInput("water_load", "vec4", "depth times area vector of its wetted faces [m^3], and their area [m^2]"),
+        LawInput("mass", "float", "[kg]; 0 if pinned"),
+        LawInput("mass_share", "float", "share of the balloon's mass"),
+        LawInput("area_vector", "vec3", "gradient of the balloon's volume with respect to the position [m^2]"),
+        LawInput("water_load", "vec4", "depth times area vector of the wetted faces [m^3], and their area [m^2]"),
         _AIR,
         *_MOMENT,
     ),
@@ -53,20 +53,20 @@ LAW_INPUTS: Mapping[Kind, tuple[LawInput, ...]] = {
         LawInput("a", "vec3", "[m]"),
         LawInput("b", "vec3", "[m]"),
         LawInput("first", "vec3", "mean of the first face's corners beside the edge [m]"),
-        LawInput("second", "vec3", "and of the second's [m]"),
-        LawInput("bend", "float", "the angle between the two faces beyond that at rest [rad]"),
+        LawInput("second", "vec3", "mean of the second face's corners beside the edge [m]"),
+        LawInput("bend", "float", "angle between the two faces relative to that at rest [rad]"),
     ),
     "face": (
-        LawInput("center", "vec3", "mean of its corners [m]"),
-        LawInput("area_vector", "vec3", "its area along its outer normal [m^2]"),
-        LawInput("velocity", "vec3", "mean of its corners' [m/s]"),
+        LawInput("center", "vec3", "mean of the corners [m]"),
+        LawInput("area_vector", "vec3", "area times the outer normal [m^2]"),
+        LawInput("velocity", "vec3", "mean of the corners' velocities [m/s]"),
         _AIR,
         *_MOMENT,
     ),
     "membrane": (
         LawInput("trace", "float", "of C, see `laws.membrane`: the sum of the squared principal stretches"),
-        LawInput("det", "float", "their product; never 0"),
-        LawInput("spread", "float", "the larger less the smaller"),
+        LawInput("det", "float", "product of the squared principal stretches; never 0"),
+        LawInput("spread", "float", "difference of the squared principal stretches"),
     ),
 }
 RESULT: Mapping[Kind, str] = {
@@ -119,14 +119,14 @@ class Parameter:
 
 _OF_PARTICLE_AT_REST = (
     LawInput("mass", "float", "the particle's [kg]"),
-    LawInput("mass_share", "float", "its part of the balloon's mass"),
-    LawInput("area", "float", "its share of the balloon's area [m^2]: twice that at the start, for it may grow"),
+    LawInput("mass_share", "float", "share of the balloon's mass"),
+    LawInput("area", "float", "share of the balloon's area [m^2]: twice that at the start, since it may grow"),
     LawInput("velocity", "vec3", "[m/s]; 0 at the start"),
 )
 INPUTS_OF_BOUNDS: Mapping[Kind, tuple[LawInput, ...]] = {
     "particle": _OF_PARTICLE_AT_REST,
-    "spring": (LawInput("stiffness", "float", "its spring constant k [N/m]"),),
-    "string": (LawInput("stiffness", "float", "its spring constant k [N/m]"),),
+    "spring": (LawInput("stiffness", "float", "spring constant k [N/m]"),),
+    "string": (LawInput("stiffness", "float", "spring constant k [N/m]"),),
     "hinge": (),
     "membrane": (),
     "face": _OF_PARTICLE_AT_REST,  # which a face's bound is shared out to, in proportion to the area
