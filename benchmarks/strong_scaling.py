@@ -1,8 +1,10 @@
-"""Strong scaling: one batch, one environment and one gradient on more and more GPUs, each from start to end.
+"""One batch, environment or gradient on more and more GPUs, with all that it takes from start to end.
 
-    python -m balloon_warp.benchmarks.strong_scaling 1,2,4
+    python -m balloon_warp.benchmarks.strong_scaling batch --gpus 1,2,4
+    python -m balloon_warp.benchmarks.strong_scaling environment --gpus 1,2,4
+    python -m balloon_warp.benchmarks.strong_scaling gradient --gpus 1,2,4
 
-needs the extras `cluster`, `data` and `envs`. With `--workers` it takes processes of the CPU, and fewer worlds.
+needs the extras `cluster`, `data` and `envs`. `--workers 1,2` takes processes of the CPU, and fewer worlds.
 """
 
 import argparse
@@ -136,10 +138,12 @@ def gradient_of(size: Size, cluster: Cluster) -> tuple[float, float]:
     return time.perf_counter() - began, float(found.gradients[DERIVED].sum())
 
 
-def measure(counts: Sequence[int], kind: str, size: Size) -> None:
-    """Print a row for each number of GPUs or processes."""
+def print_batch(counts: Sequence[int], kind: str, size: Size) -> None:
+    """Print a row for each number of GPUs or processes: seconds of the parts of a batch, and a hash of its tables."""
     print(f"{size.worlds:,} worlds of squirrel_tether, {size.frames} frames, tables written: seconds")
-    print("| | start | simulate | join and write | together | times one | tables |\n|---|---|---|---|---|---|---|")
+    print(
+        f"| {kind} | start | simulate | join and write | together | times one | tables |\n|---|---|---|---|---|---|---|"
+    )
     alone = 0.0
     for count in counts:
         with tempfile.TemporaryDirectory() as folder:
@@ -147,9 +151,13 @@ def measure(counts: Sequence[int], kind: str, size: Size) -> None:
         alone = alone or sum(parts)
         cells = " | ".join(f"{part:.1f}" for part in (*parts, sum(parts)))
         print(f"| {count} | {cells} | {alone / sum(parts):.2f} | {digest} |", flush=True)
-    print(f"\nAltitude, {size.env_worlds:,} worlds each, a policy on each: steps a second")
+
+
+def print_environment(counts: Sequence[int], kind: str, size: Size) -> None:
+    """Print a row for each number of GPUs or processes: steps a second, of an environment's worlds on each."""
+    print(f"Altitude, {size.env_worlds:,} worlds each, a policy on each: steps a second")
     outputs = ("numpy", "torch") if find_spec("torch") else ("numpy",)
-    print(f"| | {' | of linear | '.join(outputs)} | of linear |\n|---|{'---|---|' * len(outputs)}")
+    print(f"| {kind} | {' | of linear | '.join(outputs)} | of linear |\n|---|{'---|---|' * len(outputs)}")
     firsts: dict[str, float] = {}
     for count in counts:
         cells = []
@@ -158,8 +166,12 @@ def measure(counts: Sequence[int], kind: str, size: Size) -> None:
             firsts.setdefault(output, rate / count)
             cells += [f"{rate:.3g}", f"{rate / count / firsts[output]:.2f}"]
         print(f"| {count} | {' | '.join(cells)} |", flush=True)
-    print(f"\nGradient of {size.derived_worlds:,} worlds, {size.derived_frames} frames, by a mass that they share")
-    print("| | seconds | times one | sum |\n|---|---|---|---|")
+
+
+def print_gradient(counts: Sequence[int], kind: str, size: Size) -> None:
+    """Print a row for each number of GPUs or processes: seconds of a gradient, and its sum over worlds."""
+    print(f"Gradient of {size.derived_worlds:,} worlds, {size.derived_frames} frames, by a mass that they share")
+    print(f"| {kind} | seconds | times one | sum |\n|---|---|---|---|")
     first = 0.0
     for count in counts:
         seconds, total = gradient_of(size, Cluster(**{kind: count}))
@@ -167,14 +179,20 @@ def measure(counts: Sequence[int], kind: str, size: Size) -> None:
         print(f"| {count} | {seconds:.1f} | {first / seconds:.2f} | {total:.9g} |", flush=True)
 
 
+WAYS = {"batch": print_batch, "environment": print_environment, "gradient": print_gradient}
+
+
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("counts", help="numbers of GPUs, such as 1,2,4")
-    parser.add_argument("--workers", action="store_true", help="processes of the CPU instead")
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=WAYS)
+    among = parser.add_mutually_exclusive_group(required=True)
+    among.add_argument("--gpus", metavar="1,2,4", help="numbers of GPUs")
+    among.add_argument("--workers", metavar="1,2", help="numbers of processes of the CPU")
     options = parser.parse_args()
     quiet_warp()
-    counts = [int(word) for word in options.counts.split(",")]
-    measure(counts, "workers" if options.workers else "gpus", CPU_SIZE if options.workers else GPU_SIZE)
+    kind, size = ("gpus", GPU_SIZE) if options.gpus else ("workers", CPU_SIZE)
+    counts = [int(word) for word in getattr(options, kind).split(",")]
+    WAYS[options.what](counts, kind, size)
 
 
 if __name__ == "__main__":
