@@ -1,4 +1,4 @@
-"""One batch, environment or gradient on more and more GPUs, with all that it takes from start to end.
+"""Scaling of a batch, an environment or a gradient over GPUs, with all that it takes from start to end.
 
     python -m balloon_warp.benchmarks.strong_scaling batch --gpus 1,2,4
     python -m balloon_warp.benchmarks.strong_scaling environment --gpus 1,2,4
