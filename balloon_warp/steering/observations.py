@@ -12,7 +12,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.kernels.measure.observed import (
     MotionPart,
     choose_particles,
-    copy_places,
+    find_obstacles,
     join_motion,
     join_volumes,
     stretch_membranes,
@@ -24,6 +24,7 @@ from balloon_warp.kernels.measure.observed import (
 from balloon_warp.kernels.measure.turning import join_turning, sum_turning
 from balloon_warp.launching import launch
 from balloon_warp.model import Model, State
+from balloon_warp.model.state import frames_of
 from balloon_warp.shown import Shown
 from balloon_warp.steering.cameras import WorldCamera
 
@@ -177,9 +178,10 @@ class Observations(Shown):
         launch(sum_turning, self._shape, inputs, [parts], device=model.device)
         launch(join_turning, self._shape[:2], [parts], [self._values["turns"]], device=model.device)
 
-    def _obstacles(self) -> tuple[Any, ...]:
-        values, places = self._values["obstacle_positions"], self._simulator.model.parameters["obstacle_position"]
-        return values.shape, [places], [values]
+    def _find_obstacles(self, model: Model, state: State) -> None:
+        values = self._values["obstacle_positions"]
+        inputs = [model.parameters["obstacle_position"], model.obstacle_motion, frames_of(model, state)]
+        launch(find_obstacles, values.shape, inputs, [values], device=model.device)
 
     def _find_stretches(self, stretches: wp.array) -> None:
         model, threads = self._simulator.model, self._shape[2]
@@ -207,7 +209,7 @@ class Observations(Shown):
         if "stretches" in self._values:
             self._find_stretches(self._values["stretches"])
         if "obstacle_positions" in self._values:
-            launch(copy_places, *self._obstacles(), device=model.device)
+            self._find_obstacles(model, state)
         if OF_PARTICLES in self._values:
             forces, inputs = self._values[OF_PARTICLES], [state.contact_impulses, model.frame_seconds]
             launch(sum_particle_contacts, forces.shape, inputs, [forces], device=model.device)

@@ -172,10 +172,18 @@ def choose_particles(particles: wp.array[wp.int32], points: wp.array2d[wp.vec3],
 
 
 @wp.kernel
-def copy_places(rows: wp.array2d[wp.vec3], places: wp.array2d[wp.vec3]):
-    """Copy places that may be the same in all worlds; a thread a (world, thing)."""
-    world, thing = wp.tid()
-    places[world, thing] = rows[world % rows.shape[0], thing]
+def find_obstacles(
+    rows: wp.array2d[wp.vec3],
+    motion: wp.array2d[wp.transform],
+    frames: wp.array[wp.int32],
+    # out
+    places: wp.array2d[wp.vec3],
+):
+    """Find where obstacles are that the scene and controls move; a thread a (world, obstacle)."""
+    world, obstacle = wp.tid()
+    frame = wp.min(frames[world % frames.shape[0]], motion.shape[0] - 1)
+    shift = wp.transform_get_translation(motion[frame, obstacle])
+    places[world, obstacle] = rows[world % rows.shape[0], obstacle] + shift
 
 
 @wp.kernel
