@@ -58,6 +58,11 @@ def squirrels(frames: int) -> Any:
     return load_scene("squirrel_tether").model_copy(update={"frames": frames})
 
 
+def cluster_of(kind: str, count: int) -> Cluster:
+    """Return so many GPUs, or processes of the CPU."""
+    return Cluster(gpus=count) if kind == "gpus" else Cluster(workers=count)
+
+
 def batch_seconds(size: Size, cluster: Cluster, folder: Path) -> tuple[list[float], str]:
     """Return seconds until a batch begins, until its last frame, and until its tables are written; and their hash."""
     moments = [time.perf_counter()]
@@ -147,7 +152,7 @@ def print_batch(counts: Sequence[int], kind: str, size: Size) -> None:
     alone = 0.0
     for count in counts:
         with tempfile.TemporaryDirectory() as folder:
-            parts, digest = batch_seconds(size, Cluster(**{kind: count}), Path(folder))
+            parts, digest = batch_seconds(size, cluster_of(kind, count), Path(folder))
         alone = alone or sum(parts)
         cells = " | ".join(f"{part:.1f}" for part in (*parts, sum(parts)))
         print(f"| {count} | {cells} | {alone / sum(parts):.2f} | {digest} |", flush=True)
@@ -174,7 +179,7 @@ def print_gradient(counts: Sequence[int], kind: str, size: Size) -> None:
     print(f"| {kind} | seconds | times one | sum |\n|---|---|---|---|")
     first = 0.0
     for count in counts:
-        seconds, total = gradient_of(size, Cluster(**{kind: count}))
+        seconds, total = gradient_of(size, cluster_of(kind, count))
         first = first or seconds
         print(f"| {count} | {seconds:.1f} | {first / seconds:.2f} | {total:.9g} |", flush=True)
 

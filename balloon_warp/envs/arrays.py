@@ -36,7 +36,7 @@ class TorchOutput:
 
     def __call__(self, block: wp.array) -> Told:
         """Return what a block tells."""
-        import torch
+        import torch  # pyright: ignore[reportMissingImports]
 
         return self._layout.told(wp.to_torch(block).clone(), torch.float32)
 

@@ -36,7 +36,11 @@ def make_vec(
 ) -> BalloonVectorEnv: ...
 @overload
 def make_vec(
-    task: str | Task = ..., num_envs: int = ..., *, gpus: int | None = ..., workers: int | None = ..., **options: Any
+    task: str | Task = ..., num_envs: int = ..., *, gpus: int, workers: None = None, **options: Any
+) -> SpreadVectorEnv: ...
+@overload
+def make_vec(
+    task: str | Task = ..., num_envs: int = ..., *, gpus: None = None, workers: int, **options: Any
 ) -> SpreadVectorEnv: ...
 def make_vec(
     task: str | Task = "Altitude",

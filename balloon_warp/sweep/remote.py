@@ -178,7 +178,8 @@ def run_shares(
 
 def _others(client: "Client", full: Container[str]) -> list[str]:
     """Return the addresses of the workers that have room as far as is known."""
-    return [address for address in client.nthreads() if address not in full]
+    addresses: Any = client.nthreads()
+    return [address for address in addresses if address not in full]
 
 
 def _has_workers(client: "Client") -> bool:
