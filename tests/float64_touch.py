@@ -134,11 +134,17 @@ class _Touching:
 
     def _nearest(self, x: Array, own: Array, corners: Array, may: Array) -> Array:
         """Return the triangle to which each particle is nearest; of those that share a place, that which faces it."""
-        arms = x[own][:, None] - nearest_places(x[own][:, None], *(x[corners[:, n]][None] for n in range(3)))
-        squares = np.where(may, dots(arms, arms), 1e30)
-        areas = np.cross(x[corners[:, 1]] - x[corners[:, 0]], x[corners[:, 2]] - x[corners[:, 0]])
-        rise = np.abs(dots(arms, areas[None]))
-        steep = rise / np.maximum(np.sqrt(squares) * np.linalg.norm(areas, axis=-1), 1e-30)
+        places, means = x[corners], x[corners].mean(axis=1)
+        radii = np.linalg.norm(places - means[:, None], axis=-1).max(axis=1)
+        away = np.linalg.norm(x[own][:, None] - means, axis=-1)
+        least = np.where(may, away + radii, np.inf).min(axis=1, keepdims=True)
+        some, which = np.nonzero(may & (away - radii <= 1.001 * least))
+        a, b, c = (places[which, corner] for corner in range(3))
+        arms, areas = x[own][some] - nearest_places(x[own][some], a, b, c), np.cross(b - a, c - a)
+        distances, sizes = np.linalg.norm(arms, axis=-1), np.linalg.norm(areas, axis=-1)
+        squares, steep = np.full(may.shape, 1e30), np.zeros(may.shape)
+        squares[some, which] = distances**2
+        steep[some, which] = np.abs(dots(arms, areas)) / np.maximum(distances * sizes, 1e-30)
         as_near = squares <= squares.min(axis=1, keepdims=True) * (1.0 + float(AS_NEAR))
         return np.where(as_near, steep, -1.0).argmax(axis=1)
 

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 from float64_touch import touching_motion
-from meshes import quad_sphere
+from meshes import mesh_of, quad_sphere
 from touching import VACUUM
 
 import balloon_warp as bw
@@ -39,11 +39,33 @@ def pair(
     )  # fmt: skip
 
 
+def pinched() -> bw.Scene:
+    """Return a flat balloon whose walls are pushed together until they touch from within; each frame searches anew."""
+    ball = quad_sphere(4, 0.5)
+    points = ball.points * (1.0, 1.0, 0.4) + np.random.default_rng(1).normal(size=ball.points.shape) * 0.004
+    amid = np.linalg.norm(points[:, :2], axis=1) < 0.25
+    balloon = bw.Balloon(
+        mesh=mesh_of(points, ball.face_vertex_indices.reshape(-1, 4).tolist()), mass=0.05, damping=0.05,
+        velocity=(0.3, 0.2, 0.1), angular_velocity=(1.0, 3.0, 2.0), inflation=bw.Inflation(pressure=1.0),
+        stiffness={"structural": 60.0, "shear": 30.0, "flexion": 10.0},
+    )  # fmt: skip
+    forces: list[dict[str, Any]] = [
+        {"particles": np.flatnonzero(amid & (side * points[:, 2] > 0.0)).tolist(),
+         "newtons": (0.3 * side, 0.5 * side, -side)}
+        for side in (1.0, -1.0)
+    ]  # fmt: skip
+    skin = bw.Touch(itself=True, edges=False, thickness=0.02, stiffness=250.0)
+    return bw.Scene(
+        balloon=[balloon], force=forces, frames=32, frames_per_second=480.0, substeps=4, touch=skin, **VACUUM
+    )
+
+
 CASES = {
     "a substep": (pair(1, 1, apart=0.95, thickness=0.3, stiffness=300.0), [*STARTS[:3], *SKINS[:2], *TOUCH]),
     "of their own": (pair(), [*STARTS[:2], *SKINS[1:], "touch.friction"]),
-    "as said": (pair(thickness=0.06, stiffness=300.0), [*STARTS, *SKINS, *TOUCH]),
+    "as said": (pair(thickness=0.06, stiffness=300.0), [*STARTS[:2], *SKINS[1:3], *TOUCH]),
     "crowded": (pair(2, speed=5.0, meshes=(4, 4), thickness=0.16), [*STARTS[1:3], *SKINS[::2], *TOUCH[:2]]),
+    "itself": (pinched(), ["balloon.0.mass", "touch.thickness"]),
     "for long": (pair(12, friction=0.0), [STARTS[0], *SKINS[::2]]),
 }
 """Scenes of 1 to 384 substeps: contacts that begin and end, share where more meet than a step allows for, and rub"""
