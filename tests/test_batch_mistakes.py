@@ -42,7 +42,7 @@ def test_a_failed_batch_leaves_the_good_files(tmp_path: Path):
         ({"export": [7]}, r"^export: expected worlds 0 to 4 \(got 7 to 7\)$"),
         ({"vary": {"balloon.mesh": ["a.obj"] * 3}}, r"^balloon\.mesh: expected a mesh for each of 5 worlds \(got 3\)$"),
         ({"vary": {"balloon.0.mesh": ["none.obj"] * 5}}, r"^none\.obj: no such file"),
-        ({"vary": {"balloon.7.mesh": ["none.obj"] * 5}}, r"^balloon\.7\.mesh: there is no balloon 7"),
+        ({"vary": {"balloon.7.mesh": ["none.obj"] * 5}}, r"^balloon\.7\.mesh: no balloon 7, the scene has "),
         ({"folder": "missing/out"}, r"out: the folder .*missing does not exist$"),
         ({"folder": "file"}, r"file: is a file; expected a folder$"),
     ],

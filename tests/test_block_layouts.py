@@ -146,4 +146,4 @@ def test_loops_over_items_leave_what_threads_keep_alone() -> None:
             kept |= assigned
     assert {"is_there_0", "balloon_0", "point_0"} <= kept
     assert {"is_there", "balloon"} <= looped
-    assert kept & looped == {"end", "time"}  # of the substep: the same to all
+    assert kept & looped == {"end"}  # of the substep: the same to all

@@ -62,7 +62,7 @@ def test_it_says_what_there_is(
     said = capsys.readouterr().out
     assert f"warp-lang {metadata.version('warp-lang')}" in said
     assert "device         cpu (CPU)" in said
-    assert "extra video    lacks imageio-ffmpeg: pip install 'balloon-warp[video]'\n" in said
+    assert "extra video    missing imageio-ffmpeg: pip install 'balloon-warp[video]'\n" in said
     assert "extra view     installed\n" in said
     assert "self-test      passed in " in said
 

@@ -80,7 +80,7 @@ def test_a_notebook_shows_a_picture(monkeypatch: pytest.MonkeyPatch):
     broken = replace(frame, points=[np.full_like(points, np.nan) for points in frame.points])
     monkeypatch.setattr(simulator, "read_frame", lambda world: broken)
     assert simulator._repr_png_() is None
-    with pytest.raises(InputError, match="frame 0: is not finite"):
+    with pytest.raises(InputError, match="frame 0: has positions that are not finite"):
         simulator.picture()
 
 

@@ -187,5 +187,5 @@ def test_a_skin_is_followed_where_it_is_rigid(tmp_path: Path):
     """A skin held by one joint is followed as a rigid block; one held by two joints stretches and is refused."""
     motion = obstacle_motion(plan_model(scene_with(skinned(tmp_path / "whole.usda", (1, 1)))).scene)
     np.testing.assert_allclose(motion[[0, 30, 60], 0, :3], [[0, 0, 0], [0, 0.5, 0], [0, 1, 0]], atol=1e-6)
-    with pytest.raises(InputError, match="/root/block bends"):
+    with pytest.raises(InputError, match="/root/block deforms"):
         obstacle_motion(plan_model(scene_with(skinned(tmp_path / "top.usda", (1, 0)))).scene)

@@ -155,7 +155,7 @@ def test_another_mesh_is_refused(tmp_path: Path):
     write_obj(mesh, quad_sphere(3))
     stop(scene, output)
     write_obj(mesh, quad_sphere(3, 0.6))
-    with pytest.raises(InputError, match=r"is of another run: meshes\..*ball\.obj is "):
+    with pytest.raises(InputError, match=r"belongs to another run: meshes\..*ball\.obj is "):
         animate(scene, output, resume=True)
 
 
