@@ -125,6 +125,7 @@ import os, time
 from balloon_warp.envs import make_vec
 
 def wait(env):
+    os.write(1, b"waits\\n")
     time.sleep(600)
 
 if __name__ == "__main__":
@@ -141,6 +142,8 @@ def test_processes_are_gone_after_the_one_that_started_them(tmp_path: Any) -> No
         assert script.stdout is not None
         lines = iter(script.stdout.readline, "")
         processes = next([int(each) for each in line.split()[1:]] for line in lines if line.startswith("started"))
+        for _ in processes:
+            assert next(line for line in lines if line.startswith("waits"))
         assert len(processes) == 2
         script.send_signal(signal.SIGKILL)
     assert all(is_gone(process) for process in processes)
