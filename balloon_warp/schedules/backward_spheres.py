@@ -48,6 +48,12 @@ class SpheresBackward:
         self._quanta = [room.array((worlds, spheres, 3), wp.int64) for _ in range(model.substeps)]
         """Forces on spheres as each substep begins"""
 
+    @property
+    def carried_bars(self) -> dict[str, wp.array]:
+        """Bars of what goes on into the next frame, by its names in the state."""
+        bars = self.bars.positions, self.bars.velocities, self.bars.spins
+        return {**dict(zip(STATE_OF_SPHERES, bars, strict=True)), "sphere_forces": self._working.sphere_push_bars}
+
     def note(self, substep: int) -> None:
         """Keep the forces with which a substep begins."""
         wp.copy(self._quanta[substep], self._working.sphere_quanta)
