@@ -16,7 +16,7 @@ from balloon_warp.device import pick_device
 from balloon_warp.errors import BlowUpError, InputError
 from balloon_warp.gradients.bars import by_keyframes, by_start, columns_of_names, taken_numbers
 from balloon_warp.gradients.chain import Chain, chains_of, names_in, product
-from balloon_warp.gradients.refusals import require_differentiable, require_no_bounces, require_paths
+from balloon_warp.gradients.refusals import require_differentiable, require_paths, require_room_for_bounces
 from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.measure.health import HEALTHY
 from balloon_warp.model import initial_state, lay_out
@@ -187,7 +187,7 @@ class Steps:
             self._put(bars)
             back.turn_back(back.checkpoint(self._simulator.state))
             if back.spheres:
-                require_no_bounces(back.spheres.worlds_that_met())
+                require_room_for_bounces(back.spheres.crowded_worlds())
             keyed = np.asarray(back.bars.keyed_totals.numpy(), dtype=np.float64)
             numbers = taken_numbers(model, back)
             found = back.by_state()

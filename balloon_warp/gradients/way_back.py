@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.gradients.bars import by_keyframes, by_start, taken_numbers
 from balloon_warp.gradients.loss import Told
-from balloon_warp.gradients.refusals import require_no_bounces
+from balloon_warp.gradients.refusals import require_room_for_bounces
 from balloon_warp.gradients.spans import KeptParameters
 from balloon_warp.model import Model, ModelPlan, State
 from balloon_warp.schedules.backward import BackwardFrames
@@ -91,7 +91,7 @@ class WayBack:
         self._add(told, 0, told.pressures[:, 0])
         of_spheres = {}
         if backward.spheres:
-            require_no_bounces(backward.spheres.worlds_that_met())
+            require_room_for_bounces(backward.spheres.crowded_worlds())
             of_spheres = backward.spheres.by_start()
         at_start = backward.by_state()
         gas = np.asarray(backward.bars.gas_totals.numpy(), dtype=np.float64)

@@ -20,7 +20,7 @@ from balloon_warp.model.memory import Allocating, Room
 from balloon_warp.schedules.backward import BackwardFrames
 from balloon_warp.schedules.backward_directions import DirectionsBackward
 from balloon_warp.schedules.backward_gas import GasBackward
-from balloon_warp.schedules.backward_spheres import STATE_OF_SPHERES, SpheresBackward
+from balloon_warp.schedules.backward_spheres import STATE_OF_SPHERES, SpheresBackward, log_of_spheres
 from balloon_warp.schedules.backward_touch import TouchBackward, kept_of_touch
 from balloon_warp.schedules.balloon_contact import TouchLaunches
 from balloon_warp.schedules.features import model_features
@@ -164,6 +164,8 @@ class LaunchedBackward(BackwardFrames):
         for _ in range(model.substeps):
             step_arrays(model, step, room)
             room.array((2, model.world_count, model.particle_count), wp.vec3)
+        if model.sphere_count:
+            log_of_spheres(model, room)
         if step.features.touches:
             kept_of_touch(model, room)
             room.array((model.substeps, model.world_count, model.particle_count), wp.vec4)
@@ -213,7 +215,7 @@ class LaunchedBackward(BackwardFrames):
         if self._directions and (substep == 0 or self.step.features.fresh_normals):
             self._directions.turn_back(points, kept.values[substep]["balloon_area"])
         if self.spheres:
-            self.spheres.turn_back(self.state, kept.carried[substep], left, substep)
+            self.spheres.turn_back(self.state, kept.carried[substep], substep)
         if self._gas_back:
             self._gas_back.turn_back(self.state, kept.carried[substep], substep)
         elif substep == m.substeps - 1:
