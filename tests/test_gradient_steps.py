@@ -6,6 +6,7 @@ from typing import Any
 import gradient_scenes
 import numpy as np
 import pytest
+import test_gradients_spheres as spheres
 import test_gradients_touch as touching
 import warp as wp
 
@@ -13,14 +14,17 @@ import balloon_warp as bw
 from balloon_warp.gradients.steps import Moving, Steps
 from balloon_warp.trajectories import Trajectories
 
-CASES = {"touching": (touching, "of their own"), "spheres": (gradient_scenes, "gas beside spheres")}
+CASES = {
+    "touching": (touching.CASES["of their own"], touching.value_at),
+    "spheres": (gradient_scenes.CASES["gas beside spheres"], gradient_scenes.value_at),
+    "exchange": (spheres.CASES_OF_SPHERES["exchange"], spheres.value_of),
+}
 
 
 def case_of(name: str) -> tuple[bw.Scene, Sequence[str], np.ndarray]:
     """Return a scene, paths, and values at them in two worlds, of which the second starts slower."""
-    of_module, case = CASES[name]
-    of, paths = of_module.CASES[case]
-    values = np.array([[of_module.value_at(of, path) for path in paths]] * 2)
+    (of, paths), value_at = CASES[name]
+    values = np.array([[value_at(of, path) for path in paths]] * 2)
     values[1, [path.startswith("balloon") and "velocity.0" in path for path in paths].index(True)] *= 0.9
     return of, paths, values
 

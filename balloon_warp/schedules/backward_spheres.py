@@ -50,7 +50,8 @@ class SpheresBackward:
         self.bars.totals = room.array((worlds, spheres), SphereBars)
         self.bars.numbers = room.array((worlds, spheres, len(COLUMNS)), wp.float64)
         self.bars.crowded = room.array(worlds, wp.int32)
-        self._log = log_of_spheres(model, room)
+        self.log = log_of_spheres(model, room)
+        """Courses of spheres in the substep that runs backwards"""
         of_penalties = spheres if features.penalties else 0
         self._quanta = [room.array((worlds, of_penalties, 3), wp.int64) for _ in range(model.substeps)]
         """Forces on spheres as each substep begins, by the paper's rule"""
@@ -65,19 +66,25 @@ class SpheresBackward:
         """Keep the forces with which a substep begins."""
         wp.copy(self._quanta[substep], self._working.sphere_quanta)
 
-    def turn_back(self, state: State, carried: Mapping[str, wp.array], substep: int) -> None:
-        """Turn the bars of spheres in a substep into those of what came to it.
+    def found_again(self, state: State, carried: Mapping[str, wp.array], substep: int) -> dict[str, wp.array]:
+        """Move spheres again, and return where they were as particles moved, by its names in the state.
 
         Args:
             carried: what the substep began with, by its names in the state.
         """
+        model, time = self._model, substep * self._model.step_seconds
+        inputs = [self._tables, world_state(replace(state, **carried)), self._quanta[substep], time, self.log]
+        launch(self._roll_again, model.world_count, inputs, device=model.device)
+        return {name: getattr(self.log, name) for name in STATE_OF_SPHERES}
+
+    def turn_back(self, substep: int) -> None:
+        """Turn the bars of spheres in a substep, which have been found again, into those of what came to it."""
         device, model, time = self._model.device, self._model, substep * self._model.step_seconds
         inputs = [self._working, self.bars]
         places = (model.world_count, model.sphere_count)
         launch_tiled(sum_sphere_bars, dim=places, inputs=inputs, block_dim=team_threads(model), device=device)
-        before, quanta = world_state(replace(state, **carried)), self._quanta[substep]
-        launch(self._roll_again, model.world_count, [self._tables, before, quanta, time, self._log], device=device)
-        inputs = [self._tables, self._log, quanta, self._working, time, self.bars, self._of_frame]
+        quanta = self._quanta[substep]
+        inputs = [self._tables, self.log, quanta, self._working, time, self.bars, self._of_frame]
         launch(self._roll_back, model.world_count, inputs, device=device)
 
     def add(self, positions: NDArray[np.float64], velocities: NDArray[np.float64]) -> None:

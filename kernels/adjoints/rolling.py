@@ -11,7 +11,7 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.adjoint import Adjoint, NoAdjointError
+from balloon_warp.kernels.adjoint import Adjoint
 from balloon_warp.kernels.adjoints.bounces import obstacle_adjoint, pair_adjoint
 from balloon_warp.kernels.adjoints.sphere_bars import BarsOfSpheres, add_by_sphere, bar_of_course, put_bar_of_course
 from balloon_warp.kernels.adjoints.sphere_courses import Ball, work_of_fall, work_of_roll, work_on_ground
@@ -30,8 +30,6 @@ from balloon_warp.kernels.working import Working
 
 def roll_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
     """Return no adjoint of spheres that move: a kernel of its own runs them backwards."""
-    if features.impulses:
-        raise NoAdjointError("spheres that exchange momentum")
     return ()
 
 
