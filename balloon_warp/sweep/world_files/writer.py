@@ -3,7 +3,6 @@
 import os
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -22,11 +21,9 @@ from balloon_warp.sweep.world_files.contents import Contents
 from balloon_warp.sweep.world_files.options import TrajectoryFiles
 from balloon_warp.sweep.world_files.splits import SPLITS, splits_of
 
-BLOCK_BYTES = 2**26
+BLOCK_BYTES = 2**28
 """Size of the frames that are written together: many small writes would take longer"""
 PARTIAL_NAME = "partial"
-WRITERS = 4
-"""Number of threads that write files of worlds side by side"""
 
 
 class TrajectoryWriter:
@@ -56,7 +53,6 @@ class TrajectoryWriter:
         self._splits = splits_of(self.world_count, options.seed)
         self._waiting: list[list[Record]] = [[] for _ in groups]
         self._waiting_bytes = 0
-        self._threads = ThreadPoolExecutor(WRITERS, thread_name_prefix="writer of worlds")
         self._safe = False
         """Whether a checkpoint counts on the frames that are there"""
         _require_disk(self.folder, sum(len(g.worlds) * _size(c) for g, c in zip(groups, self._commons, strict=True)))
@@ -156,24 +152,18 @@ class TrajectoryWriter:
                     place.rename(path)
 
     def _finished(self, health: NDArray[np.integer]) -> Iterator[tuple[int, Path]]:
-        def finish(number: int, world: int) -> tuple[int, Path]:
-            contents = self._contents_of(number, world, int(health[world]))
-            return world, self._formats[number].finish(self._path(number, world), contents)
-
         for number, group in enumerate(self._groups):
-            yield from self._threads.map(lambda world, number=number: finish(number, world), group.worlds.tolist())
+            for world in group.worlds.tolist():
+                contents = self._contents_of(number, world, int(health[world]))
+                yield world, self._formats[number].finish(self._path(number, world), contents)
 
     def _write(self, group: int, rows: NDArray[np.integer], records: Sequence[Record]) -> None:
         """Write frames that follow each other."""
         format_, moving = self._formats[group], self._commons[group].moving
         begin = records[0].number // self.options.every
         health = np.stack([record.healthy for record in records]).astype(np.int32)
-        paths = [self._path(group, world) for world in self._groups[group].worlds[rows].tolist()]
-        for path in paths[:1]:
-            format_.slots(path, moving)  # which some formats find out once
-
-        def write(place: int) -> None:
-            slots = format_.slots(paths[place], moving)
+        for place, row in enumerate(rows.tolist()):
+            slots = format_.slots(self._path(group, int(self._groups[group].worlds[row])), moving)
             arrays = {"health": health[:, place]}
             for field in moving[:-1]:
                 arrays[field.name] = np.stack([(record.tracks or {})[field.name][place] for record in records])
@@ -183,8 +173,6 @@ class TrajectoryWriter:
             for path in dict.fromkeys(slot.path for slot in slots.values()):
                 here = [field for field in moving if slots[field.name].path == path]
                 _put(path, [(slots[f.name].offset + begin * f.bytes_of_frame, arrays[f.name]) for f in here])
-
-        list(self._threads.map(write, range(len(rows))))
 
     def _contents_of(self, group: int, world: int, health: int) -> WorldFile:
         return self._contents.of_world(self._commons[group], world, health)
