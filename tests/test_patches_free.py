@@ -31,7 +31,7 @@ def meeting(inflation: Inflation) -> Scene:
 INFLATIONS = {
     "pressure": Inflation(pressure=30.0),
     "gas": Inflation(kind="gas", start_pressure=50.0),
-    "normals": Inflation(k_normal=30.0),
+    "normals": Inflation(k_normal=0.5),
 }
 
 

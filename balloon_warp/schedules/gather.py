@@ -30,13 +30,13 @@ class GatherSchedule(LaunchedSchedule):
         """Make it of all worlds, or of those that features are for.
 
         Args:
-            working: what is kept beside the state, where others judge worlds there.
+            working: what is kept beside the state, where others judge worlds there; they may have more features.
         """
         super().__init__(model, features)
+        self.launches.working = working = working or self.launches.working
         patches = cut_into_patches(model, self.features)
         self._patches = None
         if patches:
-            working = working or self.launches.working
             self._patches = PatchLaunch(model, self.features, self.tables, patches, self.vectors[0], working)
 
     @classmethod
