@@ -196,6 +196,19 @@ def byte_in(array: wp.array2d[wp.int8], row: wp.int32, column: wp.int32) -> wp.i
     ...
 
 
+@wp.func_native(f"""
+    int four;
+    memcpy(&four, &{IN_ROW}, sizeof four);
+    return four;
+""")
+def four_bytes_in(array: wp.array2d[wp.int8], row: wp.int32, column: wp.int32) -> wp.int32:
+    """Return `array[row, column]` of a contiguous array and the three bytes after it, the first as the lowest.
+
+    Rows and columns are whole fours.
+    """
+    ...
+
+
 @wp.func_native(f"return {IN_ROW};")
 def two_in(array: wp.array2d[wp.vec2], row: wp.int32, column: wp.int32) -> wp.vec2:
     """Return two numbers of a contiguous array."""

@@ -10,7 +10,15 @@ import warp as wp
 from balloon_warp.kernels.contact.near import mark_count
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.phase import STATE, Item
-from balloon_warp.kernels.schedules.launched.source import ITEMS_OF_PART, Part, arguments_of, kernel_of
+from balloon_warp.kernels.schedules.launched.source import (
+    ITEMS_OF_LIST,
+    ITEMS_OF_PART,
+    Part,
+    acts_on_few,
+    arguments_of,
+    asked_ahead,
+    kernel_of,
+)
 from balloon_warp.kernels.schedules.pieces import Piece, Step, values_of
 from balloon_warp.kernels.working import Working
 from balloon_warp.launching import begin_loading, launch, launch_tiled
@@ -33,6 +41,8 @@ MOST_REGISTERS = 128
 obstacles, too"""
 FEW_REGISTERS = 64
 """Registers where contact has a launch of its own: enough for springs, and a multiprocessor has four blocks"""
+LISTING_THREADS = 128
+"""Threads of a block that lists particles, of which few have anything to do"""
 LARGE = 2048
 """Number of particles of a balloon above which it is summed in parts"""
 
@@ -117,6 +127,8 @@ class Launches:
         }  # fmt: skip
         if piece.sums:
             self._sum(piece, has)
+        elif acts_on_few(self.step, piece):
+            self._over(piece, (m.world_count, -(-m.particle_count // int(ITEMS_OF_LIST))), has)
         elif piece.item == "team":
             self._over(piece, (m.world_count,), has)
         elif piece.item == "spring":
@@ -165,6 +177,8 @@ class Launches:
         meets_edges = piece.phases[0].name == "meet_edges"
         if meets_edges and device.is_cuda and self.model.world_count <= device.sm_count:
             return EDGE_THREADS
+        if acts_on_few(self.step, piece):
+            return LISTING_THREADS if device.is_cuda else 1
         return team_threads(self.model)
 
     @property
@@ -223,6 +237,8 @@ def step_arrays(model: Model, step: Step, room: Room) -> tuple[dict[str, Any], d
         value: room.array((worlds, counts[step.owner(value)]), wp.float32 if dtype is float else dtype)
         for value, dtype in values_of(step).items()
     }
+    if any(asked_ahead(step, piece) for piece in step.pieces):
+        values["acting"] = room.array((worlds, -(-model.particle_count // 4) * 4), wp.int8)
     parts = {}
     for piece in step.pieces:
         if piece.sums and (count := _part_count(model, piece.item)):
