@@ -10,15 +10,8 @@ import warp as wp
 from balloon_warp.kernels.contact.near import mark_count
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.phase import STATE, Item
-from balloon_warp.kernels.schedules.launched.source import (
-    ITEMS_OF_LIST,
-    ITEMS_OF_PART,
-    Part,
-    acts_on_few,
-    arguments_of,
-    asked_ahead,
-    kernel_of,
-)
+from balloon_warp.kernels.schedules.launched.few import acts_on_few, asked_ahead
+from balloon_warp.kernels.schedules.launched.source import ITEMS_OF_LIST, ITEMS_OF_PART, Part, arguments_of, kernel_of
 from balloon_warp.kernels.schedules.pieces import Piece, Step, values_of
 from balloon_warp.kernels.working import Working
 from balloon_warp.launching import begin_loading, launch, launch_tiled
@@ -57,7 +50,7 @@ class Launches:
 
     Args:
         own: what phases of the host do, by their names.
-        fast_math: whether a GPU's own division and root will do where forces are found.
+        fast_math: whether a GPU's own division and root will do where forces are found, and where particles stand.
     """
 
     def __init__(
@@ -199,7 +192,7 @@ class Launches:
         meets = any(phase.name == "leave" for phase in piece.phases)
         few = pulls and not meets and not self.step.features.membranes and self._stands_apart
         registers = (FEW_REGISTERS if few else MOST_REGISTERS) if piece.item == "particle" and not piece.sums else 0
-        return kernel_of(self.step, piece, part, self._fast_math and pulls, registers)
+        return kernel_of(self.step, piece, part, self._fast_math and (pulls or meets), registers)
 
     def _shape(self, item: Item) -> tuple[int, ...]:
         """Return the threads of a launch over all items."""

@@ -9,8 +9,9 @@ import warp as wp
 from balloon_warp.kernels.codegen import kernel_from
 from balloon_warp.kernels.memory import four_bytes_in
 from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.phase import STATE, VIEWS, Phase
+from balloon_warp.kernels.phase import STATE, VIEWS
 from balloon_warp.kernels.schedules.compaction import compaction
+from balloon_warp.kernels.schedules.launched.few import acts_on_few, asked_ahead, is_asked_ahead, rare_phase
 from balloon_warp.kernels.schedules.pieces import Piece, Step
 from balloon_warp.kernels.schedules.writer import Writer, head, named_in
 from balloon_warp.kernels.warps import block_barrier
@@ -48,33 +49,6 @@ OFFSETS = {"particle": "t.particles.offsets", "face": "t.faces.balloon_offsets"}
 
 END_OF_LIST = "wp.min(begin + ITEMS_OF_LIST, state.points.shape[1])"
 """End of the particles of a block"""
-
-
-def rare_phase(step: Step, piece: Piece) -> Phase | None:
-    """Return the phase of a piece, if it is the only one, and most items stay as they are."""
-    first, *others = piece.phases
-    stays = not (others or piece.sums or piece.doubles or piece.leaves or piece.keeps)
-    return first if stays and first.asked(step.features, step.look) else None
-
-
-def acts_on_few(step: Step, piece: Piece) -> bool:
-    """Return whether a block lists the particles that a piece acts on: it is apart since most have nothing to do."""
-    rare = rare_phase(step, piece)
-    return rare is not None and piece.item == "particle" and rare.name in step.apart
-
-
-def asked_ahead(step: Step, piece: Piece) -> Phase | None:
-    """Return the phase of the next piece, if it acts on few particles, and the thread that moved one knows which."""
-    place = step.pieces.index(piece) + 1
-    after = step.pieces[place] if place < len(step.pieces) else None
-    knows = piece.item == "particle" and not (piece.sums or piece.once or acts_on_few(step, piece))
-    return after.phases[0] if knows and after and acts_on_few(step, after) else None
-
-
-def is_asked_ahead(step: Step, piece: Piece) -> bool:
-    """Return whether the piece before notes the particles that this one acts on."""
-    place = step.pieces.index(piece)
-    return place > 0 and asked_ahead(step, step.pieces[place - 1]) is not None
 
 
 class PieceWriter(Writer):
