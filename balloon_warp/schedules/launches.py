@@ -34,6 +34,8 @@ MOST_REGISTERS = 128
 obstacles, too"""
 FEW_REGISTERS = 64
 """Registers where contact has a launch of its own: enough for springs, and a multiprocessor has four blocks"""
+ROUGH = {"pull", "push_face", "leave"}
+"""Phases for which a GPU's own division and root will do"""
 LISTING_THREADS = 128
 """Threads of a block that lists particles, of which few have anything to do"""
 LARGE = 2048
@@ -50,7 +52,7 @@ class Launches:
 
     Args:
         own: what phases of the host do, by their names.
-        fast_math: whether a GPU's own division and root will do where forces are found, and where particles stand.
+        fast_math: whether a GPU's own division and root will do, see `ROUGH`.
     """
 
     def __init__(
@@ -188,11 +190,11 @@ class Launches:
 
     def kernel(self, piece: Piece, part: Part = "all") -> Any:
         """Return the kernel of a piece."""
-        pulls = any(phase.name == "pull" for phase in piece.phases)
-        meets = any(phase.name == "leave" for phase in piece.phases)
+        names = {phase.name for phase in piece.phases}
+        pulls, meets = "pull" in names, "leave" in names
         few = pulls and not meets and not self.step.features.membranes and self._stands_apart
         registers = (FEW_REGISTERS if few else MOST_REGISTERS) if piece.item == "particle" and not piece.sums else 0
-        return kernel_of(self.step, piece, part, self._fast_math and (pulls or meets), registers)
+        return kernel_of(self.step, piece, part, self._fast_math and not names.isdisjoint(ROUGH), registers)
 
     def _shape(self, item: Item) -> tuple[int, ...]:
         """Return the threads of a launch over all items."""
