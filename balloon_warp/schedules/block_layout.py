@@ -41,7 +41,7 @@ THREADS_OF_MANY, MANY = (512, 64), 1792
 THREADS_NEAR_FIXTURES = 256, 128
 """Threads and registers where particles touch obstacles, which takes more registers"""
 THREADS_OF_SMALL_NEAR_FIXTURES = 128, 128
-"""The same where a multiprocessor has several small worlds: while few threads of one leave obstacles, others move"""
+"""Threads and registers where a multiprocessor has several small worlds: while few leave obstacles, others move"""
 THREADS_ALONE = 768, 80
 """Threads and registers where a multiprocessor has memory for one block only"""
 

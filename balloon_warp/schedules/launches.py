@@ -27,8 +27,11 @@ TEAM_THREADS = 256
 """Threads of a block for phases of a world and for sums, on a GPU; more would have too few registers"""
 TEAM_THREADS_OF_SMALL, SMALL = 64, 1024
 """Threads where no balloon has more particles: more blocks then run at once, while one thread of each ends its sum"""
-EDGE_THREADS = 512
-"""Threads for edges that touch, where a world has a multiprocessor of its own: its sums are the same in any order"""
+EDGE_THREADS, EDGE_THREADS_OF_MANY = 512, 128
+"""Threads for edges that touch, where a world has a multiprocessor of its own, and where not: its sums are the same in
+any order"""
+TEAM_REGISTERS = {"meet_edges": 64, "meet_ridges": 128}
+"""Registers of a thread of a whole world's block, at most: so that a multiprocessor has more of them at once"""
 MOST_REGISTERS = 128
 """Registers of a thread with a particle, so that a multiprocessor has two blocks of 256 where particles touch
 obstacles, too"""
@@ -169,9 +172,8 @@ class Launches:
     def _team_threads(self, piece: Piece) -> int:
         """Return the threads of a block."""
         device = self.model.device
-        meets_edges = piece.phases[0].name == "meet_edges"
-        if meets_edges and device.is_cuda and self.model.world_count <= device.sm_count:
-            return EDGE_THREADS
+        if piece.phases[0].name == "meet_edges" and device.is_cuda:
+            return EDGE_THREADS if self.model.world_count <= device.sm_count else EDGE_THREADS_OF_MANY
         if acts_on_few(self.step, piece):
             return LISTING_THREADS if device.is_cuda else 1
         return team_threads(self.model)
@@ -194,6 +196,9 @@ class Launches:
         pulls, meets = "pull" in names, "leave" in names
         few = pulls and not meets and not self.step.features.membranes and self._stands_apart
         registers = (FEW_REGISTERS if few else MOST_REGISTERS) if piece.item == "particle" and not piece.sums else 0
+        device = self.model.device
+        if device.is_cuda and self.model.world_count > device.sm_count:
+            registers = TEAM_REGISTERS.get(piece.phases[0].name, registers)
         return kernel_of(self.step, piece, part, self._fast_math and not names.isdisjoint(ROUGH), registers)
 
     def _shape(self, item: Item) -> tuple[int, ...]:
