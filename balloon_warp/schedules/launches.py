@@ -39,7 +39,7 @@ FEW_REGISTERS = 64
 """Registers where contact has a launch of its own: enough for springs, and a multiprocessor has four blocks"""
 ROUGH = {"pull", "push_face", "leave"}
 """Phases for which a GPU's own division and root will do"""
-LISTING_THREADS = 64
+LISTING_THREADS = 32
 """Threads of a block that lists particles, of which few have anything to do"""
 LARGE = 2048
 """Number of particles of a balloon above which it is summed in parts"""
