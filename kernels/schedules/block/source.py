@@ -12,6 +12,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.codegen import kernel_from
+from balloon_warp.kernels.contact.free_frames import BUSY, FREE
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.loops.slots import SlotTable
 from balloon_warp.kernels.memory import in_tile, put_in_tile, put_vector, vector_at
@@ -70,7 +71,7 @@ class BlockWriter(StateInBlock):
             **self.scope(phase for piece in self.step.pieces for phase in piece.phases),
             "in_tile": in_tile, "put_in_tile": put_in_tile, "vector_at": vector_at, "put_vector": put_vector,
             "block_barrier": block_barrier, "any_in_block": any_in_block, "WARP_THREADS": WARP_THREADS,
-            "SlotTable": SlotTable,
+            "SlotTable": SlotTable, "BUSY": BUSY, "FREE": FREE,
             "read_params_beside": params_beside_function(self.features.columns, self.features.balloons),
             "take_place": place_function(self.features), "load_in": load_in,
         }  # fmt: skip
@@ -110,7 +111,7 @@ class BlockWriter(StateInBlock):
     def _body(self) -> None:
         self._find_world()
         if self.features.frames != "all":
-            self.line(f"if working.verdicts[world] {'!=' if self.features.watched else '=='} 0: return")
+            self.line(f"if working.verdicts[world] == {'BUSY' if self.features.watched else 'FREE'}: return")
         self._places_of_values()
         self.line("# Particles come from the state.")
         self._take_particles()
