@@ -18,11 +18,11 @@ from balloon_warp.kernels.loops.slots import SlotTable
 from balloon_warp.kernels.memory import in_tile, put_in_tile, put_vector, vector_at
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.params import params_beside_function, params_functions
-from balloon_warp.kernels.schedules.block.compaction import compaction
 from balloon_warp.kernels.schedules.block.layout import Layout
 from balloon_warp.kernels.schedules.block.looks import reader_of_springs
 from balloon_warp.kernels.schedules.block.state import StateInBlock
 from balloon_warp.kernels.schedules.block.sums import block_sum
+from balloon_warp.kernels.schedules.compaction import compaction
 from balloon_warp.kernels.schedules.pieces import Piece, Step
 from balloon_warp.kernels.schedules.writer import head, named_in
 from balloon_warp.kernels.spheres import shared_spheres
