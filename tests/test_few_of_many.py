@@ -8,7 +8,6 @@ from trajectories import after_frames, arrays
 from balloon_warp.kernels.schedules.launched.few import acts_on_few, is_asked_ahead
 from balloon_warp.scene import Balloon, Inflation, Obstacle, Scene
 
-
 FRAMES = 10
 LID = 1.002
 """Height of the plane above the ball, which swells to it [m]"""
