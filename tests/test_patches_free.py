@@ -6,9 +6,13 @@ import warp as wp
 from meshes import quad_sphere
 
 from balloon_warp.kernels.contact.free_frames import BUSY, FREE, HURRIED
+from balloon_warp.model import build_model, initial_state
 from balloon_warp.scene import Balloon, Ground, Inflation, Scene
 from balloon_warp.schedules import choose
+from balloon_warp.schedules.busy_worlds import BusyWorlds
+from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.gather import GatherSchedule
+from balloon_warp.schedules.outlook import free_features
 from balloon_warp.schedules.patched import PatchedSchedule
 from balloon_warp.simulator import Simulator
 
@@ -48,6 +52,16 @@ def launched(scene: Scene, gpu: wp.Device, monkeypatch: pytest.MonkeyPatch) -> S
         simulator = Simulator(scene, str(gpu), schedule="gather")
     assert isinstance(simulator.schedule, GatherSchedule)
     return simulator
+
+
+def test_launches_and_patches_of_free_frames_have_one_working_memory():
+    """Masses of gas are found by a launch as a frame begins, where patches read them, and verdicts stand."""
+    model = build_model(meeting(INFLATIONS["gas"]), "cpu")
+    features = model_features(model)
+    busy, state = BusyWorlds(model, features), initial_state(model)
+    free = GatherSchedule(model, free_features(features), busy.working)
+    free.launches.execute(state, 0, 0.0, (state.points, state.velocities), only=("pump", "weigh"))
+    assert (busy.working.gas_masses.numpy() > 0.0).all()
 
 
 @pytest.mark.parametrize("name", INFLATIONS)
