@@ -36,9 +36,9 @@ def motion(
 
 def motion_of_spheres(scene: Scene, values: Mapping[str, float]) -> tuple[Array, Array, Array, Array]:
     """Return places and velocities of the first balloon's particles and of spheres in all frames."""
-    run = _started(scene, values)
-    points, velocities, _ = run.frames(0.0, 0.0)
-    return points, velocities, *(np.array(track) for track in zip(*run.tracks, strict=True))
+    points, velocities, _ = (run := _started(scene, values)).frames(0.0, 0.0)
+    positions, motions = (np.array(track) for track in zip(*run.tracks, strict=True))
+    return points, velocities, positions, motions
 
 
 def _started(scene: Scene, values: Mapping[str, float] | None) -> "_Motion":

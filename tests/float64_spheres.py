@@ -81,7 +81,7 @@ def part_of_way(start: Array, way: Array, reach: float) -> float:
         return 0.0
     if b >= 0.0 or b * b <= a * c:
         return 2.0
-    part = c / (-b + np.sqrt(b * b - a * c))
+    part = float(c / (-b + np.sqrt(b * b - a * c)))
     return part if part <= 1.0 else 2.0
 
 

@@ -1,4 +1,5 @@
 """Losses of other frameworks have the values and derivatives of the same in NumPy."""
+# pyright: reportAssignmentType=false, reportGeneralTypeIssues=false
 
 from typing import Any
 

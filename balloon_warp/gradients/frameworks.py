@@ -104,8 +104,10 @@ def of_kernel(kernel: wp.Kernel) -> Callable[[Trajectories], Told]:
     def loss(moved: Trajectories) -> Told:
         with lock_of(wp.get_device("cpu")):
             worlds = len(moved.worlds)
-            arrays = {name: wp.array(_joined(moved, name), dtype=types[name].dtype, device="cpu", requires_grad=True)
-                      for name in names}  # fmt: skip
+            arrays: dict[str, Any] = {
+                name: wp.array(_joined(moved, name), dtype=types[name].dtype, device="cpu", requires_grad=True)
+                for name in names
+            }
             found = wp.zeros(worlds, dtype=types[OF_LOSS].dtype, device="cpu", requires_grad=True)
             with wp.Tape() as tape:
                 inputs = [found if name == OF_LOSS else arrays[name] for name in types]

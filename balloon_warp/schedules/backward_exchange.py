@@ -65,7 +65,7 @@ class ExchangeBackward:
         launch_tiled(self._back, dim=worlds, inputs=inputs, block_dim=threads, device=device)
 
 
-def kept_of_exchange(model: Model, room: Room) -> tuple[list[tuple[wp.array, wp.array, wp.array]], Exchanges]:
+def kept_of_exchange(model: Model, room: Room) -> tuple[list[tuple[wp.array, wp.array, wp.array]], Any]:
     """Allocate what each substep comes to the exchange with, and what is found again of one."""
     worlds, particles, spheres = model.world_count, model.particle_count, model.sphere_count
     exchanges = Exchanges()

@@ -111,7 +111,7 @@ class SpheresBackward:
         return np.flatnonzero(self.bars.crowded.numpy())
 
 
-def log_of_spheres(model: Model, room: Room) -> LoggedSpheres:
+def log_of_spheres(model: Model, room: Room) -> Any:
     """Allocate the courses of spheres in a substep, and what changes them."""
     worlds, spheres = model.world_count, model.sphere_count
     log = LoggedSpheres()
