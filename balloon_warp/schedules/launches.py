@@ -20,7 +20,7 @@ from balloon_warp.model.state import contact_shape
 from balloon_warp.schedules.balloon_contact import touch_arrays
 from balloon_warp.schedules.ridges import ridge_arrays
 from balloon_warp.schedules.solids import solid_arrays
-from balloon_warp.schedules.tables import kept_arguments, world_state
+from balloon_warp.schedules.tables import Worlds, kept_arguments
 
 TEAM_THREADS = 256
 """Threads of a block for phases of a world and for sums, on a GPU; more would have too few registers"""
@@ -55,7 +55,8 @@ class Launches:
         fast_math: bool = False,
     ):  # fmt: skip
         self.model, self.step, self.tables = model, step, tables
-        self._own, self._fast_math = own or {}, fast_math
+        self._own, self._fast_math, self._worlds = own or {}, fast_math, Worlds()
+        self._kernels: dict[tuple[int, Part], tuple[Any, tuple[str, ...]]] = {}
         self.working = Working()
         for name, array in working_arrays(model, step.features, room).items():
             setattr(self.working, name, array)
@@ -110,7 +111,7 @@ class Launches:
     def _launch(self, piece: Piece, state: State, time_in_frame: float, now: Moving) -> Moving:
         new, m = self._targets(piece, state, now), self.model
         has = {
-            "t": self.tables, "time_in_frame": time_in_frame, "state": world_state(state), "working": self.working,
+            "t": self.tables, "time_in_frame": time_in_frame, "state": self._worlds.of(state), "working": self.working,
             **{f"all_{view}": array for view, array in zip(STATE.values(), now, strict=True)},
             **{f"new_{view}": array for view, array in zip(STATE.values(), new, strict=True)},
             **{f"all_{value}": array for value, array in self.values.items()}, **kept_arguments(state),
@@ -130,7 +131,7 @@ class Launches:
 
     def _inputs(self, piece: Piece, has: Mapping[str, Any], part: Part = "all") -> list[Any]:
         """Return what the kernel of a piece takes, in order."""
-        return [has[name] for name in arguments_of(self.step, piece, part)]
+        return [has[name] for name in self._kernel_of(piece, part)[1]]
 
     def _targets(self, piece: Piece, state: State, now: Moving) -> Moving:
         """Return where the piece leaves points and velocities."""
@@ -181,6 +182,16 @@ class Launches:
 
     def kernel(self, piece: Piece, part: Part = "all") -> Any:
         """Return the kernel of a piece."""
+        return self._kernel_of(piece, part)[0]
+
+    def _kernel_of(self, piece: Piece, part: Part) -> tuple[Any, tuple[str, ...]]:
+        """Return the kernel of a piece, and the names of what it takes."""
+        asked = id(piece), part  # a hash of all that the piece consists of takes longer than a launch
+        if asked not in self._kernels:
+            self._kernels[asked] = self._make_kernel(piece, part), arguments_of(self.step, piece, part)
+        return self._kernels[asked]
+
+    def _make_kernel(self, piece: Piece, part: Part) -> Any:
         pulls = any(phase.name == "pull" for phase in piece.phases)
         meets = any(phase.name == "leave" for phase in piece.phases)
         few = pulls and not meets and not self.step.features.membranes and self._stands_apart
