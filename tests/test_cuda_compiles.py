@@ -12,13 +12,15 @@ from meshes import quad_sphere
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.schedules.block.source import kernel_of_frame
 from balloon_warp.kernels.schedules.launched.source import kernel_of
+from balloon_warp.kernels.schedules.patches.source import kernel_of_patches
 from balloon_warp.model import Model, build_model
 from balloon_warp.scene import Balloon, Obstacle, Scene, load_scene
 from balloon_warp.schedules.block_layout import layout_of, step_of
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.gather import GatherSchedule
 from balloon_warp.schedules.launches import EDGE_THREADS
-from balloon_warp.schedules.outlook import busy_features
+from balloon_warp.schedules.outlook import busy_features, free_features
+from balloon_warp.schedules.patches import cut_into_patches, layout_of_patches, step_of_patches
 
 pytestmark = pytest.mark.skipif(sys.platform == "darwin", reason="Warp has no CUDA there")
 HOPPER = 90
@@ -60,6 +62,18 @@ def test_frames_in_blocks_compile(source: Any, frames: Any, tmp_path: Path):
     kernel = kernel_of_frame(step_of(features, layout), layout)
     assert layout.threads > 1
     assert "bar.sync" in compiled(kernel, layout.threads, tmp_path)
+
+
+def test_free_frames_in_patches_compile(tmp_path: Path):
+    """Blocks of a world exchange halos, and watch how far particles go."""
+    model = build_model(load_scene("helium_rise"), "cpu")
+    object.__setattr__(model, "device", GPU)
+    features = free_features(model_features(model))
+    patches = cut_into_patches(model, features)
+    assert patches
+    layout = layout_of_patches(model, features, patches, rings=False)
+    text = compiled(kernel_of_patches(step_of_patches(features, layout), layout), layout.threads, tmp_path)
+    assert "st.relaxed.gpu.global.b128" in text
 
 
 def test_edges_that_touch_compile(tmp_path: Path):

@@ -40,7 +40,11 @@ def pair(
 
 
 def pinched() -> bw.Scene:
-    """Return a flat balloon whose walls are pushed together until they touch from within; each frame searches anew."""
+    """Return a flat balloon whose walls are pushed together until they touch from within; each frame searches anew.
+
+    After 32 frames differences in double precision vary by 1.7e-4, as particles start 0.1 µm elsewhere; after 20 by
+    1.5e-5.
+    """
     ball = quad_sphere(4, 0.5)
     points = ball.points * (1.0, 1.0, 0.4) + np.random.default_rng(1).normal(size=ball.points.shape) * 0.004
     amid = np.linalg.norm(points[:, :2], axis=1) < 0.25
@@ -56,7 +60,7 @@ def pinched() -> bw.Scene:
     ]  # fmt: skip
     skin = bw.Touch(itself=True, edges=False, thickness=0.02, stiffness=250.0)
     return bw.Scene(
-        balloon=[balloon], force=forces, frames=32, frames_per_second=480.0, substeps=4, touch=skin, **VACUUM
+        balloon=[balloon], force=forces, frames=20, frames_per_second=480.0, substeps=4, touch=skin, **VACUUM
     )
 
 

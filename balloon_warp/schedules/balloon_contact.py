@@ -78,7 +78,8 @@ class TouchLaunches:
         if self._features.edges_meet:  # before particles note where they are
             threads = self._edge_threads
             inputs = [t, threads, points, velocities, working]
-            launch(find_edges_kernel(self._features), (m.world_count, threads), inputs, device=m.device)
+            shape = m.world_count, threads
+            launch(find_edges_kernel(self._features), shape, inputs, block_dim=FEW_THREADS, device=m.device)
         place: dict[str, Any] = {"dim": (m.world_count, particles), "device": m.device, "block_dim": FEW_THREADS}
         moving = self._worlds.of(state), points, velocities, working
         launch(looking_kernel(self._features), inputs=[t, particles, *moving], **place)
