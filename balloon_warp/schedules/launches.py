@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Collection, Mapping
 from copy import copy
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import warp as wp
@@ -21,7 +21,7 @@ from balloon_warp.model.state import contact_shape
 from balloon_warp.schedules.balloon_contact import touch_arrays
 from balloon_warp.schedules.ridges import ridge_arrays
 from balloon_warp.schedules.solids import solid_arrays
-from balloon_warp.schedules.tables import kept_arguments, world_state
+from balloon_warp.schedules.tables import Worlds, kept_arguments
 
 TEAM_THREADS = 256
 """Threads of a block for phases of a world and for sums, on a GPU; more would have too few registers"""
@@ -50,6 +50,14 @@ Own = Callable[[State, int, float, Moving], None]
 """(state, substep, time in the frame, where particles are): what the host does itself of a step"""
 
 
+class _Asked(NamedTuple):
+    """What each launch asks of a piece."""
+
+    kernel: Any
+    names: tuple[str, ...]
+    """Names of what the kernel takes"""
+
+
 class Launches:
     """Launch each piece of a step.
 
@@ -63,7 +71,8 @@ class Launches:
         fast_math: bool = False,
     ):  # fmt: skip
         self.model, self.step, self.tables = model, step, tables
-        self._own, self._fast_math = own or {}, fast_math
+        self._own, self._fast_math, self._worlds = own or {}, fast_math, Worlds()
+        self._pieces: dict[tuple[int, Part], _Asked] = {}
         self.working = Working()
         for name, array in working_arrays(model, step.features, room).items():
             setattr(self.working, name, array)
@@ -82,7 +91,7 @@ class Launches:
     def beside(self, model: Model, tables: Any) -> Self:
         """Return the same for another world of the same batch, with the same memory."""
         other = copy(self)
-        other.model, other.tables = model, tables
+        other.model, other.tables, other._pieces = model, tables, {}
         return other
 
     def begin_loading(self) -> None:
@@ -118,7 +127,7 @@ class Launches:
     def _launch(self, piece: Piece, state: State, time_in_frame: float, now: Moving) -> Moving:
         new, m = self._targets(piece, state, now), self.model
         has = {
-            "t": self.tables, "time_in_frame": time_in_frame, "state": world_state(state), "working": self.working,
+            "t": self.tables, "time_in_frame": time_in_frame, "state": self._worlds.of(state), "working": self.working,
             **{f"all_{view}": array for view, array in zip(STATE.values(), now, strict=True)},
             **{f"new_{view}": array for view, array in zip(STATE.values(), new, strict=True)},
             **{f"all_{value}": array for value, array in self.values.items()}, **kept_arguments(state),
@@ -140,7 +149,7 @@ class Launches:
 
     def _inputs(self, piece: Piece, has: Mapping[str, Any], part: Part = "all") -> list[Any]:
         """Return what the kernel of a piece takes, in order."""
-        return [has[name] for name in arguments_of(self.step, piece, part)]
+        return [has[name] for name in self._asked(piece, part).names]
 
     def _targets(self, piece: Piece, state: State, now: Moving) -> Moving:
         """Return where the piece leaves points and velocities."""
@@ -192,6 +201,16 @@ class Launches:
 
     def kernel(self, piece: Piece, part: Part = "all") -> Any:
         """Return the kernel of a piece."""
+        return self._asked(piece, part).kernel
+
+    def _asked(self, piece: Piece, part: Part) -> _Asked:
+        """Return what each launch asks of a piece."""
+        key = id(piece), part  # a hash of all that a piece consists of takes longer than a launch
+        if key not in self._pieces:
+            self._pieces[key] = _Asked(self._make_kernel(piece, part), arguments_of(self.step, piece, part))
+        return self._pieces[key]
+
+    def _make_kernel(self, piece: Piece, part: Part) -> Any:
         names = {phase.name for phase in piece.phases}
         pulls, meets = "pull" in names, "leave" in names
         few = pulls and not meets and not self.step.features.membranes and self._stands_apart
