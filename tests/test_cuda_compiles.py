@@ -9,7 +9,9 @@ import pytest
 import warp as wp
 from meshes import quad_sphere
 
+from balloon_warp.kernels.adjoints.exchange_back import exchange_back_kernel
 from balloon_warp.kernels.features import Features
+from balloon_warp.kernels.helpers_of_grad import derive_helpers
 from balloon_warp.kernels.schedules.block.source import kernel_of_frame
 from balloon_warp.kernels.schedules.launched.source import kernel_of
 from balloon_warp.kernels.schedules.patches.source import kernel_of_patches
@@ -18,7 +20,7 @@ from balloon_warp.scene import Balloon, Obstacle, Scene, load_scene
 from balloon_warp.schedules.block_layout import layout_of, step_of
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.gather import GatherSchedule
-from balloon_warp.schedules.launches import EDGE_THREADS
+from balloon_warp.schedules.launches import EDGE_THREADS, TEAM_THREADS
 from balloon_warp.schedules.outlook import busy_features, free_features
 from balloon_warp.schedules.patches import cut_into_patches, layout_of_patches, step_of_patches
 
@@ -82,3 +84,11 @@ def test_edges_that_touch_compile(tmp_path: Path):
     step = GatherSchedule.step_of(model, model_features(model))
     (piece,) = (each for each in step.pieces if each.name == "worlds_meet_edges")
     assert "bar.red" in compiled(kernel_of(step, piece), EDGE_THREADS, tmp_path)
+
+
+def test_an_exchange_of_momentum_backwards_compiles(tmp_path: Path):
+    """The kernel of spheres that exchange momentum compiles backwards, with a block a world."""
+    features = model_features(build_model(load_scene("sphere_launch", {"contact": "impulse"}), "cpu", 2))
+    assert features.impulses
+    derive_helpers()
+    assert "bar.sync" in compiled(exchange_back_kernel(features, ()), TEAM_THREADS, tmp_path)

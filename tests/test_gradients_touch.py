@@ -9,7 +9,6 @@ from meshes import mesh_of, quad_sphere
 from touching import VACUUM
 
 import balloon_warp as bw
-from balloon_warp.gradients.steps import Steps
 from balloon_warp.trajectories import Trajectories
 
 RNG = np.random.default_rng(3)
@@ -176,8 +175,3 @@ def test_balloons_that_touch_by_default_are_derived():
     paths = ["balloon.0.velocity.0"]
     found, told = (bw.gradient(each, of=paths, loss=far, device="cpu").gradients[paths[0]] for each in (of, apart))
     assert found[0] != told[0]
-
-
-def test_frames_for_frameworks_refuse_contact():
-    with pytest.raises(bw.InputError, match="rollout: contacts of balloons are not carried from frame to frame yet"):
-        Steps(pair(), ["balloon.0.mass"], 1, "cpu", "auto", ())

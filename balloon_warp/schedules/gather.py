@@ -27,7 +27,7 @@ class GatherSchedule(LaunchedSchedule):
     look = GATHERED
 
     def __init__(self, model: Model, features: Features | None = None, working: Any | None = None):
-        """Make it of all worlds, or of those that features are for.
+        """Advance all worlds, or those that the features are for.
 
         Args:
             working: what is kept beside the state, where others judge worlds there; they may have more features.
