@@ -51,7 +51,7 @@ Own = Callable[[State, int, float, Moving], None]
 
 
 class _Asked(NamedTuple):
-    """What each launch asks of a piece."""
+    """Kernel of a piece, and what it takes."""
 
     kernel: Any
     names: tuple[str, ...]
