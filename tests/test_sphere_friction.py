@@ -148,6 +148,7 @@ TOUCHING = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("friction", [0.3, 5.0])
 @pytest.mark.parametrize(
     ("what", "schedule"),

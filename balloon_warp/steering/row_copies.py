@@ -1,6 +1,7 @@
 """Rows of many arrays, which chosen worlds get back in one launch."""
 
 from collections.abc import Iterable
+from typing import Any
 
 import warp as wp
 
@@ -27,10 +28,10 @@ class RowCopies:
         self._arrays = [(rows_of_words(source), rows_of_words(target)) for source, target in arrays if target.size]
         self._tables = [self._table_of(rows) for rows in (WordRows, ByteRows)]
 
-    def _table_of(self, rows: type) -> wp.array:
+    def _table_of(self, rows: Any) -> wp.array:
         """Return the copies of words, or of bytes where rows do not fill words."""
         copies = []
-        word = rows.vars["target"].type.dtype  # pyright: ignore[reportAttributeAccessIssue] - of Warp's structs
+        word = rows.vars["target"].type.dtype
         for source, target in self._arrays:
             if target.dtype == word:
                 copy = rows()
