@@ -51,11 +51,7 @@ Own = Callable[[State, int, float, Moving], None]
 
 
 class _Asked(NamedTuple):
-<<<<<<< HEAD
     """Kernel of a piece, and what each launch hands it."""
-=======
-    """Kernel of a piece, and what it takes."""
->>>>>>> w-a
 
     kernel: Any
     names: tuple[str, ...]
