@@ -10,7 +10,9 @@ from balloon_warp.mesh import PolygonMesh
 
 Values = NDArray[np.float64]
 ROUNDS, LEFT = 8, 0.4
-"""Largest number of times that changes are held back, and the fraction that each time leaves where it crosses"""
+"""Number of times that changes are held back in part, and the fraction that each time leaves where it crosses"""
+STOPPED = 8
+"""Number of times more that they are stopped there"""
 AROUND = 2
 """Number of rings of neighbors that are held back, too, ever less"""
 
@@ -24,14 +26,15 @@ def uncrossed(mesh: PolygonMesh, moves: Values, together: Any) -> Values:
         together: Means over neighbors, shape (n, n).
     """
     near = NearPairs.of(mesh, float(np.linalg.norm(moves, axis=1).max()))
-    for _ in range(ROUNDS):
+    for number in range(ROUNDS + STOPPED):
         crossing = near.crossing(mesh.points + moves)
         if not crossing.any():
             break
         held = np.zeros(mesh.vertex_count)
         held[near.ends[crossing]] = 1.0
         held[near.corners[crossing]] = 1.0
+        left = LEFT if number < ROUNDS else 0.0
         for _ in range(AROUND):
             held = np.maximum(held, np.minimum(1.0, 2.0 * (together @ held)))
-        moves = moves * (1.0 - (1.0 - LEFT) * held)[:, None]
+        moves = moves * (1.0 - (1.0 - left) * held)[:, None]
     return moves
