@@ -1,6 +1,6 @@
 """Gaps that a mould must keep: between sides that face each other, and across its triangles."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,8 +19,10 @@ REACH, ASIDE = 3.2, 1.0
 """Largest distance of a pair, and across the gap, over the edge"""
 OUTSIDE, INSIDE = 0.7, 0.3
 """Least gap between two parts, and least thickness of one, over the edge"""
-FLATTEST = 0.25
-"""Least altitude of a triangle, over the one that it has in the plain mould"""
+FLATTEST, TOO_FLAT = 0.25, 0.1
+"""Least altitude of a triangle that steps aim at, and that they may leave, over the one in the plain mould"""
+PUSHED, FIRMLY = 9.0, 900.0
+"""Weights of missing gaps over that of errors, squared: between sides, and of altitudes, which are a tenth as large"""
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,8 @@ class Gaps:
     """Wanted least widths [m], shape (k,)"""
     widening: Any
     """Derivatives of the widths by the vertices' coordinates, shape (k, 3 n)"""
+    weights: Values
+    """Weights of missing widths, squared, over those of errors, shape (k,)"""
 
     @classmethod
     def of(cls, mould: PolygonMesh, plain: PolygonMesh, edge: float) -> "Gaps":
@@ -42,9 +46,28 @@ class Gaps:
             plain: Mould that is the scaled-down target shape.
             edge: Mean length of its edges [m].
         """
-        parts = [_facing(mould, edge), _altitudes(mould, plain)]
-        widths, least = (np.concatenate([part[kind] for part in parts]) for kind in (0, 1))
-        return cls(widths, least, sparse.vstack([part[2] for part in parts]).tocsr())
+        facing, across = _facing(mould, edge), _altitudes(mould, plain)
+        return cls(
+            np.concatenate([facing[0], across[0]]),
+            np.concatenate([facing[1], FLATTEST * across[1]]),
+            sparse.vstack([facing[2], across[2]]).tocsr(),
+            np.repeat([PUSHED, FIRMLY], [len(facing[0]), len(across[0])]),
+        )
+
+
+@dataclass(frozen=True)
+class Flattening:
+    """Triangles of a mould that changes flatten too much."""
+
+    mould: PolygonMesh
+    plain: PolygonMesh
+
+    def vertices(self, points: Values) -> NDArray[np.int64]:
+        """Return the vertices of the triangles that are flatter than they may be, and than in the mould."""
+        before, wanted, _ = _altitudes(self.mould, self.plain)
+        after = _altitudes(replace(self.mould, points=points), self.plain)[0]
+        flat = (after < TOO_FLAT * wanted) & (after < before)
+        return np.unique(Ruler(self.plain).triangles[flat])
 
 
 def _facing(mesh: PolygonMesh, edge: float) -> tuple[Values, Values, Any]:
@@ -64,12 +87,12 @@ def _facing(mesh: PolygonMesh, edge: float) -> tuple[Values, Values, Any]:
 
 
 def _altitudes(mould: PolygonMesh, plain: PolygonMesh) -> tuple[Values, Values, Any]:
-    """Return the triangles' least altitudes."""
+    """Return the triangles' least altitudes, and those in the plain mould."""
     corners = _tips_first(Ruler(plain).triangles, mould.points)
     widths, ways, along = _altitudes_of(mould.points[corners])
     of_corners = np.stack([np.ones(len(along)), along - 1.0, -along], axis=1)
-    least = FLATTEST * _altitudes_of(plain.points[_tips_first(corners, plain.points)])[0]
-    return widths, least, _rows(corners, of_corners[:, :, None] * ways[:, None], len(mould.points))
+    wanted = _altitudes_of(plain.points[_tips_first(corners, plain.points)])[0]
+    return widths, wanted, _rows(corners, of_corners[:, :, None] * ways[:, None], len(mould.points))
 
 
 def _tips_first(triangles: NDArray[np.int64], points: Values) -> NDArray[np.int64]:

@@ -10,7 +10,7 @@ import scipy.sparse as sparse
 from numpy.typing import NDArray
 
 from balloon_warp.designing.crossings import crossing_count
-from balloon_warp.designing.gaps import Gaps
+from balloon_warp.designing.gaps import Flattening, Gaps
 from balloon_warp.designing.hanging import Hanging
 from balloon_warp.designing.measure import Ruler
 from balloon_warp.designing.response import Response
@@ -120,8 +120,10 @@ class MouldProblem:
         return part * change, aim.damping
 
     def moved(self, design: Values, change: Values) -> Values:
-        """Return the mould with a change, less of it where the mould would cross itself."""
-        return design + uncrossed(self._mould(design), change.reshape(-1, 3), self._means).ravel()
+        """Return the mould with a change, less of it where the mould would cross itself, or its triangles be flat."""
+        mould = self._mould(design)
+        spoiled = Flattening(mould, self._mould(self.plain)).vertices
+        return design + uncrossed(mould, change.reshape(-1, 3), self._means, spoiled).ravel()
 
     def _bearable(self, mould: PolygonMesh, change: Values) -> float:
         """Return the part of a change that strains the mould's edges no more than it may."""

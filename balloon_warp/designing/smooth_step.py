@@ -24,8 +24,6 @@ EXACT, MOST_PRODUCTS = 0.01, 80
 """Relative residual of the normal equations, and the most products with their matrix"""
 POWERS = 3
 """Number of products by which their largest eigenvalue is found, roughly"""
-PUSH = 9.0
-"""Weight of missing gaps over that of errors, squared"""
 MOST_SOLVED, MISSED = 4, 0.9
 """Number of times that a step is solved with ever more gaps, and the part of the least width below which they count"""
 
@@ -103,14 +101,14 @@ class _Step:
 
     def solved(self) -> "_Step":
         """Return the step with its solution."""
-        aim, gaps, kept = self.aim, self.aim.gaps, self.aim.gaps.widening[self.active]
+        aim, gaps = self.aim, self.aim.gaps
         wanted = self._back(self.response.transposed(aim.weights @ aim.error.ravel()))
         unit = self.unit or self._largest(wanted)
-        wanted = wanted + self._of_gaps(kept, (gaps.least - gaps.widths)[self.active])
+        wanted = wanted + self._of_gaps(gaps.least - gaps.widths)
 
         def times(vector: Values) -> Values:
             damped = self._squared(vector) + aim.damping * unit * vector
-            return damped + self._of_gaps(kept, kept @ self._easily(vector)[: kept.shape[1]])
+            return damped + self._of_gaps(gaps.widening @ self._easily(vector)[: aim.error.size])
 
         size = len(wanted)
         matrix = LinearOperator((size, size), matvec=times, dtype=np.float64)  # pyright: ignore
@@ -130,9 +128,10 @@ class _Step:
         moves = self.response.moves(self._easily(vector))
         return self._back(self.response.transposed(self.aim.weights @ moves))
 
-    def _of_gaps(self, kept: Any, widths: Values) -> Values:
-        """Return the transposed product of what widens gaps with widths, shape (m,)."""
-        moves = kept.T @ (PUSH * widths)
+    def _of_gaps(self, widths: Values) -> Values:
+        """Return the transposed product of what widens the gaps that are kept open with widths, shape (m,)."""
+        gaps = self.aim.gaps
+        moves = gaps.widening.T @ (gaps.weights * self.active * widths)
         return self._back(np.append(moves, np.zeros(len(self.aim.scales) - len(moves))))
 
     def _easily(self, vector: Values) -> Values:
