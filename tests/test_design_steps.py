@@ -20,6 +20,7 @@ from balloon_warp.mesh.topology import mesh_edges
 from balloon_warp.scene import Material
 
 BALL = quad_sphere(3)
+TRIANGLES = Ruler(BALL).triangles
 EDGE = float(np.linalg.norm(np.diff(BALL.points[mesh_edges(BALL).ends], axis=1), axis=2).mean())
 
 
@@ -46,11 +47,14 @@ def test_gaps_change_as_their_derivatives_say():
     """The widths of a flat ball's gaps change with random moves by central differences' slopes within a millionth."""
     flat = squashed(0.05)
     moves = np.random.default_rng(0).standard_normal(flat.points.shape)
-    gaps = Gaps.of(flat, flat, EDGE)
+    gaps = Gaps.of(flat, flat, TRIANGLES, EDGE)
     step = 1e-6
-    widths = [Gaps.of(replace(flat, points=flat.points + side * step * moves), flat, EDGE).widths for side in (1, -1)]
+    widths = [
+        Gaps.of(replace(flat, points=flat.points + side * step * moves), flat, TRIANGLES, EDGE).widths
+        for side in (1, -1)
+    ]
     slopes = (widths[0] - widths[1]) / (2.0 * step)
-    triangles = len(Ruler(flat).triangles)
+    triangles = len(TRIANGLES)
     assert len(gaps.widths) > triangles  # sides that face each other, too
     found = gaps.widening @ moves.ravel()
     np.testing.assert_allclose(found[-triangles:], slopes[-triangles:], rtol=1e-6, atol=1e-6)
@@ -61,9 +65,9 @@ def test_a_step_does_not_close_a_gap():
     """A step that would flatten a flat ball to nothing leaves most of the least thickness, and without gaps none."""
     flat = squashed(0.3)
     error = flat.points * [0.0, 0.0, -1.0]
-    gaps = Gaps.of(flat, flat, EDGE)
+    gaps = Gaps.of(flat, flat, TRIANGLES, EDGE)
     change = smooth_step(Direct(), aim_of(error, gaps, 1e-6))  # pyright: ignore
-    facing = slice(0, len(gaps.widths) - len(Ruler(flat).triangles))
+    facing = slice(0, len(gaps.widths) - len(TRIANGLES))
     left = (gaps.widths + gaps.widening @ change)[facing]
     assert left.min() > 0.6 * gaps.least[facing].min()
     closed = smooth_step(Direct(), aim_of(error, replace(gaps, least=-np.ones(len(gaps.least))), 1e-6))  # pyright: ignore
@@ -80,7 +84,7 @@ def test_a_smooth_step_is_that_of_dense_least_squares(tmp_path: Path):
     assert points is not None
     response = Response.of(balance, points, problem.by_design(balance, points))
     mould = replace(target, points=problem.plain.reshape(-1, 3))
-    aim = aim_of(target.points - points, Gaps.of(mould, mould, problem.edge), 1e-3)
+    aim = aim_of(target.points - points, Gaps.of(mould, mould, TRIANGLES, problem.edge), 1e-3)
     aim = replace(aim, weights=problem.ruler.squares, gaps=replace(aim.gaps, least=-np.ones(len(aim.gaps.least))))
     size = target.points.size
     easy = np.stack([aim.scales * aim.smoothing(row) for row in np.eye(size)], axis=1)

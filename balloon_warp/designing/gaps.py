@@ -8,7 +8,6 @@ import scipy.sparse as sparse
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from balloon_warp.designing.measure import Ruler
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import vertex_normals
 
@@ -39,14 +38,15 @@ class Gaps:
     """Weights of missing widths, squared, over those of errors, shape (k,)"""
 
     @classmethod
-    def of(cls, mould: PolygonMesh, plain: PolygonMesh, edge: float) -> "Gaps":
+    def of(cls, mould: PolygonMesh, plain: PolygonMesh, triangles: NDArray[np.int64], edge: float) -> "Gaps":
         """Find the gaps of a mould that does not cross itself.
 
         Args:
             plain: Mould that is the scaled-down target shape.
+            triangles: Corners of the film's triangles, shape (t, 3).
             edge: Mean length of its edges [m].
         """
-        facing, across = _facing(mould, edge), _altitudes(mould, plain)
+        facing, across = _facing(mould, edge), _altitudes(mould, plain, triangles)
         return cls(
             np.concatenate([facing[0], across[0]]),
             np.concatenate([facing[1], FLATTEST * across[1]]),
@@ -61,13 +61,15 @@ class Flattening:
 
     mould: PolygonMesh
     plain: PolygonMesh
+    triangles: NDArray[np.int64]
+    """Corners of the film's triangles, shape (t, 3)"""
 
     def vertices(self, points: Values) -> NDArray[np.int64]:
         """Return the vertices of the triangles that are flatter than they may be, and than in the mould."""
-        before, wanted, _ = _altitudes(self.mould, self.plain)
-        after = _altitudes(replace(self.mould, points=points), self.plain)[0]
+        before, wanted, _ = _altitudes(self.mould, self.plain, self.triangles)
+        after = _altitudes(replace(self.mould, points=points), self.plain, self.triangles)[0]
         flat = (after < TOO_FLAT * wanted) & (after < before)
-        return np.unique(Ruler(self.plain).triangles[flat])
+        return np.unique(self.triangles[flat])
 
 
 def _facing(mesh: PolygonMesh, edge: float) -> tuple[Values, Values, Any]:
@@ -86,12 +88,12 @@ def _facing(mesh: PolygonMesh, edge: float) -> tuple[Values, Values, Any]:
     return np.abs(widths), least, _rows(pairs, np.stack([-ways, ways], axis=1), len(points))
 
 
-def _altitudes(mould: PolygonMesh, plain: PolygonMesh) -> tuple[Values, Values, Any]:
+def _altitudes(mould: PolygonMesh, plain: PolygonMesh, triangles: NDArray[np.int64]) -> tuple[Values, Values, Any]:
     """Return the triangles' least altitudes, and those in the plain mould."""
-    corners = _tips_first(Ruler(plain).triangles, mould.points)
+    corners = _tips_first(triangles, mould.points)
     widths, ways, along = _altitudes_of(mould.points[corners])
     of_corners = np.stack([np.ones(len(along)), along - 1.0, -along], axis=1)
-    wanted = _altitudes_of(plain.points[_tips_first(corners, plain.points)])[0]
+    wanted = _altitudes_of(plain.points[_tips_first(triangles, plain.points)])[0]
     return widths, wanted, _rows(corners, of_corners[:, :, None] * ways[:, None], len(mould.points))
 
 

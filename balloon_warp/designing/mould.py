@@ -109,7 +109,7 @@ class MouldProblem:
         """
         response = Response.of(balance, points, (by_design or self.by_design)(balance, points))
         mould = self._mould(design)
-        gaps = Gaps.of(mould, self._mould(self.plain), self.edge)
+        gaps = Gaps.of(mould, self._mould(self.plain), self.film.corners, self.edge)
         aim = SmoothAim(self.mesh.points - points, self.ruler.squares, self._smoothing, scales, gaps, damping)
         for _ in range(MOST_DAMPED):
             change = smooth_step(response, aim)
@@ -122,7 +122,7 @@ class MouldProblem:
     def moved(self, design: Values, change: Values) -> Values:
         """Return the mould with a change, less of it where the mould would cross itself, or its triangles be flat."""
         mould = self._mould(design)
-        spoiled = Flattening(mould, self._mould(self.plain)).vertices
+        spoiled = Flattening(mould, self._mould(self.plain), self.film.corners).vertices
         return design + uncrossed(mould, change.reshape(-1, 3), self._means, spoiled).ravel()
 
     def _bearable(self, mould: PolygonMesh, change: Values) -> float:
