@@ -4,7 +4,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pytest
 from meshes import quad_sphere
 
 from balloon_warp.designing.descent import Reached, descend
@@ -76,7 +75,7 @@ def test_a_step_does_not_close_a_gap():
 
 
 def test_a_smooth_step_is_that_of_dense_least_squares(tmp_path: Path):
-    """The step by conjugate gradients leaves as much of the error as the dense solution, within a percent of it."""
+    """The step leaves as much of the error as dense solutions, with the damping's unit known within a factor of 4."""
     target = target_of(replace(BALL, points=BALL.points * [1.0, 1.0, 1.3]), 0.2)
     job = Job(target, "latex", 1.5, "tension", 2e-4, tmp_path, 1, "cpu", False, print)
     problem = MouldProblem(job.ruler, _film(job, Material(preset="latex", thickness=2e-4)), 1.5)
@@ -85,18 +84,20 @@ def test_a_smooth_step_is_that_of_dense_least_squares(tmp_path: Path):
     assert points is not None
     response = Response.of(balance, points, problem.by_design(balance, points))
     mould = replace(target, points=problem.plain.reshape(-1, 3))
-    aim = aim_of(target.points - points, Gaps.of(mould, mould, TRIANGLES, problem.edge), problem.edge**2)
+    aim = aim_of(target.points - points, Gaps.of(mould, mould, TRIANGLES, problem.edge), 1e-3)
     aim = replace(aim, weights=problem.ruler.squares, gaps=replace(aim.gaps, least=-np.ones(len(aim.gaps.least))))
     size = target.points.size
     easy = np.stack([aim.scales * aim.smoothing(row) for row in np.eye(size)], axis=1)
     dense = np.stack([response.moves(column) for column in easy.T], axis=1)
     squared = dense.T @ (aim.weights @ dense)
-    damped, wanted = squared + aim.damping * np.eye(size), dense.T @ (aim.weights @ aim.error.ravel())
-    exact, found = dense @ np.linalg.solve(damped, wanted), response.moves(smooth_step(response, aim))
-    left = [aim.error.ravel() - moved for moved in (0.0, exact, found)]
-    before, best, reached = (np.sqrt(each @ (aim.weights @ each)) for each in left)
-    assert 0.02 * before < best < 0.5 * before
-    assert reached == pytest.approx(best, abs=0.01 * before)
+    largest, wanted = np.linalg.eigvalsh(squared)[-1], dense.T @ (aim.weights @ aim.error.ravel())
+    exact = [
+        dense @ np.linalg.solve(squared + damping * largest * np.eye(size), wanted) for damping in (0.25e-3, 1.0e-3)
+    ]
+    left = [aim.error.ravel() - moved for moved in (0.0, *exact, response.moves(smooth_step(response, aim)))]
+    before, least, most, found = (np.sqrt(each @ (aim.weights @ each)) for each in left)
+    assert most < 0.5 * before
+    assert least - 0.01 * before < found < most + 0.01 * before
 
 
 class Fussy:

@@ -110,15 +110,14 @@ class MouldProblem:
         response = Response.of(balance, points, (by_design or self.by_design)(balance, points))
         mould = self._mould(design)
         gaps = Gaps.of(mould, self._mould(self.plain), self.film.corners, self.edge)
-        unit = (self.stretch * self.edge) ** 2  # of what an easy change moves, where nothing gives way
-        aim = SmoothAim(self.mesh.points - points, self.ruler.squares, self._smoothing, scales, gaps, damping * unit)
+        aim = SmoothAim(self.mesh.points - points, self.ruler.squares, self._smoothing, scales, gaps, damping)
         for _ in range(MOST_DAMPED):
             change = smooth_step(response, aim)
             part = self._bearable(mould, change)
             if part > SHORTENED:
                 break
             aim = replace(aim, damping=aim.damping * (RAISED if part > MUCH else RAISED_MUCH))
-        return part * change, aim.damping / unit
+        return part * change, aim.damping
 
     def moved(self, design: Values, change: Values) -> Values:
         """Return the mould with a change, less of it where the mould would cross itself, or its triangles be flat."""

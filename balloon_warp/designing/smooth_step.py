@@ -22,6 +22,8 @@ REACH, ALONE = 3.0, 0.05
 """Distance over which changes are smooth, in edges, and the unsmoothed fraction"""
 EXACT, MOST_PRODUCTS = 0.01, 80
 """Relative residual of the normal equations, and the most products with their matrix"""
+POWERS = 3
+"""Number of products by which their largest eigenvalue is found, roughly"""
 MOST_SOLVED, MISSED = 4, 0.9
 """Number of times that a step is solved with ever more gaps, and the part of the least width below which they count"""
 
@@ -59,7 +61,7 @@ class SmoothAim:
     """Magnitudes of easy changes of each number of the design, shape (m,)"""
     gaps: Gaps
     damping: float
-    """Damping [m^2]"""
+    """Damping, in a unit in which 1 is much"""
 
 
 def smooth_step(response: Response, aim: SmoothAim) -> Values:
@@ -82,6 +84,8 @@ class _Step:
     aim: SmoothAim
     active: NDArray[np.bool_]
     """Mask of the gaps that are kept open, shape (k,)"""
+    unit: float = 0.0
+    """Largest eigenvalue without damping, roughly"""
     found: Values | None = None
 
     @property
@@ -99,16 +103,26 @@ class _Step:
         """Return the step with its solution."""
         aim, gaps = self.aim, self.aim.gaps
         wanted = self._back(self.response.transposed(aim.weights @ aim.error.ravel()))
+        unit = self.unit or self._largest(wanted)
         wanted = wanted + self._of_gaps(gaps.least - gaps.widths)
 
         def times(vector: Values) -> Values:
-            damped = self._squared(vector) + aim.damping * vector
+            damped = self._squared(vector) + aim.damping * unit * vector
             return damped + self._of_gaps(gaps.widening @ self._easily(vector)[: aim.error.size])
 
         size = len(wanted)
         matrix = LinearOperator((size, size), matvec=times, dtype=np.float64)  # pyright: ignore
         found, _ = cg(matrix, wanted, x0=self.found, rtol=EXACT, maxiter=MOST_PRODUCTS)
-        return replace(self, found=found)
+        return replace(self, unit=unit, found=found)
+
+    def _largest(self, vector: Values) -> float:
+        """Return the largest eigenvalue of the equations without damping and gaps, roughly."""
+        largest = 0.0
+        for _ in range(POWERS):
+            vector = vector / max(float(np.linalg.norm(vector)), 1.0e-300)
+            product = self._squared(vector)
+            largest, vector = float(np.linalg.norm(product)), product
+        return max(largest, 1.0e-300)
 
     def _squared(self, vector: Values) -> Values:
         moves = self.response.moves(self._easily(vector))
