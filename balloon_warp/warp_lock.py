@@ -53,11 +53,46 @@ def recording(device: wp.Device, stream: wp.Stream | None = None) -> Iterator[wp
         was_enabled = gc.isenabled()
         gc.disable()
         try:
-            with wp.ScopedCapture(**captured) as capture:
+            with wp.ScopedCapture(**captured) as capture, _remembering_pointers():
                 yield capture
         finally:
             if was_enabled:
                 gc.enable()
+
+
+@contextmanager
+def _remembering_pointers() -> Iterator[None]:
+    """Let a recording on a CPU look for the pointers in a struct once, not in every launch that takes it.
+
+    Warp looks through hundreds of arrays, which takes longer than the rest of a launch. Where bytes are the same, so
+    are pointers and what they point to, as nothing is freed in a recording.
+    """
+    from warp._src.context import runtime
+
+    recorder: Any = getattr(runtime, OF_RECORDING[0], None)
+    look = getattr(recorder, "_walk_value_pointers", None)
+    if look is None:
+        yield
+        return
+    found: dict[tuple[Any, ...], list[Any]] = {}
+
+    def look_once(kind: Any, value: Any, packed: Any, offset: int, out: list[Any]) -> None:
+        if value is None or not hasattr(kind, "vars"):  # no struct
+            look(kind, value, packed, offset, out)
+            return
+        key = kind, offset, bytes(packed)
+        if key not in found:
+            before = len(out)
+            look(kind, value, packed, offset, out)
+            found[key] = out[before:]
+        else:
+            out += found[key]
+
+    recorder._walk_value_pointers = look_once
+    try:
+        yield
+    finally:
+        del recorder._walk_value_pointers
 
 
 class _OfThread:

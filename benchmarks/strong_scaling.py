@@ -12,7 +12,7 @@ import hashlib
 import tempfile
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
@@ -178,6 +178,7 @@ def print_gradient(counts: Sequence[int], kind: str, size: Size) -> None:
     print(f"Gradient of {size.derived_worlds:,} worlds, {size.derived_frames} frames, by a mass that they share")
     print(f"| {kind} | seconds | times one | sum |\n|---|---|---|---|")
     first = 0.0
+    gradient_of(replace(size, derived_frames=1), cluster_of(kind, 1))  # compiles
     for count in counts:
         seconds, total = gradient_of(size, cluster_of(kind, count))
         first = first or seconds

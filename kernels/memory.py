@@ -26,6 +26,35 @@ def fixed_int_at(array: wp.array[wp.int32], index: wp.int32) -> wp.int32:
     ...
 
 
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    return __ldg(array.data + (unsigned int)index);
+#else
+    return array.data[index];
+#endif
+""")
+def fixed_float_at(array: wp.array[float], index: wp.int32) -> float:
+    """Return `array[index]` of a contiguous array that no kernel writes to, so that a loop may read it once."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    asm volatile("{ .reg .pred unmet; setp.eq.s32 unmet, %0, 0; @unmet st.global.s32 [%1], %2; }"
+        :: "r"((int)condition), "l"(array.data + (unsigned int)index), "r"(value));
+#else
+    if (!condition)
+        array.data[(unsigned int)index] = value;
+#endif
+""")
+def put_int_unless(condition: bool, array: wp.array[wp.int32], index: wp.int32, value: wp.int32):
+    """Store an integer in a contiguous array unless a condition holds.
+
+    On a GPU without a branch, which would keep the compiler from mixing what comes before with what comes after.
+    """
+    ...
+
+
 @wp.func_native("return array.data[(unsigned int)index];")
 def float_at(array: wp.array[float], index: wp.int32) -> float:
     """Return `array[index]` of a contiguous array."""
@@ -193,6 +222,19 @@ def put_vector_in(array: wp.array2d[wp.vec3], row: wp.int32, column: wp.int32, v
 @wp.func_native(f"return {IN_ROW};")
 def byte_in(array: wp.array2d[wp.int8], row: wp.int32, column: wp.int32) -> wp.int8:
     """Return `array[row, column]` of a contiguous array."""
+    ...
+
+
+@wp.func_native(f"""
+    int four;
+    memcpy(&four, &{IN_ROW}, sizeof four);
+    return four;
+""")
+def four_bytes_in(array: wp.array2d[wp.int8], row: wp.int32, column: wp.int32) -> wp.int32:
+    """Return `array[row, column]` of a contiguous array and the three bytes after it, the first as the lowest.
+
+    Rows and columns are whole fours.
+    """
     ...
 
 

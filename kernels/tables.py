@@ -252,6 +252,15 @@ def row_of_world(world: wp.int32, rows: wp.int32):
 
 
 @wp.func
+def is_chosen(mask: wp.array[wp.int32], world: wp.int32):
+    """Return whether a mask chooses a world; one without entries chooses all."""
+    chosen = True
+    if mask.shape[0] > 0:
+        chosen = mask[world] != 0
+    return chosen
+
+
+@wp.func
 def first_entry(slice_offsets: wp.array[wp.int32], particle: wp.int32):
     """Return the index of a particle's first spring or quad; the next is `SLICE` further."""
     return int_at(slice_offsets, particle >> 5) + (particle & 31)

@@ -42,7 +42,7 @@ LEFT_TO_THE_MATRIX = ("gather", "lanes", "block")
 BRIEF = (
     *("atmosphere", "block_layouts", "collision", "contact", "diagnosis", "euler", "free_frames"),
     *("gas", "gas_heat", "gradients", "grazing", "health", "law_schedules", "necks"),
-    *("obstacles", "odd_meshes", "own_phases", "restore", "setting", "times", "tubes", "water"),
+    *("obstacles", "odd_meshes", "own_phases", "restore", "setting", "sphere_friction", "times", "tubes", "water"),
 )
 """files of tests that simulate for a shorter time than it takes to optimize their many kernels: these stay as they are
 written, which compiles in a quarter of the time. So do the scenes of methods in test_matrix.py; its bundled scenes, and
@@ -90,6 +90,16 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if is_left_to_the_matrix(item):
             item.add_marker(pytest.mark.skip("test_matrix.py finds that it gives the same"))
     items.sort(key=lambda item: (is_brief(item), group_of(item.nodeid) not in LONGEST))
+
+
+def pytest_collection_finish() -> None:
+    """Leave out of garbage collection what has been imported and collected, which stays."""
+    gc.freeze()
+
+
+def pytest_sessionfinish() -> None:
+    """Leave to the end of the process what is there: pytest would look through all of it five times."""
+    gc.freeze()
 
 
 def group_of(nodeid: str) -> str:

@@ -8,7 +8,8 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from float64_parts import directions, gusts, let_through, out_of_sphere, rolled, thrusts, torsion, water
+from float64_parts import directions, gusts, let_through, out_of_sphere, thrusts, torsion, water
+from float64_spheres import Spheres
 
 from balloon_warp.kernels.laws.air import GAS_CONSTANT, density_of_given_air
 from balloon_warp.kernels.laws.gas import STANDARD_PRESSURE
@@ -30,12 +31,23 @@ def motion(
     """Return places and velocities of the first balloon in all frames, shape (frames + 1, n, 3), and its pressures.
 
     Args: shifts: offsets of places and velocities at the start, with the amount of gas unchanged."""
+    return _started(scene, values).frames(*shifts)
+
+
+def motion_of_spheres(scene: Scene, values: Mapping[str, float]) -> tuple[Array, Array, Array, Array]:
+    """Return places and velocities of the first balloon's particles and of spheres in all frames."""
+    points, velocities, _ = (run := _started(scene, values)).frames(0.0, 0.0)
+    positions, motions = (np.array(track) for track in zip(*run.tracks, strict=True))
+    return points, velocities, positions, motions
+
+
+def _started(scene: Scene, values: Mapping[str, float] | None) -> "_Motion":
     told = dict(values or {})
     changes = [change.model_copy(update={"set": dict(change.set)}) for change in scene.change]
     for path in [path for path in told if path.startswith("change.")]:
         number, inner = path.removeprefix("change.").split(".set.")
         changes[int(number)].set[inner] = told.pop(path)
-    return _Motion(scene.model_copy(update={"change": changes}), told).frames(*shifts)
+    return _Motion(scene.model_copy(update={"change": changes}), told)
 
 
 class _Motion:
@@ -57,14 +69,8 @@ class _Motion:
         self.load = np.zeros(2)
         neck = scene.balloon[0].neck
         self.neck = neck_of(neck.at, self.shape.mesh, self.share, self.up) if neck else None
-        self.spheres = [self._sphere(number) for number in range(len(scene.sphere))]
-
-    def _sphere(self, number: int) -> dict[str, Any]:
-        """State and parameters of a sphere."""
-        starts = {name: self.p[f"initial_sphere_{name}"][0, number] for name in ("positions", "velocities", "spins")}
-        numbers = {name: self.p[f"sphere_{name}"][0, number] for name in ("mass", "radius", "penalty")}
-        friction = self.p[FRICTION][0, 1 + len(self.scene.obstacle) + number, 0]
-        return {**starts, **numbers, "friction": friction, "force": np.zeros(3)}
+        self.balls = Spheres(self.scene, self.p, self.h)
+        self.spheres = self.balls.spheres
 
     @property
     def constants(self) -> Array:
@@ -90,7 +96,7 @@ class _Motion:
         x, v = x + shift, v + push
         self.moles = self.of("initial_gas_amounts") if self.gas else 0.0
         self.load, self.pressure = self.p["initial_loads"][0, 0], self.of("initial_pressures")
-        found = [(x, v, self.pressure)]
+        found, self.tracks = [(x, v, self.pressure)], [self.balls.places()]
         for frame in range(self.scene.frames):
             self._change(frame)
             along = self._air_along() if self.gas else 0.0
@@ -101,6 +107,7 @@ class _Motion:
                 mass = self.share * (self.of("mass") + self.moles * self.of("molar_mass") + along)
                 x, v = self._substep(x, v, mass, frame, part)
             found.append((x, v, self.pressure))
+            self.tracks.append(self.balls.places())
         points, velocities, pressures = (np.array(each) for each in zip(*found, strict=True))
         return points, velocities, pressures
 
@@ -125,9 +132,7 @@ class _Motion:
         return density_of_given_air(*(self.of(f"air_{name}") for name in ("pressure", "temperature", "density")))
 
     def _substep(self, x: Array, v: Array, mass: Array, frame: int, part: float) -> tuple[Array, Array]:
-        for sphere in self.spheres:
-            around = self.of("gravity"), self.of("ground_height"), self.of("ground_restitution")
-            rolled(sphere, self.up, self.h, *around)
+        self.balls.move()
         gain = (self.h / mass)[:, None]
         force = self._springs(x) + (self.share * self.of("mass") * -self.of("gravity"))[:, None] * self.up
         force -= (self.share * self.of("damping"))[:, None] * v
@@ -158,6 +163,8 @@ class _Motion:
             self.pressure = self._given(frame, part)
             inflation = self.pressure * area
             v = v + gain * (force + inflation)
+        if self.spheres and self.scene.contact == "impulse":
+            return self.balls.exchange(x + self.h * v, v, mass, self._stand)
         return self._leave(x + self.h * v, v, inflation)
 
     def _springs(self, x: Array) -> Array:

@@ -9,16 +9,20 @@ import pytest
 import warp as wp
 from meshes import quad_sphere
 
+from balloon_warp.kernels.adjoints.exchange_back import exchange_back_kernel
 from balloon_warp.kernels.features import Features
+from balloon_warp.kernels.helpers_of_grad import derive_helpers
 from balloon_warp.kernels.schedules.block.source import kernel_of_frame
 from balloon_warp.kernels.schedules.launched.source import kernel_of
+from balloon_warp.kernels.schedules.patches.source import kernel_of_patches
 from balloon_warp.model import Model, build_model
 from balloon_warp.scene import Balloon, Obstacle, Scene, load_scene
 from balloon_warp.schedules.block_layout import layout_of, step_of
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.gather import GatherSchedule
-from balloon_warp.schedules.launches import EDGE_THREADS
-from balloon_warp.schedules.outlook import busy_features
+from balloon_warp.schedules.launches import EDGE_THREADS, TEAM_THREADS
+from balloon_warp.schedules.outlook import busy_features, free_features
+from balloon_warp.schedules.patches import cut_into_patches, layout_of_patches, step_of_patches
 
 pytestmark = pytest.mark.skipif(sys.platform == "darwin", reason="Warp has no CUDA there")
 HOPPER = 90
@@ -62,9 +66,29 @@ def test_frames_in_blocks_compile(source: Any, frames: Any, tmp_path: Path):
     assert "bar.sync" in compiled(kernel, layout.threads, tmp_path)
 
 
+def test_free_frames_in_patches_compile(tmp_path: Path):
+    """Blocks of a world exchange halos, and watch how far particles go."""
+    model = build_model(load_scene("helium_rise"), "cpu")
+    object.__setattr__(model, "device", GPU)
+    features = free_features(model_features(model))
+    patches = cut_into_patches(model, features)
+    assert patches
+    layout = layout_of_patches(model, features, patches, rings=False)
+    text = compiled(kernel_of_patches(step_of_patches(features, layout), layout), layout.threads, tmp_path)
+    assert "st.relaxed.gpu.global.b128" in text
+
+
 def test_edges_that_touch_compile(tmp_path: Path):
     """Ridge kernels compile with a block a world, whose sweeps are separate."""
     model = build_model(load_scene("knot"), "cpu", 2)
     step = GatherSchedule.step_of(model, model_features(model))
     (piece,) = (each for each in step.pieces if each.name == "worlds_meet_edges")
     assert "bar.red" in compiled(kernel_of(step, piece), EDGE_THREADS, tmp_path)
+
+
+def test_an_exchange_of_momentum_backwards_compiles(tmp_path: Path):
+    """The kernel of spheres that exchange momentum compiles backwards, with a block a world."""
+    features = model_features(build_model(load_scene("sphere_launch", {"contact": "impulse"}), "cpu", 2))
+    assert features.impulses
+    derive_helpers()
+    assert "bar.sync" in compiled(exchange_back_kernel(features, ()), TEAM_THREADS, tmp_path)

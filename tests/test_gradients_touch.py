@@ -9,7 +9,6 @@ from meshes import mesh_of, quad_sphere
 from touching import VACUUM
 
 import balloon_warp as bw
-from balloon_warp.gradients.steps import Steps
 from balloon_warp.trajectories import Trajectories
 
 RNG = np.random.default_rng(3)
@@ -40,7 +39,11 @@ def pair(
 
 
 def pinched() -> bw.Scene:
-    """Return a flat balloon whose walls are pushed together until they touch from within; each frame searches anew."""
+    """Return a flat balloon whose walls are pushed together until they touch from within; each frame searches anew.
+
+    After 32 frames differences in double precision vary by 1.7e-4, as particles start 0.1 µm elsewhere; after 20 by
+    1.5e-5.
+    """
     ball = quad_sphere(4, 0.5)
     points = ball.points * (1.0, 1.0, 0.4) + np.random.default_rng(1).normal(size=ball.points.shape) * 0.004
     amid = np.linalg.norm(points[:, :2], axis=1) < 0.25
@@ -56,7 +59,7 @@ def pinched() -> bw.Scene:
     ]  # fmt: skip
     skin = bw.Touch(itself=True, edges=False, thickness=0.02, stiffness=250.0)
     return bw.Scene(
-        balloon=[balloon], force=forces, frames=32, frames_per_second=480.0, substeps=4, touch=skin, **VACUUM
+        balloon=[balloon], force=forces, frames=20, frames_per_second=480.0, substeps=4, touch=skin, **VACUUM
     )
 
 
@@ -172,8 +175,3 @@ def test_balloons_that_touch_by_default_are_derived():
     paths = ["balloon.0.velocity.0"]
     found, told = (bw.gradient(each, of=paths, loss=far, device="cpu").gradients[paths[0]] for each in (of, apart))
     assert found[0] != told[0]
-
-
-def test_frames_for_frameworks_refuse_contact():
-    with pytest.raises(bw.InputError, match="rollout: contacts of balloons are not carried from frame to frame yet"):
-        Steps(pair(), ["balloon.0.mass"], 1, "cpu", "auto", ())

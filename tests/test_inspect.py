@@ -215,7 +215,8 @@ def test_command_reports_a_scene_and_its_step(tmp_path: Path) -> None:
     assert lines[0] == "sphere_launch"
     assert any(line.startswith(" holds       1 balloon, 1 sphere") for line in lines)
     assert "pillow.obj" in lines
-    assert any("holds       4 balloons, 1 obstacle" in line for line in command("table").stdout.splitlines())
+    for name, holds in (("table", "4 balloons, 1 obstacle"), ("two_balloons", "2 balloons, 1 tube")):
+        assert any(f"holds       {holds}" in line for line in command(name).stdout.splitlines())
     unknown = command("sphere_lunch")
     assert (unknown.returncode, unknown.stdout) == (2, "")
     assert "sphere_lunch: no such scene or file; did you mean sphere_launch?" in unknown.stderr

@@ -32,7 +32,7 @@ def test_a_schedule_gives_scatters_trajectory(name, scene, schedule, device):
         pytest.skip(f"{schedule} refuses it")
     if device == "cpu" and name not in some_scenes(schedule):
         pytest.skip("no two features meet that do not in other scenes")
-    frames = 3 if scene.correction == "none" else 1
+    frames = 2 if scene.correction == "none" else 1
     found, expected, start = advance_both(scene, schedule, device, settled=2, frames=frames)
     assert np.abs(expected["points"] - start["points"]).max() > 1000 * ROUNDING  # there is something to compare
     assert_close(found, expected, tolerance_of(scene))

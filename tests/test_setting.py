@@ -7,7 +7,7 @@ import pytest
 from meshes import cube, quad_sphere
 
 from balloon_warp import InputError, Simulator
-from balloon_warp.scene import Balloon, Change, Inflation, Material, Scene, Sphere, Stiffness, String, Touch
+from balloon_warp.scene import Balloon, Change, Inflation, Material, Scene, Sphere, Stiffness, String
 
 SECONDS = 1 / 60
 """of a frame"""
@@ -119,12 +119,16 @@ def test_what_follows_from_a_value_follows():
     simulator.set({"balloon.material.thickness": 4.0 * film.material.value("thickness")})
     assert float(simulator.model.parameters["mass"].numpy()[0, 0]) == pytest.approx(4.0 * mass)
     assert simulator.model.substeps == substeps  # the frequency is that of the material
-    pair = [Balloon(mesh=quad_sphere(3)), Balloon(mesh=quad_sphere(3), position=(2.5, 0, 0))]
-    touching = {stiff: Simulator(Scene(balloon=pair, touch=Touch()), "cpu") for stiff in (False, True)}
-    touching[True].set({"balloon.stiffness": {"structural": 80.0, "shear": 40.0, "flexion": 8.0}})
-    ratio = [each.model.parameters["touch_stiffnesses"].numpy()[0] for each in touching.values()]
-    np.testing.assert_allclose(ratio[1], 4.0 * ratio[0], rtol=1e-6)
-    assert touching[True].model.substeps > 1.5 * touching[False].model.substeps  # of twice the frequency, rounded up
+    pair = Scene(balloon=[Balloon(mesh=quad_sphere(3)), Balloon(mesh=quad_sphere(3), position=(2.5, 0, 0))])
+    stiff = {"balloon.stiffness": {"structural": 80.0, "shear": 40.0, "flexion": 8.0}}
+    plan = pair.model_copy(update={"change": [Change(time=0.5 / 60.0, set=stiff)]})
+    before, told, planned = (Simulator(scene, "cpu") for scene in (pair, pair, plan))
+    told.set(stiff)
+    stepped(planned, 2)
+    own = [each.model.parameters["touch_stiffnesses"].numpy()[0] for each in (before, told, planned)]
+    np.testing.assert_allclose(own[1:], 4.0 * np.stack([own[0]] * 2), rtol=1e-6)
+    substeps = [each.model.substeps for each in (before, told, planned)]
+    assert substeps[1] == substeps[2] > 1.5 * substeps[0]  # of twice the frequency, rounded up
 
 
 def test_what_the_scene_plans_happens_later_and_what_is_set_stays():

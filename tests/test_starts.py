@@ -200,3 +200,21 @@ def test_a_cube_has_its_volume() -> None:
     simulator = Simulator(Scene(balloon=[still], touch=False), "cpu")
     expected = signed_volume(cube())
     np.testing.assert_allclose(simulator.observations["volumes"].numpy(), [[expected]], rtol=1e-5)
+
+
+def test_only_worlds_that_begin_anew_are_observed_again(device: str) -> None:
+    """Observations of restarted worlds are those of the first frame; others' stay, whatever stands there."""
+    simulator = Simulator(TOUCHING, device, 3)
+    names = ("centers", "velocities", "volumes", "stretches", "turns", "pressures", "points", "particle_contact_forces")
+    seen = {name: simulator.observations[name] for name in (*names, "obstacle_positions", "first_bad")}
+    seen["chosen"] = simulator.observations.particles([3, 60])
+    camera = simulator.observations.camera((0.0, 1.0, 4.0), (0.0, 0.5, 0.0), 16, 12)
+    seen |= {"depth": camera.depth, "color": camera.color}
+    began = {name: np.array(array.numpy()) for name, array in seen.items()}
+    stepped(simulator, 3)
+    for array in seen.values():
+        array.fill_(7)
+    simulator.reset([0, 1, 0])
+    for name, array in seen.items():
+        np.testing.assert_array_equal(array.numpy()[1], began[name][1], err_msg=name)
+        assert (array.numpy()[::2] == 7).all(), name

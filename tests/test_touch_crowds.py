@@ -59,12 +59,13 @@ def heap(count: int, fineness: int, softness: float) -> Scene:
 
 @pytest.mark.parametrize(
     ("count", "fineness", "softness", "frames"),
-    [(1, 12, 0.1, 160), (2, 8, 1.0, 240), (6, 4, 0.1, 160)],
+    [(1, 12, 0.1, 80), (2, 8, 1.0, 120), (6, 4, 0.1, 110)],
     ids=["one", "two", "six"],
 )
 def test_what_crumples_is_no_faster_than_it_falls(count, fineness, softness, frames, way, device):
     """Speeds of crumpling balls stay below that of the fall, but for a fifth, by which a skin may whip. Lost energy
-    does not return, but for the swing of explicit steps: five thousandths."""
+    does not return, but for the swing of explicit steps: a two-thousandth. If contacts in a crowd did not share what a
+    step allows, six would gain more while they settle."""
     simulator = Simulator(heap(count, fineness, softness), device, schedule=way)
     weights = 9.81 * masses(simulator)
     fall = np.sqrt(2.0 * 9.81 * motion(simulator)[0][:, 1].max())
@@ -79,7 +80,7 @@ def test_what_crumples_is_no_faster_than_it_falls(count, fineness, softness, fra
         fastest.append(float(np.linalg.norm(motion(simulator)[1], axis=1).max()))
     assert touching(simulator) > 20
     assert max(fastest) < 1.2 * fall
-    assert np.max(energies - np.minimum.accumulate(energies)) < 0.005 * energies[0]
+    assert np.max(energies - np.minimum.accumulate(energies)) < 0.0005 * energies[0]
 
 
 def test_what_has_no_place_in_a_list_is_told(device, tmp_path):

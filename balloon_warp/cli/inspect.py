@@ -28,6 +28,8 @@ from balloon_warp.scene.overrides import override_scene
 
 STEP_STAGE = "finding the largest stable step"
 SWELLING_STAGE = "predicting the inflated volume"
+THINGS = ("balloon", "sphere", "string", "tube", "force", "obstacle", "body", "change")
+"""Tables of a scene that are counted"""
 
 
 def inspect(
@@ -79,14 +81,7 @@ def _inspect_scene(source: str, scene: Scene, as_json: bool) -> None:
             )
         )
         return
-    things = {
-        "balloon": scene.balloon,
-        "sphere": scene.sphere,
-        "string": scene.string,
-        "obstacle": scene.obstacle,
-        "body": scene.body,
-    }
-    counts = [counted(len(many), name) for name, many in things.items() if many]
+    counts = [counted(len(many), name) for name in THINGS if (many := getattr(scene, name))]
     console = _console()
     rows = {"shows": scene.description, "holds": ", ".join(counts), **_inflation_rows(sentences(inflation))}
     console.print(_table(source, {**rows, **_step_rows(step)}))

@@ -7,8 +7,9 @@ BLENDERS_RATE = 24.0
 
 
 def counted(count: int, noun: str) -> str:
-    """Return a count with its noun, such as `1 frame` and `2,000 frames`."""
-    return f"{count:,} {noun if count == 1 else f'{noun}s'}"
+    """Return a count with its noun, such as `1 frame`, `2,000 frames` and `2 bodies`."""
+    many = f"{noun.removesuffix('y')}ies" if noun.endswith("y") else f"{noun}s"
+    return f"{count:,} {noun if count == 1 else many}"
 
 
 def played(frames: int, rate: float, hint: bool = True) -> str:

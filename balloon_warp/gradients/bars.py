@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from balloon_warp.kernels.laws.columns import Columns
 from balloon_warp.model import Model, ModelPlan
 from balloon_warp.model.friction import FRICTION, OF_BALLOONS
+from balloon_warp.schedules.backward import BackwardFrames
 
 Values = NDArray[np.float64]
 ON_GROUND = 0
@@ -77,6 +78,19 @@ def by_friction(model: Model, bars: dict[str, Values]) -> dict[str, Values]:
     of_pairs = np.zeros((model.world_count, *model.parameters[FRICTION].shape[1:]))
     of_pairs[:, -model.balloon_count :, ON_GROUND] = bars.pop(OF_BALLOONS)
     return {FRICTION: of_pairs}
+
+
+def taken_numbers(model: Model, backward: BackwardFrames) -> dict[str, Values]:
+    """Return derivatives by the numbers of laws, spheres and contacts since they were last taken."""
+    totals = np.asarray(backward.bars.number_totals.numpy(), dtype=np.float64).copy()
+    backward.bars.number_totals.zero_()
+    of_spheres = backward.spheres.taken_numbers() if backward.spheres else {}
+    numbers = by_numbers(model.columns, backward.columns, totals)
+    of_touch = backward.touch.taken_numbers() if backward.touch else {}
+    of_pairs = by_friction(model, numbers)
+    for name in of_pairs.keys() & of_touch.keys():
+        of_touch[name] = of_touch[name] + of_pairs[name]
+    return {**of_pairs, **numbers, **of_spheres, **of_touch}
 
 
 def by_start(plan: ModelPlan, model: Model, points: Values, velocities: Values) -> dict[str, Values]:

@@ -41,6 +41,7 @@ def gradient(
         of: Dotted paths of the values to differentiate by: "balloon.stiffness.structural", "balloon.inflation.amount".
         loss: Function of the `Trajectories`. It returns a number for each world, and its derivatives by what it used
             of them: {"points": [...]}, an array for each balloon, as `velocities`; or {"volumes": ...}, as `pressures`.
+            Or a kernel of Warp, which derives it; `losses.of_torch` and `losses.of_jax` take functions of these.
         world_count: Number of worlds, copies of the scene side by side.
         vary: Values that differ between worlds: dotted paths, and a value for each world.
         device: Warp device; the GPU, or else the CPU, if not given.

@@ -4,17 +4,19 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+import warp as wp
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
+from balloon_warp.gradients.frameworks import of_kernel
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.statics.volume import Volume
 from balloon_warp.trajectories import Trajectories
 
-Loss = Callable[[Trajectories], tuple[Any, Mapping[str, Any]]]
+Loss = Callable[[Trajectories], tuple[Any, Mapping[str, Any]]] | wp.Kernel
 """Function from trajectories to a number for each world, and a dictionary of its derivatives: by `points` and
 `velocities`, a list of arrays by balloon, and by `volumes`, `pressures`, `sphere_positions` and `sphere_velocities`,
-each of the shape that it has there"""
+each of the shape that it has there. Or a kernel of Warp, see `frameworks.of_kernel`"""
 KNOWN = ("points", "velocities", "volumes", "pressures", "sphere_positions", "sphere_velocities")
 
 
@@ -43,7 +45,7 @@ def told_by(loss: Loss, moved: Trajectories, shapes: Sequence[BalloonShape], wor
     Raises:
         InputError: what it returns is not a number for each world, and a dictionary of derivatives.
     """
-    told = loss(moved)
+    told = (of_kernel(loss) if isinstance(loss, wp.Kernel) else loss)(moved)
     if not (isinstance(told, tuple) and len(told) == 2 and isinstance(told[1], Mapping)):
         raise InputError(
             "loss: expected two things, a number for each world and a dictionary of derivatives such as "

@@ -1,12 +1,19 @@
-"""Common losses, for `gradient` and `fit`: how far a balloon is from a place, a height or a volume."""
+"""Common losses, for `gradient` and `fit`: how far a balloon is from a place, a height or a volume.
+
+`of_torch` and `of_jax` make one of a function of PyTorch or JAX.
+"""
 
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from balloon_warp.errors import InputError
+from balloon_warp.gradients.frameworks import of_jax as of_jax
+from balloon_warp.gradients.frameworks import of_kernel
+from balloon_warp.gradients.frameworks import of_torch as of_torch
 from balloon_warp.gradients.loss import Loss
 from balloon_warp.trajectories import Trajectories
 
@@ -90,7 +97,7 @@ def together(losses: Sequence[Loss], weights: Sequence[float] | None = None) -> 
     def loss(moved: Trajectories) -> tuple[Values, dict[str, Any]]:
         total, slopes = np.zeros(()), {}
         for each, weight in zip(losses, parts, strict=True):
-            value, found = each(moved)
+            value, found = (of_kernel(each) if isinstance(each, wp.Kernel) else each)(moved)
             total = total + weight * np.asarray(value, dtype=np.float64)
             for name, arrays in found.items():
                 slopes[name] = _plus(slopes.get(name), arrays, weight)

@@ -9,7 +9,8 @@ from balloon_warp.device import pick_device
 from balloon_warp.errors import InputError
 from balloon_warp.gradients.bars import ON_GROUND
 from balloon_warp.gradients.chain import Chain
-from balloon_warp.kernels.adjoints.rolling import COLUMNS as OF_SPHERES
+from balloon_warp.kernels.adjoints.sphere_bars import COLUMNS as OF_SPHERES
+from balloon_warp.kernels.adjoints.sphere_log import EVENTS_OF_A_SPHERE
 from balloon_warp.kernels.laws.softening import PARAMETERS as SOFTENING
 from balloon_warp.kernels.laws.tearing import PARAMETERS as TEARING
 from balloon_warp.mesh.topology import inconsistent_edges, is_closed, mesh_edges
@@ -87,16 +88,16 @@ def _friction_changes(plan: ModelPlan) -> bool:
     return any(not set(SAID).isdisjoint(change.values) for change in plan.due_changes)
 
 
-def require_no_bounces(worlds: NDArray[np.intp]) -> None:
-    """Check that no sphere has met another, or an obstacle.
+def require_room_for_bounces(worlds: NDArray[np.intp]) -> None:
+    """Check that spheres have not met too much.
 
     Raises:
-        InputError: names the first of the worlds in which one has.
+        InputError: names the first of the worlds in which they have.
     """
     if len(worlds):
         raise InputError(
-            "gradients: spheres that meet each other or an obstacle have no adjoint yet, and some come together in "
-            f"world {worlds[0]}; expected spheres that stay apart"
+            f"gradients: the spheres of world {worlds[0]} meet each other, obstacles or the ground more than "
+            f"{EVENTS_OF_A_SPHERE} times each in a substep; expected them less crowded"
         )
 
 

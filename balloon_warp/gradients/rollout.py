@@ -13,7 +13,7 @@ from balloon_warp.kernels.laws import Law
 from balloon_warp.scene import SceneLike
 from balloon_warp.shown import Shown
 
-TYPES = (wp.vec3, wp.vec3, wp.vec2, wp.float32, wp.vec2d)
+TYPES = (wp.vec3, wp.vec3, wp.vec2, wp.float32, wp.vec2d, *[wp.vec3] * 4, wp.vec4, wp.int8)
 """Contents of the arrays of `Moving`"""
 
 
@@ -32,6 +32,18 @@ class Begun(NamedTuple):
     """Gauge pressures [Pa], shape (W, B)"""
     gas: Any
     """Amounts [mol] and free volumes [m^3] of gas, shape (W, B, 2)"""
+    sphere_positions: Any
+    """Places of spheres [m], shape (W, S, 3)"""
+    sphere_velocities: Any
+    """[m/s], shape (W, S, 3)"""
+    sphere_spins: Any
+    """[rad/s], shape (W, S, 3)"""
+    sphere_forces: Any
+    """Forces of particles on spheres that are still to act [N], shape (W, S, 3)"""
+    holds: Any
+    """Friction state of particles where balloons touch: slip [m] and overlap [m], shape (W, P, 4), or (W, 0, 4)"""
+    deep: Any
+    """1 of particles that may be deep in another balloon, shape (W, P), or (W, 0); nothing is derived by it"""
 
 
 class Moved(NamedTuple):
@@ -43,6 +55,10 @@ class Moved(NamedTuple):
     """[m/s], shape (W, frames + 1, P, 3)"""
     pressures: Any
     """Gauge pressures [Pa], shape (W, frames + 1, B)"""
+    sphere_positions: Any
+    """Places of spheres [m], shape (W, frames + 1, S, 3)"""
+    sphere_velocities: Any
+    """[m/s], shape (W, frames + 1, S, 3)"""
 
 
 class Rollout(Shown):
@@ -104,8 +120,7 @@ class Rollout(Shown):
         for _ in range(self._steps.plan.scene.frames if frames is None else frames):
             begun = self.step(begun, values)
             seen.append(begun)
-        names = ("points", "velocities", "pressures")
-        return Moved(*(stack([getattr(each, name) for each in seen], dim=1) for name in names))
+        return Moved(*(stack([getattr(each, name) for each in seen], dim=1) for name in Moved._fields))
 
 
 def _functions() -> tuple[Any, Any]:
@@ -121,11 +136,18 @@ def _functions() -> tuple[Any, Any]:
         raise MissingExtraError("Rollout needs PyTorch: pip install 'balloon-warp[torch]'") from None
 
     def arrays(tensors: Sequence[Any]) -> Moving:
-        each = (tensor.detach().contiguous() for tensor in tensors)
+        # of an empty one, torch takes any strides for contiguous, and Warp does not
+        dense = (tensor.detach() if tensor.numel() else tensor.new_zeros(tensor.shape) for tensor in tensors)
+        each = (tensor.contiguous() for tensor in dense)
         return Moving(*(wp.from_torch(tensor, dtype=dtype) for tensor, dtype in zip(each, TYPES, strict=True)))
 
     def tensors(moving: Moving) -> tuple[Any, ...]:
         return tuple(wp.to_torch(array) for array in moving)
+
+    def handed_out(ctx: Any, moving: Moving) -> tuple[Any, ...]:
+        each = Moving(*tensors(moving))
+        ctx.mark_non_differentiable(each.deep)
+        return each
 
     def numbers(values: Any) -> np.ndarray:
         return values.detach().cpu().double().numpy()
@@ -135,7 +157,7 @@ def _functions() -> tuple[Any, Any]:
         def forward(ctx: Any, steps: Steps, values: Any) -> tuple[Any, ...]:
             ctx.steps = steps
             ctx.save_for_backward(values)
-            return tensors(steps.start(numbers(values)))
+            return handed_out(ctx, steps.start(numbers(values)))
 
         @staticmethod
         @once_differentiable
@@ -149,7 +171,7 @@ def _functions() -> tuple[Any, Any]:
         def forward(ctx: Any, steps: Steps, frame: int, values: Any, *moving: Any) -> tuple[Any, ...]:
             ctx.steps, ctx.frame = steps, frame
             ctx.save_for_backward(values, *moving)
-            return tensors(steps.advance(arrays(moving), frame, numbers(values)))
+            return handed_out(ctx, steps.advance(arrays(moving), frame, numbers(values)))
 
         @staticmethod
         @once_differentiable

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from balloon_warp.device import pick_device
 from balloon_warp.errors import BlowUpError, InputError
-from balloon_warp.gradients.bars import by_friction, by_keyframes, by_numbers, by_start, columns_of_names
+from balloon_warp.gradients.bars import by_keyframes, by_start, columns_of_names, taken_numbers
 from balloon_warp.gradients.chain import Chain, chains_of, names_in, product
-from balloon_warp.gradients.refusals import require_differentiable, require_paths
+from balloon_warp.gradients.refusals import require_differentiable, require_paths, require_room_for_bounces
 from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.measure.health import HEALTHY
 from balloon_warp.model import initial_state, lay_out
@@ -24,6 +24,8 @@ from balloon_warp.model.memory import require_memory
 from balloon_warp.model.plan import settled_parameters
 from balloon_warp.model.varied_scene import scene_to_vary
 from balloon_warp.scene import SceneLike
+from balloon_warp.schedules.backward_spheres import STATE_OF_SPHERES
+from balloon_warp.schedules.backward_touch import STATE_OF_TOUCH
 from balloon_warp.schedules.choose_backward import backwards_of, bytes_backwards, forward_of
 from balloon_warp.simulator import Simulator
 from balloon_warp.sweep.groups import plan_groups
@@ -47,6 +49,24 @@ class Moving(NamedTuple):
     """Gauge pressures [Pa], shape (W, B)"""
     gas: Any
     """Amounts [mol] and free volumes [m^3] of gas, shape (W, B, 2)"""
+    sphere_positions: Any
+    """Places of spheres [m], shape (W, S, 3)"""
+    sphere_velocities: Any
+    """[m/s], shape (W, S, 3)"""
+    sphere_spins: Any
+    """[rad/s], shape (W, S, 3)"""
+    sphere_forces: Any
+    """Forces of particles on spheres that are still to act [N], shape (W, S, 3)"""
+    holds: Any
+    """Friction state of particles where balloons touch, see `State.holds`, shape (W, P, 4), or (W, 0, 4)"""
+    deep: Any
+    """1 of particles that may be deep in another balloon, shape (W, P), or (W, 0); nothing is derived by it"""
+
+
+IN_STATE = {"points": "points", "velocities": "velocities", "loads": "inflation_loads", "pressures": "pressures"} | {
+    name: name for name in (*STATE_OF_SPHERES, "sphere_forces", *STATE_OF_TOUCH)
+}
+"""Names of what a frame begins with, and of its arrays in the state; gas has two there"""
 
 
 class Steps:
@@ -71,12 +91,6 @@ class Steps:
         groups = plan_groups(scene_to_vary(scene, {}, ()), world_count, {}, laws)
         self.plan = groups[0].plan
         require_differentiable(self.plan)
-        if self.plan.scene.sphere:
-            raise InputError("rollout: spheres are not carried from frame to frame yet; expected a scene without")
-        if self.plan.scene.touches:
-            raise InputError(
-                "rollout: contacts of balloons are not carried from frame to frame yet; expected touch = false"
-            )
         if self.plan.due_changes:
             raise InputError("rollout: expected a scene without [[change]]; `step` takes other values in each frame")
         self.paths = list(of)
@@ -148,20 +162,15 @@ class Steps:
         state = self._simulator.state
         gas = np.stack([state.gas_amounts.numpy(), state.free_volumes.numpy()], axis=-1)
         return Moving(
-            wp.clone(state.points),
-            wp.clone(state.velocities),
-            wp.clone(state.inflation_loads),
-            wp.clone(state.pressures),
-            wp.array(gas, dtype=wp.vec2d, device=self.model.device),
+            **{name: wp.clone(getattr(state, array)) for name, array in IN_STATE.items()},
+            gas=wp.array(gas, dtype=wp.vec2d, device=self.model.device),
         )
 
     def _fill(self, begin: Moving, frame: int) -> None:
         state = self._simulator.state
         with lock_of(self.model.device):
-            for array, values in zip(
-                (state.points, state.velocities, state.inflation_loads, state.pressures), begin[:4], strict=True
-            ):
-                wp.copy(array, values)
+            for name, array in IN_STATE.items():
+                wp.copy(getattr(state, array), getattr(begin, name))
             gas = begin.gas.numpy()
             state.gas_amounts.assign(np.ascontiguousarray(gas[..., 0]))
             state.free_volumes.assign(np.ascontiguousarray(gas[..., 1]))
@@ -177,8 +186,10 @@ class Steps:
         with lock_of(model.device):
             self._put(bars)
             back.turn_back(back.checkpoint(self._simulator.state))
+            if back.spheres:
+                require_room_for_bounces(back.spheres.crowded_worlds())
             keyed = np.asarray(back.bars.keyed_totals.numpy(), dtype=np.float64)
-            totals = np.asarray(back.bars.number_totals.numpy(), dtype=np.float64)
+            numbers = taken_numbers(model, back)
             found = back.by_state()
             if not back.step.features.gas:  # as a frame ends, the given pressure of its last substep is noted
                 noted = np.asarray(bars.pressures.numpy(), dtype=np.float64)
@@ -187,20 +198,19 @@ class Steps:
             if not back.step.features.gas_changes:
                 gas = gas + np.asarray(bars.gas.numpy(), dtype=np.float64)
             by_begin = self._taken(found, gas)
-        numbers = by_numbers(model.columns, back.columns, totals)
-        numbers |= by_friction(model, numbers)
         numbers["keyframe_values"] = by_keyframes(model, frame, keyed)
         return by_begin, self._by_values(numbers)
 
     def turn_start_back(self, values: Values, bars: Moving) -> Values:
         """Return the derivatives by the values, from those by where the scene begins."""
         self.set_values(values)
-        points, velocities, loads, pressures, gas = (np.asarray(array.numpy(), dtype=np.float64) for array in bars)
+        of = {name: np.asarray(array.numpy(), dtype=np.float64) for name, array in bars._asdict().items()}
         return self._by_values(
             {
-                **by_start(self.plan, self.model, points, velocities),
-                "initial_loads": loads, "initial_pressures": pressures,
-                "initial_gas_amounts": gas[..., 0], "initial_free_volumes": gas[..., 1],
+                **by_start(self.plan, self.model, of["points"], of["velocities"]),
+                **{f"initial_{name}": of[name] for name in STATE_OF_SPHERES},
+                "initial_loads": of["loads"], "initial_pressures": of["pressures"],
+                "initial_gas_amounts": of["gas"][..., 0], "initial_free_volumes": of["gas"][..., 1],
             }
         )  # fmt: skip
 
@@ -215,18 +225,25 @@ class Steps:
         back.arrays["all_load_bar"].assign(loads)
         gas = back.step.features.gas_changes * bars.gas.numpy().astype(np.float32)
         back.bars.gas.assign(gas)
-        for array in (back.bars.number_totals, back.bars.gas_totals):
-            array.zero_()
+        back.bars.gas_totals.zero_()
+        for name, array in back.carried_bars.items():
+            wp.copy(array, getattr(bars, name))
 
     def _taken(self, found: Mapping[str, Values], gas: Values) -> Moving:
         """Return the bars of where a frame begins, as arrays of their own."""
         back, device = self._backward, self.model.device
+        state, carried = self._simulator.state, back.carried_bars
+        beside = (*STATE_OF_SPHERES, "sphere_forces", *STATE_OF_TOUCH)
         return Moving(
-            wp.clone(back.bars.points),
-            wp.clone(back.arrays["all_velocity_bar"]),
-            wp.array(found["loads"], dtype=wp.vec2, device=device),
-            wp.array(found["pressures"], dtype=wp.float32, device=device),
-            wp.array(gas, dtype=wp.vec2d, device=device),
+            points=wp.clone(back.bars.points),
+            velocities=wp.clone(back.arrays["all_velocity_bar"]),
+            loads=wp.array(found["loads"], dtype=wp.vec2, device=device),
+            pressures=wp.array(found["pressures"], dtype=wp.float32, device=device),
+            gas=wp.array(gas, dtype=wp.vec2d, device=device),
+            **{
+                name: wp.clone(carried[name]) if name in carried else wp.zeros_like(getattr(state, name))
+                for name in beside
+            },
         )
 
     def _by_values(self, bars: Mapping[str, Values]) -> Values:

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.gradients.bars import by_friction, by_keyframes, by_numbers, by_start
+from balloon_warp.gradients.bars import by_keyframes, by_start, taken_numbers
 from balloon_warp.gradients.loss import Told
-from balloon_warp.gradients.refusals import require_no_bounces
+from balloon_warp.gradients.refusals import require_room_for_bounces
 from balloon_warp.gradients.spans import KeptParameters
 from balloon_warp.model import Model, ModelPlan, State
 from balloon_warp.schedules.backward import BackwardFrames
@@ -56,13 +56,13 @@ class WayBack:
         span = self._parameters.span_of(len(self._begins) - 1)
         for number in range(len(self._begins), 0, -1):
             while self._parameters.span_of(number - 1) < span:
-                bars.append({**self._taken_numbers(), "keyframe_values": keyed.copy()})
+                bars.append({**taken_numbers(self._model, self._backward), "keyframe_values": keyed.copy()})
                 keyed[...], span = 0.0, span - 1
                 with lock_of(self._model.device):
                     self._parameters.bring_back(span)
             keyed += by_keyframes(self._model, number - 1, self._frame_back(told, number))
             on_frame(number)
-        bars.append({**self._taken_numbers(), "keyframe_values": keyed})
+        bars.append({**taken_numbers(self._model, self._backward), "keyframe_values": keyed})
         bars += [{}] * span  # changes at the very start
         return [bars[-1] | self._by_start(told), *bars[-2::-1]]
 
@@ -85,26 +85,13 @@ class WayBack:
         if self._backward.spheres:
             self._backward.spheres.add(told.sphere_positions[:, number], told.sphere_velocities[:, number])
 
-    def _taken_numbers(self) -> dict[str, Values]:
-        """Return derivatives by the numbers of laws and spheres since they were last taken."""
-        backward = self._backward
-        totals = np.asarray(backward.bars.number_totals.numpy(), dtype=np.float64).copy()
-        backward.bars.number_totals.zero_()
-        of_spheres = backward.spheres.taken_numbers() if backward.spheres else {}
-        numbers = by_numbers(self._model.columns, backward.columns, totals)
-        of_touch = backward.touch.taken_numbers() if backward.touch else {}
-        of_pairs = by_friction(self._model, numbers)
-        for name in of_pairs.keys() & of_touch.keys():
-            of_touch[name] = of_touch[name] + of_pairs[name]
-        return {**of_pairs, **numbers, **of_spheres, **of_touch}
-
     def _by_start(self, told: Told) -> dict[str, Values]:
         """Return derivatives by all that counts at the start alone."""
         backward = self._backward
         self._add(told, 0, told.pressures[:, 0])
         of_spheres = {}
         if backward.spheres:
-            require_no_bounces(backward.spheres.worlds_that_met())
+            require_room_for_bounces(backward.spheres.crowded_worlds())
             of_spheres = backward.spheres.by_start()
         at_start = backward.by_state()
         gas = np.asarray(backward.bars.gas_totals.numpy(), dtype=np.float64)

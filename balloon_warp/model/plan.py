@@ -18,6 +18,7 @@ from balloon_warp.laws import require_laws
 from balloon_warp.model.bodies import BodyShape, settle_bodies, shape_body
 from balloon_warp.model.body_steps import substeps_of_solids
 from balloon_warp.model.driven import Driven, driven_particles
+from balloon_warp.model.following import follow_changes
 from balloon_warp.model.friction import settle_friction
 from balloon_warp.model.gas import require_openings, require_sealed, settle_gas
 from balloon_warp.model.law_tables import with_law_tables
@@ -249,13 +250,17 @@ def substeps_over_time(
         InputError: they are not, or what changes differs between worlds.
     """
     chosen = [_substeps(scene, network, parameters, velocities)]
-    values, before = {name: rows.copy() for name, rows in parameters.items()}, scene
+    values, before = dict(parameters), scene
     for turn in changes:
+        then = dict(values)
         for name, (which, _) in turn.values.items():
             if (values[name][:, which] != values[name][0, which]).any():
                 named = name.replace("_", " ")
                 raise InputError(f"{named}: changes during the simulation, and so cannot differ between worlds")
-            turn.apply(name, values[name])
+            then[name] = values[name].copy()
+            turn.apply(name, then[name])
+        follow_changes(turn.scene, network.shapes, values, then)
+        values = then
         methods_change = (turn.scene.substeps, turn.scene.solver) != (before.substeps, before.solver)
         if methods_change or not names_of_the_step(network.laws).isdisjoint(turn.values):
             chosen.append(_substeps(turn.scene, network, values))

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.model.friction import SAID, settle_friction
+from balloon_warp.model.following import follow_changes
 from balloon_warp.model.model import Model
 from balloon_warp.model.timeline import DueChange
 
@@ -36,14 +36,13 @@ class PlannedChanges:
 
 
 def changed_parameters(change: DueChange, model: Model) -> dict[str, NDArray]:
-    """Find a model's parameters that change, with the rows that they have from then on."""
-    changed = {name: model.parameters[name].numpy().copy() for name in change.values}
-    for name, rows in changed.items():
-        change.apply(name, rows)
-    if not changed.keys().isdisjoint(SAID):
-        now = {name: np.asarray(model.parameters[name].numpy()) for name in SAID}
-        changed |= settle_friction(now | {name: changed[name] for name in SAID if name in changed})
-    return changed
+    """Find a model's parameters that change, and what follows from them, with the rows that they have from then on."""
+    now = {name: array.numpy().astype(np.float64) for name, array in model.parameters.items()}
+    then = now | {name: now[name].copy() for name in change.values}
+    for name in change.values:
+        change.apply(name, then[name])
+    follow_changes(change.scene, model.shapes, now, then)
+    return {name: rows for name, rows in then.items() if rows is not now[name]}
 
 
 def with_changed_methods(change: DueChange, model: Model) -> Model:

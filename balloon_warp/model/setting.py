@@ -10,16 +10,14 @@ from numpy.typing import NDArray
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import Parameter
 from balloon_warp.model.body_steps import substeps_of_solids
-from balloon_warp.model.friction import settle_friction
+from balloon_warp.model.following import follow_changes
 from balloon_warp.model.law_tables import with_law_tables
-from balloon_warp.model.materials import settle_masses
 from balloon_warp.model.model import Model
 from balloon_warp.model.parameters import Parameters, Place, places_of, scene_parameters
 from balloon_warp.model.plan import substeps_over_time
 from balloon_warp.model.rows import KEYFRAME_VALUES, rows_of
 from balloon_warp.model.stability import Network, names_of_the_step
 from balloon_warp.model.timeline import DueChange
-from balloon_warp.model.touch import settle_touch
 from balloon_warp.model.vary import METHODS, check_vary, require_changeable
 from balloon_warp.scene import Scene
 from balloon_warp.scene.overrides import override_scene
@@ -80,7 +78,7 @@ def plan_setting(model: Model, changes: Mapping[str, Any], planned: Sequence[Due
             value = _said_at(said, path, name, index) if by_world is None else by_world
             if path in places or not np.isnan(value).any():  # in a table some are left to us
                 then[name] = _put(then[name], index, _number(path, value))
-    _follow(model, scene, now, then)
+    follow_changes(scene, model.shapes, now, then)
     different = {name: values for name, values in then.items() if not np.array_equal(values, now[name])}
     return Setting(scene, different, _substeps(model, scene, then, {*different}, planned))
 
@@ -167,17 +165,6 @@ def _put(rows: NDArray[np.float64], index: Sequence[Any], value: Any) -> NDArray
     target = rows[(slice(None), *index)]
     target[...] = values.reshape(-1, *([1] * (target.ndim - 1)))
     return rows
-
-
-def _follow(model: Model, scene: Scene, now: Parameters, then: Parameters) -> None:
-    """Set the values in `then` that follow from others and differ from those in `now`."""
-    for settle in (
-        lambda values: {"mass": settle_masses(scene, model.shapes, values)},
-        lambda values: settle_touch(scene, model.shapes, values),
-        settle_friction,
-    ):
-        before, after = settle(now), settle(then)
-        then.update({name: values for name, values in after.items() if not np.array_equal(values, before[name])})
 
 
 def _substeps(model: Model, scene: Scene, then: Parameters, different: set[str], planned: Sequence[DueChange]) -> int:

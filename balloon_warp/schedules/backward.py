@@ -69,6 +69,14 @@ class BackwardFrames(ABC):
     def frame(self) -> None:
         """Compute a frame again, and run its substeps backwards."""
 
+    @property
+    def carried_bars(self) -> dict[str, wp.array]:
+        """Bars of what spheres and contacts carry from frame to frame, by its names in the state."""
+        return {
+            **(self.spheres.carried_bars if self.spheres else {}),
+            **(self.touch.carried_bars if self.touch else {}),
+        }
+
     def checkpoint(self, state: State, but: Collection[str] = ()) -> dict[str, wp.array]:
         """Return what a frame begins with, copied, but for what somebody else keeps."""
         names = (*KEPT, *STATE_OF_TOUCH) if self.step.features.touches else KEPT

@@ -19,8 +19,9 @@ from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Room
 from balloon_warp.schedules.backward import BackwardFrames
 from balloon_warp.schedules.backward_directions import DirectionsBackward
+from balloon_warp.schedules.backward_exchange import ExchangeBackward, kept_of_exchange
 from balloon_warp.schedules.backward_gas import GasBackward
-from balloon_warp.schedules.backward_spheres import STATE_OF_SPHERES, SpheresBackward
+from balloon_warp.schedules.backward_spheres import STATE_OF_SPHERES, SpheresBackward, log_of_spheres
 from balloon_warp.schedules.backward_touch import TouchBackward, kept_of_touch
 from balloon_warp.schedules.balloon_contact import TouchLaunches
 from balloon_warp.schedules.features import model_features
@@ -37,6 +38,9 @@ class _Remembering(Launches):
         remembered: where the values of each substep are kept.
     """
 
+    exchange: ExchangeBackward | None = None
+    """Adjoint of spheres and particles that exchange momentum, where they do"""
+
     def __init__(
         self, model: Model, step: Step, tables: Any, room: Room, remembered: "_Remembered", own: Mapping[str, Own]
     ):
@@ -48,6 +52,11 @@ class _Remembering(Launches):
         self._substep, self.values = substep, self._remembered.values[substep]
         return super().substep(state, substep, now)
 
+    def _launch(self, piece: Piece, state: State, time_in_frame: float, now: Moving) -> Moving:
+        if self.exchange and piece.phases[0].name == "meet_spheres":
+            self.exchange.note(self._substep, *now)
+        return super()._launch(piece, state, time_in_frame, now)
+
     def _targets(self, piece: Piece, state: State, now: Moving) -> Moving:
         after = dict(zip(STATE, self._remembered.moving[self._substep + 1], strict=True))
         points, velocities = (after[name] if name in piece.moves else old for name, old in zip(STATE, now, strict=True))
@@ -56,7 +65,9 @@ class _Remembering(Launches):
 
 CARRIED = {"inflation_loads": wp.vec2}
 """Values that balloons carry from one substep to the next, and their types"""
-WAYS_OUT = {"meet_edges": "touch.edges = false", "meet_ridges": "faces = false"}
+WAYS_OUT = {
+    "meet_edges": "touch.edges = false", "meet_ridges": "faces = false", "keep_start": "spheres larger than faces",
+}  # fmt: skip
 """Settings by the names of phases without an adjoint, which they leave out"""
 GAS_CARRIED = {"pressures": wp.float32, "gas_amounts": wp.float64, "free_volumes": wp.float64}
 """Further values that balloons carry, where gas comes and goes"""
@@ -130,6 +141,7 @@ class LaunchedBackward(BackwardFrames):
 
     _directions: DirectionsBackward | None = None
     _searching: TouchLaunches | None = None
+    _exchange: ExchangeBackward | None = None
 
     def __init__(self, model: Model, state: State, columns: Sequence[int]):
         features, room = model_features(model), Allocating(model.device)
@@ -150,6 +162,10 @@ class LaunchedBackward(BackwardFrames):
             self.touch = TouchBackward(model, features, self.columns, tables, working, self.arrays, room)
         if model.sphere_count:
             self.spheres = SpheresBackward(model, features, self.columns, tables, working, self.bars, room)
+        if self.spheres and features.impulses:
+            self._exchange = self._launches.exchange = ExchangeBackward(
+                model, features, self.columns, tables, working, self.spheres, self.arrays, self.bars, room
+            )
         if features.gas_changes:
             self._gas_back = GasBackward(model, features, self.columns, tables, self._launches.working, self.bars)
         self.carries_loads = any(
@@ -164,6 +180,10 @@ class LaunchedBackward(BackwardFrames):
         for _ in range(model.substeps):
             step_arrays(model, step, room)
             room.array((2, model.world_count, model.particle_count), wp.vec3)
+        if model.sphere_count:
+            log_of_spheres(model, room)
+        if step.features.impulses:
+            kept_of_exchange(model, room)
         if step.features.touches:
             kept_of_touch(model, room)
             room.array((model.substeps, model.world_count, model.particle_count), wp.vec4)
@@ -183,7 +203,7 @@ class LaunchedBackward(BackwardFrames):
         now = kept.moving[0]
         kept.note(state)
         for substep in range(self.model.substeps):
-            if self.spheres:
+            if self.spheres and self.step.features.penalties:
                 self.spheres.note(substep)
             now = self._launches.substep(kept.state_after(state, substep), substep, now)
         for substep in reversed(range(self.model.substeps)):
@@ -193,12 +213,14 @@ class LaunchedBackward(BackwardFrames):
         m, kept = self.model, self._remembered
         points, velocities = kept.moving[substep]
         found = self._gas_back.found_again(self.state, kept.carried[substep], substep) if self._gas_back else {}
-        left = {name: array for name, array in kept.carried[substep + 1].items() if name in STATE_OF_SPHERES}
+        among = self.spheres.found_again(self.state, kept.carried[substep], substep) if self.spheres else {}
+        if self._exchange:
+            self._exchange.turn_back(substep)
         for kernel, made in self._kernels:
             loads = kept.carried[substep + kernel.after_note]["inflation_loads"]
             has = {
                 "t": self.tables, "time_in_frame": substep * m.step_seconds,
-                "state": world_state(replace(self.state, inflation_loads=loads, **found, **left)),
+                "state": world_state(replace(self.state, inflation_loads=loads, **found, **among)),
                 "working": self._launches.working, "all_points": points, "all_velocities": velocities,
                 **{f"all_{name}": array for name, array in kept.values[substep].items()}, **self.arrays,
             }  # fmt: skip
@@ -213,7 +235,7 @@ class LaunchedBackward(BackwardFrames):
         if self._directions and (substep == 0 or self.step.features.fresh_normals):
             self._directions.turn_back(points, kept.values[substep]["balloon_area"])
         if self.spheres:
-            self.spheres.turn_back(self.state, kept.carried[substep], left, substep)
+            self.spheres.turn_back(substep)
         if self._gas_back:
             self._gas_back.turn_back(self.state, kept.carried[substep], substep)
         elif substep == m.substeps - 1:

@@ -1,4 +1,7 @@
-"""Spheres backwards: what particles have found of them in a substep is added up, and carried on."""
+"""Spheres backwards: what particles have found of them in a substep is added up, and carried on.
+
+What changes their courses in a substep is found again from where it began.
+"""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -8,7 +11,9 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.adjoints.rolling import COLUMNS, BarsOfSpheres, roll_back_kernel, sum_sphere_bars
+from balloon_warp.kernels.adjoints.rolling import roll_back_kernel
+from balloon_warp.kernels.adjoints.sphere_bars import COLUMNS, BarsOfSpheres, sum_sphere_bars
+from balloon_warp.kernels.adjoints.sphere_log import EVENTS_OF_A_SPHERE, Event, LoggedSpheres, roll_again_kernel
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.working import SphereBars
 from balloon_warp.launching import launch, launch_tiled
@@ -35,41 +40,51 @@ class SpheresBackward:
         room: Room,
     ):  # fmt: skip
         self._model, self._tables, self._working, self._of_frame = model, tables, working, bars
-        self._roll_back = roll_back_kernel(features, columns)
+        self._roll_again, self._roll_back = roll_again_kernel(features), roll_back_kernel(features, columns)
         worlds, spheres = model.world_count, model.sphere_count
         working.sphere_bars = room.array((worlds, model.particle_count, spheres), SphereBars)
         working.sphere_push_bars = room.array((worlds, spheres), wp.vec3)
         self.bars = BarsOfSpheres()
-        for name in ("positions", "velocities", "spins"):
+        for name in ("positions", "velocities", "spins", "starts"):
             setattr(self.bars, name, room.array((worlds, spheres), wp.vec3))
         self.bars.totals = room.array((worlds, spheres), SphereBars)
         self.bars.numbers = room.array((worlds, spheres, len(COLUMNS)), wp.float64)
-        self.bars.met = room.array(worlds, wp.int32)
-        self._quanta = [room.array((worlds, spheres, 3), wp.int64) for _ in range(model.substeps)]
-        """Forces on spheres as each substep begins"""
+        self.bars.crowded = room.array(worlds, wp.int32)
+        self.log = log_of_spheres(model, room)
+        """Courses of spheres in the substep that runs backwards"""
+        of_penalties = spheres if features.penalties else 0
+        self._quanta = [room.array((worlds, of_penalties, 3), wp.int64) for _ in range(model.substeps)]
+        """Forces on spheres as each substep begins, by the paper's rule"""
+
+    @property
+    def carried_bars(self) -> dict[str, wp.array]:
+        """Bars of what goes on into the next frame, by its names in the state."""
+        bars = self.bars.positions, self.bars.velocities, self.bars.spins
+        return {**dict(zip(STATE_OF_SPHERES, bars, strict=True)), "sphere_forces": self._working.sphere_push_bars}
 
     def note(self, substep: int) -> None:
         """Keep the forces with which a substep begins."""
         wp.copy(self._quanta[substep], self._working.sphere_quanta)
 
-    def turn_back(
-        self, state: State, carried: Mapping[str, wp.array], left: Mapping[str, wp.array], substep: int
-    ) -> None:
-        """Turn the bars of spheres in a substep into those of what came to it.
+    def found_again(self, state: State, carried: Mapping[str, wp.array], substep: int) -> dict[str, wp.array]:
+        """Move spheres again, and return where they were as particles moved, by its names in the state.
 
         Args:
             carried: what the substep began with, by its names in the state.
-            left: what it ended with.
         """
-        device, model = self._model.device, self._model
+        model, time = self._model, substep * self._model.step_seconds
+        inputs = [self._tables, world_state(replace(state, **carried)), self._quanta[substep], time, self.log]
+        launch(self._roll_again, model.world_count, inputs, device=model.device)
+        return {name: getattr(self.log, name) for name in STATE_OF_SPHERES}
+
+    def turn_back(self, substep: int) -> None:
+        """Turn the bars of spheres in a substep, which have been found again, into those of what came to it."""
+        device, model, time = self._model.device, self._model, substep * self._model.step_seconds
         inputs = [self._working, self.bars]
         places = (model.world_count, model.sphere_count)
         launch_tiled(sum_sphere_bars, dim=places, inputs=inputs, block_dim=team_threads(model), device=device)
-        before, after = (world_state(replace(state, **each)) for each in (carried, left))
-        inputs = [
-            self._tables, before, after, self._quanta[substep], self._working, substep * model.step_seconds,
-            self.bars, self._of_frame,
-        ]  # fmt: skip
+        quanta = self._quanta[substep]
+        inputs = [self._tables, self.log, quanta, self._working, time, self.bars, self._of_frame]
         launch(self._roll_back, model.world_count, inputs, device=device)
 
     def add(self, positions: NDArray[np.float64], velocities: NDArray[np.float64]) -> None:
@@ -91,6 +106,17 @@ class SpheresBackward:
         self.bars.numbers.zero_()
         return {name: numbers[..., column] for column, name in enumerate(COLUMNS)}
 
-    def worlds_that_met(self) -> NDArray[np.intp]:
-        """Return the worlds in which spheres have met each other, or an obstacle."""
-        return np.flatnonzero(self.bars.met.numpy())
+    def crowded_worlds(self) -> NDArray[np.intp]:
+        """Return the worlds in which spheres have met more in a substep than there is room for."""
+        return np.flatnonzero(self.bars.crowded.numpy())
+
+
+def log_of_spheres(model: Model, room: Room) -> Any:
+    """Allocate the courses of spheres in a substep, and what changes them."""
+    worlds, spheres = model.world_count, model.sphere_count
+    log = LoggedSpheres()
+    for name in ("positions", "velocities", "spins", "starts"):
+        setattr(log, f"sphere_{name}", room.array((worlds, spheres), wp.vec3))
+    log.events = room.array((worlds, EVENTS_OF_A_SPHERE * spheres), Event)
+    log.counts = room.array(worlds, wp.int32)
+    return log

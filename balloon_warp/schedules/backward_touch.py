@@ -61,6 +61,11 @@ class TouchBackward:
         self.bars.totals = room.array((worlds, balloons, balloons), wp.vec3d)
         self._searches, self._contacts = kept_of_touch(model, room)
 
+    @property
+    def carried_bars(self) -> dict[str, wp.array]:
+        """Bars of what goes on into the next frame, by its names in the state; `deep` has none."""
+        return {"holds": self.bars.holds}
+
     def note(self, substep: int) -> None:
         """Keep what a substep knows of contacts before it presses."""
         if substep % self._interval == 0:

@@ -19,7 +19,7 @@ from balloon_warp.model import Model, State
 from balloon_warp.model.meeting_edges import meeting_edges
 from balloon_warp.model.memory import Room
 from balloon_warp.schedules.deferred import FEW_THREADS, threads_of_list
-from balloon_warp.schedules.tables import world_state
+from balloon_warp.schedules.tables import Worlds
 from balloon_warp.schedules.touch_table import part_count, substeps_of_search
 
 BOX_THREADS = 128
@@ -37,7 +37,7 @@ class TouchLaunches:
 
     def __init__(self, model: Model, features: Features, tables: Any, working: Any, fast_math: bool = False):
         self.model, self._features, self._tables, self._working = model, features, tables, working
-        self._interval, self._fast_math = substeps_of_search(model), fast_math
+        self._interval, self._fast_math, self._worlds = substeps_of_search(model), fast_math, Worlds()
         working.near_balloons.fill_(int(ARE_NEAR))  # before the first search they may have been, in another schedule
         # a thread for each item on a GPU; on a CPU one goes through them, and is soon done where nothing is near
         self._edge_threads = working.edge_boxes.shape[1] if model.device.is_cuda else 1
@@ -78,9 +78,10 @@ class TouchLaunches:
         if self._features.edges_meet:  # before particles note where they are
             threads = self._edge_threads
             inputs = [t, threads, points, velocities, working]
-            launch(find_edges_kernel(self._features), (m.world_count, threads), inputs, device=m.device)
+            shape = m.world_count, threads
+            launch(find_edges_kernel(self._features), shape, inputs, block_dim=FEW_THREADS, device=m.device)
         place: dict[str, Any] = {"dim": (m.world_count, particles), "device": m.device, "block_dim": FEW_THREADS}
-        moving = world_state(state), points, velocities, working
+        moving = self._worlds.of(state), points, velocities, working
         launch(looking_kernel(self._features), inputs=[t, particles, *moving], **place)
         place["dim"] = m.world_count, self._list_threads
         launch(find_kernel(self._features, self._fast_math), inputs=[t, self._list_threads, *moving], **place)
@@ -97,7 +98,7 @@ class TouchLaunches:
 
     def _press(self, state: State, points: wp.array, velocities: wp.array, only_counts: bool) -> None:
         m, threads = self.model, self._list_threads
-        inputs = [self._tables, threads, int(only_counts), points, velocities, world_state(state), self._working]
+        inputs = [self._tables, threads, int(only_counts), points, velocities, self._worlds.of(state), self._working]
         shape = (m.world_count, threads)
         launch(response_kernel(self._features, self._fast_math), shape, inputs, block_dim=FEW_THREADS, device=m.device)
 

@@ -40,6 +40,8 @@ THREADS_OF_MANY, MANY = (512, 64), 1792
 """Threads and registers from a number of particles of one balloon of springs"""
 THREADS_NEAR_FIXTURES = 256, 128
 """Threads and registers where particles touch obstacles, which takes more registers"""
+THREADS_OF_SMALL_NEAR_FIXTURES = 128, 128
+"""Threads and registers where a multiprocessor has several small worlds: while few leave obstacles, others move"""
 THREADS_ALONE = 768, 80
 """Threads and registers where a multiprocessor has memory for one block only"""
 
@@ -56,12 +58,20 @@ def layout_of(model: Model, features: Features) -> Layout:
 
     A thread keeps one particle, or two, if their springs fit in registers; otherwise it loops. Two share what a thread
     does for itself, and their loads overlap; where a multiprocessor has no second block to turn to while it waits, more
-    threads with one particle each are faster.
+    threads with one particle each are faster. Where few particles of many worlds leave obstacles, all loop.
     """
+    if _small_ones_leave_fixtures(model, features):
+        return _looped(model, features)
     single, double = (_held(model, features, count) for count in (1, 2))
     if single and double:
         return double[0] if double[1] >= max(single[1], 2) else single[0]
     return (single or double or (_looped(model, features), 0))[0]
+
+
+def _small_ones_leave_fixtures(model: Model, features: Features) -> bool:
+    """Return whether each multiprocessor has several worlds of a few springs that may touch obstacles."""
+    many = model.device.is_cuda and model.world_count > 2 * model.device.sm_count
+    return many and features.stands_on_fixtures and not features.membranes and thread_a_particle(model)
 
 
 def _held(model: Model, features: Features, held: int) -> tuple[Layout, int] | None:
@@ -150,6 +160,8 @@ def _loop_threads(model: Model, features: Features, membrane_face: MembraneFaceL
     """Return the threads that loop, and registers of each."""
     if 2 * model.particle_count > most_particles(model):
         return THREADS_ALONE
+    if _small_ones_leave_fixtures(model, features):
+        return THREADS_OF_SMALL_NEAR_FIXTURES
     if features.stands_on_fixtures:
         return THREADS_NEAR_FIXTURES
     if model.balloon_count == 1 and membrane_face is None and model.particle_count > MANY:

@@ -74,7 +74,7 @@ class BusyWorlds:
         self._model = model
         self._frames: BusyFrames = (
             BlockFrames(model, busy, Allocating(model.device))
-            if _in_blocks(model, features)
+            if busy_in_blocks(model, features)
             else LaunchedFrames(model, busy)
         )
         self.working = self._frames.working
@@ -84,7 +84,7 @@ class BusyWorlds:
     def allot(model: Model, features: Features, room: Room) -> None:
         """Ask for all memory that it keeps."""
         busy = busy_features(features)
-        if _in_blocks(model, features):
+        if busy_in_blocks(model, features):
             BlockFrames.allot(model, busy, room)
         else:
             Launches.allot(model, GatherSchedule.step_of(model, busy), room)
@@ -133,5 +133,6 @@ class BusyWorlds:
             self.outlook.keep_forces(state)
 
 
-def _in_blocks(model: Model, features: Features) -> bool:
+def busy_in_blocks(model: Model, features: Features) -> bool:
+    """Return whether busy worlds are advanced by blocks, and not by launches."""
     return not (features.touches or features.meets_solids) and fits_in_block(model)

@@ -56,6 +56,9 @@ SCHEDULES = {
 }
 """Module and class of each schedule; modules load when first needed, since Warp takes a while to read their kernels"""
 
+IN_FREE_PATCHES = ("patched", "PatchedSchedule")
+"""Module and class of `gather` where only free frames are moved in patches"""
+
 LAUNCHED = ("scatter", "gather")
 """Schedules that launch a kernel for each piece of a substep: in these alone rubber tears"""
 FEW_PARTICLES = 3072
@@ -83,7 +86,8 @@ def schedule_named(name: str, model: Model) -> type[Schedule]:
         raise InputError(f"--schedule {name}: no such schedule; known are auto, {', '.join(SCHEDULES)}")
     if name not in LAUNCHED and (what := only_launched(model)):
         raise InputError(f"--schedule {name}: does not support {what}; auto, {' and '.join(LAUNCHED)} do")
-    module, schedule = SCHEDULES[name]
+    free_alone = name == "gather" and (features := _in_patches(model)) and features.watched
+    module, schedule = IN_FREE_PATCHES if free_alone else SCHEDULES[name]
     return getattr(import_module(f"balloon_warp.schedules.{module}"), schedule)
 
 
@@ -135,11 +139,15 @@ def fastest_schedule(model: Model, world_count: int) -> str:
 
 
 def _in_patches(model: Model) -> Features | None:
-    """Return the features of a model if `gather` moves it in patches, or None."""
-    if thread_a_particle(model):
+    """Return the features with which `gather` moves a model in patches, maybe in free frames alone, or None."""
+    if model.device.is_cpu or thread_a_particle(model) or only_launched(model):
         return None  # so that nothing of patches need be imported
+    from balloon_warp.schedules.busy_worlds import busy_in_blocks
     from balloon_warp.schedules.features import model_features
+    from balloon_warp.schedules.outlook import free_features, has_free_frames
     from balloon_warp.schedules.patches import cut_into_patches
 
     features = model_features(model)
+    if has_free_frames(features) and not features.always_busy and not busy_in_blocks(model, features):
+        features = free_features(features)
     return features if cut_into_patches(model, features) else None

@@ -26,12 +26,17 @@ class GatherSchedule(LaunchedSchedule):
     fast_math = True
     look = GATHERED
 
-    def __init__(self, model: Model, features: Features | None = None):
+    def __init__(self, model: Model, features: Features | None = None, working: Any | None = None):
+        """Advance all worlds, or those that the features are for.
+
+        Args:
+            working: what is kept beside the state, where others judge worlds there; they may have more features.
+        """
         super().__init__(model, features)
+        self.launches.working = working = working or self.launches.working
         patches = cut_into_patches(model, self.features)
         self._patches = None
         if patches:
-            working = self.launches.working
             self._patches = PatchLaunch(model, self.features, self.tables, patches, self.vectors[0], working)
 
     @classmethod
@@ -58,7 +63,12 @@ class GatherSchedule(LaunchedSchedule):
             super().advance_frame(state)
             return
         self.framing.begin(state)
+        self.advance_patches(state)
+        self.framing.end(state)
+
+    def advance_patches(self, state: State) -> None:
+        """Run the substeps of a frame in patches."""
+        assert self._patches
         if self.launches.step.pieces:
             self.launches.substep(state, 0, (state.points, state.velocities))
         self._patches.advance(state, self.launches.values.get("inflation_direction"))
-        self.framing.end(state)

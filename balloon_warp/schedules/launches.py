@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Collection, Mapping
 from copy import copy
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import warp as wp
@@ -10,7 +10,8 @@ import warp as wp
 from balloon_warp.kernels.contact.near import mark_count
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.phase import STATE, Item
-from balloon_warp.kernels.schedules.launched.source import ITEMS_OF_PART, Part, arguments_of, kernel_of
+from balloon_warp.kernels.schedules.launched.few import acts_on_few, asked_ahead
+from balloon_warp.kernels.schedules.launched.source import ITEMS_OF_LIST, ITEMS_OF_PART, Part, arguments_of, kernel_of
 from balloon_warp.kernels.schedules.pieces import Piece, Step, values_of
 from balloon_warp.kernels.working import Working
 from balloon_warp.launching import begin_loading, launch, launch_tiled
@@ -20,19 +21,26 @@ from balloon_warp.model.state import contact_shape
 from balloon_warp.schedules.balloon_contact import touch_arrays
 from balloon_warp.schedules.ridges import ridge_arrays
 from balloon_warp.schedules.solids import solid_arrays
-from balloon_warp.schedules.tables import kept_arguments, world_state
+from balloon_warp.schedules.tables import Worlds, kept_arguments
 
 TEAM_THREADS = 256
 """Threads of a block for phases of a world and for sums, on a GPU; more would have too few registers"""
 TEAM_THREADS_OF_SMALL, SMALL = 64, 1024
 """Threads where no balloon has more particles: more blocks then run at once, while one thread of each ends its sum"""
-EDGE_THREADS = 512
-"""Threads for edges that touch, where a world has a multiprocessor of its own: its sums are the same in any order"""
+EDGE_THREADS, EDGE_THREADS_OF_MANY = 512, 128
+"""Threads for edges that touch, where a world has a multiprocessor of its own, and where not: its sums are the same in
+any order"""
+TEAM_REGISTERS = {"meet_edges": 64, "meet_ridges": 128}
+"""Registers of a thread of a whole world's block, at most: so that a multiprocessor has more of them at once"""
 MOST_REGISTERS = 128
 """Registers of a thread with a particle, so that a multiprocessor has two blocks of 256 where particles touch
 obstacles, too"""
 FEW_REGISTERS = 64
 """Registers where contact has a launch of its own: enough for springs, and a multiprocessor has four blocks"""
+ROUGH = {"pull", "push_face", "leave"}
+"""Phases for which a GPU's own division and root will do"""
+LISTING_THREADS = 32
+"""Threads of a block that lists particles, of which few have anything to do"""
 LARGE = 2048
 """Number of particles of a balloon above which it is summed in parts"""
 
@@ -42,12 +50,20 @@ Own = Callable[[State, int, float, Moving], None]
 """(state, substep, time in the frame, where particles are): what the host does itself of a step"""
 
 
+class _Asked(NamedTuple):
+    """Kernel of a piece, and what each launch hands it."""
+
+    kernel: Any
+    names: tuple[str, ...]
+    """Names of what the kernel takes"""
+
+
 class Launches:
     """Launch each piece of a step.
 
     Args:
         own: what phases of the host do, by their names.
-        fast_math: whether a GPU's own division and root will do where forces are found.
+        fast_math: whether a GPU's own division and root will do, see `ROUGH`.
     """
 
     def __init__(
@@ -55,7 +71,8 @@ class Launches:
         fast_math: bool = False,
     ):  # fmt: skip
         self.model, self.step, self.tables = model, step, tables
-        self._own, self._fast_math = own or {}, fast_math
+        self._own, self._fast_math, self._worlds = own or {}, fast_math, Worlds()
+        self._pieces: dict[tuple[int, Part], _Asked] = {}
         self.working = Working()
         for name, array in working_arrays(model, step.features, room).items():
             setattr(self.working, name, array)
@@ -74,7 +91,7 @@ class Launches:
     def beside(self, model: Model, tables: Any) -> Self:
         """Return the same for another world of the same batch, with the same memory."""
         other = copy(self)
-        other.model, other.tables = model, tables
+        other.model, other.tables, other._pieces = model, tables, {}
         return other
 
     def begin_loading(self) -> None:
@@ -110,13 +127,15 @@ class Launches:
     def _launch(self, piece: Piece, state: State, time_in_frame: float, now: Moving) -> Moving:
         new, m = self._targets(piece, state, now), self.model
         has = {
-            "t": self.tables, "time_in_frame": time_in_frame, "state": world_state(state), "working": self.working,
+            "t": self.tables, "time_in_frame": time_in_frame, "state": self._worlds.of(state), "working": self.working,
             **{f"all_{view}": array for view, array in zip(STATE.values(), now, strict=True)},
             **{f"new_{view}": array for view, array in zip(STATE.values(), new, strict=True)},
             **{f"all_{value}": array for value, array in self.values.items()}, **kept_arguments(state),
         }  # fmt: skip
         if piece.sums:
             self._sum(piece, has)
+        elif acts_on_few(self.step, piece):
+            self._over(piece, (m.world_count, -(-m.particle_count // int(ITEMS_OF_LIST))), has)
         elif piece.item == "team":
             self._over(piece, (m.world_count,), has)
         elif piece.item == "spring":
@@ -130,7 +149,7 @@ class Launches:
 
     def _inputs(self, piece: Piece, has: Mapping[str, Any], part: Part = "all") -> list[Any]:
         """Return what the kernel of a piece takes, in order."""
-        return [has[name] for name in arguments_of(self.step, piece, part)]
+        return [has[name] for name in self._asked(piece, part).names]
 
     def _targets(self, piece: Piece, state: State, now: Moving) -> Moving:
         """Return where the piece leaves points and velocities."""
@@ -162,9 +181,10 @@ class Launches:
     def _team_threads(self, piece: Piece) -> int:
         """Return the threads of a block."""
         device = self.model.device
-        meets_edges = piece.phases[0].name == "meet_edges"
-        if meets_edges and device.is_cuda and self.model.world_count <= device.sm_count:
-            return EDGE_THREADS
+        if piece.phases[0].name == "meet_edges" and device.is_cuda:
+            return EDGE_THREADS if self.model.world_count <= device.sm_count else EDGE_THREADS_OF_MANY
+        if acts_on_few(self.step, piece):
+            return LISTING_THREADS if device.is_cuda else 1
         return team_threads(self.model)
 
     @property
@@ -181,11 +201,24 @@ class Launches:
 
     def kernel(self, piece: Piece, part: Part = "all") -> Any:
         """Return the kernel of a piece."""
-        pulls = any(phase.name == "pull" for phase in piece.phases)
-        meets = any(phase.name == "leave" for phase in piece.phases)
+        return self._asked(piece, part).kernel
+
+    def _asked(self, piece: Piece, part: Part) -> _Asked:
+        """Return what each launch asks of a piece."""
+        key = id(piece), part  # a hash of all that a piece consists of takes longer than a launch
+        if key not in self._pieces:
+            self._pieces[key] = _Asked(self._make_kernel(piece, part), arguments_of(self.step, piece, part))
+        return self._pieces[key]
+
+    def _make_kernel(self, piece: Piece, part: Part) -> Any:
+        names = {phase.name for phase in piece.phases}
+        pulls, meets = "pull" in names, "leave" in names
         few = pulls and not meets and not self.step.features.membranes and self._stands_apart
         registers = (FEW_REGISTERS if few else MOST_REGISTERS) if piece.item == "particle" and not piece.sums else 0
-        return kernel_of(self.step, piece, part, self._fast_math and pulls, registers)
+        device = self.model.device
+        if device.is_cuda and self.model.world_count > device.sm_count:
+            registers = TEAM_REGISTERS.get(piece.phases[0].name, registers)
+        return kernel_of(self.step, piece, part, self._fast_math and not names.isdisjoint(ROUGH), registers)
 
     def _shape(self, item: Item) -> tuple[int, ...]:
         """Return the threads of a launch over all items."""
@@ -223,6 +256,8 @@ def step_arrays(model: Model, step: Step, room: Room) -> tuple[dict[str, Any], d
         value: room.array((worlds, counts[step.owner(value)]), wp.float32 if dtype is float else dtype)
         for value, dtype in values_of(step).items()
     }
+    if any(asked_ahead(step, piece) for piece in step.pieces):
+        values["acting"] = room.array((worlds, -(-model.particle_count // 4) * 4), wp.int8)
     parts = {}
     for piece in step.pieces:
         if piece.sums and (count := _part_count(model, piece.item)):

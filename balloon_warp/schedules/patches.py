@@ -47,7 +47,8 @@ def cut_into_patches(model: Model, features: Features) -> Patches | None:
         or features.has("face")
         or features.in_water
     )
-    meets_others = features.spheres > 0 or features.fixtures or features.touches or features.meets_solids
+    fixtures = features.stands_on_fixtures
+    meets_others = features.spheres > 0 or fixtures or features.touches or features.meets_solids
     in_rounds = (
         features.corrected or features.gas_changes or (features.fresh_normals and (features.gas or not features.rings))
     )
@@ -115,7 +116,7 @@ class PatchLaunch:
     ):
         self.model, self._patches = model, patches
         rings = quad_rings(model) if features.measures_areas or features.directions_on_the_way else None
-        self._layout = _layout(model, features, patches, rings is not None)
+        self._layout = layout_of_patches(model, features, patches, rings is not None)
         self._step = step_of_patches(features, self._layout)
         self._at_once = worlds_at_once(model, features, patches)
         self.memory = PatchMemory()
@@ -160,7 +161,7 @@ class PatchLaunch:
             )
 
 
-def _layout(model: Model, features: Features, patches: Patches, rings: bool) -> Layout:
+def layout_of_patches(model: Model, features: Features, patches: Patches, rings: bool) -> Layout:
     """Return a particle a thread, with a tile for those of the rim, too."""
     return Layout(
         threads=patches.threads,

@@ -1,5 +1,6 @@
 """Tables of a model for kernels."""
 
+from operator import is_
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -95,6 +96,21 @@ def world_state(state: State) -> Any:
     for name in WorldState.vars:
         setattr(worlds, name, getattr(state, name))
     return worlds
+
+
+class Worlds:
+    """Arrays of a state as kernels take them, made once for a state: that takes longer than a launch."""
+
+    def __init__(self) -> None:
+        self._arrays: list[wp.array] = []
+        self._worlds: Any = None
+
+    def of(self, state: State) -> Any:
+        """Return the arrays of a state, as `world_state` does."""
+        arrays = [getattr(state, name) for name in WorldState.vars]
+        if len(self._arrays) != len(arrays) or not all(map(is_, arrays, self._arrays)):
+            self._arrays, self._worlds = arrays, world_state(state)
+        return self._worlds
 
 
 def kept_arguments(state: State) -> dict[str, wp.array]:

@@ -112,8 +112,8 @@ class WorldCamera(Shown):
             self._begin()
         return self._color
 
-    def refresh(self) -> None:
-        """Look again at what has been asked for."""
+    def refresh(self, mask: wp.array | None = None) -> None:
+        """Look again at what has been asked for, in the worlds of a mask or in all."""
         if self._depth is None and self._color is None:
             return
         model, state = self._simulator.model, self._simulator.state
@@ -121,16 +121,16 @@ class WorldCamera(Shown):
         half = [self._half_height * width / height, self._half_height]
         aimed = [self.eyes, self.targets, model.up, *half]
         launch(aim, model.world_count, aimed, [self._sights], device=model.device)
-        things = [self._sights, self._things(model, state)]
+        things = [mask, self._sights, self._things(model, state)]
         launch(see_things, self._shape, things, [self._keys, self._normals], device=model.device)
-        of_balloons = [self._sights, self._corners, self._faces, state.torn, state.points, self._first]
+        of_balloons = [mask, self._sights, self._corners, self._faces, state.torn, state.points, self._first]
         triangles = (model.world_count, self._corners.shape[0])
         launch(see_triangles, triangles, of_balloons, [self._keys], device=model.device)
         if self._depth is not None:
-            launch(tell_depths, self._shape, [self._keys], [self._depth], device=model.device)
+            launch(tell_depths, self._shape, [mask, self._keys], [self._depth], device=model.device)
         if self._color is not None:
             lit = [self._sights, model.up, self._corners, state.points, self._colors, self._first]
-            inputs = [*lit, self._keys, self._normals]
+            inputs = [mask, *lit, self._keys, self._normals]
             launch(show_colors, self._shape, inputs, [self._color], device=model.device)
 
     def _things(self, model: Model, state: State) -> Any:

@@ -10,8 +10,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.kernels.frames.controlling import copy_value, move_obstacles, read_control, write_control
-from balloon_warp.kernels.frames.starting import copy_rows
+from balloon_warp.kernels.frames.controlling import move_obstacles, read_control, write_control
 from balloon_warp.kernels.laws.law import FAR
 from balloon_warp.launching import launch
 from balloon_warp.model import Model
@@ -19,7 +18,7 @@ from balloon_warp.model.rows import VELOCITY
 from balloon_warp.shown import Shown
 from balloon_warp.steering.control_plan import Beyond, ControlPlan, current_value, plan_control, with_reach
 from balloon_warp.steering.given import copy_given
-from balloon_warp.steering.views import columns_of, component, rows_of_words
+from balloon_warp.steering.views import columns_of, component
 
 SAVED = "controls"
 """Beginning of the names of saved arrays"""
@@ -43,7 +42,7 @@ class Controls(Shown):
     """
 
     _internal = (
-        *("begin_again", "column", "follow", "move", "open_planned", "open_saved", "require_sound", "restart"),
+        *("begin_again", "column", "firsts", "follow", "move", "open_planned", "open_saved", "require_sound"),
         *("restore", "saved", "size", "write"),
     )
 
@@ -131,17 +130,12 @@ class Controls(Shown):
         """Return a number of an open control, shape (world_count,)."""
         return component(self._values[path], axis)
 
-    def restart(self, mask: wp.array) -> None:
-        """Set the values of worlds that begin anew to what they were when their control was opened."""
-        model = self._simulator.model
+    def firsts(self) -> Iterator[tuple[wp.array, wp.array]]:
+        """Yield what worlds get back as they begin anew, as it was when its control was opened, and where."""
         if self._places is not None:
-            positions = rows_of_words(model.parameters["obstacle_position"])
-            inputs = [mask, rows_of_words(self._places)]
-            launch(copy_rows, (model.world_count, 1), inputs, [positions, 1], device=model.device)
+            yield self._places, self._simulator.model.parameters["obstacle_position"]
         for path, values in self._values.items():
-            for axis in range(self.size(path)):
-                arrays = [component(self._first[path], axis)], [component(values, axis)]
-                launch(copy_value, model.world_count, [mask, *arrays[0]], arrays[1], device=model.device)
+            yield self._first[path], values
 
     def begin_again(self) -> None:
         """Go on with the same arrays in a model that has just begun; they have what the scene says."""

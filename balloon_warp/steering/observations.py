@@ -1,6 +1,6 @@
 """Observations: device arrays of each world that every frame refreshes as it ends."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -12,6 +12,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.kernels.measure.observed import (
     MotionPart,
     choose_particles,
+    clear_stretches,
     find_obstacles,
     join_motion,
     join_volumes,
@@ -27,6 +28,7 @@ from balloon_warp.model import Model, State
 from balloon_warp.model.state import frames_of
 from balloon_warp.shown import Shown
 from balloon_warp.steering.cameras import WorldCamera
+from balloon_warp.steering.row_copies import RowCopies
 
 OF_MOTION = ("centers", "velocities")
 OF_PARTICLES = "particle_contact_forces"
@@ -66,7 +68,7 @@ class Observations(Shown):
     `particles([...])` and `camera(...)` open arrays of chosen particles, and of what a camera sees.
     """
 
-    _internal = ("refresh",)
+    _internal = ("copies", "refresh", "refresh_chosen")
 
     def __init__(self, simulator: Observed):
         self._simulator = simulator
@@ -160,8 +162,8 @@ class Observations(Shown):
             self._parts[dtype] = wp.zeros(self._shape, dtype=dtype, device=self._simulator.model.device)
         return self._parts[dtype]
 
-    def _find_motion(self, model: Model, state: State) -> None:
-        parts, moving = self._parts_of(MotionPart), [self._particles, state.points]
+    def _find_motion(self, model: Model, state: State, mask: wp.array | None) -> None:
+        parts, moving = self._parts_of(MotionPart), [mask, self._particles, state.points]
         launch(sum_motion, self._shape, [*moving, state.velocities], [parts], device=model.device)
         found = [self._values[name] for name in OF_MOTION]
         launch(join_motion, self._shape[:2], [*moving, parts], found, device=model.device)
@@ -173,50 +175,70 @@ class Observations(Shown):
         arms = np.concatenate([points - points.mean(axis=0) for points in meshes])
         return wp.array(arms, dtype=wp.vec3, device=self._simulator.model.device)
 
-    def _find_turns(self, model: Model, state: State) -> None:
-        parts, inputs = self._parts_of(wp.mat33), [self._particles, self._rest_arms, state.points]
+    def _find_turns(self, model: Model, state: State, mask: wp.array | None) -> None:
+        parts, inputs = self._parts_of(wp.mat33), [mask, self._particles, self._rest_arms, state.points]
         launch(sum_turning, self._shape, inputs, [parts], device=model.device)
-        launch(join_turning, self._shape[:2], [parts], [self._values["turns"]], device=model.device)
+        launch(join_turning, self._shape[:2], [mask, parts], [self._values["turns"]], device=model.device)
 
-    def _find_obstacles(self, model: Model, state: State) -> None:
+    def _find_volumes(self, model: Model, state: State, mask: wp.array | None) -> None:
+        parts = self._parts_of(wp.float32)
+        mesh = [self._particles, self._faces, model.face_offsets, model.face_particles]
+        launch(sum_volumes, self._shape, [mask, *mesh, state.points], [parts], device=model.device)
+        launch(join_volumes, self._shape[:2], [mask, parts], [self._values["volumes"]], device=model.device)
+
+    def _find_obstacles(self, model: Model, state: State, mask: wp.array | None) -> None:
         values = self._values["obstacle_positions"]
-        inputs = [model.parameters["obstacle_position"], model.obstacle_motion, frames_of(model, state)]
+        inputs = [mask, model.parameters["obstacle_position"], model.obstacle_motion, frames_of(model, state)]
         launch(find_obstacles, values.shape, inputs, [values], device=model.device)
 
-    def _find_stretches(self, stretches: wp.array) -> None:
-        model, threads = self._simulator.model, self._shape[2]
-        stretches.zero_()
+    def _find_stretches(self, model: Model, state: State, mask: wp.array | None) -> None:
+        stretches, threads = self._values["stretches"], self._shape[2]
+        launch(clear_stretches, stretches.shape, [mask], [stretches], device=model.device)
         for kernel, tables in (
             (stretch_springs, [model.spring_particles, model.spring_rest_length]),
             (stretch_membranes, [model.membrane_corners, model.membrane_rests]),
         ):
             if tables[0].size:
-                inputs = [model.particle_balloon, *tables, threads, self._simulator.state.points]
+                inputs = [mask, model.particle_balloon, *tables, threads, state.points]
                 launch(kernel, (model.world_count, threads), inputs, [stretches], device=model.device)
 
     def refresh(self) -> None:
         """Refresh all arrays that are open."""
-        model, state = self._simulator.model, self._simulator.state
-        if "centers" in self._values:
-            self._find_motion(model, state)
-        if "turns" in self._values:
-            self._find_turns(model, state)
-        if "volumes" in self._values:
-            parts = self._parts_of(wp.float32)
-            mesh = [self._particles, self._faces, model.face_offsets, model.face_particles]
-            launch(sum_volumes, self._shape, [*mesh, state.points], [parts], device=model.device)
-            launch(join_volumes, self._shape[:2], [parts], [self._values["volumes"]], device=model.device)
-        if "stretches" in self._values:
-            self._find_stretches(self._values["stretches"])
-        if "obstacle_positions" in self._values:
-            self._find_obstacles(model, state)
-        if OF_PARTICLES in self._values:
-            forces, inputs = self._values[OF_PARTICLES], [state.contact_impulses, model.frame_seconds]
-            launch(sum_particle_contacts, forces.shape, inputs, [forces], device=model.device)
+        self._find(None)
+        for source, target in self._of_state():
+            wp.copy(target, source)
+
+    def refresh_chosen(self, mask: wp.array, copies: RowCopies) -> None:
+        """Refresh the rows of worlds for which a mask is not 0, with the copies of `copies()`."""
+        self._find(mask)
+        copies.copy(mask)
+
+    def copies(self) -> RowCopies:
+        """Return the copies of rows of the state that are observed."""
+        return RowCopies(self._of_state(), self._simulator.model.device)
+
+    def _of_state(self) -> Iterator[tuple[wp.array, wp.array]]:
+        """Yield arrays of the state that are observed, and their copies."""
         for name in OF_STATE:
             if name in self._values and self._values[name].size:
-                wp.copy(self._values[name], getattr(state, name))
+                yield getattr(self._simulator.state, name), self._values[name]
+
+    def _find(self, mask: wp.array | None) -> None:
+        """Compute what the state does not have, for the worlds of a mask or for all."""
+        model, state = self._simulator.model, self._simulator.state
+        for name, find in (
+            ("centers", self._find_motion),
+            ("turns", self._find_turns),
+            ("volumes", self._find_volumes),
+            ("stretches", self._find_stretches),
+            ("obstacle_positions", self._find_obstacles),
+        ):
+            if name in self._values:
+                find(model, state, mask)
+        if OF_PARTICLES in self._values:
+            forces, inputs = self._values[OF_PARTICLES], [mask, state.contact_impulses, model.frame_seconds]
+            launch(sum_particle_contacts, forces.shape, inputs, [forces], device=model.device)
         for which, places in self._chosen:
-            launch(choose_particles, places.shape, [which, state.points], [places], device=model.device)
+            launch(choose_particles, places.shape, [mask, which, state.points], [places], device=model.device)
         for camera in self._cameras:
-            camera.refresh()
+            camera.refresh(mask)

@@ -9,7 +9,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
-from balloon_warp.kernels.frames.starting import begin_episodes, copy_rows, draw_values
+from balloon_warp.kernels.frames.starting import begin_episodes, draw_values
 from balloon_warp.launching import launch
 from balloon_warp.model import Model, State, initial_state
 from balloon_warp.model.placing import place_particles
@@ -18,15 +18,13 @@ from balloon_warp.steering.controls import Controls
 from balloon_warp.steering.draws import KINDS, Draw, Kind, require_numbers
 from balloon_warp.steering.given import copy_given
 from balloon_warp.steering.observations import Observations
+from balloon_warp.steering.row_copies import RowCopies
 from balloon_warp.steering.start_values import Shifts, start_value
 from balloon_warp.steering.timetable import Begun, Timetable, begun_of, has_times, require_timeless
-from balloon_warp.steering.views import rows_of_words
 from balloon_warp.warp_lock import recording
 
 SAVED, AGES = "starts", "starts_ages"
 """Prefix of the names of what is saved, and name of the saved time of each world"""
-THREADS = 32
-"""Number of threads that copy a world's row on a GPU"""
 PLACED = ("frame", "points", "velocities")
 """Arrays of the state that are not copied: the clock is all worlds', and particles are placed"""
 DRAWN = ("initial_velocities", "initial_spins", "initial_shifts", "initial_centers")
@@ -70,7 +68,7 @@ class Starts(Shown):
         self._draws: list[Draw] = []
         self._own: dict[str, wp.array] = {}
         self._shifts: Shifts | None = None
-        self._start: State | None = None
+        self._copies: tuple[RowCopies, ...] = ()
         self._graph: Any = None
         self._begun: Begun = {}
         self._timetable: Timetable | None = None
@@ -148,7 +146,7 @@ class Starts(Shown):
 
     def forget(self) -> None:
         """Forget the recorded graph: the model or the state is another."""
-        self._graph = self._start = None
+        self._graph, self._copies = None, ()
 
     def begin(self, mask: Any) -> None:
         """Reset the worlds for which a mask is not 0.
@@ -162,9 +160,9 @@ class Starts(Shown):
             require_timeless(self._simulator.model)
             self._follow_worlds()
             model = self._simulator.model
-            self._start = _start_of(model)
+            self._copies = self._copies_at_start(), self._simulator.observations.copies()
             with recording(model.device) as capture:
-                self._launch(self._start)
+                self._launch(*self._copies)
             self._graph = capture.graph
         wp.capture_launch(self._graph)
 
@@ -214,24 +212,24 @@ class Starts(Shown):
             if name in saved:
                 array.assign(saved[name])
 
-    def _launch(self, start: State) -> None:
+    def _copies_at_start(self) -> RowCopies:
+        """Return the copies of what worlds have at the start, but for where their particles are."""
+        simulator = self._simulator
+        begins = _start_of(simulator.model).arrays
+        state = ((begins[name], array) for name, array in simulator.state.arrays.items() if name not in PLACED)
+        return RowCopies([*state, *simulator.controls.firsts()], simulator.model.device)
+
+    def _launch(self, at_start: RowCopies, observed: RowCopies) -> None:
         model, state, mask = self._simulator.model, self._simulator.state, self.mask
-        controls = self._simulator.controls
-        counted = [controls.faults, self.episodes]
+        counted = [self._simulator.controls.faults, self.episodes]
         launch(begin_episodes, model.world_count, [mask], counted, device=model.device)
-        threads = 1 if model.device.is_cpu else THREADS
-        begins = start.arrays
-        for name, array in state.arrays.items():
-            if name not in PLACED and array.size:
-                source, target = rows_of_words(begins[name]), rows_of_words(array)
-                launch(copy_rows, (model.world_count, threads), [mask, source], [target, threads], device=model.device)
-        controls.restart(mask)
+        at_start.copy(mask)
         if self._timetable:
             self._timetable.restart(mask, model)
         for draw in self._draws:
             self._draw(draw)
         place_particles(model, state.points, state.velocities, mask)
-        self._simulator.observations.refresh()
+        self._simulator.observations.refresh_chosen(mask, observed)
 
     def _draw(self, draw: Draw) -> None:
         model, start = self._simulator.model, draw.start

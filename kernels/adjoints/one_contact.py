@@ -59,9 +59,12 @@ def into(pose: Pose, point: wp.vec3):
 
 
 @wp.func
-def nearest_on_convex(here: wp.vec3, solid: Solid, up: wp.vec3):
-    """Return the nearest point on a convex solid to a point, and the normal there, in the solid's frame."""
-    distance, normal = surface_of_convex(solid, up, here, 0.0, FAR_AWAY)
+def nearest_on_convex(here: wp.vec3, solid: Solid, up: wp.vec3, radius: float):
+    """Return the nearest place that a convex solid leaves a ball's center, and the normal there, in the solid's frame.
+
+    Of a particle the radius is 0.
+    """
+    distance, normal = surface_of_convex(solid, up, here, radius, FAR_AWAY)
     return here - distance * normal, normal
 
 
@@ -73,17 +76,35 @@ class Entry:
     part: float  # of the way up to there; 0 where it begins on the surface
     steepness: float  # how fast the way comes in, its normal part [m]
     friction: float
+    restitution: float  # of a sphere
     step: float  # [s]
 
 
 @wp.func
-def slid_on_convex(start: wp.vec3, here: wp.vec3, solid: Solid, up: wp.vec3, entry: Entry):
+def entry_of(start: wp.vec3, here: wp.vec3, let: wp.vec3, part: float, solid: Solid, up: wp.vec3, radius: float):
+    """Return the approach of a particle, or a ball, to a solid, in the solid's frame.
+
+    Args:
+        let: where the solid lets it go.
+        part: of the way that is left to slide.
+    """
+    entry = Entry()
+    place, _normal = nearest_on_convex(here, solid, up, radius)
+    entry.slides = wp.length(place - let) > LEAST_STEP * (wp.length(here) + wp.length(here - start))
+    entry.part = 1.0 - part
+    _entry, normal = nearest_on_convex(start + entry.part * (here - start), solid, up, radius)
+    entry.steepness = wp.max(-wp.dot(here - start, normal), LEAST_STEP * wp.length(here - start))
+    return entry
+
+
+@wp.func
+def slid_on_convex(start: wp.vec3, here: wp.vec3, solid: Solid, up: wp.vec3, radius: float, entry: Entry):
     """Return the end of a path that slides on from its entry, the normal there, and the fraction that slides."""
-    before, _normal = surface_of_convex(solid, up, start + entry.part * (here - start), 0.0, FAR_AWAY)
+    before, _normal = surface_of_convex(solid, up, start + entry.part * (here - start), radius, FAR_AWAY)
     gone = entry.part
     if entry.part > 0.0:
         gone = entry.part + before / entry.steepness
-    place, normal = nearest_on_convex(start + gone * (here - start), solid, up)
+    place, normal = nearest_on_convex(start + gone * (here - start), solid, up, radius)
     return here + wp.dot(place - here, normal) * normal, normal, 1.0 - gone
 
 
@@ -94,10 +115,10 @@ def work_on_convex(
 ):  # fmt: skip
     """Return the state of a particle that stops on a convex solid, and the normal there, times bars."""
     here = into(pose, point)
-    place, normal = nearest_on_convex(here, solid, up)
+    place, normal = nearest_on_convex(here, solid, up, 0.0)
     left = float(1.0)
     if entry.slides:
-        slid, held, more = slid_on_convex(into(earlier, start), here, solid, up, entry)
+        slid, held, more = slid_on_convex(into(earlier, start), here, solid, up, 0.0, entry)
         place = slid
         normal = held
         left = more
@@ -143,13 +164,7 @@ def contact_adjoint(features: Features) -> Any:
             earlier = pose_at(t, around.world, contact.thing, around.time - t.step_seconds)
         start = into(earlier, contact.start)
         here = into(pose, contact.point)
-        place, _normal = nearest_on_convex(here, solid, t.up)
-        off = wp.length(pose.center + wp.quat_rotate(pose.turn, place) - contact.met.let)
-        entry = Entry()
-        entry.slides = off > LEAST_STEP * (wp.length(here) + wp.length(here - start))
-        entry.part = 1.0 - contact.met.part
-        _entry, normal = nearest_on_convex(start + entry.part * (here - start), solid, t.up)
-        entry.steepness = wp.max(-wp.dot(here - start, normal), LEAST_STEP * wp.length(here - start))
+        entry = entry_of(start, here, into(pose, contact.met.let), contact.met.part, solid, t.up, 0.0)
         entry.friction = contact.friction
         entry.step = t.step_seconds
         by_start, by_point, by_velocity, _solid, _pose, _earlier, _up, _e, _p, _v, _n = wp.grad(work_on_convex)(

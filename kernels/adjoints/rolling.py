@@ -1,7 +1,8 @@
-"""Adjoint of spheres that roll: what particles have found of them is added up, and turned into that of before.
+"""Adjoint of spheres that move: what particles have found of them is added up, and turned into that of before.
 
-Whether a sphere touches the ground is frozen, and so is its friction there. Where spheres come near each other or an
-obstacle, that is noted: how they bounce has no adjoint.
+What changes the courses of spheres in a substep is found again, see `sphere_log`, and run through from the last to the
+first: motion, the ground, obstacles, other spheres. Frozen is what meets what, whether it rebounds, and whether
+friction holds.
 """
 
 from collections.abc import Sequence
@@ -10,87 +11,26 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.adjoint import Adjoint, NoAdjointError
+from balloon_warp.kernels.adjoint import Adjoint
+from balloon_warp.kernels.adjoints.bounces import obstacle_adjoint, pair_adjoint
+from balloon_warp.kernels.adjoints.sphere_bars import BarsOfSpheres, add_by_sphere, bar_of_course, put_bar_of_course
+from balloon_warp.kernels.adjoints.sphere_courses import Ball, work_of_fall, work_of_roll, work_on_ground
+from balloon_warp.kernels.adjoints.sphere_log import Event, LoggedSpheres
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.fixed_point import total_newtons
 from balloon_warp.kernels.frames.backwards import Bars, numbers_adder
-from balloon_warp.kernels.laws.contact import move_sphere
-from balloon_warp.kernels.laws.sliding import rubbed
-from balloon_warp.kernels.loops.fixtures import meeting_function
 from balloon_warp.kernels.loops.friction import GROUND, friction_between, number_of_sphere
+from balloon_warp.kernels.loops.rolling import BESIDE_OBSTACLE, MEETS, ROLLS, STUCK
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.params import numbers_type
 from balloon_warp.kernels.phase import Look, Phase
-from balloon_warp.kernels.tables import Tables, WorldState, row_of_world, sphere_mass, sphere_radius
-from balloon_warp.kernels.working import SphereBars, Working
-
-NEARLY = wp.constant(1.0001)
-"""Fraction of the sum of two radii within which spheres may have met"""
-COLUMNS = ("sphere_mass", "sphere_radius", "sphere_penalty")
-"""Parameters of spheres by which is derived, in the order of their columns"""
+from balloon_warp.kernels.tables import Tables, row_of_world, sphere_mass, sphere_radius
+from balloon_warp.kernels.working import Working
 
 
 def roll_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
     """Return no adjoint of spheres that move: a kernel of its own runs them backwards."""
-    if features.impulses:
-        raise NoAdjointError("spheres that exchange momentum")
     return ()
-
-
-@wp.struct
-class BarsOfSpheres:
-    """Derivatives by the spheres of all worlds, shape (W, S)."""
-
-    positions: wp.array2d[wp.vec3]
-    velocities: wp.array2d[wp.vec3]
-    spins: wp.array2d[wp.vec3]
-    totals: wp.array2d[SphereBars]
-    """Bars from all particles in a substep"""
-    numbers: wp.array3d[wp.float64]
-    """Bars of `COLUMNS`, added up over all frames"""
-    met: wp.array[wp.int32]
-    """Whether spheres of a world have met something that has no adjoint"""
-
-
-@wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-def sum_sphere_bars(working: Working, bars: BarsOfSpheres):
-    """Add up what particles have found of a sphere, and clear it; a block a (world, sphere)."""
-    world, sphere, thread = wp.tid()
-    total = SphereBars()
-    for particle in range(thread, working.sphere_bars.shape[1], wp.block_dim()):
-        total += working.sphere_bars[world, particle, sphere]
-        working.sphere_bars[world, particle, sphere] = SphereBars()
-    found = wp.tile_sum(wp.tile(total, preserve_type=True))[0]
-    if thread == 0:
-        bars.totals[world, sphere] = found
-
-
-@wp.struct
-class Ball:
-    """Sphere's parameters on which its course depends, besides its state."""
-
-    force: wp.vec3
-    mass: float
-    radius: float
-    gravity: float
-    ground_height: float
-    ground_restitution: float
-    friction: float
-
-
-@wp.func
-def work_of_roll(
-    position: wp.vec3, velocity: wp.vec3, spin: wp.vec3, ball: Ball, up: wp.vec3, step: float, position_bar: wp.vec3,
-    velocity_bar: wp.vec3, spin_bar: wp.vec3,
-):  # fmt: skip
-    """Return a sphere's course after a step, see `loops.rolling`, times its bars."""
-    moved, going, stopped = move_sphere(
-        position, velocity, ball.force / ball.mass, ball.radius, ball.gravity, up, ball.ground_height,
-        ball.ground_restitution, step,
-    )  # fmt: skip
-    gain, more = rubbed(going, spin, wp.vec3(), up, stopped, ball.radius, ball.friction)
-    by_place = wp.dot(moved + step * gain, position_bar)
-    return by_place + wp.dot(going + gain, velocity_bar) + wp.dot(spin + more, spin_bar)
 
 
 @cache
@@ -117,44 +57,69 @@ def ball_function(features: Features) -> Any:
 
 
 @cache
-def meeting_test(features: Features) -> Any:
-    """Return the function that says whether a sphere has met what has no adjoint."""
-    meet = meeting_function(features) if features.fixtures else None
+def rolling_adjoint(features: Features, columns: tuple[int, ...]) -> Any:
+    """Return the function that runs a sphere's motion, or contact with the ground, backwards."""
+    places, ball_of = features.columns.places, ball_function(features)
+    gravity, height, restitution = (places[name] for name in ("gravity", "ground_height", "ground_restitution"))
+    Numbers, add_numbers = numbers_type(features.columns.width), numbers_adder(columns)  # noqa: N806 - a type
+    work = work_of_fall if features.impulses else work_of_roll
 
     @wp.func
-    def has_met(t: Tables, before: WorldState, after: WorldState, world: wp.int32, sphere: wp.int32, end: float):
-        """Return whether a sphere may have met another, or an obstacle, in a substep."""
-        radius = sphere_radius(t.spheres, world, sphere)
-        position = after.sphere_positions[world, sphere]
-        velocity = after.sphere_velocities[world, sphere]
-        found = bool(False)
-        for other in range(sphere):
-            apart = wp.length(after.sphere_positions[world, other] - position)
-            way = t.step_seconds * wp.length(after.sphere_velocities[world, other] - velocity)
-            reach = NEARLY * (radius + sphere_radius(t.spheres, world, other)) + 2.0 * way
-            found = found or apart < reach
-        if wp.static(meet is not None):
-            start = before.sphere_positions[world, sphere]
-            for fixture in range(t.fixtures.solids.shape[0]):
-                met = meet(t, world, fixture, end, start, position, NEARLY * radius)
-                found = found or wp.length_sq(met.normal) > 0.0
-        return found
+    def roll_event_backwards(
+        t: Tables, working: Working, world: wp.int32, event: Event, quanta: wp.array3d[wp.int64], bars: BarsOfSpheres,
+        of_frame: Bars,
+    ):  # fmt: skip
+        sphere = event.first
+        bar = bar_of_course(bars, world, sphere)
+        by_ball = Ball()
+        if event.kind == ROLLS:
+            force = wp.vec3()
+            if wp.static(features.penalties):
+                force = total_newtons(quanta, world, sphere)
+            ball = ball_of(t, world, sphere, force)
+            by_rolled, of_ball, _up, _step, _bar = wp.grad(work)(event.mine, ball, t.up, t.step_seconds, bar)
+            bar = by_rolled
+            by_ball = of_ball
+            working.sphere_push_bars[world, sphere] = by_ball.force
+        else:
+            ball = ball_of(t, world, sphere, wp.vec3())
+            by_stood, of_ball, _up, _step, _bar = wp.grad(work_on_ground)(event.mine, ball, t.up, t.step_seconds, bar)
+            bar = by_stood
+            by_ball = of_ball
+        put_bar_of_course(bars, world, sphere, bar)
+        add_by_sphere(bars, world, sphere, by_ball.mass, by_ball.radius)
+        by_n = Numbers()
+        by_n[gravity] = by_ball.gravity
+        by_n[height] = by_ball.ground_height
+        by_n[restitution] = by_ball.ground_restitution
+        add_numbers(of_frame.numbers_of_balloons, world, 0, by_n)
 
-    return has_met
+    return roll_event_backwards
 
 
 @cache
 def roll_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
     """Return the kernel that runs spheres backwards, once all else of a substep has."""
-    places, ball_of, has_met = features.columns.places, ball_function(features), meeting_test(features)
-    gravity, height, restitution = (places[name] for name in ("gravity", "ground_height", "ground_restitution"))
-    Numbers, add_numbers = numbers_type(features.columns.width), numbers_adder(columns)  # noqa: N806 - a type
+    roll_event, meet_obstacle, meet_pair = (
+        rolling_adjoint(features, columns), obstacle_adjoint(features), pair_adjoint(features),
+    )  # fmt: skip
+
+    @wp.func
+    def take_totals(bars: BarsOfSpheres, world: wp.int32, sphere: wp.int32):
+        """Add what particles have found of a sphere."""
+        totals = bars.totals[world, sphere]
+        bar = bar_of_course(bars, world, sphere)
+        bar.position += wp.vec3(totals[0], totals[1], totals[2])
+        bar.velocity += wp.vec3(totals[3], totals[4], totals[5])
+        put_bar_of_course(bars, world, sphere, bar)
+        add_by_sphere(bars, world, sphere, 0.0, totals[6])
+        bars.numbers[world, sphere, 2] = bars.numbers[world, sphere, 2] + wp.float64(totals[7])
+        bars.starts[world, sphere] = wp.vec3()
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def roll_back(
         t: Tables,
-        before: WorldState,
-        after: WorldState,
+        spheres: LoggedSpheres,
         quanta: wp.array3d[wp.int64],
         working: Working,
         time_in_frame: float,
@@ -164,36 +129,30 @@ def roll_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
         """Turn the bars of where spheres are in a substep into those of before; a thread a world.
 
         Args:
+            spheres: as the substep moves them, and what has changed their courses.
             quanta: forces on spheres since they last moved, as the substep began.
         """
         world = wp.tid()
         end = time_in_frame + t.step_seconds
+        count = spheres.counts[world]
+        if count > spheres.events.shape[1]:
+            bars.crowded[world] = 1
+            count = 0
         for sphere in range(t.spheres.numbers.shape[1]):
-            if has_met(t, before, after, world, sphere, end):
-                bars.met[world] = 1
-            totals = bars.totals[world, sphere]
-            by_place, by_velocity, by_spin, by_ball, _up, _step, _place, _velocity, _spin = wp.grad(work_of_roll)(
-                before.sphere_positions[world, sphere],
-                before.sphere_velocities[world, sphere],
-                before.sphere_spins[world, sphere],
-                ball_of(t, world, sphere, total_newtons(quanta, world, sphere)),
-                t.up,
-                t.step_seconds,
-                bars.positions[world, sphere] + wp.vec3(totals[0], totals[1], totals[2]),
-                bars.velocities[world, sphere] + wp.vec3(totals[3], totals[4], totals[5]),
-                bars.spins[world, sphere],
-            )
-            bars.positions[world, sphere] = by_place
-            bars.velocities[world, sphere] = by_velocity
-            bars.spins[world, sphere] = by_spin
-            working.sphere_push_bars[world, sphere] = by_ball.force
-            found = wp.vec3d(wp.vec3(by_ball.mass, totals[6] + by_ball.radius, totals[7]))
-            for column in range(3):
-                bars.numbers[world, sphere, column] = bars.numbers[world, sphere, column] + found[column]
-            by_n = Numbers()
-            by_n[gravity] = by_ball.gravity
-            by_n[height] = by_ball.ground_height
-            by_n[restitution] = by_ball.ground_restitution
-            add_numbers(of_frame.numbers_of_balloons, world, 0, by_n)
+            take_totals(bars, world, sphere)
+        while count > 0:
+            count -= 1
+            event = spheres.events[world, count]
+            if event.kind == MEETS:
+                meet_pair(t, spheres, world, event, bars)
+            elif event.kind == BESIDE_OBSTACLE:
+                meet_obstacle(t, spheres, world, event, end, bars)
+            elif event.kind == STUCK:
+                bars.starts[world, event.first] = bars.starts[world, event.first] + bars.positions[world, event.first]
+                bars.positions[world, event.first] = wp.vec3()
+            else:
+                roll_event(t, working, world, event, quanta, bars, of_frame)
+        for sphere in range(t.spheres.numbers.shape[1]):
+            bars.positions[world, sphere] = bars.positions[world, sphere] + bars.starts[world, sphere]
 
     return roll_back

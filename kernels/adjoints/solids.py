@@ -29,6 +29,7 @@ from balloon_warp.kernels.adjoints.spheres import (
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.loops.fixtures import Around
 from balloon_warp.kernels.loops.obstacles import around_function
+from balloon_warp.kernels.loops.sphere_contact import is_near_sphere
 from balloon_warp.kernels.params import params_functions
 from balloon_warp.kernels.phase import Look, Phase
 from balloon_warp.kernels.tables import Tables
@@ -38,6 +39,8 @@ from balloon_warp.kernels.working import Working
 def leave_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
     """Return the adjoint of leaving solids."""
     require_no_bodies(features)
+    if features.impulses:
+        return leave_or_wait_backwards(features, look)
     if features.spheres:
         return leave_spheres_and_more_backwards(features, look)
     back = leave_obstacles_backwards if features.stands_on_fixtures else leave_ground_backwards
@@ -61,12 +64,10 @@ def require_no_bodies(features: Features) -> None:
     """
     if features.bodies:
         raise NoAdjointError("free bodies")
-    if features.impulses:
-        raise NoAdjointError("spheres that exchange momentum")
 
 
 @cache
-def _stands(features: Features) -> tuple[Any, Any]:
+def standing_functions(features: Features) -> tuple[Any, Any]:
     """Return the functions that run contact with obstacles and the ground backwards, as it is and as it is foreseen."""
     if features.stands_on_fixtures:
         return standing_adjoint(features), detour_adjoint(features)
@@ -98,7 +99,7 @@ def _stands(features: Features) -> tuple[Any, Any]:
 def leave_spheres_and_more_backwards(features: Features, look: Look) -> Sequence[Adjoint]:
     """Return the adjoint of leaving spheres, and then obstacles and the ground."""
     column, friction_column = ground_columns(features)
-    around_particle, stand_backwards = around_function(features), _stands(features)[0]
+    around_particle, stand_backwards = around_function(features), standing_functions(features)[0]
     past_spheres = past_spheres_function(look.sphere_at)
     leave_spheres_backwards = leaving_spheres_adjoint(features, look.sphere_at)
     Params, _ = params_functions(features.columns, features.balloons)  # noqa: N806 - a type
@@ -123,10 +124,37 @@ def leave_spheres_and_more_backwards(features: Features, look: Look) -> Sequence
     return (Adjoint(leave_adjoint, ("point", "velocity", "inflation", "params")),)
 
 
+def leave_or_wait_backwards(features: Features, look: Look) -> Sequence[Adjoint]:
+    """Return the adjoint of leaving obstacles and the ground, unless a particle is near a sphere: then it waits."""
+    column, friction_column = ground_columns(features)
+    around_particle, stand_backwards = around_function(features), standing_functions(features)[0]
+    sphere_at = look.sphere_at
+    Params, _ = params_functions(features.columns, features.balloons)  # noqa: N806 - a type
+
+    @wp.func
+    def leave_adjoint(
+        t: Tables, spheres: Any, params: Any, end: float, point: wp.vec3, velocity: wp.vec3, point_bar: wp.vec3,
+        velocity_bar: wp.vec3,
+    ):  # fmt: skip
+        params_bar = Params()
+        waits = params.mass <= 0.0
+        for sphere in range(t.spheres.numbers.shape[1]):
+            center, motion, radius = sphere_at(t, spheres, params.world, sphere)
+            waits = waits or is_near_sphere(t, center, motion, radius, point, velocity)
+        if waits:
+            return point_bar, velocity_bar, params_bar
+        stood = stand_backwards(t, around_particle(params, end), point, velocity, point_bar, velocity_bar)
+        params_bar.n[column] = stood.height
+        params_bar.n[friction_column] = stood.friction
+        return stood.point, stood.velocity, params_bar
+
+    return (Adjoint(leave_adjoint, ("point", "velocity", "params")),)
+
+
 def foresee_spheres_and_more_backwards(features: Features, look: Look) -> Sequence[Adjoint]:
     """Return the adjoint of the deflection by spheres, and then by obstacles and the ground."""
     column, friction_column = ground_columns(features)
-    around_particle, detour_backwards = around_function(features), _stands(features)[1]
+    around_particle, detour_backwards = around_function(features), standing_functions(features)[1]
     past_spheres = past_spheres_function(look.sphere_at)
     foresee_spheres_backwards = foreseen_spheres_adjoint(features, look.sphere_at)
     Params, _ = params_functions(features.columns, features.balloons)  # noqa: N806 - a type

@@ -21,6 +21,8 @@ from balloon_warp.kernels.working import Working
 
 MOST_EDGES = wp.constant(24)
 """Largest number of edges that an edge keeps: the nearest"""
+FIND_EDGES_REGISTERS = 64
+"""Registers of a searching thread, so that more threads overlap their memory latencies"""
 
 
 @wp.func
@@ -140,7 +142,12 @@ def find_edges_kernel(features: Features) -> Any:
     """Return the kernel that finds the edges that may touch."""
     find_edges = finding_edges_function(features)
 
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    @wp.kernel(
+        module="unique",
+        enable_backward=False,
+        cuda_max_registers=FIND_EDGES_REGISTERS,
+        module_options=OPTIONS,
+    )
     def find_near_edges(
         # model
         t: Tables,

@@ -112,10 +112,9 @@ def marked_functions(features: Features, at: Any, put: Any) -> tuple[Any, Any, A
 
 
 @cache
-def spheres_function(features: Features, at: Any, put: Any, total_of: Any) -> Any:
-    """Return the function that exchanges momentum between spheres and particles; `total_of` sums over threads."""
-    ball_at = ball_function(features)
-    press_at_mark, answer_at_mark, stand_at_mark = marked_functions(features, at, put)
+def settling_function(features: Features, at: Any, put: Any, total_of: Any) -> Any:
+    """Return the function that finds the change of a sphere's velocity by particles; `total_of` sums over threads."""
+    press_at_mark, _, _ = marked_functions(features, at, put)
 
     @wp.func
     def press_of_thread(
@@ -136,6 +135,33 @@ def spheres_function(features: Features, at: Any, put: Any, total_of: Any) -> An
         return part
 
     @wp.func
+    def settle(t: Tables, working: Working, world: wp.int32, thread: wp.int32, ball: Any, points: Any, velocities: Any):
+        """Return what a sphere bears, and the change of its velocity before it was settled, and after."""
+        last = wp.vec3()
+        change = wp.vec3()
+        part = press_of_thread(t, working, world, thread, ball, last, points, velocities)
+        press = total_of(part)
+        if is_met(press):
+            change = change_of_ball(t, ball, press, last)
+            turn = wp.int32(1)
+            while turn < MOST_TURNS and not is_settled(change, last):
+                last = change
+                part = press_of_thread(t, working, world, thread, ball, last, points, velocities)
+                press = total_of(part)
+                change = change_of_ball(t, ball, press, last)
+                turn += 1
+        return press, last, change
+
+    return settle
+
+
+@cache
+def spheres_function(features: Features, at: Any, put: Any, total_of: Any) -> Any:
+    """Return the function that exchanges momentum between spheres and particles; `total_of` sums over threads."""
+    ball_at, settle = ball_function(features), settling_function(features, at, put, total_of)
+    _, answer_at_mark, stand_at_mark = marked_functions(features, at, put)
+
+    @wp.func
     def touch_spheres(
         t: Tables,
         spheres: Any,
@@ -151,18 +177,8 @@ def spheres_function(features: Features, at: Any, put: Any, total_of: Any) -> An
         if working.near[world, marks] > 0:
             for sphere in range(t.spheres.numbers.shape[1]):
                 ball = ball_at(t, spheres, world, sphere)
-                last = wp.vec3()
-                part = press_of_thread(t, working, world, thread, ball, last, points, velocities)
-                press = total_of(part)
+                press, last, change = settle(t, working, world, thread, ball, points, velocities)
                 if is_met(press):
-                    change = change_of_ball(t, ball, press, last)
-                    turn = wp.int32(1)
-                    while turn < MOST_TURNS and not is_settled(change, last):
-                        last = change
-                        part = press_of_thread(t, working, world, thread, ball, last, points, velocities)
-                        press = total_of(part)
-                        change = change_of_ball(t, ball, press, last)
-                        turn += 1
                     shift = shift_of_body(press, ball.mass, t.up)
                     mine = wp.spatial_vector()
                     for mark in range(thread, marks, wp.block_dim()):

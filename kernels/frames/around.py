@@ -10,7 +10,7 @@ from balloon_warp.kernels.clock import ramp_at
 from balloon_warp.kernels.laws.inflation import NORMAL_FORCE
 from balloon_warp.kernels.measure.health import HealthTable, look_at_particle, look_at_sphere
 from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.tables import ParticleTable, WorldState, row_of_world
+from balloon_warp.kernels.tables import ParticleTable, WorldState, is_chosen, row_of_world
 
 wp.set_module_options({**OPTIONS, "enable_backward": False})
 
@@ -101,31 +101,32 @@ def place_balloons(
     starts: wp.array2d[wp.vec3],
     spins: wp.array2d[wp.vec3],
     mask: wp.array[wp.int32],
+    threads: wp.int32,
     # out
     every: wp.array2d[wp.vec3],
     velocities: wp.array2d[wp.vec3],
 ):
     """Place particles: rotate each balloon about the mesh's origin, shift it, and set the velocities.
 
-    A thread a (world, particle). The velocity is the balloon's plus that of its spin about its center; zero if the
-    particle is fixed. In double precision, so that the place is what the host would place there. Worlds for which a
-    mask is 0 stay as they are; without one all are placed.
+    A thread a (world, thread), which takes every n-th particle. The velocity is the balloon's plus that of its spin
+    about its center; zero if the particle is fixed. In double precision, so that the place is what the host would place
+    there. Worlds for which a mask is 0 stay as they are; without one all are placed.
     """
-    world, particle = wp.tid()
-    if mask.shape[0] > 0:
-        if mask[world] == 0:
-            return
-    balloon = particle_balloon[particle]
-    arm = points[particle] - origins[balloon]
-    place = points[particle] + turns[row_of_world(world, turns.shape[0]), balloon] * arm
-    place += shifts[row_of_world(world, shifts.shape[0]), balloon]
-    every[world, particle] = wp.vec3(place)
-    if particle_mass_share[particle] > 0.0:
-        lever = wp.vec3(place - centers[row_of_world(world, centers.shape[0]), balloon])
-        spin = spins[row_of_world(world, spins.shape[0]), balloon]
-        velocities[world, particle] = starts[row_of_world(world, starts.shape[0]), balloon] + wp.cross(spin, lever)
-    else:
-        velocities[world, particle] = wp.vec3()
+    world, thread = wp.tid()
+    if not is_chosen(mask, world):
+        return
+    for particle in range(thread, points.shape[0], threads):
+        balloon = particle_balloon[particle]
+        arm = points[particle] - origins[balloon]
+        place = points[particle] + turns[row_of_world(world, turns.shape[0]), balloon] * arm
+        place += shifts[row_of_world(world, shifts.shape[0]), balloon]
+        every[world, particle] = wp.vec3(place)
+        velocity = wp.vec3()
+        if particle_mass_share[particle] > 0.0:
+            lever = wp.vec3(place - centers[row_of_world(world, centers.shape[0]), balloon])
+            spin = spins[row_of_world(world, spins.shape[0]), balloon]
+            velocity = starts[row_of_world(world, starts.shape[0]), balloon] + wp.cross(spin, lever)
+        velocities[world, particle] = velocity
 
 
 @wp.kernel

@@ -49,14 +49,6 @@ def read_control(
 
 
 @wp.kernel
-def copy_value(mask: wp.array[wp.int32], source: wp.array[float], target: wp.array[float]):
-    """Copy the value of worlds for which a mask is not 0; a thread a world."""
-    world = wp.tid()
-    if mask[world] != 0:
-        target[world] = source[world]
-
-
-@wp.kernel
 def move_obstacles(velocities: wp.array2d[wp.vec3], seconds: float, positions: wp.array2d[wp.vec3]):
     """Move obstacles on by a frame; a thread a (world, obstacle)."""
     world, obstacle = wp.tid()

@@ -5,6 +5,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.options import OPTIONS
+from balloon_warp.kernels.tables import row_of_world
 
 wp.set_module_options({**OPTIONS, "enable_backward": False})
 
@@ -80,23 +81,39 @@ def shift_balloon(
         centers[world] = first_center[world] + shift
 
 
-@wp.kernel
-def copy_rows(
-    mask: wp.array[wp.int32],
-    source: wp.array2d[Any],
-    # out
-    target: wp.array2d[Any],
-    threads: wp.int32,
-):
-    """Copy the rows of worlds that begin anew, from the world's row or the one row of all worlds.
+@wp.struct
+class WordRows:
+    """Rows of 32-bit words to copy: one a world, or a source of one row for all."""
 
-    A thread a (world, thread), which takes every n-th place.
+    source: wp.array2d[wp.uint32]
+    target: wp.array2d[wp.uint32]
+
+
+@wp.struct
+class ByteRows:
+    """Rows of bytes to copy: one a world, or a source of one row for all."""
+
+    source: wp.array2d[wp.uint8]
+    target: wp.array2d[wp.uint8]
+
+
+@wp.kernel
+def copy_rows(mask: wp.array[wp.int32], copies: wp.array[Any], threads: wp.int32):
+    """Copy rows of worlds that a mask chooses, of any number of arrays.
+
+    A thread a (world, thread), which takes every n-th place of each row.
     """
     world, thread = wp.tid()
     if mask[world] != 0:
-        row = world % source.shape[0]
-        for place in range(thread, target.shape[1], threads):
-            target[world, place] = source[row, place]
+        for number in range(copies.shape[0]):
+            rows = copies[number]
+            row = row_of_world(world, rows.source.shape[0])
+            for place in range(thread, rows.target.shape[1], threads):
+                rows.target[world, place] = rows.source[row, place]
+
+
+for rows_type in (WordRows, ByteRows):  # so that the module is compiled once
+    wp.overload(copy_rows, {"copies": wp.array(dtype=rows_type)})
 
 
 @wp.kernel

@@ -72,6 +72,17 @@ def _table_by_wave() -> str:
     return _listed([number for k, a in waves() for number in (*k, *a)])
 
 
+def _fours_by_wave() -> str:
+    """Arrange each wave as two fours: its wave vector and the hash of its number, and its amplitude."""
+    fours = (
+        (*map("{!r}f".format, k), f"{hashed(number)}u", *map("{!r}f".format, a), "0u")
+        for number, (k, a) in enumerate(waves())
+    )
+    return ", ".join(
+        f"{{{k0}, {k1}, {k2}, {phase}}}, {{{a0}, {a1}, {a2}, {rest}}}" for k0, k1, k2, phase, a0, a1, a2, rest in fours
+    )
+
+
 def _table_by_number() -> str:
     """Arrange each number of all waves side by side, filled up to whole vectors."""
     rows = [[wave[which][axis] for wave in waves()] for which in range(2) for axis in range(3)]
@@ -89,23 +100,45 @@ def _written() -> str:
     """Write in C++ what sums the waves.
 
     A wave is about sin(2 pi turns), to 0.001, without a sine: with few operations, alike on every device. Its phase is
-    `randf` of `rand_init(seed, number)`, from 0 to 1.
+    `randf` of `rand_init(seed, number)`, from 0 to 1. The threads of a warp of one world share out the waves, of which
+    each draws some phases for all.
     """
     count, vectors = 3 * SHELLS, -(-3 * SHELLS // AT_ONCE)
     hashes = ", ".join(f"{hashed(number)}u" for number in range(AT_ONCE * vectors))
     return f"""
 #if defined(__CUDA_ARCH__)
-    static constexpr float waves[{6 * count}] = {{{_table_by_wave()}}};
+    struct alignas(16) Four {{ float x, y, z; wp::uint32 hash; }};
+    static constexpr Four waves[{2 * count}] = {{{_fours_by_wave()}}};
+    const auto phase_of = [&](int number) {{
+        wp::uint32 state = wp::rand_pcg(wp::uint32(seed) + waves[2 * number].hash);
+        return wp::randf(state);
+    }};
     wp::vec3 sum;
-    #pragma unroll 1
-    for (int number = 0; number < {count}; ++number) {{
-        const float* w = waves + 6 * number;
-        wp::uint32 state = wp::rand_init(seed, number);
-        const float turns = w[0] * place[0] + w[1] * place[1] + w[2] * place[2] + wp::randf(state);
+    const auto add = [&](int number, float phase) {{
+        const Four k = waves[2 * number], a = waves[2 * number + 1];
+        const float turns = k.x * place[0] + k.y * place[1] + k.z * place[2] + phase;
         const float part = turns - floorf(turns) - 0.5f;
         const float arch = part * (16.0f * fabsf(part) - 8.0f);
         const float wave = arch * (0.775f + 0.225f * fabsf(arch));
-        sum += wp::vec3(wave * w[3], wave * w[4], wave * w[5]);
+        sum += wp::vec3(wave * a.x, wave * a.y, wave * a.z);
+    }};
+    const unsigned whole = 0xffffffffu;
+    int alike = 0;
+    if (__activemask() == whole)
+        __match_all_sync(whole, seed, &alike);
+    if (alike) {{
+        const int lane = threadIdx.x & 31;
+        for (int begin = 0; begin < {count}; begin += 32) {{
+            const int here = min(32, {count} - begin);
+            const float own = phase_of(begin + min(lane, here - 1));
+            #pragma unroll 4
+            for (int number = 0; number < here; ++number)
+                add(begin + number, __shfl_sync(whole, own, number));
+        }}
+    }} else {{
+        #pragma unroll 1
+        for (int number = 0; number < {count}; ++number)
+            add(number, phase_of(number));
     }}
     return sum;
 #else

@@ -139,11 +139,8 @@ def is_met(press: Press):
 
 
 @wp.func
-def common_gain(press: Press, first: wp.int32, mass: float, ground: wp.float64, up: wp.vec3, sinking: float):
-    """Return the solution D of (M I + sum m n n^T) D = -sum m a n.
-
-    The sums are nine numbers; the ground counts as one more particle of its own mass.
-    """
+def common_inertia(press: Press, first: wp.int32, mass: float, ground: wp.float64, up: wp.vec3):
+    """Return M I + sum m n n^T of a body and what it meets [kg], from nine numbers."""
     m = wp.float64(mass)
     xy = wp.float64(press[first + 1])
     xz = wp.float64(press[first + 2])
@@ -151,11 +148,27 @@ def common_gain(press: Press, first: wp.int32, mass: float, ground: wp.float64, 
     xx = m + wp.float64(press[first])
     yy = m + wp.float64(press[first + 3])
     zz = m + wp.float64(press[first + 5])
-    lost = wp.vec3d(wp.float64(press[first + 6]), wp.float64(press[first + 7]), wp.float64(press[first + 8]))
     high = wp.vec3d(up)
-    inertia = wp.mat33d(xx, xy, xz, xy, yy, yz, xz, yz, zz) + ground * wp.outer(high, high)
-    lost -= (ground * wp.float64(sinking)) * high
-    return -wp.vec3(wp.inverse(inertia) * lost)
+    return wp.mat33d(xx, xy, xz, xy, yy, yz, xz, yz, zz) + ground * wp.outer(high, high)
+
+
+@wp.func
+def common_gain(press: Press, first: wp.int32, mass: float, ground: wp.float64, up: wp.vec3, sinking: float):
+    """Return the solution D of (M I + sum m n n^T) D = -sum m a n.
+
+    The sums are nine numbers; the ground counts as one more particle of its own mass.
+    """
+    lost = wp.vec3d(wp.float64(press[first + 6]), wp.float64(press[first + 7]), wp.float64(press[first + 8]))
+    lost -= (ground * wp.float64(sinking)) * wp.vec3d(up)
+    return -wp.vec3(wp.inverse(common_inertia(press, first, mass, ground, up)) * lost)
+
+
+@wp.func
+def ground_beside(press: Press, mass: float, up: wp.vec3, sinking: float, change: wp.vec3):
+    """Return the mass of the ground [kg], where a body with a given velocity change is pressed to it, or 0."""
+    if is_pressed(-up, sinking, change):
+        return GROUND_MASS * wp.float64(mass + mass_in(press, PRESSED))
+    return wp.float64(0.0)
 
 
 @wp.func
@@ -166,9 +179,7 @@ def change_of_body(press: Press, mass: float, up: wp.vec3, sinking: float, chang
         sinking: Excess approach speed toward the ground [m/s], see `excess_speed`.
         change: Velocity change for which the pressed particles were found; the ground's contact is found here.
     """
-    ground = wp.float64(0.0)
-    if is_pressed(-up, sinking, change):
-        ground = GROUND_MASS * wp.float64(mass + mass_in(press, PRESSED))
+    ground = ground_beside(press, mass, up, sinking, change)
     return common_gain(press, PRESSED, mass, ground, up, sinking)
 
 

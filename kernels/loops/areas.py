@@ -11,6 +11,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.algebra import cross_product, scaled
+from balloon_warp.kernels.lanes import entry_at
 from balloon_warp.kernels.memory import fixed_int_at, in_tile, triple_at
 from balloon_warp.kernels.tables import SLICE, FanTable, Tables, first_entry
 
@@ -105,15 +106,15 @@ def area_loop(quads: bool, at: Any) -> Any:
     def area_vector_in_faces(fans: Any, points: Any, particle: wp.int32, point: Any):
         """Return the area vector of a particle with faces of any number of corners [m^2]."""
         area_vector = scaled(point, 0.0)
-        for corner in range(fans.offsets[particle], fans.offsets[particle + 1]):
-            begin = fans.begins[corner]
-            end = fans.begins[corner + 1]
-            first = at(points, fans.particles[begin]) - point
+        for corner in range(entry_at(fans.offsets, particle), entry_at(fans.offsets, particle + 1)):
+            begin = entry_at(fans.begins, corner)
+            end = entry_at(fans.begins, corner + 1)
+            first = at(points, entry_at(fans.particles, begin)) - point
             arm = first
             arms = first
             double_area = scaled(point, 0.0)
             for other in range(begin + 1, end):
-                next_arm = at(points, fans.particles[other]) - point
+                next_arm = at(points, entry_at(fans.particles, other)) - point
                 double_area += cross_product(arm, next_arm)
                 arms += next_arm
                 arm = next_arm
@@ -130,22 +131,22 @@ def face_measures(at: Any) -> tuple[Any, Any]:
     @wp.func
     def center_of_face(faces: Any, points: Any, face: wp.int32):
         """Return the mean of a face's corners [m]."""
-        begin = faces.offsets[face]
-        end = faces.offsets[face + 1]
-        total = at(points, faces.particles[begin])
+        begin = entry_at(faces.offsets, face)
+        end = entry_at(faces.offsets, face + 1)
+        total = at(points, entry_at(faces.particles, begin))
         for corner in range(begin + 1, end):
-            total = total + at(points, faces.particles[corner])
+            total = total + at(points, entry_at(faces.particles, corner))
         return total / float(end - begin)
 
     @wp.func
     def area_vector_of_face(faces: Any, points: Any, face: wp.int32, center: Any):
         """Return the area vector of a polygon, flat or not: half the sum of (a - c) x (b - c) over its edges a b."""
-        begin = faces.offsets[face]
-        end = faces.offsets[face + 1]
-        arm = at(points, faces.particles[begin]) - center
-        total = cross_product(at(points, faces.particles[end - 1]) - center, arm)
+        begin = entry_at(faces.offsets, face)
+        end = entry_at(faces.offsets, face + 1)
+        arm = at(points, entry_at(faces.particles, begin)) - center
+        total = cross_product(at(points, entry_at(faces.particles, end - 1)) - center, arm)
         for corner in range(begin + 1, end):
-            next_arm = at(points, faces.particles[corner]) - center
+            next_arm = at(points, entry_at(faces.particles, corner)) - center
             total = total + cross_product(arm, next_arm)
             arm = next_arm
         return scaled(total, 0.5)

@@ -10,7 +10,15 @@ from balloon_warp.kernels.laws.collision import collision, mean_restitution, sha
 from balloon_warp.kernels.laws.contact import bounced, stop_of
 from balloon_warp.kernels.laws.sliding import ease_of_ball, friction_impulse, spin_by
 from balloon_warp.kernels.loops.friction import friction_between, number_of_sphere
-from balloon_warp.kernels.loops.rolling import Course, course_at, ground_rubbing_function, leaving_function, put_course
+from balloon_warp.kernels.loops.rolling import (
+    BESIDE_GROUND,
+    MEETS,
+    Course,
+    course_at,
+    ground_rubbing_function,
+    leaving_function,
+    put_course,
+)
 from balloon_warp.kernels.tables import (
     Tables,
     row_of_world,
@@ -26,9 +34,13 @@ SETTLED = wp.constant(1.0e-6)
 
 
 @cache
-def beside_function(features: Features) -> Any:
-    """Make the function that puts a sphere that another has moved out of the ground and obstacles."""
-    leave_fixtures = leaving_function(features) if features.fixtures else None
+def beside_function(features: Features, note: Any = None) -> Any:
+    """Make the function that puts a sphere that another has moved out of the ground and obstacles.
+
+    Args:
+        note: as in `leaving_function`.
+    """
+    leave_fixtures = leaving_function(features, note) if features.fixtures else None
     rub_on_ground = ground_rubbing_function(features)
     height, ground_restitution = (
         features.columns.places[name] - features.columns.balloon_width
@@ -43,13 +55,15 @@ def beside_function(features: Features) -> Any:
             row = row_of_world(world, t.world_numbers.shape[0])
             depth = t.world_numbers[row, height] + radius - wp.dot(course.position, t.up)
             if depth > 0.0:
+                if wp.static(note is not None):
+                    note(spheres, world, BESIDE_GROUND, sphere, sphere, course, course)
                 restitution = t.world_numbers[row, ground_restitution]
                 stopped = stop_of(course.velocity, wp.vec3(), t.up, restitution)
                 course.position += depth * t.up
                 course.velocity = bounced(course.velocity, wp.vec3(), t.up, restitution)
                 course = rub_on_ground(t, world, sphere, course, stopped)
         if wp.static(features.fixtures):
-            course = leave_fixtures(t, world, sphere, time, spheres.sphere_starts[world, sphere], course)
+            course = leave_fixtures(t, spheres, world, sphere, time, spheres.sphere_starts[world, sphere], course)
         put_course(spheres, world, sphere, course, wp.static(features.spheres_rub))
 
     return put_beside
@@ -111,10 +125,14 @@ def may_meet(t: Tables, spheres: Any, world: wp.int32, first: wp.int32, second: 
 
 
 @cache
-def colliding_function(features: Features) -> Any:
-    """Make the function that lets the spheres of a world meet once all have moved: by one thread, in the same order."""
+def colliding_function(features: Features, note: Any = None) -> Any:
+    """Make the function that lets the spheres of a world meet once all have moved: by one thread, in the same order.
+
+    Args:
+        note: as in `leaving_function`.
+    """
     gravity = features.columns.places["gravity"] - features.columns.balloon_width
-    rub_pair, put_beside = pair_rubbing_function(features), beside_function(features)
+    rub_pair, put_beside = pair_rubbing_function(features), beside_function(features, note)
 
     @wp.func
     def meet_pair(t: Tables, spheres: Any, world: wp.int32, time: float, first: wp.int32, second: wp.int32):
@@ -132,6 +150,8 @@ def colliding_function(features: Features) -> Any:
         )  # fmt: skip
         moved = wp.length(shift) + t.step_seconds * wp.length(gain) > SETTLED * reach
         if moved:
+            if wp.static(note is not None):
+                note(spheres, world, MEETS, first, second, mine, other)
             mass = sphere_mass(t.spheres, world, first)
             other_mass = sphere_mass(t.spheres, world, second)
             share = share_of(mass, other_mass)

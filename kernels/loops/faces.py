@@ -7,6 +7,7 @@ import warp as wp
 
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.loops.areas import face_measures
+from balloon_warp.kernels.memory import int_at, vector_at
 from balloon_warp.kernels.params import numbers_reader
 from balloon_warp.kernels.tables import Tables
 
@@ -24,16 +25,16 @@ def face_push(features: Features, at: Any, velocity_at: Any) -> Any:
         if wp.static(features.bursts):
             if t.membranes.wear.tears.gone[world, face] == wp.int8(1):
                 return wp.vec3()
-        begin = t.faces.offsets[face]
-        end = t.faces.offsets[face + 1]
+        begin = int_at(t.faces.offsets, face)
+        end = int_at(t.faces.offsets, face + 1)
         corners = float(end - begin)
         center = center_of_face(t.faces, points, face)
         velocity = wp.vec3()
         if wp.static(moving):
             for corner in range(begin, end):
-                velocity += velocity_at(velocities, t.faces.particles[corner]) / corners
+                velocity += velocity_at(velocities, int_at(t.faces.particles, corner)) / corners
         area_vector = area_vector_of_face(t.faces, points, face, center)
-        n = read_numbers(t, world, t.faces.balloon[face])
+        n = read_numbers(t, world, int_at(t.faces.balloon, face))
         return laws(center, area_vector, velocity, t.up, t.step_seconds, time, n) / corners
 
     return push_at_corner
@@ -43,8 +44,8 @@ def face_push(features: Features, at: Any, velocity_at: Any) -> Any:
 def visits_of(t: Tables, face: wp.int32, particle: wp.int32):
     """Return how many corners of a face are a particle."""
     visits = float(0.0)
-    for corner in range(t.faces.offsets[face], t.faces.offsets[face + 1]):
-        if t.faces.particles[corner] == particle:
+    for corner in range(int_at(t.faces.offsets, face), int_at(t.faces.offsets, face + 1)):
+        if int_at(t.faces.particles, corner) == particle:
             visits += 1.0
     return visits
 
@@ -53,9 +54,9 @@ def visits_of(t: Tables, face: wp.int32, particle: wp.int32):
 def push_of_faces(t: Tables, face_pushes: Any, particle: wp.int32):
     """Return the net force of the faces around a particle [N], each of which has found its corners' share."""
     force = wp.vec3()
-    for incidence in range(t.faces.particle_offsets[particle], t.faces.particle_offsets[particle + 1]):
-        face = t.faces.around_particles[incidence]
-        force += visits_of(t, face, particle) * face_pushes[face]
+    for incidence in range(int_at(t.faces.particle_offsets, particle), int_at(t.faces.particle_offsets, particle + 1)):
+        face = int_at(t.faces.around_particles, incidence)
+        force += visits_of(t, face, particle) * vector_at(face_pushes, face)
     return force
 
 

@@ -14,6 +14,10 @@ from balloon_warp.kernels.loops.fixtures import meeting_function
 from balloon_warp.kernels.loops.friction import GROUND, friction_between, number_of_obstacle, number_of_sphere
 from balloon_warp.kernels.tables import Tables, row_of_world, sphere_radius
 
+ROLLS, BESIDE_GROUND, BESIDE_OBSTACLE, STUCK, MEETS = (wp.constant(number) for number in range(5))
+"""Kinds of changes of a sphere's course in a step: motion, the ground or an obstacle beside it, several obstacles that
+leave it no place, and another sphere"""
+
 
 @wp.struct
 class Course:
@@ -105,13 +109,19 @@ def ground_rubbing_function(features: Features) -> Any:
 
 
 @cache
-def leaving_function(features: Features) -> Any:
-    """Return the function that moves a sphere out of obstacles."""
+def leaving_function(features: Features, note: Any = None) -> Any:
+    """Return the function that moves a sphere out of obstacles.
+
+    Args:
+        note: function that is told of each change of a course, and the course before it; none where nobody asks.
+    """
     meet = meeting_function(features)
     rub = rubbing_function(features)
 
     @wp.func
-    def leave_fixtures(t: Tables, world: wp.int32, sphere: wp.int32, time: float, start: wp.vec3, course: Course):
+    def leave_fixtures(
+        t: Tables, spheres: Any, world: wp.int32, sphere: wp.int32, time: float, start: wp.vec3, course: Course
+    ):
         """Return a sphere out of obstacles, which it leaves at the speed it came with times their restitution.
 
         Args:
@@ -127,6 +137,8 @@ def leaving_function(features: Features) -> Any:
             for fixture in range(fixtures):
                 met = meet(t, world, fixture, time, start, course.position, radius)
                 if wp.length_sq(met.normal) > 0.0:
+                    if wp.static(note is not None):
+                        note(spheres, world, BESIDE_OBSTACLE, sphere, fixture, course, course)
                     row = row_of_world(world, t.fixtures.restitutions.shape[0])
                     restitution = t.fixtures.restitutions[row, fixture]
                     stopped = stop_of(course.velocity, met.moving, met.normal, restitution)
@@ -139,6 +151,8 @@ def leaving_function(features: Features) -> Any:
                 turns = MOST_TURNS
             elif wp.static(not features.fixtures_move):
                 if turns == MOST_TURNS:
+                    if wp.static(note is not None):
+                        note(spheres, world, STUCK, sphere, sphere, course, course)
                     course.position = start
         return course
 
@@ -146,15 +160,20 @@ def leaving_function(features: Features) -> Any:
 
 
 @cache
-def rolling_function(features: Features) -> Any:
-    """Return the function that moves a sphere under gravity, beside the ground and obstacles."""
-    leave_fixtures = leaving_function(features) if features.fixtures else None
+def rolling_function(features: Features, note: Any = None) -> Any:
+    """Return the function that moves a sphere under gravity, beside the ground and obstacles.
+
+    Args:
+        note: as in `leaving_function`.
+    """
+    leave_fixtures = leaving_function(features, note) if features.fixtures else None
     rub_on_ground = ground_rubbing_function(features)
 
     @wp.func
     def roll(
-        t: Tables, world: wp.int32, sphere: wp.int32, time: float, course: Course, pushed: wp.vec3, around: wp.vec3
-    ):
+        t: Tables, spheres: Any, world: wp.int32, sphere: wp.int32, time: float, course: Course, pushed: wp.vec3,
+        around: wp.vec3,
+    ):  # fmt: skip
         """Return a sphere's course after a step.
 
         Args:
@@ -164,6 +183,8 @@ def rolling_function(features: Features) -> Any:
         """
         radius = sphere_radius(t.spheres, world, sphere)
         start = course.position
+        if wp.static(note is not None):
+            note(spheres, world, ROLLS, sphere, sphere, course, course)
         if wp.static(features.impulses):
             position, velocity, stopped = fall(
                 course.position, course.velocity, radius, around[0], t.up, around[1], around[2], t.step_seconds
@@ -176,7 +197,7 @@ def rolling_function(features: Features) -> Any:
             )  # fmt: skip
             course = rub_on_ground(t, world, sphere, course_of(position, velocity, course.spin), stopped)
         if wp.static(features.fixtures):
-            course = leave_fixtures(t, world, sphere, time, start, course)
+            course = leave_fixtures(t, spheres, world, sphere, time, start, course)
         return course
 
     return roll

@@ -1,9 +1,13 @@
-"""Kernels of observations of each world's balloons after a frame, summed in a fixed order."""
+"""Kernels of observations of each world's balloons after a frame, summed in a fixed order.
+
+Each observes the worlds that a mask chooses; one without entries chooses all.
+"""
 
 import warp as wp
 
 from balloon_warp.kernels.laws.tension_field import invariants_of, mixed_stretch
 from balloon_warp.kernels.options import OPTIONS
+from balloon_warp.kernels.tables import is_chosen
 
 wp.set_module_options({**OPTIONS, "enable_backward": False})
 
@@ -18,6 +22,7 @@ class MotionPart:
 
 @wp.kernel
 def sum_motion(
+    mask: wp.array[wp.int32],
     # model
     balloon_particles: wp.array[wp.int32],
     # state in
@@ -28,6 +33,8 @@ def sum_motion(
 ):
     """Sum places and velocities; a thread a (world, balloon, thread)."""
     world, balloon, thread = wp.tid()
+    if not is_chosen(mask, world):
+        return
     places = wp.vec3()
     speeds = wp.vec3()
     begin = balloon_particles[balloon]
@@ -43,6 +50,7 @@ def sum_motion(
 
 @wp.kernel
 def join_motion(
+    mask: wp.array[wp.int32],
     # model
     balloon_particles: wp.array[wp.int32],
     # state in
@@ -54,6 +62,8 @@ def join_motion(
 ):
     """Find centers and mean velocities; a thread a (world, balloon)."""
     world, balloon = wp.tid()
+    if not is_chosen(mask, world):
+        return
     places = wp.vec3()
     speeds = wp.vec3()
     for thread in range(parts.shape[2]):
@@ -67,6 +77,7 @@ def join_motion(
 
 @wp.kernel
 def sum_volumes(
+    mask: wp.array[wp.int32],
     # model
     balloon_particles: wp.array[wp.int32],
     balloon_faces: wp.array[wp.int32],
@@ -79,6 +90,8 @@ def sum_volumes(
 ):
     """Sum the volumes between faces and a balloon's first particle; a thread a (world, balloon, thread)."""
     world, balloon, thread = wp.tid()
+    if not is_chosen(mask, world):
+        return
     volume = float(0.0)
     origin = points[world, balloon_particles[balloon]]
     for face in range(balloon_faces[balloon] + thread, balloon_faces[balloon + 1], parts.shape[2]):
@@ -97,9 +110,11 @@ def sum_volumes(
 
 
 @wp.kernel
-def join_volumes(parts: wp.array3d[float], volumes: wp.array2d[float]):
+def join_volumes(mask: wp.array[wp.int32], parts: wp.array3d[float], volumes: wp.array2d[float]):
     """Find volumes; a thread a (world, balloon)."""
     world, balloon = wp.tid()
+    if not is_chosen(mask, world):
+        return
     volume = float(0.0)
     for thread in range(parts.shape[2]):
         volume += parts[world, balloon, thread]
@@ -107,7 +122,16 @@ def join_volumes(parts: wp.array3d[float], volumes: wp.array2d[float]):
 
 
 @wp.kernel
+def clear_stretches(mask: wp.array[wp.int32], stretches: wp.array2d[float]):
+    """Clear the largest stretches; a thread a (world, balloon)."""
+    world, balloon = wp.tid()
+    if is_chosen(mask, world):
+        stretches[world, balloon] = 0.0
+
+
+@wp.kernel
 def stretch_springs(
+    mask: wp.array[wp.int32],
     # model
     particle_balloon: wp.array[wp.int32],
     spring_particles: wp.array[wp.vec2i],
@@ -120,6 +144,8 @@ def stretch_springs(
 ):
     """Find the largest stretch of each balloon's springs; a thread a (world, thread)."""
     world, thread = wp.tid()
+    if not is_chosen(mask, world):
+        return
     most = float(0.0)
     balloon = wp.int32(0)
     for spring in range(thread, spring_rest_length.shape[0], threads):
@@ -136,6 +162,7 @@ def stretch_springs(
 
 @wp.kernel
 def stretch_membranes(
+    mask: wp.array[wp.int32],
     # model
     particle_balloon: wp.array[wp.int32],
     membrane_corners: wp.array[wp.vec3i],
@@ -148,6 +175,8 @@ def stretch_membranes(
 ):
     """Find the largest principal stretch of each balloon's membrane; a thread a (world, thread)."""
     world, thread = wp.tid()
+    if not is_chosen(mask, world):
+        return
     most = float(0.0)
     balloon = wp.int32(0)
     for triangle in range(thread, membrane_corners.shape[0], threads):
@@ -165,14 +194,19 @@ def stretch_membranes(
 
 
 @wp.kernel
-def choose_particles(particles: wp.array[wp.int32], points: wp.array2d[wp.vec3], chosen: wp.array2d[wp.vec3]):
+def choose_particles(
+    mask: wp.array[wp.int32], particles: wp.array[wp.int32], points: wp.array2d[wp.vec3], chosen: wp.array2d[wp.vec3]
+):
     """Copy chosen particles; a thread a (world, chosen particle)."""
     world, number = wp.tid()
+    if not is_chosen(mask, world):
+        return
     chosen[world, number] = points[world, particles[number]]
 
 
 @wp.kernel
 def find_obstacles(
+    mask: wp.array[wp.int32],
     rows: wp.array2d[wp.vec3],
     motion: wp.array2d[wp.transform],
     frames: wp.array[wp.int32],
@@ -181,15 +215,21 @@ def find_obstacles(
 ):
     """Find where obstacles are that the scene and controls move; a thread a (world, obstacle)."""
     world, obstacle = wp.tid()
+    if not is_chosen(mask, world):
+        return
     frame = wp.min(frames[world % frames.shape[0]], motion.shape[0] - 1)
     shift = wp.transform_get_translation(motion[frame, obstacle])
     places[world, obstacle] = rows[world % rows.shape[0], obstacle] + shift
 
 
 @wp.kernel
-def sum_particle_contacts(impulses: wp.array3d[wp.vec4], seconds: float, forces: wp.array2d[wp.vec3]):
+def sum_particle_contacts(
+    mask: wp.array[wp.int32], impulses: wp.array3d[wp.vec4], seconds: float, forces: wp.array2d[wp.vec3]
+):
     """Sum what all things did to each particle in a frame, as mean forces [N]; a thread a (world, particle)."""
     world, particle = wp.tid()
+    if not is_chosen(mask, world):
+        return
     total = wp.vec3()
     for thing in range(impulses.shape[1]):
         impulse = impulses[world, thing, particle]

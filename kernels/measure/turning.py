@@ -1,14 +1,19 @@
-"""Kernels of how far each world's balloons have turned, by best fit, summed in a fixed order."""
+"""Kernels of how far each world's balloons have turned, by best fit, summed in a fixed order.
+
+Each observes the worlds that a mask chooses; one without entries chooses all.
+"""
 
 import warp as wp
 
 from balloon_warp.kernels.options import OPTIONS
+from balloon_warp.kernels.tables import is_chosen
 
 wp.set_module_options({**OPTIONS, "enable_backward": False})
 
 
 @wp.kernel
 def sum_turning(
+    mask: wp.array[wp.int32],
     # model
     balloon_particles: wp.array[wp.int32],
     rest_arms: wp.array[wp.vec3],
@@ -19,6 +24,8 @@ def sum_turning(
 ):
     """Sum products of places and arms from the center at rest; a thread a (world, balloon, thread)."""
     world, balloon, thread = wp.tid()
+    if not is_chosen(mask, world):
+        return
     total = wp.mat33()
     begin = balloon_particles[balloon]
     origin = points[world, begin]
@@ -28,9 +35,11 @@ def sum_turning(
 
 
 @wp.kernel
-def join_turning(parts: wp.array3d[wp.mat33], turns: wp.array2d[wp.quat]):
+def join_turning(mask: wp.array[wp.int32], parts: wp.array3d[wp.mat33], turns: wp.array2d[wp.quat]):
     """Find the turns: the rotation of least squares (Kabsch); a thread a (world, balloon)."""
     world, balloon = wp.tid()
+    if not is_chosen(mask, world):
+        return
     total = wp.mat33()
     for thread in range(parts.shape[2]):
         total += parts[world, balloon, thread]

@@ -8,6 +8,7 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.adjoints.exchange import exchange_backwards
 from balloon_warp.kernels.contact.bodies import bodies_function
 from balloon_warp.kernels.contact.edges import edges_function
 from balloon_warp.kernels.contact.faces import faces_function
@@ -36,7 +37,9 @@ def meet_ridges(features: Features, look: Look) -> Any:
     return ridges_function(features)
 
 
-@phase("team", when=lambda features: features.impulses, due=lambda features: are_noted)
+@phase(
+    "team", when=lambda features: features.impulses, due=lambda features: are_noted, adjoint=exchange_backwards
+)  # fmt: skip
 def meet_spheres(features: Features, look: Look) -> Any:
     """Exchange momentum between spheres and particles."""
     return spheres_function(features, *look.in_team)

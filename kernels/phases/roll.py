@@ -36,7 +36,7 @@ def roll(features: Features, look: Look) -> Any:
         before = course_at(spheres, world, sphere)
         if wp.static(features.keeps_starts):
             spheres.sphere_starts[world, sphere] = before.position
-        course = course_after(t, world, sphere, end, before, pushed, around)
+        course = course_after(t, spheres, world, sphere, end, before, pushed, around)
         put_course(spheres, world, sphere, course, wp.static(features.spheres_rub))
 
     return roll

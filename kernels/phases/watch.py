@@ -8,6 +8,7 @@ from balloon_warp.kernels.algebra import squared_length, times
 from balloon_warp.kernels.contact.free_frames import HURRIED
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.lanes import all_positive
+from balloon_warp.kernels.memory import fixed_float_at, put_int_unless
 from balloon_warp.kernels.phase import Look, phase
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.working import Working
@@ -47,8 +48,10 @@ def watch(features: Features, look: Look) -> Any:
 
     @wp.func
     def watch(t: Tables, working: Working, world: wp.int32, start: wp.vec3, point: wp.vec3):
-        if not (float(t.substeps) * wp.length(point - start) < working.ways[world]):  # or it is no number
-            working.verdicts[world] = HURRIED
-            working.any_busy[0] = 1
+        way = fixed_float_at(working.ways, world)
+        substeps = float(t.substeps)
+        stays = substeps * substeps * wp.length_sq(point - start) < way * way  # not if it is no number
+        put_int_unless(stays, working.verdicts, world, HURRIED)
+        put_int_unless(stays, working.any_busy, 0, 1)
 
     return watch

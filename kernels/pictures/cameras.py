@@ -1,7 +1,8 @@
 """Cameras that look into many worlds at once, by a ray through the middle of each pixel.
 
 Such pictures are small and many, and all that they show moves in every frame. So each triangle finds the rays that hit
-it, which needs no tree. What a ray sees first is the least of keys, see `pictures.sights`.
+it, which needs no tree. What a ray sees first is the least of keys, see `pictures.sights`. A mask chooses the worlds
+that are looked at; one without entries chooses all.
 """
 
 import warp as wp
@@ -10,6 +11,7 @@ from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.pictures.film import srgb_byte, tone
 from balloon_warp.kernels.pictures.sights import Sight, depth_of, key_of, number_of, ray_of
 from balloon_warp.kernels.pictures.studio import KEY, KEY_RADIANCE, backdrop, sky_irradiance
+from balloon_warp.kernels.tables import is_chosen
 
 wp.set_module_options({**OPTIONS, "enable_backward": False})
 
@@ -32,6 +34,7 @@ def pixels_between(least: float, most: float, count: wp.int32):
 
 @wp.kernel
 def see_triangles(
+    mask: wp.array[wp.int32],
     sights: wp.array[Sight],
     corners: wp.array[wp.vec3i],
     faces: wp.array[wp.int32],
@@ -48,6 +51,8 @@ def see_triangles(
         first: number of the first triangle among all things.
     """
     world, triangle = wp.tid()
+    if not is_chosen(mask, world):
+        return
     if torn.shape[1] > 0 and torn[world, faces[triangle]] >= 0.0:
         return
     sight = sights[world]
@@ -92,9 +97,11 @@ def see_triangles(
 
 
 @wp.kernel
-def tell_depths(keys: wp.array3d[wp.int64], depths: wp.array3d[float]):
+def tell_depths(mask: wp.array[wp.int32], keys: wp.array3d[wp.int64], depths: wp.array3d[float]):
     """Tell depths from keys; a thread a (world, row, column)."""
     world, row, column = wp.tid()
+    if not is_chosen(mask, world):
+        return
     depths[world, row, column] = depth_of(keys[world, row, column])
 
 
@@ -110,6 +117,7 @@ def key_direction(sight: Sight, up: wp.vec3):
 
 @wp.kernel
 def show_colors(
+    mask: wp.array[wp.int32],
     sights: wp.array[Sight],
     up: wp.vec3,
     corners: wp.array[wp.vec3i],
@@ -127,6 +135,8 @@ def show_colors(
         colors: of all things, in order of their numbers, linear RGB; the first is the ground's.
     """
     world, row, column = wp.tid()
+    if not is_chosen(mask, world):
+        return
     sight = sights[world]
     key = keys[world, row, column]
     x = 2.0 * (float(column) + 0.5) / float(keys.shape[2]) - 1.0

@@ -7,7 +7,7 @@ from balloon_warp.kernels.laws.fixture import BOX, CAPSULE, MESH
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.pictures.shapes import capsule_distance
 from balloon_warp.kernels.pictures.sights import Sight, key_of, ray_of
-from balloon_warp.kernels.tables import row_of_world
+from balloon_warp.kernels.tables import is_chosen, row_of_world
 
 wp.set_module_options({**OPTIONS, "enable_backward": False})
 
@@ -142,6 +142,7 @@ def glance_at_solids(things: Things, world: wp.int32, eye: wp.vec3, direction: w
 
 @wp.kernel
 def see_things(
+    mask: wp.array[wp.int32],
     sights: wp.array[Sight],
     things: Things,
     # out
@@ -153,6 +154,8 @@ def see_things(
     Normals are kept where there is room for them.
     """
     world, row, column = wp.tid()
+    if not is_chosen(mask, world):
+        return
     sight = sights[world]
     toward = ray_of(sight, row, column, keys.shape[1], keys.shape[2])
     direction = wp.normalize(toward)

@@ -55,6 +55,8 @@ class Step(NamedTuple):
     pieces: tuple[Piece, ...]
     light: tuple[Phase, ...]
     """Phases that are recomputed wherever their values are read"""
+    apart: frozenset[str] = frozenset()
+    """Names of phases that begin a piece anyway"""
 
     def owner(self, value: str) -> Item:
         """Return the kind of items that have a value."""
@@ -108,7 +110,7 @@ def cut(
         _piece(group, read[place], set(shown).union(*read[place + 1 :], *read[:place]), features, look)
         for place, group in enumerate(groups)
     ]
-    return Step(features, look, tuple(pieces), light)
+    return Step(features, look, tuple(pieces), light, frozenset(apart))
 
 
 def _goes_on(

@@ -21,7 +21,7 @@ from balloon_warp.sweep.world_files.contents import Contents
 from balloon_warp.sweep.world_files.options import TrajectoryFiles
 from balloon_warp.sweep.world_files.splits import SPLITS, splits_of
 
-BLOCK_BYTES = 2**26
+BLOCK_BYTES = 2**28
 """Size of the frames that are written together: many small writes would take longer"""
 PARTIAL_NAME = "partial"
 

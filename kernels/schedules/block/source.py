@@ -12,16 +12,17 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.codegen import kernel_from
+from balloon_warp.kernels.contact.free_frames import BUSY, FREE
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.loops.slots import SlotTable
 from balloon_warp.kernels.memory import in_tile, put_in_tile, put_vector, vector_at
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.params import params_beside_function, params_functions
-from balloon_warp.kernels.schedules.block.compaction import compaction
 from balloon_warp.kernels.schedules.block.layout import Layout
 from balloon_warp.kernels.schedules.block.looks import reader_of_springs
 from balloon_warp.kernels.schedules.block.state import StateInBlock
 from balloon_warp.kernels.schedules.block.sums import block_sum
+from balloon_warp.kernels.schedules.compaction import compaction
 from balloon_warp.kernels.schedules.pieces import Piece, Step
 from balloon_warp.kernels.schedules.writer import head, named_in
 from balloon_warp.kernels.spheres import shared_spheres
@@ -70,7 +71,7 @@ class BlockWriter(StateInBlock):
             **self.scope(phase for piece in self.step.pieces for phase in piece.phases),
             "in_tile": in_tile, "put_in_tile": put_in_tile, "vector_at": vector_at, "put_vector": put_vector,
             "block_barrier": block_barrier, "any_in_block": any_in_block, "WARP_THREADS": WARP_THREADS,
-            "SlotTable": SlotTable,
+            "SlotTable": SlotTable, "BUSY": BUSY, "FREE": FREE,
             "read_params_beside": params_beside_function(self.features.columns, self.features.balloons),
             "take_place": place_function(self.features), "load_in": load_in,
         }  # fmt: skip
@@ -110,7 +111,7 @@ class BlockWriter(StateInBlock):
     def _body(self) -> None:
         self._find_world()
         if self.features.frames != "all":
-            self.line(f"if working.verdicts[world] {'!=' if self.features.watched else '=='} 0: return")
+            self.line(f"if working.verdicts[world] == {'BUSY' if self.features.watched else 'FREE'}: return")
         self._places_of_values()
         self.line("# Particles come from the state.")
         self._take_particles()

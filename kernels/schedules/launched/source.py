@@ -7,13 +7,19 @@ from typing import Any, ClassVar, Literal
 import warp as wp
 
 from balloon_warp.kernels.codegen import kernel_from
+from balloon_warp.kernels.memory import four_bytes_in
 from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.phase import STATE, VIEWS, Phase
+from balloon_warp.kernels.phase import STATE, VIEWS
+from balloon_warp.kernels.schedules.compaction import compaction
+from balloon_warp.kernels.schedules.launched.few import acts_on_few, asked_ahead, is_asked_ahead, rare_phase
 from balloon_warp.kernels.schedules.pieces import Piece, Step
 from balloon_warp.kernels.schedules.writer import Writer, head, named_in
+from balloon_warp.kernels.warps import block_barrier
 
 ITEMS_OF_PART = wp.constant(512)
 """Number of items in a part of a large balloon, whose sums are reduced part by part"""
+ITEMS_OF_LIST = wp.constant(512)
+"""Number of items among which a block finds those that a rare phase acts on"""
 Part = Literal["all", "part", "parts"]
 """Range that the kernel of a summing piece covers: all items of a balloon, the items of a part, or the parts"""
 HANDLES = ("t", "time_in_frame", "state", "working")
@@ -39,6 +45,10 @@ OF_PARTICLE: Mapping[str, tuple[str, str]] = {
 """Expressions for names of a particle"""
 OFFSETS = {"particle": "t.particles.offsets", "face": "t.faces.balloon_offsets"}
 """Begin of each balloon's items"""
+
+
+END_OF_LIST = "wp.min(begin + ITEMS_OF_LIST, state.points.shape[1])"
+"""End of the particles of a block"""
 
 
 class PieceWriter(Writer):
@@ -94,22 +104,22 @@ class _Writer(PieceWriter):
         """Return a sentence on the thread that executes the piece."""
         if self.piece.sums:
             return f"A block for each {self.part if self.part == 'part' else 'balloon'}."
+        if acts_on_few(self.step, self.piece):
+            return "A block for each few hundred particles of each world."
         if self.piece.item in ("team", "world", "balloon"):
             return f"A {'block' if self.piece.item == 'team' else 'thread'} for each world."
         return f"A thread for each {self.piece.item} of each world."
 
-    @property
-    def _rare(self) -> Phase | None:
-        """Return the phase, if it is the only one, and most items stay as they are."""
-        piece, (first, *others) = self.piece, self.piece.phases
-        stays = not (others or piece.sums or piece.doubles or piece.leaves or piece.keeps)
-        return first if stays and first.asked(self.step.features, self.step.look) else None
-
     def names(self) -> dict[str, Any]:
         """Return what the text refers to."""
-        names = {**self.scope(self.piece.phases), "ITEMS_OF_PART": ITEMS_OF_PART}
-        if self._rare:
-            names[f"{self._rare.name}_may_act"] = self._rare.asked(self.step.features, self.step.look)
+        names = {**self.scope(self.piece.phases), "ITEMS_OF_PART": ITEMS_OF_PART, "four_bytes_in": four_bytes_in}
+        if ahead := asked_ahead(self.step, self.piece):
+            names[f"{ahead.name}_may_act"] = ahead.asked(self.step.features, self.step.look)
+        if rare := rare_phase(self.step, self.piece):
+            functions = compaction(rare.name, int(ITEMS_OF_LIST))
+            names |= {f"{rare.name}_may_act": rare.asked(self.step.features, self.step.look),
+                      "clear": functions.clear, "note": functions.note, "count": functions.count, "noted": functions.at,
+                      "ITEMS_OF_LIST": ITEMS_OF_LIST, "block_barrier": block_barrier}  # fmt: skip
         return names
 
     def arguments(self) -> dict[str, str]:
@@ -119,6 +129,7 @@ class _Writer(PieceWriter):
             **{f"all_{view}": "wp.array2d[wp.vec3]" for view in STATE.values()},
             **{f"new_{view}": "wp.array2d[wp.vec3]" for view in STATE.values()},
             **{f"all_{value}": f"wp.array2d[{value}_type]" for value in self.step.kept}, **self.kept_arrays,
+            "all_acting": "wp.array2d[wp.int8]",
         }  # fmt: skip
         if self.piece.sums:
             may_be["all_parts"] = f"wp.array3d[{self._summed}_type]"
@@ -140,6 +151,8 @@ class _Writer(PieceWriter):
         piece = self.piece
         if piece.sums:
             self._sum()
+        elif acts_on_few(self.step, piece):
+            self._few()
         elif piece.item == "team":
             self._begin("world, thread")
             self.calls(piece.phases)
@@ -149,11 +162,37 @@ class _Writer(PieceWriter):
             self._begin(f"world, {piece.item}")
             if piece.item == "spring":
                 self.line("spring += first_spring")
-            if self._rare:
-                self.line(f"if not {self.may_act(self._rare)}:")
+            if rare := rare_phase(self.step, piece):
+                self.line(f"if not {self.may_act(rare)}:")
                 self.line("    return")
             self.calls(piece.phases)
             self._leave()
+            if ahead := asked_ahead(self.step, piece):
+                self.line(f"all_acting[world, {piece.item}] = wp.int8(wp.where({self.may_act(ahead)}, 1, 0))")
+
+    def _few(self) -> None:
+        """Write a loop over items that lists those to act on, and one over these: so that all threads have one."""
+        (phase,), item = self.piece.phases, self.piece.item
+        self._begin("world, part, thread")
+        for line in ("if thread == 0:", "    clear(0)", "block_barrier()", "begin = part * ITEMS_OF_LIST"):
+            self.line(line)
+        before, self.indent = set(self.known), "        "
+        if is_asked_ahead(self.step, self.piece):
+            self.lines.append(f"    for four in range(begin + 4 * thread, {END_OF_LIST}, 4 * wp.block_dim()):")
+            self.line("acting = four_bytes_in(all_acting, world, four)")
+            for place in range(4):
+                self.line(f"if acting & {1 << 8 * place} != 0:")
+                self.line(f"    note(0, four + {place})")
+        else:
+            self.lines.append(f"    for {item} in range(begin + thread, {END_OF_LIST}, wp.block_dim()):")
+            self.known.add(item)
+            self.line(f"if {self.may_act(phase)}:")
+            self.line(f"    note(0, {item})")
+        self.lines += ["    block_barrier()", "    for place in range(thread, count(0), wp.block_dim()):"]
+        self.known = {*before, item}
+        self.line(f"{item} = noted(place)")
+        self.calls(self.piece.phases)
+        self._leave()
 
     def _leave(self) -> None:
         """Write what the piece has found to where it is kept."""
