@@ -3,14 +3,12 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
-import scipy.sparse as sparse
 from numpy.typing import NDArray
 
 from balloon_warp.designing.measure import Ruler
-from balloon_warp.designing.newton import Aim, step_towards
 from balloon_warp.statics.balance import Balance
 
 Values = NDArray[np.float64]
@@ -19,10 +17,6 @@ EASED, STIFFENED = 3.0, 8.0
 """Factors on the damping: division after a step that helped, multiplication after one that did not"""
 STRAYS = 1.5
 """Cost over the previous one beyond which an equilibrium is not sought any longer"""
-GAINED = 0.03
-"""Least relative gain in cost over two steps for more to be worth it: of animals it is a hundredth of the error"""
-ALONG = 0.1
-"""Weight of tangential errors over normal ones: only the shape matters"""
 
 
 class Problem(Protocol):
@@ -37,23 +31,18 @@ class Problem(Protocol):
         """Return the balloon of a design."""
         ...
 
-    def by_design(self, balance: Balance, points: Values) -> sparse.csc_matrix:
-        """Return the derivatives of its forces by the design, shape (3 n, m)."""
-        ...
-
-    def easily(self, design: Values, stuck: NDArray[np.bool_]) -> sparse.spmatrix:
-        """Return the easy directions of change, with their magnitudes and couplings, shape (m, k).
-
-        Unknowns that are stuck do not change.
-        """
-        ...
-
     def allowed(self, design: Values) -> bool:
         """Return whether a design can be made."""
         ...
 
-    def changed(self, design: Values, change: Values) -> Values:
-        """Return the design with a change, as far as it may be changed."""
+    def next_design(self, balance: Balance, design: Values, points: Values, damping: float) -> tuple[Values, float]:
+        """Return a design whose equilibrium should be nearer to the target, and the damping that it took.
+
+        Args:
+            balance: Balloon of the last design.
+            points: Points at rest [m], shape (n, 3).
+            damping: of the step, at least.
+        """
         ...
 
 
@@ -69,6 +58,8 @@ class Reached:
     damping: float = FIRST_DAMPING
     steps: int = 0
     """Number of steps tried so far"""
+    refused: bool = False
+    """Whether the last step tried did not count"""
     done: bool = False
     """Whether more steps would not help"""
 
@@ -83,7 +74,7 @@ class Reached:
     def load(cls, path: Path) -> "Reached":
         """Read what `save` wrote."""
         with np.load(path, allow_pickle=False) as file:
-            numbers = {name: file[name].item() for name in ("cost", "damping", "steps", "done")}
+            numbers = {name: file[name].item() for name in ("cost", "damping", "steps", "refused", "done")}
             return cls(design=file["design"], points=file["points"], **numbers)
 
 
@@ -98,7 +89,8 @@ def descend(
     problem: Problem,
     reached: Reached,
     steps: int,
-    goal: float = 0.0,
+    goal: float,
+    gained: float,
     on_step: Callable[[Reached], None] = lambda _: None,
 ) -> Reached:
     """Approach the target, step by step.
@@ -106,13 +98,14 @@ def descend(
     Args:
         steps: at most, with those that were tried before.
         goal: cost below which it is near enough.
+        gained: least relative gain in cost over two steps for more to be worth it.
     """
     costs = [reached.cost]
     while reached.steps < steps and not reached.done:
         reached = _stepped(problem, reached)
         if reached.cost < costs[-1]:
             costs.append(reached.cost)
-        idle = len(costs) > 3 and costs[-1] > (1.0 - GAINED) * costs[-3]
+        idle = len(costs) > 3 and costs[-1] > (1.0 - gained) * costs[-3]
         over = reached.cost < goal or idle or reached.damping > MOST_DAMPING
         reached = replace(reached, done=over)
         on_step(reached)
@@ -121,24 +114,12 @@ def descend(
 
 def _stepped(problem: Problem, reached: Reached) -> Reached:
     """Return the progress after one more step, taken or not."""
-    balance, ruler = problem.balance(reached.design), problem.ruler
-    by_design = problem.by_design(balance, reached.points)
-    error, weights = ruler.mesh.points - reached.points, weights_of(ruler)
-    stuck = np.zeros(len(reached.design), dtype=bool)
-    design = reached.design
-    for _ in range(4):
-        easily = problem.easily(reached.design, stuck)
-        change = step_towards(balance, reached.points, by_design, Aim(error, weights, easily, reached.damping))
-        design = problem.changed(reached.design, change)
-        got = design - reached.design
-        held = (np.abs(got) < 0.01 * np.abs(change)) & ~stuck
-        if not held.any():
-            break
-        stuck |= held
+    balance = problem.balance(reached.design)
+    design, damping = problem.next_design(balance, reached.design, reached.points, reached.damping)
     found = _settled(problem, design, reached)
     if found is None or found[1] >= reached.cost:
-        return replace(reached, damping=STIFFENED * reached.damping, steps=reached.steps + 1)
-    eased = max(reached.damping / EASED, LEAST_DAMPING)
+        return replace(reached, damping=STIFFENED * damping, steps=reached.steps + 1, refused=True)
+    eased = damping if reached.refused else max(damping / EASED, LEAST_DAMPING)  # not at once what was refused
     return Reached(design, *found, damping=eased, steps=reached.steps + 1)
 
 
@@ -147,7 +128,7 @@ def _settled(problem: Problem, design: Values, reached: Reached) -> tuple[Values
     most = STRAYS * reached.cost + 1.0e-10
 
     def strays(points: Values) -> bool:
-        return _cost(problem.ruler, points) > most
+        return problem.ruler.cost(points) > most
 
     if not problem.allowed(design):
         return None
@@ -157,20 +138,4 @@ def _settled(problem: Problem, design: Values, reached: Reached) -> tuple[Values
 
 def _weighed(problem: Problem, points: Values) -> tuple[Values, float]:
     points = problem.ruler.aligned(points)
-    return points, _cost(problem.ruler, points)
-
-
-def _cost(ruler: Ruler, points: Values) -> float:
-    error = ruler.mesh.points - points
-    normal = (error * ruler.normals).sum(axis=1) ** 2
-    squared = (1.0 - ALONG) * normal + ALONG * (error**2).sum(axis=1)
-    return float((ruler.weights * squared).mean()) / ruler.size**2
-
-
-def weights_of(ruler: Ruler) -> Any:
-    """Return the weights of errors by area, with less for tangential ones, shape (3 n, 3 n)."""
-    normals = ruler.normals
-    blocks = (1.0 - ALONG) * normals[:, :, None] * normals[:, None, :] + ALONG * np.eye(3)
-    blocks *= np.maximum(ruler.weights, 0.05)[:, None, None]
-    count = len(normals)
-    return sparse.bsr_matrix((blocks, np.arange(count), np.arange(count + 1))).tocsc()
+    return points, problem.ruler.cost(points)

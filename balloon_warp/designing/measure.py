@@ -2,8 +2,10 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+import scipy.sparse as sparse
 import warp as wp
 from numpy.typing import NDArray
 
@@ -12,6 +14,10 @@ from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import vertex_areas, vertex_normals
 
 Values = NDArray[np.float64]
+ALONG = 0.1
+"""Weight of tangential errors over normal ones: only the shape matters"""
+LEAST_WEIGHT = 0.05
+"""Least weight of a vertex in a step: of those of no area, too"""
 
 
 @dataclass(frozen=True)
@@ -50,6 +56,21 @@ class Ruler:
         """Area weights of the vertices, 1 in the mean, shape (n,)."""
         areas = vertex_areas(self.mesh)
         return areas / areas.mean()
+
+    @cached_property
+    def squares(self) -> Any:
+        """Weights of errors by area, with less for tangential ones, shape (3 n, 3 n)."""
+        normals, count = self.normals, len(self.normals)
+        blocks = (1.0 - ALONG) * normals[:, :, None] * normals[:, None, :] + ALONG * np.eye(3)
+        blocks *= np.maximum(self.weights, LEAST_WEIGHT)[:, None, None]
+        return sparse.bsr_matrix((blocks, np.arange(count), np.arange(count + 1))).tocsc()
+
+    def cost(self, points: Values) -> float:
+        """Return the weighted mean squared error of a shape in place, over the squared size."""
+        error = self.mesh.points - points
+        normal = (error * self.normals).sum(axis=1) ** 2
+        squared = (1.0 - ALONG) * normal + ALONG * (error**2).sum(axis=1)
+        return float((self.weights * squared).mean()) / self.size**2
 
     @cached_property
     def triangles(self) -> NDArray[np.int64]:

@@ -1,5 +1,6 @@
 """Balloons of latex: the shape of the mould, which is what the rubber is at rest, and how thick it is."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -9,8 +10,11 @@ import scipy.sparse as sparse
 from numpy.typing import NDArray
 
 from balloon_warp.designing.crossings import crossing_count
+from balloon_warp.designing.gaps import Flattening, Gaps
 from balloon_warp.designing.hanging import Hanging
 from balloon_warp.designing.measure import Ruler
+from balloon_warp.designing.response import Response
+from balloon_warp.designing.smooth_step import SmoothAim, Smoothing, smooth_step
 from balloon_warp.designing.uncrossed import uncrossed
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.topology import mesh_edges
@@ -19,13 +23,18 @@ from balloon_warp.statics.film import FilmSkin
 from balloon_warp.statics.volume import SealedGas, Volume
 
 Values = NDArray[np.float64]
-PASSES, ALONE = 2, 0.05
-"""Number of smoothing passes of a change of the mould, and the unsmoothed fraction"""
-FURTHEST = 0.25
-"""Largest displacement of a vertex in a step, over the mean edge of the mould"""
-
+STRAINS, NEARLY_ALL = 0.25, 99.5
+"""Largest change of an edge in a step, over its length, and of how many of the edges it is [%]"""
+SHORTENED = 0.5
+"""Part of a step that must be left where it is made smaller: else more damping gives a smoother one"""
+RAISED, RAISED_MUCH, MUCH = 4.0, 16.0, 0.2
+"""Factors on the damping where less of a step is left, and the part of it below which the second counts"""
+MOST_DAMPED = 5
+"""Largest number of times that a step is made smoother"""
 THICKENS = 0.25
 """Largest relative change of a thickness in a step"""
+STUCK, MOST_SOLVED = 0.01, 3
+"""Part of a change below which a thickness is stuck at a bound; and how often a step is solved without those"""
 
 
 @dataclass(frozen=True)
@@ -78,30 +87,58 @@ class MouldProblem:
             forces += self.hanging.forces_by(balance.skin.volumes_by_mould(len(points)))
         return forces
 
-    def easily(self, design: Values, stuck: NDArray[np.bool_]) -> sparse.spmatrix:
-        """Return the easy changes: vertices move by fractions of an edge, together with their neighbors."""
-        free = sparse.diags(np.where(stuck, 0.0, self._edge))
-        return sparse.csc_matrix(free @ sparse.kron(self.together, sparse.identity(3)))
-
     def allowed(self, design: Values) -> bool:
         """Return whether the mould does not cross itself."""
         return not crossing_count(replace(self.mesh, points=design.reshape(-1, 3)))
 
-    def changed(self, design: Values, change: Values) -> Values:
-        """Return the mould with a change, none of whose vertices moves too far, or so far that it crosses itself."""
-        moves = change.reshape(-1, 3)
-        far = np.linalg.norm(moves, axis=1, keepdims=True)
-        moves = moves * np.minimum(1.0, FURTHEST * self._edge / np.maximum(far, 1e-30))
-        mould = replace(self.mesh, points=design.reshape(-1, 3))
-        return design + uncrossed(mould, moves, self._means).ravel()
+    def next_design(self, balance: Balance, design: Values, points: Values, damping: float) -> tuple[Values, float]:
+        """Return the mould after a step, and its damping, which is raised until the step is smooth."""
+        scales = np.full(len(design), self.edge)
+        change, damping = self.smooth_change(balance, points, design, scales, damping)
+        return self.moved(design, change), damping
+
+    def smooth_change(
+        self, balance: Balance, points: Values, design: Values, scales: Values, damping: float,
+        by_design: Callable[[Balance, Values], sparse.csc_matrix] | None = None,
+    ) -> tuple[Values, float]:  # fmt: skip
+        """Return the change of a design that begins with the mould, and its damping.
+
+        Args:
+            scales: Magnitudes of easy changes, shape (m,).
+            by_design: Function that returns the derivatives of the forces; by the mould if missing.
+        """
+        response = Response.of(balance, points, (by_design or self.by_design)(balance, points))
+        mould = self._mould(design)
+        gaps = Gaps.of(mould, self._mould(self.plain), self.film.corners, self.edge)
+        aim = SmoothAim(self.mesh.points - points, self.ruler.squares, self._smoothing, scales, gaps, damping)
+        for _ in range(MOST_DAMPED):
+            change = smooth_step(response, aim)
+            part = self._bearable(mould, change)
+            if part > SHORTENED:
+                break
+            aim = replace(aim, damping=aim.damping * (RAISED if part > MUCH else RAISED_MUCH))
+        return part * change, aim.damping
+
+    def moved(self, design: Values, change: Values) -> Values:
+        """Return the mould with a change, less of it where the mould would cross itself, or its triangles be flat."""
+        mould = self._mould(design)
+        spoiled = Flattening(mould, self._mould(self.plain), self.film.corners).vertices
+        return design + uncrossed(mould, change.reshape(-1, 3), self._means, spoiled).ravel()
+
+    def _bearable(self, mould: PolygonMesh, change: Values) -> float:
+        """Return the part of a change that strains the mould's edges no more than it may."""
+        first, second = mesh_edges(self.mesh).ends.T
+        moves, points = change[: mould.points.size].reshape(-1, 3), mould.points
+        strains = np.linalg.norm(moves[second] - moves[first], axis=1)
+        strains /= np.linalg.norm(points[second] - points[first], axis=1)
+        return float(min(1.0, STRAINS / max(np.percentile(strains, NEARLY_ALL), 1.0e-30)))
+
+    def _mould(self, design: Values) -> PolygonMesh:
+        return replace(self.mesh, points=design[: self.mesh.points.size].reshape(-1, 3))
 
     @cached_property
-    def together(self) -> Any:
-        """Smooth changes, and a fraction of unsmoothed ones, shape (n, n)."""
-        evened = self._means
-        for _ in range(PASSES - 1):
-            evened = evened @ self._means
-        return (evened + ALONE * sparse.identity(self.mesh.vertex_count)).tocsc()
+    def _smoothing(self) -> Smoothing:
+        return Smoothing(mesh_edges(self.mesh).ends, self.mesh.vertex_count)
 
     @cached_property
     def _means(self) -> Any:
@@ -118,7 +155,8 @@ class MouldProblem:
         return self.hanging.weight_of_air(self.gas, self.volume)
 
     @cached_property
-    def _edge(self) -> float:
+    def edge(self) -> float:
+        """Mean edge of the plain mould [m]."""
         ends, points = mesh_edges(self.mesh).ends, self.mesh.points / self.stretch
         return float(np.linalg.norm(points[ends[:, 1]] - points[ends[:, 0]], axis=1).mean())
 
@@ -154,20 +192,26 @@ class ThicknessProblem:
             by_weights += self.mould.hanging.forces_by(even.volumes_by_weights(len(points)))
         return sparse.csc_matrix(sparse.hstack([self.mould.by_design(balance, points), by_weights]))
 
-    def easily(self, design: Values, stuck: NDArray[np.bool_]) -> sparse.spmatrix:
-        """Return the easy changes: of the mould, and of the thickness by a fraction of itself, likewise smooth."""
-        mould, weights = self.split(design)
-        count = len(mould)
-        free = sparse.diags(np.where(stuck[count:], 0.0, THICKENS * weights))
-        parts = [self.mould.easily(mould, stuck[:count]), free @ self.mould.together]
-        return sparse.csc_matrix(sparse.block_diag(parts))
-
     def allowed(self, design: Values) -> bool:
         """Return whether the mould does not cross itself."""
         return self.mould.allowed(self.split(design)[0])
 
-    def changed(self, design: Values, change: Values) -> Values:
-        """Return mould and thickness with a change, within bounds."""
-        (mould, weights), (moves, thicker) = self.split(design), self.split(change)
+    def next_design(self, balance: Balance, design: Values, points: Values, damping: float) -> tuple[Values, float]:
+        """Return mould and thickness after a step, and its damping; thickness stays where it is at its bounds."""
+        mould, weights = self.split(design)
+        stuck, changed = np.zeros(len(weights), dtype=bool), weights
+        for _ in range(MOST_SOLVED):
+            scales = np.append(np.full(len(mould), self.mould.edge), np.where(stuck, 0.0, THICKENS * weights))
+            change, damping = self.mould.smooth_change(balance, points, design, scales, damping, self.by_design)
+            moves, thicker = self.split(change)
+            changed = self._within(weights, thicker)
+            held = (np.abs(changed - weights) < STUCK * np.abs(thicker)) & ~stuck
+            if not held.any():
+                break
+            stuck |= held
+        return np.concatenate([self.mould.moved(mould, moves), changed]), damping
+
+    def _within(self, weights: Values, change: Values) -> Values:
+        """Return the thickness with a change, within its bounds."""
         low, high = np.maximum(1.0, (1.0 - THICKENS) * weights), np.minimum(self.thickest, (1.0 + THICKENS) * weights)
-        return np.concatenate([self.mould.changed(mould, moves), np.clip(weights + thicker, low, high)])
+        return np.clip(weights + change, low, high)

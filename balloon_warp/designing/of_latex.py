@@ -27,7 +27,8 @@ from balloon_warp.statics.of_model import film_of
 
 Values = NDArray[np.float64]
 LEAST_STRETCH, MOST_STRETCH = 1.05, 5.0
-GOAL = 1.0e-10
+GOAL, GAINED = 1.0e-10, 0.05
+"""Cost from which on it is near enough, and least relative gain in cost over two steps for more to be worth it"""
 DENSITY = 940.0
 """Density of latex [kg/m^3]"""
 
@@ -98,13 +99,13 @@ def _descended(job: Job, problem: ThicknessProblem, reached: Reached) -> Reached
         job.on_step(reached, _mean_stretch(mould, problem.split(reached.design)[0]))
 
     if len(reached.design) == 3 * mould.mesh.vertex_count:
-        reached = descend(mould, reached, job.steps // 2 if varies else job.steps, GOAL, on_step)
+        reached = descend(mould, reached, job.steps // 2 if varies else job.steps, GOAL, GAINED, on_step)
         if not varies or reached.cost < GOAL:
             return reached
         job.say("varying the thickness, too")
         design = np.append(reached.design, np.ones(mould.mesh.vertex_count))
         reached = replace(reached, design=design, damping=FIRST_DAMPING, done=False)
-    return descend(problem, reached, job.steps, GOAL, on_step)
+    return descend(problem, reached, job.steps, GOAL, GAINED, on_step)
 
 
 def _film(job: Job, material: Material) -> FilmSkin:

@@ -18,6 +18,8 @@ MASS_OVER_SIZE = 0.05
 """Mass over size [kg/m]"""
 GOAL = 1.0e-10
 """Cost from which on it is near enough: an error of a hundred-thousandth"""
+GAINED = 0.25
+"""Least relative gain in cost over two steps for more to be worth it: an eighth of the error"""
 LEAST_STRETCH, MOST_STRETCH = 1.02, 2.0
 
 
@@ -42,7 +44,7 @@ def design_of_springs(job: Job) -> Design:
         job.on_step(reached, problem.mean_stretch(reached.design))
 
     job.watch(DesignStep(job.ruler, 0, plain.points, job.stretch))
-    reached = descend(problem, job.saved(Reached.load) or plain, job.steps, GOAL, on_step)
+    reached = descend(problem, job.saved(Reached.load) or plain, job.steps, GOAL, GAINED, on_step)
     scene = write_design(problem, reached, job.folder)
     same = replace(problem, stretch=max(problem.mean_stretch(reached.design), LEAST_STRETCH))
     plain = begin(same, same.plain) or plain

@@ -9,6 +9,7 @@ import scipy.sparse as sparse
 from numpy.typing import NDArray
 
 from balloon_warp.designing.measure import Ruler
+from balloon_warp.designing.newton import Aim, step_towards
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.springs import Springs, build_springs
 from balloon_warp.statics.balance import Balance
@@ -25,6 +26,8 @@ LEAST, MOST = 0.3, 1.3
 """Range of rest lengths over the lengths in the target shape: springs that may push are no longer"""
 FURTHEST = 0.15
 """Largest relative change of a rest length in a step"""
+STUCK, MOST_SOLVED = 0.01, 4
+"""Part of a change below which a rest length is stuck at a bound; and how often a step is solved without those"""
 
 
 @dataclass(frozen=True)
@@ -74,19 +77,26 @@ class SpringProblem:
         """Return the balloon of springs of these rest lengths."""
         return Balance(SpringSkin(self._pairs, design, self.constants), self.volume, self.gas)
 
-    def by_design(self, balance: Balance, points: Values) -> sparse.csc_matrix:
-        """Return the derivatives of its forces by the rest lengths."""
-        return balance.skin.forces_by_lengths(points)
-
-    def easily(self, design: Values, stuck: NDArray[np.bool_]) -> sparse.spmatrix:
-        """Scales of change: each rest length changes in proportion to itself."""
-        return sparse.diags(np.where(stuck, 0.0, design))
-
     def allowed(self, design: Values) -> bool:
         """Return True: springs of any length can be made."""
         return True
 
-    def changed(self, design: Values, change: Values) -> Values:
+    def next_design(self, balance: Balance, design: Values, points: Values, damping: float) -> tuple[Values, float]:
+        """Return the rest lengths after a step, and its damping; those at their bounds stay there."""
+        by_design = balance.skin.forces_by_lengths(points)
+        stuck, changed = np.zeros(len(design), dtype=bool), design
+        for _ in range(MOST_SOLVED):
+            easily = sparse.diags(np.where(stuck, 0.0, design))  # each changes in proportion to itself
+            aim = Aim(self.mesh.points - points, self.ruler.squares, easily, damping)
+            change = step_towards(balance, points, by_design, aim)
+            changed = self._within(design, change)
+            held = (np.abs(changed - design) < STUCK * np.abs(change)) & ~stuck
+            if not held.any():
+                break
+            stuck |= held
+        return changed, damping
+
+    def _within(self, design: Values, change: Values) -> Values:
         """Return the rest lengths with a change, within their bounds."""
         most = (1.0 if self.hold == "tension" else MOST) * self.springs.rest_lengths
         low = np.maximum(LEAST * self.springs.rest_lengths, (1.0 - FURTHEST) * design)
