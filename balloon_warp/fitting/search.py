@@ -10,8 +10,8 @@ from balloon_warp.fitting.marquardt import DIFFERENCE, descend
 
 DESCENT, FEWEST = 3, 4
 """Part of the rounds in which starts descend, one in so many; and how many of them at least"""
-LAST, DESCENTS = 4, 1
-"""Rounds in which the best places that clouds met descend, and their number over that of the starts"""
+LAST = 4
+"""Rounds in which the best places that clouds met descend"""
 SMALLEST = 1.0e-6
 """Smallest step of their differences, over the range between the bounds"""
 
@@ -51,7 +51,7 @@ def search(
     left = rounds - done - LAST
     if np.isfinite(best.cost) and left > 1:
         best = narrowed(forward, best, len(first) * (width + 1), left // 2, seed, told)
-        best = _descended(forward, best, best.apart(DESCENTS * len(first)), told)
+        best = _descended(forward, best, best.apart(len(first)), told)
         best = replace(best, jacobian=_slopes_there(forward, best))
     return Found(best, np.append(np.delete(starts.costs, number), best.cost))
 
