@@ -92,16 +92,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: (is_brief(item), group_of(item.nodeid) not in LONGEST))
 
 
-def pytest_collection_finish() -> None:
-    """Leave out of garbage collection what has been imported and collected, which stays."""
-    gc.freeze()
-
-
-def pytest_sessionfinish() -> None:
-    """Leave to the end of the process what is there: pytest would look through all of it five times."""
-    gc.freeze()
-
-
 def group_of(nodeid: str) -> str:
     """Return the group of a test: its file, some files together, or a scene of methods in all schedules, which
     test_matrix.py simulates once in `scatter`."""
