@@ -111,6 +111,7 @@ class MouldProblem:
         mould = self._mould(design)
         gaps = Gaps.of(mould, self._mould(self.plain), self.film.corners, self.edge)
         aim = SmoothAim(self.mesh.points - points, self.ruler.squares, self._smoothing, scales, gaps, damping)
+        change, part = np.zeros(len(design)), 1.0
         for _ in range(MOST_DAMPED):
             change = smooth_step(response, aim)
             part = self._bearable(mould, change)
@@ -199,7 +200,7 @@ class ThicknessProblem:
     def next_design(self, balance: Balance, design: Values, points: Values, damping: float) -> tuple[Values, float]:
         """Return mould and thickness after a step, and its damping; thickness stays where it is at its bounds."""
         mould, weights = self.split(design)
-        stuck, changed = np.zeros(len(weights), dtype=bool), weights
+        stuck, moves, changed = np.zeros(len(weights), dtype=bool), np.zeros(len(mould)), weights
         for _ in range(MOST_SOLVED):
             scales = np.append(np.full(len(mould), self.mould.edge), np.where(stuck, 0.0, THICKENS * weights))
             change, damping = self.mould.smooth_change(balance, points, design, scales, damping, self.by_design)
