@@ -126,7 +126,11 @@ def test_the_workers_end_before_the_table_is_written(tmp_path: Path, monkeypatch
 
 def workers_here() -> list[psutil.Process]:
     """Return the processes that this one has started as workers."""
-    return [each for each in psutil.Process().children() if "spawn_main" in " ".join(each.cmdline())]
+    found = []
+    for each in psutil.Process().children():
+        with contextlib.suppress(psutil.NoSuchProcess):  # it has ended meanwhile
+            found += [each] if "spawn_main" in " ".join(each.cmdline()) else []
+    return found
 
 
 def remove(paths: list[str]) -> None:

@@ -135,7 +135,7 @@ class LocalWorkers:
         """Start a worker again that has ended, and have others do its shares."""
         end_children([lost.process], 1.0)
         if not lost.ready:
-            if lost.process.exitcode >= 0:
+            if (lost.process.exitcode or 0) >= 0:
                 raise InputError(f"{self._option}: the workers do not start; {UNGUARDED.replace('processes', 'them')}")
             self._lose(-1)
         for number, share in lost.shares.items():
