@@ -14,8 +14,6 @@ from balloon_warp.scene import Balloon
 from balloon_warp.sweep import shares
 from balloon_warp.warp_logging import quiet_warp
 
-pytest.importorskip("distributed", reason="needs the extra `cluster`")
-
 WORLDS = 8
 
 
