@@ -1,4 +1,4 @@
-"""Workers of this machine: a process for each GPU, but for the first, which this process takes itself; or of a CPU."""
+"""Workers of this machine: this process takes the first GPU, and others one each; or processes share a CPU."""
 
 import pickle
 import threading
