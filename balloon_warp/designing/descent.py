@@ -62,6 +62,8 @@ class Reached:
     """Whether the last step tried did not count"""
     done: bool = False
     """Whether more steps would not help"""
+    anew: int = 0
+    """Number of times that it has begun anew, with another first design"""
 
     def save(self, path: Path) -> None:
         """Write the progress to a file for `load`."""
@@ -74,7 +76,7 @@ class Reached:
     def load(cls, path: Path) -> "Reached":
         """Read what `save` wrote."""
         with np.load(path, allow_pickle=False) as file:
-            numbers = {name: file[name].item() for name in ("cost", "damping", "steps", "refused", "done")}
+            numbers = {name: file[name].item() for name in ("cost", "damping", "steps", "refused", "done", "anew")}
             return cls(design=file["design"], points=file["points"], **numbers)
 
 
@@ -120,7 +122,9 @@ def _stepped(problem: Problem, reached: Reached) -> Reached:
     if found is None or found[1] >= reached.cost:
         return replace(reached, damping=STIFFENED * damping, steps=reached.steps + 1, refused=True)
     eased = damping if reached.refused else max(damping / EASED, LEAST_DAMPING)  # not at once what was refused
-    return Reached(design, *found, damping=eased, steps=reached.steps + 1)
+    points, cost = found
+    steps = reached.steps + 1
+    return replace(reached, design=design, points=points, cost=cost, damping=eased, steps=steps, refused=False)
 
 
 def _settled(problem: Problem, design: Values, reached: Reached) -> tuple[Values, float] | None:

@@ -1,5 +1,6 @@
 """Design of a latex balloon: from a target shape to its mould, simulated."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -29,6 +30,10 @@ Values = NDArray[np.float64]
 LEAST_STRETCH, MOST_STRETCH = 1.05, 5.0
 GOAL, GAINED = 1.0e-10, 0.05
 """Cost from which on it is near enough, and least relative gain in cost over two steps for more to be worth it"""
+STALLED, UNMOVED = 2.5e-5, 0.9
+"""Cost above which a design that stalls is begun anew, and the stretch that it then still has over that of its start"""
+EASIER, MOST_ANEW = 0.8, 4
+"""Strain of the next start over that of the last, and the most starts anew"""
 DENSITY = 940.0
 """Density of latex [kg/m^3]"""
 
@@ -99,13 +104,42 @@ def _descended(job: Job, problem: ThicknessProblem, reached: Reached) -> Reached
         job.on_step(reached, _mean_stretch(mould, problem.split(reached.design)[0]))
 
     if len(reached.design) == 3 * mould.mesh.vertex_count:
-        reached = descend(mould, reached, job.steps // 2 if varies else job.steps, GOAL, GAINED, on_step)
+        reached = _of_mould(job, mould, reached, job.steps // 2 if varies else job.steps, on_step)
         if not varies or reached.cost < GOAL:
             return reached
         job.say("varying the thickness, too")
         design = np.append(reached.design, np.ones(mould.mesh.vertex_count))
         reached = replace(reached, design=design, damping=FIRST_DAMPING, done=False)
     return descend(problem, reached, job.steps, GOAL, GAINED, on_step)
+
+
+def _of_mould(
+    job: Job, mould: MouldProblem, reached: Reached, steps: int, on_step: Callable[[Reached], None]
+) -> Reached:
+    """Design the mould alone.
+
+    Where it stalls at the stretch of its start, one half swells more than the other. It then begins anew with a larger
+    mould around the same gas, which is stiffer.
+    """
+    best = reached = descend(mould, reached, steps, GOAL, GAINED, on_step)
+    while best.cost > STALLED and reached.steps < steps and reached.anew < MOST_ANEW:
+        start = _eased(mould.stretch, reached.anew)
+        if _mean_stretch(mould, reached.design) < UNMOVED * start:
+            break
+        easier = _eased(mould.stretch, reached.anew + 1)
+        job.say(f"beginning anew with a larger mould, at a stretch of {easier:.3g}")
+        first = begin(mould, mould.mesh.points.ravel() / easier)
+        if first is None:
+            break
+        first = replace(first, steps=reached.steps, anew=reached.anew + 1)
+        reached = descend(mould, first, steps, GOAL, GAINED, on_step)
+        best = min(best, reached, key=lambda each: each.cost)
+    return replace(best, steps=reached.steps)
+
+
+def _eased(stretch: float, times: int) -> float:
+    """Return the stretch with which a design begins after so many starts anew."""
+    return 1.0 + EASIER**times * (stretch - 1.0)
 
 
 def _film(job: Job, material: Material) -> FilmSkin:
