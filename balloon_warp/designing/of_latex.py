@@ -1,13 +1,12 @@
 """Design of a latex balloon: from a target shape to its mould, simulated."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.designing.descent import FIRST_DAMPING, Reached, begin, descend
+from balloon_warp.designing.descent import Reached, begin, descend
 from balloon_warp.designing.folder import write_stl
 from balloon_warp.designing.hanging import DOWN, SWING_DAMPING, Hanging, swing_rate
 from balloon_warp.designing.job import Job
@@ -96,43 +95,32 @@ def _mean_stretch(problem: MouldProblem, mould: Values) -> float:
     return float(np.sqrt(total_area(problem.mesh) / total_area(small)))
 
 
-def _descended(job: Job, problem: ThicknessProblem, reached: Reached) -> Reached:
-    """Design the mould alone; then, where the thickness may vary, both."""
-    mould, varies = problem.mould, problem.thickest > 1.0
+def _descended(job: Job, thick: ThicknessProblem, reached: Reached) -> Reached:
+    """Design the mould, and the thickness where it may vary.
 
-    def on_step(reached: Reached) -> None:
-        job.on_step(reached, _mean_stretch(mould, problem.split(reached.design)[0]))
-
-    if len(reached.design) == 3 * mould.mesh.vertex_count:
-        reached = _of_mould(job, mould, reached, job.steps // 2 if varies else job.steps, on_step)
-        if not varies or reached.cost < GOAL:
-            return reached
-        job.say("varying the thickness, too")
-        design = np.append(reached.design, np.ones(mould.mesh.vertex_count))
-        reached = replace(reached, design=design, damping=FIRST_DAMPING, done=False)
-    return descend(problem, reached, job.steps, GOAL, GAINED, on_step)
-
-
-def _of_mould(
-    job: Job, mould: MouldProblem, reached: Reached, steps: int, on_step: Callable[[Reached], None]
-) -> Reached:
-    """Design the mould alone.
-
-    Where it stalls at the stretch of its start, one half swells more than the other. It then begins anew with a larger
-    mould around the same gas, which is stiffer.
+    Where a design stalls at the stretch of its start, one half swells more than the other. It then begins anew with a
+    larger mould around the same gas, which is stiffer.
     """
-    best = reached = descend(mould, reached, steps, GOAL, GAINED, on_step)
-    while best.cost > STALLED and reached.steps < steps and reached.anew < MOST_ANEW:
-        start = _eased(mould.stretch, reached.anew)
-        if _mean_stretch(mould, reached.design) < UNMOVED * start:
-            break
+    mould, varies = thick.mould, thick.thickest > 1.0
+    problem = thick if varies else mould
+    even = np.ones(mould.mesh.vertex_count if varies else 0)
+
+    def stretch(reached: Reached) -> float:
+        return _mean_stretch(mould, thick.split(reached.design)[0])
+
+    def descended(reached: Reached) -> Reached:
+        return descend(problem, reached, job.steps, GOAL, GAINED, lambda step: job.on_step(step, stretch(step)))
+
+    best = reached = descended(reached if reached.steps else replace(reached, design=np.append(mould.plain, even)))
+    while best.cost > STALLED and reached.steps < job.steps and reached.anew < MOST_ANEW:
         easier = _eased(mould.stretch, reached.anew + 1)
+        if stretch(reached) < UNMOVED * _eased(mould.stretch, reached.anew):
+            break
         job.say(f"beginning anew with a larger mould, at a stretch of {easier:.3g}")
-        first = begin(mould, mould.mesh.points.ravel() / easier)
+        first = begin(problem, np.append(mould.mesh.points.ravel() / easier, even))
         if first is None:
             break
-        first = replace(first, steps=reached.steps, anew=reached.anew + 1)
-        reached = descend(mould, first, steps, GOAL, GAINED, on_step)
+        reached = descended(replace(first, steps=reached.steps, anew=reached.anew + 1))
         best = min(best, reached, key=lambda each: each.cost)
     return replace(best, steps=reached.steps)
 
