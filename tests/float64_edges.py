@@ -28,6 +28,7 @@ class MeetingEdges:
         edges: ends of the edges of each balloon.
         corners: of the triangles of each balloon.
         owner: balloon of each particle.
+        skins: function that returns thickness, stiffness and friction between two balloons.
         weights_in: function that returns barycentric weights of what is nearest to a point in a triangle.
     """
 
@@ -35,7 +36,9 @@ class MeetingEdges:
         self, edges: Sequence[Array], corners: Sequence[Array], owner: Array, ease: Array, h: float, skins: Skins,
         weights_in: Callable[..., Array],
     ):  # fmt: skip
-        self.owner, self.ease, self.h, self.skins, self.weights_in = owner, ease, h, skins, weights_in
+        self.owner, self.ease, self.h, self.weights_in = owner, ease, h, weights_in
+        balloons = range(len(edges))
+        self.skins = np.array([[skins(first, second) for second in balloons] for first in balloons])
         of_edges, of_particles = [], []
         for first, second in permutations(range(len(edges)), 2):
             if first < second:
@@ -93,7 +96,7 @@ class MeetingEdges:
 
     def _may_touch(self, v: Array, ends: Array, arm: Array, weights: Array, first: Array, second: Array) -> Any:
         gap = np.linalg.norm(arm, axis=1)
-        skins = np.array([self.skins(*each) for each in self.owner[ends[:, [0, 3]]]]).reshape(-1, 3)
+        skins = self.skins[tuple(self.owner[ends[:, [0, 3]]].T)]
         kept = float(KEPT) * skins[:, 0]
         speed = np.linalg.norm((weights[:, :, None] * v[ends]).sum(axis=1), axis=1)
         near = gap < 2.0 * kept + float(AHEAD) * self.h * speed

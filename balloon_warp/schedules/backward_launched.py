@@ -24,6 +24,7 @@ from balloon_warp.schedules.backward_exchange import ExchangeBackward, kept_of_e
 from balloon_warp.schedules.backward_gas import GasBackward
 from balloon_warp.schedules.backward_spheres import STATE_OF_SPHERES, SpheresBackward, log_of_spheres
 from balloon_warp.schedules.backward_touch import TouchBackward, kept_of_touch
+from balloon_warp.schedules.backward_tubes import TubesBackward
 from balloon_warp.schedules.balloon_contact import TouchLaunches
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.framing import Framing
@@ -173,6 +174,8 @@ class LaunchedBackward(BackwardFrames):
             self._launches.notes["meet_edges"] = self._edges
         if features.gas_changes:
             self._gas_back = GasBackward(model, features, self.columns, tables, self._launches.working, self.bars)
+        if features.tubes:
+            self.tubes = TubesBackward(model, features, self.columns, tables, self.arrays, self.bars)
         self.carries_loads = any(
             kernel.item == "particle" and not kernel.after_note and "all_load_bar" in kernel.arguments
             for kernel in kernels
@@ -234,6 +237,8 @@ class LaunchedBackward(BackwardFrames):
                 **{f"all_{name}": array for name, array in kept.values[substep].items()}, **self.arrays,
             }  # fmt: skip
             inputs = [has[name] for name in kernel.arguments]
+            if self.tubes and "all_slope_bar" in kernel.arguments:
+                self.tubes.turn_back(self.state, found, kept.values[substep]["gas_load"])
             if kernel.item == "balloon":
                 places = (m.world_count, m.balloon_count)
                 launch_tiled(made, dim=places, inputs=inputs, block_dim=team_threads(m), device=m.device)
