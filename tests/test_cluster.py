@@ -1,22 +1,20 @@
 """Batch on many workers: the files are those of one process, whoever simulated it."""
 
-import atexit
 import contextlib
 import functools
-import gc
 import os
 import signal
-import socket
-import struct
 import threading
 import time
 from collections.abc import Iterator
+from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import warp as wp
-from clusters import address_of, batch, write_ball
+from clusters import address_of, batch, start_workers, write_ball
 from meshes import cube, quad_sphere
 from pxr import Sdf
 
@@ -24,10 +22,10 @@ from balloon_warp import Cluster, InputError, Scene, TrajectoryFiles, WorkersLos
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.scene import Balloon, Ground, Sphere, String
 from balloon_warp.sweep import cluster as cluster_module
-from balloon_warp.sweep import distribute, remote, shares
+from balloon_warp.sweep import dask_workers, distribute, local_workers, shares
+from balloon_warp.sweep.child import start_child
 from balloon_warp.sweep.output import BatchOutput
 from balloon_warp.sweep.task import BatchTask
-from balloon_warp.warp_logging import quiet_warp
 
 dask = pytest.importorskip("dask", reason="needs the extra `cluster`")
 distributed = pytest.importorskip("distributed")
@@ -55,8 +53,8 @@ def fine_grain(monkeypatch: pytest.MonkeyPatch) -> None:
     """Split small batches, too, and allow a busy machine more time."""
     monkeypatch.setitem(shares.GRAIN, "cpu", shares.Grain(1, 1))
     monkeypatch.setattr(shares, "SHARES", 8)
-    monkeypatch.setattr(cluster_module, "CONNECT_SECONDS", 120.0)
-    monkeypatch.setattr(cluster_module, "WORKER_SECONDS", 120.0)
+    monkeypatch.setattr(dask_workers, "CONNECT_SECONDS", 120.0)
+    monkeypatch.setattr(dask_workers, "WORKER_SECONDS", 120.0)
 
 
 @pytest.fixture
@@ -74,7 +72,7 @@ def vary(tmp_path: Path) -> dict:
 @pytest.fixture(scope="module")
 def address() -> Iterator[str]:
     """Yield the address of a running scheduler with one worker."""
-    with cluster_module.start_workers([{}]) as workers:
+    with start_workers(1) as workers:
         yield address_of(workers)
 
 
@@ -110,32 +108,29 @@ def test_two_workers_give_what_one_process_gives(vary: dict, tmp_path: Path):
     assert seen[-1] == 4
 
 
-def test_the_workers_end_while_the_table_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    ended, connect = threading.Event(), distribute.connect
+def test_the_workers_end_before_the_table_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Processes of this machine are gone when rows are written: they would keep the memory of GPUs."""
 
-    @contextlib.contextmanager
-    def connect_and_tell(cluster: Cluster) -> Iterator[distributed.Client]:
-        with connect(cluster) as client:
-            yield client
-        ended.set()
-
-    def write_when_ended(task: BatchTask, output: BatchOutput) -> None:
-        assert ended.wait(timeout=120.0)
+    def write_without_children(task: BatchTask, output: BatchOutput) -> None:
+        until = time.monotonic() + 60.0
+        while workers_here():
+            assert time.monotonic() < until
+            time.sleep(0.01)
         write(task, output)
 
     write = distribute._write_table
-    monkeypatch.setattr(distribute, "connect", connect_and_tell)
-    monkeypatch.setattr(distribute, "_write_table", write_when_ended)
+    monkeypatch.setattr(distribute, "_write_table", write_without_children)
     run_batch(scene(), tmp_path / "out", 2, cluster=Cluster(workers=1))
     assert len((tmp_path / "out" / "table.csv").read_text().splitlines()) == 1 + 5 * 2
 
 
-def test_a_worker_ends_without_looking_for_garbage(monkeypatch: pytest.MonkeyPatch):
-    at_exit = []
-    monkeypatch.setattr(atexit, "register", at_exit.append)
-    monkeypatch.setattr(signal, "signal", lambda *_: None)
-    cluster_module.dask_setup(None)
-    assert at_exit == [gc.freeze]
+def workers_here() -> list[psutil.Process]:
+    """Return the processes that this one has started as workers."""
+    found = []
+    for each in psutil.Process().children():
+        with contextlib.suppress(psutil.NoSuchProcess):  # it has ended meanwhile
+            found += [each] if "spawn_main" in " ".join(each.cmdline()) else []
+    return found
 
 
 def remove(paths: list[str]) -> None:
@@ -154,7 +149,7 @@ def test_the_share_of_a_killed_worker_is_done_again(tmp_path: Path):
             killed.append(int(os.readlink(tmp_path / "victim")))
             os.kill(killed[0], signal.SIGKILL)
 
-    local = Cluster(workers=2, prepare=functools.partial(note_start, str(tmp_path)))
+    local = Cluster(workers=2, prepare=functools.partial(note_starts, str(tmp_path)))
     run_batch(scene(), tmp_path / "both", 4, export=[0, 3], cluster=local, on_frame=kill)
     assert_same_files(tmp_path / "both", tmp_path / "alone")
     assert not psutil.pid_exists(killed[0])
@@ -162,14 +157,31 @@ def test_the_share_of_a_killed_worker_is_done_again(tmp_path: Path):
     assert sum(starts) == 4 + 1  # four shares, one of them twice
 
 
-def note_start(folder: str) -> None:
-    """Write a byte for each share that a worker starts, none where it is only asked for its device."""
-    if is_at_work():
+def note_starts(folder: str) -> None:
+    """Let a worker write a byte for each share that it starts; the first of all waits in it."""
+    lay_out = shares.lay_out
+
+    def note_and_lay_out(*given: Any) -> Any:
         with open(f"{folder}/starts/{os.getpid()}", "ab") as file:
             file.write(b".")
         with contextlib.suppress(FileExistsError):
             os.symlink(str(os.getpid()), f"{folder}/victim")  # at once, by one of them alone
             time.sleep(600)
+        return lay_out(*given)
+
+    shares.lay_out = note_and_lay_out
+
+
+def test_a_share_that_ends_processes_here_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(local_workers, "MOST_LOSSES", 1)
+    with pytest.raises(WorkersLostError, match=r"^a share of the batch crashed 2 workers in a row"):
+        run_batch(scene(), tmp_path / "out", 1, cluster=Cluster(workers=1, prepare=end_in_share))
+    assert list((tmp_path / "out").iterdir()) == []
+    assert not workers_here()
+
+
+def end_in_share() -> None:
+    shares.lay_out = lambda *_: os._exit(1)
 
 
 def is_at_work() -> bool:
@@ -182,7 +194,7 @@ def is_at_work() -> bool:
 
 def test_a_share_that_ends_every_worker_is_given_up(tmp_path: Path):
     """A share that kills every worker ends the batch, also where Dask did not restart one that died as it joined."""
-    with cluster_module.start_workers([{}]) as workers:
+    with start_workers(1) as workers:
         cluster = Cluster(address=address_of(workers), prepare=end_worker)
         lost = r"^(a share of the batch crashed 4 workers in a row|all workers ended)"
         with pytest.raises(WorkersLostError, match=lost):
@@ -191,50 +203,30 @@ def test_a_share_that_ends_every_worker_is_given_up(tmp_path: Path):
 
 
 def test_workers_that_are_all_gone_are_not_waited_for_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(remote, "ALONE_SECONDS", 1.0)
-    with cluster_module.start_workers([{}]) as workers:
+    monkeypatch.setattr(dask_workers, "ALONE_SECONDS", 1.0)
+    with start_workers(1) as workers:
         cluster = Cluster(address=address_of(workers))
         with pytest.raises(WorkersLostError, match=r"^all workers ended, and none came for 1 s; "):
             run_batch(scene(), tmp_path, 8, cluster=cluster, device="cpu", on_frame=lambda frame: workers.scale(0))
 
 
 def test_a_scheduler_that_is_gone_is_told(tmp_path: Path):
-    with cluster_module.start_workers([{}]) as workers:
+    with start_workers(1) as workers:
         cluster = Cluster(address=address_of(workers))
         with pytest.raises(WorkersLostError, match=r"^the scheduler is gone"):
             run_batch(scene(), tmp_path, 8, cluster=cluster, device="cpu", on_frame=lambda frame: workers.close())
     assert [path.name for path in tmp_path.iterdir()] in ([], ["partial"])  # a share may have been done, and is saved
 
 
-def test_garbage_at_its_ports_does_not_end_a_batch(tmp_path: Path, capfd: pytest.CaptureFixture[str]):
-    """Garbage at the ports of the scheduler, the workers and their nannies does not disturb a batch."""
-    heavy = scene(frames=30, substeps=400)
-    run_batch(heavy, tmp_path / "alone", 4, export=[0, 3], device="cpu")
-    capfd.readouterr()
-    strewn, local = [], Cluster(workers=2, prepare=quiet_warp)
+def test_workers_of_this_machine_listen_nowhere(tmp_path: Path):
+    seen: list[Any] = []
 
-    def strew(frame: int) -> None:
-        for place in [] if strewn else listening():
-            for garbage in (b"GET / HTTP/1.1\r\n\r\n", b"\xff" * 4096, struct.pack("<QQ", 8, 1 << 62), b"\0" * 64, b""):
-                with socket.create_connection(place, timeout=60) as stranger:
-                    stranger.sendall(garbage)
-                strewn.append(place)
+    def look(frame: int) -> None:
+        if not seen:
+            seen.extend(each.net_connections() for each in workers_here())
 
-    run_batch(heavy, tmp_path / "both", 4, export=[0, 3], cluster=local, on_frame=strew)
-    assert len(set(strewn)) >= 3  # a scheduler and two workers
-    assert_same_files(tmp_path / "both", tmp_path / "alone")
-    assert capfd.readouterr().err == ""
-
-
-def listening() -> list[tuple[str, int]]:
-    """Return the addresses at which this process and its children listen."""
-    here = psutil.Process()
-    return [
-        (connection.laddr.ip, connection.laddr.port)
-        for process in (here, *here.children(recursive=True))
-        for connection in process.net_connections()
-        if connection.status == psutil.CONN_LISTEN
-    ]
+    run_batch(scene(), tmp_path / "out", 4, cluster=Cluster(workers=2), on_frame=look)
+    assert seen == [[], []]
 
 
 def end_worker() -> None:
@@ -277,24 +269,35 @@ def test_a_worker_that_lacks_the_device_is_told(address: str, tmp_path: Path):
 
 
 def test_each_gpu_has_a_worker_that_sees_it_alone(monkeypatch: pytest.MonkeyPatch):
-    """Each worker sees one GPU of those that are visible to the process."""
+    """Each process sees one GPU of those that are visible to this one."""
     monkeypatch.setattr(wp, "get_cuda_device_count", lambda: 3)
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "5,6,7")
     environments = cluster_module.worker_environments(Cluster(gpus=2))
+    assert [each["CUDA_VISIBLE_DEVICES"] for each in environments] == ["5", "6"]
     monkeypatch.delenv("CUDA_VISIBLE_DEVICES")
     assert cluster_module.worker_environments(Cluster(gpus=1)) == [{"CUDA_VISIBLE_DEVICES": "0"}]
-    with (
-        dask.config.set(cluster_module.SETTINGS),
-        cluster_module.start_workers(environments) as workers,
-        distributed.Client(workers) as client,
-    ):
-        seen = client.run(os.getenv, "CUDA_VISIBLE_DEVICES")
-        assert sorted(seen.values()) == ["5", "6"]
-        assert set(client.run(hears_ctrl_c).values()) == {False}
-        assert len(listening()) >= 3  # a scheduler and two workers
-        assert {address for address, _ in listening()} == {"127.0.0.1"}
+    process, connection = start_child(tell_surroundings, environments[1])
+    assert connection.recv() == ("6", signal.SIG_IGN)  # a terminal sends Ctrl-C to workers, too
+    process.join()
 
 
-def hears_ctrl_c() -> bool:
-    """Return whether SIGINT reaches a worker, as a terminal sends Ctrl-C to workers, too."""
-    return signal.getsignal(signal.SIGINT) != signal.SIG_IGN
+def tell_surroundings(connection: Connection) -> None:
+    connection.send((os.environ["CUDA_VISIBLE_DEVICES"], signal.getsignal(signal.SIGINT)))
+
+
+def test_the_first_gpu_is_this_process_s(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """A thread simulates beside a process, to the same bytes; here both on the CPU."""
+    run_batch(scene(), tmp_path / "alone", 8, export=[0, 3], device="cpu")
+    monkeypatch.setattr(local_workers, "worker_environments", lambda cluster: [{}] * cluster.gpus)
+    monkeypatch.setattr(Cluster, "device", lambda *_: "cpu")
+    here = set()
+
+    def note_thread(*given: Any) -> Any:
+        here.add(threading.current_thread().name)
+        return lay_out(*given)
+
+    lay_out = shares.lay_out
+    monkeypatch.setattr(shares, "lay_out", note_thread)
+    run_batch(scene(), tmp_path / "both", 8, export=[0, 3], cluster=Cluster(gpus=2))
+    assert_same_files(tmp_path / "both", tmp_path / "alone")
+    assert here == {"first GPU"}

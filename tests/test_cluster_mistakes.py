@@ -5,11 +5,12 @@ import sys
 from pathlib import Path
 
 import pytest
-from clusters import address_of, batch, write_ball
+from clusters import address_of, batch, start_workers, write_ball
 from small_batch import scene
 
 from balloon_warp import Cluster, InputError, MissingExtraError, run_batch
 from balloon_warp.sweep import cluster as cluster_module
+from balloon_warp.sweep import dask_workers
 
 distributed = pytest.importorskip("distributed")
 
@@ -33,7 +34,7 @@ def test_a_mistake_gets_one_sentence_and_status_2(
     sentence: str,
 ):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(cluster_module, "CONNECT_SECONDS", 1.0)
+    monkeypatch.setattr(dask_workers, "CONNECT_SECONDS", 1.0)
     write_ball(tmp_path)
     assert batch(monkeypatch, *arguments) == 2
     captured = capfd.readouterr()
@@ -65,9 +66,9 @@ def test_a_script_without_a_guard_is_told(tmp_path: Path):
 
 
 def test_a_scheduler_without_workers_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(cluster_module, "WORKER_SECONDS", 0.5)
+    monkeypatch.setattr(dask_workers, "WORKER_SECONDS", 0.5)
     with (
-        cluster_module.start_workers([]) as nobody,
+        start_workers(0) as nobody,
         pytest.raises(InputError, match=r"^--cluster tcp://.*: the scheduler has no worker after 0\.5 s"),
     ):
         run_batch(scene(), tmp_path / "out", 2, cluster=Cluster(address=address_of(nobody)))
@@ -77,4 +78,4 @@ def test_a_scheduler_without_workers_is_told(tmp_path: Path, monkeypatch: pytest
 def test_the_missing_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(MissingExtraError, match=r"pip install 'balloon-warp\[cluster\]'"):
-        run_batch(scene(), tmp_path, 2, cluster=Cluster(workers=2))
+        run_batch(scene(), tmp_path, 2, cluster=Cluster("tcp://127.0.0.1:1"))

@@ -7,7 +7,8 @@ import pytest
 
 from balloon_warp.errors import WorkersLostError
 
-remote = pytest.importorskip("balloon_warp.sweep.remote")
+dask_workers = pytest.importorskip("balloon_warp.sweep.dask_workers")
+pytest.importorskip("distributed")
 
 
 class FarAway:
@@ -31,7 +32,7 @@ def test_a_result_that_went_with_its_worker_is_not_waited_for_for_ever():
     """A result lost with its worker is not waited for: the share is repeated, and there is no worker left to do so."""
     lost: Any = FarAway(workers=0, seconds=np.inf)
     with pytest.raises(WorkersLostError, match=r"^all workers ended, and none came for 60 s"):
-        remote._result(lost, lost)
+        dask_workers._result(lost, lost)
     slow: Any = FarAway(workers=1, seconds=200.0)
-    assert remote._result(slow, slow) == "share"
+    assert dask_workers._result(slow, slow) == "share"
     assert slow.timeouts == [60.0, 120.0, 240.0]

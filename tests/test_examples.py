@@ -119,7 +119,6 @@ def test_it_runs(name: str, here: Path, monkeypatch: pytest.MonkeyPatch):
 
 def test_the_cluster_s_runs(here: Path):
     """The cluster's example runs as a program, as its workers import it."""
-    pytest.importorskip("distributed")
     command = [sys.executable, str(small("06_batch_on_a_cluster", here))]
     done = subprocess.run(command, capture_output=True, text=True, env=dict(os.environ), timeout=300, check=False)
     assert done.returncode == 0, done.stderr

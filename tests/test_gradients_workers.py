@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from clusters import start_workers
 from meshes import quad_sphere
 
 from balloon_warp import BlowUpError, Cluster, InputError, Trajectories, gradient
@@ -36,9 +37,7 @@ def far(moved: Trajectories) -> tuple[Any, dict[str, Any]]:
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[Cluster]:
     """Two workers on this machine."""
-    from balloon_warp.sweep.cluster import start_workers
-
-    with start_workers([{}, {}]) as workers:
+    with start_workers(2) as workers:
         yield Cluster(address=str(workers.scheduler_address))
 
 

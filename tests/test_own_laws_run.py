@@ -74,7 +74,6 @@ def test_a_batch_is_repeated_with_the_same_law_alone(tmp_path: Path):
 
 
 def test_a_batch_on_workers_is_the_batch_here(tmp_path: Path):
-    pytest.importorskip("distributed")
     vary = {STRENGTH: [1.0, 9.0]}
     here = bw.run_batch(loose(), tmp_path / "a", 2, vary, device="cpu", laws=[MAGNET])
     there = bw.run_batch(loose(), tmp_path / "b", 2, vary, cluster=bw.Cluster(workers=1), laws=[MAGNET])
@@ -82,7 +81,6 @@ def test_a_batch_on_workers_is_the_batch_here(tmp_path: Path):
 
 
 def test_workers_refuse_a_law_that_they_cannot_find(tmp_path: Path):
-    pytest.importorskip("distributed")
     nameless = bw.particle_law(magnet, MAGNET.parameters)
     with pytest.raises(bw.InputError, match=r"^--workers 1: law magnet: other processes cannot find it; expected a gl"):
         bw.run_batch(loose(), tmp_path, 2, cluster=bw.Cluster(workers=1), laws=[nameless])

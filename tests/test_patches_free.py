@@ -78,7 +78,8 @@ def test_balloons_meet_as_in_launches_on_a_gpu(name: str, gpu: wp.Device, monkey
         np.testing.assert_allclose(simulator.state.pressures.numpy(), peer.state.pressures.numpy(), atol=0.5)
     assert seen[0] == FREE
     assert seen[-1] == BUSY
-    assert simulator.state.velocities.numpy()[0, :1178, 0].mean() < -0.05  # the first has been hit
+    # The first has been hit: alone it stays at rest to 1e-8 m/s.
+    assert simulator.state.velocities.numpy()[0, :1178, 0].mean() < -0.01
 
 
 def test_a_world_does_not_feel_how_free_another_is_on_a_gpu(gpu: wp.Device):

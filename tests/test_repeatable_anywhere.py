@@ -5,7 +5,6 @@ import subprocess
 import sys
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import pytest
 from meshes import quad_sphere
@@ -14,7 +13,7 @@ from balloon_warp.mesh.obj import write_obj
 from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Sphere, String
 from balloon_warp.sweep import shares
 from balloon_warp.sweep.batch import run_batch
-from balloon_warp.sweep.cluster import Cluster, start_workers
+from balloon_warp.sweep.cluster import Cluster
 
 WRITE = """
 import sys
@@ -98,12 +97,9 @@ def tables(schedule: str, folder: Path, cluster: Cluster | None = None) -> list[
 def test_the_number_of_workers_is_not_in_the_table(
     count: int, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
 ):
-    pytest.importorskip("distributed", reason="needs the extra `cluster`")
     monkeypatch.setitem(shares.GRAIN, "cpu", shares.Grain(1, 1))  # small batches are cut, too
     monkeypatch.setattr(shares, "SHARES", 4)
     alone = tables_alone(tmp_path_factory.getbasetemp() / "alone")
-    with start_workers([{}] * count) as workers:
-        address: Any = workers.scheduler_address
-        for schedule in SCHEDULES:
-            folder = tmp_path_factory.mktemp(schedule)
-            assert tables(schedule, folder, Cluster(address=address)) == alone[schedule], schedule
+    for schedule in SCHEDULES:
+        folder = tmp_path_factory.mktemp(schedule)
+        assert tables(schedule, folder, Cluster(workers=count)) == alone[schedule], schedule

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from batches import NAMES, contents, press_ctrl_c_once
+from clusters import start_workers
 from meshes import quad_sphere
 from pxr import Sdf, Usd
 
@@ -111,9 +112,7 @@ def test_a_process_that_is_told_to_end_finishes_its_frame_and_saves_it(
 def address() -> Iterator[str]:
     """Yield the address of a scheduler with two workers."""
     pytest.importorskip("distributed", reason="needs the extra `cluster`")
-    from balloon_warp.sweep.cluster import start_workers
-
-    with start_workers([{}, {}]) as workers:
+    with start_workers(2) as workers:
         yield str(workers.scheduler_address)
 
 

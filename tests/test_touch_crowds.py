@@ -97,8 +97,6 @@ def test_what_has_no_place_in_a_list_is_told(device, tmp_path):
 @pytest.mark.parametrize("spread", [False, True])
 def test_a_batch_tells_it_of_all_worlds(spread, device, tmp_path):
     """A batch counts ignored contacts of all worlds: each has as many as alone, here and in shares."""
-    if spread:
-        pytest.importorskip("distributed", reason="needs the extra `cluster`")
 
     def count(sentences: list[str]) -> int:
         (sentence,) = (each for each in sentences if each.startswith("touch: "))

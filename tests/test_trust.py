@@ -63,7 +63,7 @@ HARM = {
 
 @pytest.mark.parametrize("finder", HARM)
 def test_what_did_harm_is_a_failure(finder: str, monkeypatch: pytest.MonkeyPatch):
-    for module in {"worker_kills": ["distributed"], "viewer_nonsense": ["viser"]}.get(finder.partition(".")[0], []):
+    for module in {"viewer_nonsense": ["viser"]}.get(finder.partition(".")[0], []):
         pytest.importorskip(module, reason="needs an extra")
     effort, found, failure = HARM[finder]
     monkeypatch.setattr(f"balloon_warp.benchmarks.{finder}", lambda *_: found)
@@ -94,7 +94,6 @@ def test_a_failure_is_the_status(
 
 
 def test_a_killed_worker_leaves_the_batch_of_one_process(tmp_path: Path):
-    pytest.importorskip("distributed", reason="needs the extra `cluster`")
     from balloon_warp.benchmarks.worker_kills import kill_workers
 
     assert kill_workers(1, tmp_path) == {"same": 1}

@@ -1,11 +1,5 @@
 """Processes of an environment: each steps some of the worlds, on a GPU of its own."""
 
-import multiprocessing
-import os
-import pickle
-import signal
-import threading
-import time
 from collections.abc import Sequence
 from multiprocessing.connection import Connection, wait
 from typing import Any, NamedTuple
@@ -17,11 +11,8 @@ from balloon_warp.envs.task import Task
 from balloon_warp.envs.vector_env import BalloonVectorEnv
 from balloon_warp.errors import InputError, WorkersLostError
 from balloon_warp.solvers.choose import settled_solver
+from balloon_warp.sweep.child import UNGUARDED, UNSENT, as_sent, end_children, start_child
 from balloon_warp.warp_logging import quiet_warp
-
-ENDING_SECONDS = 1.0
-"""Time that processes have to end by themselves [s]"""
-UNGUARDED = 'a script that starts processes needs its main part under `if __name__ == "__main__":`'
 
 
 class Part(NamedTuple):
@@ -73,15 +64,13 @@ class Processes:
     def __init__(self, parts: Sequence[Part], environments: Sequence[dict[str, str]], option: str):
         self._option = option
         self._workers: list[tuple[Any, Connection]] = []
-        context = multiprocessing.get_context("spawn")
         try:
             for part, environment in zip(parts, environments, strict=True):
-                near, far = context.Pipe()
-                process = context.Process(target=_serve, args=(environment, part, far), daemon=True)
-                self._workers.append((process, near))
-                _start(process)
-                far.close()
+                self._workers.append(start_child(_serve, environment, part))
             self._answers(f"ended as it started; {UNGUARDED}")
+        except UNSENT as error:
+            self.end()
+            raise InputError(f"task: cannot be sent to a process: {error}") from None
         except BaseException:
             self.end()
             raise
@@ -127,24 +116,8 @@ class Processes:
         """End all processes."""
         for _, connection in self._workers:
             connection.close()
-        started = [process for process, _ in self._workers if process.pid is not None]
-        until = time.monotonic() + ENDING_SECONDS
-        for process in started:
-            process.join(max(until - time.monotonic(), 0.0))
-        for process in started:
-            process.kill()
-        for process in started:
-            process.join()
+        end_children(process for process, _ in self._workers)
         self._workers = []
-
-
-def _start(process: Any) -> None:
-    try:
-        process.start()
-    except RuntimeError:
-        raise InputError(f"the processes do not start; {UNGUARDED}") from None
-    except (pickle.PicklingError, AttributeError, TypeError) as error:
-        raise InputError(f"task: cannot be sent to a process: {error}") from None
 
 
 class _Served:
@@ -172,12 +145,9 @@ def _on_host(array: Any) -> Any:
     return array.cpu().numpy() if hasattr(array, "cpu") else array
 
 
-def _serve(environment: dict[str, str], part: Part, connection: Connection) -> None:
+def _serve(connection: Connection, part: Part) -> None:
     """Do what is asked through a connection until its other end is closed; runs in a process of its own."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it to all, and it is for the first process
-    os.environ.update(environment)
     quiet_warp()
-    threading.Thread(target=_end_with_parent, daemon=True).start()
     try:
         served = _Served(part.env())
         connection.send((None, None))
@@ -187,21 +157,4 @@ def _serve(environment: dict[str, str], part: Part, connection: Connection) -> N
     except (EOFError, BrokenPipeError):
         return
     except Exception as failure:
-        connection.send((None, _as_sent(failure)))
-
-
-def _as_sent(failure: Exception) -> Exception:
-    """Return a failure, or its words where it cannot be sent."""
-    try:
-        pickle.loads(pickle.dumps(failure))
-    except Exception:
-        return WorkersLostError(f"{type(failure).__name__}: {failure}")
-    return failure
-
-
-def _end_with_parent() -> None:
-    """End the process, even within a function, as soon as its parent is gone."""
-    parent = multiprocessing.parent_process()
-    if parent:
-        parent.join()
-        os._exit(1)
+        connection.send((None, as_sent(failure)))

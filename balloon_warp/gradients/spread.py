@@ -1,6 +1,5 @@
 """A gradient on many workers: each takes some of the worlds."""
 
-import pickle
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -10,9 +9,10 @@ from numpy.typing import NDArray
 from balloon_warp.blow_ups import BlowUp
 from balloon_warp.errors import BlowUpError, InputError
 from balloon_warp.gradients.derive import Asked, Gradient, derive
-from balloon_warp.sweep.cluster import Cluster, connect
+from balloon_warp.sweep.child import UNSENT, pack
+from balloon_warp.sweep.cluster import Cluster
 from balloon_warp.sweep.groups import Group
-from balloon_warp.sweep.remote import Work, modules_of, require_laws_that_travel, run_shares, worker_devices
+from balloon_warp.sweep.remote import Work, connect, modules_of, require_laws_that_travel, run_shares
 from balloon_warp.trajectories import Trajectories
 
 TRACKS = ("pressures", "gas_amounts", "sphere_positions", "sphere_velocities")
@@ -30,8 +30,8 @@ def derive_on_workers(
     """
     require_laws_that_travel(asked.laws, cluster)
     _require_that_it_travels(asked, cluster)
-    with connect(cluster) as client:
-        devices = worker_devices(client, cluster, asked.device, [__name__, *modules_of(asked.laws)])
+    with connect(cluster, __name__) as workers:
+        devices = workers.devices(asked.device, [__name__, *modules_of(asked.laws)])
         parts = [rows for rows in np.array_split(np.arange(asked.world_count), len(devices)) if len(rows)]
         work = Work(
             _derive_and_count,
@@ -39,18 +39,16 @@ def derive_on_workers(
             [len(rows) / asked.world_count for rows in parts],
             2 * group.plan.scene.frames + 1,
         )
-        results = dict(filter(None, run_shares(client, cluster, work, len(devices), on_frame)))
+        results = dict(filter(None, run_shares(workers, work, len(devices), on_frame)))
     found: list[tuple[Gradient, bool]] = [results[number] for number in sorted(results)]
     gradients = [each for each, _ in found]
     return (_joined(gradients) if len(gradients) > 1 else gradients[0]), any(depends for _, depends in found)
 
 
 def _require_that_it_travels(asked: Asked, cluster: Cluster) -> None:
-    from cloudpickle import dumps  # comes with dask.distributed, which is an extra
-
     try:
-        dumps(asked.loss)
-    except (pickle.PicklingError, TypeError) as error:
+        pack(asked.loss)
+    except UNSENT as error:
         raise InputError(f"loss: cannot be sent to the workers of {cluster.option}: {error}") from None
 
 

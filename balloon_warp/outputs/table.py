@@ -1,8 +1,10 @@
 """A batch's table: a row for each world and frame, as .npz, and as .csv or .parquet of the same columns."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing
 from pathlib import Path
+from threading import Event
 from types import TracebackType
 from typing import Self
 
@@ -75,7 +77,7 @@ class TableWriter:
         self.health = np.zeros((frame_count, world_count), dtype=np.int32)
         """Health of each frame and world, shape (frame_count, world_count)"""
         self._frames_written = 0
-        self._has_arrays = False
+        self._measured, self._failed = Event(), False
 
     @property
     def columns(self) -> list[str]:
@@ -87,6 +89,8 @@ class TableWriter:
             files.push(self._remove_others)
             self._npz = files.enter_context(whole_file(self.folder / npz))
             files.push(self._save_npz)
+            thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="arrays")
+            self._arrays = thread.submit(write_npz, self._npz, self._arrays_in_turn())
             path = files.enter_context(whole_file(self.folder / rows))
             self._rows = files.enter_context(
                 closing(KINDS[self.kind](path, self.columns, self.varied, self.world_count))
@@ -101,13 +105,12 @@ class TableWriter:
         self._rows.write(frame, frame / self.frames_per_second, self.values[frame], self.health[frame])
 
     def write_arrays(self) -> None:
-        """Write the arrays of all frames, which are there: in a thread of its own while rows are written."""
-        write_npz(self._npz, ((name, self._column(name)) for name in self.columns))
-        self._has_arrays = True
+        """Write the measured columns of all frames, which are there: in a thread of its own while rows are written."""
+        self._measured.set()
+        self._arrays.result()
 
     def write_again(self) -> None:
-        """Write the frames again that were written already: their rows have changed since."""
-        self._has_arrays = False
+        """Write the frames again that were written already: their rows have changed since; before `write_arrays`."""
         frames, self._frames_written = self._frames_written, 0
         self._rows.begin_again()
         for _ in range(frames):
@@ -126,9 +129,22 @@ class TableWriter:
                 target_of(path).unlink()
 
     def _save_npz(self, kind: type[BaseException] | None, *_: object) -> None:
-        """Write the arrays unless the run failed, or they are written; one column at a time is in memory twice."""
-        if kind is None and not self._has_arrays:
+        """Write the arrays unless the run failed, or they are written."""
+        if kind is None:
             self.write_arrays()
+        else:
+            self._failed = True
+            self._measured.set()
+            self._arrays.exception()  # waits for the thread
+
+    def _arrays_in_turn(self) -> Iterator[tuple[str, NDArray]]:
+        """Iterate over columns, once they are known: of two in memory one is a copy. The first are known at once."""
+        for name in self.columns:
+            if name in (*self.measures, "health"):
+                self._measured.wait()
+            if self._failed:
+                return
+            yield name, self._column(name)
 
     def _column(self, name: str) -> NDArray:
         frames, worlds = self.health.shape

@@ -1,8 +1,12 @@
 """Rows of a batch's table as Parquet, which pandas, Polars, DuckDB and Arrow read."""
 
+import os
+from collections import deque
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from importlib import import_module
 from importlib.util import find_spec
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import MissingExtraError
+from balloon_warp.outputs.parquet_parts import ParquetParts
 
 ROWS = 2**20
 """Number of rows that are written together, at least, unless they are the last: a row group of the file"""
+THREADS = min(os.cpu_count() or 1, 8)
+"""Number of row groups that are encoded side by side: more would only fill the memory"""
 
 
 def has_parquet() -> bool:
@@ -55,6 +62,8 @@ class ParquetRows:
         types |= dict.fromkeys(measured, self._arrow.float32())
         self._repeating = [name for name in columns if name not in measured]  # floats gain nothing by a dictionary
         self._schema = self._arrow.schema([(name, types[name]) for name in columns])
+        self._encoders = ThreadPoolExecutor(THREADS, thread_name_prefix="encoder")
+        self._encoded: deque[Future[memoryview]] = deque()
         self._open()
 
     def write(self, frame: int, time: float, values: NDArray[np.float32], health: NDArray[np.int32]) -> None:
@@ -70,20 +79,31 @@ class ParquetRows:
     def begin_again(self) -> None:
         """Forget what was written."""
         self._waiting.clear()
-        self._writer.close()
+        self._flush(wait_for=0)
+        self._parts.close()
         self._open()
 
     def close(self) -> None:
         """Write what waits, and close the file."""
-        self._flush()
-        self._writer.close()
+        self._flush(wait_for=0)
+        self._encoders.shutdown()
+        self._parts.close()
 
     def _open(self) -> None:
         self._waiting: list[Any] = []
-        options = {"compression": "zstd", "compression_level": 1, "use_dictionary": self._repeating}
-        self._writer = self._parquet.ParquetWriter(self._path, self._schema, **options)
+        self._parts = ParquetParts(self._path.open("wb"))
 
-    def _flush(self) -> None:
+    def _flush(self, wait_for: int = THREADS) -> None:
+        """Have what waits encoded as a row group, and write those that are, until so many are under way."""
         if self._waiting:
-            self._writer.write_table(self._arrow.Table.from_batches(self._waiting), row_group_size=2**31 - 1)
-            self._waiting.clear()
+            self._encoded.append(self._encoders.submit(self._encode, self._waiting))
+            self._waiting = []
+        while len(self._encoded) > wait_for:
+            self._parts.append(self._encoded.popleft().result())
+
+    def _encode(self, batches: Sequence[Any]) -> memoryview:
+        """Return a Parquet file of a row group."""
+        file, options = BytesIO(), {"compression": "zstd", "compression_level": 1, "use_dictionary": self._repeating}
+        with self._parquet.ParquetWriter(file, self._schema, **options) as writer:
+            writer.write_table(self._arrow.Table.from_batches(batches), row_group_size=2**31 - 1)
+        return file.getbuffer()

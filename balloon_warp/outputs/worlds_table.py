@@ -2,7 +2,6 @@
 
 import csv
 from collections.abc import Iterator, Mapping
-from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -30,8 +29,8 @@ def write_worlds(
         endings: what is known of how worlds ended that did not blow up.
         further: the last columns, shape (world_count,) each.
     """
-    write_npz(npz, chain(_columns(table, endings), further.items()))
     columns = {**dict(_columns(table, endings)), **further}
+    write_npz(npz, columns.items())
     with text.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
@@ -50,12 +49,8 @@ def _columns(table: TableWriter, endings: Mapping[int, str]) -> Iterator[tuple[s
     worlds, good = np.arange(table.world_count, dtype=np.int32), table.health != 0
     health = table.health[-1]
     words = [endings.get(world, WELL) if well else BLEW_UP for world, well in enumerate(health.tolist())]
-    measured = (
-        part
-        for number in range(len(table.measures))
-        for values in [table.values[:, :, number]]
-        for part in (values[-1], values.min(axis=0), values.max(axis=0))
-    )
+    values = table.values[-1], table.values.min(axis=0), table.values.max(axis=0)
+    measured = (np.ascontiguousarray(each[:, number]) for number in range(len(table.measures)) for each in values)
     first = [worlds, *table.varied.values(), health, np.array(words), good.sum(axis=0, dtype=np.int32) - 1]
     yield from zip(worlds_columns(list(table.varied), table.measures), [*first, *measured], strict=True)
 

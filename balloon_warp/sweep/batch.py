@@ -1,6 +1,7 @@
 """A batch: many worlds of a scene that differ, simulated together; a table of all, and a stage of the chosen ones."""
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -24,14 +25,20 @@ from balloon_warp.schedules.balloon_contact import overflow_remarks
 from balloon_warp.shown import Shown, described
 from balloon_warp.sweep.checkpoints import batch_checkpoints
 from balloon_warp.sweep.cluster import Cluster
+from balloon_warp.sweep.distribute import distribute_batch
 from balloon_warp.sweep.groups import BatchVary, plan_groups
 from balloon_warp.sweep.local import simulate_locally
 from balloon_warp.sweep.manifest import MANIFEST_NAME, describe_batch, write_manifest
 from balloon_warp.sweep.memory import require_room
 from balloon_warp.sweep.output import STAGE_NAME
+from balloon_warp.sweep.remote import connect
 from balloon_warp.sweep.task import BatchTask, Outcome
+from balloon_warp.sweep.workers import Workers
 from balloon_warp.sweep.world_files.options import TrajectoryFiles, TrajectoryFilesLike
 from balloon_warp.sweep.world_files.writer import remove_partial
+
+SHARES = "balloon_warp.sweep.shares"
+"""Module that simulates shares"""
 
 
 @described
@@ -152,15 +159,17 @@ def run_batch(
     vary, chosen = vary or {}, _chosen(scene, export, world_count)
     device = cluster.device(device) if cluster else device
     require_room(scene, world_count, vary, device, schedule, laws, spread=cluster is not None)
-    groups = plan_groups(scene, world_count, vary, laws)
-    files, kind = _files(trajectories, folder), settled_table(table, world_count * (scene.frames + 1))
-    task = BatchTask(scene, groups, vary, chosen, Path(folder), schedule, on_blowup, files, kind)
-    description = describe_batch(task)
-    checkpoints = batch_checkpoints(task, description, checkpoint_seconds, resume, on_note)
-    try:
-        outcome = _simulate(task, cluster, device, checkpoints, _warning(task, on_begin, on_warning), on_frame)
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt(checkpoints.advice) from None
+    with connect(cluster, SHARES) if cluster else nullcontext() as workers:  # which start while this plans
+        groups = plan_groups(scene, world_count, vary, laws)
+        files, kind = _files(trajectories, folder), settled_table(table, world_count * (scene.frames + 1))
+        task = BatchTask(scene, groups, vary, chosen, Path(folder), schedule, on_blowup, files, kind)
+        description = describe_batch(task)
+        checkpoints = batch_checkpoints(task, description, checkpoint_seconds, resume, on_note)
+        where = (cluster, workers) if cluster and workers else None
+        try:
+            outcome = _simulate(task, where, device, checkpoints, _warning(task, on_begin, on_warning), on_frame)
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt(checkpoints.advice) from None
     names = [*table_names(task.table), *WORLDS_NAMES, *([STAGE_NAME] if len(chosen) else [])]
     write_manifest(task, description, {"name": name, **(provenance or {})}, outcome, names)
     checkpoints.remove()
@@ -211,18 +220,16 @@ def _chosen(scene: Scene, export: Sequence[int], world_count: int) -> NDArray[np
 
 def _simulate(
     task: BatchTask,
-    cluster: Cluster | None,
+    where: tuple[Cluster, Workers] | None,
     device: str | None,
     checkpoints: Checkpoints,
     on_begin: Callable[[Beginning], None],
     on_frame: Callable[[int], None],
 ) -> Outcome:
     """Simulate on the cluster's workers, or here."""
-    if not cluster:
+    if not where:
         return simulate_locally(task, device, checkpoints, on_begin, on_frame)
-    from balloon_warp.sweep.distribute import distribute_batch  # only this needs the extra
-
-    return distribute_batch(task, cluster, device, checkpoints, on_begin, on_frame)
+    return distribute_batch(task, *where, device, checkpoints, on_begin, on_frame)
 
 
 def _remarks(outcome: Outcome) -> list[str]:

@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable, Collection, Sequence
-from contextlib import ExitStack
 from functools import partial
 
 from balloon_warp.beginning import Beginning
@@ -12,19 +11,21 @@ from balloon_warp.interrupts import Interrupts
 from balloon_warp.model.memory import require_memory
 from balloon_warp.outputs.background import Background
 from balloon_warp.resume import Checkpoints
-from balloon_warp.sweep.cluster import Cluster, connect
+from balloon_warp.sweep.cluster import Cluster
 from balloon_warp.sweep.groups import Group
 from balloon_warp.sweep.journal import ShareJournal
 from balloon_warp.sweep.memory import table_bytes
 from balloon_warp.sweep.output import BatchOutput
-from balloon_warp.sweep.remote import Work, modules_of, require_laws_that_travel, run_shares, worker_devices
+from balloon_warp.sweep.remote import Work, modules_of, require_laws_that_travel, run_shares
 from balloon_warp.sweep.shares import cut_into_shares, simulate_share
 from balloon_warp.sweep.task import BatchTask, Outcome
+from balloon_warp.sweep.workers import Workers
 
 
 def distribute_batch(
     task: BatchTask,
     cluster: Cluster,
+    workers: Workers,
     device: str | None,
     checkpoints: Checkpoints,
     on_begin: Callable[[Beginning], None],
@@ -43,52 +44,50 @@ def distribute_batch(
     """
     _require_table_memory(task)
     require_laws_that_travel(task.laws, cluster)
-    with ExitStack() as workers:
-        client = workers.enter_context(connect(cluster))
-        devices = worker_devices(client, cluster, device, [__name__, *modules_of(task.laws)])
-        named = ", ".join(sorted(set(devices)))
-        on_begin(task.beginning(named, task.schedule, len(devices)))
-        began = time.perf_counter()
-        # Where workers differ, the shares are small enough for the least of them.
-        kind = "cuda" if all(name.startswith("cuda") for name in devices) else "cpu"
-        shares = cut_into_shares(task.groups, kind)
-        with (
-            BatchOutput(task, shares) as output,
-            Interrupts() as interrupts,
-        ):
-            journal = ShareJournal(task, output, checkpoints, kind)
-            output.begin_trajectories(bool(journal.schedules))
-            try:
-                work = _work(task, shares, journal.schedules, device)
-                for done in run_shares(client, cluster, work, len(devices), on_frame, checkpoints.on_note):
-                    if done:
-                        journal.add(*done)
-                    if checkpoints.due or interrupts.pending:
-                        journal.save()
-                    interrupts.deliver()
-            except WorkersLostError as loss:
-                journal.save()
-                interrupts.deliver()  # a signal that ends this process may have ended the workers first
-                raise WorkersLostError(f"{loss}; {checkpoints.advice}") from None
-            with Background() as writer, Background() as other:
-                writer.submit(_write_table, task, output)
-                other.submit(output.table.write_arrays)
-                workers.close()  # which end meanwhile
-            endings = output.endings()
-        return Outcome(
-            device=named,
-            schedule=", ".join(sorted(set(journal.schedules.values()))),
-            workers=len(devices),
-            healthy_worlds=output.healthy_count,
-            failures=journal.failures,
-            bad_endings=endings,
-            pairs=output.pairs,
-            remarks=journal.remarks,
-            overflow=journal.overflow,
-            seconds=time.perf_counter() - began,
-            resumed=journal.resumed,
-            removed_stage=output.removed_stage,
-        )
+    devices = workers.devices(device, [__name__, *modules_of(task.laws)])
+    named = ", ".join(sorted(set(devices)))
+    on_begin(task.beginning(named, task.schedule, len(devices)))
+    began = time.perf_counter()
+    # Where workers differ, the shares are small enough for the least of them.
+    kind = "cuda" if all(name.startswith("cuda") for name in devices) else "cpu"
+    shares = cut_into_shares(task.groups, kind)
+    with (
+        BatchOutput(task, shares) as output,
+        Interrupts() as interrupts,
+    ):
+        journal = ShareJournal(task, output, checkpoints, kind)
+        output.begin_trajectories(bool(journal.schedules))
+        try:
+            work = _work(task, shares, journal.schedules, device)
+            for done in run_shares(workers, work, len(devices), on_frame, checkpoints.on_note):
+                if done:
+                    journal.add(*done)
+                if checkpoints.due or interrupts.pending:
+                    journal.save()
+                interrupts.deliver()
+        except WorkersLostError as loss:
+            journal.save()
+            interrupts.deliver()  # a signal that ends this process may have ended the workers first
+            raise WorkersLostError(f"{loss}; {checkpoints.advice}") from None
+        with Background() as writer, Background() as other:
+            writer.submit(_write_table, task, output)
+            other.submit(output.table.write_arrays)
+            workers.close()  # which end meanwhile
+        endings = output.endings()
+    return Outcome(
+        device=named,
+        schedule=", ".join(sorted(set(journal.schedules.values()))),
+        workers=len(devices),
+        healthy_worlds=output.healthy_count,
+        failures=journal.failures,
+        bad_endings=endings,
+        pairs=output.pairs,
+        remarks=journal.remarks,
+        overflow=journal.overflow,
+        seconds=time.perf_counter() - began,
+        resumed=journal.resumed,
+        removed_stage=output.removed_stage,
+    )
 
 
 def _write_table(task: BatchTask, output: BatchOutput) -> None:

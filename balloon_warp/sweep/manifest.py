@@ -2,7 +2,8 @@
 
 import json
 import platform
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +45,7 @@ def write_manifest(
     description: Mapping[str, Any],
     provenance: Mapping[str, Any],
     outcome: Outcome,
-    names: Iterable[str],
+    names: Sequence[str],
 ) -> Path:
     """Write the manifest, after the outputs that it names: one that does not fit them is an earlier batch's.
 
@@ -58,6 +59,8 @@ def write_manifest(
     Raises:
         InputError: it cannot be written.
     """
+    with ThreadPoolExecutor() as threads:
+        hashes = list(threads.map(hash_of_file, [task.folder / name for name in names]))
     manifest = {
         **provenance,
         "versions": installed_versions(),
@@ -74,7 +77,7 @@ def write_manifest(
         "blow_ups": [report.as_json() for report in outcome.failures.reports],
         **description,
         "columns": describe_columns(task.scene, task.vary, task.laws, outcome.pairs),
-        "outputs": {name: hash_of_file(task.folder / name) for name in names},
+        "outputs": dict(zip(names, hashes, strict=True)),
     }
     path = task.folder / MANIFEST_NAME
     with whole_file(path) as temporary:

@@ -1,0 +1,93 @@
+"""Processes of this machine that serve the one that started them, and end with it."""
+
+import multiprocessing
+import os
+import pickle
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterable, Mapping
+from importlib.util import find_spec
+from multiprocessing.connection import Connection
+from typing import Any
+
+from balloon_warp.errors import InputError, WorkersLostError
+
+ENDING_SECONDS = 1.0
+"""Time that processes have to end by themselves [s]"""
+UNGUARDED = 'a script that starts processes needs its main part under `if __name__ == "__main__":`'
+UNSENT = (pickle.PicklingError, AttributeError, TypeError)
+"""Errors of what cannot be sent"""
+
+
+def start_child(serve: Callable[..., None], environment: Mapping[str, str], *given: Any) -> tuple[Any, Connection]:
+    """Start a process that calls a function of a connection and what is given; return it and the other end.
+
+    Args:
+        environment: variables that it has besides those of this process.
+
+    Raises:
+        InputError: the process does not start.
+        PicklingError, AttributeError, TypeError: something cannot be sent to it.
+    """
+    context = multiprocessing.get_context("spawn")
+    near, far = context.Pipe()
+    process = context.Process(target=_begin, args=(serve, dict(environment), far, *given), daemon=True)
+    try:
+        process.start()
+    except RuntimeError:
+        raise InputError(f"the processes do not start; {UNGUARDED}") from None
+    far.close()
+    return process, near
+
+
+def end_children(processes: Iterable[Any], seconds: float = ENDING_SECONDS) -> None:
+    """End processes, and those by force that have not ended by themselves in some time [s]."""
+    started = [process for process in processes if process.pid is not None]
+    until = time.monotonic() + seconds
+    for process in started:
+        process.join(max(until - time.monotonic(), 0.0))
+    for process in started:
+        process.kill()
+    for process in started:
+        process.join()
+
+
+def pack(what: Any) -> bytes:
+    """Return what `pickle.loads` makes the same of in another process; cloudpickle, if installed, packs functions.
+
+    Raises:
+        PicklingError, AttributeError, TypeError: it cannot be sent.
+    """
+    try:
+        return pickle.dumps(what, protocol=pickle.HIGHEST_PROTOCOL)
+    except UNSENT:
+        if not find_spec("cloudpickle"):
+            raise
+        from cloudpickle import dumps  # comes with extras
+
+        return dumps(what)
+
+
+def as_sent(failure: Exception) -> Exception:
+    """Return a failure, or its words where it cannot be sent."""
+    try:
+        pickle.loads(pickle.dumps(failure))
+    except Exception:
+        return WorkersLostError(f"{type(failure).__name__}: {failure}")
+    return failure
+
+
+def _begin(serve: Callable[..., None], environment: Mapping[str, str], connection: Connection, *given: Any) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it to all, and it is for the first process
+    os.environ.update(environment)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    serve(connection, *given)
+
+
+def _end_with_parent() -> None:
+    """End the process, even within a function, as soon as its parent is gone."""
+    parent = multiprocessing.parent_process()
+    if parent:
+        parent.join()
+        os._exit(1)
