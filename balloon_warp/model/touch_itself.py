@@ -18,7 +18,8 @@ def settle_itself(scene: Scene, shapes: Sequence[BalloonShape]) -> Scene:
     """Return the scene with `touch.itself` settled by its meshes, where it is "auto".
 
     It is true where parts of any balloon are near each other, so that inflation may close the gap between them, and for
-    foil, which folds anywhere: it bends freely and is flat or folded at the start. Where contact cannot be simulated, as with a solver that takes over later, `touch` is false.
+    foil, which folds anywhere: it bends freely and is flat or folded at the start. Where contact cannot be simulated,
+    as with a solver that takes over later, `touch` is false.
     """
     if not scene.meshes_settle_itself:
         return scene.model_copy(update={"touch": False}) if scene.touch is None else scene
@@ -37,8 +38,7 @@ def _any_nears_itself(balloons: Sequence[Balloon], shapes: Sequence[BalloonShape
 
 
 def _any_is_foil(balloons: Sequence[Balloon], shapes: Sequence[BalloonShape]) -> bool:
-    """Return whether any balloon bends freely and has layers on each other, as foil has; one of those alike is looked
-    at."""
+    """Return whether any balloon bends freely and has layers on each other, as foil has."""
     limp = {_form(shape.mesh): shape.mesh for each, shape in zip(balloons, shapes, strict=True) if bends_freely(each)}
     return any(is_folded(mesh) for mesh in limp.values())
 
