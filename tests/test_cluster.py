@@ -7,13 +7,11 @@ import signal
 import threading
 import time
 from collections.abc import Iterator
-from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import warp as wp
 from clusters import address_of, batch, start_workers, write_ball
 from meshes import cube, quad_sphere
 from pxr import Sdf
@@ -21,9 +19,7 @@ from pxr import Sdf
 from balloon_warp import Cluster, InputError, Scene, TrajectoryFiles, WorkersLostError, run_batch
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.scene import Balloon, Ground, Sphere, String
-from balloon_warp.sweep import cluster as cluster_module
 from balloon_warp.sweep import dask_workers, distribute, local_workers, shares
-from balloon_warp.sweep.child import start_child
 from balloon_warp.sweep.output import BatchOutput
 from balloon_warp.sweep.task import BatchTask
 
@@ -109,7 +105,7 @@ def test_two_workers_give_what_one_process_gives(vary: dict, tmp_path: Path):
 
 
 def test_the_workers_end_before_the_table_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """Processes of this machine are gone when rows are written: they would keep the memory of GPUs."""
+    """Processes are gone when rows are written: they would keep the memory of GPUs."""
 
     def write_without_children(task: BatchTask, output: BatchOutput) -> None:
         until = time.monotonic() + 60.0
@@ -266,23 +262,6 @@ def test_a_worker_that_lacks_the_device_is_told(address: str, tmp_path: Path):
     with pytest.raises(InputError, match=r"^--device cuda:99: no such device"):
         run_batch(scene(), tmp_path / "out", 2, cluster=Cluster(address=address), device="cuda:99")
     assert list(tmp_path.iterdir()) == []
-
-
-def test_each_gpu_has_a_worker_that_sees_it_alone(monkeypatch: pytest.MonkeyPatch):
-    """Each process sees one GPU of those that are visible to this one."""
-    monkeypatch.setattr(wp, "get_cuda_device_count", lambda: 3)
-    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "5,6,7")
-    environments = cluster_module.worker_environments(Cluster(gpus=2))
-    assert [each["CUDA_VISIBLE_DEVICES"] for each in environments] == ["5", "6"]
-    monkeypatch.delenv("CUDA_VISIBLE_DEVICES")
-    assert cluster_module.worker_environments(Cluster(gpus=1)) == [{"CUDA_VISIBLE_DEVICES": "0"}]
-    process, connection = start_child(tell_surroundings, environments[1])
-    assert connection.recv() == ("6", signal.SIG_IGN)  # a terminal sends Ctrl-C to workers, too
-    process.join()
-
-
-def tell_surroundings(connection: Connection) -> None:
-    connection.send((os.environ["CUDA_VISIBLE_DEVICES"], signal.getsignal(signal.SIGINT)))
 
 
 def test_the_first_gpu_is_this_process_s(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

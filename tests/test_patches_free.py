@@ -42,6 +42,7 @@ INFLATIONS = {
 def verdicts(simulator: Simulator) -> list[int]:
     """Return the verdicts on the last frame, by world."""
     assert isinstance(simulator.schedule, PatchedSchedule)
+    assert simulator.schedule.busy
     return [int(verdict) for verdict in simulator.schedule.busy.outlook.table.verdicts.numpy()]
 
 

@@ -57,7 +57,7 @@ def gradient(
     Raises:
         InputError: The scene cannot be simulated or differentiated, or a path not; or the loss is no number a world.
         BlowUpError: a world blew up.
-        MissingExtraError: a cluster is given and dask.distributed is not installed.
+        MissingExtraError: a scheduler is given and dask.distributed is not installed.
         WorkersLostError: the cluster's workers or its scheduler end.
     """
     device = cluster.device(device) if cluster else device
@@ -89,7 +89,7 @@ def derived(
     require_room_for_frames(groups[0].plan)
     if not cluster:
         return derive(groups[0], asked, on_frame)
-    from balloon_warp.gradients.spread import derive_on_workers  # only this needs the extra
+    from balloon_warp.gradients.spread import derive_on_workers
 
     return derive_on_workers(groups[0], asked, cluster, on_frame)
 

@@ -1,6 +1,7 @@
 """Edges of balloons that meet, backwards: what a substep comes to it with is kept."""
 
 from collections.abc import Mapping
+from typing import Any
 
 import warp as wp
 
@@ -56,7 +57,7 @@ class EdgesBackward:
         )  # fmt: skip
 
 
-def kept_of_edges(model: Model, features: Features, room: Room) -> tuple[list[Moving], Moving, EdgeBars]:
+def kept_of_edges(model: Model, features: Features, room: Room) -> tuple[list[Moving], Moving, Any]:
     """Allocate what each substep comes to the contacts with, room to move that again, and bars."""
     worlds, particles, pairs = model.world_count, model.particle_count, model.balloon_count**2
     came = [

@@ -150,33 +150,37 @@ def run_batch(
         InputError: the scene cannot be simulated, a value or a law is wrong, the worlds do not fit, a folder cannot be
             written, the cluster is not there, or a checkpoint is another batch's; what was there stays.
         BlowUpError: a world blew up, which is to stop all; what was there stays.
-        MissingExtraError: a cluster is given and dask.distributed is not installed.
+        MissingExtraError: a scheduler is given and dask.distributed is not installed.
         WorkersLostError: the cluster's workers or its scheduler end; what was there stays.
         KeyboardInterrupt: Ctrl-C, after the frame and the checkpoint; the message says how to go on.
     """
-    scene = scene_to_vary(scene, vary)
     check_policy(on_blowup)
+    scene = scene_to_vary(scene, vary)
     vary, chosen = vary or {}, _chosen(scene, export, world_count)
     device = cluster.device(device) if cluster else device
     require_room(scene, world_count, vary, device, schedule, laws, spread=cluster is not None)
     with connect(cluster, SHARES) if cluster else nullcontext() as workers:  # which start while this plans
-        groups = plan_groups(scene, world_count, vary, laws)
         files, kind = _files(trajectories, folder), settled_table(table, world_count * (scene.frames + 1))
+        groups = plan_groups(scene, world_count, vary, laws)
         task = BatchTask(scene, groups, vary, chosen, Path(folder), schedule, on_blowup, files, kind)
         description = describe_batch(task)
         checkpoints = batch_checkpoints(task, description, checkpoint_seconds, resume, on_note)
-        where = (cluster, workers) if cluster and workers else None
         try:
-            outcome = _simulate(task, where, device, checkpoints, _warning(task, on_begin, on_warning), on_frame)
+            begin = _warning(task, on_begin, on_warning)
+            outcome = _simulate(task, (cluster, workers), device, checkpoints, begin, on_frame)
         except KeyboardInterrupt:
             raise KeyboardInterrupt(checkpoints.advice) from None
-    names = [*table_names(task.table), *WORLDS_NAMES, *([STAGE_NAME] if len(chosen) else [])]
-    write_manifest(task, description, {"name": name, **(provenance or {})}, outcome, names)
+    write_manifest(task, description, {"name": name, **(provenance or {})}, outcome, _names(task))
     checkpoints.remove()
     remove_partial(task.trajectories)
     for sentence in _remarks(outcome):
         on_warning(sentence)
     return _summary(task, outcome, name)
+
+
+def _names(task: BatchTask) -> list[str]:
+    """Return the names of the files in the folder, but for the manifest's."""
+    return [*table_names(task.table), *WORLDS_NAMES, *([STAGE_NAME] if len(task.chosen) else [])]
 
 
 def _files(trajectories: TrajectoryFiles | str | Path | None, folder: str | Path) -> TrajectoryFiles | None:
@@ -220,16 +224,17 @@ def _chosen(scene: Scene, export: Sequence[int], world_count: int) -> NDArray[np
 
 def _simulate(
     task: BatchTask,
-    where: tuple[Cluster, Workers] | None,
+    where: tuple[Cluster | None, Workers | None],
     device: str | None,
     checkpoints: Checkpoints,
     on_begin: Callable[[Beginning], None],
     on_frame: Callable[[int], None],
 ) -> Outcome:
     """Simulate on the cluster's workers, or here."""
-    if not where:
+    cluster, workers = where
+    if not cluster or not workers:
         return simulate_locally(task, device, checkpoints, on_begin, on_frame)
-    return distribute_batch(task, *where, device, checkpoints, on_begin, on_frame)
+    return distribute_batch(task, cluster, workers, device, checkpoints, on_begin, on_frame)
 
 
 def _remarks(outcome: Outcome) -> list[str]:

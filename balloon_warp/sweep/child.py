@@ -1,4 +1,4 @@
-"""Processes of this machine that serve the one that started them, and end with it."""
+"""Child processes: each serves its parent, and ends with it."""
 
 import multiprocessing
 import os

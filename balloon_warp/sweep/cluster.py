@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from balloon_warp.errors import InputError
+from balloon_warp.warp_logging import quiet_warp
 
 EXAMPLE = "tcp://192.168.0.1:8786"
 
@@ -66,6 +67,7 @@ def worker_environments(cluster: Cluster) -> list[dict[str, str]]:
         return [{}] * (cluster.workers or 0)
     import warp as wp
 
+    quiet_warp()
     visible = os.environ.get("CUDA_VISIBLE_DEVICES")
     chosen = visible.split(",") if visible else []
     if len(set(chosen)) < len(chosen):

@@ -47,6 +47,7 @@ class DaskWorkers:
     def __init__(self, cluster: Cluster):
         try:
             import dask.config
+            from distributed import Client
             from distributed.utils import silence_logging_cmgr
         except ImportError:
             raise MissingExtraError(
@@ -60,7 +61,7 @@ class DaskWorkers:
         with ExitStack() as stack:
             stack.enter_context(dask.config.set(SETTINGS))
             stack.enter_context(silence_logging_cmgr(logging.CRITICAL))
-            self._client: Client = stack.enter_context(_client(str(cluster.address), self._option))
+            self._client = stack.enter_context(_client(Client, str(cluster.address), self._option))
             self._stack = stack.pop_all()
 
     def devices(self, device: str | None, modules: Sequence[str]) -> list[str]:
@@ -110,18 +111,17 @@ class DaskWorkers:
         return [address for address in addresses if address not in full]
 
 
-def _client(address: str, option: str) -> "Client":
+def _client(kind: type["Client"], address: str, option: str) -> "Client":
     """Return a client of a scheduler that has a worker.
 
     Raises:
         InputError: as `DaskWorkers`.
     """
-    from distributed import Client
     from distributed.utils import LoopRunner
 
     try:
         LoopRunner().run_sync(_identify, address)
-        client = Client(address, timeout=CONNECT_SECONDS, set_as_default=False)
+        client = kind(address, timeout=CONNECT_SECONDS, set_as_default=False)
     except OSError:
         raise InputError(
             f"{option}: no scheduler answered within {CONNECT_SECONDS:g} s; expected a running one"

@@ -1,4 +1,4 @@
-"""Workers of this machine: a process for each GPU, but for the first, which this process takes itself; or of a CPU."""
+"""Workers of this machine: this process takes the first GPU, and others one each; or processes share a CPU."""
 
 import pickle
 import threading
@@ -44,6 +44,9 @@ class LocalWorkers:
         self._events: SimpleQueue[tuple[int, Any]] = SimpleQueue()
         self._losses: Counter[int] = Counter()
         self._closed = False
+        self._started = threading.Event()
+        """Whether a worker has started, or none will"""
+        self._failure: BaseException | None = None
         self._ear, self._bell = Pipe(duplex=False)
         self._members: list[_Member] = []
         try:
@@ -57,7 +60,10 @@ class LocalWorkers:
         self._thread.start()
 
     def devices(self, device: str | None, modules: Sequence[str]) -> list[str]:
-        """Return the device of each: they have the modules of this process."""
+        """Return the device of each, once one has started; they have the modules of this process."""
+        self._started.wait()
+        if self._failure:
+            raise self._failure
         return [self._device] * len(self._members)
 
     def send(self, number: int, call: Call, full: Container[str]) -> None:
@@ -104,7 +110,7 @@ class LocalWorkers:
                     else:
                         self._listen(by_connection[ready])  # pyright: ignore[reportArgumentType]
         except BaseException as failure:
-            self._events.put((-1, failure))
+            self._fail(failure)
 
     def _hand_out(self) -> None:
         """Give each free worker the first share that it may have."""
@@ -126,10 +132,19 @@ class LocalWorkers:
             return
         if number is None:
             member.free = member.ready = True
+            self._started.set()
+            return
+        if number < 0:
+            self._fail(told)
             return
         if not isinstance(told, int):
-            member.shares.pop(number, None)
+            member.shares.pop(number)
         self._events.put((number, told))
+
+    def _fail(self, failure: BaseException) -> None:
+        self._failure = self._failure or failure
+        self._events.put((-1, self._failure))
+        self._started.set()
 
     def _replace(self, lost: "_Member") -> None:
         """Start a worker again that has ended, and have others do its shares."""

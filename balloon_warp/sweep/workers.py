@@ -77,5 +77,5 @@ class Workers(Protocol):
         ...
 
     def close(self) -> None:
-        """End those that were started here."""
+        """End the workers that were started here."""
         ...

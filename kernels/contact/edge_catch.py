@@ -30,7 +30,7 @@ from balloon_warp.kernels.laws.touch import LEAST
 from balloon_warp.kernels.loops.friction import friction_of_balloons
 from balloon_warp.kernels.loops.inertia import ease_function
 from balloon_warp.kernels.loops.meeting import place_beside, skin_functions
-from balloon_warp.kernels.tables import Tables
+from balloon_warp.kernels.tables import Tables, row_of_world
 from balloon_warp.kernels.working import Working
 
 AHEAD = wp.constant(2.0)
@@ -196,9 +196,35 @@ def add_impulses(working: Working, world: wp.int32, catch: EdgeCatch, impulses: 
 
 
 @cache
+def ground_function(features: Features) -> Any:
+    """Return the function that keeps a particle that others push above the ground."""
+    height = features.columns.places["ground_height"] - features.columns.balloon_width
+
+    @wp.func
+    def keep_above(t: Tables, world: wp.int32, point: wp.vec3, velocity: wp.vec3, speeds: float):
+        """Return where a particle is that does not go through the ground, and its velocity.
+
+        It goes as far as it can, and no faster: who pushes it then finds it no farther away. Were it taken out of the
+        ground only in the next substep, it would go through what lies on it.
+
+        Args:
+            speeds: 0 if it is moved without speed.
+        """
+        if wp.static(features.ground):
+            rise = t.world_numbers[row_of_world(world, t.world_numbers.shape[0]), height] - wp.dot(point, t.up)
+            if rise > 0.0:
+                fall = wp.min(wp.dot(velocity, t.up), 0.0)
+                point += rise * t.up
+                velocity += (speeds * wp.min(rise / t.step_seconds, -fall)) * t.up
+        return point, velocity
+
+    return keep_above
+
+
+@cache
 def pushing_functions(features: Features) -> tuple[Any, Any, Any]:
     """Return the functions that push two edges apart, that part those that overlap, and that move their ends by all."""
-    ease_of_moving = ease_function(features)
+    ease_of_moving, keep_above = ease_function(features), ground_function(features)
 
     @wp.func
     def shared_eases(t: Tables, working: Working, world: wp.int32, catch: EdgeCatch):
@@ -236,7 +262,10 @@ def pushing_functions(features: Features) -> tuple[Any, Any, Any]:
             particle = catch.ends[end]
             if wp.atomic_exch(working.edge_shares, world, particle, 0) > 0:
                 gain = ease_of_moving(t, working, world, particle) * take_impulse(working.edge_quanta, world, particle)
-                velocities[particle] = velocities[particle] + speeds * gain
-                points[particle] = points[particle] + wp.where(speeds > 0.0, t.step_seconds, 1.0) * gain
+                point = points[particle] + wp.where(speeds > 0.0, t.step_seconds, 1.0) * gain
+                velocity = velocities[particle] + speeds * gain
+                point, velocity = keep_above(t, world, point, velocity, speeds)
+                velocities[particle] = velocity
+                points[particle] = point
 
     return push_pair, part_pair, move_ends
