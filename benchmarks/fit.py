@@ -60,6 +60,8 @@ class CurveRow:
     """of each value, what 95% of the draws are nearer than [1]"""
     bound: Values
     """of each value, what no method without bias comes below (Cramer and Rao) [1]"""
+    covered: tuple[Values, Values]
+    """of each value, the fraction of draws within one and two reported standard deviations [1]"""
     seconds: float
 
     def __str__(self) -> str:
@@ -67,7 +69,21 @@ class CurveRow:
             f"{name} {100.0 * within:.2f}% ({100.0 * bound:.2f}%)"
             for name, within, bound in zip(RUBBERS[self.kind], self.within, self.bound, strict=True)
         ]
-        return f"| {self.kind} | {self.rows} | {', '.join(parts)} | {self.seconds:.0f} |"
+        return f"| {self.kind} | {self.rows} | {', '.join(parts)} | {percents(self.covered)} | {self.seconds:.0f} |"
+
+
+def covered(pulls: Values) -> tuple[Values, Values]:
+    """Return the fractions of draws within one and two standard deviations, of each value.
+
+    Args:
+        pulls: Errors over the reported standard deviations, shape (draws, values).
+    """
+    return (np.abs(pulls) < 1.0).mean(axis=0), (np.abs(pulls) < 2.0).mean(axis=0)
+
+
+def percents(covered: tuple[Values, Values]) -> str:
+    """Return fractions within one and two standard deviations in words."""
+    return ", ".join(f"{100.0 * one:.0f}% / {100.0 * two:.0f}%" for one, two in zip(*covered, strict=True))
 
 
 def curve(kind: str, rows: int, draws: int = DRAWS) -> CurveRow:
@@ -75,17 +91,20 @@ def curve(kind: str, rows: int, draws: int = DRAWS) -> CurveRow:
     began, true = time.perf_counter(), np.array(list(RUBBERS[kind].values()))
     volumes = 4.0 / 3.0 * np.pi * RADIUS**3 * np.linspace(1.05, 5.0, rows) ** 3
     pressures = sphere_pressures(kind, true, volumes, THICKNESS, RADIUS)
-    deviation, off = CURVE_NOISE * pressures.max(), []
+    deviation, off, pulls = CURVE_NOISE * pressures.max(), [], []
     for seed in range(draws):
         noisy = pressures + deviation * np.random.default_rng(seed).standard_normal(rows)
         fit = fit_curve(Curve(volumes, noisy), kind=cast(Kind, kind), thickness=THICKNESS, radius=RADIUS).fit
-        off.append(np.abs(np.array(list(fit.values.values())) / true - 1.0))
+        missed = np.array(list(fit.values.values())) - true
+        off.append(np.abs(missed / true))
+        pulls.append(missed / np.array(list(fit.errors.values())))
     slopes = [
         (sphere_pressures(kind, true * (1.0 + step), volumes, THICKNESS, RADIUS) - pressures) / (1e-6 * deviation)
         for step in 1e-6 * np.eye(len(true))
     ]
     bound = 1.96 * np.sqrt(np.diag(np.linalg.inv(np.array(slopes) @ np.array(slopes).T)))
-    return CurveRow(kind, rows, np.percentile(off, 95.0, axis=0), bound, time.perf_counter() - began)
+    within, seconds = np.percentile(off, 95.0, axis=0), time.perf_counter() - began
+    return CurveRow(kind, rows, within, bound, covered(np.array(pulls)), seconds)
 
 
 @dataclass(frozen=True)
@@ -153,8 +172,8 @@ def _true_flight(cells: int) -> tuple[Values, Values]:
 
 
 def _curves() -> Iterator[str]:
-    yield "| law | rows | 95% of draws are nearer than (what no method without bias comes below) | s |"
-    yield "|---|---|---|---|"
+    yield "| law | rows | 95% of draws are nearer than (what no method without bias comes below) | in 1 / 2 sd | s |"
+    yield "|---|---|---|---|---|"
     for kind in RUBBERS:
         for rows in (20, 150):
             yield str(curve(kind, rows))
@@ -169,6 +188,8 @@ def _flights(seeds: list[int], device: str) -> Iterator[str]:
         rows.append(flight(seed, device=device))
         yield str(rows[-1])
     off = np.abs([list(row.off.values()) for row in rows])
+    pulls = np.array([[each / row.error(path) for path, each in row.off.items()] for row in rows])
+    yield f"| within 1 / 2 sd | {percents(covered(pulls)).replace(', ', ' | ')} | | |"
     yield f"| worst | {' | '.join(f'{100.0 * each:.3f}%' for each in off.max(axis=0))} | | |"
     yield f"| median | {' | '.join(f'{100.0 * each:.3f}%' for each in np.median(off, axis=0))} | | |"
 

@@ -1,6 +1,6 @@
 """Cost of gradients: a frame forward, and backwards with its recomputation, over a frame forward.
 
-python -m balloon_warp.benchmarks.gradients [DEVICE] [CELLS]
+python -m balloon_warp.benchmarks.gradients [DEVICE] [CELLS] [CASE ...]
 python -m balloon_warp.benchmarks.gradients horizon     how far they tell anything
 """
 
@@ -16,7 +16,8 @@ from balloon_warp.benchmarks.gradient_horizon import tables
 from balloon_warp.device import pick_device
 from balloon_warp.mesh.quad_sphere import quad_sphere
 from balloon_warp.model import Model, build_model
-from balloon_warp.scene import Balloon, Inflation, Scene, Stiffness
+from balloon_warp.scene import Inflation, Scene, Stiffness
+from balloon_warp.schedules.backward_block import fits_in_block_backwards
 from balloon_warp.schedules.choose_backward import BACKWARDS, backwards_of, forward_of
 from balloon_warp.simulator import Simulator
 from balloon_warp.warp_logging import quiet_warp
@@ -24,10 +25,22 @@ from balloon_warp.warp_logging import quiet_warp
 CELLS = 9
 """of a cube's edge, blown up to a ball of 488 particles"""
 TURNS = 15
-CASES = {
-    "springs and pressure": {"pressure": 40.0},
-    "springs and gas": {"kind": "gas", "start_pressure": 500.0},
+SPRINGS: dict[str, Any] = {"mass": 1.0, "stiffness": Stiffness(structural=50.0, shear=20.0, flexion=5.0)}
+GAS = Inflation(kind="gas", start_pressure=500.0)
+ON_GROUND = {"ground": {"height": -0.999, "friction": 0.3}, "gravity": 9.81}
+HELD: list[dict[str, Any]] = [{"radius": 0.8, "mass": 0.5, "position": (0.0, 1.79, 0.0), "velocity": (0.0, -1.0, 0.0)}]
+CASES: dict[str, tuple[list[dict[str, Any]], dict[str, Any]]] = {
+    "springs and pressure": ([{**SPRINGS, "inflation": Inflation(pressure=40.0)}], {}),
+    "springs and gas": ([{**SPRINGS, "inflation": GAS}], {}),
+    "rubber and gas": ([{"material": {"kind": "mooney_rivlin"}, "inflation": GAS}], {}),
+    "gas on the ground": ([{**SPRINGS, "inflation": GAS}], ON_GROUND),
+    "two that touch": (
+        [{**SPRINGS, "inflation": GAS, "position": (side, 0.0, 0.0)} for side in (-0.99, 0.99)],
+        {"touch": {"edges": False}},
+    ),
+    "beside a sphere": ([{**SPRINGS, "inflation": GAS}], {"sphere": HELD, "contact": "impulse"}),
 }
+"""Balloons of each case, and tables of its scene; contact acts in all substeps, or soon"""
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -39,19 +52,18 @@ def main(arguments: Sequence[str]) -> int:
         return 0
     device = pick_device(arguments[0] if arguments else None)
     cells = int(arguments[1]) if len(arguments) > 1 else CELLS
-    for name, inflation in CASES.items():
+    for name in arguments[2:] or CASES:
         for worlds in (1, 64) if device.is_cpu else (64, 4096):
-            for line in _lines(name, _model(inflation, cells, worlds, device)):
+            for line in _lines(name, _model(name, cells, worlds, device)):
                 print(line, flush=True)
     return 0
 
 
-def _model(inflation: dict[str, Any], cells: int, worlds: int, device: wp.Device) -> Model:
-    balloon = Balloon(
-        mesh=quad_sphere(cells, 1.0), mass=1.0, stiffness=Stiffness(structural=50.0, shear=20.0, flexion=5.0),
-        inflation=Inflation(**inflation),
-    )  # fmt: skip
-    return build_model(Scene(balloon=[balloon], gravity=0.0, substeps=32), str(device), worlds)
+def _model(name: str, cells: int, worlds: int, device: wp.Device) -> Model:
+    balloons, tables = CASES[name]
+    mesh = quad_sphere(cells, 1.0)
+    of = Scene(**{"gravity": 0.0, "substeps": 32, "balloon": [{"mesh": mesh, **each} for each in balloons], **tables})
+    return build_model(of, str(device), worlds)
 
 
 def _lines(name: str, model: Model) -> Iterator[str]:
@@ -66,6 +78,8 @@ def _lines(name: str, model: Model) -> Iterator[str]:
         f"{schedule} {work / seconds:.3g}" for schedule, seconds in forward.items()
     )
     for how in BACKWARDS:
+        if how == "block" and not fits_in_block_backwards(model):
+            continue
         backward = backwards_of(model, how)(model, simulator.state, ())
         checkpoint = backward.checkpoint(simulator.state)
         whole = forward[forward_of(model, BACKWARDS[how])] + _seconds(

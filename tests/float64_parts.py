@@ -184,3 +184,18 @@ def water(
     resistance = 0.5 * density * drag * wet * np.linalg.norm(v, axis=1)
     slowed = 1.0 + resistance * gain
     return -density * gravity * loads - (resistance / slowed)[:, None] * v
+
+
+def air_on_faces(mesh: Any, x: Array, v: Array, wind: Any, air: float, drag: float, friction: float) -> Array:
+    """Return the air's push on faces, shared by their corners; `wind` tells it at places."""
+    force = np.zeros_like(x)
+    faces = np.split(mesh.face_vertex_indices, np.cumsum(mesh.face_vertex_counts)[:-1])
+    winds = iter(wind(np.array([x[corners].mean(axis=0) for corners in faces])))
+    for corners in faces:
+        area = 0.5 * np.cross(x[corners], np.roll(x[corners], -1, axis=0)).sum(axis=0)
+        beside = v[corners].mean(axis=0) - next(winds)
+        normal = area / np.linalg.norm(area)
+        across = (beside @ normal) * normal
+        push = drag * across + friction * (beside - across)
+        force[corners] -= 0.5 * air * np.linalg.norm(area) * np.linalg.norm(beside) * push / len(corners)
+    return force

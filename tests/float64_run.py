@@ -3,12 +3,12 @@
 Contact is with the ground and obstacles. Written from the formulas, not from the kernels, so that its finite
 differences are a reference for gradients. Films are those of `statics`."""
 
-from collections.abc import Mapping
+from collections.abc import Generator, Mapping
 from functools import partial
 from typing import Any
 
 import numpy as np
-from float64_parts import directions, gusts, let_through, out_of_sphere, thrusts, torsion, water
+from float64_parts import air_on_faces, directions, gusts, let_through, out_of_sphere, thrusts, torsion, water
 from float64_spheres import Spheres
 
 from balloon_warp.kernels.laws.air import GAS_CONSTANT, density_of_given_air
@@ -31,43 +31,43 @@ def motion(
     """Return places and velocities of the first balloon in all frames, shape (frames + 1, n, 3), and its pressures.
 
     Args: shifts: offsets of places and velocities at the start, with the amount of gas unchanged."""
-    return _started(scene, values).frames(*shifts)
+    return started(scene, values).frames(*shifts)
 
 
 def motion_of_spheres(scene: Scene, values: Mapping[str, float]) -> tuple[Array, Array, Array, Array]:
     """Return places and velocities of the first balloon's particles and of spheres in all frames."""
-    points, velocities, _ = (run := _started(scene, values)).frames(0.0, 0.0)
+    points, velocities, _ = (run := started(scene, values)).frames(0.0, 0.0)
     positions, motions = (np.array(track) for track in zip(*run.tracks, strict=True))
     return points, velocities, positions, motions
 
 
-def _started(scene: Scene, values: Mapping[str, float] | None) -> "_Motion":
+def started(scene: Scene, values: Mapping[str, float] | None, number: int = 0) -> "Motion":
     told = dict(values or {})
     changes = [change.model_copy(update={"set": dict(change.set)}) for change in scene.change]
     for path in [path for path in told if path.startswith("change.")]:
         number, inner = path.removeprefix("change.").split(".set.")
         changes[int(number)].set[inner] = told.pop(path)
-    return _Motion(scene.model_copy(update={"change": changes}), told)
+    return Motion(scene.model_copy(update={"change": changes}), told, number)
 
 
-class _Motion:
-    def __init__(self, scene: Scene, values: Mapping[str, float]):
+class Motion:
+    def __init__(self, scene: Scene, values: Mapping[str, float], number: int):
         plan = plan_model(scene)
         vary = {path: np.array([value]) for path, value in values.items()}
         self.plan, self.scene, self.p = plan, plan.scene, settled_parameters(plan, vary)
-        self.shape = plan.shapes[0]
+        self.number, self.balloon, self.shape = number, scene.balloon[number], plan.shapes[number]
         self.volume = Volume(self.shape.mesh)
         self.h = 1.0 / scene.frames_per_second / plan.substeps
         self.up = np.array(scene.up)
         self.share = self.shape.mass_share
-        self.gas = scene.balloon[0].inflation.kind == "gas"
+        self.gas = self.balloon.inflation.kind == "gas"
         springs = self.shape.springs
         self.ends, self.lengths = springs.pairs, np.float32(springs.rest_lengths).astype(float)
-        of_film = scene.balloon[0].material.law != "springs"
-        self.film = film_of(self.scene, 0, self.shape, self.p) if of_film else None
+        of_film = self.balloon.material.law != "springs"
+        self.film = film_of(self.scene, number, self.shape, self.p) if of_film else None
         self.hinges = self.shape.hinges
         self.load = np.zeros(2)
-        neck = scene.balloon[0].neck
+        neck = self.balloon.neck
         self.neck = neck_of(neck.at, self.shape.mesh, self.share, self.up) if neck else None
         self.balls = Spheres(self.scene, self.p, self.h)
         self.spheres = self.balls.spheres
@@ -87,15 +87,24 @@ class _Motion:
 
     def of(self, name: str) -> Any:
         value = self.p[name][0]
-        return float(np.ravel(value)[0])
+        return float(np.ravel(value)[self.number if np.size(value) == len(self.plan.shapes) else 0])
 
     def frames(self, shift: Any, push: Any) -> tuple[Array, Array, Array]:
-        x = start_of(self.scene, self.p, 0, self.shape.mesh.points)[0]
-        spin, center = self.p["initial_spins"][0, 0], self.p["initial_centers"][0, 0]
-        v = self.p["initial_velocities"][0, 0] + np.cross(spin, x - center)
+        course = self.course(shift, push)
+        while True:
+            try:
+                next(course)
+            except StopIteration as end:
+                return end.value
+
+    def course(self, shift: Any, push: Any) -> Generator[None, None, tuple[Array, Array, Array]]:
+        """Return all frames, waiting in each substep for the pressures of others."""
+        x = start_of(self.scene, self.p, self.number, self.shape.mesh.points)[0]
+        spin, center = (self.p[f"initial_{name}"][0, self.number] for name in ("spins", "centers"))
+        v = self.p["initial_velocities"][0, self.number] + np.cross(spin, x - center)
         x, v = x + shift, v + push
         self.moles = self.of("initial_gas_amounts") if self.gas else 0.0
-        self.load, self.pressure = self.p["initial_loads"][0, 0], self.of("initial_pressures")
+        self.load, self.pressure = self.p["initial_loads"][0, self.number], self.of("initial_pressures")
         found, self.tracks = [(x, v, self.pressure)], [self.balls.places()]
         for frame in range(self.scene.frames):
             self._change(frame)
@@ -105,7 +114,7 @@ class _Motion:
                 self.time = (frame + part) / self.scene.frames_per_second
                 self._pump(frame, part)
                 mass = self.share * (self.of("mass") + self.moles * self.of("molar_mass") + along)
-                x, v = self._substep(x, v, mass, frame, part)
+                x, v = yield from self._substep(x, v, mass, frame, part)
             found.append((x, v, self.pressure))
             self.tracks.append(self.balls.places())
         points, velocities, pressures = (np.array(each) for each in zip(*found, strict=True))
@@ -131,13 +140,18 @@ class _Motion:
     def _air(self) -> float:
         return density_of_given_air(*(self.of(f"air_{name}") for name in ("pressure", "temperature", "density")))
 
-    def _substep(self, x: Array, v: Array, mass: Array, frame: int, part: float) -> tuple[Array, Array]:
+    def _substep(
+        self, x: Array, v: Array, mass: Array, frame: int, part: float
+    ) -> Generator[None, None, tuple[Array, Array]]:
         self.balls.move()
         gain = (self.h / mass)[:, None]
         force = self._springs(x) + (self.share * self.of("mass") * -self.of("gravity"))[:, None] * self.up
         force -= (self.share * self.of("damping"))[:, None] * v
         area = self.volume.slopes(x)
-        force += self._drag(x, v, area) + self._faces(x, v)
+        force += self._drag(x, v, area)
+        if self.of("face_drag") or self.of("face_friction"):
+            faces, by = self.shape.mesh, (self.of("face_drag"), self.of("face_friction"))
+            force += air_on_faces(faces, x, v, self._wind, self._air(), *by)
         if self.neck:
             force += thrusts(x, self.neck, self._opening(), self.load[0] + self.load[1] * (x @ self.up))
         for outer in self.scene.force:
@@ -151,10 +165,13 @@ class _Motion:
             force += torsion(self.shape, self.of("torsion"), x)
         if self.gas:
             free = v + gain * force
-            self._find_load(x, area, free, gain)
+            rise, height = self._find_pressure(x, area, free, gain)
+            yield
+            self._leak()
+            self.load = np.array([self.pressure - rise * height, rise])
             inflation = (self.load[0] + self.load[1] * (x @ self.up))[:, None] * area
             v = free + gain * inflation
-        elif self.scene.balloon[0].inflation.kind == "normal_force":
+        elif self.balloon.inflation.kind == "normal_force":
             if part == 0.0 or self.scene.normals == "fresh":
                 self.directions = directions(self.shape.mesh, x)
             inflation = 100.0 * self._given(frame, part) * self.directions
@@ -193,34 +210,18 @@ class _Motion:
         scale = -0.5 * self._air() * self.of("drag_coefficient") * flux * np.abs(flux)
         return (scale / (area**2).sum(axis=1))[:, None] * area
 
-    def _faces(self, x: Array, v: Array) -> Array:
-        """Return the air's push on faces, shared by their corners."""
-        force = np.zeros_like(x)
-        if not (self.of("face_drag") or self.of("face_friction")):
-            return force
-        mesh = self.shape.mesh
-        faces = np.split(mesh.face_vertex_indices, np.cumsum(mesh.face_vertex_counts)[:-1])
-        winds = iter(self._wind(np.array([x[corners].mean(axis=0) for corners in faces])))
-        for corners in faces:
-            area = 0.5 * np.cross(x[corners], np.roll(x[corners], -1, axis=0)).sum(axis=0)
-            beside = v[corners].mean(axis=0) - next(winds)
-            normal = area / np.linalg.norm(area)
-            across = (beside @ normal) * normal
-            push = self.of("face_drag") * across + self.of("face_friction") * (beside - across)
-            force[corners] -= 0.5 * self._air() * np.linalg.norm(area) * np.linalg.norm(beside) * push / len(corners)
-        return force
-
     def _given(self, frame: int, part: float) -> float:
         """Interpolate linearly over a frame: keyframes are evaluated at its ends alone."""
-        times, values = [at for at, _ in self.scene.balloon[0].inflation.keyframes], self.p["keyframe_values"][0, 0]
+        times, values = [at for at, _ in self.balloon.inflation.keyframes], self.p["keyframe_values"][0, self.number]
         first, last = np.interp(
             [frame / self.scene.frames_per_second, (frame + 1) / self.scene.frames_per_second], times, values
         )
         return float(first + part * (last - first))
 
-    def _find_load(self, x: Array, area: Array, free: Array, gain: Array) -> None:
-        """Return the load of the gas, with gamma 1, in uniform air, by backward Euler in the direction in which the gas
-        is stiff."""
+    def _find_pressure(self, x: Array, area: Array, free: Array, gain: Array) -> tuple[float, float]:
+        """Return the growth of the gas's pressure with height, and its height; finds its pressure.
+
+        With gamma 1, in uniform air, by backward Euler in the direction in which the gas is stiff."""
         heights = x @ self.up
         before = self.load[0] + self.load[1] * heights
         course = free + gain * before[:, None] * area
@@ -237,13 +238,12 @@ class _Motion:
         rate += rise * ((swings * heights).sum() - height * response)
         pull = (outside + explicit) / volume * self.h
         self.pressure = (explicit - pull * rate) / (1.0 + pull * response)
-        self._leak((outside + explicit) / self.free_volume / (1.0 + pull * response))
-        self.load = np.array([self.pressure - rise * height, rise])
+        self.slope = (outside + explicit) / self.free_volume / (1.0 + pull * response)
+        """Derivative of the pressure by the free volume [Pa/m^3]"""
+        return rise, height
 
-    def _leak(self, slope: float) -> None:
-        """Return the leak by Bernoulli's law, at the pressure of the substep's end.
-
-        Args: slope: derivative of the pressure by the free volume [Pa/m^3]."""
+    def _leak(self) -> None:
+        """Return the leak by Bernoulli's law, at the pressure of the substep's end."""
         opening, outside = self.of("leak") + self._opening(), self.of("air_pressure")
         mole, sign = self.free_volume / self.moles, np.sign(self.pressure)
         volume, density = mole * STANDARD_PRESSURE / outside, self._air()  # of what comes in
@@ -251,9 +251,9 @@ class _Motion:
             volume *= outside / (outside + self.pressure)
             density = self.of("molar_mass") / volume
         squared = 2.0 * opening**2 / (density * volume**2)
-        held, driven = squared * slope * mole * self.h, squared * abs(self.pressure)
+        held, driven = squared * self.slope * mole * self.h, squared * abs(self.pressure)
         flow = sign * 2.0 * driven / (held + np.sqrt(held**2 + 4.0 * driven) + 1e-300)
-        self.pressure -= slope * self.h * flow * mole
+        self.pressure -= self.slope * self.h * flow * mole
         self.moles -= self.h * flow
 
     def _opening(self) -> float:

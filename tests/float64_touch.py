@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from float64_edges import MeetingEdges
 
 from balloon_warp.kernels.laws.touch import DAMPING_RATIO, NEAR, STEEPEST
 from balloon_warp.kernels.loops.meeting import APART_RATE, AS_NEAR, LITTLE, SOON
@@ -14,6 +15,7 @@ from balloon_warp.mesh.triangles import triangles_of
 from balloon_warp.model import plan_model
 from balloon_warp.model.folded import is_folded
 from balloon_warp.model.friction import FRICTION
+from balloon_warp.model.meeting_edges import edges_meet, meeting_edges
 from balloon_warp.model.plan import settled_parameters
 from balloon_warp.model.starts import start_of
 from balloon_warp.model.touch import APART, STIFFNESSES, THICKNESS, crowd_of, edge_length
@@ -68,6 +70,17 @@ class _Touching:
                 may = far if first == second else np.ones((len(own), len(corners)), dtype=bool)
                 self.pairs.append((first, second, own, corners, may))
 
+        self.meeting = self._meeting_edges(triangles) if edges_meet(self.scene, plan.shapes) else None
+
+    def _meeting_edges(self, triangles: list[Array]) -> MeetingEdges:
+        def weights_in(point: Array, a: Array, b: Array, c: Array) -> Array:
+            return barycentric(nearest_places(point, a, b, c), a, b, c, np.cross(b - a, c - a))
+
+        edges = [
+            own + first for own, first in zip(meeting_edges(self.scene, self.shapes), self.offsets[:-1], strict=True)
+        ]
+        return MeetingEdges(edges, triangles, self.owner, self.ease, self.h, self._skins, weights_in)
+
     def frames(self, shift: Any, push: Any) -> tuple[list[Array], list[Array]]:
         starts = [
             start_of(self.scene, self.p, number, shape.mesh.points)[0] for number, shape in enumerate(self.shapes)
@@ -107,7 +120,8 @@ class _Touching:
             force[part] += self.p["keyframe_values"][0, number, 0] * self.volumes[number].slopes(x[part])
             force[part] -= self.p["damping"][0, number] * self.shares[part, None] * v[part]
         v = v + self.h * self.ease[:, None] * force
-        return x + self.h * v, v
+        x = x + self.h * v
+        return self.meeting.meet(x, v) if self.meeting else (x, v)
 
     def _springs(self, number: int, shape: Any, x: Array) -> Array:
         springs = shape.springs

@@ -43,7 +43,7 @@ def simulate(folder: Path, cluster: Cluster | None, notes: list[str]) -> bytes:
     """Simulate a small batch, and return its table."""
     scene = Scene(balloon=[Balloon(mesh=quad_sphere(3))], frames=3)
     vary = {"balloon.mass": np.linspace(0.1, 0.2, WORLDS)}
-    run_batch(scene, folder, WORLDS, vary, cluster=cluster, on_note=notes.append)
+    run_batch(scene, folder, WORLDS, vary, device=None if cluster else "cpu", cluster=cluster, on_note=notes.append)
     return (folder / "table.csv").read_bytes()
 
 

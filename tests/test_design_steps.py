@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 from meshes import quad_sphere
 
-from balloon_warp.designing.descent import Reached, descend
+from balloon_warp.designing.descent import Reached, begin, descend
 from balloon_warp.designing.gaps import Gaps
 from balloon_warp.designing.job import Job
 from balloon_warp.designing.measure import Ruler
-from balloon_warp.designing.mould import MouldProblem
-from balloon_warp.designing.of_latex import _film
+from balloon_warp.designing.mould import MouldProblem, ThicknessProblem
+from balloon_warp.designing.of_latex import STALLED, _descended, _film
 from balloon_warp.designing.response import Response
 from balloon_warp.designing.smooth_step import SmoothAim, Smoothing, smooth_step
 from balloon_warp.designing.target import target_of
@@ -104,6 +104,7 @@ class Fussy:
     """Problem whose steps help only with a damping of 5 or more."""
 
     ruler = Ruler(BALL)
+    topples = False
 
     def balance(self, design: np.ndarray) -> "Fussy":
         return Fussy()
@@ -124,3 +125,20 @@ def test_the_damping_is_not_eased_at_once_after_a_step_that_failed():
     first = Reached(np.zeros(1), 1.3 * BALL.points, Fussy.ruler.cost(1.3 * BALL.points))
     descend(Fussy(), first, 4, 0.0, 0.01, lambda reached: seen.append(reached.damping))  # pyright: ignore
     np.testing.assert_allclose(seen, [8.0, 8.0, 8.0 / 3.0, 64.0 / 3.0])
+
+
+def test_a_stalled_mould_begins_anew_with_a_larger_one(tmp_path: Path):
+    """A waist at a stretch of 2 stalls where one half swells more, and from a larger mould comes much nearer."""
+    ball = quad_sphere(4)
+    along = ball.points[:, 2] / np.linalg.norm(ball.points, axis=1)
+    waist = ball.points * np.stack([1.0 - 0.35 * np.exp(-6.0 * along**2)] * 2 + [np.full(len(along), 1.5)], axis=1)
+    said: list[str] = []
+    target = target_of(replace(ball, points=waist), 0.3)
+    job = Job(target, "latex", 2.0, "tension", 2e-4, tmp_path, 14, "cpu", False, said.append)
+    problem = MouldProblem(job.ruler, _film(job, Material(preset="latex", thickness=2e-4)), 2.0)
+    plain = begin(problem, problem.plain)
+    assert plain is not None
+    reached = _descended(job, ThicknessProblem(problem, 1.0), plain)
+    assert "beginning anew with a larger mould, at a stretch of 1.8" in said
+    assert reached.anew == 1
+    assert reached.cost < 0.2 * STALLED

@@ -63,12 +63,25 @@ def pinched() -> bw.Scene:
     )
 
 
+def crossing(**touch: Any) -> bw.Scene:
+    """Return two cubes that collide edge on edge, across, and bounce off."""
+    of = pair(meshes=(1, 1), edges=True, **touch)
+    turns = ((3.0, 5.0, 45.0), (0.0, 45.0, 4.0))
+    places = ((-0.85, 1.0, 0.05), (0.85, 1.05, 0.0))
+    cubes = [
+        cube.model_copy(update={"rotation": turn, "angular_velocity": (0.0, 0.0, 0.0), "position": place})
+        for cube, turn, place in zip(of.balloon, turns, places, strict=True)
+    ]
+    return of.model_copy(update={"balloon": cubes})
+
+
 CASES = {
     "a substep": (pair(1, 1, apart=0.95, thickness=0.3, stiffness=300.0), [*STARTS[:3], *SKINS[:2], *TOUCH]),
     "of their own": (pair(), [*STARTS[:2], *SKINS[1:], "touch.friction"]),
     "as said": (pair(thickness=0.06, stiffness=300.0), [*STARTS[:2], *SKINS[1:3], *TOUCH]),
     "crowded": (pair(2, speed=5.0, meshes=(4, 4), thickness=0.16), [*STARTS[1:3], *SKINS[::2], *TOUCH[:2]]),
     "itself": (pinched(), ["balloon.0.mass", "touch.thickness"]),
+    "edges": (crossing(thickness=0.03), [STARTS[1], *SKINS[1:3], *TOUCH[:2]]),
     "for long": (pair(12, friction=0.0), [STARTS[0], *SKINS[::2]]),
 }
 """Scenes of 1 to 384 substeps: contacts that begin and end, share where more meet than a step allows for, and rub"""
@@ -160,12 +173,6 @@ def test_a_world_in_a_batch_has_the_gradients_that_it_has_alone(device: str):
     told = bw.simulate(of, device=device, schedule="gather", world_count=2, vary=varied)
     for ours, theirs in zip(found.trajectories.points, told.points, strict=True):
         np.testing.assert_array_equal(ours, theirs)
-
-
-def test_sharp_edges_are_refused_with_a_way_out():
-    of = pair(1, 1, edges=True)
-    with pytest.raises(bw.InputError, match=r"`meet_edges` has no adjoint yet; expected touch\.edges = false"):
-        bw.gradient(of, of=["balloon.0.mass"], loss=far, device="cpu")
 
 
 def test_balloons_that_touch_by_default_are_derived():

@@ -42,6 +42,7 @@ INFLATIONS = {
 def verdicts(simulator: Simulator) -> list[int]:
     """Return the verdicts on the last frame, by world."""
     assert isinstance(simulator.schedule, PatchedSchedule)
+    assert simulator.schedule.busy
     return [int(verdict) for verdict in simulator.schedule.busy.outlook.table.verdicts.numpy()]
 
 
@@ -78,7 +79,8 @@ def test_balloons_meet_as_in_launches_on_a_gpu(name: str, gpu: wp.Device, monkey
         np.testing.assert_allclose(simulator.state.pressures.numpy(), peer.state.pressures.numpy(), atol=0.5)
     assert seen[0] == FREE
     assert seen[-1] == BUSY
-    assert simulator.state.velocities.numpy()[0, :1178, 0].mean() < -0.05  # the first has been hit
+    # The first has been hit: alone it stays at rest to 1e-8 m/s.
+    assert simulator.state.velocities.numpy()[0, :1178, 0].mean() < -0.01
 
 
 def test_a_world_does_not_feel_how_free_another_is_on_a_gpu(gpu: wp.Device):

@@ -30,6 +30,12 @@ def test_balloons_that_cannot_touch_do_not_by_default(name, overrides):
     assert not scene.touches
 
 
+@pytest.mark.parametrize(("name", "itself"), [("foil_letters", True), ("letter_slot", False), ("two_balloons", False)])
+def test_foil_touches_itself_by_default(name: str, itself: bool):
+    """Foil folds anywhere, so it touches itself; what resists bending does not, nor do balls."""
+    assert plan_model(load_scene(name)).scene.touches_itself is itself
+
+
 def test_touch_is_a_table_or_yes_or_no():
     with pytest.raises(InputError, match=r"^touch: must be a table or false \(got 'no'\)$"):
         load_scene("two_balloons", {"touch": "no"})

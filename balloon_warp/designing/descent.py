@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from balloon_warp.designing.measure import Ruler
 from balloon_warp.statics.balance import Balance
+from balloon_warp.statics.toppling import toppling_mode
 
 Values = NDArray[np.float64]
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1.0, 1.0e-6, 1.0e4
@@ -17,10 +18,17 @@ EASED, STIFFENED = 3.0, 8.0
 """Factors on the damping: division after a step that helped, multiplication after one that did not"""
 STRAYS = 1.5
 """Cost over the previous one beyond which an equilibrium is not sought any longer"""
+NUDGED = 0.003
+"""Largest move along a mode in which an equilibrium is unstable, over the size"""
 
 
 class Problem(Protocol):
     """Design problem: a target shape and the unknowns."""
+
+    @property
+    def topples(self) -> bool:
+        """Possibility of unstable equilibria, as of rubber that grows much."""
+        ...
 
     @property
     def ruler(self) -> Ruler:
@@ -62,6 +70,8 @@ class Reached:
     """Whether the last step tried did not count"""
     done: bool = False
     """Whether more steps would not help"""
+    anew: int = 0
+    """Number of times that it has begun anew, with another first design"""
 
     def save(self, path: Path) -> None:
         """Write the progress to a file for `load`."""
@@ -74,7 +84,7 @@ class Reached:
     def load(cls, path: Path) -> "Reached":
         """Read what `save` wrote."""
         with np.load(path, allow_pickle=False) as file:
-            numbers = {name: file[name].item() for name in ("cost", "damping", "steps", "refused", "done")}
+            numbers = {name: file[name].item() for name in ("cost", "damping", "steps", "refused", "done", "anew")}
             return cls(design=file["design"], points=file["points"], **numbers)
 
 
@@ -120,7 +130,9 @@ def _stepped(problem: Problem, reached: Reached) -> Reached:
     if found is None or found[1] >= reached.cost:
         return replace(reached, damping=STIFFENED * damping, steps=reached.steps + 1, refused=True)
     eased = damping if reached.refused else max(damping / EASED, LEAST_DAMPING)  # not at once what was refused
-    return Reached(design, *found, damping=eased, steps=reached.steps + 1)
+    points, cost = found
+    steps = reached.steps + 1
+    return replace(reached, design=design, points=points, cost=cost, damping=eased, steps=steps, refused=False)
 
 
 def _settled(problem: Problem, design: Values, reached: Reached) -> tuple[Values, float] | None:
@@ -132,7 +144,11 @@ def _settled(problem: Problem, design: Values, reached: Reached) -> tuple[Values
 
     if not problem.allowed(design):
         return None
-    points = problem.balance(design).settle(reached.points, strays=strays)
+    balance = problem.balance(design)
+    points = balance.settle(reached.points, strays=strays)
+    if points is not None and problem.topples and (mode := toppling_mode(balance, points)) is not None:
+        nudge = NUDGED * problem.ruler.size * mode / np.abs(mode).max()
+        points = balance.settle(points + nudge, strays=strays)
     return None if points is None else _weighed(problem, points)
 
 

@@ -49,6 +49,11 @@ class MouldProblem:
     """Gravity, and what holds the balloon against it"""
 
     @property
+    def topples(self) -> bool:
+        """Possibility of unstable equilibria: beyond the largest pressure one part swells at the expense of others."""
+        return True
+
+    @property
     def mesh(self) -> PolygonMesh:
         """The wanted shape."""
         return self.ruler.mesh
@@ -169,6 +174,11 @@ class ThicknessProblem:
     mould: MouldProblem
     thickest: float
     """Largest thickness over that of the film, which is the least"""
+
+    @property
+    def topples(self) -> bool:
+        """Possibility of unstable equilibria."""
+        return self.mould.topples
 
     @property
     def ruler(self) -> Ruler:

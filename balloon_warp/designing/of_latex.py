@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from balloon_warp.designing.descent import FIRST_DAMPING, Reached, begin, descend
+from balloon_warp.designing.descent import Reached, begin, descend
 from balloon_warp.designing.folder import write_stl
 from balloon_warp.designing.hanging import DOWN, SWING_DAMPING, Hanging, swing_rate
 from balloon_warp.designing.job import Job
@@ -29,6 +29,10 @@ Values = NDArray[np.float64]
 LEAST_STRETCH, MOST_STRETCH = 1.05, 5.0
 GOAL, GAINED = 1.0e-10, 0.05
 """Cost from which on it is near enough, and least relative gain in cost over two steps for more to be worth it"""
+STALLED, UNMOVED = 2.5e-5, 0.9
+"""Cost above which a design that stalls is begun anew, and the stretch that it then still has over that of its start"""
+EASIER, MOST_ANEW = 0.8, 4
+"""Strain of the next start over that of the last, and the most starts anew"""
 DENSITY = 940.0
 """Density of latex [kg/m^3]"""
 
@@ -91,21 +95,39 @@ def _mean_stretch(problem: MouldProblem, mould: Values) -> float:
     return float(np.sqrt(total_area(problem.mesh) / total_area(small)))
 
 
-def _descended(job: Job, problem: ThicknessProblem, reached: Reached) -> Reached:
-    """Design the mould alone; then, where the thickness may vary, both."""
-    mould, varies = problem.mould, problem.thickest > 1.0
+def _descended(job: Job, thick: ThicknessProblem, reached: Reached) -> Reached:
+    """Design the mould, and the thickness where it may vary.
 
-    def on_step(reached: Reached) -> None:
-        job.on_step(reached, _mean_stretch(mould, problem.split(reached.design)[0]))
+    Where a design stalls at the stretch of its start, one half swells more than the other. It then begins anew with a
+    larger mould around the same gas, which is stiffer.
+    """
+    mould, varies = thick.mould, thick.thickest > 1.0
+    problem = thick if varies else mould
+    even = np.ones(mould.mesh.vertex_count if varies else 0)
 
-    if len(reached.design) == 3 * mould.mesh.vertex_count:
-        reached = descend(mould, reached, job.steps // 2 if varies else job.steps, GOAL, GAINED, on_step)
-        if not varies or reached.cost < GOAL:
-            return reached
-        job.say("varying the thickness, too")
-        design = np.append(reached.design, np.ones(mould.mesh.vertex_count))
-        reached = replace(reached, design=design, damping=FIRST_DAMPING, done=False)
-    return descend(problem, reached, job.steps, GOAL, GAINED, on_step)
+    def stretch(reached: Reached) -> float:
+        return _mean_stretch(mould, thick.split(reached.design)[0])
+
+    def descended(reached: Reached) -> Reached:
+        return descend(problem, reached, job.steps, GOAL, GAINED, lambda step: job.on_step(step, stretch(step)))
+
+    best = reached = descended(reached if reached.steps else replace(reached, design=np.append(mould.plain, even)))
+    while best.cost > STALLED and reached.steps < job.steps and reached.anew < MOST_ANEW:
+        easier = _eased(mould.stretch, reached.anew + 1)
+        if stretch(reached) < UNMOVED * _eased(mould.stretch, reached.anew):
+            break
+        job.say(f"beginning anew with a larger mould, at a stretch of {easier:.3g}")
+        first = begin(problem, np.append(mould.mesh.points.ravel() / easier, even))
+        if first is None:
+            break
+        reached = descended(replace(first, steps=reached.steps, anew=reached.anew + 1))
+        best = min(best, reached, key=lambda each: each.cost)
+    return replace(best, steps=reached.steps)
+
+
+def _eased(stretch: float, times: int) -> float:
+    """Return the stretch with which a design begins after so many starts anew."""
+    return 1.0 + EASIER**times * (stretch - 1.0)
 
 
 def _film(job: Job, material: Material) -> FilmSkin:

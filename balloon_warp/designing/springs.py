@@ -41,6 +41,11 @@ class SpringProblem:
     """Forces that springs may bear: tension alone, or also compression"""
 
     @property
+    def topples(self) -> bool:
+        """Possibility of unstable equilibria: springs stiffen as they stretch, so it is not tested."""
+        return False
+
+    @property
     def mesh(self) -> PolygonMesh:
         """The wanted shape."""
         return self.ruler.mesh

@@ -85,12 +85,13 @@ def taken_numbers(model: Model, backward: BackwardFrames) -> dict[str, Values]:
     totals = np.asarray(backward.bars.number_totals.numpy(), dtype=np.float64).copy()
     backward.bars.number_totals.zero_()
     of_spheres = backward.spheres.taken_numbers() if backward.spheres else {}
+    of_tubes = backward.tubes.taken_numbers() if backward.tubes else {}
     numbers = by_numbers(model.columns, backward.columns, totals)
     of_touch = backward.touch.taken_numbers() if backward.touch else {}
     of_pairs = by_friction(model, numbers)
     for name in of_pairs.keys() & of_touch.keys():
         of_touch[name] = of_touch[name] + of_pairs[name]
-    return {**of_pairs, **numbers, **of_spheres, **of_touch}
+    return {**of_pairs, **numbers, **of_spheres, **of_touch, **of_tubes}
 
 
 def by_start(plan: ModelPlan, model: Model, points: Values, velocities: Values) -> dict[str, Values]:

@@ -20,9 +20,10 @@ from balloon_warp.model.memory import usable_memory
 from balloon_warp.model.touch import STIFFNESSES
 from balloon_warp.model.vary import METHODS
 from balloon_warp.schedules.backward_launched import gradient_step, kernels_of
+from balloon_warp.schedules.backward_tubes import CONDUCTANCE
 from balloon_warp.schedules.features import model_features
 
-FOUND = ("keyframe_values", "initial_gas_amounts", "initial_free_volumes")
+FOUND = (CONDUCTANCE, "keyframe_values", "initial_gas_amounts", "initial_free_volumes")
 """Parameters, besides those of laws and of the start, by which is derived"""
 BYTES_OF_A_FRAME = 72
 """Memory of the host for a particle: place and velocity, and a loss's derivatives by place, as given and checked"""

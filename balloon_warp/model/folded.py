@@ -5,6 +5,7 @@ import numpy as np
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.mesh.thickness import length_graph
 from balloon_warp.model.touch import APART, edge_length
+from balloon_warp.scene import Balloon
 
 DETOUR = 1.2
 """Least length of the way along the surface, over the distance below which particles are near each other in space, of
@@ -15,6 +16,13 @@ HOPS = 2
 """Number of edges or diagonals that lead to all that is near in an even mesh"""
 ROWS = 256
 """Number of particles whose ways are measured together, to bound the memory, and at most to find layers"""
+
+
+def bends_freely(balloon: Balloon) -> bool:
+    """Return whether nothing of a balloon's skin resists bending."""
+    material, stiffness = balloon.material, balloon.stiffness
+    stiff = "flexion" in material.springs if material.is_membrane else stiffness.flexion > 0.0
+    return not stiff and not stiffness.torsion > 0.0
 
 
 def is_stacked(mesh: PolygonMesh) -> bool:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.mesh.triangles import triangles_of
-from balloon_warp.model.folded import is_folded
+from balloon_warp.model.folded import bends_freely, is_folded
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.model.sharp_edges import sharp_edges
 from balloon_warp.scene import Balloon, Scene
@@ -48,11 +48,7 @@ def edges_by_leaf(
 
 def _may_fold(balloon: Balloon, shape: BalloonShape) -> bool:
     """Return whether a balloon may fold anywhere: it bends freely, and is folded, flat or open at the start."""
-    material, stiffness = balloon.material, balloon.stiffness
-    stiff = "flexion" in material.springs if material.is_membrane else stiffness.flexion > 0.0
-    if stiff or stiffness.torsion > 0.0:
-        return False
-    return not shape.closed or is_folded(shape.mesh)
+    return bends_freely(balloon) and (not shape.closed or is_folded(shape.mesh))
 
 
 def _all_edges(shape: BalloonShape) -> NDArray[np.int64]:

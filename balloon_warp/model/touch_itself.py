@@ -6,6 +6,7 @@ import numpy as np
 
 from balloon_warp.mesh.nearness import nears_itself
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
+from balloon_warp.model.folded import bends_freely, is_folded
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.scene import Balloon, Scene, Touch
 
@@ -16,12 +17,13 @@ STRETCH = 0.1
 def settle_itself(scene: Scene, shapes: Sequence[BalloonShape]) -> Scene:
     """Return the scene with `touch.itself` settled by its meshes, where it is "auto".
 
-    It is true where parts of any balloon are near each other, so that inflation may close the gap between them. Where
-    contact cannot be simulated, as with a solver that takes over later, `touch` is false.
+    It is true where parts of any balloon are near each other, so that inflation may close the gap between them, and for
+    foil, which folds anywhere: it bends freely and is flat or folded at the start. Where contact cannot be simulated,
+    as with a solver that takes over later, `touch` is false.
     """
     if not scene.meshes_settle_itself:
         return scene.model_copy(update={"touch": False}) if scene.touch is None else scene
-    itself = _any_nears_itself(scene.balloon, shapes)
+    itself = _any_is_foil(scene.balloon, shapes) or _any_nears_itself(scene.balloon, shapes)
     if scene.touch:
         return scene.model_copy(update={"touch": scene.touch.model_copy(update={"itself": itself})})
     # spheres touch faces as they do without this table
@@ -33,6 +35,12 @@ def _any_nears_itself(balloons: Sequence[Balloon], shapes: Sequence[BalloonShape
     stretches = [_stretch_of(balloon) for balloon in balloons]
     different = {(*_form(shape.mesh), stretch): shape.mesh for shape, stretch in zip(shapes, stretches, strict=True)}
     return any(nears_itself(mesh, stretch) for (*_, stretch), mesh in different.items())
+
+
+def _any_is_foil(balloons: Sequence[Balloon], shapes: Sequence[BalloonShape]) -> bool:
+    """Return whether any balloon bends freely and has layers on each other, as foil has."""
+    limp = {_form(shape.mesh): shape.mesh for each, shape in zip(balloons, shapes, strict=True) if bends_freely(each)}
+    return any(is_folded(mesh) for mesh in limp.values())
 
 
 def _stretch_of(balloon: Balloon) -> float:

@@ -20,6 +20,7 @@ from balloon_warp.model import Model, State, copy_of
 from balloon_warp.model.memory import Room
 from balloon_warp.schedules.backward_spheres import SpheresBackward
 from balloon_warp.schedules.backward_touch import STATE_OF_TOUCH, TouchBackward
+from balloon_warp.schedules.backward_tubes import TubesBackward
 from balloon_warp.schedules.tables import world_state
 from balloon_warp.warp_lock import recording
 
@@ -47,6 +48,8 @@ class BackwardFrames(ABC):
     """Adjoint of spheres, where there are any"""
     touch: TouchBackward | None = None
     """Adjoint of balloons that touch, where any may"""
+    tubes: TubesBackward | None = None
+    """Adjoint of gas that flows through tubes, where there are any"""
 
     def __init__(
         self, model: Model, state: State, columns: Sequence[int], step: Step, tables: Any, room: Room,
@@ -141,6 +144,7 @@ def bar_arrays(model: Model, step: Step, count: int, room: Room, one_by_one: boo
     arrays = values | {
         "all_point_bar": bars.points, "all_velocity_bar": room.array(particles, wp.vec3),
         "all_pressure_bar": bars.pressures, "all_load_bar": room.array(particles, wp.vec2),
+        "all_slope_bar": room.array(balloons, wp.float32),
         "all_gas_mass_bar": bars.gas_masses, "all_keyed_bar": bars.keyed,
         "all_keyed_bar_of_balloons": bars.keyed_of_balloons, "all_gas_bar": bars.gas,
         "number_bars": bars.numbers, "number_bars_of_balloons": bars.numbers_of_balloons,

@@ -19,10 +19,12 @@ from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Room
 from balloon_warp.schedules.backward import BackwardFrames
 from balloon_warp.schedules.backward_directions import DirectionsBackward
+from balloon_warp.schedules.backward_edges import EdgesBackward, kept_of_edges
 from balloon_warp.schedules.backward_exchange import ExchangeBackward, kept_of_exchange
 from balloon_warp.schedules.backward_gas import GasBackward
 from balloon_warp.schedules.backward_spheres import STATE_OF_SPHERES, SpheresBackward, log_of_spheres
 from balloon_warp.schedules.backward_touch import TouchBackward, kept_of_touch
+from balloon_warp.schedules.backward_tubes import TubesBackward
 from balloon_warp.schedules.balloon_contact import TouchLaunches
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.framing import Framing
@@ -38,14 +40,13 @@ class _Remembering(Launches):
         remembered: where the values of each substep are kept.
     """
 
-    exchange: ExchangeBackward | None = None
-    """Adjoint of spheres and particles that exchange momentum, where they do"""
-
     def __init__(
         self, model: Model, step: Step, tables: Any, room: Room, remembered: "_Remembered", own: Mapping[str, Own]
     ):
         super().__init__(model, step, tables, room, own)
         self._remembered, self._substep = remembered, 0
+        self.notes: dict[str, ExchangeBackward | EdgesBackward] = {}
+        """Adjoints of phases that keep what comes to them, by names of these"""
 
     def substep(self, state: State, substep: int, now: Moving) -> Moving:
         """Execute a substep, and return where particles are then."""
@@ -53,8 +54,8 @@ class _Remembering(Launches):
         return super().substep(state, substep, now)
 
     def _launch(self, piece: Piece, state: State, time_in_frame: float, now: Moving) -> Moving:
-        if self.exchange and piece.phases[0].name == "meet_spheres":
-            self.exchange.note(self._substep, *now)
+        if noting := self.notes.get(piece.phases[0].name):
+            noting.note(self._substep, *now)
         return super()._launch(piece, state, time_in_frame, now)
 
     def _targets(self, piece: Piece, state: State, now: Moving) -> Moving:
@@ -66,7 +67,7 @@ class _Remembering(Launches):
 CARRIED = {"inflation_loads": wp.vec2}
 """Values that balloons carry from one substep to the next, and their types"""
 WAYS_OUT = {
-    "meet_edges": "touch.edges = false", "meet_ridges": "faces = false", "keep_start": "spheres larger than faces",
+    "meet_ridges": "faces = false", "keep_start": "spheres larger than faces",
 }  # fmt: skip
 """Settings by the names of phases without an adjoint, which they leave out"""
 GAS_CARRIED = {"pressures": wp.float32, "gas_amounts": wp.float64, "free_volumes": wp.float64}
@@ -142,6 +143,7 @@ class LaunchedBackward(BackwardFrames):
     _directions: DirectionsBackward | None = None
     _searching: TouchLaunches | None = None
     _exchange: ExchangeBackward | None = None
+    _edges: EdgesBackward | None = None
 
     def __init__(self, model: Model, state: State, columns: Sequence[int]):
         features, room = model_features(model), Allocating(model.device)
@@ -163,11 +165,17 @@ class LaunchedBackward(BackwardFrames):
         if model.sphere_count:
             self.spheres = SpheresBackward(model, features, self.columns, tables, working, self.bars, room)
         if self.spheres and features.impulses:
-            self._exchange = self._launches.exchange = ExchangeBackward(
+            self._exchange = ExchangeBackward(
                 model, features, self.columns, tables, working, self.spheres, self.arrays, self.bars, room
             )
+            self._launches.notes["meet_spheres"] = self._exchange
+        if self.touch and features.edges_meet:
+            self._edges = EdgesBackward(model, features, self.columns, self.touch, self.arrays, room)
+            self._launches.notes["meet_edges"] = self._edges
         if features.gas_changes:
             self._gas_back = GasBackward(model, features, self.columns, tables, self._launches.working, self.bars)
+        if features.tubes:
+            self.tubes = TubesBackward(model, features, self.columns, tables, self.arrays, self.bars)
         self.carries_loads = any(
             kernel.item == "particle" and not kernel.after_note and "all_load_bar" in kernel.arguments
             for kernel in kernels
@@ -185,8 +193,10 @@ class LaunchedBackward(BackwardFrames):
         if step.features.impulses:
             kept_of_exchange(model, room)
         if step.features.touches:
-            kept_of_touch(model, room)
+            kept_of_touch(model, step.features, room)
             room.array((model.substeps, model.world_count, model.particle_count), wp.vec4)
+        if step.features.edges_meet:
+            kept_of_edges(model, step.features, room)
 
     def _touch(self, state: State, substep: int, time_in_frame: float, now: Moving) -> None:
         """Let balloons touch, and keep what they find."""
@@ -214,6 +224,8 @@ class LaunchedBackward(BackwardFrames):
         points, velocities = kept.moving[substep]
         found = self._gas_back.found_again(self.state, kept.carried[substep], substep) if self._gas_back else {}
         among = self.spheres.found_again(self.state, kept.carried[substep], substep) if self.spheres else {}
+        if self._edges:
+            self._edges.turn_back(substep)
         if self._exchange:
             self._exchange.turn_back(substep)
         for kernel, made in self._kernels:
@@ -225,6 +237,8 @@ class LaunchedBackward(BackwardFrames):
                 **{f"all_{name}": array for name, array in kept.values[substep].items()}, **self.arrays,
             }  # fmt: skip
             inputs = [has[name] for name in kernel.arguments]
+            if self.tubes and "all_slope_bar" in kernel.arguments:
+                self.tubes.turn_back(self.state, found, kept.values[substep]["gas_load"])
             if kernel.item == "balloon":
                 places = (m.world_count, m.balloon_count)
                 launch_tiled(made, dim=places, inputs=inputs, block_dim=team_threads(m), device=m.device)

@@ -18,6 +18,7 @@ from balloon_warp.kernels.adjoints.touching import (
     sum_pairs,
     take_back_kernel,
 )
+from balloon_warp.kernels.contact.edge_search import MOST_EDGES
 from balloon_warp.kernels.contact.nearby import MOST_TRIANGLES
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.working import Working
@@ -26,6 +27,7 @@ from balloon_warp.model import Model
 from balloon_warp.model.friction import FRICTION
 from balloon_warp.model.memory import Room
 from balloon_warp.model.touch import STIFFNESSES
+from balloon_warp.schedules.balloon_contact import edge_count
 from balloon_warp.schedules.deferred import FEW_THREADS, threads_of_list
 from balloon_warp.schedules.touch_table import substeps_of_search
 
@@ -47,7 +49,7 @@ class TouchBackward:
         self, model: Model, features: Features, columns: tuple[int, ...], tables: Any, working: Any,
         arrays: Mapping[str, wp.array], room: Room,
     ):  # fmt: skip
-        self._model, self._tables, self._working, self._arrays = model, tables, working, arrays
+        self._model, self.tables, self._working, self._arrays = model, tables, working, arrays
         self._press_back, self._take_back = press_back_kernel(features), take_back_kernel(features, columns)
         self._interval, self._threads = substeps_of_search(model), threads_of_list(model)
         worlds, particles, balloons = model.world_count, model.particle_count, model.balloon_count
@@ -59,7 +61,7 @@ class TouchBackward:
         self.bars.largest = room.array((worlds, KINDS), wp.float32)
         self.bars.pairs = room.array((worlds, particles, balloons), wp.vec3)
         self.bars.totals = room.array((worlds, balloons, balloons), wp.vec3d)
-        self._searches, self._contacts = kept_of_touch(model, room)
+        self._searches, self._contacts = kept_of_touch(model, features, room)
 
     @property
     def carried_bars(self) -> dict[str, wp.array]:
@@ -80,7 +82,7 @@ class TouchBackward:
             holds: state of contacts before the substep.
             points: places before it.
         """
-        working = self._as_it_was(substep)
+        working = self.as_it_was(substep)
         self._press(working, holds, points, velocities, only_counts=False)
         if substep == 0:  # as a frame begins, contacts are counted without forces
             self._press(working, holds, points, velocities, only_counts=True)
@@ -92,13 +94,13 @@ class TouchBackward:
         bars.largest.zero_()
         for adds in (0, 1):
             inputs = [
-                self._tables, self._threads, int(only_counts), adds, points, velocities, holds, working, bars,
+                self.tables, self._threads, int(only_counts), adds, points, velocities, holds, working, bars,
             ]  # fmt: skip
             launch(self._press_back, (m.world_count, self._threads), inputs, block_dim=FEW_THREADS, device=device)
         arrays = [self._arrays[name] for name in ("all_point_bar", "all_velocity_bar", "number_bars")]
-        launch(self._take_back, (m.world_count, m.particle_count), [self._tables, bars, *arrays], device=device)
+        launch(self._take_back, (m.world_count, m.particle_count), [self.tables, bars, *arrays], device=device)
 
-    def _as_it_was(self, substep: int) -> Any:
+    def as_it_was(self, substep: int) -> Any:
         """Return the working memory with what a substep knew of contacts."""
         before = Working()
         for name in vars(Working.cls)["__annotations__"]:
@@ -111,7 +113,7 @@ class TouchBackward:
     def _add_up(self) -> None:
         m = self._model
         shape = m.world_count, m.balloon_count, m.balloon_count
-        launch(sum_pairs, shape, [self._tables, self.bars], device=m.device)
+        launch(sum_pairs, shape, [self.tables, self.bars], device=m.device)
 
     def taken_numbers(self) -> dict[str, Values]:
         """Return the bars of what pairs of balloons have, since they were last taken, by the names of parameters."""
@@ -131,9 +133,10 @@ class TouchBackward:
         }  # fmt: skip
 
 
-def kept_of_touch(model: Model, room: Room) -> tuple[list[dict[str, wp.array]], list[wp.array]]:
+def kept_of_touch(model: Model, features: Features, room: Room) -> tuple[list[dict[str, wp.array]], list[wp.array]]:
     """Allocate what each search finds, by its names in the working memory, and the counts of each substep."""
     worlds, particles = model.world_count, model.particle_count
+    edges = edge_count(model, features)
     searches = -(-model.substeps // substeps_of_search(model))
     found = [
         {
@@ -141,6 +144,8 @@ def kept_of_touch(model: Model, room: Room) -> tuple[list[dict[str, wp.array]], 
             "candidate_counts": room.array((worlds, particles), wp.int32),
             "particle_lists": room.array((worlds, 2, particles), wp.int32),
             "list_lengths": room.array((worlds, 4), wp.int32),
+            "edge_candidates": room.array((worlds, edges, int(MOST_EDGES)), wp.int32),
+            "edge_pairs": room.array((worlds, edges * int(MOST_EDGES)), wp.int32),
         }
         for _ in range(searches)
     ]

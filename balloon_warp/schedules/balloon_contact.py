@@ -113,14 +113,24 @@ def overflow_remarks(overflow: int) -> list[str]:
     ]
 
 
+def edge_count(model: Model, features: Features) -> int:
+    """Return the number of edges of a world that may meet others."""
+    return sum(map(len, meeting_edges(model.scene, model.shapes))) if features.edges_meet else 0
+
+
+def catch_count(model: Model, features: Features) -> int:
+    """Return the number of pairs of edges for which a world has room in a substep."""
+    edges = edge_count(model, features)
+    return max(LEAST_CATCHES, CATCHES * edges) if edges else 0
+
+
 def touch_arrays(model: Model, features: Features, room: Room) -> dict[str, Any]:
     """Return the arrays of `Working` for balloons that touch."""
     worlds = model.world_count
     balloons, particles = (model.balloon_count, model.particle_count) if features.touches else (0, 0)
     parts = sum(part_count(shape.mesh) for shape in model.shapes) if features.touches else 0
     own_parts = parts if features.touches_itself else 0
-    edges = sum(map(len, meeting_edges(model.scene, model.shapes))) if features.edges_meet else 0
-    crossings = max(LEAST_CATCHES, CATCHES * edges) if edges else 0
+    edges = edge_count(model, features)
     return {
         "balloon_boxes": room.array((worlds, balloons, 3), wp.vec3),
         "sought": room.array((worlds, particles), wp.vec3),
@@ -143,7 +153,7 @@ def touch_arrays(model: Model, features: Features, room: Room) -> dict[str, Any]
         "edge_boxes": room.array((worlds, edges, 2), wp.vec3),
         "edge_clearances": room.array((worlds, edges if features.touches_itself else 0), wp.float32),
         "edge_pairs": room.array((worlds, edges * int(MOST_EDGES)), wp.int32),
-        "edge_catches": room.array((worlds, crossings), EdgeCatch),
+        "edge_catches": room.array((worlds, catch_count(model, features)), EdgeCatch),
         "edge_shares": room.array((worlds, particles if edges else 0), wp.int32),
         "edge_quanta": room.array((worlds, particles if edges else 0, 3), wp.int64),
         "overflow": room.array(worlds if features.touches or features.ridges else 0, wp.int32),

@@ -21,20 +21,16 @@ from balloon_warp.kernels.substep import SHARED, phases_of
 from balloon_warp.kernels.working import Working
 from balloon_warp.launching import begin_loading, launch
 from balloon_warp.model import Model, State
-from balloon_warp.model.memory import Allocating, Counting
-from balloon_warp.schedules.features import choosing_parameters, model_features
-from balloon_warp.schedules.fixtures import forget_looks, look_arrays, place_obstacles
-from balloon_warp.schedules.health import HealthCheck
+from balloon_warp.model.memory import Allocating, Room
+from balloon_warp.schedules.framing import Framing
+from balloon_warp.schedules.free_frames import FreeFramesSchedule
 from balloon_warp.schedules.lane_memory import allot_lanes, group_count, put_far_away, rows_of
 from balloon_warp.schedules.lane_tables import make_lane_tables
-from balloon_warp.schedules.membranes import left_array
-from balloon_warp.schedules.outlook import free_features
-from balloon_warp.schedules.ramp import note_pressures, refresh_ramp, weigh_air
 from balloon_warp.schedules.recorded_frame import FramePiece
 from balloon_warp.schedules.tables import kept_arguments, make_tables, world_state
 
 
-class LanesSchedule:
+class LanesSchedule(FreeFramesSchedule):
     """Advances a state by whole frames, in place; eight worlds side by side.
 
     A launch on the CPU runs on the thread that calls it and leaves the interpreter free meanwhile, so that each Python
@@ -46,18 +42,23 @@ class LanesSchedule:
 
     name: ClassVar[str] = "lanes"
     layout: ClassVar[Layout] = WORLDS
+    busy_recorded: ClassVar[bool] = False
 
     def __init__(self, model: Model, thread_count: int | None = None):
         if not model.device.is_cpu:
             raise InputError(f"--schedule {self.name}: runs on the CPU (got {model.device}); use block on a GPU")
-        self.model, self._features, all_features = model, features_of(model), model_features(model)
-        self.busy = busy_worlds(model, all_features) if all_features.in_blocks else None
-        step = self.step_of(self._features)
+        super().__init__(model)
+        step = self.step_of(self.features)
         self._kernel = kernel_of(step, self.layout)
-        self.tables = make_tables(model, self._features)
+        self.tables = make_tables(model, self.features)
         self._inputs = self._arguments(step)
-        self._health = HealthCheck(model)
+        self.framing = Framing(model, self.features, self.tables)
         self._share_out(thread_count)
+
+    @classmethod
+    def leaves_busy(cls, features: Features) -> bool:
+        """Return whether worlds may be busy: balloons touch, bodies move or small spheres meet faces."""
+        return features.in_blocks
 
     @classmethod
     def step_of(cls, features: Features) -> Step:
@@ -67,11 +68,11 @@ class LanesSchedule:
     @classmethod
     def source_of(cls, model: Model) -> str:
         """Return the source of the kernel that a model gets."""
-        return source_of(cls.step_of(features_of(model)), cls.layout)
+        return source_of(cls.step_of(cls.features_of(model)), cls.layout)
 
     def _arguments(self, step: Step) -> dict[str, Any]:
         """Return the kernel's arguments by name, in order; None for those that differ from launch to launch."""
-        t, solids = make_lane_tables(self.model, self._features, self.layout, self.tables), Solids()
+        t, solids = make_lane_tables(self.model, self.features, self.layout, self.tables), Solids()
         working, memory = Working(), allot_lanes(self.model, step, self.layout, Allocating(self.model.device))
         put_far_away(memory.of_kernel, self.layout)
         for struct, arrays in ((t, memory.of_tables), (solids, memory.solids), (working, memory.working)):
@@ -93,30 +94,9 @@ class LanesSchedule:
             self._threads = ThreadPoolExecutor(thread_count)
 
     @classmethod
-    def world_bytes(cls, model: Model) -> int:
-        """Return the device memory that it keeps for each world, beside the state."""
-        room, features = Counting(), model_features(model)
-        if features.in_blocks:
-            from balloon_warp.schedules.busy_worlds import BusyWorlds
-
-            BusyWorlds.allot(model, features, room)
-        allot_lanes(model, cls.step_of(features_of(model)), cls.layout, room)
-        left_array(model, room)
-        look_arrays(model, room)
-        return room.bytes // model.world_count
-
-    @property
-    def depends_on(self) -> frozenset[str]:
-        """Parameters that the kernel is chosen by."""
-        return choosing_parameters(self._features)
-
-    @property
-    def overflow(self) -> int:
-        """Number of candidate overflows in all worlds.
-
-        An overflow is a triangle that a particle may touch and that has no place in its list.
-        """
-        return self.busy.overflow if self.busy else 0
+    def allot(cls, model: Model, features: Features, room: Room, shares_working: bool) -> None:
+        """Ask for the memory of eight worlds, or eight particles, side by side."""
+        allot_lanes(model, cls.step_of(features), cls.layout, room)
 
     @property
     def pieces(self) -> list[FramePiece]:
@@ -124,56 +104,25 @@ class LanesSchedule:
         if not self.busy:
             return [FramePiece(self.advance_frame)]
         busy = FramePiece(self.busy.advance_busy, self.busy.are_there)
-        return [FramePiece(self._begin_frame), busy, FramePiece(self._end_frame)]
+        return [FramePiece(self.begin_frame), busy, FramePiece(self.framing.end)]
 
-    def advance_frame(self, state: State) -> None:
-        """Advance all worlds by a frame, the groups of worlds on as many threads as there are cores."""
-        self._begin_frame(state)
-        if self.busy:
-            self.busy.advance(state)
-        self._end_frame(state)
-
-    def _begin_frame(self, state: State) -> None:
+    def begin_loading(self) -> None:
+        """Compile the kernel ahead."""
         begin_loading(self._kernel, self.model.device)
-        if self.busy:
-            self.busy.begin_loading(are_recorded=False)
-        refresh_ramp(self.model, state)
-        weigh_air(self.model, self._features, self.tables, state)
-        place_obstacles(self.model, self.tables, state)
-        forget_looks(self.tables)
+
+    def advance_free(self, state: State) -> None:
+        """Run the substeps of a frame, the groups of worlds on as many threads as there are cores."""
         given = {"state": world_state(state), **kept_arguments(state)}
-        if self.busy:
-            self.busy.find(state)
         if len(self._shares) == 1:
             self._advance_groups(given, self._shares[0])
         else:
             for done in [self._threads.submit(self._advance_groups, given, share) for share in self._shares]:
                 done.result()
 
-    def _end_frame(self, state: State) -> None:
-        note_pressures(self.model, self._features, state)
-        self._health.end_frame(state)
-
     def _advance_groups(self, given: Mapping[str, Any], groups: np.ndarray) -> None:
         given = {**given, "first_group": int(groups[0])}
         inputs = [given.get(name, has) for name, has in self._inputs.items()]
         launch(self._kernel, len(groups), inputs, device=self.model.device)
-
-
-def features_of(model: Model) -> Features:
-    """Return the features of the kernel: of worlds that may be busy, those of free frames."""
-    features = model_features(model)
-    return free_features(features) if features.in_blocks else features
-
-
-def busy_worlds(model: Model, features: Features) -> Any:
-    """Return the worlds in which balloons may touch, bodies move or small spheres meet faces.
-
-    Kernels load only where they do.
-    """
-    from balloon_warp.schedules.busy_worlds import BusyWorlds
-
-    return BusyWorlds(model, features)
 
 
 class OctetsSchedule(LanesSchedule):

@@ -53,6 +53,12 @@ def note_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adj
             bar = wp.vec4()
         return bar
 
+    @wp.func
+    def bar_of_flowing(t: Tables, balloon: wp.int32, load_bar: wp.vec2, pressure_bar: float, slope_bar: float):
+        return bar_of_noted(t, balloon, load_bar, pressure_bar) + wp.vec4(0.0, 0.0, 0.0, slope_bar)
+
+    if features.tubes:
+        return (Adjoint(bar_of_flowing, ("gas_load",)),)
     if not features.vents:
         return (Adjoint(bar_of_noted, ("gas_load",)),)
     flow_backwards = flow_adjoint(features)
@@ -77,8 +83,8 @@ def note_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adj
 
 def pump_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
     """Return no adjoint of pumps and flows: a kernel of its own runs them backwards, see `adjoints.gas_changes`."""
-    if features.tubes:
-        raise NoAdjointError("gas that flows through tubes")
+    if features.tubes and features.vents:
+        raise NoAdjointError("gas that flows through tubes and out of openings")
     if features.gas_meets_air:
         raise NoAdjointError("gas that comes and goes in air that varies")
     return ()

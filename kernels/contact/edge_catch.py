@@ -15,6 +15,7 @@ from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.edges import (
     FOUR,
     KEPT,
+    Crossing,
     crosses,
     crossing_of,
     ease_along,
@@ -29,7 +30,7 @@ from balloon_warp.kernels.laws.touch import LEAST
 from balloon_warp.kernels.loops.friction import friction_of_balloons
 from balloon_warp.kernels.loops.inertia import ease_function
 from balloon_warp.kernels.loops.meeting import place_beside, skin_functions
-from balloon_warp.kernels.tables import Tables
+from balloon_warp.kernels.tables import Tables, row_of_world
 from balloon_warp.kernels.working import Working
 
 AHEAD = wp.constant(2.0)
@@ -40,6 +41,74 @@ AHEAD = wp.constant(2.0)
 def four_of(vectors: wp.array[wp.vec3], ends: wp.vec4i):
     """Return the vectors of the four ends, row by row."""
     return wp.matrix_from_rows(vectors[ends[0]], vectors[ends[1]], vectors[ends[2]], vectors[ends[3]])
+
+
+@wp.func
+def edges_there(before: FOUR, thickness: float):
+    """Return the contact of two edges, by the places of their ends."""
+    catch = EdgeCatch()
+    catch.crossing = crossing_of(before[0], before[1], before[2], before[3])
+    catch.kept = KEPT * thickness
+    catch.weights = weights_of(catch.crossing.parts)
+    return catch
+
+
+@wp.func
+def particle_there(before: FOUR, thickness: float):
+    """Return the contact of a triangle and a particle, by the places of the corners and the particle."""
+    catch = EdgeCatch()
+    place = place_beside(before[3], before[0], before[1], before[2])
+    crossing = Crossing()
+    crossing.gap = wp.sqrt(place.squared)
+    crossing.normal = wp.normalize(place.arm)
+    catch.crossing = crossing
+    catch.kept = KEPT * thickness
+    catch.weights = wp.vec4(-place.weights[0], -place.weights[1], -place.weights[2], 1.0)
+    return catch
+
+
+@wp.func
+def rows_times(factors: wp.vec4, rows: FOUR):
+    """Return rows, each times its factor."""
+    return wp.matrix_from_rows(
+        factors[0] * rows[0], factors[1] * rows[1], factors[2] * rows[2], factors[3] * rows[3]
+    )  # fmt: skip
+
+
+@wp.func
+def along_normal(catch: EdgeCatch, amount: float):
+    """Return vectors of four ends along the normal, by their weights."""
+    weights = catch.weights
+    normal = catch.crossing.normal
+    return wp.matrix_from_rows(
+        (weights[0] * amount) * normal, (weights[1] * amount) * normal, (weights[2] * amount) * normal,
+        (weights[3] * amount) * normal,
+    )  # fmt: skip
+
+
+@wp.func
+def impulses_of(catch: EdgeCatch, moving: FOUR, eases: wp.vec4, friction: float, step_seconds: float):
+    """Return the impulses on four ends that keep two edges apart, and friction [N s]."""
+    weights = catch.weights
+    parting = wp.dot(weights * moving, catch.crossing.normal)
+    push = push_apart(parting, catch.crossing.gap, catch.kept, ease_along(weights, eases), step_seconds)
+    straight = along_normal(catch, push)
+    if crosses(catch.crossing):
+        slide = sliding_at(catch.crossing, weights, moving + rows_times(eases, straight))
+        shares_of_rub = rub_shares(catch.crossing, weights, wp.normalize(slide))
+        rub = friction_of_edges(wp.length(slide), shares_of_rub, eases, push * friction)
+        return straight - rub * shares_of_rub
+    return straight
+
+
+@wp.func
+def moves_of(catch: EdgeCatch, eases: wp.vec4):
+    """Return the moves of four ends, times masses, by which two edges get back what little is left of their distance.
+
+    Without speed [kg m].
+    """
+    move = way_to_part(catch.crossing.gap, catch.kept) / wp.max(ease_along(catch.weights, eases), LEAST)
+    return along_normal(catch, move)
 
 
 @cache
@@ -60,15 +129,14 @@ def catching_functions(features: Features) -> tuple[Any, Any]:
         velocities: wp.array[wp.vec3],
     ):  # fmt: skip
         """Return two edges at the start of the substep, and whether they may touch in it."""
-        catch = EdgeCatch()
         own = t.touch.edges[first]
         other = t.touch.edges[second]
-        catch.ends = wp.vec4i(own[0], own[1], other[0], other[1])
-        moving = four_of(velocities, catch.ends)
-        before = four_of(points, catch.ends) - t.step_seconds * moving
-        catch.crossing = crossing_of(before[0], before[1], before[2], before[3])
-        catch.kept = KEPT * thickness_between(t, world, t.particles.balloon[own[0]], t.particles.balloon[other[0]])
-        catch.weights = weights_of(catch.crossing.parts)
+        ends = wp.vec4i(own[0], own[1], other[0], other[1])
+        moving = four_of(velocities, ends)
+        before = four_of(points, ends) - t.step_seconds * moving
+        skin = thickness_between(t, world, t.particles.balloon[own[0]], t.particles.balloon[other[0]])
+        catch = edges_there(before, skin)
+        catch.ends = ends
         return catch, may_touch(t, catch, moving)
 
     @wp.func
@@ -80,18 +148,15 @@ def catching_functions(features: Features) -> tuple[Any, Any]:
 
         One that is behind the triangle already, and to be pushed out of it, is let through.
         """
-        catch = EdgeCatch()
         corners = t.touch.triangles[triangle_of(candidate)]
-        catch.ends = wp.vec4i(corners[0], corners[1], corners[2], particle)
-        moving = four_of(velocities, catch.ends)
-        before = four_of(points, catch.ends) - t.step_seconds * moving
-        place = place_beside(before[3], before[0], before[1], before[2])
-        catch.crossing.gap = wp.sqrt(place.squared)
-        catch.crossing.normal = wp.normalize(place.arm)
-        catch.kept = KEPT * thickness_between(t, world, t.particles.balloon[particle], t.particles.balloon[corners[0]])
-        catch.weights = wp.vec4(-place.weights[0], -place.weights[1], -place.weights[2], 1.0)
+        ends = wp.vec4i(corners[0], corners[1], corners[2], particle)
+        moving = four_of(velocities, ends)
+        before = four_of(points, ends) - t.step_seconds * moving
         own = t.particles.balloon[particle]
-        is_right = side_of(candidate) * wp.dot(place.arm, place.area_vector) >= 0.0
+        catch = particle_there(before, thickness_between(t, world, own, t.particles.balloon[corners[0]]))
+        catch.ends = ends
+        area_vector = wp.cross(before[1] - before[0], before[2] - before[0])
+        is_right = side_of(candidate) * wp.dot(catch.crossing.normal, area_vector) >= 0.0
         is_right = is_right or t.particles.balloon[corners[0]] == own
         return catch, is_right and may_touch(t, catch, moving)
 
@@ -114,10 +179,52 @@ def count_ends(working: Working, world: wp.int32, catch: EdgeCatch):
             wp.atomic_add(working.edge_shares, world, catch.ends[end], 1)
 
 
+@wp.func
+def friction_of_catch(t: Tables, world: wp.int32, catch: EdgeCatch):
+    """Return the coefficient of friction between two edges, 0 where none acts."""
+    if crosses(catch.crossing):
+        return friction_of_balloons(t, world, t.particles.balloon[catch.ends[0]], t.particles.balloon[catch.ends[2]])
+    return 0.0
+
+
+@wp.func
+def add_impulses(working: Working, world: wp.int32, catch: EdgeCatch, impulses: FOUR):
+    """Add impulses to those of the ends that bear the contact."""
+    for end in range(4):
+        if catch.weights[end] != 0.0:  # no friction acts where one bears nothing
+            add_impulse(working.edge_quanta, world, catch.ends[end], impulses[end])
+
+
+@cache
+def ground_function(features: Features) -> Any:
+    """Return the function that keeps a particle that others push above the ground."""
+    height = features.columns.places["ground_height"] - features.columns.balloon_width
+
+    @wp.func
+    def keep_above(t: Tables, world: wp.int32, point: wp.vec3, velocity: wp.vec3, speeds: float):
+        """Return where a particle is that does not go through the ground, and its velocity.
+
+        It goes as far as it can, and no faster: who pushes it then finds it no farther away. Were it taken out of the
+        ground only in the next substep, it would go through what lies on it.
+
+        Args:
+            speeds: 0 if it is moved without speed.
+        """
+        if wp.static(features.ground):
+            rise = t.world_numbers[row_of_world(world, t.world_numbers.shape[0]), height] - wp.dot(point, t.up)
+            if rise > 0.0:
+                fall = wp.min(wp.dot(velocity, t.up), 0.0)
+                point += rise * t.up
+                velocity += (speeds * wp.min(rise / t.step_seconds, -fall)) * t.up
+        return point, velocity
+
+    return keep_above
+
+
 @cache
 def pushing_functions(features: Features) -> tuple[Any, Any, Any]:
     """Return the functions that push two edges apart, that part those that overlap, and that move their ends by all."""
-    ease_of_moving = ease_function(features)
+    ease_of_moving, keep_above = ease_function(features), ground_function(features)
 
     @wp.func
     def shared_eases(t: Tables, working: Working, world: wp.int32, catch: EdgeCatch):
@@ -131,35 +238,15 @@ def pushing_functions(features: Features) -> tuple[Any, Any, Any]:
     @wp.func
     def part_pair(t: Tables, working: Working, world: wp.int32, catch: EdgeCatch):
         """Add the moves, times masses, by which two edges get back what little is left of their distance."""
-        ease = ease_along(catch.weights, shared_eases(t, working, world, catch))
-        move = way_to_part(catch.crossing.gap, catch.kept) / wp.max(ease, LEAST)
-        for end in range(4):
-            if catch.weights[end] != 0.0:
-                impulse = (catch.weights[end] * move) * catch.crossing.normal
-                add_impulse(working.edge_quanta, world, catch.ends[end], impulse)
+        add_impulses(working, world, catch, moves_of(catch, shared_eases(t, working, world, catch)))
 
     @wp.func
     def push_pair(t: Tables, working: Working, world: wp.int32, catch: EdgeCatch, velocities: wp.array[wp.vec3]):
         """Add the impulse between two edges, and friction; each has its share of the mass of their ends."""
-        weights = catch.weights
-        moving = four_of(velocities, catch.ends)
-        parting = wp.dot(weights * moving, catch.crossing.normal)
         eases = shared_eases(t, working, world, catch)
-        push = push_apart(parting, catch.crossing.gap, catch.kept, ease_along(weights, eases), t.step_seconds)
-        impulses = FOUR()
-        gains = FOUR()
-        for end in range(4):
-            impulses[end] = (weights[end] * push) * catch.crossing.normal
-            gains[end] = eases[end] * impulses[end]
-        if crosses(catch.crossing):
-            own = t.particles.balloon[catch.ends[0]]
-            most = push * friction_of_balloons(t, world, own, t.particles.balloon[catch.ends[2]])
-            slide = sliding_at(catch.crossing, weights, moving + gains)
-            shares_of_rub = rub_shares(catch.crossing, weights, wp.normalize(slide))
-            impulses -= friction_of_edges(wp.length(slide), shares_of_rub, eases, most) * shares_of_rub
-        for end in range(4):
-            if weights[end] != 0.0:  # no friction acts where one bears nothing
-                add_impulse(working.edge_quanta, world, catch.ends[end], impulses[end])
+        friction = friction_of_catch(t, world, catch)
+        impulses = impulses_of(catch, four_of(velocities, catch.ends), eases, friction, t.step_seconds)
+        add_impulses(working, world, catch, impulses)
 
     @wp.func
     def move_ends(
@@ -175,7 +262,10 @@ def pushing_functions(features: Features) -> tuple[Any, Any, Any]:
             particle = catch.ends[end]
             if wp.atomic_exch(working.edge_shares, world, particle, 0) > 0:
                 gain = ease_of_moving(t, working, world, particle) * take_impulse(working.edge_quanta, world, particle)
-                velocities[particle] = velocities[particle] + speeds * gain
-                points[particle] = points[particle] + wp.where(speeds > 0.0, t.step_seconds, 1.0) * gain
+                point = points[particle] + wp.where(speeds > 0.0, t.step_seconds, 1.0) * gain
+                velocity = velocities[particle] + speeds * gain
+                point, velocity = keep_above(t, world, point, velocity, speeds)
+                velocities[particle] = velocity
+                points[particle] = point
 
     return push_pair, part_pair, move_ends

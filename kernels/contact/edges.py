@@ -79,40 +79,41 @@ def catching_all_function(features: Features) -> Any:
     return catch_all
 
 
+@wp.func
+def find_pushed(
+    t: Tables, working: Working, world: wp.int32, thread: wp.int32, count: wp.int32, velocities: wp.array[wp.vec3]
+):
+    """Mark the pairs of a thread that come too near, and return whether any needs another sweep."""
+    again = bool(False)
+    for place in range(thread, count, wp.block_dim()):
+        catch = working.edge_catches[world, place]
+        excess = excess_of(t, catch, velocities)
+        working.edge_catches[world, place].pushed = wp.where(excess > 0.0, 1, 0)
+        if excess > 0.0:
+            count_ends(working, world, catch)
+            least = wp.min(SETTLED * catch.kept, SAFE * catch.crossing.gap)
+            again = again or t.step_seconds * excess > least
+    return again
+
+
+@wp.func
+def find_overlaps(working: Working, world: wp.int32, thread: wp.int32, count: wp.int32):
+    """Mark the pairs of a thread that have come so near that they are moved apart, and return whether any has."""
+    overlap = bool(False)
+    for place in range(thread, count, wp.block_dim()):
+        catch = working.edge_catches[world, place]
+        is_near = way_to_part(catch.crossing.gap, catch.kept) > 0.0
+        working.edge_catches[world, place].pushed = wp.where(is_near, 1, 0)
+        if is_near:
+            count_ends(working, world, catch)
+            overlap = True
+    return overlap
+
+
 @cache
-def edges_function(features: Features) -> Any:
-    """Return the function by which edges push each other apart, once all particles have moved."""
-    catch_all = catching_all_function(features)
+def pushing_all_function(features: Features) -> Any:
+    """Return the function that pushes marked pairs of edges apart."""
     push_pair, part_pair, move_ends = pushing_functions(features)
-
-    @wp.func
-    def find_pushed(
-        t: Tables, working: Working, world: wp.int32, thread: wp.int32, count: wp.int32, velocities: wp.array[wp.vec3]
-    ):
-        """Mark the pairs of a thread that come too near, and return whether any needs another sweep."""
-        again = bool(False)
-        for place in range(thread, count, wp.block_dim()):
-            catch = working.edge_catches[world, place]
-            excess = excess_of(t, catch, velocities)
-            working.edge_catches[world, place].pushed = wp.where(excess > 0.0, 1, 0)
-            if excess > 0.0:
-                count_ends(working, world, catch)
-                least = wp.min(SETTLED * catch.kept, SAFE * catch.crossing.gap)
-                again = again or t.step_seconds * excess > least
-        return again
-
-    @wp.func
-    def find_overlaps(working: Working, world: wp.int32, thread: wp.int32, count: wp.int32):
-        """Mark the pairs of a thread that have come so near that they are moved apart, and return whether any has."""
-        overlap = bool(False)
-        for place in range(thread, count, wp.block_dim()):
-            catch = working.edge_catches[world, place]
-            is_near = way_to_part(catch.crossing.gap, catch.kept) > 0.0
-            working.edge_catches[world, place].pushed = wp.where(is_near, 1, 0)
-            if is_near:
-                count_ends(working, world, catch)
-                overlap = True
-        return overlap
 
     @wp.func
     def push_all(
@@ -135,6 +136,14 @@ def edges_function(features: Features) -> Any:
             if working.edge_catches[world, place].pushed == 1:
                 move_ends(t, working, world, working.edge_catches[world, place], points, velocities, speeds)
         block_barrier()
+
+    return push_all
+
+
+@cache
+def edges_function(features: Features) -> Any:
+    """Return the function by which edges push each other apart, once all particles have moved."""
+    catch_all, push_all = catching_all_function(features), pushing_all_function(features)
 
     @wp.func
     def meet_edges(

@@ -272,29 +272,6 @@ def pumped_gas(
 
 
 @wp.func
-def tube_flow(conductance: float, flow: float, difference: float, softness: float, step_seconds: float):
-    """Return the correction of a tube's flow [mol/s] that makes it conductance times the difference of pressures.
-
-    These are the pressures at its ends [Pa] at the end of a step, where they fall by `softness` [Pa/mol] with all that
-    flows.
-    """
-    return (conductance * difference - flow) / (1.0 + conductance * step_seconds * softness)
-
-
-@wp.func
 def molar_free_volume(gas: wp.vec2d):
     """Free volume of a mole [m^3/mol]."""
     return float(gas[1] / wp.max(gas[0], wp.float64(1.0e-20)))
-
-
-@wp.func
-def gas_through_tube(source: wp.vec2d, sink: wp.vec2d, moles: float, pressures: wp.vec2, gamma: float):
-    """Return the amounts [mol] and free volumes [m^3] of two gases after an amount flows from one to the other.
-
-    `pressures` are theirs, in full [Pa]. Gas that leaves takes its part of the free volume along, and is throttled.
-    """
-    moved = wp.min(wp.float64(moles), source[0])
-    taken = molar_free_volume(source)
-    brought = throttled(taken, pressures[0], pressures[1], gamma)
-    left = wp.vec2d(source[0] - moved, wp.max(source[1] - moved * wp.float64(taken), wp.float64(0.0)))
-    return left, sink + moved * wp.vec2d(wp.float64(1.0), wp.float64(brought))

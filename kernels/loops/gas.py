@@ -1,4 +1,4 @@
-"""Gas of the balloons and tubes of a world: pumps, flows, leaks and mass, by one thread of a world."""
+"""Gas of the balloons of a world: pumps, leaks and mass, by one thread of a world."""
 
 from functools import cache
 from typing import Any
@@ -13,10 +13,8 @@ from balloon_warp.kernels.laws.fill import blown_in, breath_in, up_to
 from balloon_warp.kernels.laws.gas import (
     STANDARD_PRESSURE,
     THINNEST,
-    gas_through_tube,
     molar_free_volume,
     pumped_gas,
-    tube_flow,
     volume_at,
 )
 from balloon_warp.kernels.laws.inflation import GAS
@@ -25,9 +23,6 @@ from balloon_warp.kernels.loops.airs import air_function, warmth_function
 from balloon_warp.kernels.loops.emptying import holding_function, most_that_leaves
 from balloon_warp.kernels.params import numbers_reader
 from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
-
-SWEEPS = 8
-"""Number of sweeps over tubes whose flows depend on each other"""
 
 
 @wp.func
@@ -205,78 +200,6 @@ def vent_function(features: Features) -> tuple[Any, Any]:
         put_gas(state, world, balloon, gas)
 
     return find_vent, take_vented
-
-
-@cache
-def flows_function(features: Features) -> Any:
-    """Return the function that exchanges gas through tubes and openings, from the loads without flow."""
-    columns = features.columns
-    gamma_column = columns.places["gamma"]
-    air_at, as_warm_there = air_function(features), warmth_function(features)
-    find_vent, take_vented = vent_function(features) if features.vents else (None, None)
-    holds_gas = holding_function(features)
-
-    @wp.func
-    def find_flow(t: Tables, state: WorldState, world: wp.int32, conductances: wp.int32, tube: wp.int32):
-        """Find the flow of a tube by the pressures at its ends after the step."""
-        first = t.tubes.balloons[tube][0]
-        second = t.tubes.balloons[tube][1]
-        difference = state.pressures[world, first] - state.pressures[world, second]
-        source = wp.where(difference > 0.0, first, second)
-        a_mole = molar_free_volume(gas_in(state, world, source))
-        of_first = as_warm_there(t, world, first, a_mole, air_at(t, state, world, first))
-        of_second = as_warm_there(t, world, second, a_mole, air_at(t, state, world, second))
-        softness = of_first * state.pressure_slopes[world, first] + of_second * state.pressure_slopes[world, second]
-        flow = state.tube_flows[world, tube]
-        more = tube_flow(t.tubes.conductance[conductances, tube], flow, difference, softness, t.step_seconds)
-        out_of_first = most_that_leaves(t, state, world, first, air_at(t, state, world, first))
-        out_of_second = most_that_leaves(t, state, world, second, air_at(t, state, world, second))
-        more = wp.clamp(flow + more, -out_of_second, out_of_first) - flow
-        state.tube_flows[world, tube] = flow + more
-        raise_pressure(state, world, first, -t.step_seconds * more * of_first)
-        raise_pressure(state, world, second, t.step_seconds * more * of_second)
-
-    @wp.func
-    def find_flows(t: Tables, state: WorldState, world: wp.int32, time: float):
-        """Find all flows and pressures, which depend on each other, in several sweeps."""
-        count = t.tubes.balloons.shape[0]
-        for tube in range(count):
-            state.tube_flows[world, tube] = 0.0
-        sweeps = wp.where(count > 1 or (wp.static(features.vents) and count > 0), SWEEPS, 1)
-        if wp.static(features.vents):
-            for balloon in range(t.inflation_kind.shape[0]):
-                state.vent_flows[world, balloon] = 0.0
-        for _sweep in range(sweeps):
-            for tube in range(count):
-                find_flow(t, state, world, row_of_world(world, t.tubes.conductance.shape[0]), tube)
-            if wp.static(features.vents):
-                for balloon in range(t.inflation_kind.shape[0]):
-                    if holds_gas(t, state, world, balloon):
-                        find_vent(t, state, world, balloon, time)
-
-    @wp.func
-    def let_gases_flow(t: Tables, state: WorldState, world: wp.int32, time: float):
-        """Apply a substep's flows to pressures, loads and gases."""
-        find_flows(t, state, world, time)
-        of_balloons = row_of_world(world, t.balloon_numbers.shape[0])
-        for tube in range(t.tubes.balloons.shape[0]):
-            moles = t.step_seconds * state.tube_flows[world, tube]
-            source = t.tubes.balloons[tube][wp.where(moles > 0.0, 0, 1)]
-            sink = t.tubes.balloons[tube][wp.where(moles > 0.0, 1, 0)]
-            air = wp.vec2(air_at(t, state, world, source)[0], air_at(t, state, world, sink)[0])
-            pressures = air + wp.vec2(state.pressures[world, source], state.pressures[world, sink])
-            left, gained = gas_through_tube(
-                gas_in(state, world, source), gas_in(state, world, sink), wp.abs(moles), pressures,
-                t.balloon_numbers[of_balloons, source, gamma_column],
-            )  # fmt: skip
-            put_gas(state, world, source, left)
-            put_gas(state, world, sink, gained)
-        if wp.static(features.vents):
-            for balloon in range(t.inflation_kind.shape[0]):
-                if holds_gas(t, state, world, balloon):
-                    take_vented(t, state, world, balloon, time)
-
-    return let_gases_flow
 
 
 @cache

@@ -11,7 +11,8 @@ from balloon_warp.kernels.adjoints.derived import by_grad
 from balloon_warp.kernels.adjoints.gas import pump_backwards
 from balloon_warp.kernels.algebra import times
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.loops.gas import flows_function, gas_mass_function, pump_function
+from balloon_warp.kernels.loops.gas import gas_mass_function, pump_function
+from balloon_warp.kernels.loops.tubes import flows_function
 from balloon_warp.kernels.phase import Look, phase
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.working import Working

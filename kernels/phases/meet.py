@@ -8,6 +8,7 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.adjoints.crossings import edges_backwards
 from balloon_warp.kernels.adjoints.exchange import exchange_backwards
 from balloon_warp.kernels.contact.bodies import bodies_function
 from balloon_warp.kernels.contact.edges import edges_function
@@ -57,7 +58,7 @@ def meet_faces(features: Features, look: Look) -> Any:
     return faces_function(features)
 
 
-@phase("team", when=lambda features: features.edges_meet)
+@phase("team", when=lambda features: features.edges_meet, adjoint=edges_backwards)
 def meet_edges(features: Features, look: Look) -> Any:
     """Resolve contacts of sharp edges."""
     return edges_function(features)

@@ -14,7 +14,7 @@ class Touch(Table):
     """Balloons touch each other"""
     itself: bool | Literal["auto"] = "auto"
     """Parts of a balloon touch each other; "auto" where parts of a mesh face each other across a gap that inflation may
-    close"""
+    close, and in foil, which bends freely and is flat or folded at the start"""
     edges: bool | Literal["auto"] = "auto"
     """Edges of balloons touch edges, so that no fold crosses another; "auto" takes those that are sharp at the start,
     all edges of balloons that bend freely and are folded, flat or open then, and all where balloons touch themselves"""

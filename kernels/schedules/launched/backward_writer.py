@@ -15,10 +15,10 @@ from balloon_warp.kernels.schedules.writer import named_in, written_types
 Turn = tuple[Entry, Adjoint]
 BARS = {
     "load": "wp.array2d[wp.vec2]", "pressure": "wp.array2d[float]", "gas_mass": "wp.array2d[float]",
-    "keyed": "wp.array2d[wp.vec2]", "gas": "wp.array2d[wp.vec2]",
+    "keyed": "wp.array2d[wp.vec2]", "gas": "wp.array2d[wp.vec2]", "slope": "wp.array2d[float]",
 }  # fmt: skip
 """Types of the bars of what no phase writes as a value. That of a keyframed value comes with its product with the time
-in the frame"""
+in the frame, and that of a slope is of what flows through tubes"""
 
 
 class Sinks:
@@ -93,6 +93,8 @@ class BackwardWriter(PieceWriter):
             return "", "constants_of(t)"
         if name == "pressure_bar":
             return "", self.bar_at("pressure", "balloon")
+        if name == "slope_bar":
+            return "", self.bar_at("slope", "balloon")
         if name == "gas_after_bar":
             return "", "all_gas_bar[world, balloon]"
         if name.endswith("_bars"):

@@ -1,0 +1,43 @@
+"""Motion of balloons between which gas flows through tubes, in NumPy and double precision."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from float64_run import Motion, started
+
+from balloon_warp.scene import Scene
+
+Array = np.ndarray
+
+
+def motion_by_tubes(scene: Scene, values: Mapping[str, float]) -> list[Array]:
+    """Return places of all balloons in all frames, between which gas of gamma 1 flows through tubes alone."""
+    runs = [started(scene, values, number) for number in range(len(scene.balloon))]
+    courses = [run.course(0.0, 0.0) for run in runs]
+    found: list[Array] = []
+    while not found:
+        for course in courses:
+            try:
+                next(course)
+            except StopIteration as end:
+                found.append(end.value[0])
+        if not found:
+            let_flow(runs, [tube.balloons for tube in scene.tube], runs[0].p["tube_conductance"][0])
+    return found
+
+
+def let_flow(runs: Sequence[Motion], tubes: Sequence[tuple[int, int]], conductances: Array) -> None:
+    """Let gas flow between balloons, by the pressures at the substep's end, and several times if flows interact."""
+    flows, h = np.zeros(len(tubes)), runs[0].h
+    mole = runs[0].free_volume / runs[0].moles
+    for _ in range(8 if len(tubes) > 1 else 1):
+        for number, (conductance, ends) in enumerate(zip(conductances, tubes, strict=True)):
+            one, other = (runs[end] for end in ends)
+            driven = conductance * (one.pressure - other.pressure) - flows[number]
+            more = driven / (1.0 + conductance * h * mole * (one.slope + other.slope))
+            flows[number] += more
+            one.pressure -= one.slope * h * more * mole
+            other.pressure += other.slope * h * more * mole
+    for flow, ends in zip(flows, tubes, strict=True):
+        runs[ends[0]].moles -= h * flow
+        runs[ends[1]].moles += h * flow

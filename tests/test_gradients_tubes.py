@@ -1,0 +1,79 @@
+"""Gradients of gas that flows through tubes, against differences of a run in double precision; and refusals."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from float64_tubes import motion_by_tubes
+from gradient_scenes import BALL, scene
+
+import balloon_warp as bw
+from balloon_warp.statics.volume import Volume
+from balloon_warp.trajectories import Trajectories
+
+OF = [
+    *(f"balloon.{number}.inflation.start_pressure" for number in range(2)),
+    *("balloon.0.mass", "balloon.1.stiffness.structural", "tube.0.conductance", "atmosphere.pressure"),
+]
+CONDUCTANCES = (5e-4, 3e-4)
+FIRM = {"structural": 1500.0}
+"""Springs that keep pressures apart: each is the difference of absolute ones, of which states in float32 leave less"""
+
+
+def tubed(count: int, **more: Any) -> bw.Scene:
+    """Return two balls with a gas, one at three times the pressure of the other, and tubes between them."""
+    low, high = (
+        scene(
+            "gas", gas={"start_pressure": pressure}, position=(side, 1.0, 0.0), mass=mass, springs=FIRM, **more
+        ).balloon[0]
+        for pressure, side, mass in ((900.0, -2.0, 0.05), (2700.0, 2.0, 0.1))
+    )
+    tubes = [bw.Tube(balloons=(0, 1), conductance=each) for each in CONDUCTANCES[:count]]
+    return scene("gas", frames=2).model_copy(update={"balloon": [low, high], "touch": False, "tube": tubes})
+
+
+def sizes(moved: Trajectories) -> tuple[Any, dict[str, Any]]:
+    """Return a loss of volumes, one more than the other, and of how far balls have spread, with derivatives."""
+    weights = np.array([1.0, 2.0])
+    slopes, points = np.zeros(moved.volumes.shape), [np.zeros(part.shape) for part in moved.points]
+    slopes[..., 1:, :] = weights
+    loss = (weights * moved.volumes[..., 1:, :]).sum(axis=(-2, -1))
+    for part, found in zip(moved.points, points, strict=True):
+        found[..., -1, :, 1] = 0.1
+        loss = loss + 0.1 * part[..., -1, :, 1].sum(axis=-1)
+    return loss, {"volumes": slopes, "points": points}
+
+
+def sizes_in_float64(of: bw.Scene, values: dict[str, float]) -> float:
+    volume, places = Volume(BALL), motion_by_tubes(of, values)
+    return sum(
+        (number + 1.0) * sum(volume.of(each) for each in part[1:]) + 0.1 * part[-1, :, 1].sum()
+        for number, part in enumerate(places)
+    )
+
+
+def value_at(of: bw.Scene, path: str) -> float:
+    value: Any = of
+    for name in path.split("."):
+        value = value[int(name)] if name.isdecimal() else getattr(value, name)
+    return float(value)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_gas_through_tubes_has_the_slopes_of_a_run_in_double_precision(count: int, device: str):
+    """Gas flows from the second balloon to the first; two tubes depend on each other, and are found in sweeps."""
+    of = tubed(count)
+    found = bw.gradient(of, of=OF, loss=sizes, device=device)
+    assert found.loss[0] == pytest.approx(sizes_in_float64(of, {}), rel=1e-5)
+    for path in OF:
+        h = 1e-4 * value_at(of, path)  # all is smooth, and less would drown in rounding
+        more, less = (sizes_in_float64(of, {path: value_at(of, path) + side * h}) for side in (1.0, -1.0))
+        assert found.gradients[path][0] == pytest.approx((more - less) / (2.0 * h), rel=1e-4), path
+    told = bw.simulate(of, device=device, schedule="gather")
+    np.testing.assert_array_equal(found.trajectories.points[1], told.points[1])
+
+
+def test_tubes_beside_openings_are_refused():
+    of = tubed(1, neck={"diameter": 0.05})
+    with pytest.raises(bw.InputError, match="`pump` of gas that flows through tubes and out of openings has no"):
+        bw.gradient(of, of=["balloon.0.mass"], loss=sizes)
