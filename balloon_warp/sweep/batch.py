@@ -163,8 +163,7 @@ def run_batch(
         files, kind = _files(trajectories, folder), settled_table(table, world_count * (scene.frames + 1))
         groups = plan_groups(scene, world_count, vary, laws)
         task = BatchTask(scene, groups, vary, chosen, Path(folder), schedule, on_blowup, files, kind)
-        description = describe_batch(task)
-        checkpoints = batch_checkpoints(task, description, checkpoint_seconds, resume, on_note)
+        checkpoints = batch_checkpoints(task, description := describe_batch(task), checkpoint_seconds, resume, on_note)
         try:
             begin = _warning(task, on_begin, on_warning)
             outcome = _simulate(task, (cluster, workers), device, checkpoints, begin, on_frame)

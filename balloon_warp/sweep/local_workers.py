@@ -1,4 +1,4 @@
-"""Workers of this machine: this process takes the first GPU, and others one each; or processes share a CPU."""
+"""Processes and a thread as workers: the thread has the first GPU of this machine, each process another, or the CPU."""
 
 import pickle
 import threading

@@ -41,7 +41,7 @@ MOST_PARTICLES = 2**23
 """Largest number of particles of a share that more than fills a device: as many fit into the memory of any"""
 GRAIN = {"cpu": Grain(LANE_COUNT, 2**11), "cuda": Grain(1, 2**18, 2**35)}
 """Least sizes by the kind of device; on a CPU `lanes` takes as long for one world as for eight; a GPU does that work in
-a third of a second or, where it is much, in three, and a share has an overhead of up to one"""
+a third of a second or, where it is much, in three, and a share has an overhead of a tenth or more"""
 
 
 @dataclass(frozen=True)
