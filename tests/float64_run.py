@@ -45,8 +45,8 @@ def started(scene: Scene, values: Mapping[str, float] | None, number: int = 0) -
     told = dict(values or {})
     changes = [change.model_copy(update={"set": dict(change.set)}) for change in scene.change]
     for path in [path for path in told if path.startswith("change.")]:
-        number, inner = path.removeprefix("change.").split(".set.")
-        changes[int(number)].set[inner] = told.pop(path)
+        which, inner = path.removeprefix("change.").split(".set.")
+        changes[int(which)].set[inner] = told.pop(path)
     return Motion(scene.model_copy(update={"change": changes}), told, number)
 
 

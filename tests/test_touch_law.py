@@ -70,12 +70,17 @@ def test_a_sharp_edge_knows_on_which_side_a_particle_is(device):
         assert gaps[2] < 0.0
 
 
-def test_triangles_without_size_give_no_nan(device):
-    """Degenerate triangles give finite results: corners at one place, two of them, or all on a line."""
+def test_triangles_without_size_have_a_nearest_point(device):
+    """Distances to degenerate triangles are those to a segment: corners at one place, two of them, or all on a line."""
     a, b, c = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (2.0, 0.0, 0.0)
+    points = np.array([a, b, (0.5, 0.0, 0.0), (0.3, 0.4, 0.0), (9.0, 9.0, 9.0)])
     for corners in ((a, a, a), (a, a, b), (a, b, a), (b, a, a), (a, b, c), (c, a, b)):
-        gaps, squares, nearest = beside([a, b, (0.5, 0.0, 0.0), (0.3, 0.4, 0.0), (9.0, 9.0, 9.0)], [corners], device)
-        assert np.isfinite([gaps, squares, *nearest.T]).all()
+        ends = np.min(corners, axis=0), np.max(corners, axis=0)
+        expected = np.linalg.norm(points - np.clip(points, *ends), axis=1)
+        gaps, squares, nearest = beside(points, [corners], device)
+        np.testing.assert_allclose(np.sqrt(squares), expected, rtol=1e-6)
+        np.testing.assert_allclose(np.linalg.norm(points - nearest, axis=1), expected, rtol=1e-6)
+        assert np.isfinite(gaps).all()
 
 
 @wp.kernel(enable_backward=False)

@@ -86,7 +86,7 @@ def nearest_weights(point: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3):
     if d3 >= 0.0 and d4 <= d3:
         return wp.vec3(0.0, 1.0, 0.0)
     beside_c = d1 * d4 - d3 * d2
-    if beside_c <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
+    if beside_c <= 0.0 and d1 >= 0.0 and d3 <= 0.0 and d1 > d3:  # equal where a and b are at one place
         part = quotient(d1, d1 - d3)
         return wp.vec3(1.0 - part, part, 0.0)
     d5 = wp.dot(ab, point - c)
