@@ -7,6 +7,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from clusters import address_of, start_workers
 from meshes import quad_sphere
 
 from balloon_warp.mesh.obj import write_obj
@@ -97,9 +98,11 @@ def tables(schedule: str, folder: Path, cluster: Cluster | None = None) -> list[
 def test_the_number_of_workers_is_not_in_the_table(
     count: int, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
 ):
+    pytest.importorskip("distributed", reason="needs the extra `cluster`")
     monkeypatch.setitem(shares.GRAIN, "cpu", shares.Grain(1, 1))  # small batches are cut, too
     monkeypatch.setattr(shares, "SHARES", 4)
     alone = tables_alone(tmp_path_factory.getbasetemp() / "alone")
-    for schedule in SCHEDULES:
-        folder = tmp_path_factory.mktemp(schedule)
-        assert tables(schedule, folder, Cluster(workers=count)) == alone[schedule], schedule
+    with start_workers(count) as workers:  # those of a scheduler serve one batch after the other
+        for schedule in SCHEDULES:
+            folder = tmp_path_factory.mktemp(schedule)
+            assert tables(schedule, folder, Cluster(address=address_of(workers))) == alone[schedule], schedule
