@@ -2,10 +2,14 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
+from meshes import quad_sphere
 
-from balloon_warp import InputError, load_scene
+from balloon_warp import InputError, PolygonMesh, Scene, load_scene
 from balloon_warp.model import plan_model
+from balloon_warp.model.folded import bends_freely
+from balloon_warp.scene import Balloon, Stiffness
 from balloon_warp.scene.overrides import override_scene
 from balloon_warp.scene.write import write_scene
 
@@ -34,6 +38,18 @@ def test_balloons_that_cannot_touch_do_not_by_default(name, overrides):
 def test_foil_touches_itself_by_default(name: str, itself: bool):
     """Foil folds anywhere, so it touches itself; what resists bending does not, nor do balls."""
     assert plan_model(load_scene(name)).scene.touches_itself is itself
+
+
+@pytest.mark.parametrize("cells", [4, 12])
+def test_a_ball_of_limp_triangles_is_no_foil(cells: int):
+    """Triangles have detours between neighbors, coarse ones long ones, but lie on no others."""
+    quads = quad_sphere(cells)
+    corners = quads.face_vertex_indices.reshape(-1, 4)[:, [0, 1, 2, 0, 2, 3]]
+    mesh = PolygonMesh(
+        points=quads.points, face_vertex_counts=np.full(2 * len(corners), 3), face_vertex_indices=corners.ravel()
+    )
+    assert bends_freely(balloon := Balloon(mesh=mesh, stiffness=Stiffness(structural=10.0, shear=5.0, flexion=0.0)))
+    assert not plan_model(Scene(balloon=[balloon])).scene.touches_itself
 
 
 def test_touch_is_a_table_or_yes_or_no():

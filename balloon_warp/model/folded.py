@@ -12,6 +12,8 @@ DETOUR = 1.2
 such that show that a surface is folded: along edges and diagonals, a flat one has ways up to 1.16"""
 LAYERS = 2.5
 """Number of layers above which a surface is stacked, by how many particles they have"""
+NARROW = 0.5
+"""Distance between layers that lie on each other, over the mean edge: triangles have no such detours between them"""
 HOPS = 2
 """Number of edges or diagonals that lead to all that is near in an even mesh"""
 ROWS = 256
@@ -43,8 +45,17 @@ def is_stacked(mesh: PolygonMesh) -> bool:
     return any(len(near) > LAYERS * np.isfinite(way[near]).sum() for near, way in zip(around, ways, strict=True))
 
 
-def is_folded(mesh: PolygonMesh) -> bool:
-    """Return whether parts of a surface are so near each other that they count as neighbors, and are far along it."""
+def is_in_layers(mesh: PolygonMesh) -> bool:
+    """Return whether layers of a surface lie on each other: nearer than half an edge, and far along it."""
+    return is_folded(mesh, NARROW * edge_length(mesh))
+
+
+def is_folded(mesh: PolygonMesh, nearer: float | None = None) -> bool:
+    """Return whether parts of a surface are near each other, and far along it.
+
+    Args:
+        nearer: distance that counts as near [m]; that within which particles count as neighbors, if not given.
+    """
     from scipy.sparse.csgraph import dijkstra  # takes long to load
     from scipy.spatial import KDTree
 
@@ -55,8 +66,10 @@ def is_folded(mesh: PolygonMesh) -> bool:
         hops = hops + hops @ graph.astype(bool)
     used = np.zeros(mesh.vertex_count, dtype=bool)
     used[mesh.face_vertex_indices] = True
-    pairs = KDTree(mesh.points).query_pairs(apart, output_type="ndarray").astype(np.int64)
+    pairs = KDTree(mesh.points).query_pairs(nearer or apart, output_type="ndarray").astype(np.int64)
     pairs = pairs[used[pairs].all(axis=1)]
+    if not len(pairs):
+        return False
     pairs = pairs[~np.asarray(hops[pairs[:, 0], pairs[:, 1]]).ravel().astype(bool)]
     starts, rows = np.unique(pairs[:, 0], return_inverse=True)
     for begin in range(0, len(starts), ROWS):

@@ -6,7 +6,7 @@ import numpy as np
 
 from balloon_warp.mesh.nearness import nears_itself
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
-from balloon_warp.model.folded import bends_freely, is_folded
+from balloon_warp.model.folded import bends_freely, is_in_layers
 from balloon_warp.model.shape import BalloonShape
 from balloon_warp.scene import Balloon, Scene, Touch
 
@@ -40,7 +40,7 @@ def _any_nears_itself(balloons: Sequence[Balloon], shapes: Sequence[BalloonShape
 def _any_is_foil(balloons: Sequence[Balloon], shapes: Sequence[BalloonShape]) -> bool:
     """Return whether any balloon bends freely and has layers on each other, as foil has."""
     limp = {_form(shape.mesh): shape.mesh for each, shape in zip(balloons, shapes, strict=True) if bends_freely(each)}
-    return any(is_folded(mesh) for mesh in limp.values())
+    return any(is_in_layers(mesh) for mesh in limp.values())
 
 
 def _stretch_of(balloon: Balloon) -> float:
