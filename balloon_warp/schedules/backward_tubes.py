@@ -15,6 +15,9 @@ from balloon_warp.launching import launch
 from balloon_warp.model import Model, State
 from balloon_warp.schedules.tables import world_state
 
+CONDUCTANCE = "tube_conductance"
+"""Name of the parameter"""
+
 
 class TubesBackward:
     """Run the flow through tubes backwards, a substep at a time.
@@ -67,7 +70,3 @@ class TubesBackward:
         totals = np.asarray(self._bars.conductances.numpy(), dtype=np.float64).copy()
         self._bars.conductances.zero_()
         return {CONDUCTANCE: totals}
-
-
-CONDUCTANCE = "tube_conductance"
-"""Name of the parameter"""

@@ -38,7 +38,7 @@ class TubeBars:
     swept: wp.array2d[wp.vec3]
     """Flow and pressures at both ends before each step of a sweep, shape (W, sweeps * T)"""
     moved: wp.array3d[wp.vec2d]
-    """Gases of balloons before each tube moves its part, and after the last, shape (W, T + 1, B)"""
+    """Gases of balloons before each tube moves its part, shape (W, T, B)"""
 
 
 @cache
