@@ -33,9 +33,11 @@ def begin_children() -> None:
     """
     if sys.platform == "win32":
         return
+    from multiprocessing import resource_tracker
     from multiprocessing.forkserver import ensure_running, set_forkserver_preload
 
     set_forkserver_preload(LOADED)
+    resource_tracker.ensure_running()  # lets Ctrl-C through again, so not meanwhile
     with _unlike_a_script():
         ensure_running()
 
