@@ -7,7 +7,7 @@ import warp as wp
 
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.phase import STATE
-from balloon_warp.kernels.schedules.block.backward import arguments_backwards, kernel_backwards
+from balloon_warp.kernels.schedules.block.backward_frames import arguments_backwards, kernel_backwards
 from balloon_warp.kernels.schedules.block.layout import Layout
 from balloon_warp.kernels.schedules.block.looks import look_of
 from balloon_warp.kernels.schedules.pieces import Step, cut, values_of
@@ -21,10 +21,16 @@ from balloon_warp.schedules.block_room import CAPACITY_STEP, most_particles
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.framing import Framing
 from balloon_warp.schedules.launches import working_arrays
+from balloon_warp.schedules.rings import least_valence, quad_rings
+from balloon_warp.schedules.slots import kind_slots, slot_table
+from balloon_warp.schedules.spring_ends import spring_ends
 from balloon_warp.schedules.tables import make_tables, world_state
 
 THREADS, REGISTERS = 256, 128
-"""Threads of a block, and registers of each"""
+"""Threads of a block that loop over particles, and registers of each"""
+MOST_HELD, HELD_REGISTERS = 512, 128
+"""Largest number of threads that have a particle each, and registers of each"""
+WARP_THREADS = 32
 BYTES_PER_PARTICLE = 48
 """Shared memory for two buffers of points, and for the bars of forces and area vectors"""
 
@@ -43,9 +49,17 @@ def fits_in_block_backwards(model: Model) -> bool:
 
 def layout_backwards(model: Model) -> Layout:
     """Return the layout of a world on a block."""
-    threads = 1 if model.device.is_cpu else min(-(-model.particle_count // 32) * 32, THREADS)
+    features = model_features(model)
     capacity = -(-model.particle_count // CAPACITY_STEP) * CAPACITY_STEP
-    return Layout(threads, capacity, registers=REGISTERS)
+    if model.device.is_cpu:
+        return Layout(1, capacity, registers=REGISTERS)
+    threads = -(-model.particle_count // WARP_THREADS) * WARP_THREADS
+    held = int(threads <= MOST_HELD and not (features.looks_at_velocities or features.needs("face", "velocity")))
+    slots, ring = kind_slots(spring_ends(model)), quad_rings(model) if features.measures_areas else None
+    layout = Layout(min(threads, THREADS), capacity, slots=slots, rings=least_valence(ring) if ring else 0)
+    if held:
+        return layout._replace(threads=threads, held=1, registers=HELD_REGISTERS)
+    return layout._replace(registers=REGISTERS)
 
 
 def step_backwards(features: Features, layout: Layout) -> Step:
@@ -56,7 +70,7 @@ def step_backwards(features: Features, layout: Layout) -> Step:
     )
     sums = (phase for phase in phases if phase.sums)
     shown = [name for phase in (*looking, *sums) for name in phase.writes]
-    return cut(phases, features, look, sums_along=True, shown=shown)
+    return cut(phases, features, look, doubles=not layout.held, sums_along=True, shown=shown)
 
 
 class BlockBackward(BackwardFrames):
@@ -64,14 +78,17 @@ class BlockBackward(BackwardFrames):
 
     def __init__(self, model: Model, state: State, columns: Sequence[int]):
         features, room = model_features(model), Allocating(model.device)
-        self._layout = layout_backwards(model)
+        self._layout, self._slots = layout_backwards(model), None
         step, tables = step_backwards(features, self._layout), make_tables(model, features, in_block=True)
         super().__init__(model, state, columns, step, tables, room, one_by_one=False)
         working = Working()
         for name, array in working_arrays(model, features, room).items():
             setattr(working, name, array)
         self._framing = Framing(model, features, tables, working)
-        self._given = {"t": tables, "working": working, **rows(model, step, room), **self.arrays}
+        if any(self._layout.slots):
+            ring = quad_rings(model) if self._layout.rings else None
+            self._slots = slot_table(model, spring_ends(model), ring)
+        self._given = {"t": tables, "slots": self._slots, "working": working, **rows(model, step, room), **self.arrays}
         self.carries_loads = features.gas and features.obstacles
         self._kernel = kernel_backwards(step, self._layout, self.columns)
 

@@ -6,7 +6,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.adjoint import Adjoint
-from balloon_warp.kernels.adjoints.areas import area_adjoint
+from balloon_warp.kernels.adjoints.areas import area_adjoint, ring_area_adjoint
 from balloon_warp.kernels.adjoints.hinges import hinge_adjoint
 from balloon_warp.kernels.adjoints.membranes import membrane_adjoint
 from balloon_warp.kernels.adjoints.springs import spring_adjoint
@@ -22,13 +22,14 @@ def pull_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adj
     found = [_laws(features)] if features.of_kind("particle") else []
     if features.has("string"):
         found.append(string_adjoint(features))
-    found.append(spring_adjoint(features, look.at))
+    found.append(spring_adjoint(features, look.at, look.slots))
     if features.membranes:
         found.append(membrane_adjoint(features, look.at))
     if features.has("hinge"):
         found.append(hinge_adjoint(features, look.at))
     if features.measures_areas:
-        found.append(area_adjoint(features.quads, look.at))
+        ring = ring_area_adjoint(look.slots[0], look.ring, look.at) if look.slots and look.ring else None
+        found.append(ring or area_adjoint(features.quads, look.at))
     return found
 
 

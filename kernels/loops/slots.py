@@ -37,13 +37,16 @@ Slots = tuple[int, int, int]
 
 
 @cache
-def springs_reader(features: Features, kind_slots: Slots) -> tuple[Any, Any]:
+def springs_reader(features: Features, kind_slots: Slots, derived: bool = False) -> tuple[Any, Any]:
     """Return the type that holds a particle's springs, and the function that reads it.
 
     Where a thread has no particle, all springs lead to its place.
+
+    Args:
+        derived: whether the springs' laws are derived, which takes all of their numbers.
     """
     shear_begin, flexion_begin = kind_slots[0], kind_slots[0] + kind_slots[1]
-    slots, lengths_matter = sum(kind_slots), features.needs("spring", "rest_length")
+    slots, lengths_matter = sum(kind_slots), features.needs("spring", "rest_length") or derived
     Indices = wp.types.vector(length=max(slots, 1), dtype=wp.int32)  # noqa: N806 - a type
     Numbers = wp.types.vector(length=max(slots, 1), dtype=wp.float32)  # noqa: N806
 
@@ -54,6 +57,7 @@ def springs_reader(features: Features, kind_slots: Slots) -> tuple[Any, Any]:
         valence: wp.int32
         neighbors: Indices
         stiffness: Numbers  # where springs of a kind differ [N/m]
+        scales: Numbers  # where they differ and are derived
         tensions: Numbers  # rest length times spring constant [N]
         lengths: Numbers  # where a law names them [m]
 
@@ -74,6 +78,7 @@ def springs_reader(features: Features, kind_slots: Slots) -> tuple[Any, Any]:
             mine.tensions[slot] = stiffness * length
             if wp.static(features.springs_vary):
                 mine.stiffness[slot] = stiffness
+                mine.scales[slot] = slot_table.scales[slot, params.number]
             if wp.static(lengths_matter):
                 mine.lengths[slot] = length
         return mine

@@ -5,15 +5,15 @@ seen of each other. Then its substeps run backwards.
 """
 
 from collections.abc import Sequence
-from functools import cache, partial
+from functools import partial
 from typing import Any
 
+import warp as wp
+
 from balloon_warp.kernels.adjoints.derived import constants_of
-from balloon_warp.kernels.codegen import kernel_from
-from balloon_warp.kernels.memory import put_vector_in
-from balloon_warp.kernels.options import OPTIONS
+from balloon_warp.kernels.memory import put_split_in, put_vector_in, split_in
 from balloon_warp.kernels.phase import STATE, Item
-from balloon_warp.kernels.schedules.block.backward_items import OVER_FRAME, TurnsInBlock
+from balloon_warp.kernels.schedules.block.backward_items import OVER_FRAME, TurnsInBlock, noted_in
 from balloon_warp.kernels.schedules.block.layout import Layout
 from balloon_warp.kernels.schedules.block.source import BlockWriter
 from balloon_warp.kernels.schedules.block.sums import block_sum
@@ -30,6 +30,10 @@ FIVE = 5
 class BackwardBlockWriter(BlockWriter):
     """Write the kernel of a frame backwards."""
 
+    derived = True
+    velocity_row = "row"
+    """Row of the velocities that are read"""
+
     def __init__(self, step: Step, layout: Layout, columns: tuple[int, ...]):
         super().__init__(step, layout)
         self.columns = columns
@@ -39,6 +43,10 @@ class BackwardBlockWriter(BlockWriter):
         seen = {name for each in adjoints for name in arguments_of(each) if is_bar(name) and name.endswith("_bars")}
         self.seen = tuple(sorted(name.removesuffix("_bars") for name in seen))
         """Values whose bars particles see of each other"""
+        types = {**dict.fromkeys(STATE, wp.vec3), **written_types(step)}
+        apart = {name for name, dtype in types.items() if dtype is wp.vec3}
+        self.splits = frozenset(apart - {"velocity"} if self.shows_velocities else apart)
+        """Values of particles whose components are noted apart"""
 
     @property
     def name(self) -> str:
@@ -68,7 +76,8 @@ class BackwardBlockWriter(BlockWriter):
         loads, totals = (block_sum(name, Five, 1, self.layout.warps) for name in ("load_bar", "bars"))
         return {
             **super().names(), **self.called, "constants_of": constants_of, "Five": Five,
-            "put_vector_in": put_vector_in, "put_load_bar": loads.put, "total_load_bar": loads.total,
+            "put_vector_in": put_vector_in, "split_in": split_in, "put_split_in": put_split_in,
+            "put_load_bar": loads.put, "total_load_bar": loads.total,
             "put_bars": totals.put, "total_bars": totals.total,
         }  # fmt: skip
 
@@ -103,8 +112,15 @@ class BackwardBlockWriter(BlockWriter):
 
     def _note_beginning(self) -> None:
         with self._over("particle"):
-            self.line("put_vector_in(all_points, first_row, particle, in_tile(points, particle))")
-            self.line("put_vector_in(all_velocities, first_row, particle, state.velocities[world, particle])")
+            self.line("put_split_in(all_points, first_row, particle, in_tile(points, particle))")
+            self.line(self.note("velocity", "first_row", "state.velocities[world, particle]"))
+
+    def note(self, name: str, row: str, text: str) -> str:
+        """Return the statement that notes a value of a particle in a row."""
+        put, array = "put_split_in" if name in self.splits else "put_vector_in", f"all_{STATE.get(name, name)}"
+        if name in STATE or name in self.splits:
+            return f"{put}({array}, {row}, particle, {text})"
+        return f"{array}[{row}, particle] = {text}"
 
     def _clear_lists(self) -> None:
         for name in self._compacted:
@@ -120,14 +136,15 @@ class BackwardBlockWriter(BlockWriter):
             self.turn, self.next_turn = "substep % 2", "1 - substep % 2"
             self.line("row = first_row + substep")
             self.line("time_in_frame = float(substep) * t.step_seconds")
-            for name, array, row in (
-                *(("velocities", "velocities", "row"), ("next_velocities", "velocities", "row + 1")),
-                *(("next_points", "points", "row + 1"),),
-                *((f"each_{value}", value, "row") for value in self._kept_of("particle")),
-            ):
-                self.line(f"{name} = all_{array}[{row}]")
+            for name, row in (("velocities", "row"), ("next_velocities", "row + 1")):
+                self.line(f"{name} = all_velocities[{row}]")
+            self.velocity_row = "row"
+            self._begin_substep()
             self._write_pieces(piece for piece in self.step.pieces if not piece.once and not piece.last)
             self._end_substep()
+
+    def _begin_substep(self) -> None:
+        """Write nothing: where a substep begins, the one before has noted."""
 
     def _kept_of(self, item: Item) -> list[str]:
         """Return the values of particles, or of the balloon, that each substep notes."""
@@ -149,14 +166,20 @@ class BackwardBlockWriter(BlockWriter):
         super()._switch(piece._replace(doubles=tuple(name for name in piece.doubles if name == "point")))
         if "velocity" in piece.moves:
             self.velocities = ("next_velocities", "next_velocities")
+            self.velocity_row = "row + 1"
 
-    def _target(self, piece: Piece, name: str) -> str:
-        return "next_velocities" if name == "velocity" else super()._target(piece, name)
+    def read(self, name: str) -> str:
+        """Return how a value of a particle is read from where it was noted."""
+        return noted_in(self.velocity_row if name == "velocity" else "row", name, "particle", self.splits)
+
+    def write(self, name: str, target: str) -> str:
+        """Return the statement that notes a value of a particle."""
+        return self.note(name, "row + 1" if name == "velocity" else "row", name)
 
     def _put_particle(self, piece: Piece) -> None:
         super()._put_particle(piece)
         if "point" in piece.moves:
-            self.line("put_vector(next_points, particle, point)")
+            self.line(self.note("point", "row + 1", "point"))
 
     # ---- backwards
 
@@ -181,10 +204,10 @@ class BackwardBlockWriter(BlockWriter):
             self.line("row = first_row + (t.substeps - 1 - back)")
             self.line("time_in_frame = float(t.substeps - 1 - back) * t.step_seconds")
             with self._over("particle"):
-                self.line("put_in_tile(points, particle, vector_in(all_points, row, particle))")
+                self.line("put_in_tile(points, particle, split_in(all_points, row, particle))")
             if self.features.gas:
                 self._find_loads()
-            make = partial(TurnsInBlock, self.layout, self.seen)
+            make = partial(TurnsInBlock, self.layout, self.seen, self.splits)
             for writer in writers_backwards(self.step, self.columns, make):
                 if any(looks_around(adjoint) for _, adjoint in writer.turns):
                     self.line("block_barrier()")
@@ -231,23 +254,3 @@ class BackwardBlockWriter(BlockWriter):
             self.line("block_barrier()")
             names += [f"sums_{begin}[{place}]" for place in range(len(some))]
         return names
-
-
-@cache
-def kernel_backwards(step: Step, layout: Layout, columns: tuple[int, ...]) -> Any:
-    """Make the kernel of a frame backwards."""
-    writer = BackwardBlockWriter(step, layout, columns)
-    options = {**OPTIONS, "fast_math": True, "max_unroll": 16}
-    source = writer.source()
-    return kernel_from(writer.name, source, writer.names(), cuda_max_registers=layout.registers, module_options=options)
-
-
-@cache
-def arguments_backwards(step: Step, layout: Layout, columns: tuple[int, ...]) -> tuple[str, ...]:
-    """Return the names of what it takes."""
-    return BackwardBlockWriter(step, layout, columns).arguments()
-
-
-def source_backwards(step: Step, layout: Layout, columns: tuple[int, ...]) -> str:
-    """Write the kernel of a frame backwards."""
-    return BackwardBlockWriter(step, layout, columns).source()

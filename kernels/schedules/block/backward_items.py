@@ -24,13 +24,15 @@ class TurnsInBlock(BackwardWriter):
 
     Args:
         tiles: names of the bars that stand in shared memory.
+        splits: names of the values of particles whose components stand apart.
     """
 
     row: ClassVar[str] = "row"
 
-    def __init__(self, layout: Layout, tiles: Collection[str], *of_turns: Any):
+    def __init__(self, layout: Layout, tiles: Collection[str], splits: Collection[str], *of_turns: Any):
         super().__init__(*of_turns)
-        self.layout, self.tiles = layout, tiles
+        self.layout, self.tiles, self.splits = layout, tiles, splits
+        self.aliases = {} if any(layout.slots) else {"springs": "working"}
         self.known |= {*KNOWN, *(f"{name}_bars" for name in tiles)}
         self.indent = "        "
 
@@ -55,20 +57,26 @@ class TurnsInBlock(BackwardWriter):
 
     def found(self, name: str) -> tuple[str, str] | None:
         """Return the arguments that a name depends on, and the text that computes it."""
+        if name == "springs":
+            return "params", "read_springs(t, slots, params, particle, True)"
         texts = {
             "load": "load_after" if self.after_note else "load_before",
             "params": "read_params_beside(t, first, particle)",
             "numbers": "first.n",
             "velocities": "all_velocities[row]",
-            "point": "vector_in(all_points, row, particle)",
-            "velocity": "vector_in(all_velocities, row, particle)",
-            "origin": "vector_in(all_points, row, volume_origin(t, balloon))",
+            "origin": "split_in(all_points, row, volume_origin(t, balloon))",
         }
         if name in texts:
             return "", texts[name]
+        if name in STATE:
+            return "", self.noted(name, "particle")
         if name in self.step.kept:
-            return "", f"all_{name}[row, {self.step.owner(name)}]"
+            return "", self.noted(name, self.step.owner(name))
         return super().found(name)
+
+    def noted(self, name: str, owner: str) -> str:
+        """Return the text that finds what the substep noted."""
+        return noted_in("row", name, owner, self.splits)
 
     # ---- where bars stand
 
@@ -95,15 +103,24 @@ class TurnsInBlock(BackwardWriter):
 
     def add_to_number(self, place: int, text: str) -> None:
         """Add to the bar of a number that is asked for."""
-        self.line(f"number_{place} += {self._once(text)}")
+        self.line(f"number_{place} += {self._once(text, 'float(0.0)')}")
 
     def add_over_frame(self, name: str, text: str) -> None:
         """Add to the bar of what stays the same in a frame."""
-        self.line(f"over_{name} += {self._once(text)}")
+        zero = "wp.vec2()" if OVER_FRAME[name] == 2 else "float(0.0)"
+        self.line(f"over_{name} += {self._once(text, zero)}")
 
-    def _once(self, text: str) -> str:
+    def _once(self, text: str, zero: str) -> str:
         """Return what one of the threads adds, where all have found the same."""
         return f"is_first * ({text})" if self.of_balloon else text
 
     def _is_vector(self, name: str) -> bool:
         return name in STATE or written_types(self.step).get(name) is wp.vec3
+
+
+def noted_in(row: str, name: str, owner: str, splits: Collection[str]) -> str:
+    """Return the text that finds what was noted in a row."""
+    array = f"all_{STATE.get(name, name)}"
+    if owner == "particle" and name in splits:
+        return f"split_in({array}, {row}, particle)"
+    return f"vector_in({array}, {row}, particle)" if name in STATE else f"{array}[{row}, {owner}]"

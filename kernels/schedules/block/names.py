@@ -80,7 +80,11 @@ class NamesInBlock(Writer):
         anywhere = {
             "time": ("", "frame_begin + time_in_frame"),
             "end": ("", "time_in_frame + t.step_seconds"),
-            "springs": ("", "working"),  # they are read from tables
+            "springs": (
+                ("params", "read_springs(t, slots, params, particle, True)")
+                if any(self.layout.slots)
+                else ("", "working")  # they are read from tables
+            ),
         }
         if name in anywhere:
             return anywhere[name]

@@ -36,6 +36,9 @@ TURNS = {"substep": ("substep % 2", "1 - substep % 2"), "2 * pair + 1": ("1", "0
 class BlockWriter(StateInBlock):
     """Write the source of the kernel."""
 
+    derived = False
+    """Whether what the kernel finds is derived"""
+
     @property
     def name(self) -> str:
         """Return the name of the kernel."""
@@ -75,8 +78,8 @@ class BlockWriter(StateInBlock):
             "read_params_beside": params_beside_function(self.features.columns, self.features.balloons),
             "take_place": place_function(self.features), "load_in": load_in,
         }  # fmt: skip
-        if self.layout.held:
-            names["read_springs"] = reader_of_springs(self.features, self.layout)
+        if self.layout.held or any(self.layout.slots):
+            names["read_springs"] = reader_of_springs(self.features, self.layout, self.derived)
         if self.layout.membrane_face and self.layout.membrane_face.quads:
             names["hold_membrane_faces"] = self.step.look.membrane_faces(self.features).keeps
         if self.features.spheres:
