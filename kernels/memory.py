@@ -219,27 +219,6 @@ def put_vector_in(array: wp.array2d[wp.vec3], row: wp.int32, column: wp.int32, v
     ...
 
 
-PARTS = (
-    "(float*)array.data + 3 * (size_t)(unsigned int)row * (unsigned int)array.shape[1] + (unsigned int)column;"
-    " const unsigned int count = array.shape[1];"
-)
-
-
-@wp.func_native(f"const float* const x = {PARTS} return wp::vec_t<3, float>(x[0], x[count], x[2 * count]);")
-def split_in(array: wp.array2d[wp.vec3], row: wp.int32, column: wp.int32) -> wp.vec3:
-    """Return a vector of a row that holds all first components, then all second and all third ones.
-
-    Threads side by side then read words side by side.
-    """
-    ...
-
-
-@wp.func_native(f"float* const x = {PARTS} x[0] = value[0]; x[count] = value[1]; x[2 * count] = value[2];")
-def put_split_in(array: wp.array2d[wp.vec3], row: wp.int32, column: wp.int32, value: wp.vec3):
-    """Store a vector in such a row, see `split_in`."""
-    ...
-
-
 @wp.func_native(f"return {IN_ROW};")
 def byte_in(array: wp.array2d[wp.int8], row: wp.int32, column: wp.int32) -> wp.int8:
     """Return `array[row, column]` of a contiguous array."""

@@ -6,8 +6,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.phase import STATE
-from balloon_warp.kernels.schedules.block.backward_frames import arguments_backwards, kernel_backwards
+from balloon_warp.kernels.schedules.block.backward_frames import arguments_backwards, kernel_backwards, words_of_notes
 from balloon_warp.kernels.schedules.block.layout import Layout
 from balloon_warp.kernels.schedules.block.looks import look_of
 from balloon_warp.kernels.schedules.pieces import Step, cut, values_of
@@ -88,14 +87,21 @@ class BlockBackward(BackwardFrames):
         if any(self._layout.slots):
             ring = quad_rings(model) if self._layout.rings else None
             self._slots = slot_table(model, spring_ends(model), ring)
-        self._given = {"t": tables, "slots": self._slots, "working": working, **rows(model, step, room), **self.arrays}
+        self._given = {
+            "t": tables,
+            "slots": self._slots,
+            "working": working,
+            **rows(model, step, self._layout, room),
+            **self.arrays,
+        }
         self.carries_loads = features.gas and features.obstacles
         self._kernel = kernel_backwards(step, self._layout, self.columns)
 
     @staticmethod
     def room_of_frame(model: Model, room: Room) -> None:
         """Ask for what the substeps of a frame note."""
-        rows(model, step_backwards(model_features(model), layout_backwards(model)), room)
+        layout = layout_backwards(model)
+        rows(model, step_backwards(model_features(model), layout), layout, room)
 
     def frame(self) -> None:
         """Launch a frame: forward, and then its substeps backwards."""
@@ -110,15 +116,19 @@ class BlockBackward(BackwardFrames):
         )
 
 
-def rows(model: Model, step: Step, room: Room) -> dict[str, Any]:
+def rows(model: Model, step: Step, layout: Layout, room: Room) -> dict[str, Any]:
     """Allocate what each substep of a frame notes, a row each, and one more for where it ends."""
     count = model.world_count * (model.substeps + 1)
-    vectors = {f"all_{view}": room.array((count, model.particle_count), wp.vec3) for view in STATE.values()}
+    named = arguments_backwards(step, layout, ())
     shapes = {
         "particle": (count, model.particle_count), "balloon": (count, model.balloon_count),
         "face": (model.world_count, model.face_count),  # which is found again
     }  # fmt: skip
-    return vectors | {
+    arrays = {"notes": room.array((count, words_of_notes(step, layout)), wp.float32)}
+    if "all_velocities" in named:
+        arrays["all_velocities"] = room.array(shapes["particle"], wp.vec3)
+    return arrays | {
         f"all_{value}": room.array(shapes[step.owner(value)], wp.float32 if dtype is float else dtype)
         for value, dtype in values_of(step).items()
+        if f"all_{value}" in named
     }

@@ -35,8 +35,8 @@ def spring_adjoint(features: Features, at: Any, slots: Slots | None = None) -> A
 
 
 @wp.func
-def hooke_back(d: wp.vec3, bar: wp.vec3, stiffness: float, product: float, rest_length: float):
-    """Return what a spring gives the place of its near end, and what it gives its constant, over its scale.
+def hooke_back(point_bar: wp.vec3, d: wp.vec3, bar: wp.vec3, stiffness: float, product: float, rest_length: float):
+    """Return the bar of the near end's place with what a spring adds, and what it gives its constant, over its scale.
 
     Args:
         bar: of the near end's force, less that of the far end's.
@@ -44,8 +44,14 @@ def hooke_back(d: wp.vec3, bar: wp.vec3, stiffness: float, product: float, rest_
     """
     inverse = inverse_root(squared_length(d))
     along = wp.dot(d, bar)
+    pull = stiffness - product * inverse
     turned = product * inverse * inverse * inverse * along
-    return (stiffness - product * inverse) * bar + turned * d, 0.5 * along * (1.0 - rest_length * inverse)
+    moved = wp.vec3(
+        point_bar[0] - pull * bar[0] - turned * d[0],
+        point_bar[1] - pull * bar[1] - turned * d[1],
+        point_bar[2] - pull * bar[2] - turned * d[2],
+    )  # two instructions a component: each takes away a product
+    return moved, 0.5 * along * (1.0 - rest_length * inverse)
 
 
 def _of_hooke(features: Features, at: Any) -> Adjoint:
@@ -68,8 +74,8 @@ def _of_hooke(features: Features, at: Any) -> Adjoint:
                 d = at(points, end >> 2) - point  # padding leads to the particle itself: no force, and no bar
                 bar = force_bar - at(force_bars, end >> 2)
                 stiffness = constant_of_kind(params.n, kind) * scale
-                by_place, half = hooke_back(d, bar, stiffness, stiffness * spring[1], spring[1])
-                point_bar -= by_place
+                moved, half = hooke_back(point_bar, d, bar, stiffness, stiffness * spring[1], spring[1])
+                point_bar = moved
                 half *= scale
                 structural += wp.where(kind == 0, half, 0.0)
                 shear += wp.where(kind == 1, half, 0.0)
@@ -84,17 +90,31 @@ def _hooke_in_slots(features: Features, at: Any, kind_slots: Slots) -> Adjoint:
     slots = sum(kind_slots)
 
     @wp.func
-    def of_slot(points: Any, springs: Any, slot: wp.int32, constant: float, point: wp.vec3, bar: wp.vec3, bars: Any):
+    def of_slot(
+        point_bar: wp.vec3,
+        points: Any,
+        springs: Any,
+        slot: wp.int32,
+        constant: float,
+        point: wp.vec3,
+        bar: wp.vec3,
+        bars: Any,
+    ):
         d = at(points, springs.neighbors[slot]) - point  # padding leads to the particle itself: no force, and no bar
         scale = float(1.0)
         stiffness = constant
         if wp.static(features.springs_vary):
             scale = springs.scales[slot]
             stiffness = springs.stiffness[slot]
-        by_place, half = hooke_back(
-            d, bar - at(bars, springs.neighbors[slot]), stiffness, springs.tensions[slot], springs.lengths[slot]
+        moved, half = hooke_back(
+            point_bar,
+            d,
+            bar - at(bars, springs.neighbors[slot]),
+            stiffness,
+            springs.tensions[slot],
+            springs.lengths[slot],
         )
-        return by_place, half * scale
+        return moved, half * scale
 
     @wp.func
     def hooke_adjoint(points: Any, params: Any, springs: Any, point: wp.vec3, force_bar: wp.vec3, force_bars: Any):
@@ -103,16 +123,13 @@ def _hooke_in_slots(features: Features, at: Any, kind_slots: Slots) -> Adjoint:
         shear = float(0.0)
         flexion = float(0.0)
         for slot in range(shear_begin):
-            by_place, half = of_slot(points, springs, slot, params.n[0], point, force_bar, force_bars)
-            point_bar -= by_place
+            point_bar, half = of_slot(point_bar, points, springs, slot, params.n[0], point, force_bar, force_bars)
             structural += half
         for slot in range(shear_begin, flexion_begin):
-            by_place, half = of_slot(points, springs, slot, params.n[1], point, force_bar, force_bars)
-            point_bar -= by_place
+            point_bar, half = of_slot(point_bar, points, springs, slot, params.n[1], point, force_bar, force_bars)
             shear += half
         for slot in range(flexion_begin, slots):
-            by_place, half = of_slot(points, springs, slot, params.n[2], point, force_bar, force_bars)
-            point_bar -= by_place
+            point_bar, half = of_slot(point_bar, points, springs, slot, params.n[2], point, force_bar, force_bars)
             flexion += half
         return point_bar, structural, shear, flexion
 

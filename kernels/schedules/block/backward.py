@@ -11,10 +11,11 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.adjoints.derived import constants_of
-from balloon_warp.kernels.memory import put_split_in, put_vector_in, split_in
+from balloon_warp.kernels.memory import put_vector_in
 from balloon_warp.kernels.phase import STATE, Item
-from balloon_warp.kernels.schedules.block.backward_items import OVER_FRAME, TurnsInBlock, noted_in
+from balloon_warp.kernels.schedules.block.backward_items import OVER_FRAME, TurnsInBlock
 from balloon_warp.kernels.schedules.block.layout import Layout
+from balloon_warp.kernels.schedules.block.notes import Notes
 from balloon_warp.kernels.schedules.block.source import BlockWriter
 from balloon_warp.kernels.schedules.block.sums import block_sum
 from balloon_warp.kernels.schedules.launched.backward import writers_backwards
@@ -43,10 +44,7 @@ class BackwardBlockWriter(BlockWriter):
         seen = {name for each in adjoints for name in arguments_of(each) if is_bar(name) and name.endswith("_bars")}
         self.seen = tuple(sorted(name.removesuffix("_bars") for name in seen))
         """Values whose bars particles see of each other"""
-        types = {**dict.fromkeys(STATE, wp.vec3), **written_types(step)}
-        apart = {name for name, dtype in types.items() if dtype is wp.vec3}
-        self.splits = frozenset(apart - {"velocity"} if self.shows_velocities else apart)
-        """Values of particles whose components are noted apart"""
+        self.noted = Notes(layout.capacity, self._noted_types())
 
     @property
     def name(self) -> str:
@@ -59,10 +57,9 @@ class BackwardBlockWriter(BlockWriter):
         return f"A block for each world, for a frame backwards; its {self.layout.threads} threads loop over particles."
 
     def _arguments(self) -> dict[str, str]:
-        vectors, bars = dict.fromkeys(STATE.values(), "vec3"), dict.fromkeys(STATE, "vec3")
+        bars = dict.fromkeys(STATE, "vec3")
         return {
-            **super()._arguments(),
-            **{f"all_{view}": f"wp.array2d[wp.{kind}]" for view, kind in vectors.items()},
+            **super()._arguments(), "notes": "wp.array2d[float]", "all_velocities": "wp.array2d[wp.vec3]",
             **{f"all_{value}_bar": f"wp.array2d[{value}_type]" for value in written_types(self.step)},
             **{f"all_{name}_bar": f"wp.array2d[wp.{kind}]" for name, kind in bars.items()},
             "all_load_bar": "wp.array2d[wp.vec2]", "all_pressure_bar": "wp.array2d[float]",
@@ -76,7 +73,7 @@ class BackwardBlockWriter(BlockWriter):
         loads, totals = (block_sum(name, Five, 1, self.layout.warps) for name in ("load_bar", "bars"))
         return {
             **super().names(), **self.called, "constants_of": constants_of, "Five": Five,
-            "put_vector_in": put_vector_in, "split_in": split_in, "put_split_in": put_split_in,
+            "put_vector_in": put_vector_in, **self.noted.names(),
             "put_load_bar": loads.put, "total_load_bar": loads.total,
             "put_bars": totals.put, "total_bars": totals.total,
         }  # fmt: skip
@@ -112,15 +109,14 @@ class BackwardBlockWriter(BlockWriter):
 
     def _note_beginning(self) -> None:
         with self._over("particle"):
-            self.line("put_split_in(all_points, first_row, particle, in_tile(points, particle))")
-            self.line(self.note("velocity", "first_row", "state.velocities[world, particle]"))
+            self.line(self.noted.write("point", "first_row", "in_tile(points, particle)"))
+            self.line(self.noted.write("velocity", "first_row", "state.velocities[world, particle]"))
 
-    def note(self, name: str, row: str, text: str) -> str:
-        """Return the statement that notes a value of a particle in a row."""
-        put, array = "put_split_in" if name in self.splits else "put_vector_in", f"all_{STATE.get(name, name)}"
-        if name in STATE or name in self.splits:
-            return f"{put}({array}, {row}, particle, {text})"
-        return f"{array}[{row}, particle] = {text}"
+    def _noted_types(self) -> dict[str, Any]:
+        """Return the types of the numbers and vectors of particles that rows hold, unless others look at them there."""
+        types: dict[str, Any] = {**dict.fromkeys(STATE, wp.vec3), **written_types(self.step)}
+        names = [name for name in STATE if not (name == "velocity" and self.shows_velocities)]
+        return {name: types[name] for name in (*names, *self._kept_of("particle")) if types[name] in (float, wp.vec3)}
 
     def _clear_lists(self) -> None:
         for name in self._compacted:
@@ -136,8 +132,9 @@ class BackwardBlockWriter(BlockWriter):
             self.turn, self.next_turn = "substep % 2", "1 - substep % 2"
             self.line("row = first_row + substep")
             self.line("time_in_frame = float(substep) * t.step_seconds")
-            for name, row in (("velocities", "row"), ("next_velocities", "row + 1")):
-                self.line(f"{name} = all_velocities[{row}]")
+            if self.shows_velocities:
+                self.line("velocities = all_velocities[row]")
+                self.line("next_velocities = all_velocities[row + 1]")
             self.velocity_row = "row"
             self._begin_substep()
             self._write_pieces(piece for piece in self.step.pieces if not piece.once and not piece.last)
@@ -170,16 +167,16 @@ class BackwardBlockWriter(BlockWriter):
 
     def read(self, name: str) -> str:
         """Return how a value of a particle is read from where it was noted."""
-        return noted_in(self.velocity_row if name == "velocity" else "row", name, "particle", self.splits)
+        return self.noted.read(name, self.velocity_row if name == "velocity" else "row")
 
     def write(self, name: str, target: str) -> str:
         """Return the statement that notes a value of a particle."""
-        return self.note(name, "row + 1" if name == "velocity" else "row", name)
+        return self.noted.write(name, "row + 1" if name == "velocity" else "row", name)
 
     def _put_particle(self, piece: Piece) -> None:
         super()._put_particle(piece)
         if "point" in piece.moves:
-            self.line(self.note("point", "row + 1", "point"))
+            self.line(self.noted.write("point", "row + 1", "point"))
 
     # ---- backwards
 
@@ -204,10 +201,10 @@ class BackwardBlockWriter(BlockWriter):
             self.line("row = first_row + (t.substeps - 1 - back)")
             self.line("time_in_frame = float(t.substeps - 1 - back) * t.step_seconds")
             with self._over("particle"):
-                self.line("put_in_tile(points, particle, split_in(all_points, row, particle))")
+                self.line(f"put_in_tile(points, particle, {self.noted.read('point', 'row')})")
             if self.features.gas:
                 self._find_loads()
-            make = partial(TurnsInBlock, self.layout, self.seen, self.splits)
+            make = partial(TurnsInBlock, self.layout, self.seen, self.noted)
             for writer in writers_backwards(self.step, self.columns, make):
                 if any(looks_around(adjoint) for _, adjoint in writer.turns):
                     self.line("block_barrier()")

@@ -25,6 +25,12 @@ def kernel_backwards(step: Step, layout: Layout, columns: tuple[int, ...]) -> An
 
 
 @cache
+def words_of_notes(step: Step, layout: Layout) -> int:
+    """Return how many words a substep notes of a world's particles."""
+    return _writer(step, layout, ()).noted.words
+
+
+@cache
 def arguments_backwards(step: Step, layout: Layout, columns: tuple[int, ...]) -> tuple[str, ...]:
     """Return the names of what it takes."""
     return _writer(step, layout, columns).arguments()

@@ -11,7 +11,7 @@ import warp as wp
 from balloon_warp.kernels.adjoint import Adjoint
 from balloon_warp.kernels.phase import STATE, VIEWS
 from balloon_warp.kernels.schedules.block.backward import BackwardBlockWriter
-from balloon_warp.kernels.schedules.block.backward_items import TurnsInBlock, noted_in
+from balloon_warp.kernels.schedules.block.backward_items import TurnsInBlock
 from balloon_warp.kernels.schedules.launched.backward import writers_backwards
 from balloon_warp.kernels.schedules.launched.trace import arguments_of, looks_around
 from balloon_warp.kernels.schedules.pieces import Piece
@@ -44,7 +44,7 @@ class TurnsOfOne(TurnsInBlock):
 
     def found(self, name: str) -> tuple[str, str] | None:
         """Return the arguments that a name depends on, and the text that computes it."""
-        texts = {"numbers": "params.n", "origin": "split_in(all_points, row, origin_place)"}
+        texts = {"numbers": "params.n", "origin": self.notes.read("point", "row", "origin_place")}
         return ("", texts[name]) if name in texts else super().found(name)
 
     def noted(self, name: str, owner: str) -> str:
@@ -86,7 +86,7 @@ class HeldBackwardWriter(BackwardBlockWriter):
     def _begin_substep(self) -> None:
         self.line("if is_there:")
         for name in STATE:
-            self.line(f"    {self.note(name, 'row', name)}")
+            self.line(f"    {self.noted.write(name, 'row', name)}")
 
     def _show_held(self, piece: Piece) -> None:
         super()._show_held(piece)
@@ -94,7 +94,7 @@ class HeldBackwardWriter(BackwardBlockWriter):
         if noted:
             self.line("if is_there:")
         for name in noted:
-            self.line(f"    {self.note(name, 'row', name)}")
+            self.line(f"    {self.noted.write(name, 'row', name)}")
 
     # ---- backwards
 
@@ -107,7 +107,7 @@ class HeldBackwardWriter(BackwardBlockWriter):
             known = {*OF_PARTICLE, *(self.known & set(OF_FRAME))}
             writers = writers_backwards(
                 self.step, self.columns,
-                partial(TurnsOfOne, its, known, self.layout, self.seen, self.splits),
+                partial(TurnsOfOne, its, known, self.layout, self.seen, self.noted),
             )  # fmt: skip
             self._turns(list(_with_lines(writers)), its)
         back, self.lines = self.lines, forward
@@ -122,9 +122,9 @@ class HeldBackwardWriter(BackwardBlockWriter):
         self.line("row = first_row + (t.substeps - 1 - back)")
         self.line("time_in_frame = float(t.substeps - 1 - back) * t.step_seconds")
         for name in STATE:
-            self.line(f"{name} = split_in(all_{STATE[name]}, row, particle)")
+            self.line(f"{name} = {self.noted.read(name, 'row')}")
         for name in self._kept_of("particle"):
-            self.line(f"noted_{name} = {noted_in('row', name, 'particle', self.splits)}")
+            self.line(f"noted_{name} = {self.noted.read(name, 'row')}")
         if self.features.gas:
             self._find_loads()
 

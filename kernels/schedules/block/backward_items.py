@@ -10,6 +10,7 @@ import warp as wp
 
 from balloon_warp.kernels.phase import STATE
 from balloon_warp.kernels.schedules.block.layout import Layout
+from balloon_warp.kernels.schedules.block.notes import Notes
 from balloon_warp.kernels.schedules.launched.backward_writer import BackwardWriter
 from balloon_warp.kernels.schedules.writer import written_types
 
@@ -24,14 +25,14 @@ class TurnsInBlock(BackwardWriter):
 
     Args:
         tiles: names of the bars that stand in shared memory.
-        splits: names of the values of particles whose components stand apart.
+        notes: places of what was noted of particles.
     """
 
     row: ClassVar[str] = "row"
 
-    def __init__(self, layout: Layout, tiles: Collection[str], splits: Collection[str], *of_turns: Any):
+    def __init__(self, layout: Layout, tiles: Collection[str], notes: Notes, *of_turns: Any):
         super().__init__(*of_turns)
-        self.layout, self.tiles, self.splits = layout, tiles, splits
+        self.layout, self.tiles, self.notes = layout, tiles, notes
         self.aliases = {} if any(layout.slots) else {"springs": "working"}
         self.known |= {*KNOWN, *(f"{name}_bars" for name in tiles)}
         self.indent = "        "
@@ -64,7 +65,7 @@ class TurnsInBlock(BackwardWriter):
             "params": "read_params_beside(t, first, particle)",
             "numbers": "first.n",
             "velocities": "all_velocities[row]",
-            "origin": "split_in(all_points, row, volume_origin(t, balloon))",
+            "origin": self.notes.read("point", "row", "volume_origin(t, balloon)"),
         }
         if name in texts:
             return "", texts[name]
@@ -76,7 +77,7 @@ class TurnsInBlock(BackwardWriter):
 
     def noted(self, name: str, owner: str) -> str:
         """Return the text that finds what the substep noted."""
-        return noted_in("row", name, owner, self.splits)
+        return self.notes.read(name, "row") if owner == "particle" else f"all_{name}[row, {owner}]"
 
     # ---- where bars stand
 
@@ -116,11 +117,3 @@ class TurnsInBlock(BackwardWriter):
 
     def _is_vector(self, name: str) -> bool:
         return name in STATE or written_types(self.step).get(name) is wp.vec3
-
-
-def noted_in(row: str, name: str, owner: str, splits: Collection[str]) -> str:
-    """Return the text that finds what was noted in a row."""
-    array = f"all_{STATE.get(name, name)}"
-    if owner == "particle" and name in splits:
-        return f"split_in({array}, {row}, particle)"
-    return f"vector_in({array}, {row}, particle)" if name in STATE else f"{array}[{row}, {owner}]"
