@@ -9,7 +9,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.adjoint import Adjoint
-from balloon_warp.kernels.phase import STATE, VIEWS
+from balloon_warp.kernels.phase import STATE, VIEWS, Phase
 from balloon_warp.kernels.schedules.block.backward import BackwardBlockWriter
 from balloon_warp.kernels.schedules.block.backward_items import TurnsInBlock
 from balloon_warp.kernels.schedules.launched.backward import writers_backwards
@@ -19,7 +19,7 @@ from balloon_warp.kernels.schedules.writer import written_types
 
 OF_PARTICLE = ("particle", "place", "is_there", "params", "springs", *STATE)
 """Names that a thread has bound of its particle before turns run backwards"""
-OF_FRAME = ("balloon", "origin_place", "gas_mass", "inertia", "gain", "gas")
+OF_FRAME = ("balloon", "origin_place", "ramp", "gas_mass", "inertia", "gain", "gas")
 """Names that may stay the same in a frame"""
 
 
@@ -44,12 +44,16 @@ class TurnsOfOne(TurnsInBlock):
 
     def found(self, name: str) -> tuple[str, str] | None:
         """Return the arguments that a name depends on, and the text that computes it."""
-        texts = {"numbers": "params.n", "origin": self.notes.read("point", "row", "origin_place")}
+        texts = {
+            "numbers": "params.n",
+            "origin": self.notes.read("point", "row", "origin_place"),
+            "keyed": "ramp[0] + ramp[1] * time_in_frame",
+        }
         return ("", texts[name]) if name in texts else super().found(name)
 
     def noted(self, name: str, owner: str) -> str:
-        """Return the variable of what the substep noted of the particle, or what it noted of the balloon."""
-        return f"noted_{name}" if owner == "particle" else super().noted(name, owner)
+        """Return the variable of what the substep noted, which is read as its turns begin."""
+        return name
 
     def bar_at(self, name: str, owner: str) -> str:
         """Return the text that finds a bar that others have found."""
@@ -90,11 +94,34 @@ class HeldBackwardWriter(BackwardBlockWriter):
 
     def _show_held(self, piece: Piece) -> None:
         super()._show_held(piece)
-        noted = [name for name in piece.leaves if self.step.owner(name) == "particle"]
+        noted = [name for name in piece.leaves if name in self._read_back]
         if noted:
             self.line("if is_there:")
         for name in noted:
             self.line(f"    {self.noted.write(name, 'row', name)}")
+
+    @property
+    def _found_again(self) -> tuple[Phase, ...]:
+        """Return the phases whose values follow from what a particle has noted: they are found again, not noted."""
+        phases = (phase for piece in self.step.pieces if piece.item == "particle" for phase in piece.phases)
+        step = self.step
+        return tuple(
+            phase
+            for phase in phases
+            if not (phase.sums or phase.once(step.features) or phase.last or phase.views(step.features, step.look))
+            and phase.writes
+            and set(phase.writes) <= set(step.kept)
+        )
+
+    @property
+    def _read_back(self) -> list[str]:
+        """Return the values of a particle that are noted, besides its state."""
+        again = {name for phase in self._found_again for name in phase.writes}
+        return [name for name in self._kept_of("particle") if name not in again]
+
+    def _noted_types(self) -> dict[str, Any]:
+        types = super()._noted_types()
+        return {name: dtype for name, dtype in types.items() if name in (*STATE, *self._read_back)}
 
     # ---- backwards
 
@@ -104,7 +131,7 @@ class HeldBackwardWriter(BackwardBlockWriter):
         self.line("for back in range(t.substeps):")
         with self.indented():
             self._begin_substep_back()
-            known = {*OF_PARTICLE, *(self.known & set(OF_FRAME))}
+            known = {*OF_PARTICLE, *(self.known & set(OF_FRAME)), *self.step.kept}
             writers = writers_backwards(
                 self.step, self.columns,
                 partial(TurnsOfOne, its, known, self.layout, self.seen, self.noted),
@@ -121,12 +148,15 @@ class HeldBackwardWriter(BackwardBlockWriter):
         """Write how a thread reads what the substep has noted."""
         self.line("row = first_row + (t.substeps - 1 - back)")
         self.line("time_in_frame = float(t.substeps - 1 - back) * t.step_seconds")
-        for name in STATE:
+        for name in (*STATE, *self._read_back):
             self.line(f"{name} = {self.noted.read(name, 'row')}")
-        for name in self._kept_of("particle"):
-            self.line(f"noted_{name} = {self.noted.read(name, 'row')}")
+        for name in self._kept_of("balloon"):
+            self.line(f"{name} = all_{name}[row, 0]")
         if self.features.gas:
             self._find_loads()
+        self.known |= set(self._read_back)
+        self.calls(self._found_again)
+        self.line("fetch_notes(notes, row - 1, thread)")
 
     def _turns(self, turns: list[tuple[TurnsOfOne, tuple[str, ...]]], its: set[str]) -> None:
         """Write turns, and before those that look around what they see.

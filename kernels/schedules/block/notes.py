@@ -12,6 +12,9 @@ import warp as wp
 
 from balloon_warp.kernels.phase import STATE
 
+WORDS_OF_LINE = 32
+"""Words of a line of a GPU's memory"""
+
 
 class Notes:
     """Places of values in a row.
@@ -54,7 +57,25 @@ class Notes:
     def names(self) -> dict[str, Any]:
         """Return the functions that such texts refer to."""
         readers = {f"{name}_noted": self._reader(*place) for name, place in self._places.items()}
+        readers["fetch_notes"] = self._fetcher()
         return readers | {f"note_of_{name}": self._writer(*place) for name, place in self._places.items()}
+
+    def _fetcher(self) -> Any:
+        lines = -(-self.words // WORDS_OF_LINE)
+
+        line = f"notes.data + (size_t)(unsigned int)row * {self.words}u + {WORDS_OF_LINE} * thread"
+
+        @wp.func_native(f"""
+        #if defined(__CUDA_ARCH__)
+            if (row >= 0 && thread < {lines})
+                asm volatile("prefetch.global.L2 [%0];" :: "l"({line}));
+        #endif
+        """)
+        def fetch_notes(notes: wp.array2d[float], row: wp.int32, thread: wp.int32):
+            """Bring a row nearer that is read later: a line of the memory by each thread."""
+            ...
+
+        return fetch_notes
 
     def _at(self, place: int) -> str:
         begin = f"notes.data + (size_t)(unsigned int)row * {self.words}u + (unsigned int)particle"
