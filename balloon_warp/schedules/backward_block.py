@@ -10,7 +10,7 @@ from balloon_warp.kernels.schedules.block.backward_frames import arguments_backw
 from balloon_warp.kernels.schedules.block.layout import Layout
 from balloon_warp.kernels.schedules.block.looks import look_of
 from balloon_warp.kernels.schedules.pieces import Step, cut, values_of
-from balloon_warp.kernels.substep import phases_of
+from balloon_warp.kernels.substep import FILMED, phases_of
 from balloon_warp.kernels.working import Working
 from balloon_warp.launching import launch_tiled
 from balloon_warp.model import Model, State
@@ -20,15 +20,22 @@ from balloon_warp.schedules.block_room import CAPACITY_STEP, most_particles
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.framing import Framing
 from balloon_warp.schedules.launches import working_arrays
+from balloon_warp.schedules.membrane_faces import (
+    membrane_face_entries,
+    membrane_face_layout,
+    membrane_face_table,
+)
 from balloon_warp.schedules.rings import least_valence, quad_rings
 from balloon_warp.schedules.slots import kind_slots, slot_table
 from balloon_warp.schedules.spring_ends import spring_ends
 from balloon_warp.schedules.tables import make_tables, world_state
 
 THREADS, REGISTERS = 256, 128
-"""Threads of a block that loop over particles, and registers of each"""
-MOST_HELD, HELD_REGISTERS = 512, 128
-"""Largest number of threads that have a particle each, and registers of each"""
+"""Threads of a block that loop over particles, and registers of each, and of those that do not"""
+MOST_HELD = 512
+"""Largest number of threads that have a particle each"""
+MOST_SLOTS = 14
+"""Largest number of springs of a particle, with what fills up, for which there are registers"""
 WARP_THREADS = 32
 BYTES_PER_PARTICLE = 48
 """Shared memory for two buffers of points, and for the bars of forces and area vectors"""
@@ -47,29 +54,40 @@ def fits_in_block_backwards(model: Model) -> bool:
 
 
 def layout_backwards(model: Model) -> Layout:
-    """Return the layout of a world on a block."""
+    """Return the layout of a world on a block: with a thread for each particle, or threads that loop."""
     features = model_features(model)
     capacity = -(-model.particle_count // CAPACITY_STEP) * CAPACITY_STEP
     if model.device.is_cpu:
         return Layout(1, capacity, registers=REGISTERS)
     threads = -(-model.particle_count // WARP_THREADS) * WARP_THREADS
     held = int(threads <= MOST_HELD and not (features.looks_at_velocities or features.needs("face", "velocity")))
-    slots, ring = kind_slots(spring_ends(model)), quad_rings(model) if features.measures_areas else None
-    layout = Layout(min(threads, THREADS), capacity, slots=slots, rings=least_valence(ring) if ring else 0)
-    if held:
-        return layout._replace(threads=threads, held=1, registers=HELD_REGISTERS)
-    return layout._replace(registers=REGISTERS)
+    layout = Layout(threads if held else THREADS, capacity, held, registers=REGISTERS)
+    if face := None if features.wears else membrane_face_layout(model, features):
+        face = face._replace(capacity=capacity) if held else face._replace(areas=False)
+        return layout._replace(membrane_face=face._replace(tile=held * membrane_face_entries(model, face)))
+    slots = kind_slots(spring_ends(model))
+    if sum(slots) > MOST_SLOTS:
+        return layout
+    ring = quad_rings(model) if features.measures_areas else None
+    return layout._replace(slots=slots, rings=least_valence(ring) if ring else 0)
 
 
-def step_backwards(features: Features, layout: Layout) -> Step:
-    """Return the phases of a model, in pieces: what particles see of each other, and what they add up, is kept."""
+def steps_backwards(features: Features, layout: Layout) -> tuple[Step, Step]:
+    """Return the phases of a model in pieces, as they run backwards, and as they are computed again before.
+
+    What particles see of each other, and what they add up, is kept.
+    """
     phases, look = phases_of(features), look_of(layout, features.spheres)
     looking = (
         phase for phase in phases if not phase.light and (phase.views(features, look) or phase.item == "balloon")
     )
     sums = (phase for phase in phases if phase.sums)
     shown = [name for phase in (*looking, *sums) for name in phase.writes]
-    return cut(phases, features, look, doubles=not layout.held, sums_along=True, shown=shown)
+    again = phases_of(features, instead=FILMED) if layout.membrane_face else phases
+    turned, again = (
+        cut(each, features, look, doubles=not layout.held, sums_along=True, shown=shown) for each in (phases, again)
+    )
+    return turned, again
 
 
 class BlockBackward(BackwardFrames):
@@ -78,8 +96,10 @@ class BlockBackward(BackwardFrames):
     def __init__(self, model: Model, state: State, columns: Sequence[int]):
         features, room = model_features(model), Allocating(model.device)
         self._layout, self._slots = layout_backwards(model), None
-        step, tables = step_backwards(features, self._layout), make_tables(model, features, in_block=True)
-        super().__init__(model, state, columns, step, tables, room, one_by_one=False)
+        self._steps = steps_backwards(features, self._layout)
+        tables = make_tables(model, features, in_block=True)
+        tables.membranes.membrane_faces = membrane_face_table(model, self._layout.membrane_face)
+        super().__init__(model, state, columns, self._steps[0], tables, room, one_by_one=False)
         working = Working()
         for name, array in working_arrays(model, features, room).items():
             setattr(working, name, array)
@@ -91,17 +111,17 @@ class BlockBackward(BackwardFrames):
             "t": tables,
             "slots": self._slots,
             "working": working,
-            **rows(model, step, self._layout, room),
+            **rows(model, self._steps, self._layout, room),
             **self.arrays,
         }
         self.carries_loads = features.gas and features.obstacles
-        self._kernel = kernel_backwards(step, self._layout, self.columns)
+        self._kernel = kernel_backwards(*self._steps, self._layout, self.columns)
 
     @staticmethod
     def room_of_frame(model: Model, room: Room) -> None:
         """Ask for what the substeps of a frame note."""
         layout = layout_backwards(model)
-        rows(model, step_backwards(model_features(model), layout), layout, room)
+        rows(model, steps_backwards(model_features(model), layout), layout, room)
 
     def frame(self) -> None:
         """Launch a frame: forward, and then its substeps backwards."""
@@ -110,23 +130,27 @@ class BlockBackward(BackwardFrames):
         launch_tiled(
             self._kernel,
             dim=[self.model.world_count],
-            inputs=[given[name] for name in arguments_backwards(self.step, self._layout, self.columns)],
+            inputs=[given[name] for name in arguments_backwards(*self._steps, self._layout, self.columns)],
             block_dim=self._layout.threads,
             device=self.model.device,
         )
 
 
-def rows(model: Model, step: Step, layout: Layout, room: Room) -> dict[str, Any]:
+def rows(model: Model, steps: tuple[Step, Step], layout: Layout, room: Room) -> dict[str, Any]:
     """Allocate what each substep of a frame notes, a row each, and one more for where it ends."""
     count = model.world_count * (model.substeps + 1)
-    named = arguments_backwards(step, layout, ())
+    named = arguments_backwards(*steps, layout, ())
     shapes = {
         "particle": (count, model.particle_count), "balloon": (count, model.balloon_count),
         "face": (model.world_count, model.face_count),  # which is found again
     }  # fmt: skip
-    arrays = {"notes": room.array((count, words_of_notes(step, layout)), wp.float32)}
+    step = steps[1]
+    arrays = {"notes": room.array((count, words_of_notes(*steps, layout)), wp.float32)}
     if "all_velocities" in named:
         arrays["all_velocities"] = room.array(shapes["particle"], wp.vec3)
+    if "membrane_face_pulls" in named and layout.membrane_face:
+        entries = membrane_face_entries(model, layout.membrane_face)
+        arrays["membrane_face_pulls"] = room.array((model.world_count, entries), wp.vec3)
     return arrays | {
         f"all_{value}": room.array(shapes[step.owner(value)], wp.float32 if dtype is float else dtype)
         for value, dtype in values_of(step).items()

@@ -29,18 +29,23 @@ FIVE = 5
 
 
 class BackwardBlockWriter(BlockWriter):
-    """Write the kernel of a frame backwards."""
+    """Write the kernel of a frame backwards.
+
+    Args:
+        turned: phases that run backwards.
+        again: the same as they are computed again, with what the others ask for kept.
+    """
 
     derived = True
     velocity_row = "row"
     """Row of the velocities that are read"""
 
-    def __init__(self, step: Step, layout: Layout, columns: tuple[int, ...]):
-        super().__init__(step, layout)
-        self.columns = columns
+    def __init__(self, turned: Step, again: Step, layout: Layout, columns: tuple[int, ...]):
+        super().__init__(again, layout)
+        self.turned, self.columns = turned, columns
         self.called: dict[str, Any] = {}
         self.velocities = ("velocities", "velocities")
-        adjoints = [each for trace in traces_of(step) for entry in trace.entries for each in entry.adjoints]
+        adjoints = [each for trace in traces_of(turned) for entry in trace.entries for each in entry.adjoints]
         seen = {name for each in adjoints for name in arguments_of(each) if is_bar(name) and name.endswith("_bars")}
         self.seen = tuple(sorted(name.removesuffix("_bars") for name in seen))
         """Values whose bars particles see of each other"""
@@ -100,6 +105,7 @@ class BackwardBlockWriter(BlockWriter):
         tiles = [*self.points[: 2 if "point" in self.step.doubled else 1], *(f"{name}_bars" for name in self.seen)]
         for tile in tiles:
             self.line(f'{tile} = wp.tile_empty(shape={self.layout.capacity}, dtype=wp.vec3, storage="shared")')
+        self._places_of_membrane_faces()
         self.line("count = state.points.shape[1]")
         self.line("first_row = world * (t.substeps + 1)")
         self.line("frame_begin = time_of(t, state.frame, 0.0)")
@@ -205,7 +211,7 @@ class BackwardBlockWriter(BlockWriter):
             if self.features.gas:
                 self._find_loads()
             make = partial(TurnsInBlock, self.layout, self.seen, self.noted)
-            for writer in writers_backwards(self.step, self.columns, make):
+            for writer in writers_backwards(self.turned, self.columns, make):
                 if any(looks_around(adjoint) for _, adjoint in writer.turns):
                     self.line("block_barrier()")
                 self.lines += writer.written()

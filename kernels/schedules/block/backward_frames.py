@@ -11,31 +11,31 @@ from balloon_warp.kernels.schedules.block.layout import Layout
 from balloon_warp.kernels.schedules.pieces import Step
 
 
-def _writer(step: Step, layout: Layout, columns: tuple[int, ...]) -> BackwardBlockWriter:
-    return (HeldBackwardWriter if layout.held else BackwardBlockWriter)(step, layout, columns)
+def _writer(turned: Step, again: Step, layout: Layout, columns: tuple[int, ...]) -> BackwardBlockWriter:
+    return (HeldBackwardWriter if layout.held else BackwardBlockWriter)(turned, again, layout, columns)
 
 
 @cache
-def kernel_backwards(step: Step, layout: Layout, columns: tuple[int, ...]) -> Any:
+def kernel_backwards(turned: Step, again: Step, layout: Layout, columns: tuple[int, ...]) -> Any:
     """Make the kernel of a frame backwards."""
-    writer = _writer(step, layout, columns)
+    writer = _writer(turned, again, layout, columns)
     options = {**OPTIONS, "fast_math": True, "max_unroll": 128 if any(layout.slots) else 16}
     source = writer.source()
     return kernel_from(writer.name, source, writer.names(), cuda_max_registers=layout.registers, module_options=options)
 
 
 @cache
-def words_of_notes(step: Step, layout: Layout) -> int:
+def words_of_notes(turned: Step, again: Step, layout: Layout) -> int:
     """Return how many words a substep notes of a world's particles."""
-    return _writer(step, layout, ()).noted.words
+    return _writer(turned, again, layout, ()).noted.words
 
 
 @cache
-def arguments_backwards(step: Step, layout: Layout, columns: tuple[int, ...]) -> tuple[str, ...]:
+def arguments_backwards(turned: Step, again: Step, layout: Layout, columns: tuple[int, ...]) -> tuple[str, ...]:
     """Return the names of what it takes."""
-    return _writer(step, layout, columns).arguments()
+    return _writer(turned, again, layout, columns).arguments()
 
 
-def source_backwards(step: Step, layout: Layout, columns: tuple[int, ...]) -> str:
+def source_backwards(turned: Step, again: Step, layout: Layout, columns: tuple[int, ...]) -> str:
     """Write the kernel of a frame backwards."""
-    return _writer(step, layout, columns).source()
+    return _writer(turned, again, layout, columns).source()

@@ -133,7 +133,7 @@ class HeldBackwardWriter(BackwardBlockWriter):
             self._begin_substep_back()
             known = {*OF_PARTICLE, *(self.known & set(OF_FRAME)), *self.step.kept}
             writers = writers_backwards(
-                self.step, self.columns,
+                self.turned, self.columns,
                 partial(TurnsOfOne, its, known, self.layout, self.seen, self.noted),
             )  # fmt: skip
             self._turns(list(_with_lines(writers)), its)

@@ -142,13 +142,7 @@ class BlockWriter(StateInBlock):
         tiles += [self.home(name) for name in layout.tiles]
         for tile in tiles:
             self.line(f'{tile} = wp.tile_empty(shape={layout.capacity}, dtype=wp.vec3, storage="shared")')
-        if layout.membrane_face and layout.membrane_face.tile:
-            areas = layout.membrane_face.tile if layout.membrane_face.areas else 1
-            self.line(f'pulls = wp.tile_empty(shape={layout.membrane_face.tile}, dtype=wp.vec4, storage="shared")')
-            self.line(f'area_vectors = wp.tile_empty(shape={areas}, dtype=wp.vec2, storage="shared")')
-        elif layout.membrane_face:
-            self.line("pulls = membrane_face_pulls[world]")
-            self.line("area_vectors = membrane_face_pulls[world]")
+        self._places_of_membrane_faces()
         if "velocity" not in layout.tiles:
             self.line("velocities = state.velocities[world]")
             self.line("new_velocities = second_velocities[world]")
@@ -160,6 +154,17 @@ class BlockWriter(StateInBlock):
         self.line("frame_begin = time_of(t, state.frame, 0.0)")
         self.line("time_in_frame = float(0.0)")
         self.known.add("time_in_frame")
+
+    def _places_of_membrane_faces(self) -> None:
+        """Write where faces of membranes leave what they do to their corners."""
+        membrane_face = self.layout.membrane_face
+        if membrane_face and membrane_face.tile:
+            areas = membrane_face.tile if membrane_face.areas else 1
+            self.line(f'pulls = wp.tile_empty(shape={membrane_face.tile}, dtype=wp.vec4, storage="shared")')
+            self.line(f'area_vectors = wp.tile_empty(shape={areas}, dtype=wp.vec2, storage="shared")')
+        elif membrane_face:
+            self.line("pulls = membrane_face_pulls[world]")
+            self.line("area_vectors = membrane_face_pulls[world]")
 
     def _forget_times(self) -> None:
         """Find times anew in each substep: what happens once a frame has found those of its beginning."""
