@@ -6,7 +6,8 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.schedules.block.backward_frames import arguments_backwards, kernel_backwards, words_of_notes
+from balloon_warp.kernels.schedules.block.backward_ahead import TYPES
+from balloon_warp.kernels.schedules.block.backward_frames import arguments_backwards, kernel_backwards, widths_of_rows
 from balloon_warp.kernels.schedules.block.layout import Layout
 from balloon_warp.kernels.schedules.block.looks import look_of
 from balloon_warp.kernels.schedules.pieces import Step, cut, values_of
@@ -144,8 +145,9 @@ def rows(model: Model, steps: tuple[Step, Step], layout: Layout, room: Room) -> 
         "particle": (count, model.particle_count), "balloon": (count, model.balloon_count),
         "face": (model.world_count, model.face_count),  # which is found again
     }  # fmt: skip
-    step = steps[1]
-    arrays = {"notes": room.array((count, words_of_notes(*steps, layout)), wp.float32)}
+    step, types = steps[1], {"notes": wp.float32, **TYPES}
+    widths = widths_of_rows(*steps, layout)
+    arrays = {name: room.array((count, width), types[name]) for name, width in widths.items() if name in named}
     if "all_velocities" in named:
         arrays["all_velocities"] = room.array(shapes["particle"], wp.vec3)
     if "membrane_face_pulls" in named and layout.membrane_face:

@@ -11,8 +11,9 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.adjoints.derived import constants_of
-from balloon_warp.kernels.memory import put_vector_in
+from balloon_warp.kernels.memory import float_in, put_vector_in
 from balloon_warp.kernels.phase import STATE, Item
+from balloon_warp.kernels.schedules.block.backward_ahead import ARGUMENTS
 from balloon_warp.kernels.schedules.block.backward_items import OVER_FRAME, TurnsInBlock
 from balloon_warp.kernels.schedules.block.layout import Layout
 from balloon_warp.kernels.schedules.block.notes import Notes
@@ -52,6 +53,11 @@ class BackwardBlockWriter(BlockWriter):
         self.noted = Notes(layout.capacity, self._noted_types())
 
     @property
+    def widths(self) -> dict[str, int]:
+        """Return how many numbers or vectors a row has in each array, by its name."""
+        return {"notes": self.noted.words, "all_load_sums": 1}
+
+    @property
     def name(self) -> str:
         """Return the name of the kernel."""
         return "turn_worlds_back"
@@ -64,7 +70,7 @@ class BackwardBlockWriter(BlockWriter):
     def _arguments(self) -> dict[str, str]:
         bars = dict.fromkeys(STATE, "vec3")
         return {
-            **super()._arguments(), "notes": "wp.array2d[float]", "all_velocities": "wp.array2d[wp.vec3]",
+            **super()._arguments(), "notes": "wp.array2d[float]", "all_velocities": "wp.array2d[wp.vec3]", **ARGUMENTS,
             **{f"all_{value}_bar": f"wp.array2d[{value}_type]" for value in written_types(self.step)},
             **{f"all_{name}_bar": f"wp.array2d[wp.{kind}]" for name, kind in bars.items()},
             "all_load_bar": "wp.array2d[wp.vec2]", "all_pressure_bar": "wp.array2d[float]",
@@ -78,7 +84,7 @@ class BackwardBlockWriter(BlockWriter):
         loads, totals = (block_sum(name, Five, 1, self.layout.warps) for name in ("load_bar", "bars"))
         return {
             **super().names(), **self.called, "constants_of": constants_of, "Five": Five,
-            "put_vector_in": put_vector_in, **self.noted.names(),
+            "put_vector_in": put_vector_in, "float_in": float_in, **self.noted.names(),
             "put_load_bar": loads.put, "total_load_bar": loads.total,
             "put_bars": totals.put, "total_bars": totals.total,
         }  # fmt: skip

@@ -25,9 +25,9 @@ def kernel_backwards(turned: Step, again: Step, layout: Layout, columns: tuple[i
 
 
 @cache
-def words_of_notes(turned: Step, again: Step, layout: Layout) -> int:
-    """Return how many words a substep notes of a world's particles."""
-    return _writer(turned, again, layout, ()).noted.words
+def widths_of_rows(turned: Step, again: Step, layout: Layout) -> dict[str, int]:
+    """Return how many numbers or vectors a row of each substep has, by the names of arrays."""
+    return _writer(turned, again, layout, ()).widths
 
 
 @cache

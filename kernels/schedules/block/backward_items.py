@@ -19,6 +19,15 @@ KNOWN = ("thread", "first", "balloon", "points")
 OVER_FRAME: dict[str, int] = {"keyed": 2, "gas": 2, "gas_mass": 1}
 """Bars that add up over a frame, and how many numbers they have"""
 
+SUM_OF_LOADS = (
+    "put_load_bar(thread, Five(load_part[0], load_part[1], 0.0, 0.0, 0.0))",
+    "block_barrier()",
+    "load_sum = total_load_bar(0)",
+    "load_part = wp.vec2()",
+    "load_bar = wp.vec2(load_sum[0], load_sum[1])",
+)
+"""Statements that add up what particles have found of what presses on them"""
+
 
 class TurnsInBlock(BackwardWriter):
     """Write turns between two barriers.
@@ -49,11 +58,8 @@ class TurnsInBlock(BackwardWriter):
             self.indent += "    "
             self.known.add("particle")
             return
-        self.line("put_load_bar(thread, Five(load_part[0], load_part[1], 0.0, 0.0, 0.0))")
-        self.line("block_barrier()")
-        self.line("load_sum = total_load_bar(0)")
-        self.line("load_part = wp.vec2()")
-        self.line("load_bar = wp.vec2(load_sum[0], load_sum[1])")
+        for line in SUM_OF_LOADS:
+            self.line(line)
         self.known.add("load_bar")
 
     def found(self, name: str) -> tuple[str, str] | None:
