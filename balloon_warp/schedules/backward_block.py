@@ -27,7 +27,7 @@ from balloon_warp.schedules.membrane_faces import (
     membrane_face_table,
 )
 from balloon_warp.schedules.rings import least_valence, quad_rings
-from balloon_warp.schedules.slots import kind_slots, slot_table
+from balloon_warp.schedules.slots import kind_slots, slot_pairs, slot_table
 from balloon_warp.schedules.spring_ends import spring_ends
 from balloon_warp.schedules.tables import make_tables, world_state
 
@@ -61,16 +61,20 @@ def layout_backwards(model: Model) -> Layout:
     if model.device.is_cpu:
         return Layout(1, capacity, registers=REGISTERS)
     threads = -(-model.particle_count // WARP_THREADS) * WARP_THREADS
-    held = int(threads <= MOST_HELD and not (features.looks_at_velocities or features.needs("face", "velocity")))
-    layout = Layout(threads if held else THREADS, capacity, held, registers=REGISTERS)
-    if face := None if features.wears else membrane_face_layout(model, features):
-        face = face._replace(capacity=capacity) if held else face._replace(areas=False)
-        return layout._replace(membrane_face=face._replace(tile=held * membrane_face_entries(model, face)))
     slots = kind_slots(spring_ends(model))
-    if sum(slots) > MOST_SLOTS:
-        return layout
-    ring = quad_rings(model) if features.measures_areas else None
-    return layout._replace(slots=slots, rings=least_valence(ring) if ring else 0)
+    few = sum(slots) <= MOST_SLOTS
+    held = few and threads <= MOST_HELD
+    held = held and not (features.looks_at_velocities or features.needs("face", "velocity"))
+    if not held:
+        threads = min(threads, THREADS)
+    layout = Layout(threads, capacity, int(held), slots if few else (0, 0, 0), registers=REGISTERS)
+    if face := None if features.wears else membrane_face_layout(model, features):
+        if not held:
+            return layout._replace(slots=(0, 0, 0), membrane_face=face._replace(areas=False))
+        face = face._replace(capacity=capacity)
+        return layout._replace(membrane_face=face._replace(tile=membrane_face_entries(model, face)))
+    ring = quad_rings(model) if few and features.measures_areas else None
+    return layout._replace(rings=least_valence(ring) if ring else 0)
 
 
 def steps_backwards(features: Features, layout: Layout) -> tuple[Step, Step]:
@@ -96,7 +100,7 @@ class BlockBackward(BackwardFrames):
 
     def __init__(self, model: Model, state: State, columns: Sequence[int]):
         features, room = model_features(model), Allocating(model.device)
-        self._layout, self._slots = layout_backwards(model), None
+        self._layout, slots, pairs = layout_backwards(model), None, None
         self._steps = steps_backwards(features, self._layout)
         tables = make_tables(model, features, in_block=True)
         tables.membranes.membrane_faces = membrane_face_table(model, self._layout.membrane_face)
@@ -105,12 +109,14 @@ class BlockBackward(BackwardFrames):
         for name, array in working_arrays(model, features, room).items():
             setattr(working, name, array)
         self._framing = Framing(model, features, tables, working)
-        if any(self._layout.slots):
+        if self._layout.held or any(self._layout.slots):
             ring = quad_rings(model) if self._layout.rings else None
-            self._slots = slot_table(model, spring_ends(model), ring)
+            slots = slot_table(model, spring_ends(model), ring)
+            pairs = slot_pairs(slots)
         self._given = {
             "t": tables,
-            "slots": self._slots,
+            "slots": slots,
+            "slot_pairs": pairs,
             "working": working,
             **rows(model, self._steps, self._layout, room),
             **self.arrays,
@@ -145,9 +151,13 @@ def rows(model: Model, steps: tuple[Step, Step], layout: Layout, room: Room) -> 
         "particle": (count, model.particle_count), "balloon": (count, model.balloon_count),
         "face": (model.world_count, model.face_count),  # which is found again
     }  # fmt: skip
-    step, types = steps[1], {"notes": wp.float32, **TYPES}
+    step, types = steps[1], {"notes": wp.float32, "bars_of_particles": wp.float32, **TYPES}
     widths = widths_of_rows(*steps, layout)
-    arrays = {name: room.array((count, width), types[name]) for name, width in widths.items() if name in named}
+    arrays = {
+        name: room.array((model.world_count if name == "bars_of_particles" else count, width), types[name])
+        for name, width in widths.items()
+        if name in named
+    }
     if "all_velocities" in named:
         arrays["all_velocities"] = room.array(shapes["particle"], wp.vec3)
     if "membrane_face_pulls" in named and layout.membrane_face:

@@ -14,7 +14,7 @@ from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.inflation import FAR
 from balloon_warp.kernels.loops.areas import CROSSES, plus_cross_at_quad_corner
 from balloon_warp.kernels.loops.inflation_directions import normal_of_quads, see_quad
-from balloon_warp.kernels.memory import in_tile, vector_at
+from balloon_warp.kernels.memory import in_tile, two_in, vector_at
 from balloon_warp.kernels.tables import Tables
 
 
@@ -84,6 +84,31 @@ def springs_reader(features: Features, kind_slots: Slots, derived: bool = False)
         return mine
 
     return Springs, read_springs
+
+
+@cache
+def paired_reader(features: Features, kind_slots: Slots) -> Any:
+    """Return the function that reads a particle's springs from pairs, where all springs of a kind are alike."""
+    shear_begin, flexion_begin = kind_slots[0], kind_slots[0] + kind_slots[1]
+    slots = sum(kind_slots)
+    Springs, _ = springs_reader(features, kind_slots, True)  # noqa: N806 - a type
+
+    @wp.func
+    def read_pairs(slot_pairs: wp.array2d[wp.vec2], slot_table: SlotTable, params: Any):
+        """Read a particle's springs; a pair is the neighbor, by the bits, and the rest length [m]."""
+        mine = Springs()
+        mine.valence = slot_table.valences[params.number]
+        for slot in range(slots):
+            pair = two_in(slot_pairs, slot, params.number)
+            constant = wp.where(
+                slot < shear_begin, params.n[0], wp.where(slot < flexion_begin, params.n[1], params.n[2])
+            )
+            mine.neighbors[slot] = wp.cast(pair[0], wp.int32) & 0xFFFF
+            mine.tensions[slot] = constant * pair[1]
+            mine.lengths[slot] = pair[1]
+        return mine
+
+    return read_pairs
 
 
 @cache

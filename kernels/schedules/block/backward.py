@@ -4,7 +4,7 @@ The block computes the frame again from its beginning, and notes where each subs
 seen of each other. Then its substeps run backwards.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -12,12 +12,12 @@ import warp as wp
 
 from balloon_warp.kernels.adjoints.derived import constants_of
 from balloon_warp.kernels.memory import float_in, put_vector_in
-from balloon_warp.kernels.phase import STATE, Item
-from balloon_warp.kernels.schedules.block.backward_ahead import ARGUMENTS
-from balloon_warp.kernels.schedules.block.backward_items import OVER_FRAME, TurnsInBlock
+from balloon_warp.kernels.phase import STATE
+from balloon_warp.kernels.schedules.block.backward_ahead import ARGUMENTS, Ahead, OfBalloon
+from balloon_warp.kernels.schedules.block.backward_items import SUM_OF_LOADS, TurnsInBlock
+from balloon_warp.kernels.schedules.block.backward_sums import SumsOfFrame
 from balloon_warp.kernels.schedules.block.layout import Layout
 from balloon_warp.kernels.schedules.block.notes import Notes
-from balloon_warp.kernels.schedules.block.source import BlockWriter
 from balloon_warp.kernels.schedules.block.sums import block_sum
 from balloon_warp.kernels.schedules.launched.backward import writers_backwards
 from balloon_warp.kernels.schedules.launched.trace import arguments_of, is_bar, looks_around, traces_of
@@ -25,11 +25,11 @@ from balloon_warp.kernels.schedules.pieces import Piece, Step
 from balloon_warp.kernels.schedules.writer import written_types
 from balloon_warp.kernels.warp_sums import Five
 
-FIVE = 5
-"""Numbers that threads add up together"""
+Turns = Sequence[tuple[TurnsInBlock, tuple[str, ...]]]
+"""Writers of what stands between two waits, and their lines"""
 
 
-class BackwardBlockWriter(BlockWriter):
+class BackwardBlockWriter(SumsOfFrame):
     """Write the kernel of a frame backwards.
 
     Args:
@@ -50,12 +50,16 @@ class BackwardBlockWriter(BlockWriter):
         seen = {name for each in adjoints for name in arguments_of(each) if is_bar(name) and name.endswith("_bars")}
         self.seen = tuple(sorted(name.removesuffix("_bars") for name in seen))
         """Values whose bars particles see of each other"""
-        self.noted = Notes(layout.capacity, self._noted_types())
+        self.noted = Notes("notes", layout.capacity, self._noted_types())
+        self.bars_of_particles = Notes("bars_of_particles", layout.capacity, self._types_of_bars())
+        self._width = 0
 
     @property
     def widths(self) -> dict[str, int]:
         """Return how many numbers or vectors a row has in each array, by its name."""
-        return {"notes": self.noted.words, "all_load_sums": 1}
+        self._written()
+        words = {"notes": self.noted.words, "bars_of_particles": self.bars_of_particles.words}
+        return {**words, "all_load_sums": 1, "all_slopes": self._width}
 
     @property
     def name(self) -> str:
@@ -70,7 +74,9 @@ class BackwardBlockWriter(BlockWriter):
     def _arguments(self) -> dict[str, str]:
         bars = dict.fromkeys(STATE, "vec3")
         return {
-            **super()._arguments(), "notes": "wp.array2d[float]", "all_velocities": "wp.array2d[wp.vec3]", **ARGUMENTS,
+            **super()._arguments(), **ARGUMENTS, "slot_pairs": "wp.array2d[wp.vec2]",
+            "notes": "wp.array2d[float]", "bars_of_particles": "wp.array2d[float]",
+            "all_velocities": "wp.array2d[wp.vec3]",
             **{f"all_{value}_bar": f"wp.array2d[{value}_type]" for value in written_types(self.step)},
             **{f"all_{name}_bar": f"wp.array2d[wp.{kind}]" for name, kind in bars.items()},
             "all_load_bar": "wp.array2d[wp.vec2]", "all_pressure_bar": "wp.array2d[float]",
@@ -85,7 +91,7 @@ class BackwardBlockWriter(BlockWriter):
         return {
             **super().names(), **self.called, "constants_of": constants_of, "Five": Five,
             "put_vector_in": put_vector_in, "float_in": float_in, **self.noted.names(),
-            "put_load_bar": loads.put, "total_load_bar": loads.total,
+            **self.bars_of_particles.names(), "put_load_bar": loads.put, "total_load_bar": loads.total,
             "put_bars": totals.put, "total_bars": totals.total,
         }  # fmt: skip
 
@@ -130,6 +136,12 @@ class BackwardBlockWriter(BlockWriter):
         names = [name for name in STATE if not (name == "velocity" and self.shows_velocities)]
         return {name: types[name] for name in (*names, *self._kept_of("particle")) if types[name] in (float, wp.vec3)}
 
+    def _types_of_bars(self) -> dict[str, Any]:
+        """Return the types of the bars of particles that no other particle sees."""
+        types = {**dict.fromkeys(STATE, wp.vec3), **written_types(self.step)}
+        names = (*STATE, *(name for name in self._kept_of("particle") if name not in self.seen))
+        return {name: types[name] for name in names if types[name] in (float, wp.vec3)}
+
     def _clear_lists(self) -> None:
         for name in self._compacted:
             self.line("if thread == 0:")
@@ -154,10 +166,6 @@ class BackwardBlockWriter(BlockWriter):
 
     def _begin_substep(self) -> None:
         """Write nothing: where a substep begins, the one before has noted."""
-
-    def _kept_of(self, item: Item) -> list[str]:
-        """Return the values of particles, or of the balloon, that each substep notes."""
-        return [value for value in self.step.kept if self.step.owner(value) == item]
 
     def _end_substep(self) -> None:
         """Write what is noted of the balloon, and bring points back to the tile that the next substep begins with."""
@@ -192,37 +200,80 @@ class BackwardBlockWriter(BlockWriter):
 
     # ---- backwards
 
-    def _begin_sums(self) -> None:
-        """Write where what adds up begins, in each thread."""
-        self.line("block_barrier()")  # one thread has noted what the balloon was last
-        self.line("# Substeps run backwards.")
-        for place in range(len(self.columns)):
-            self.line(f"number_{place} = float(0.0)")
-        for name, size in OVER_FRAME.items():
-            self.line(f"over_{name} = {'wp.vec2()' if size == 2 else 'float(0.0)'}")
-        self.line("load_part = is_first * all_load_bar[world, 0]")
-        self.line("load_before = wp.vec2()")
-        self.line("load_after = wp.vec2()")
-        self.line("found_pressure_bar = float(0.0)")
-        for value in self._kept_of("balloon"):
-            self.line(f"found_{value}_bar = {value}_type()")
-
     def _substeps_back(self) -> None:
+        make = partial(TurnsInBlock, self.layout, self.seen, self.noted, self.bars_of_particles)
+        turns = [(writer, writer.written()) for writer in writers_backwards(self.turned, self.columns, make)]
+        self._begin_bars()
+        ahead = self._ahead_of(turns)
+        if ahead:
+            ahead.before()
         self.line("for back in range(t.substeps):")
         with self.indented():
             self.line("row = first_row + (t.substeps - 1 - back)")
             self.line("time_in_frame = float(t.substeps - 1 - back) * t.step_seconds")
-            with self._over("particle"):
-                self.line(f"put_in_tile(points, particle, {self.noted.read('point', 'row')})")
+            self._read_of_balloon(self.line)
             if self.features.gas:
                 self._find_loads()
-            make = partial(TurnsInBlock, self.layout, self.seen, self.noted)
-            for writer in writers_backwards(self.turned, self.columns, make):
-                if any(looks_around(adjoint) for _, adjoint in writer.turns):
-                    self.line("block_barrier()")
-                self.lines += writer.written()
+            self.line("fetch_notes(notes, row - 1, thread)")
+            if ahead:
+                ahead.read()
+            for number, (writer, lines) in enumerate(turns):
+                if writer.of_balloon:
+                    self._turn_balloon(writer, lines, ahead)
+                else:
+                    self._turn_particles(writer, lines, first=not number)
                 self.called |= writer.called
             self.line("block_barrier()")
+        if ahead:
+            ahead.after()
+        with self._over("particle"):
+            for name in STATE:
+                bar = self.bars_of_particles.read(name, "world")
+                self.line(f"put_vector_in(all_{name}_bar, world, particle, {bar})")
+
+    def _begin_bars(self) -> None:
+        """Write what the bars of particles are at the end of a frame."""
+        with self._over("particle"):
+            for name in STATE:
+                bar = f"vector_in(all_{name}_bar, world, particle)"
+                self.line(self.bars_of_particles.write(name, "world", bar))
+
+    def _turn_particles(self, writer: TurnsInBlock, lines: Sequence[str], first: bool) -> None:
+        """Write turns of particles; the first put points where others see them."""
+        if any(looks_around(adjoint) for _, adjoint in writer.turns):
+            self.line("block_barrier()")
+        self.lines.append(lines[0])
+        if first:
+            self.line(f"    put_in_tile(points, particle, {self.noted.read('point', 'row')})")
+        self.lines += lines[1:]
+
+    def _read_of_balloon(self, write: Callable[[str], None]) -> None:
+        """Write how what a row has of the balloon is read."""
+        for name in self._kept_of("balloon"):
+            write(f"{name} = all_{name}[row, 0]")
+
+    def _ahead_of(self, turns: Turns) -> Ahead | None:
+        """Return what writes the balloon's turns ahead, if they may be."""
+        found = [OfBalloon(lines, writer.results, writer.sums) for writer, lines in turns if writer.of_balloon]
+        if len(found) != 1 or not found[0].is_linear:
+            return None
+        ahead = Ahead(found[0], written_types(self.step), self.layout.threads, self.line, self._read_of_balloon)
+        self._width = ahead.width
+        return ahead
+
+    def _turn_balloon(self, writer: TurnsInBlock, lines: Sequence[str], ahead: Ahead | None) -> None:
+        """Write what follows of the balloon from what its particles have found."""
+        for line in SUM_OF_LOADS:
+            self.line(line)
+        if ahead:
+            ahead.turn()
+            return
+        self.lines += lines
+        for name, text in writer.results.items():
+            self.line(f"found_{name}_bar = {text}")
+        for text in writer.sums:
+            target, added = text.split(" += ")
+            self.line(f"{target} += is_first * ({added})")
 
     def _find_loads(self) -> None:
         """Write what the gas presses with in this substep, and in the one before."""
@@ -233,33 +284,3 @@ class BackwardBlockWriter(BlockWriter):
         self.line("    load_then = all_gas_load[row - 1, 0]")
         self.line("    load_before = wp.vec2(load_then[1], load_then[2])")
         self.line("found_pressure_bar = wp.where(back == 0, all_pressure_bar[world, 0], 0.0)")
-
-    def _end_sums(self) -> None:
-        """Write the sums over all threads, and where they go."""
-        of_frame = {
-            "load_part": ("all_load_bar[world, 0]", 2), "over_keyed": ("all_keyed_bar_of_balloons[world, 0]", 2),
-            "over_gas": ("all_gas_bar[world, 0]", 2), "over_gas_mass": ("all_gas_mass_bar[world, 0]", 1),
-        }  # fmt: skip
-        parts = [f"{name}[{n}]" if size > 1 else name for name, (_, size) in of_frame.items() for n in range(size)]
-        parts += [f"number_{place}" for place in range(len(self.columns))]
-        found = self._summed(parts)
-        self.line("if thread == 0:")
-        with self.indented():
-            self.line("all_pressure_bar[world, 0] = 0.0")
-            for place, size in of_frame.values():
-                its, found = found[:size], found[size:]
-                self.line(f"{place} = {its[0] if size == 1 else f'wp.vec2({its[0]}, {its[1]})'}")
-            for place, total in enumerate(found):
-                self.line(f"number_bars_of_balloons[world, 0, {place}] = {total}")
-
-    def _summed(self, parts: Sequence[str]) -> list[str]:
-        """Write sums over all threads, and return their names."""
-        names = []
-        for begin in range(0, len(parts), FIVE):
-            some = parts[begin : begin + FIVE]
-            self.line(f"put_bars(thread, Five({', '.join([*some, *['0.0'] * (FIVE - len(some))])}))")
-            self.line("block_barrier()")
-            self.line(f"sums_{begin} = total_bars(0)")
-            self.line("block_barrier()")
-            names += [f"sums_{begin}[{place}]" for place in range(len(some))]
-        return names

@@ -3,7 +3,6 @@
 What particles see of each other is put in shared memory just before anyone looks.
 """
 
-from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -11,9 +10,9 @@ import warp as wp
 
 from balloon_warp.kernels.adjoint import Adjoint
 from balloon_warp.kernels.phase import STATE, VIEWS, Phase
-from balloon_warp.kernels.schedules.block.backward import BackwardBlockWriter
-from balloon_warp.kernels.schedules.block.backward_ahead import Ahead, OfBalloon
-from balloon_warp.kernels.schedules.block.backward_items import SUM_OF_LOADS, TurnsInBlock
+from balloon_warp.kernels.schedules.block.backward import BackwardBlockWriter, Turns
+from balloon_warp.kernels.schedules.block.backward_ahead import Ahead
+from balloon_warp.kernels.schedules.block.backward_items import TurnsInBlock
 from balloon_warp.kernels.schedules.launched.backward import writers_backwards
 from balloon_warp.kernels.schedules.launched.trace import arguments_of, looks_around
 from balloon_warp.kernels.schedules.pieces import Piece
@@ -36,17 +35,13 @@ class TurnsOfOne(TurnsInBlock):
     def __init__(self, its: set[str], known: set[str], *of_block: Any):
         super().__init__(*of_block)
         self.its = its
-        self.results: dict[str, str] = {}
-        """Bars of the balloon's values that its turns find"""
-        self.sums: list[str] = []
-        """Statements of its turns that add up over a frame"""
         self.aliases = {}
         self.known |= known
 
     def open(self) -> None:
-        """Write nothing: a particle is at hand, and what particles have found of the balloon is summed before."""
+        """Write nothing: a particle is at hand."""
         if self.of_balloon:
-            self.known.add("load_bar")
+            super().open()
 
     def found(self, name: str) -> tuple[str, str] | None:
         """Return the arguments that a name depends on, and the text that computes it."""
@@ -73,31 +68,18 @@ class TurnsOfOne(TurnsInBlock):
         if name == "load":
             self.line(f"load_part += wp.where(is_there, {text}, wp.vec2())")
         elif owner == "balloon":
-            before = f"{self.results[name]} + " if sign == "+=" else ""
-            self.results[name] = before + text
+            super().put_bar(name, owner, sign, text)
         else:
             self.its.add(name)
             self.line(f"its_{name}_bar {sign} {text}")
 
-    def line(self, text: str) -> None:
-        """Write a line, or keep it for once the frame has run backwards."""
-        if self.of_balloon and text.startswith(("over_", "number_")):
-            self.sums.append(text)
-        else:
-            super().line(text)
-
-    def _once(self, text: str, zero: str) -> str:
+    def its_own(self, text: str, zero: str) -> str:
+        """Return what a thread adds; zero where it has no particle."""
         return text if self.of_balloon else f"wp.where(is_there, {text}, {zero})"
-
-
-Turns = Sequence[tuple[TurnsOfOne, tuple[str, ...]]]
-"""Writers of what stands between two waits, and their lines"""
 
 
 class HeldBackwardWriter(BackwardBlockWriter):
     """Write the kernel of a frame backwards for threads with a particle each."""
-
-    _width = 0
 
     @property
     def remark(self) -> str:
@@ -143,23 +125,16 @@ class HeldBackwardWriter(BackwardBlockWriter):
         types = super()._noted_types()
         return {name: dtype for name, dtype in types.items() if name in (*STATE, *self._read_back)}
 
-    @property
-    def widths(self) -> dict[str, int]:
-        """Return how many numbers or vectors a row has in each array, by its name."""
-        self._written()
-        return {**super().widths, "all_slopes": self._width}
-
     # ---- backwards
 
     def _substeps_back(self) -> None:
         its: set[str] = set(STATE)
         known = {*OF_PARTICLE, *(self.known & set(OF_FRAME)), *self.step.kept}
-        make = partial(TurnsOfOne, its, known, self.layout, self.seen, self.noted)
+        make = partial(TurnsOfOne, its, known, self.layout, self.seen, self.noted, self.bars_of_particles)
         turns = [(writer, writer.written()) for writer in writers_backwards(self.turned, self.columns, make)]
-        self._begin_bars(its)
+        self._begin_its_bars(its)
         ahead = self._ahead_of(turns)
         if ahead:
-            self._width = ahead.width
             ahead.before()
         self.line("for back in range(t.substeps):")
         with self.indented():
@@ -185,18 +160,6 @@ class HeldBackwardWriter(BackwardBlockWriter):
         self.known |= set(self._read_back)
         self.calls(self._found_again)
         self.line("fetch_notes(notes, row - 1, thread)")
-
-    def _read_of_balloon(self, write: Callable[[str], None]) -> None:
-        """Write how what a row has of the balloon is read."""
-        for name in self._kept_of("balloon"):
-            write(f"{name} = all_{name}[row, 0]")
-
-    def _ahead_of(self, turns: Turns) -> Ahead | None:
-        """Return what writes the balloon's turns ahead, if they may be."""
-        found = [OfBalloon(lines, writer.results, writer.sums) for writer, lines in turns if writer.of_balloon]
-        if len(found) != 1 or not found[0].is_linear:
-            return None
-        return Ahead(found[0], written_types(self.step), self.layout.threads, self.line, self._read_of_balloon)
 
     def _turns(self, turns: Turns, its: set[str], ahead: Ahead | None) -> None:
         """Write turns, and before those that look around what they see.
@@ -227,21 +190,7 @@ class HeldBackwardWriter(BackwardBlockWriter):
         if looked and not any(wait < first for wait in waits):
             self.line("block_barrier()")
 
-    def _turn_balloon(self, writer: TurnsOfOne, lines: Sequence[str], ahead: Ahead | None) -> None:
-        """Write what follows of the balloon from what its particles have found."""
-        for line in SUM_OF_LOADS:
-            self.line(line)
-        if ahead:
-            ahead.turn()
-            return
-        self.lines += lines
-        for name, text in writer.results.items():
-            self.line(f"found_{name}_bar = {text}")
-        for text in writer.sums:
-            target, added = text.split(" += ")
-            self.line(f"{target} += is_first * ({added})")
-
-    def _begin_bars(self, its: set[str]) -> None:
+    def _begin_its_bars(self, its: set[str]) -> None:
         """Write what the bars of a particle are at the end of a frame."""
         types = written_types(self.step)
         for name in sorted(its):

@@ -20,12 +20,13 @@ class Notes:
     """Places of values in a row.
 
     Args:
+        array: name of the array that holds the rows.
         capacity: particles for which there is room.
         types: numbers and vectors of particles that are noted, by their names.
     """
 
-    def __init__(self, capacity: int, types: Mapping[str, Any]):
-        self._capacity = capacity
+    def __init__(self, array: str, capacity: int, types: Mapping[str, Any]):
+        self._array, self._capacity = array, capacity
         self._places: dict[str, tuple[int, int]] = {}
         end = 0
         for name, dtype in types.items():
@@ -41,14 +42,14 @@ class Notes:
     def read(self, name: str, row: str, place: str = "particle") -> str:
         """Return the text that reads a value of a particle."""
         if name in self:
-            return f"{name}_noted(notes, {row}, {place})"
+            return f"{name}_of_{self._array}({self._array}, {row}, {place})"
         array = f"all_{STATE.get(name, name)}"
         return f"vector_in({array}, {row}, {place})" if name in STATE else f"{array}[{row}, {place}]"
 
     def write(self, name: str, row: str, text: str) -> str:
         """Return the statement that notes a value of a particle."""
         if name in self:
-            return f"note_of_{name}(notes, {row}, particle, {text})"
+            return f"put_{name}_of_{self._array}({self._array}, {row}, particle, {text})"
         array = f"all_{STATE.get(name, name)}"
         if name in STATE:
             return f"put_vector_in({array}, {row}, particle, {text})"
@@ -56,18 +57,18 @@ class Notes:
 
     def names(self) -> dict[str, Any]:
         """Return the functions that such texts refer to."""
-        readers = {f"{name}_noted": self._reader(*place) for name, place in self._places.items()}
-        readers["fetch_notes"] = self._fetcher()
-        return readers | {f"note_of_{name}": self._writer(*place) for name, place in self._places.items()}
+        readers = {f"{name}_of_{self._array}": self._reader(*place) for name, place in self._places.items()}
+        readers[f"fetch_{self._array}"] = self._fetcher()
+        return readers | {f"put_{name}_of_{self._array}": self._writer(*place) for name, place in self._places.items()}
 
     def _fetcher(self) -> Any:
         lines = -(-self.words // WORDS_OF_LINE)
 
-        line = f"notes.data + (size_t)(unsigned int)row * {self.words}u + {WORDS_OF_LINE} * thread"
+        line = f"notes.data + (size_t)(unsigned int)row * {self.words}u + {WORDS_OF_LINE} * line"
 
         @wp.func_native(f"""
         #if defined(__CUDA_ARCH__)
-            if (row >= 0 && thread < {lines})
+            for (int line = row < 0 ? {lines} : thread; line < {lines}; line += blockDim.x)
                 asm volatile("prefetch.global.L2 [%0];" :: "l"({line}));
         #endif
         """)

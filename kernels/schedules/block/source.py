@@ -14,7 +14,7 @@ import warp as wp
 from balloon_warp.kernels.codegen import kernel_from
 from balloon_warp.kernels.contact.free_frames import BUSY, FREE
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.loops.slots import SlotTable
+from balloon_warp.kernels.loops.slots import SlotTable, paired_reader
 from balloon_warp.kernels.memory import in_tile, put_in_tile, put_vector, vector_at
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.params import params_beside_function, params_functions
@@ -80,6 +80,8 @@ class BlockWriter(StateInBlock):
         }  # fmt: skip
         if self.layout.held or any(self.layout.slots):
             names["read_springs"] = reader_of_springs(self.features, self.layout, self.derived)
+        if any(self.layout.slots) and not self.layout.held:
+            names["read_pairs"] = paired_reader(self.features, self.layout.slots)
         if self.layout.membrane_face and self.layout.membrane_face.quads:
             names["hold_membrane_faces"] = self.step.look.membrane_faces(self.features).keeps
         if self.features.spheres:
