@@ -6,7 +6,7 @@ seen of each other. Then its substeps run backwards.
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 import warp as wp
 
@@ -252,12 +252,16 @@ class BackwardBlockWriter(SumsOfFrame):
         for name in self._kept_of("balloon"):
             write(f"{name} = all_{name}[row, 0]")
 
+    _read_anew: ClassVar[Sequence[str]] = ("first = read_params(t, world, wp.min(thread, count - 1))",)
+    """Statements that read again what stays the same in a frame"""
+
     def _ahead_of(self, turns: Turns) -> Ahead | None:
         """Return what writes the balloon's turns ahead, if they may be."""
         found = [OfBalloon(lines, writer.results, writer.sums) for writer, lines in turns if writer.of_balloon]
         if len(found) != 1 or not found[0].is_linear:
             return None
-        ahead = Ahead(found[0], written_types(self.step), self.layout.threads, self.line, self._read_of_balloon)
+        types, threads = written_types(self.step), self.layout.threads
+        ahead = Ahead(found[0], types, threads, self.line, self._read_of_balloon, self._read_anew)
         self._width = ahead.width
         return ahead
 

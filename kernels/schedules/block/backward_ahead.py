@@ -54,13 +54,15 @@ class Ahead:
         threads: of the block.
         write: writes a line.
         begin: writes what each substep has noted of the balloon, and its time.
+        anew: statements that read what stays the same in a frame.
     """
 
     def __init__(
         self, of_balloon: OfBalloon, types: dict[str, Any], threads: int, write: Callable[[str], None],
-        begin: Callable[[Callable[[str], None]], None],
+        begin: Callable[[Callable[[str], None]], None], anew: Sequence[str],
     ):  # fmt: skip
         self.of_balloon, self._types, self._threads, self._line, self._begin = of_balloon, types, threads, write, begin
+        self._anew = anew
 
     @property
     def _parts(self) -> list[tuple[str, int]]:
@@ -108,8 +110,10 @@ class Ahead:
                 self._line(f"{indent}found_{name}_bar {sign} {whole}")
 
     def after(self) -> None:
-        """Write what adds up over the frame."""
+        """Write what adds up over the frame, once what the balloon has is read again: it takes no registers before."""
         self._line("block_barrier()")
+        for line in self._anew:
+            self._line(line)
         self._over_substeps()
         self._line("    load_bar = all_load_sums[row, 0]")
         self._line("    found_pressure_bar = wp.where(ahead + 1 == t.substeps, all_pressure_bar[world, 0], 0.0)")

@@ -86,6 +86,12 @@ class HeldBackwardWriter(BackwardBlockWriter):
         """Return what the kernel is."""
         return f"A block for each world, for a frame backwards; each of {self.layout.threads} threads has a particle."
 
+    _read_anew = (
+        "params = take_place(read_params(t, world, particle), is_there)",
+        "gas = hold(state, world, balloon)",
+        "ramp = state.inflation_ramp[world, balloon]",
+    )
+
     def _note_beginning(self) -> None:
         """Write nothing: each substep notes where it begins."""
 
