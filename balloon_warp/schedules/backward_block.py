@@ -58,8 +58,10 @@ def layout_backwards(model: Model) -> Layout:
     """Return the layout of a world on a block: with a thread for each particle, or threads that loop."""
     features = model_features(model)
     capacity = -(-model.particle_count // CAPACITY_STEP) * CAPACITY_STEP
+    face = None if features.wears else membrane_face_layout(model, features)
+    looped = face and face._replace(areas=False)
     if model.device.is_cpu:
-        return Layout(1, capacity, registers=REGISTERS)
+        return Layout(1, capacity, registers=REGISTERS, membrane_face=looped)
     threads = -(-model.particle_count // WARP_THREADS) * WARP_THREADS
     slots = kind_slots(spring_ends(model))
     few = sum(slots) <= MOST_SLOTS
@@ -68,11 +70,11 @@ def layout_backwards(model: Model) -> Layout:
     if not held:
         threads = min(threads, THREADS)
     layout = Layout(threads, capacity, int(held), slots if few else (0, 0, 0), registers=REGISTERS)
-    if face := None if features.wears else membrane_face_layout(model, features):
-        if not held:
-            return layout._replace(slots=(0, 0, 0), membrane_face=face._replace(areas=False))
+    if face and held:
         face = face._replace(capacity=capacity)
         return layout._replace(membrane_face=face._replace(tile=membrane_face_entries(model, face)))
+    if looped:
+        return layout._replace(slots=(0, 0, 0), membrane_face=looped)
     ring = quad_rings(model) if few and features.measures_areas else None
     return layout._replace(rings=least_valence(ring) if ring else 0)
 

@@ -8,6 +8,7 @@ import warp as wp
 from balloon_warp.kernels.adjoint import Adjoint
 from balloon_warp.kernels.adjoints.areas import area_adjoint, ring_area_adjoint
 from balloon_warp.kernels.adjoints.hinges import hinge_adjoint
+from balloon_warp.kernels.adjoints.membrane_faces import membrane_faces_adjoint
 from balloon_warp.kernels.adjoints.membranes import membrane_adjoint
 from balloon_warp.kernels.adjoints.springs import spring_adjoint
 from balloon_warp.kernels.adjoints.strings import string_adjoint
@@ -24,7 +25,12 @@ def pull_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adj
         found.append(string_adjoint(features))
     found.append(spring_adjoint(features, look.at, look.slots))
     if features.membranes:
-        found.append(membrane_adjoint(features, look.at))
+        faces = None if features.viscous else look.membrane_faces(features)
+        found.append(
+            membrane_faces_adjoint(features, faces.layout, faces.keeps_places)
+            if faces
+            else membrane_adjoint(features, look.at)
+        )
     if features.has("hinge"):
         found.append(hinge_adjoint(features, look.at))
     if features.measures_areas:

@@ -4,6 +4,7 @@ The block computes the frame again from its beginning, and notes where each subs
 seen of each other. Then its substeps run backwards.
 """
 
+import inspect
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, ClassVar
@@ -16,6 +17,7 @@ from balloon_warp.kernels.phase import STATE
 from balloon_warp.kernels.schedules.block.backward_ahead import ARGUMENTS, Ahead, OfBalloon
 from balloon_warp.kernels.schedules.block.backward_items import SUM_OF_LOADS, TurnsInBlock
 from balloon_warp.kernels.schedules.block.backward_sums import SumsOfFrame
+from balloon_warp.kernels.schedules.block.items import COUNTS
 from balloon_warp.kernels.schedules.block.layout import Layout
 from balloon_warp.kernels.schedules.block.notes import Notes
 from balloon_warp.kernels.schedules.block.sums import block_sum
@@ -242,10 +244,27 @@ class BackwardBlockWriter(SumsOfFrame):
         """Write turns of particles; the first put points where others see them."""
         if any(looks_around(adjoint) for _, adjoint in writer.turns):
             self.line("block_barrier()")
+            self._turn_faces(writer, "first.n")
         self.lines.append(lines[0])
         if first:
             self.line(f"    put_in_tile(points, particle, {self.noted.read('point', 'row')})")
         self.lines += lines[1:]
+
+    def _turn_faces(self, writer: TurnsInBlock, numbers: str) -> None:
+        """Write how faces of membranes run backwards, before their particles gather what they leave."""
+        for entry, adjoint in writer.turns:
+            if adjoint.of_face is None:
+                continue
+            function = f"{entry.phase.name}_of_face"
+            self.called[function] = adjoint.of_face
+            told = inspect.signature(adjoint.of_face.func).parameters
+            call = f"{function}({', '.join(numbers if name == 'n' else name for name in told)})"
+            count = COUNTS["membrane_face"]
+            self.line(f"for membrane_face in range(thread, {count}, {self.layout.threads}):")
+            self.line(f"    by_numbers = {call}" if self.columns else f"    {call}")
+            for place, column in enumerate(self.columns):
+                self.line(f"    number_{place} += by_numbers[{column}]")
+            self.line("block_barrier()")
 
     def _read_of_balloon(self, write: Callable[[str], None]) -> None:
         """Write how what a row has of the balloon is read."""

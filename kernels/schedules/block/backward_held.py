@@ -18,7 +18,7 @@ from balloon_warp.kernels.schedules.launched.trace import arguments_of, looks_ar
 from balloon_warp.kernels.schedules.pieces import Piece
 from balloon_warp.kernels.schedules.writer import written_types
 
-OF_PARTICLE = ("particle", "place", "is_there", "params", "springs", *STATE)
+OF_PARTICLE = ("particle", "place", "is_there", "params", "springs", "kept", *STATE)
 """Names that a thread has bound of its particle before turns run backwards"""
 OF_FRAME = ("balloon", "origin_place", "ramp", "gas_mass", "inertia", "gain", "gas")
 """Names that may stay the same in a frame"""
@@ -186,6 +186,7 @@ class HeldBackwardWriter(BackwardBlockWriter):
                     if name in its:
                         self.line(f"put_in_tile({name}_bars, place, its_{name}_bar)")
                 self.line("block_barrier()")
+                self._turn_faces(writer, "params.n")
                 looked = True
             if writer.of_balloon:
                 self._turn_balloon(writer, lines, ahead)

@@ -11,7 +11,7 @@ from balloon_warp.kernels.schedules.block.layout import Layout
 from balloon_warp.kernels.schedules.block.notes import Notes
 from balloon_warp.kernels.schedules.launched.backward_writer import BackwardWriter
 
-KNOWN = ("thread", "first", "balloon", "points")
+KNOWN = ("thread", "first", "balloon", "points", "pulls", "area_vectors")
 """Names that the block has found before, besides handles"""
 OVER_FRAME: dict[str, int] = {"keyed": 2, "gas": 2, "gas_mass": 1}
 """Bars that add up over a frame, and how many numbers they have"""
