@@ -4,20 +4,18 @@ The block computes the frame again from its beginning, and notes where each subs
 seen of each other. Then its substeps run backwards.
 """
 
-import inspect
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
-from typing import Any, ClassVar
+from typing import Any
 
 import warp as wp
 
 from balloon_warp.kernels.adjoints.derived import constants_of
 from balloon_warp.kernels.memory import float_in, put_vector_in
 from balloon_warp.kernels.phase import STATE
-from balloon_warp.kernels.schedules.block.backward_ahead import ARGUMENTS, Ahead, OfBalloon
-from balloon_warp.kernels.schedules.block.backward_items import SUM_OF_LOADS, TurnsInBlock
-from balloon_warp.kernels.schedules.block.backward_sums import SumsOfFrame
-from balloon_warp.kernels.schedules.block.items import COUNTS
+from balloon_warp.kernels.schedules.block.backward_ahead import ARGUMENTS
+from balloon_warp.kernels.schedules.block.backward_items import TurnsInBlock
+from balloon_warp.kernels.schedules.block.backward_turns import TurnsBesideParticles
 from balloon_warp.kernels.schedules.block.layout import Layout
 from balloon_warp.kernels.schedules.block.notes import Notes
 from balloon_warp.kernels.schedules.block.sums import block_sum
@@ -27,11 +25,8 @@ from balloon_warp.kernels.schedules.pieces import Piece, Step
 from balloon_warp.kernels.schedules.writer import written_types
 from balloon_warp.kernels.warp_sums import Five
 
-Turns = Sequence[tuple[TurnsInBlock, tuple[str, ...]]]
-"""Writers of what stands between two waits, and their lines"""
 
-
-class BackwardBlockWriter(SumsOfFrame):
+class BackwardBlockWriter(TurnsBesideParticles):
     """Write the kernel of a frame backwards.
 
     Args:
@@ -46,7 +41,6 @@ class BackwardBlockWriter(SumsOfFrame):
     def __init__(self, turned: Step, again: Step, layout: Layout, columns: tuple[int, ...]):
         super().__init__(again, layout)
         self.turned, self.columns = turned, columns
-        self.called: dict[str, Any] = {}
         self.velocities = ("velocities", "velocities")
         adjoints = [each for trace in traces_of(turned) for entry in trace.entries for each in entry.adjoints]
         seen = {name for each in adjoints for name in arguments_of(each) if is_bar(name) and name.endswith("_bars")}
@@ -54,14 +48,13 @@ class BackwardBlockWriter(SumsOfFrame):
         """Values whose bars particles see of each other"""
         self.noted = Notes("notes", layout.capacity, self._noted_types())
         self.bars_of_particles = Notes("bars_of_particles", layout.capacity, self._types_of_bars())
-        self._width = 0
 
     @property
     def widths(self) -> dict[str, int]:
         """Return how many numbers or vectors a row has in each array, by its name."""
         self._written()
         words = {"notes": self.noted.words, "bars_of_particles": self.bars_of_particles.words}
-        return {**words, "all_load_sums": 1, "all_slopes": self._width}
+        return {**words, "all_load_sums": 1, "all_slopes": self.slopes}
 
     @property
     def name(self) -> str:
@@ -249,61 +242,3 @@ class BackwardBlockWriter(SumsOfFrame):
         if first:
             self.line(f"    put_in_tile(points, particle, {self.noted.read('point', 'row')})")
         self.lines += lines[1:]
-
-    def _turn_faces(self, writer: TurnsInBlock, numbers: str) -> None:
-        """Write how faces of membranes run backwards, before their particles gather what they leave."""
-        for entry, adjoint in writer.turns:
-            if adjoint.of_face is None:
-                continue
-            function = f"{entry.phase.name}_of_face"
-            self.called[function] = adjoint.of_face
-            told = inspect.signature(adjoint.of_face.func).parameters
-            call = f"{function}({', '.join(numbers if name == 'n' else name for name in told)})"
-            count = COUNTS["membrane_face"]
-            self.line(f"for membrane_face in range(thread, {count}, {self.layout.threads}):")
-            self.line(f"    by_numbers = {call}" if self.columns else f"    {call}")
-            for place, column in enumerate(self.columns):
-                self.line(f"    number_{place} += by_numbers[{column}]")
-            self.line("block_barrier()")
-
-    def _read_of_balloon(self, write: Callable[[str], None]) -> None:
-        """Write how what a row has of the balloon is read."""
-        for name in self._kept_of("balloon"):
-            write(f"{name} = all_{name}[row, 0]")
-
-    _read_anew: ClassVar[Sequence[str]] = ("first = read_params(t, world, wp.min(thread, count - 1))",)
-    """Statements that read again what stays the same in a frame"""
-
-    def _ahead_of(self, turns: Turns) -> Ahead | None:
-        """Return what writes the balloon's turns ahead, if they may be."""
-        found = [OfBalloon(lines, writer.results, writer.sums) for writer, lines in turns if writer.of_balloon]
-        if len(found) != 1 or not found[0].is_linear:
-            return None
-        types, threads = written_types(self.step), self.layout.threads
-        ahead = Ahead(found[0], types, threads, self.line, self._read_of_balloon, self._read_anew)
-        self._width = ahead.width
-        return ahead
-
-    def _turn_balloon(self, writer: TurnsInBlock, lines: Sequence[str], ahead: Ahead | None) -> None:
-        """Write what follows of the balloon from what its particles have found."""
-        for line in SUM_OF_LOADS:
-            self.line(line)
-        if ahead:
-            ahead.turn()
-            return
-        self.lines += lines
-        for name, text in writer.results.items():
-            self.line(f"found_{name}_bar = {text}")
-        for text in writer.sums:
-            target, added = text.split(" += ")
-            self.line(f"{target} += is_first * ({added})")
-
-    def _find_loads(self) -> None:
-        """Write what the gas presses with in this substep, and in the one before."""
-        self.line("load_now = all_gas_load[row, 0]")
-        self.line("load_after = wp.vec2(load_now[1], load_now[2])")
-        self.line("load_before = two_in(state.inflation_loads, world, 0)")
-        self.line("if back + 1 < t.substeps:")
-        self.line("    load_then = all_gas_load[row - 1, 0]")
-        self.line("    load_before = wp.vec2(load_then[1], load_then[2])")
-        self.line("found_pressure_bar = wp.where(back == 0, all_pressure_bar[world, 0], 0.0)")

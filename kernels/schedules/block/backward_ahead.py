@@ -1,4 +1,4 @@
-"""What belongs to the balloon backwards, for all substeps of a frame side by side, where all threads have a particle.
+"""Turns of the balloon backwards for all substeps of a frame side by side, a thread each.
 
 An adjoint is linear in bars. So what it makes of a unit of each is found ahead, a substep by each thread; once the sum
 over particles is there, all threads need only multiply. What adds up over the frame is found after its substeps, from

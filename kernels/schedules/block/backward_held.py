@@ -10,9 +10,10 @@ import warp as wp
 
 from balloon_warp.kernels.adjoint import Adjoint
 from balloon_warp.kernels.phase import STATE, VIEWS, Phase
-from balloon_warp.kernels.schedules.block.backward import BackwardBlockWriter, Turns
+from balloon_warp.kernels.schedules.block.backward import BackwardBlockWriter
 from balloon_warp.kernels.schedules.block.backward_ahead import Ahead
 from balloon_warp.kernels.schedules.block.backward_items import TurnsInBlock
+from balloon_warp.kernels.schedules.block.backward_turns import Turns
 from balloon_warp.kernels.schedules.launched.backward import writers_backwards
 from balloon_warp.kernels.schedules.launched.trace import arguments_of, looks_around
 from balloon_warp.kernels.schedules.pieces import Piece

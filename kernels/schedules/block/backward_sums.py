@@ -1,4 +1,4 @@
-"""What adds up over a frame that runs backwards, in each thread, and then over all threads of a block."""
+"""Sums over a frame that runs backwards: in each thread, and then over all threads of a block."""
 
 from collections.abc import Sequence
 
