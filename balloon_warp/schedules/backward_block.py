@@ -6,7 +6,6 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.schedules.block.backward_ahead import TYPES
 from balloon_warp.kernels.schedules.block.backward_frames import arguments_backwards, kernel_backwards, widths_of_rows
 from balloon_warp.kernels.schedules.block.layout import Layout
 from balloon_warp.kernels.schedules.block.looks import look_of
@@ -31,10 +30,10 @@ from balloon_warp.schedules.slots import kind_slots, slot_pairs, slot_table
 from balloon_warp.schedules.spring_ends import spring_ends
 from balloon_warp.schedules.tables import make_tables, world_state
 
-THREADS, REGISTERS = 256, 128
-"""Threads of a block that loop over particles, and registers of each, and of those that do not"""
-MOST_HELD = 512
-"""Largest number of threads that have a particle each"""
+THREADS, REGISTERS = 512, 128
+"""Threads of a block, and registers of each: with a particle each, if there are no more, or else in a loop"""
+REGISTERS_OF_FACES = 64
+"""Registers of threads that loop over faces of membranes, too, which wait longer"""
 MOST_SLOTS = 14
 """Largest number of springs of a particle, with what fills up, for which there are registers"""
 WARP_THREADS = 32
@@ -65,7 +64,7 @@ def layout_backwards(model: Model) -> Layout:
     threads = -(-model.particle_count // WARP_THREADS) * WARP_THREADS
     slots = kind_slots(spring_ends(model))
     few = sum(slots) <= MOST_SLOTS
-    held = few and threads <= MOST_HELD
+    held = few and threads <= THREADS
     held = held and not (features.looks_at_velocities or features.needs("face", "velocity"))
     if not held:
         threads = min(threads, THREADS)
@@ -74,7 +73,7 @@ def layout_backwards(model: Model) -> Layout:
         face = face._replace(capacity=capacity)
         return layout._replace(membrane_face=face._replace(tile=membrane_face_entries(model, face)))
     if looped:
-        return layout._replace(slots=(0, 0, 0), membrane_face=looped)
+        return layout._replace(slots=(0, 0, 0), membrane_face=looped, registers=REGISTERS_OF_FACES)
     ring = quad_rings(model) if few and features.measures_areas else None
     return layout._replace(rings=least_valence(ring) if ring else 0)
 
@@ -153,12 +152,9 @@ def rows(model: Model, steps: tuple[Step, Step], layout: Layout, room: Room) -> 
         "particle": (count, model.particle_count), "balloon": (count, model.balloon_count),
         "face": (model.world_count, model.face_count),  # which is found again
     }  # fmt: skip
-    step, types = steps[1], {"notes": wp.float32, "bars_of_particles": wp.float32, **TYPES}
-    widths = widths_of_rows(*steps, layout)
+    step, rows_of = steps[1], {"notes": count, "bars_of_particles": model.world_count}
     arrays = {
-        name: room.array((model.world_count if name == "bars_of_particles" else count, width), types[name])
-        for name, width in widths.items()
-        if name in named
+        name: room.array((rows_of[name], width), wp.float32) for name, width in widths_of_rows(*steps, layout).items()
     }
     if "all_velocities" in named:
         arrays["all_velocities"] = room.array(shapes["particle"], wp.vec3)

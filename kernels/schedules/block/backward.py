@@ -11,9 +11,8 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.adjoints.derived import constants_of
-from balloon_warp.kernels.memory import float_in, put_vector_in
+from balloon_warp.kernels.memory import put_vector_in
 from balloon_warp.kernels.phase import STATE
-from balloon_warp.kernels.schedules.block.backward_ahead import ARGUMENTS
 from balloon_warp.kernels.schedules.block.backward_items import TurnsInBlock
 from balloon_warp.kernels.schedules.block.backward_turns import TurnsBesideParticles
 from balloon_warp.kernels.schedules.block.layout import Layout
@@ -51,10 +50,8 @@ class BackwardBlockWriter(TurnsBesideParticles):
 
     @property
     def widths(self) -> dict[str, int]:
-        """Return how many numbers or vectors a row has in each array, by its name."""
-        self._written()
-        words = {"notes": self.noted.words, "bars_of_particles": self.bars_of_particles.words}
-        return {**words, "all_load_sums": 1, "all_slopes": self.slopes}
+        """Return how many numbers a row has in each array, by its name."""
+        return {"notes": self.noted.words, "bars_of_particles": self.bars_of_particles.words}
 
     @property
     def name(self) -> str:
@@ -69,7 +66,7 @@ class BackwardBlockWriter(TurnsBesideParticles):
     def _arguments(self) -> dict[str, str]:
         bars = dict.fromkeys(STATE, "vec3")
         return {
-            **super()._arguments(), **ARGUMENTS, "slot_pairs": "wp.array2d[wp.vec2]",
+            **super()._arguments(), "slot_pairs": "wp.array2d[wp.vec2]",
             "notes": "wp.array2d[float]", "bars_of_particles": "wp.array2d[float]",
             "all_velocities": "wp.array2d[wp.vec3]",
             **{f"all_{value}_bar": f"wp.array2d[{value}_type]" for value in written_types(self.step)},
@@ -85,7 +82,7 @@ class BackwardBlockWriter(TurnsBesideParticles):
         loads, totals = (block_sum(name, Five, 1, self.layout.warps) for name in ("load_bar", "bars"))
         return {
             **super().names(), **self.called, "constants_of": constants_of, "Five": Five,
-            "put_vector_in": put_vector_in, "float_in": float_in, **self.noted.names(),
+            "put_vector_in": put_vector_in, **self.noted.names(),
             **self.bars_of_particles.names(), "put_load_bar": loads.put, "total_load_bar": loads.total,
             "put_bars": totals.put, "total_bars": totals.total,
         }  # fmt: skip
@@ -199,28 +196,19 @@ class BackwardBlockWriter(TurnsBesideParticles):
         make = partial(TurnsInBlock, self.layout, self.seen, self.noted, self.bars_of_particles)
         turns = [(writer, writer.written()) for writer in writers_backwards(self.turned, self.columns, make)]
         self._begin_bars()
-        ahead = self._ahead_of(turns)
-        if ahead:
-            ahead.before()
         self.line("for back in range(t.substeps):")
         with self.indented():
             self.line("row = first_row + (t.substeps - 1 - back)")
             self.line("time_in_frame = float(t.substeps - 1 - back) * t.step_seconds")
-            self._read_of_balloon(self.line)
             if self.features.gas:
                 self._find_loads()
-            self.line("fetch_notes(notes, row - 1, thread)")
-            if ahead:
-                ahead.read()
             for number, (writer, lines) in enumerate(turns):
                 if writer.of_balloon:
-                    self._turn_balloon(writer, lines, ahead)
+                    self._turn_balloon(writer, lines)
                 else:
                     self._turn_particles(writer, lines, first=not number)
                 self.called |= writer.called
             self.line("block_barrier()")
-        if ahead:
-            ahead.after()
         with self._over("particle"):
             for name in STATE:
                 bar = self.bars_of_particles.read(name, "world")

@@ -11,7 +11,6 @@ import warp as wp
 from balloon_warp.kernels.adjoint import Adjoint
 from balloon_warp.kernels.phase import STATE, VIEWS, Phase
 from balloon_warp.kernels.schedules.block.backward import BackwardBlockWriter
-from balloon_warp.kernels.schedules.block.backward_ahead import Ahead
 from balloon_warp.kernels.schedules.block.backward_items import TurnsInBlock
 from balloon_warp.kernels.schedules.block.backward_turns import Turns
 from balloon_warp.kernels.schedules.launched.backward import writers_backwards
@@ -87,12 +86,6 @@ class HeldBackwardWriter(BackwardBlockWriter):
         """Return what the kernel is."""
         return f"A block for each world, for a frame backwards; each of {self.layout.threads} threads has a particle."
 
-    _read_anew = (
-        "params = take_place(read_params(t, world, particle), is_there)",
-        "gas = hold(state, world, balloon)",
-        "ramp = state.inflation_ramp[world, balloon]",
-    )
-
     def _note_beginning(self) -> None:
         """Write nothing: each substep notes where it begins."""
 
@@ -140,17 +133,10 @@ class HeldBackwardWriter(BackwardBlockWriter):
         make = partial(TurnsOfOne, its, known, self.layout, self.seen, self.noted, self.bars_of_particles)
         turns = [(writer, writer.written()) for writer in writers_backwards(self.turned, self.columns, make)]
         self._begin_its_bars(its)
-        ahead = self._ahead_of(turns)
-        if ahead:
-            ahead.before()
         self.line("for back in range(t.substeps):")
         with self.indented():
             self._begin_substep_back()
-            if ahead:
-                ahead.read()
-            self._turns(turns, its, ahead)
-        if ahead:
-            ahead.after()
+            self._turns(turns, its)
         self.line("if is_there:")
         for name in STATE:
             self.line(f"    put_vector_in(all_{name}_bar, world, particle, its_{name}_bar)")
@@ -161,14 +147,15 @@ class HeldBackwardWriter(BackwardBlockWriter):
         self.line("time_in_frame = float(t.substeps - 1 - back) * t.step_seconds")
         for name in (*STATE, *self._read_back):
             self.line(f"{name} = {self.noted.read(name, 'row')}")
-        self._read_of_balloon(self.line)
+        for name in self._kept_of("balloon"):
+            self.line(f"{name} = all_{name}[row, 0]")
         if self.features.gas:
             self._find_loads()
         self.known |= set(self._read_back)
         self.calls(self._found_again)
         self.line("fetch_notes(notes, row - 1, thread)")
 
-    def _turns(self, turns: Turns, its: set[str], ahead: Ahead | None) -> None:
+    def _turns(self, turns: Turns, its: set[str]) -> None:
         """Write turns, and before those that look around what they see.
 
         Nobody puts anything there while others still look: a sum in between is a barrier, too.
@@ -190,7 +177,7 @@ class HeldBackwardWriter(BackwardBlockWriter):
                 self._turn_faces(writer, "params.n")
                 looked = True
             if writer.of_balloon:
-                self._turn_balloon(writer, lines, ahead)
+                self._turn_balloon(writer, lines)
             else:
                 self.lines += lines
             self.called |= writer.called

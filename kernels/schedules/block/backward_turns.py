@@ -1,16 +1,14 @@
 """Turns of a block backwards that are not of its particles: those of its balloon, and of faces of membranes."""
 
 import inspect
-from collections.abc import Callable, Sequence
-from typing import Any, ClassVar
+from collections.abc import Sequence
+from typing import Any
 
-from balloon_warp.kernels.schedules.block.backward_ahead import Ahead, OfBalloon
 from balloon_warp.kernels.schedules.block.backward_items import SUM_OF_LOADS, TurnsInBlock
 from balloon_warp.kernels.schedules.block.backward_sums import SumsOfFrame
 from balloon_warp.kernels.schedules.block.items import COUNTS
 from balloon_warp.kernels.schedules.block.layout import Layout
 from balloon_warp.kernels.schedules.pieces import Step
-from balloon_warp.kernels.schedules.writer import written_types
 
 Turns = Sequence[tuple[TurnsInBlock, tuple[str, ...]]]
 """Writers of what stands between two waits, and their lines"""
@@ -23,8 +21,6 @@ class TurnsBesideParticles(SumsOfFrame):
         super().__init__(again, layout)
         self.called: dict[str, Any] = {}
         """Functions that turns call, by their names"""
-        self.slopes = 0
-        """Number of slopes in a row, see `Ahead`"""
 
     def _turn_faces(self, writer: TurnsInBlock, numbers: str) -> None:
         """Write how faces of membranes run backwards, before their particles gather what they leave."""
@@ -42,31 +38,10 @@ class TurnsBesideParticles(SumsOfFrame):
                 self.line(f"    number_{place} += by_numbers[{column}]")
             self.line("block_barrier()")
 
-    def _read_of_balloon(self, write: Callable[[str], None]) -> None:
-        """Write how what a row has of the balloon is read."""
-        for name in self._kept_of("balloon"):
-            write(f"{name} = all_{name}[row, 0]")
-
-    _read_anew: ClassVar[Sequence[str]] = ("first = read_params(t, world, wp.min(thread, count - 1))",)
-    """Statements that read again what stays the same in a frame"""
-
-    def _ahead_of(self, turns: Turns) -> Ahead | None:
-        """Return what writes the balloon's turns ahead, if they may be."""
-        found = [OfBalloon(lines, writer.results, writer.sums) for writer, lines in turns if writer.of_balloon]
-        if len(found) != 1 or not found[0].is_linear:
-            return None
-        types, threads = written_types(self.step), self.layout.threads
-        ahead = Ahead(found[0], types, threads, self.line, self._read_of_balloon, self._read_anew)
-        self.slopes = ahead.width
-        return ahead
-
-    def _turn_balloon(self, writer: TurnsInBlock, lines: Sequence[str], ahead: Ahead | None) -> None:
+    def _turn_balloon(self, writer: TurnsInBlock, lines: Sequence[str]) -> None:
         """Write what follows of the balloon from what its particles have found."""
         for line in SUM_OF_LOADS:
             self.line(line)
-        if ahead:
-            ahead.turn()
-            return
         self.lines += lines
         for name, text in writer.results.items():
             self.line(f"found_{name}_bar = {text}")

@@ -2,7 +2,8 @@
 
 What others look at stands in an array of its own. A row has a value's first components side by side, then all second
 ones: neighboring threads read neighboring words, and how far apart components are is known as a kernel is compiled, so
-that one address serves them all.
+that one address serves them all. They are a line more apart than particles need: an odd number of lines, so that they
+do not all fall into the same few sets of a cache.
 """
 
 from collections.abc import Mapping
@@ -26,14 +27,14 @@ class Notes:
     """
 
     def __init__(self, array: str, capacity: int, types: Mapping[str, Any]):
-        self._array, self._capacity = array, capacity
+        self._array, self._apart = array, capacity + WORDS_OF_LINE
         self._places: dict[str, tuple[int, int]] = {}
         end = 0
         for name, dtype in types.items():
             size = 1 if dtype is float else 3
             self._places[name] = end, size
             end += size
-        self.words = end * capacity
+        self.words = end * self._apart
         """Number of words of a row"""
 
     def __contains__(self, name: str) -> bool:
@@ -80,7 +81,7 @@ class Notes:
 
     def _at(self, place: int) -> str:
         begin = f"notes.data + (size_t)(unsigned int)row * {self.words}u + (unsigned int)particle"
-        return f"({begin})[{place * self._capacity}]"
+        return f"({begin})[{place * self._apart}]"
 
     def _reader(self, place: int, size: int) -> Any:
         if size == 1:
