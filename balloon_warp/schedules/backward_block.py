@@ -32,6 +32,8 @@ from balloon_warp.schedules.tables import make_tables, world_state
 
 THREADS, REGISTERS = 512, 128
 """Threads of a block, and registers of each: with a particle each, if there are no more, or else in a loop"""
+FEW_THREADS = 256
+"""Threads of a block that loop over so few particles that a multiprocessor has room for two blocks"""
 REGISTERS_OF_FACES = 64
 """Registers of threads that loop over faces of membranes, too, which wait longer"""
 MOST_SLOTS = 14
@@ -67,7 +69,7 @@ def layout_backwards(model: Model) -> Layout:
     held = few and threads <= THREADS
     held = held and not (features.looks_at_velocities or features.needs("face", "velocity"))
     if not held:
-        threads = min(threads, THREADS)
+        threads = min(threads, THREADS if model.particle_count > THREADS else FEW_THREADS)
     layout = Layout(threads, capacity, int(held), slots if few else (0, 0, 0), registers=REGISTERS)
     if face and held:
         face = face._replace(capacity=capacity)
