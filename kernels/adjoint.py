@@ -16,6 +16,9 @@ class Adjoint(NamedTuple):
     """Function of Warp; its arguments name what it needs"""
     of: tuple[str, ...]
     """Names whose bars it returns, in order: of what the phase reads, or of what it writes, to be added there"""
+    of_face: Any = None
+    """Function of a face of a membrane that runs for all faces before, and leaves at its corners what they take; it
+    returns the bar of the balloon's numbers. None if there is none"""
 
 
 class NoAdjointError(Exception):

@@ -56,6 +56,10 @@ class Look(NamedTuple):
     """Function that returns a sphere's center, velocity and radius"""
     loops: Callable[[Features], Any]
     """Loops over the forces on a particle, see `loops.net_force`"""
+    slots: tuple[int, int, int] | None = None
+    """Largest number of springs of each kind at a particle, where loops have them in slots, see `loops.slots`"""
+    ring: int = 0
+    """Least number of quads around a particle, where its slots go around it, so that area vectors follow; else 0"""
     alone: Callable[[Features], bool] = lambda features: False
     """Whether a particle's forces depend on no other particle"""
     put: Any = put_vector

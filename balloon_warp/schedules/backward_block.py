@@ -6,12 +6,11 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.phase import STATE
-from balloon_warp.kernels.schedules.block.backward import arguments_backwards, kernel_backwards
+from balloon_warp.kernels.schedules.block.backward_frames import arguments_backwards, kernel_backwards, widths_of_rows
 from balloon_warp.kernels.schedules.block.layout import Layout
 from balloon_warp.kernels.schedules.block.looks import look_of
 from balloon_warp.kernels.schedules.pieces import Step, cut, values_of
-from balloon_warp.kernels.substep import phases_of
+from balloon_warp.kernels.substep import FILMED, phases_of
 from balloon_warp.kernels.working import Working
 from balloon_warp.launching import launch_tiled
 from balloon_warp.model import Model, State
@@ -21,10 +20,25 @@ from balloon_warp.schedules.block_room import CAPACITY_STEP, most_particles
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.framing import Framing
 from balloon_warp.schedules.launches import working_arrays
+from balloon_warp.schedules.membrane_faces import (
+    membrane_face_entries,
+    membrane_face_layout,
+    membrane_face_table,
+)
+from balloon_warp.schedules.rings import least_valence, quad_rings
+from balloon_warp.schedules.slots import kind_slots, slot_pairs, slot_table
+from balloon_warp.schedules.spring_ends import spring_ends
 from balloon_warp.schedules.tables import make_tables, world_state
 
-THREADS, REGISTERS = 256, 128
-"""Threads of a block, and registers of each"""
+THREADS, REGISTERS = 512, 128
+"""Threads of a block, and registers of each: with a particle each, if there are no more, or else in a loop"""
+FEW_THREADS = 256
+"""Threads of a block that loop over so few particles that a multiprocessor has room for two blocks"""
+REGISTERS_OF_FACES = 64
+"""Registers of threads that loop over faces of membranes, too, which wait longer"""
+MOST_SLOTS = 14
+"""Largest number of springs of a particle, with what fills up, for which there are registers"""
+WARP_THREADS = 32
 BYTES_PER_PARTICLE = 48
 """Shared memory for two buffers of points, and for the bars of forces and area vectors"""
 
@@ -42,21 +56,46 @@ def fits_in_block_backwards(model: Model) -> bool:
 
 
 def layout_backwards(model: Model) -> Layout:
-    """Return the layout of a world on a block."""
-    threads = 1 if model.device.is_cpu else min(-(-model.particle_count // 32) * 32, THREADS)
+    """Return the layout of a world on a block: with a thread for each particle, or threads that loop."""
+    features = model_features(model)
     capacity = -(-model.particle_count // CAPACITY_STEP) * CAPACITY_STEP
-    return Layout(threads, capacity, registers=REGISTERS)
+    face = None if features.wears else membrane_face_layout(model, features)
+    looped = face and face._replace(areas=False)
+    if model.device.is_cpu:
+        return Layout(1, capacity, registers=REGISTERS, membrane_face=looped)
+    threads = -(-model.particle_count // WARP_THREADS) * WARP_THREADS
+    slots = kind_slots(spring_ends(model))
+    few = sum(slots) <= MOST_SLOTS
+    held = few and threads <= THREADS
+    held = held and not (features.looks_at_velocities or features.needs("face", "velocity"))
+    if not held:
+        threads = min(threads, THREADS if model.particle_count > THREADS else FEW_THREADS)
+    layout = Layout(threads, capacity, int(held), slots if few else (0, 0, 0), registers=REGISTERS)
+    if face and held:
+        face = face._replace(capacity=capacity)
+        return layout._replace(membrane_face=face._replace(tile=membrane_face_entries(model, face)))
+    if looped:
+        return layout._replace(slots=(0, 0, 0), membrane_face=looped, registers=REGISTERS_OF_FACES)
+    ring = quad_rings(model) if few and features.measures_areas else None
+    return layout._replace(rings=least_valence(ring) if ring else 0)
 
 
-def step_backwards(features: Features, layout: Layout) -> Step:
-    """Return the phases of a model, in pieces: what particles see of each other, and what they add up, is kept."""
+def steps_backwards(features: Features, layout: Layout) -> tuple[Step, Step]:
+    """Return the phases of a model in pieces, as they run backwards, and as they are computed again before.
+
+    What particles see of each other, and what they add up, is kept.
+    """
     phases, look = phases_of(features), look_of(layout, features.spheres)
     looking = (
         phase for phase in phases if not phase.light and (phase.views(features, look) or phase.item == "balloon")
     )
     sums = (phase for phase in phases if phase.sums)
     shown = [name for phase in (*looking, *sums) for name in phase.writes]
-    return cut(phases, features, look, sums_along=True, shown=shown)
+    again = phases_of(features, instead=FILMED) if layout.membrane_face else phases
+    turned, again = (
+        cut(each, features, look, doubles=not layout.held, sums_along=True, shown=shown) for each in (phases, again)
+    )
+    return turned, again
 
 
 class BlockBackward(BackwardFrames):
@@ -64,21 +103,35 @@ class BlockBackward(BackwardFrames):
 
     def __init__(self, model: Model, state: State, columns: Sequence[int]):
         features, room = model_features(model), Allocating(model.device)
-        self._layout = layout_backwards(model)
-        step, tables = step_backwards(features, self._layout), make_tables(model, features, in_block=True)
-        super().__init__(model, state, columns, step, tables, room, one_by_one=False)
+        self._layout, slots, pairs = layout_backwards(model), None, None
+        self._steps = steps_backwards(features, self._layout)
+        tables = make_tables(model, features, in_block=True)
+        tables.membranes.membrane_faces = membrane_face_table(model, self._layout.membrane_face)
+        super().__init__(model, state, columns, self._steps[0], tables, room, one_by_one=False)
         working = Working()
         for name, array in working_arrays(model, features, room).items():
             setattr(working, name, array)
         self._framing = Framing(model, features, tables, working)
-        self._given = {"t": tables, "working": working, **rows(model, step, room), **self.arrays}
+        if self._layout.held or any(self._layout.slots):
+            ring = quad_rings(model) if self._layout.rings else None
+            slots = slot_table(model, spring_ends(model), ring)
+            pairs = slot_pairs(slots)
+        self._given = {
+            "t": tables,
+            "slots": slots,
+            "slot_pairs": pairs,
+            "working": working,
+            **rows(model, self._steps, self._layout, room),
+            **self.arrays,
+        }
         self.carries_loads = features.gas and features.obstacles
-        self._kernel = kernel_backwards(step, self._layout, self.columns)
+        self._kernel = kernel_backwards(*self._steps, self._layout, self.columns)
 
     @staticmethod
     def room_of_frame(model: Model, room: Room) -> None:
         """Ask for what the substeps of a frame note."""
-        rows(model, step_backwards(model_features(model), layout_backwards(model)), room)
+        layout = layout_backwards(model)
+        rows(model, steps_backwards(model_features(model), layout), layout, room)
 
     def frame(self) -> None:
         """Launch a frame: forward, and then its substeps backwards."""
@@ -87,21 +140,31 @@ class BlockBackward(BackwardFrames):
         launch_tiled(
             self._kernel,
             dim=[self.model.world_count],
-            inputs=[given[name] for name in arguments_backwards(self.step, self._layout, self.columns)],
+            inputs=[given[name] for name in arguments_backwards(*self._steps, self._layout, self.columns)],
             block_dim=self._layout.threads,
             device=self.model.device,
         )
 
 
-def rows(model: Model, step: Step, room: Room) -> dict[str, Any]:
+def rows(model: Model, steps: tuple[Step, Step], layout: Layout, room: Room) -> dict[str, Any]:
     """Allocate what each substep of a frame notes, a row each, and one more for where it ends."""
     count = model.world_count * (model.substeps + 1)
-    vectors = {f"all_{view}": room.array((count, model.particle_count), wp.vec3) for view in STATE.values()}
+    named = arguments_backwards(*steps, layout, ())
     shapes = {
         "particle": (count, model.particle_count), "balloon": (count, model.balloon_count),
         "face": (model.world_count, model.face_count),  # which is found again
     }  # fmt: skip
-    return vectors | {
+    step, rows_of = steps[1], {"notes": count, "bars_of_particles": model.world_count}
+    arrays = {
+        name: room.array((rows_of[name], width), wp.float32) for name, width in widths_of_rows(*steps, layout).items()
+    }
+    if "all_velocities" in named:
+        arrays["all_velocities"] = room.array(shapes["particle"], wp.vec3)
+    if "membrane_face_pulls" in named and layout.membrane_face:
+        entries = membrane_face_entries(model, layout.membrane_face)
+        arrays["membrane_face_pulls"] = room.array((model.world_count, entries), wp.vec3)
+    return arrays | {
         f"all_{value}": room.array(shapes[step.owner(value)], wp.float32 if dtype is float else dtype)
         for value, dtype in values_of(step).items()
+        if f"all_{value}" in named
     }

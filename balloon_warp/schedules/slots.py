@@ -43,6 +43,16 @@ def slot_table(model: Model, ends: SpringEnds, ring: Ring | None = None) -> Any:
     return table
 
 
+def slot_pairs(table: Any) -> wp.array:
+    """Return the neighbors of a table, by their bits, and its rest lengths, in one place, where all scales are 1.
+
+    Array of wp.vec2 of shape (slot_count, particle_count).
+    """
+    neighbors, lengths = table.neighbors.numpy(), table.rest_lengths.numpy()
+    pairs = np.stack([neighbors.astype(np.int32).view(np.float32), lengths], axis=-1)
+    return wp.array(pairs, dtype=wp.vec2, device=table.neighbors.device)
+
+
 def _slots_of_kind(ends: SpringEnds, kind: int, ring: NDArray[np.int64] | None) -> tuple[NDArray, NDArray, NDArray]:
     """Return the neighbors, scales and rest lengths, each of shape (slot_count, particle_count)."""
     counts = ends.by_kind[:, kind]

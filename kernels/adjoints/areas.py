@@ -71,3 +71,42 @@ def area_adjoint(quads: bool, at: Any) -> Adjoint:
         return back(t.fans, points, area_vector_bars, params.number, point, area_vector_bar)
 
     return Adjoint(areas_adjoint, ("point",))
+
+
+@cache
+def ring_area_adjoint(shear_begin: int, least_valence: int, at: Any) -> Adjoint:
+    """Return the adjoint that gathers it around a particle whose springs are in slots, see `loops.slots.ring_area`.
+
+    Args:
+        shear_begin: slots of structural springs.
+        least_valence: quads around each particle that there are at least.
+    """
+
+    @wp.func
+    def areas_adjoint(points: Any, springs: Any, point: wp.vec3, area_vector_bar: wp.vec3, area_vector_bars: Any):
+        total = wp.vec3()
+        first = at(points, springs.neighbors[0]) - point
+        first_bar = at(area_vector_bars, springs.neighbors[0]) - area_vector_bar
+        before = first
+        before_bar = first_bar
+        for slot in range(1, shear_begin + 1):
+            across = before + (at(points, springs.neighbors[shear_begin + slot - 1]) - point)
+            across_bar = before_bar + (
+                at(area_vector_bars, springs.neighbors[shear_begin + slot - 1]) - area_vector_bar
+            )
+            after = first
+            after_bar = first_bar
+            if slot < shear_begin:
+                after = at(points, springs.neighbors[slot]) - point
+                after_bar = at(area_vector_bars, springs.neighbors[slot]) - area_vector_bar
+            end = after
+            end_bar = after_bar
+            if slot >= least_valence and slot < shear_begin:
+                end = wp.where(slot == springs.valence, first, after)
+                end_bar = wp.where(slot == springs.valence, first_bar, after_bar)
+            total = plus_cross(plus_cross(total, end_bar - before_bar, across), end - before, across_bar)
+            before = after
+            before_bar = after_bar
+        return CROSSES * total
+
+    return Adjoint(areas_adjoint, ("point",))

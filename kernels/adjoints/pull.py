@@ -6,8 +6,9 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.adjoint import Adjoint
-from balloon_warp.kernels.adjoints.areas import area_adjoint
+from balloon_warp.kernels.adjoints.areas import area_adjoint, ring_area_adjoint
 from balloon_warp.kernels.adjoints.hinges import hinge_adjoint
+from balloon_warp.kernels.adjoints.membrane_faces import membrane_faces_adjoint
 from balloon_warp.kernels.adjoints.membranes import membrane_adjoint
 from balloon_warp.kernels.adjoints.springs import spring_adjoint
 from balloon_warp.kernels.adjoints.strings import string_adjoint
@@ -22,13 +23,19 @@ def pull_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adj
     found = [_laws(features)] if features.of_kind("particle") else []
     if features.has("string"):
         found.append(string_adjoint(features))
-    found.append(spring_adjoint(features, look.at))
+    found.append(spring_adjoint(features, look.at, look.slots))
     if features.membranes:
-        found.append(membrane_adjoint(features, look.at))
+        faces = None if features.viscous else look.membrane_faces(features)
+        found.append(
+            membrane_faces_adjoint(features, faces.layout, faces.keeps_places)
+            if faces
+            else membrane_adjoint(features, look.at)
+        )
     if features.has("hinge"):
         found.append(hinge_adjoint(features, look.at))
     if features.measures_areas:
-        found.append(area_adjoint(features.quads, look.at))
+        ring = ring_area_adjoint(look.slots[0], look.ring, look.at) if look.slots and look.ring else None
+        found.append(ring or area_adjoint(features.quads, look.at))
     return found
 
 

@@ -25,6 +25,9 @@ class MembraneFaceFunctions(NamedTuple):
     loops: Loops
     keeps: Any
     """Function that reads what a thread keeps of faces as a frame begins, if it keeps any"""
+    layout: MembraneFaceLayout
+    keeps_places: bool
+    """Whether particles keep where their faces' forces stand"""
 
 
 @cache
@@ -124,4 +127,6 @@ def membrane_face_functions(
         collect,
         scalar_loops(beside, in_tile, pull, area_vector if membrane_face.areas else None),
         quads.hold if quads else None,
+        membrane_face,
+        slots is not None,
     )

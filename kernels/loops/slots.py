@@ -14,7 +14,7 @@ from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.inflation import FAR
 from balloon_warp.kernels.loops.areas import CROSSES, plus_cross_at_quad_corner
 from balloon_warp.kernels.loops.inflation_directions import normal_of_quads, see_quad
-from balloon_warp.kernels.memory import in_tile, vector_at
+from balloon_warp.kernels.memory import in_tile, two_in, vector_at
 from balloon_warp.kernels.tables import Tables
 
 
@@ -37,13 +37,16 @@ Slots = tuple[int, int, int]
 
 
 @cache
-def springs_reader(features: Features, kind_slots: Slots) -> tuple[Any, Any]:
+def springs_reader(features: Features, kind_slots: Slots, derived: bool = False) -> tuple[Any, Any]:
     """Return the type that holds a particle's springs, and the function that reads it.
 
     Where a thread has no particle, all springs lead to its place.
+
+    Args:
+        derived: whether the springs' laws are derived, which takes all of their numbers.
     """
     shear_begin, flexion_begin = kind_slots[0], kind_slots[0] + kind_slots[1]
-    slots, lengths_matter = sum(kind_slots), features.needs("spring", "rest_length")
+    slots, lengths_matter = sum(kind_slots), features.needs("spring", "rest_length") or derived
     Indices = wp.types.vector(length=max(slots, 1), dtype=wp.int32)  # noqa: N806 - a type
     Numbers = wp.types.vector(length=max(slots, 1), dtype=wp.float32)  # noqa: N806
 
@@ -54,6 +57,7 @@ def springs_reader(features: Features, kind_slots: Slots) -> tuple[Any, Any]:
         valence: wp.int32
         neighbors: Indices
         stiffness: Numbers  # where springs of a kind differ [N/m]
+        scales: Numbers  # where they differ and are derived
         tensions: Numbers  # rest length times spring constant [N]
         lengths: Numbers  # where a law names them [m]
 
@@ -74,11 +78,37 @@ def springs_reader(features: Features, kind_slots: Slots) -> tuple[Any, Any]:
             mine.tensions[slot] = stiffness * length
             if wp.static(features.springs_vary):
                 mine.stiffness[slot] = stiffness
+                mine.scales[slot] = slot_table.scales[slot, params.number]
             if wp.static(lengths_matter):
                 mine.lengths[slot] = length
         return mine
 
     return Springs, read_springs
+
+
+@cache
+def paired_reader(features: Features, kind_slots: Slots) -> Any:
+    """Return the function that reads a particle's springs from pairs, where all springs of a kind are alike."""
+    shear_begin, flexion_begin = kind_slots[0], kind_slots[0] + kind_slots[1]
+    slots = sum(kind_slots)
+    Springs, _ = springs_reader(features, kind_slots, True)  # noqa: N806 - a type
+
+    @wp.func
+    def read_pairs(slot_pairs: wp.array2d[wp.vec2], slot_table: SlotTable, params: Any):
+        """Read a particle's springs; a pair is the neighbor, by the bits, and the rest length [m]."""
+        mine = Springs()
+        mine.valence = slot_table.valences[params.number]
+        for slot in range(slots):
+            pair = two_in(slot_pairs, slot, params.number)
+            constant = wp.where(
+                slot < shear_begin, params.n[0], wp.where(slot < flexion_begin, params.n[1], params.n[2])
+            )
+            mine.neighbors[slot] = wp.cast(pair[0], wp.int32) & 0xFFFF
+            mine.tensions[slot] = constant * pair[1]
+            mine.lengths[slot] = pair[1]
+        return mine
+
+    return read_pairs
 
 
 @cache

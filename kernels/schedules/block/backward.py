@@ -5,17 +5,18 @@ seen of each other. Then its substeps run backwards.
 """
 
 from collections.abc import Sequence
-from functools import cache, partial
+from functools import partial
 from typing import Any
 
+import warp as wp
+
 from balloon_warp.kernels.adjoints.derived import constants_of
-from balloon_warp.kernels.codegen import kernel_from
 from balloon_warp.kernels.memory import put_vector_in
-from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.phase import STATE, Item
-from balloon_warp.kernels.schedules.block.backward_items import OVER_FRAME, TurnsInBlock
+from balloon_warp.kernels.phase import STATE
+from balloon_warp.kernels.schedules.block.backward_items import TurnsInBlock
+from balloon_warp.kernels.schedules.block.backward_turns import TurnsBesideParticles
 from balloon_warp.kernels.schedules.block.layout import Layout
-from balloon_warp.kernels.schedules.block.source import BlockWriter
+from balloon_warp.kernels.schedules.block.notes import Notes
 from balloon_warp.kernels.schedules.block.sums import block_sum
 from balloon_warp.kernels.schedules.launched.backward import writers_backwards
 from balloon_warp.kernels.schedules.launched.trace import arguments_of, is_bar, looks_around, traces_of
@@ -23,22 +24,34 @@ from balloon_warp.kernels.schedules.pieces import Piece, Step
 from balloon_warp.kernels.schedules.writer import written_types
 from balloon_warp.kernels.warp_sums import Five
 
-FIVE = 5
-"""Numbers that threads add up together"""
 
+class BackwardBlockWriter(TurnsBesideParticles):
+    """Write the kernel of a frame backwards.
 
-class BackwardBlockWriter(BlockWriter):
-    """Write the kernel of a frame backwards."""
+    Args:
+        turned: phases that run backwards.
+        again: the same as they are computed again, with what the others ask for kept.
+    """
 
-    def __init__(self, step: Step, layout: Layout, columns: tuple[int, ...]):
-        super().__init__(step, layout)
-        self.columns = columns
-        self.called: dict[str, Any] = {}
+    derived = True
+    velocity_row = "row"
+    """Row of the velocities that are read"""
+
+    def __init__(self, turned: Step, again: Step, layout: Layout, columns: tuple[int, ...]):
+        super().__init__(again, layout)
+        self.turned, self.columns = turned, columns
         self.velocities = ("velocities", "velocities")
-        adjoints = [each for trace in traces_of(step) for entry in trace.entries for each in entry.adjoints]
+        adjoints = [each for trace in traces_of(turned) for entry in trace.entries for each in entry.adjoints]
         seen = {name for each in adjoints for name in arguments_of(each) if is_bar(name) and name.endswith("_bars")}
         self.seen = tuple(sorted(name.removesuffix("_bars") for name in seen))
         """Values whose bars particles see of each other"""
+        self.noted = Notes("notes", layout.capacity, self._noted_types())
+        self.bars_of_particles = Notes("bars_of_particles", layout.capacity, self._types_of_bars())
+
+    @property
+    def widths(self) -> dict[str, int]:
+        """Return how many numbers a row has in each array, by its name."""
+        return {"notes": self.noted.words, "bars_of_particles": self.bars_of_particles.words}
 
     @property
     def name(self) -> str:
@@ -51,10 +64,11 @@ class BackwardBlockWriter(BlockWriter):
         return f"A block for each world, for a frame backwards; its {self.layout.threads} threads loop over particles."
 
     def _arguments(self) -> dict[str, str]:
-        vectors, bars = dict.fromkeys(STATE.values(), "vec3"), dict.fromkeys(STATE, "vec3")
+        bars = dict.fromkeys(STATE, "vec3")
         return {
-            **super()._arguments(),
-            **{f"all_{view}": f"wp.array2d[wp.{kind}]" for view, kind in vectors.items()},
+            **super()._arguments(), "slot_pairs": "wp.array2d[wp.vec2]",
+            "notes": "wp.array2d[float]", "bars_of_particles": "wp.array2d[float]",
+            "all_velocities": "wp.array2d[wp.vec3]",
             **{f"all_{value}_bar": f"wp.array2d[{value}_type]" for value in written_types(self.step)},
             **{f"all_{name}_bar": f"wp.array2d[wp.{kind}]" for name, kind in bars.items()},
             "all_load_bar": "wp.array2d[wp.vec2]", "all_pressure_bar": "wp.array2d[float]",
@@ -68,7 +82,8 @@ class BackwardBlockWriter(BlockWriter):
         loads, totals = (block_sum(name, Five, 1, self.layout.warps) for name in ("load_bar", "bars"))
         return {
             **super().names(), **self.called, "constants_of": constants_of, "Five": Five,
-            "put_vector_in": put_vector_in, "put_load_bar": loads.put, "total_load_bar": loads.total,
+            "put_vector_in": put_vector_in, **self.noted.names(),
+            **self.bars_of_particles.names(), "put_load_bar": loads.put, "total_load_bar": loads.total,
             "put_bars": totals.put, "total_bars": totals.total,
         }  # fmt: skip
 
@@ -94,6 +109,7 @@ class BackwardBlockWriter(BlockWriter):
         tiles = [*self.points[: 2 if "point" in self.step.doubled else 1], *(f"{name}_bars" for name in self.seen)]
         for tile in tiles:
             self.line(f'{tile} = wp.tile_empty(shape={self.layout.capacity}, dtype=wp.vec3, storage="shared")')
+        self._places_of_membrane_faces()
         self.line("count = state.points.shape[1]")
         self.line("first_row = world * (t.substeps + 1)")
         self.line("frame_begin = time_of(t, state.frame, 0.0)")
@@ -103,8 +119,20 @@ class BackwardBlockWriter(BlockWriter):
 
     def _note_beginning(self) -> None:
         with self._over("particle"):
-            self.line("put_vector_in(all_points, first_row, particle, in_tile(points, particle))")
-            self.line("put_vector_in(all_velocities, first_row, particle, state.velocities[world, particle])")
+            self.line(self.noted.write("point", "first_row", "in_tile(points, particle)"))
+            self.line(self.noted.write("velocity", "first_row", "state.velocities[world, particle]"))
+
+    def _noted_types(self) -> dict[str, Any]:
+        """Return the types of the numbers and vectors of particles that rows hold, unless others look at them there."""
+        types: dict[str, Any] = {**dict.fromkeys(STATE, wp.vec3), **written_types(self.step)}
+        names = [name for name in STATE if not (name == "velocity" and self.shows_velocities)]
+        return {name: types[name] for name in (*names, *self._kept_of("particle")) if types[name] in (float, wp.vec3)}
+
+    def _types_of_bars(self) -> dict[str, Any]:
+        """Return the types of the bars of particles that no other particle sees."""
+        types = {**dict.fromkeys(STATE, wp.vec3), **written_types(self.step)}
+        names = (*STATE, *(name for name in self._kept_of("particle") if name not in self.seen))
+        return {name: types[name] for name in names if types[name] in (float, wp.vec3)}
 
     def _clear_lists(self) -> None:
         for name in self._compacted:
@@ -120,18 +148,16 @@ class BackwardBlockWriter(BlockWriter):
             self.turn, self.next_turn = "substep % 2", "1 - substep % 2"
             self.line("row = first_row + substep")
             self.line("time_in_frame = float(substep) * t.step_seconds")
-            for name, array, row in (
-                *(("velocities", "velocities", "row"), ("next_velocities", "velocities", "row + 1")),
-                *(("next_points", "points", "row + 1"),),
-                *((f"each_{value}", value, "row") for value in self._kept_of("particle")),
-            ):
-                self.line(f"{name} = all_{array}[{row}]")
+            if self.shows_velocities:
+                self.line("velocities = all_velocities[row]")
+                self.line("next_velocities = all_velocities[row + 1]")
+            self.velocity_row = "row"
+            self._begin_substep()
             self._write_pieces(piece for piece in self.step.pieces if not piece.once and not piece.last)
             self._end_substep()
 
-    def _kept_of(self, item: Item) -> list[str]:
-        """Return the values of particles, or of the balloon, that each substep notes."""
-        return [value for value in self.step.kept if self.step.owner(value) == item]
+    def _begin_substep(self) -> None:
+        """Write nothing: where a substep begins, the one before has noted."""
 
     def _end_substep(self) -> None:
         """Write what is noted of the balloon, and bring points back to the tile that the next substep begins with."""
@@ -149,105 +175,58 @@ class BackwardBlockWriter(BlockWriter):
         super()._switch(piece._replace(doubles=tuple(name for name in piece.doubles if name == "point")))
         if "velocity" in piece.moves:
             self.velocities = ("next_velocities", "next_velocities")
+            self.velocity_row = "row + 1"
 
-    def _target(self, piece: Piece, name: str) -> str:
-        return "next_velocities" if name == "velocity" else super()._target(piece, name)
+    def read(self, name: str) -> str:
+        """Return how a value of a particle is read from where it was noted."""
+        return self.noted.read(name, self.velocity_row if name == "velocity" else "row")
+
+    def write(self, name: str, target: str) -> str:
+        """Return the statement that notes a value of a particle."""
+        return self.noted.write(name, "row + 1" if name == "velocity" else "row", name)
 
     def _put_particle(self, piece: Piece) -> None:
         super()._put_particle(piece)
         if "point" in piece.moves:
-            self.line("put_vector(next_points, particle, point)")
+            self.line(self.noted.write("point", "row + 1", "point"))
 
     # ---- backwards
 
-    def _begin_sums(self) -> None:
-        """Write where what adds up begins, in each thread."""
-        self.line("block_barrier()")  # one thread has noted what the balloon was last
-        self.line("# Substeps run backwards.")
-        for place in range(len(self.columns)):
-            self.line(f"number_{place} = float(0.0)")
-        for name, size in OVER_FRAME.items():
-            self.line(f"over_{name} = {'wp.vec2()' if size == 2 else 'float(0.0)'}")
-        self.line("load_part = is_first * all_load_bar[world, 0]")
-        self.line("load_before = wp.vec2()")
-        self.line("load_after = wp.vec2()")
-        self.line("found_pressure_bar = float(0.0)")
-        for value in self._kept_of("balloon"):
-            self.line(f"found_{value}_bar = {value}_type()")
-
     def _substeps_back(self) -> None:
+        make = partial(TurnsInBlock, self.layout, self.seen, self.noted, self.bars_of_particles)
+        turns = [(writer, writer.written()) for writer in writers_backwards(self.turned, self.columns, make)]
+        self._begin_bars()
         self.line("for back in range(t.substeps):")
         with self.indented():
             self.line("row = first_row + (t.substeps - 1 - back)")
             self.line("time_in_frame = float(t.substeps - 1 - back) * t.step_seconds")
-            with self._over("particle"):
-                self.line("put_in_tile(points, particle, vector_in(all_points, row, particle))")
             if self.features.gas:
                 self._find_loads()
-            make = partial(TurnsInBlock, self.layout, self.seen)
-            for writer in writers_backwards(self.step, self.columns, make):
-                if any(looks_around(adjoint) for _, adjoint in writer.turns):
-                    self.line("block_barrier()")
-                self.lines += writer.written()
+            for number, (writer, lines) in enumerate(turns):
+                if writer.of_balloon:
+                    self._turn_balloon(writer, lines)
+                else:
+                    self._turn_particles(writer, lines, first=not number)
                 self.called |= writer.called
             self.line("block_barrier()")
+        with self._over("particle"):
+            for name in STATE:
+                bar = self.bars_of_particles.read(name, "world")
+                self.line(f"put_vector_in(all_{name}_bar, world, particle, {bar})")
 
-    def _find_loads(self) -> None:
-        """Write what the gas presses with in this substep, and in the one before."""
-        self.line("load_now = all_gas_load[row, 0]")
-        self.line("load_after = wp.vec2(load_now[1], load_now[2])")
-        self.line("load_before = two_in(state.inflation_loads, world, 0)")
-        self.line("if back + 1 < t.substeps:")
-        self.line("    load_then = all_gas_load[row - 1, 0]")
-        self.line("    load_before = wp.vec2(load_then[1], load_then[2])")
-        self.line("found_pressure_bar = wp.where(back == 0, all_pressure_bar[world, 0], 0.0)")
+    def _begin_bars(self) -> None:
+        """Write what the bars of particles are at the end of a frame."""
+        with self._over("particle"):
+            for name in STATE:
+                bar = f"vector_in(all_{name}_bar, world, particle)"
+                self.line(self.bars_of_particles.write(name, "world", bar))
 
-    def _end_sums(self) -> None:
-        """Write the sums over all threads, and where they go."""
-        of_frame = {
-            "load_part": ("all_load_bar[world, 0]", 2), "over_keyed": ("all_keyed_bar_of_balloons[world, 0]", 2),
-            "over_gas": ("all_gas_bar[world, 0]", 2), "over_gas_mass": ("all_gas_mass_bar[world, 0]", 1),
-        }  # fmt: skip
-        parts = [f"{name}[{n}]" if size > 1 else name for name, (_, size) in of_frame.items() for n in range(size)]
-        parts += [f"number_{place}" for place in range(len(self.columns))]
-        found = self._summed(parts)
-        self.line("if thread == 0:")
-        with self.indented():
-            self.line("all_pressure_bar[world, 0] = 0.0")
-            for place, size in of_frame.values():
-                its, found = found[:size], found[size:]
-                self.line(f"{place} = {its[0] if size == 1 else f'wp.vec2({its[0]}, {its[1]})'}")
-            for place, total in enumerate(found):
-                self.line(f"number_bars_of_balloons[world, 0, {place}] = {total}")
-
-    def _summed(self, parts: Sequence[str]) -> list[str]:
-        """Write sums over all threads, and return their names."""
-        names = []
-        for begin in range(0, len(parts), FIVE):
-            some = parts[begin : begin + FIVE]
-            self.line(f"put_bars(thread, Five({', '.join([*some, *['0.0'] * (FIVE - len(some))])}))")
+    def _turn_particles(self, writer: TurnsInBlock, lines: Sequence[str], first: bool) -> None:
+        """Write turns of particles; the first put points where others see them."""
+        if any(looks_around(adjoint) for _, adjoint in writer.turns):
             self.line("block_barrier()")
-            self.line(f"sums_{begin} = total_bars(0)")
-            self.line("block_barrier()")
-            names += [f"sums_{begin}[{place}]" for place in range(len(some))]
-        return names
-
-
-@cache
-def kernel_backwards(step: Step, layout: Layout, columns: tuple[int, ...]) -> Any:
-    """Make the kernel of a frame backwards."""
-    writer = BackwardBlockWriter(step, layout, columns)
-    options = {**OPTIONS, "fast_math": True, "max_unroll": 16}
-    source = writer.source()
-    return kernel_from(writer.name, source, writer.names(), cuda_max_registers=layout.registers, module_options=options)
-
-
-@cache
-def arguments_backwards(step: Step, layout: Layout, columns: tuple[int, ...]) -> tuple[str, ...]:
-    """Return the names of what it takes."""
-    return BackwardBlockWriter(step, layout, columns).arguments()
-
-
-def source_backwards(step: Step, layout: Layout, columns: tuple[int, ...]) -> str:
-    """Write the kernel of a frame backwards."""
-    return BackwardBlockWriter(step, layout, columns).source()
+            self._turn_faces(writer, "first.n")
+        self.lines.append(lines[0])
+        if first:
+            self.line(f"    put_in_tile(points, particle, {self.noted.read('point', 'row')})")
+        self.lines += lines[1:]

@@ -43,13 +43,17 @@ def look_of(layout: Layout, spheres: int) -> Look:
             loops=lambda features: membrane_face_functions(features, membrane_face, slots).loops,
             membrane_faces=lambda features: membrane_face_functions(features, membrane_face, slots),
         )
-    elif layout.held:
-        look = look._replace(loops=held_loops(layout.slots, layout.rings))
+    elif layout.held or any(layout.slots):
+        look = look._replace(loops=held_loops(layout.slots, layout.rings), slots=layout.slots, ring=layout.rings)
     return look._replace(velocity_at=in_tile, put_velocity=put_in_tile) if "velocity" in layout.tiles else look
 
 
-def reader_of_springs(features: Features, layout: Layout) -> Any:
-    """Return the function that reads what a particle keeps of its springs, and of its faces."""
+def reader_of_springs(features: Features, layout: Layout, derived: bool = False) -> Any:
+    """Return the function that reads what a particle keeps of its springs, and of its faces.
+
+    Args:
+        derived: whether it is read for derivatives, too.
+    """
     if layout.membrane_face:
         return kept_springs(features, layout.membrane_face, layout.slots)[1]
-    return springs_reader(features, layout.slots)[1]
+    return springs_reader(features, layout.slots, derived)[1]

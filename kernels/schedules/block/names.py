@@ -80,7 +80,11 @@ class NamesInBlock(Writer):
         anywhere = {
             "time": ("", "frame_begin + time_in_frame"),
             "end": ("", "time_in_frame + t.step_seconds"),
-            "springs": ("", "working"),  # they are read from tables
+            "springs": (
+                ("params", self.springs_in_slots)
+                if any(self.layout.slots)
+                else ("", "working")  # they are read from tables
+            ),
         }
         if name in anywhere:
             return anywhere[name]
@@ -126,6 +130,13 @@ class NamesInBlock(Writer):
             return ("", self.read(name)) if of_particle else ("balloon", f"all_{name}[world, {balloon}]")
         number = self.number_at(name, params)
         return ("params", number[1]) if number else None
+
+    @property
+    def springs_in_slots(self) -> str:
+        """Return the text that reads the springs of the particle at hand of a loop."""
+        if self.features.springs_vary:
+            return "read_springs(t, slots, params, particle, True)"
+        return "read_pairs(slot_pairs, slots, params)"
 
     @property
     def number(self) -> str:

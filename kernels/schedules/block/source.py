@@ -14,7 +14,7 @@ import warp as wp
 from balloon_warp.kernels.codegen import kernel_from
 from balloon_warp.kernels.contact.free_frames import BUSY, FREE
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.loops.slots import SlotTable
+from balloon_warp.kernels.loops.slots import SlotTable, paired_reader
 from balloon_warp.kernels.memory import in_tile, put_in_tile, put_vector, vector_at
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.params import params_beside_function, params_functions
@@ -35,6 +35,9 @@ TURNS = {"substep": ("substep % 2", "1 - substep % 2"), "2 * pair + 1": ("1", "0
 
 class BlockWriter(StateInBlock):
     """Write the source of the kernel."""
+
+    derived = False
+    """Whether what the kernel finds is derived"""
 
     @property
     def name(self) -> str:
@@ -75,8 +78,10 @@ class BlockWriter(StateInBlock):
             "read_params_beside": params_beside_function(self.features.columns, self.features.balloons),
             "take_place": place_function(self.features), "load_in": load_in,
         }  # fmt: skip
-        if self.layout.held:
-            names["read_springs"] = reader_of_springs(self.features, self.layout)
+        if self.layout.held or any(self.layout.slots):
+            names["read_springs"] = reader_of_springs(self.features, self.layout, self.derived)
+        if any(self.layout.slots) and not self.layout.held:
+            names["read_pairs"] = paired_reader(self.features, self.layout.slots)
         if self.layout.membrane_face and self.layout.membrane_face.quads:
             names["hold_membrane_faces"] = self.step.look.membrane_faces(self.features).keeps
         if self.features.spheres:
@@ -139,13 +144,7 @@ class BlockWriter(StateInBlock):
         tiles += [self.home(name) for name in layout.tiles]
         for tile in tiles:
             self.line(f'{tile} = wp.tile_empty(shape={layout.capacity}, dtype=wp.vec3, storage="shared")')
-        if layout.membrane_face and layout.membrane_face.tile:
-            areas = layout.membrane_face.tile if layout.membrane_face.areas else 1
-            self.line(f'pulls = wp.tile_empty(shape={layout.membrane_face.tile}, dtype=wp.vec4, storage="shared")')
-            self.line(f'area_vectors = wp.tile_empty(shape={areas}, dtype=wp.vec2, storage="shared")')
-        elif layout.membrane_face:
-            self.line("pulls = membrane_face_pulls[world]")
-            self.line("area_vectors = membrane_face_pulls[world]")
+        self._places_of_membrane_faces()
         if "velocity" not in layout.tiles:
             self.line("velocities = state.velocities[world]")
             self.line("new_velocities = second_velocities[world]")
@@ -157,6 +156,17 @@ class BlockWriter(StateInBlock):
         self.line("frame_begin = time_of(t, state.frame, 0.0)")
         self.line("time_in_frame = float(0.0)")
         self.known.add("time_in_frame")
+
+    def _places_of_membrane_faces(self) -> None:
+        """Write where faces of membranes leave what they do to their corners."""
+        membrane_face = self.layout.membrane_face
+        if membrane_face and membrane_face.tile:
+            areas = membrane_face.tile if membrane_face.areas else 1
+            self.line(f'pulls = wp.tile_empty(shape={membrane_face.tile}, dtype=wp.vec4, storage="shared")')
+            self.line(f'area_vectors = wp.tile_empty(shape={areas}, dtype=wp.vec2, storage="shared")')
+        elif membrane_face:
+            self.line("pulls = membrane_face_pulls[world]")
+            self.line("area_vectors = membrane_face_pulls[world]")
 
     def _forget_times(self) -> None:
         """Find times anew in each substep: what happens once a frame has found those of its beginning."""

@@ -115,7 +115,7 @@ class BackwardWriter(PieceWriter):
         (name,) = (name for name, each in entry.writes.items() if each == variable)
         if name in self.step.kept and not entry.phase.light:
             self.known.add(variable)
-            self.line(f"{variable} = all_{name}[{self.row}, {self._owner(name)}]")
+            self.line(f"{variable} = {self.noted(name, self._owner(name))}")
             return variable
         inputs = [self.have(each) for each in entry.reads.values()]
         self.called[entry.phase.name] = entry.phase.function(self.step.features, self.step.look)
@@ -203,6 +203,10 @@ class BackwardWriter(PieceWriter):
 
     row = "world"
     """Index of what was found on the way forward"""
+
+    def noted(self, name: str, owner: str) -> str:
+        """Return the text that finds what the way forward has noted of an item or of its balloon."""
+        return f"all_{name}[{self.row}, {owner}]"
 
     def bar_at(self, name: str, owner: str) -> str:
         """Return the text that finds a bar that others have found, of an item or of its balloon."""

@@ -1,0 +1,60 @@
+"""Turns of a block backwards that are not of its particles: those of its balloon, and of faces of membranes."""
+
+import inspect
+from collections.abc import Sequence
+from typing import Any
+
+from balloon_warp.kernels.schedules.block.backward_items import SUM_OF_LOADS, TurnsInBlock
+from balloon_warp.kernels.schedules.block.backward_sums import SumsOfFrame
+from balloon_warp.kernels.schedules.block.items import COUNTS
+from balloon_warp.kernels.schedules.block.layout import Layout
+from balloon_warp.kernels.schedules.pieces import Step
+
+Turns = Sequence[tuple[TurnsInBlock, tuple[str, ...]]]
+"""Writers of what stands between two waits, and their lines"""
+
+
+class TurnsBesideParticles(SumsOfFrame):
+    """Write turns of the balloon and of faces."""
+
+    def __init__(self, again: Step, layout: Layout):
+        super().__init__(again, layout)
+        self.called: dict[str, Any] = {}
+        """Functions that turns call, by their names"""
+
+    def _turn_faces(self, writer: TurnsInBlock, numbers: str) -> None:
+        """Write how faces of membranes run backwards, before their particles gather what they leave."""
+        for entry, adjoint in writer.turns:
+            if adjoint.of_face is None:
+                continue
+            function = f"{entry.phase.name}_of_face"
+            self.called[function] = adjoint.of_face
+            told = inspect.signature(adjoint.of_face.func).parameters
+            call = f"{function}({', '.join(numbers if name == 'n' else name for name in told)})"
+            count = COUNTS["membrane_face"]
+            self.line(f"for membrane_face in range(thread, {count}, {self.layout.threads}):")
+            self.line(f"    by_numbers = {call}" if self.columns else f"    {call}")
+            for place, column in enumerate(self.columns):
+                self.line(f"    number_{place} += by_numbers[{column}]")
+            self.line("block_barrier()")
+
+    def _turn_balloon(self, writer: TurnsInBlock, lines: Sequence[str]) -> None:
+        """Write what follows of the balloon from what its particles have found."""
+        for line in SUM_OF_LOADS:
+            self.line(line)
+        self.lines += lines
+        for name, text in writer.results.items():
+            self.line(f"found_{name}_bar = {text}")
+        for text in writer.sums:
+            target, added = text.split(" += ")
+            self.line(f"{target} += is_first * ({added})")
+
+    def _find_loads(self) -> None:
+        """Write what the gas presses with in this substep, and in the one before."""
+        self.line("load_now = all_gas_load[row, 0]")
+        self.line("load_after = wp.vec2(load_now[1], load_now[2])")
+        self.line("load_before = two_in(state.inflation_loads, world, 0)")
+        self.line("if back + 1 < t.substeps:")
+        self.line("    load_then = all_gas_load[row - 1, 0]")
+        self.line("    load_before = wp.vec2(load_then[1], load_then[2])")
+        self.line("found_pressure_bar = wp.where(back == 0, all_pressure_bar[world, 0], 0.0)")
