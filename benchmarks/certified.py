@@ -26,7 +26,7 @@ from balloon_warp.scene import Scene, Touch, load_scene
 from balloon_warp.simulator import Simulator
 from balloon_warp.warp_logging import quiet_warp
 
-SCENES = ("balloon_pit", "press", "knot", "packed", "airbag")
+SCENES = ("balloon_pit", "press", "table", "knot", "packed", "airbag")
 EIGHT = ContactCase("eight", "gather", 1, "touch", near=True)
 """Eight balloons in a box that is too small for them"""
 FRAMES_OF_STAGE = 250

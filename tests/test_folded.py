@@ -11,6 +11,7 @@ from touching import VACUUM
 from balloon_warp.foil.make import foil_mesh
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import signed_volume
+from balloon_warp.mesh.piercing import find_piercings
 from balloon_warp.mesh.triangles import triangles_of
 from balloon_warp.model.folded import is_folded, is_stacked
 from balloon_warp.model.meeting_edges import edges_by_leaf, meeting_edges
@@ -25,21 +26,7 @@ LIMP = Stiffness(structural=50.0, shear=25.0, flexion=0.0)
 
 def crossings(points: np.ndarray, mesh: PolygonMesh) -> int:
     """Return the number of edges that pierce triangles with which they share no corner, in float64."""
-    triangles = triangles_of(mesh)
-    edges = np.unique(np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
-    found = 0
-    a, b, c = points[triangles].swapaxes(0, 1)
-    normals = np.cross(b - a, c - a)
-    for first, second in edges:
-        apart = ~np.isin(triangles, (first, second)).any(axis=1)
-        heights = [((points[end] - a) * normals).sum(axis=1) for end in (first, second)]
-        part = heights[0] / np.where(heights[0] == heights[1], np.inf, heights[0] - heights[1])
-        there = points[first] + part[:, None] * (points[second] - points[first])
-        inside = heights[0] * heights[1] < 0.0
-        for start, end in ((a, b), (b, c), (c, a)):
-            inside &= (np.cross(end - start, there - start) * normals).sum(axis=1) > 0.0
-        found += int((inside & apart).sum())
-    return found
+    return len(find_piercings(points.astype(np.float64), triangles_of(mesh)).triangles)
 
 
 def zigzag(folds: int, gap: float) -> PolygonMesh:
@@ -111,13 +98,15 @@ def test_layers_of_a_folded_strip_keep_apart(device: str):
 
 
 def test_layers_that_fall_on_the_ground_keep_apart(device: str):
-    """Layers of a folded strip that falls flat on the ground at 2 m/s do not cross, and none is pushed into the ground:
-    taken out of it later, it would go through what lies on it, at 18 places."""
+    """Layers of a folded strip that falls flat on the ground at 4 m/s do not cross, and none is pushed into the ground.
+
+    Taken out of it later, it would go through what lies on it; with room for 8 pairs of each edge, at 227 places.
+    """
     mesh = zigzag(6, 0.002)
     flat = replace(mesh, points=mesh.points[:, [0, 2, 1]] * [1.0, 1.0, -1.0])
     strip = Balloon(
         mesh=flat, mass=0.02, stiffness=LIMP, inflation=Inflation(pressure=0.0), damping=0.0,
-        position=(0.0, 0.001, 0.0), velocity=(0.0, -2.0, 0.0),
+        position=(0.0, 0.001, 0.0), velocity=(0.0, -4.0, 0.0),
     )  # fmt: skip
     scene = Scene(
         balloon=[strip], touch=Touch(itself=True, thickness=0.001, stiffness=500.0), ground=Ground(), substeps=12,

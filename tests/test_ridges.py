@@ -251,3 +251,8 @@ def test_whether_faces_meet_is_yes_no_or_auto() -> None:
     scene = Scene(balloon=[ball(3)], faces=True, **THINGS["rod"])
     with pytest.raises(InputError, match="faces"):
         load_scene(scene, {"faces": "perhaps"})
+    meet = []
+    for turn in ((0.0, 0.0, 0.0), (0.0, 30.0, 20.0), (0.0, 0.0, 45.0), (45.0, 0.0, 35.26)):
+        thick = Obstacle(size=(2.0, 2.0, 2.0), rotation=turn, position=(0.0, -3.0, 0.0))
+        meet.append(bool(plan_model(Scene(balloon=[ball(6)], obstacle=[thick])).ridges))
+    assert meet == [False, False, True, True]

@@ -4,8 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.mesh.corners import corner_faces, face_starts
-from balloon_warp.mesh.geometry import face_vector_areas, total_area, triangulate
+from balloon_warp.mesh.geometry import face_vector_areas, total_area
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
+from balloon_warp.mesh.samples import even_samples
 from balloon_warp.mesh.thickness import length_graph, relative_thickness
 from balloon_warp.mesh.topology import is_closed, mesh_edges
 
@@ -36,7 +37,7 @@ def nears_itself(mesh: PolygonMesh, stretch: float) -> bool:
 
     if not is_closed(mesh_edges(mesh)) or not total_area(mesh) or _is_convex(mesh):
         return False
-    points, normals, vertices = _samples(mesh)
+    points, normals, vertices = even_samples(mesh, SAMPLES)
     most = GROWTH * stretch * float(np.sqrt(total_area(mesh) / (4.0 * np.pi)))
     pairs = KDTree(points).query_pairs(2.0 * most, output_type="ndarray")
     pairs = pairs[np.einsum("ij,ij->i", normals[pairs[:, 0]], normals[pairs[:, 1]]) < FACING]
@@ -67,26 +68,6 @@ def _is_convex(mesh: PolygonMesh) -> bool:
     highest = np.maximum.reduceat(corners, face_starts(mesh))
     above = normals @ mesh.points[np.unique(mesh.face_vertex_indices)].T - highest[:, None]
     return bool(above.max() <= ROUNDING * total_area(mesh) ** 1.5)
-
-
-def _samples(mesh: PolygonMesh) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.integer]]:
-    """Return samples of the surface, shape (N, 3), their normals, and the vertices next to them, shape (N,).
-
-    As many for each triangle as its area has, in a fixed order (the golden ratio's, within a triangle).
-    """
-    triangles, _ = triangulate(mesh)
-    corners = mesh.points[triangles]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    areas = np.linalg.norm(normals, axis=1)
-    ends = np.cumsum(areas) / areas.sum()
-    places = (np.arange(SAMPLES) + 0.5) / SAMPLES
-    chosen = np.minimum(np.searchsorted(ends, places), len(areas) - 1)
-    u, v = (places * SAMPLES * 0.7548776662) % 1.0, (places * SAMPLES * 0.5698402910) % 1.0
-    u, v = np.where(u + v > 1.0, 1.0 - u, u), np.where(u + v > 1.0, 1.0 - v, v)
-    weights = np.stack([1.0 - u - v, u, v], axis=1)
-    points = np.einsum("nc,nci->ni", weights, corners[chosen])
-    nearest = triangles[chosen, weights.argmax(axis=1)]
-    return points, normals[chosen] / areas[chosen, None], nearest
 
 
 def _are_far_along(

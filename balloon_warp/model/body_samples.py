@@ -70,24 +70,25 @@ def _of_capsule(solid: ObstacleShape, up: NDArray[np.float64]) -> Samples:
 
 
 def _of_mesh(solid: ObstacleShape) -> Samples:
-    """Return some of a mesh's vertices as samples, those of its convex hull first."""
+    """Return some of a mesh's vertices as samples, those of its convex hull first: on something flat it stands on them.
+
+    Of many vertices all that are on the hull are chosen, and of the others those far from each other.
+    """
     from scipy.spatial import ConvexHull, QhullError  # takes long to load
 
     assert solid.mesh is not None  # as its kind says
-    chosen = _spread(solid.mesh.points, np.unique(solid.mesh.face_vertex_indices))
-    points, outermost = solid.mesh.points[chosen], len(chosen)
+    points, used = solid.mesh.points, np.unique(solid.mesh.face_vertex_indices)
     try:
-        hull = np.sort(ConvexHull(points).vertices)
-        outermost = len(hull)
-        order = np.concatenate([hull, np.setdiff1d(np.arange(len(chosen)), hull)])
-        chosen, points = chosen[order], points[order]
-    except QhullError:
-        pass  # it is flat
-    radii = np.zeros(len(chosen))
+        hull = used[np.sort(ConvexHull(points[used]).vertices)]
+    except QhullError:  # it is flat
+        hull = used
+    first = _spread(points, hull, hull[:0])
+    rest = np.setdiff1d(used, hull)
+    chosen = np.concatenate([first, _spread(points, rest, first)])
+    balls, radii = points[chosen], np.zeros(len(chosen))
     if solid.closed:
-        points, radii = _rounded(solid, chosen)
-    balls = _balls(points, radii + solid.thickness)
-    return Samples(balls, outermost, len(balls))
+        balls, radii = _rounded(solid, chosen)
+    return Samples(_balls(balls, radii + solid.thickness), len(first), len(chosen))
 
 
 def _rounded(solid: ObstacleShape, chosen: NDArray[np.integer]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -121,14 +122,19 @@ def _balls(points: NDArray[np.float64], radii: NDArray[np.float64] | float) -> N
     return np.concatenate([points, np.broadcast_to(np.reshape(radii, (-1, 1)), (len(points), 1))], axis=1)
 
 
-def _spread(points: NDArray[np.float64], used: NDArray[np.integer]) -> NDArray[np.integer]:
-    """Return some of many points, each as far as possible from those before it."""
-    if len(used) <= MOST_SAMPLES:
-        return used
-    places = points[used]
-    chosen = [int(np.linalg.norm(places, axis=1).argmax())]
-    distances = np.linalg.norm(places - places[chosen[0]], axis=1)
-    while len(chosen) < MOST_SAMPLES:
+def _spread(
+    points: NDArray[np.float64], among: NDArray[np.integer], before: NDArray[np.integer]
+) -> NDArray[np.integer]:
+    """Return as many of some points as there is room for, each as far as possible from those before it."""
+    room = MOST_SAMPLES - len(before)
+    if len(among) <= room:
+        return among
+    places = points[among]
+    chosen = [] if len(before) else [int(np.linalg.norm(places, axis=1).argmax())]
+    distances = np.full(len(among), np.inf)
+    for place in (*points[before], *places[chosen]):
+        distances = np.minimum(distances, np.linalg.norm(places - place, axis=1))
+    while len(chosen) < room:
         chosen.append(int(distances.argmax()))
         distances = np.minimum(distances, np.linalg.norm(places - places[chosen[-1]], axis=1))
-    return used[chosen]
+    return among[chosen]

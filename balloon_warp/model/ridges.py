@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 from balloon_warp.mesh.geometry import face_vector_areas
 from balloon_warp.mesh.polygon_mesh import PolygonMesh
 from balloon_warp.model.bodies import BodyShape
+from balloon_warp.model.obstacle_motion import obstacle_motion
 from balloon_warp.model.obstacles import ObstacleShape
 from balloon_warp.model.shape import BalloonShape
+from balloon_warp.model.thinness import is_thin
 from balloon_warp.model.touch import THICKNESS, edge_length
 from balloon_warp.scene import Scene
 
@@ -23,6 +25,8 @@ FLAT = 0.2
 """Turn of a surface within an edge of a balloon [rad], up to which faces follow it within the thickness of a skin"""
 THIN = 5.0
 """Width of a solid, in mean edges of a balloon, below which it also touches faces"""
+LEVEL = 0.6
+"""Slope of the most level side of a box [rad], from which on the box stands on an edge or a corner"""
 KEPT = 0.5
 """Distance that faces keep from ridges, over the thickness of a skin"""
 BOX_SIGNS = np.array([(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
@@ -49,24 +53,23 @@ NO_RIDGES = Ridges(np.zeros((0, 2, 3)), np.zeros((0, 2, 3)), 0.0, np.zeros(0, np
 def faces_meet(
     scene: Scene, shapes: Sequence[BalloonShape], obstacles: Sequence[ObstacleShape], bodies: Sequence[BodyShape]
 ) -> bool:
-    """Return whether faces of balloons touch ridges: the scene says so, or something is thin beside them."""
+    """Return whether faces of balloons touch ridges: the scene says so, or something is thin beside them, or tilted."""
     solids = solids_of(obstacles, bodies)
     if scene.faces is True or not scene.faces_may_meet:
         return scene.faces_may_meet and any(solid.kind != "plane" for solid in solids)
     widest = max(edge_length(shape.mesh) for shape in shapes)
-    return any(extent_of(solid) < THIN * widest for solid in solids)
+    return any(is_thin(solid, THIN * widest) for solid in solids) or _any_on_edge(scene, obstacles)
 
 
-def extent_of(solid: ObstacleShape) -> float:
-    """Return the least width of a solid [m]; zero for a sheet, and infinite for a plane."""
-    if solid.kind == "box":
-        return 2.0 * float(solid.size.min())
-    if solid.kind == "capsule":
-        return 2.0 * float(solid.size[0])
-    if solid.mesh is None:
-        return np.inf
-    points = solid.mesh.points[np.unique(solid.mesh.face_vertex_indices)]
-    return float(np.ptp(points, axis=0).min()) if solid.closed else 0.0
+def _any_on_edge(scene: Scene, obstacles: Sequence[ObstacleShape]) -> bool:
+    """Return whether a box stands on an edge or a corner at the start: what falls on it meets such first."""
+    boxes = [number for number, solid in enumerate(obstacles) if solid.kind == "box"]
+    if not boxes:
+        return False
+    from scipy.spatial.transform import Rotation  # takes long to load
+
+    turns = Rotation.from_quat(obstacle_motion(scene)[0][boxes, 3:])
+    return bool((np.abs(turns.inv().apply(np.array(scene.up))).max(axis=1) < np.cos(LEVEL)).any())
 
 
 def solids_of(obstacles: Sequence[ObstacleShape], bodies: Sequence[BodyShape]) -> list[ObstacleShape]:

@@ -26,8 +26,9 @@ BOX_THREADS = 128
 """Threads that loop over the particles of a balloon on a GPU"""
 MEET_THREADS = 32
 """Threads that loop over the balloons of a world on a GPU"""
-LEAST_CATCHES, CATCHES = 256, 8
-"""Least number of pairs of edges that a world has room for in a substep, and number for each edge"""
+CATCHES, MOST_CATCHES, ROOMY = 8, 32, 32_768
+"""Number of pairs that a world has room for in a substep, for each edge: in a packet of layers all of its edges, and
+particles, are near many others, and so a world has room for all that may be listed, up to `ROOMY` pairs"""
 PART_THREADS = 512
 """Threads that loop over the parts of a world on a GPU"""
 
@@ -121,7 +122,7 @@ def edge_count(model: Model, features: Features) -> int:
 def catch_count(model: Model, features: Features) -> int:
     """Return the number of pairs of edges for which a world has room in a substep."""
     edges = edge_count(model, features)
-    return max(LEAST_CATCHES, CATCHES * edges) if edges else 0
+    return max(CATCHES * edges, min(MOST_CATCHES * edges, ROOMY))
 
 
 def touch_arrays(model: Model, features: Features, room: Room) -> dict[str, Any]:

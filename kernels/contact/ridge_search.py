@@ -17,6 +17,9 @@ FAR_OFF = wp.constant(1.0e18)
 """Distance beyond all others [m]"""
 FAST = wp.constant(2.0)
 """Least number of substeps that a search is valid for, at the highest speed"""
+LASTING, FARTHEST, DENSE = wp.constant(12.0), wp.constant(4.0), wp.constant(512)
+"""Number of substeps that a search lasts where it need look no farther for that than some usual distances, and there
+are fewer ridges than that: of a mesh of many, too many pairs would be near"""
 
 
 @wp.func
@@ -176,6 +179,8 @@ def ridge_search_function(features: Features) -> Any:
         block_barrier()
         if left < way:
             margin = wp.max(t.ridges.margin, FAST * way)
+            if t.ridges.ridges.shape[0] < DENSE:
+                margin = wp.max(margin, wp.min(LASTING * way, FARTHEST * t.ridges.margin))
             if thread == 0:
                 working.ridge_counts[world, 0] = 0
                 for sphere in range(working.ridge_radii.shape[1]):

@@ -91,8 +91,8 @@ class Scene(Table):
     paper); or "impulse", the momentum that the particle loses, which conserves momentum and adds no energy"""
     faces: bool | Literal["auto"] = "auto"
     """Contact of balloon faces, not only of particles, with edges and corners of obstacles and bodies, with capsules,
-    and with spheres: small ones, and with `contact = "impulse"` all; "auto" where an obstacle, a body or a sphere is
-    thin compared with faces"""
+    and with spheres: small ones, and with `contact = "impulse"` all; "auto" where an obstacle, a body, a part of one or
+    a sphere is thin compared with faces, and where a box has no side that is nearly level"""
     contacts: bool = False
     """Record contact forces, torques, areas and pressures of each pair, in frames and in the stage"""
     net_forces: bool = False

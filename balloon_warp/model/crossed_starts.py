@@ -1,0 +1,69 @@
+"""Sentences on balloons that start crossed, where touching cannot push them apart."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from balloon_warp.mesh.piercing import find_piercings
+from balloon_warp.mesh.triangles import triangles_of
+from balloon_warp.model.parameters import Parameters
+from balloon_warp.model.shape import BalloonShape
+from balloon_warp.model.starts import start_of
+from balloon_warp.scene import Scene
+
+MOST_TRIANGLES = 100_000
+"""Largest number of triangles that are looked at, so that a look takes seconds at most"""
+
+
+def crossed_starts(scene: Scene, shapes: Sequence[BalloonShape], parameters: Parameters) -> list[str]:
+    """Return a sentence for each balloon that crosses itself at the start of the first world, and touches itself.
+
+    And one for each two that cross and touch, of which one is open. Closed ones that overlap are pushed apart.
+    """
+    if not scene.touches or sum(shape.mesh.face_count for shape in shapes) > MOST_TRIANGLES:
+        return []
+    first = {name: parameters[name][:1] for name in ("initial_turns", "initial_shifts")}
+    starts = [start_of(scene, first, number, shape.mesh.points)[0] for number, shape in enumerate(shapes)]
+    if scene.touches_itself:
+        which: list[tuple[int, ...]] = [(number,) for number in range(len(shapes))]
+    else:
+        which = []
+    which += _overlapping(shapes, starts)
+    found = (_sentence(numbers, shapes, starts) for numbers in which)
+    return [sentence for sentence in found if sentence]
+
+
+def _overlapping(shapes: Sequence[BalloonShape], starts: Sequence[NDArray[np.float64]]) -> Iterator[tuple[int, int]]:
+    """Yield pairs of balloons, one of them open, whose boxes overlap."""
+    lows, highs = (np.array([bound(points, axis=0) for points in starts]) for bound in (np.min, np.max))
+    for number, shape in enumerate(shapes):
+        for other in range(number):
+            apart = (lows[number] > highs[other]) | (lows[other] > highs[number])
+            if not apart.any() and not (shape.closed and shapes[other].closed):
+                yield other, number
+
+
+def _sentence(
+    numbers: tuple[int, ...], shapes: Sequence[BalloonShape], starts: Sequence[NDArray[np.float64]]
+) -> str | None:
+    """Return what crosses of one balloon, or of two, in words; None if nothing does."""
+    triangles = [triangles_of(shapes[number].mesh) for number in numbers]
+    counts = [len(starts[number]) for number in numbers]
+    points = np.concatenate([starts[number] for number in numbers])
+    found = find_piercings(points, np.concatenate([triangles[0], *(each + counts[0] for each in triangles[1:])]))
+    edges_of_first, faces_of_first = found.edges[:, 0] < counts[0], found.triangles < len(triangles[0])
+    those = np.flatnonzero((edges_of_first != faces_of_first) | (len(numbers) == 1))
+    if not len(those):
+        return None
+    worst = those[found.depths[those].argmax()]
+    names = [shapes[number].name for number in numbers]
+    who = f"{names[0]} crosses itself" if len(names) == 1 else f"{names[0]} and {names[1]} cross"
+    faces = len(np.unique(found.triangles[those]))
+    place = ", ".join(f"{x:.3g}" for x in found.places[worst])
+    passes = "touch.itself = false lets it pass" if len(names) == 1 else "touch.balloons = false lets them pass"
+    return (
+        f"touch: {who} at the start: edges go through {faces:,} face{'s' if faces > 1 else ''}, deepest by "
+        f"{found.depths[worst]:.2g} m at ({place}), and contact keeps what has crossed so; expected layers apart by "
+        f"touch.thickness: move them apart, or {passes} through"
+    )
