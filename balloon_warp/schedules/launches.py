@@ -11,6 +11,7 @@ from balloon_warp.kernels.contact.near import mark_count
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.phase import STATE, Item
 from balloon_warp.kernels.schedules.launched.few import acts_on_few, asked_ahead
+from balloon_warp.kernels.schedules.launched.wide import widen_points
 from balloon_warp.kernels.schedules.launched.source import ITEMS_OF_LIST, ITEMS_OF_PART, Part, arguments_of, kernel_of
 from balloon_warp.kernels.schedules.pieces import Piece, Step, values_of
 from balloon_warp.kernels.working import Working
@@ -78,6 +79,7 @@ class Launches:
             setattr(self.working, name, array)
         self.values, self._parts, self._second = step_arrays(model, step, room)
         """Values that live from one piece to another, by name"""
+        self._wide = wide_arrays(model, step, room)
         offsets = np.asarray(tables.correction.color_offsets.numpy())
         self._colors = list(zip(offsets[:-1].tolist(), np.diff(offsets).tolist(), strict=True))
         """First and count of the springs of each color, for correction"""
@@ -87,6 +89,7 @@ class Launches:
         """Ask for all memory that it keeps."""
         working_arrays(model, step.features, room)
         step_arrays(model, step, room)
+        wide_arrays(model, step, room)
 
     def beside(self, model: Model, tables: Any) -> Self:
         """Return the same for another world of the same batch, with the same memory."""
@@ -105,6 +108,9 @@ class Launches:
         """Execute a substep, and return where particles are then."""
         if substep == 0 and self.step.features.ridges:
             self.working.ridge_budgets.zero_()  # others may have moved all since the last frame
+        if substep == 0 and self.step.wide:
+            points = now[0]
+            launch(widen_points, points.shape, [points, self.seen(state, points)], device=self.model.device)
         return self.execute(state, substep, substep * self.model.step_seconds, now)
 
     def execute(
@@ -124,6 +130,10 @@ class Launches:
                 now = self._launch(piece, state, time_in_frame, now)
         return now
 
+    def seen(self, state: State, points: wp.array) -> wp.array:
+        """Return the points as others see them: wide where they are kept so."""
+        return self._wide[points is not state.points] if self._wide else points
+
     def _launch(self, piece: Piece, state: State, time_in_frame: float, now: Moving) -> Moving:
         new, m = self._targets(piece, state, now), self.model
         has = {
@@ -131,6 +141,7 @@ class Launches:
             **{f"all_{view}": array for view, array in zip(STATE.values(), now, strict=True)},
             **{f"new_{view}": array for view, array in zip(STATE.values(), new, strict=True)},
             **{f"all_{value}": array for value, array in self.values.items()}, **kept_arguments(state),
+            "wide_points": self.seen(state, now[0]), "new_wide_points": self.seen(state, new[0]),
         }  # fmt: skip
         if piece.sums:
             self._sum(piece, has)
@@ -266,6 +277,12 @@ def step_arrays(model: Model, step: Step, room: Room) -> tuple[dict[str, Any], d
             parts[piece.name] = room.array(shape, wp.float32 if dtype is float else dtype)
     second = {name: room.array((worlds, model.particle_count), wp.vec3) for name in step.doubled}
     return values, parts, second
+
+
+def wide_arrays(model: Model, step: Step, room: Room) -> list[Any]:
+    """Allocate the points in sixteen bytes: of the state, and of their second place."""
+    places = (1 + ("point" in step.doubled)) if step.wide else 0
+    return [room.array((model.world_count, model.particle_count), wp.vec4) for _ in range(places)]
 
 
 def _part_count(model: Model, item: Item) -> int:

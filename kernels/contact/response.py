@@ -106,7 +106,7 @@ def nearest_function(features: Features) -> Any:
     @wp.func
     def nearest_from(
         t: Tables, working: Working, world: wp.int32, particle: wp.int32, begin: wp.int32, count: wp.int32,
-        points: wp.array[wp.vec3],
+        points: Any,
     ):  # fmt: skip
         """Return the nearest triangle of one balloon.
 
@@ -145,8 +145,12 @@ def nearest_function(features: Features) -> Any:
 
 
 @cache
-def response_kernel(features: Features, fast_math: bool = False) -> Any:
-    """Return the kernel that presses particles against the triangles found near them."""
+def response_kernel(features: Features, fast_math: bool = False, point_type: Any = wp.vec3) -> Any:
+    """Return the kernel that presses particles against the triangles found near them.
+
+    Args:
+        point_type: of points; four numbers where they are wide, see `schedules.launched.wide`.
+    """
     respond = response_function(features)
     nearest_from = nearest_function(features)
 
@@ -191,7 +195,7 @@ def response_kernel(features: Features, fast_math: bool = False) -> Any:
         threads: wp.int32,
         only_counts: wp.int32,
         # state in
-        points: wp.array2d[wp.vec3],
+        points: wp.array2d(dtype=point_type),
         velocities: wp.array2d[wp.vec3],
         # state in and out
         state: WorldState,

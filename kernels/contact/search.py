@@ -52,7 +52,7 @@ def looking_kernel(features: Features) -> Any:
         working: Working,
         world: wp.int32,
         particle: wp.int32,
-        points: wp.array[wp.vec3],
+        points: Any,
         velocities: wp.array[wp.vec3],
         is_clear: bool,
     ):
@@ -80,7 +80,7 @@ def looking_kernel(features: Features) -> Any:
         working: Working,
         world: wp.int32,
         particle: wp.int32,
-        points: wp.array[wp.vec3],
+        points: Any,
         velocities: wp.array[wp.vec3],
     ):
         """Append a particle that searches to its list, and store its position if the last search is outdated."""
@@ -120,8 +120,12 @@ def looking_kernel(features: Features) -> Any:
 
 
 @cache
-def find_kernel(features: Features, fast_math: bool = False) -> Any:
-    """Return the kernel that finds the triangles that each searching particle may touch."""
+def find_kernel(features: Features, fast_math: bool = False, point_type: Any = wp.vec3) -> Any:
+    """Return the kernel that finds the triangles that each searching particle may touch.
+
+    Args:
+        point_type: of points; four numbers where they are wide, see `schedules.launched.wide`.
+    """
     find_of_balloon, is_nearing = finding_functions(features), nearing_function(features)
 
     @wp.func
@@ -131,7 +135,7 @@ def find_kernel(features: Features, fast_math: bool = False) -> Any:
         working: Working,
         world: wp.int32,
         particle: wp.int32,
-        points: wp.array[wp.vec3],
+        points: Any,
         velocities: wp.array[wp.vec3],
     ):
         """Find the triangles of all balloons that a particle may touch, if its current ones do not suffice.
@@ -176,7 +180,7 @@ def find_kernel(features: Features, fast_math: bool = False) -> Any:
         # state in and out
         state: WorldState,
         # state in
-        points: wp.array2d[wp.vec3],
+        points: wp.array2d(dtype=point_type),
         velocities: wp.array2d[wp.vec3],
         # out
         working: Working,

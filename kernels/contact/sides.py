@@ -1,5 +1,7 @@
 """Sides of triangles in a particle's list on which the particle is, where layers of a balloon touch each other."""
 
+from typing import Any
+
 import warp as wp
 
 from balloon_warp.kernels.contact.triangles import share_corner, side_of, triangle_beside, triangle_of, turned
@@ -31,7 +33,7 @@ def keep_side(
     nearest: wp.int32,
     hold: float,
     within: float,
-    points: wp.array[wp.vec3],
+    points: Any,
     begin: wp.int32,
     end: wp.int32,
 ):

@@ -57,6 +57,8 @@ class Step(NamedTuple):
     """Phases that are recomputed wherever their values are read"""
     apart: frozenset[str] = frozenset()
     """Names of phases that begin a piece anyway"""
+    wide: bool = False
+    """Whether points that others look at also stand in sixteen bytes each, see `schedules.launched.wide`"""
 
     def owner(self, value: str) -> Item:
         """Return the kind of items that have a value."""

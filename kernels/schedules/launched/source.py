@@ -12,6 +12,7 @@ from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.phase import STATE, VIEWS
 from balloon_warp.kernels.schedules.compaction import compaction
 from balloon_warp.kernels.schedules.launched.few import acts_on_few, asked_ahead, is_asked_ahead, rare_phase
+from balloon_warp.kernels.schedules.launched.wide import LOOKING, put_wide
 from balloon_warp.kernels.schedules.pieces import Piece, Step
 from balloon_warp.kernels.schedules.writer import Writer, head, named_in
 from balloon_warp.kernels.warps import block_barrier
@@ -71,6 +72,8 @@ class PieceWriter(Writer):
         kept = self.step.kept
         if VIEWS.get(name) in kept:
             return "", f"all_{VIEWS[name]}[world]"
+        if name == "points" and self.step.wide and not self.known.isdisjoint(LOOKING):
+            return "", "wide_points[world]"
         if name in kept:
             item = self.step.owner(name)
             return (item if item == "balloon" else ""), f"all_{name}[world, {item}]"
@@ -112,7 +115,8 @@ class _Writer(PieceWriter):
 
     def names(self) -> dict[str, Any]:
         """Return what the text refers to."""
-        names = {**self.scope(self.piece.phases), "ITEMS_OF_PART": ITEMS_OF_PART, "four_bytes_in": four_bytes_in}
+        names = {**self.scope(self.piece.phases), "ITEMS_OF_PART": ITEMS_OF_PART, "four_bytes_in": four_bytes_in,
+                 "put_wide": put_wide}
         if ahead := asked_ahead(self.step, self.piece):
             names[f"{ahead.name}_may_act"] = ahead.asked(self.step.features, self.step.look)
         if rare := rare_phase(self.step, self.piece):
@@ -129,7 +133,8 @@ class _Writer(PieceWriter):
             **{f"all_{view}": "wp.array2d[wp.vec3]" for view in STATE.values()},
             **{f"new_{view}": "wp.array2d[wp.vec3]" for view in STATE.values()},
             **{f"all_{value}": f"wp.array2d[{value}_type]" for value in self.step.kept}, **self.kept_arrays,
-            "all_acting": "wp.array2d[wp.int8]",
+            "all_acting": "wp.array2d[wp.int8]", "wide_points": "wp.array2d[wp.vec4]",
+            "new_wide_points": "wp.array2d[wp.vec4]",
         }  # fmt: skip
         if self.piece.sums:
             may_be["all_parts"] = f"wp.array3d[{self._summed}_type]"
@@ -198,6 +203,8 @@ class _Writer(PieceWriter):
         """Write what the piece has found to where it is kept."""
         for name in self.piece.moves:
             self.line(f"put_vector_in(new_{STATE[name]}, world, {self.piece.item}, {name})")
+        if self.step.wide and "point" in self.piece.moves:
+            self.line(f"put_wide(new_wide_points, world, {self.piece.item}, point)")
         for name in self.piece.leaves:
             self.line(f"all_{name}[world, {self.step.owner(name)}] = {name}")
         for name in self.piece.keeps:
