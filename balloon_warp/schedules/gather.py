@@ -50,7 +50,7 @@ class GatherSchedule(LaunchedSchedule):
         apart = ("leave",) if features.stands_on_fixtures and has_many(model) else ()
         if cut_into_patches(model, features):
             return cut(first_phases(features), features, cls.look, shown=("inflation_direction",))
-        step = cut(phases_of(features), features, cls.look, apart=apart)
+        step = cut(phases_of(features), features, cls.look, apart=apart, sums_after=has_many(model))
         return step._replace(wide=has_many(model) and may_be_wide(step))
 
     @staticmethod

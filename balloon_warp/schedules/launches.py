@@ -267,7 +267,8 @@ def step_arrays(model: Model, step: Step, room: Room) -> tuple[dict[str, Any], d
     parts = {}
     for piece in step.pieces:
         if piece.sums and (count := _part_count(model, piece.item)):
-            (dtype,) = piece.phases[0].writes.values()
+            assert piece.summing
+            (dtype,) = piece.summing.writes.values()
             shape = (worlds, model.balloon_count, count)
             parts[piece.name] = room.array(shape, wp.float32 if dtype is float else dtype)
     second = {name: room.array((worlds, model.particle_count), wp.vec3) for name in step.doubled}

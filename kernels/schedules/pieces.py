@@ -44,7 +44,12 @@ class Piece(NamedTuple):
     @property
     def sums(self) -> bool:
         """Return whether a block sums the results of its items over their balloon."""
-        return self.phases[0].sums
+        return self.summing is not None
+
+    @property
+    def summing(self) -> Phase | None:
+        """Return the phase whose results a block sums."""
+        return next((phase for phase in self.phases if phase.sums), None)
 
 
 class Step(NamedTuple):
@@ -88,6 +93,7 @@ def cut(
     doubles: bool = True,
     apart: Collection[str] = (),
     sums_along: bool = False,
+    sums_after: bool = False,
     shown: Collection[str] = (),
 ) -> Step:
     """Cut the phases that a scene has into pieces.
@@ -97,6 +103,7 @@ def cut(
         apart: names of phases that begin a piece anyway.
         sums_along: whether those who add up may do so as they go, at the end of a piece; otherwise a sum begins one,
             and who adds up goes on with the balloon.
+        sums_after: whether a sum ends what a thread does for its item, and who adds up goes on with the balloon.
         shown: values that somebody reads afterwards.
     """
     light = tuple(phase for phase in phases if phase.light)
@@ -104,7 +111,9 @@ def cut(
     for phase in phases:
         if phase.light:
             continue
-        if not groups or phase.name in apart or not _goes_on(groups[-1], phase, features, look, doubles, sums_along):
+        ends = sums_along or (sums_after and groups and groups[-1][0].item == "particle" == phase.item)
+        goes_on = groups and phase.name not in apart
+        if not goes_on or not _goes_on(groups[-1], phase, features, look, doubles, sums_along, ends):
             groups.append([])
         groups[-1].append(phase)
     read = [_read(group, light, features, look) for group in groups]
@@ -116,15 +125,19 @@ def cut(
 
 
 def _goes_on(
-    group: Sequence[Phase], phase: Phase, features: Features, look: Look, doubles: bool, sums_along: bool
+    group: Sequence[Phase], phase: Phase, features: Features, look: Look, doubles: bool, sums_along: bool, ends: bool
 ) -> bool:
-    """Return whether the thread that executes a group may go on with a phase."""
+    """Return whether the thread that executes a group may go on with a phase.
+
+    Args:
+        ends: whether it may be a sum.
+    """
     first = group[0]
     if phase.once(features) != first.once(features) or phase.last != first.last:
         return False
     if any(each.sums for each in group):
         return not sums_along and phase.item == "balloon"
-    if phase.sums and not sums_along:
+    if phase.sums and not ends:
         return False
     if first.item in ("particle", "face"):
         written = {name for each in group for name in each.writes}

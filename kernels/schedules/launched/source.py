@@ -9,7 +9,7 @@ import warp as wp
 from balloon_warp.kernels.codegen import kernel_from
 from balloon_warp.kernels.memory import four_bytes_in
 from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.phase import STATE, VIEWS
+from balloon_warp.kernels.phase import STATE, VIEWS, Phase
 from balloon_warp.kernels.schedules.compaction import compaction
 from balloon_warp.kernels.schedules.launched.few import acts_on_few, asked_ahead, is_asked_ahead, rare_phase
 from balloon_warp.kernels.schedules.launched.wide import LOOKING, put_wide
@@ -150,7 +150,13 @@ class _Writer(PieceWriter):
 
     @property
     def _summed(self) -> str:
-        return next(iter(self.piece.phases[0].writes))
+        return next(iter(self.summing.writes))
+
+    @property
+    def summing(self) -> Phase:
+        """The phase whose results the piece sums."""
+        assert self.piece.summing
+        return self.piece.summing
 
     def _body(self) -> None:
         piece = self.piece
@@ -199,14 +205,19 @@ class _Writer(PieceWriter):
         self.calls(self.piece.phases)
         self._leave()
 
-    def _leave(self) -> None:
-        """Write what the piece has found to where it is kept."""
+    def _leave(self, item: str = "") -> None:
+        """Write what the piece has found to where it is kept.
+
+        Args:
+            item: whose values to write alone.
+        """
         for name in self.piece.moves:
             self.line(f"put_vector_in(new_{STATE[name]}, world, {self.piece.item}, {name})")
         if self.step.wide and "point" in self.piece.moves:
             self.line(f"put_wide(new_wide_points, world, {self.piece.item}, point)")
         for name in self.piece.leaves:
-            self.line(f"all_{name}[world, {self.step.owner(name)}] = {name}")
+            if item in ("", owner := self.step.owner(name)):
+                self.line(f"all_{name}[world, {owner}] = {name}")
         for name in self.piece.keeps:
             self.line(f"{self.kept_at(name)} = {name}")
 
@@ -229,11 +240,12 @@ class _Writer(PieceWriter):
 
     def _sum(self) -> None:
         """Write what a block adds up of a balloon, or a part of one, in the same order every time."""
-        phase, *others = self.piece.phases
-        value = self._summed
+        phase, value = self.summing, self._summed
+        place = self.piece.phases.index(phase)
+        before, others = self.piece.phases[:place], self.piece.phases[place + 1 :]
         self._begin("world, balloon, part, thread" if self.part == "part" else "world, balloon, thread")
         self.line("total = float(0.0)" if phase.writes[value] is float else f"total = {value}_type()")
-        before = set(self.known)
+        known = set(self.known)
         if self.part == "parts":
             self.line("for part in range(thread, all_parts.shape[2], wp.block_dim()):")
             self.line("    total += all_parts[world, balloon, part]")
@@ -245,11 +257,14 @@ class _Writer(PieceWriter):
             self.line(f"for {phase.item} in range({begin} + thread, {end}, wp.block_dim()):")
             self.indent = "        "
             self.known.add(phase.item)
+            self.calls(before)
             call = self.call(phase)
             self.line(f"# {phase.summary}")
             self.line(f"total += {call}")
+            if before:
+                self._leave(phase.item)
             self.indent = "    "
-        self.known = before
+        self.known = known
         tile = "wp.tile(total)" if phase.writes[value] is float else "wp.tile(total, preserve_type=True)"
         self.line(f"{value} = wp.tile_sum({tile})[0]")
         self.known.add(value)
@@ -258,8 +273,8 @@ class _Writer(PieceWriter):
         if self.part == "part":
             self.line(f"all_parts[world, balloon, part] = {value}")
         else:
-            self.calls(tuple(others))
-            self._leave()
+            self.calls(others)
+            self._leave("balloon" if before else "")
 
 
 @cache
