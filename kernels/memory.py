@@ -67,20 +67,6 @@ def vector_at(array: wp.array[wp.vec3], index: wp.int32) -> wp.vec3:
     ...
 
 
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    const float4 four = *(reinterpret_cast<const float4*>(array.data) + (unsigned int)index);
-    return wp::vec_t<3, wp::float32>(four.x, four.y, four.z);
-#else
-    const wp::vec_t<4, wp::float32> four = array.data[(unsigned int)index];
-    return wp::vec_t<3, wp::float32>(four[0], four[1], four[2]);
-#endif
-""")
-def vector_at(array: wp.array[wp.vec4], index: wp.int32) -> wp.vec3:  # noqa: F811 - an overload
-    """Return the first three of the four numbers that stand together, in one load."""
-    ...
-
-
 @wp.func
 def add_at(array: wp.array[wp.vec3], index: wp.int32, vector: wp.vec3):
     """Add a vector to one to which others add theirs."""
@@ -150,6 +136,13 @@ def four_ints_at(array: wp.array[wp.vec4i], index: wp.int32) -> wp.vec4i:
 def four_floats_at(array: wp.array[wp.vec4], index: wp.int32) -> wp.vec4:
     """Return four numbers of a contiguous array, in one load."""
     ...
+
+
+@wp.func
+def vector_at(array: wp.array[wp.vec4], index: wp.int32):  # noqa: F811 - an overload
+    """Return the first three of four numbers, which take one load instead of three."""
+    four = four_floats_at(array, index)
+    return wp.vec3(four[0], four[1], four[2])
 
 
 @wp.func_native("""
