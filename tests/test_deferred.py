@@ -1,4 +1,8 @@
-"""Deferred obstacle contact, in a launch of its own, gives the same motion as contact at once."""
+"""Launches for many particles on a GPU give the same motion as for few.
+
+Obstacle contact has a launch of its own, particles look at points in sixteen bytes each, and what pulls a particle adds
+up what it does to the gas.
+"""
 
 import numpy as np
 import pytest
@@ -6,27 +10,39 @@ import warp as wp
 
 from balloon_warp.model import build_model, initial_state
 from balloon_warp.scene import load_scene
-from balloon_warp.schedules import deferred
 from balloon_warp.schedules.choose import fastest_schedule
+from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.gather import GatherSchedule
 
 
-def after_frames(name: str, frames: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return points and velocities of a bundled scene's worlds."""
+def after_frames(name: str, frames: int) -> tuple[GatherSchedule, list[np.ndarray]]:
+    """Return the schedule of two worlds of a bundled scene, and their points and velocities."""
     model = build_model(load_scene(name), "cpu", 2)
     state, schedule = initial_state(model), GatherSchedule(model)
     for _ in range(frames):
         schedule.advance_frame(state)
-    return state.points.numpy(), state.velocities.numpy()
+    return schedule, [state.points.numpy(), state.velocities.numpy()]
 
 
-@pytest.mark.parametrize(("name", "frames"), [("table", 8), ("press", 6)])
-def test_particles_that_are_put_off_do_the_same(name, frames, monkeypatch):
-    at_once = after_frames(name, frames)
-    monkeypatch.setattr(deferred, "has_many", lambda model: True)
-    put_off = after_frames(name, frames)
-    for one, other in zip(at_once, put_off, strict=True):
+@pytest.mark.parametrize(("name", "frames"), [("table", 8), ("balloon_bunch", 2)])
+def test_launches_for_many_particles_do_the_same(name, frames, monkeypatch):
+    _, few = after_frames(name, frames)
+    monkeypatch.setattr("balloon_warp.schedules.gather.has_many", lambda model: True)
+    schedule, many = after_frames(name, frames)
+    step = schedule.launches.step
+    names = {piece.name for piece in step.pieces}
+    assert step.wide
+    assert {"particles_leave", "balloons_pull_to_note"} & names == {
+        "balloons_pull_to_note" if step.features.gas else "particles_leave"
+    }
+    for one, other in zip(few, many, strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+def test_points_are_not_wide_where_edges_move_them_too(monkeypatch):
+    monkeypatch.setattr("balloon_warp.schedules.gather.has_many", lambda model: True)
+    model = build_model(load_scene("press"), "cpu", 2)
+    assert not GatherSchedule.step_of(model, model_features(model)).wide
 
 
 @pytest.mark.parametrize(("name", "taken"), [("knot", "gather"), ("balloon_bunch", "block")])

@@ -1,4 +1,4 @@
-"""Where launches find what phases name: the state is in arrays."""
+"""Names that phases read, as launches find them: the state is in arrays."""
 
 from collections.abc import Mapping
 from typing import ClassVar
