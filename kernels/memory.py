@@ -138,13 +138,6 @@ def four_floats_at(array: wp.array[wp.vec4], index: wp.int32) -> wp.vec4:
     ...
 
 
-@wp.func
-def vector_at(array: wp.array[wp.vec4], index: wp.int32):  # noqa: F811 - an overload
-    """Return the first three of four numbers, which take one load instead of three."""
-    four = four_floats_at(array, index)
-    return wp.vec3(four[0], four[1], four[2])
-
-
 @wp.func_native("""
 #if defined(__CUDA_ARCH__)
     const int4 four = __ldg(reinterpret_cast<const int4*>(array.data) + (unsigned int)index);

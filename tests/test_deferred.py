@@ -1,7 +1,6 @@
 """Launches for many particles on a GPU give the same motion as for few.
 
-Obstacle contact has a launch of its own, particles look at points in sixteen bytes each, and what pulls a particle adds
-up what it does to the gas.
+Obstacle contact has a launch of its own, and what pulls particles adds up what they do to the gas.
 """
 
 import numpy as np
@@ -11,7 +10,6 @@ import warp as wp
 from balloon_warp.model import build_model, initial_state
 from balloon_warp.scene import load_scene
 from balloon_warp.schedules.choose import fastest_schedule
-from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.gather import GatherSchedule
 
 
@@ -31,18 +29,11 @@ def test_launches_for_many_particles_do_the_same(name, frames, monkeypatch):
     schedule, many = after_frames(name, frames)
     step = schedule.launches.step
     names = {piece.name for piece in step.pieces}
-    assert step.wide
     assert {"particles_leave", "balloons_pull_to_note"} & names == {
         "balloons_pull_to_note" if step.features.gas else "particles_leave"
     }
     for one, other in zip(few, many, strict=True):
         np.testing.assert_array_equal(one, other)
-
-
-def test_points_are_not_wide_where_edges_move_them_too(monkeypatch):
-    monkeypatch.setattr("balloon_warp.schedules.gather.has_many", lambda model: True)
-    model = build_model(load_scene("press"), "cpu", 2)
-    assert not GatherSchedule.step_of(model, model_features(model)).wide
 
 
 @pytest.mark.parametrize(("name", "taken"), [("knot", "gather"), ("balloon_bunch", "block")])

@@ -20,7 +20,7 @@ from balloon_warp.schedules.backward import BackwardFrames
 from balloon_warp.schedules.block_room import CAPACITY_STEP, most_particles
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.framing import Framing
-from balloon_warp.schedules.launch_arrays import working_arrays
+from balloon_warp.schedules.launches import working_arrays
 from balloon_warp.schedules.tables import make_tables, world_state
 
 THREADS, REGISTERS = 256, 128

@@ -45,14 +45,8 @@ class TouchLaunches:
         self._particle_threads = model.particle_count if model.device.is_cuda else 1
         self._list_threads = threads_of_list(model)
 
-    def search(
-        self, state: State, substep: int, points: wp.array, velocities: wp.array, seen: wp.array | None = None
-    ) -> None:
-        """Search for contacts, at a frame's first substep, and now and then after it where particles have strayed.
-
-        Args:
-            seen: the points once more, wide; None where they are not.
-        """
+    def search(self, state: State, substep: int, points: wp.array, velocities: wp.array) -> None:
+        """Search for contacts, at a frame's first substep, and now and then after it where particles have strayed."""
         if substep % self._interval:
             return
         m, t, working = self.model, self._tables, self._working
@@ -90,27 +84,23 @@ class TouchLaunches:
         moving = self._worlds.of(state), points, velocities, working
         launch(looking_kernel(self._features), inputs=[t, particles, *moving], **place)
         place["dim"] = m.world_count, self._list_threads
-        seen = points if seen is None else seen
-        moving = self._worlds.of(state), seen, velocities, working
-        kernel = find_kernel(self._features, self._fast_math, seen.dtype)
-        launch(kernel, inputs=[t, self._list_threads, *moving], **place)
+        launch(find_kernel(self._features, self._fast_math), inputs=[t, self._list_threads, *moving], **place)
         if substep == 0:  # history is unknown where a run begins with a saved state
             wp.copy(working.forces_taken, working.force_quanta)
             for counted in (working.contacts, working.touched):
                 counted.zero_()
-            self._press(state, seen, velocities, only_counts=True)
+            self._press(state, points, velocities, only_counts=True)
             launch(take_counts, (m.world_count, particles), [particles, working], device=m.device)
 
     def press(self, state: State, points: wp.array, velocities: wp.array) -> None:
-        """Add the contact forces of particles and triangles; points may be wide."""
+        """Add the contact forces of particles and triangles."""
         self._press(state, points, velocities, only_counts=False)
 
     def _press(self, state: State, points: wp.array, velocities: wp.array, only_counts: bool) -> None:
         m, threads = self.model, self._list_threads
         inputs = [self._tables, threads, int(only_counts), points, velocities, self._worlds.of(state), self._working]
         shape = (m.world_count, threads)
-        kernel = response_kernel(self._features, self._fast_math, points.dtype)
-        launch(kernel, shape, inputs, block_dim=FEW_THREADS, device=m.device)
+        launch(response_kernel(self._features, self._fast_math), shape, inputs, block_dim=FEW_THREADS, device=m.device)
 
 
 def overflow_remarks(overflow: int) -> list[str]:

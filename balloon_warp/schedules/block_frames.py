@@ -13,7 +13,7 @@ from balloon_warp.launching import begin_loading, launch_tiled
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
 from balloon_warp.schedules.block_layout import layout_of, step_of
-from balloon_warp.schedules.launch_arrays import working_arrays
+from balloon_warp.schedules.launches import working_arrays
 from balloon_warp.schedules.membrane_faces import membrane_face_entries, membrane_face_table
 from balloon_warp.schedules.renumber import order_by_springs, renumbered
 from balloon_warp.schedules.rings import quad_rings

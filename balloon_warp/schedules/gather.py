@@ -9,7 +9,6 @@ from typing import Any
 
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.schedules.launched.looks import GATHERED
-from balloon_warp.kernels.schedules.launched.wide import may_be_wide
 from balloon_warp.kernels.schedules.pieces import Step, cut
 from balloon_warp.kernels.substep import phases_of
 from balloon_warp.model import Model, State
@@ -50,8 +49,7 @@ class GatherSchedule(LaunchedSchedule):
         apart = ("leave",) if features.stands_on_fixtures and has_many(model) else ()
         if cut_into_patches(model, features):
             return cut(first_phases(features), features, cls.look, shown=("inflation_direction",))
-        step = cut(phases_of(features), features, cls.look, apart=apart, sums_after=has_many(model))
-        return step._replace(wide=has_many(model) and may_be_wide(step))
+        return cut(phases_of(features), features, cls.look, apart=apart, sums_after=has_many(model))
 
     @staticmethod
     def allot(model: Model, features: Features, room: Room) -> tuple[Any, ...]:

@@ -109,6 +109,5 @@ class LaunchedSchedule(ABC):
     def _press(self, state: State, substep: int, time_in_frame: float, now: Moving) -> None:
         """Apply contact forces between balloons, and search for contacts now and then."""
         assert self._touch is not None
-        seen = self.launches.seen(state, now[0])
-        self._touch.search(state, substep, *now, seen)
-        self._touch.press(state, seen, now[1])
+        self._touch.search(state, substep, *now)
+        self._touch.press(state, *now)

@@ -1,4 +1,4 @@
-"""Launches of a step's pieces, for all worlds."""
+"""Launches of a step's pieces, for all worlds, and the memory that they share."""
 
 from collections.abc import Callable, Collection, Mapping
 from copy import copy
@@ -7,16 +7,20 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 import warp as wp
 
+from balloon_warp.kernels.contact.near import mark_count
+from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.phase import STATE, Item
-from balloon_warp.kernels.schedules.launched.few import acts_on_few
-from balloon_warp.kernels.schedules.launched.source import ITEMS_OF_LIST, Part, arguments_of, kernel_of
-from balloon_warp.kernels.schedules.launched.wide import widen_points
-from balloon_warp.kernels.schedules.pieces import Piece, Step
+from balloon_warp.kernels.schedules.launched.few import acts_on_few, asked_ahead
+from balloon_warp.kernels.schedules.launched.source import ITEMS_OF_LIST, ITEMS_OF_PART, Part, arguments_of, kernel_of
+from balloon_warp.kernels.schedules.pieces import Piece, Step, values_of
 from balloon_warp.kernels.working import Working
 from balloon_warp.launching import begin_loading, launch, launch_tiled
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
-from balloon_warp.schedules.launch_arrays import step_arrays, wide_arrays, working_arrays
+from balloon_warp.model.state import contact_shape
+from balloon_warp.schedules.balloon_contact import touch_arrays
+from balloon_warp.schedules.ridges import ridge_arrays
+from balloon_warp.schedules.solids import solid_arrays
 from balloon_warp.schedules.tables import Worlds, kept_arguments
 
 TEAM_THREADS = 256
@@ -37,6 +41,8 @@ ROUGH = {"pull", "push_face", "leave"}
 """Phases for which a GPU's own division and root will do"""
 LISTING_THREADS = 32
 """Threads of a block that lists particles, of which few have anything to do"""
+LARGE = 2048
+"""Number of particles of a balloon above which it is summed in parts"""
 
 Moving = tuple[wp.array, wp.array]
 """Points and velocities, shape (world_count, particle_count), vec3"""
@@ -72,7 +78,6 @@ class Launches:
             setattr(self.working, name, array)
         self.values, self._parts, self._second = step_arrays(model, step, room)
         """Values that live from one piece to another, by name"""
-        self._wide = wide_arrays(model, step, room)
         offsets = np.asarray(tables.correction.color_offsets.numpy())
         self._colors = list(zip(offsets[:-1].tolist(), np.diff(offsets).tolist(), strict=True))
         """First and count of the springs of each color, for correction"""
@@ -82,7 +87,6 @@ class Launches:
         """Ask for all memory that it keeps."""
         working_arrays(model, step.features, room)
         step_arrays(model, step, room)
-        wide_arrays(model, step, room)
 
     def beside(self, model: Model, tables: Any) -> Self:
         """Return the same for another world of the same batch, with the same memory."""
@@ -101,9 +105,6 @@ class Launches:
         """Execute a substep, and return where particles are then."""
         if substep == 0 and self.step.features.ridges:
             self.working.ridge_budgets.zero_()  # others may have moved all since the last frame
-        if substep == 0 and self.step.wide:
-            points = now[0]
-            launch(widen_points, points.shape, [points, self.seen(state, points)], device=self.model.device)
         return self.execute(state, substep, substep * self.model.step_seconds, now)
 
     def execute(
@@ -123,10 +124,6 @@ class Launches:
                 now = self._launch(piece, state, time_in_frame, now)
         return now
 
-    def seen(self, state: State, points: wp.array) -> wp.array:
-        """Return the points as others see them: wide where they are kept so."""
-        return self._wide[points is not state.points] if self._wide else points
-
     def _launch(self, piece: Piece, state: State, time_in_frame: float, now: Moving) -> Moving:
         new, m = self._targets(piece, state, now), self.model
         has = {
@@ -134,7 +131,6 @@ class Launches:
             **{f"all_{view}": array for view, array in zip(STATE.values(), now, strict=True)},
             **{f"new_{view}": array for view, array in zip(STATE.values(), new, strict=True)},
             **{f"all_{value}": array for value, array in self.values.items()}, **kept_arguments(state),
-            "wide_points": self.seen(state, now[0]), "new_wide_points": self.seen(state, new[0]),
         }  # fmt: skip
         if piece.sums:
             self._sum(piece, has)
@@ -245,3 +241,56 @@ def team_threads(model: Model) -> int:
 def _largest_balloon(model: Model) -> int:
     """Return the number of particles of the largest balloon."""
     return max((len(shape.mesh.points) for shape in model.shapes), default=0)
+
+
+def step_arrays(model: Model, step: Step, room: Room) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any]]:
+    """Allocate values that live from one piece to another, parts of sums, and second places of particles' state."""
+    worlds = model.world_count
+    counts = {"particle": model.particle_count, "face": model.face_count, "balloon": model.balloon_count}
+    values = {
+        value: room.array((worlds, counts[step.owner(value)]), wp.float32 if dtype is float else dtype)
+        for value, dtype in values_of(step).items()
+    }
+    if any(asked_ahead(step, piece) for piece in step.pieces):
+        values["acting"] = room.array((worlds, -(-model.particle_count // 4) * 4), wp.int8)
+    parts = {}
+    for piece in step.pieces:
+        if piece.sums and (count := _part_count(model, piece.item)):
+            assert piece.summing
+            (dtype,) = piece.summing.writes.values()
+            shape = (worlds, model.balloon_count, count)
+            parts[piece.name] = room.array(shape, wp.float32 if dtype is float else dtype)
+    second = {name: room.array((worlds, model.particle_count), wp.vec3) for name in step.doubled}
+    return values, parts, second
+
+
+def _part_count(model: Model, item: Item) -> int:
+    """Count the parts in which the items of a balloon are added up; 0 where it is done in one go."""
+    counts = [mesh.face_count if item == "face" else len(mesh.points) for mesh in (s.mesh for s in model.shapes)]
+    largest = max(counts)
+    return -(-largest // int(ITEMS_OF_PART)) if largest > LARGE else 0
+
+
+def working_arrays(model: Model, features: Features, room: Room) -> dict[str, Any]:
+    """Allocate what contact keeps beside the state; empty where a scene does not need it."""
+    worlds = model.world_count
+    return {
+        "gas_masses": room.array((worlds, model.balloon_count if features.gas else 0), wp.float32),
+        "sphere_quanta": room.array((worlds, model.sphere_count if features.penalties else 0, 3), wp.int64),
+        **solid_arrays(model, features, room),
+        **ridge_arrays(model, features, room),
+        "contact_impulses": room.array(contact_shape(model), wp.vec4),
+        **touch_arrays(model, features, room),
+        **verdict_arrays(model, features, room),
+        "near": room.array((worlds, mark_count(model.particle_count) if features.impulses else 0), wp.int32),
+    }
+
+
+def verdict_arrays(model: Model, features: Features, room: Room) -> dict[str, Any]:
+    """Allocate what is known of each world's frame as it begins; empty where nothing is asked."""
+    asked = features.frames != "all"
+    return {
+        "ways": room.array(model.world_count if asked else 0, wp.float32),
+        "verdicts": room.array(model.world_count if asked else 0, wp.int32),
+        "any_busy": room.array(1 if asked else 0, wp.int32),
+    }

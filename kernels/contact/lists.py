@@ -31,7 +31,7 @@ def finding_functions(features: Features) -> Any:
     @wp.func
     def find_of_balloon(
         t: Tables, state: WorldState, working: Working, world: wp.int32, particle: wp.int32, balloon: wp.int32,
-        other: wp.int32, points: Any, velocities: wp.array[wp.vec3], may_be_deep: bool, count: wp.int32,
+        other: wp.int32, points: wp.array[wp.vec3], velocities: wp.array[wp.vec3], may_be_deep: bool, count: wp.int32,
     ):  # fmt: skip
         """Add triangles of a balloon to a particle's list, and return its length.
 

@@ -113,7 +113,7 @@ def looks_function(features: Features) -> Any:
 
 @wp.func
 def comes_near(
-    t: Tables, points: Any, velocities: wp.array[wp.vec3], particle: wp.int32, triangle: wp.int32,
+    t: Tables, points: wp.array[wp.vec3], velocities: wp.array[wp.vec3], particle: wp.int32, triangle: wp.int32,
     most: float, pad: float,
 ):  # fmt: skip
     """Return whether a triangle may be within a squared distance [m^2], and come as near as has to be, see `Wanted`."""
@@ -136,7 +136,7 @@ def nearby_function(features: Features, lists: bool) -> Any:
     @wp.func
     def nearby(
         t: Tables, working: Working, world: wp.int32, particle: wp.int32, balloon: wp.int32, other: wp.int32,
-        points: Any, velocities: wp.array[wp.vec3], wanted: Wanted,
+        points: wp.array[wp.vec3], velocities: wp.array[wp.vec3], wanted: Wanted,
     ):  # fmt: skip
         """Find triangles of another balloon, or of the particle's own.
 

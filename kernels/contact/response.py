@@ -104,30 +104,11 @@ def nearest_function(features: Features) -> Any:
     sees_sides = features.touches_itself and features.edges_meet
 
     @wp.func
-    def take_nearer(
-        t: Tables, particle: wp.int32, own: wp.int32, point: wp.vec3, candidate: wp.int32, numbers: wp.vec3i,
-        corners: wp.mat33, found: Found,
-    ):  # fmt: skip
-        """Take a triangle if it is nearer than what was found so far."""
-        place = place_beside(point, corners[0], corners[1], corners[2])
-        seen = candidate
-        if wp.static(sees_sides):  # impulses see to it that none comes through, see `contact.edges`
-            if int_at(t.particles.balloon, numbers[0]) == own:
-                seen = on_side(candidate, place)
-        if is_nearer(place, found.place):
-            found.nearest = seen
-            found.place = place
-        found.end += 1
-        return found
-
-    @wp.func
     def nearest_from(
         t: Tables, working: Working, world: wp.int32, particle: wp.int32, begin: wp.int32, count: wp.int32,
-        points: Any,
+        points: wp.array[wp.vec3],
     ):  # fmt: skip
         """Return the nearest triangle of one balloon.
-
-        Corners of two triangles are loaded together, so that one load does not wait for another.
 
         Args:
             begin: First of the balloon's triangles in the list.
@@ -138,39 +119,34 @@ def nearest_function(features: Features) -> Any:
         found = Found()
         found.nearest = wp.int32(-1)
         found.place.squared = FARTHEST
-        found.end = begin
-        page = begin - begin % 4
-        goes_on = bool(True)
-        while page < count and goes_on:
-            four = four_on_page(working.candidates, world, particle, page)
-            for half in range(2):
-                candidate_a = wp.where(page + 2 * half + 0 < count, one_of_four(four, 2 * half + 0), four[0])
-                candidate_b = wp.where(page + 2 * half + 1 < count, one_of_four(four, 2 * half + 1), four[0])
-                numbers_a = triple_at(t.touch.triangles, triangle_of(candidate_a))
-                numbers_b = triple_at(t.touch.triangles, triangle_of(candidate_b))
-                corners_a = rows_at(points, numbers_a)
-                corners_b = rows_at(points, numbers_b)
-                at = page + 2 * half + 0
-                goes_on = goes_on and at < count and (at <= begin or not is_first_of_balloon(candidate_a))
-                if goes_on and at >= begin:
-                    found = take_nearer(t, particle, own, point, candidate_a, numbers_a, corners_a, found)
-                at = page + 2 * half + 1
-                goes_on = goes_on and at < count and (at <= begin or not is_first_of_balloon(candidate_b))
-                if goes_on and at >= begin:
-                    found = take_nearer(t, particle, own, point, candidate_b, numbers_b, corners_b, found)
-            page += 4
+        four = four_on_page(working.candidates, world, particle, begin - begin % 4)
+        at = begin
+        beside = bool(True)
+        while at < count and beside:
+            if at % 4 == 0:
+                four = four_on_page(working.candidates, world, particle, at)
+            candidate = one_of_four(four, at % 4)
+            beside = at == begin or not is_first_of_balloon(candidate)
+            if beside:
+                numbers = triple_at(t.touch.triangles, triangle_of(candidate))
+                corners = rows_at(points, numbers)
+                place = place_beside(point, corners[0], corners[1], corners[2])
+                if wp.static(sees_sides):  # impulses see to it that none comes through, see `contact.edges`
+                    if int_at(t.particles.balloon, numbers[0]) == own:
+                        candidate = on_side(candidate, place)
+                if is_nearer(place, found.place):
+                    found.nearest = candidate
+                    found.place = place
+                at += 1
+        found.end = at
         return found
 
     return nearest_from
 
 
 @cache
-def response_kernel(features: Features, fast_math: bool = False, point_type: Any = wp.vec3) -> Any:
-    """Return the kernel that presses particles against the triangles found near them.
-
-    Args:
-        point_type: of points; four numbers where they are wide, see `schedules.launched.wide`.
-    """
+def response_kernel(features: Features, fast_math: bool = False) -> Any:
+    """Return the kernel that presses particles against the triangles found near them."""
     respond = response_function(features)
     nearest_from = nearest_function(features)
 
@@ -215,7 +191,7 @@ def response_kernel(features: Features, fast_math: bool = False, point_type: Any
         threads: wp.int32,
         only_counts: wp.int32,
         # state in
-        points: wp.array2d(dtype=point_type),
+        points: wp.array2d[wp.vec3],
         velocities: wp.array2d[wp.vec3],
         # state in and out
         state: WorldState,

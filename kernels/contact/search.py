@@ -52,7 +52,7 @@ def looking_kernel(features: Features) -> Any:
         working: Working,
         world: wp.int32,
         particle: wp.int32,
-        points: Any,
+        points: wp.array[wp.vec3],
         velocities: wp.array[wp.vec3],
         is_clear: bool,
     ):
@@ -80,7 +80,7 @@ def looking_kernel(features: Features) -> Any:
         working: Working,
         world: wp.int32,
         particle: wp.int32,
-        points: Any,
+        points: wp.array[wp.vec3],
         velocities: wp.array[wp.vec3],
     ):
         """Append a particle that searches to its list, and store its position if the last search is outdated."""
@@ -120,12 +120,8 @@ def looking_kernel(features: Features) -> Any:
 
 
 @cache
-def find_kernel(features: Features, fast_math: bool = False, point_type: Any = wp.vec3) -> Any:
-    """Return the kernel that finds the triangles that each searching particle may touch.
-
-    Args:
-        point_type: of points; four numbers where they are wide, see `schedules.launched.wide`.
-    """
+def find_kernel(features: Features, fast_math: bool = False) -> Any:
+    """Return the kernel that finds the triangles that each searching particle may touch."""
     find_of_balloon, is_nearing = finding_functions(features), nearing_function(features)
 
     @wp.func
@@ -135,7 +131,7 @@ def find_kernel(features: Features, fast_math: bool = False, point_type: Any = w
         working: Working,
         world: wp.int32,
         particle: wp.int32,
-        points: Any,
+        points: wp.array[wp.vec3],
         velocities: wp.array[wp.vec3],
     ):
         """Find the triangles of all balloons that a particle may touch, if its current ones do not suffice.
@@ -180,7 +176,7 @@ def find_kernel(features: Features, fast_math: bool = False, point_type: Any = w
         # state in and out
         state: WorldState,
         # state in
-        points: wp.array2d(dtype=point_type),
+        points: wp.array2d[wp.vec3],
         velocities: wp.array2d[wp.vec3],
         # out
         working: Working,

@@ -1,7 +1,5 @@
 """Sides of triangles in a particle's list on which the particle is, where layers of a balloon touch each other."""
 
-from typing import Any
-
 import warp as wp
 
 from balloon_warp.kernels.contact.triangles import share_corner, side_of, triangle_beside, triangle_of, turned
@@ -33,7 +31,7 @@ def keep_side(
     nearest: wp.int32,
     hold: float,
     within: float,
-    points: Any,
+    points: wp.array[wp.vec3],
     begin: wp.int32,
     end: wp.int32,
 ):

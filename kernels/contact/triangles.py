@@ -1,7 +1,5 @@
 """Triangles beside a particle, and what a list says of them."""
 
-from typing import Any
-
 import warp as wp
 
 from balloon_warp.kernels.contact.boxes import squared_distance_to_box
@@ -70,7 +68,7 @@ def side_of(candidate: wp.int32):
 
 
 @wp.func
-def rows_at(vectors: Any, corners: wp.vec3i):
+def rows_at(vectors: wp.array[wp.vec3], corners: wp.vec3i):
     """Return the vectors of a triangle's corners, row by row."""
     return wp.matrix_from_rows(
         vector_at(vectors, corners[0]), vector_at(vectors, corners[1]), vector_at(vectors, corners[2])
@@ -78,21 +76,21 @@ def rows_at(vectors: Any, corners: wp.vec3i):
 
 
 @wp.func
-def triangle_beside(t: Tables, points: Any, triangle: wp.int32, point: wp.vec3):
+def triangle_beside(t: Tables, points: wp.array[wp.vec3], triangle: wp.int32, point: wp.vec3):
     """Return the position of a particle relative to a triangle."""
     corners = rows_at(points, triple_at(t.touch.triangles, triangle))
     return place_beside(point, corners[0], corners[1], corners[2])
 
 
 @wp.func
-def faced_triangle(t: Tables, points: Any, triangle: wp.int32, place: Place):
+def faced_triangle(t: Tables, points: wp.array[wp.vec3], triangle: wp.int32, place: Place):
     """Return the position of a particle relative to a triangle, with normal and gap."""
     corners = rows_at(points, triple_at(t.touch.triangles, triangle))
     return faced(place, corners[0], corners[1], corners[2])
 
 
 @wp.func
-def squared_distance_to_triangle(t: Tables, points: Any, triangle: wp.int32, point: wp.vec3):
+def squared_distance_to_triangle(t: Tables, points: wp.array[wp.vec3], triangle: wp.int32, point: wp.vec3):
     """Return a lower bound of the squared distance to a triangle, that to its box [m^2], which is faster."""
     corners = triple_at(t.touch.triangles, triangle)
     a = vector_at(points, corners[0])

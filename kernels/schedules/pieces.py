@@ -62,8 +62,6 @@ class Step(NamedTuple):
     """Phases that are recomputed wherever their values are read"""
     apart: frozenset[str] = frozenset()
     """Names of phases that begin a piece anyway"""
-    wide: bool = False
-    """Whether points that others look at also stand in sixteen bytes each, see `schedules.launched.wide`"""
 
     def owner(self, value: str) -> Item:
         """Return the kind of items that have a value."""
@@ -111,9 +109,9 @@ def cut(
     for phase in phases:
         if phase.light:
             continue
-        ends = sums_along or (sums_after and groups and groups[-1][0].item == "particle" == phase.item)
-        goes_on = groups and phase.name not in apart
-        if not goes_on or not _goes_on(groups[-1], phase, features, look, doubles, sums_along, ends):
+        ends = sums_along or (sums_after and phase.item == "particle")
+        begins = not groups or phase.name in apart
+        if begins or not _goes_on(groups[-1], phase, features, look, doubles, sums_along, ends):
             groups.append([])
         groups[-1].append(phase)
     read = [_read(group, light, features, look) for group in groups]

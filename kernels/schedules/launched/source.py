@@ -1,20 +1,19 @@
 """Phases as launches: the source of a kernel for each piece of a list, flat, with just what the piece does."""
 
+from collections.abc import Mapping
 from functools import cache
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import warp as wp
 
 from balloon_warp.kernels.codegen import kernel_from
 from balloon_warp.kernels.memory import four_bytes_in
 from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.phase import STATE, Phase
+from balloon_warp.kernels.phase import STATE, VIEWS, Phase
 from balloon_warp.kernels.schedules.compaction import compaction
 from balloon_warp.kernels.schedules.launched.few import acts_on_few, asked_ahead, is_asked_ahead, rare_phase
-from balloon_warp.kernels.schedules.launched.names import PieceWriter
-from balloon_warp.kernels.schedules.launched.wide import put_wide
 from balloon_warp.kernels.schedules.pieces import Piece, Step
-from balloon_warp.kernels.schedules.writer import head, named_in
+from balloon_warp.kernels.schedules.writer import Writer, head, named_in
 from balloon_warp.kernels.warps import block_barrier
 
 ITEMS_OF_PART = wp.constant(512)
@@ -23,12 +22,66 @@ ITEMS_OF_LIST = wp.constant(512)
 """Number of items among which a block finds those that a rare phase acts on"""
 Part = Literal["all", "part", "parts"]
 """Range that the kernel of a summing piece covers: all items of a balloon, the items of a part, or the parts"""
+HANDLES = ("t", "time_in_frame", "state", "working")
+NAMES: Mapping[str, tuple[str, str]] = {
+    "time": ("", "time_of(t, state.frame, time_in_frame)"),
+    "end": ("", "time_in_frame + t.step_seconds"),
+    "points": ("", "all_points[world]"),
+    "velocities": ("", "all_velocities[world]"),
+    "spheres": ("", "spheres_in_state(t, state, working)"),
+    "numbers": ("", "read_numbers(t, world, balloon)"),
+}
+"""Expressions for the names that phases read: names that the expression needs, and its text"""
+OF_PARTICLE: Mapping[str, tuple[str, str]] = {
+    "params": ("", "read_params(t, world, particle)"),
+    "balloon": ("params", "params.balloon"),
+    "point": ("", "vector_in(all_points, world, particle)"),
+    "velocity": ("", "vector_in(all_velocities, world, particle)"),
+    "origin": ("balloon", "all_points[world, volume_origin(t, balloon)]"),
+    "gas_mass": ("balloon", "working.gas_masses[world, balloon]"),
+    "keyed": ("balloon", "ramp_at(state, world, balloon, time_in_frame)"),
+    "load": ("balloon", "two_in(state.inflation_loads, world, balloon)"),
+}
+"""Expressions for names of a particle"""
 OFFSETS = {"particle": "t.particles.offsets", "face": "t.faces.balloon_offsets"}
 """Begin of each balloon's items"""
 
 
 END_OF_LIST = "wp.min(begin + ITEMS_OF_LIST, state.points.shape[1])"
 """End of the particles of a block"""
+
+
+class PieceWriter(Writer):
+    """Find what phases name where the state is in arrays."""
+
+    aliases: ClassVar[Mapping[str, str]] = {"springs": "working"}
+
+    def __init__(self, step: Step):
+        super().__init__(step, (*HANDLES, "world"))
+
+    def _begin(self, indices: str) -> None:
+        self.line(f"{indices} = wp.tid()")
+        if self.step.features.frames == "busy":
+            self.line("if working.verdicts[world] == 0:")
+            self.line("    return")
+        self.known |= set(indices.split(", "))
+
+    def found(self, name: str) -> tuple[str, str] | None:
+        """Return the arguments that a name depends on, and the text that computes it."""
+        kept = self.step.kept
+        if VIEWS.get(name) in kept:
+            return "", f"all_{VIEWS[name]}[world]"
+        if name in kept:
+            item = self.step.owner(name)
+            return (item if item == "balloon" else ""), f"all_{name}[world, {item}]"
+        if text := self.kept_at(name):
+            return "", text
+        particles = "particle" in self.known
+        if particles and name in OF_PARTICLE:
+            return OF_PARTICLE[name]
+        if name in NAMES:
+            return NAMES[name]
+        return self.number_at(name) if particles or "sphere" in self.known else None
 
 
 class _Writer(PieceWriter):
@@ -59,12 +112,7 @@ class _Writer(PieceWriter):
 
     def names(self) -> dict[str, Any]:
         """Return what the text refers to."""
-        names = {
-            **self.scope(self.piece.phases),
-            "ITEMS_OF_PART": ITEMS_OF_PART,
-            "four_bytes_in": four_bytes_in,
-            "put_wide": put_wide,
-        }
+        names = {**self.scope(self.piece.phases), "ITEMS_OF_PART": ITEMS_OF_PART, "four_bytes_in": four_bytes_in}
         if ahead := asked_ahead(self.step, self.piece):
             names[f"{ahead.name}_may_act"] = ahead.asked(self.step.features, self.step.look)
         if rare := rare_phase(self.step, self.piece):
@@ -81,8 +129,7 @@ class _Writer(PieceWriter):
             **{f"all_{view}": "wp.array2d[wp.vec3]" for view in STATE.values()},
             **{f"new_{view}": "wp.array2d[wp.vec3]" for view in STATE.values()},
             **{f"all_{value}": f"wp.array2d[{value}_type]" for value in self.step.kept}, **self.kept_arrays,
-            "all_acting": "wp.array2d[wp.int8]", "wide_points": "wp.array2d[wp.vec4]",
-            "new_wide_points": "wp.array2d[wp.vec4]",
+            "all_acting": "wp.array2d[wp.int8]",
         }  # fmt: skip
         if self.piece.sums:
             may_be["all_parts"] = f"wp.array3d[{self._summed}_type]"
@@ -159,15 +206,14 @@ class _Writer(PieceWriter):
         Args:
             item: whose values to write alone.
         """
-        for name in self.piece.moves:
+        for name in self.piece.moves if item in ("", self.piece.item) else ():
             self.line(f"put_vector_in(new_{STATE[name]}, world, {self.piece.item}, {name})")
-        if self.step.wide and "point" in self.piece.moves:
-            self.line(f"put_wide(new_wide_points, world, {self.piece.item}, point)")
         for name in self.piece.leaves:
             if item in ("", owner := self.step.owner(name)):
                 self.line(f"all_{name}[world, {owner}] = {name}")
         for name in self.piece.keeps:
-            self.line(f"{self.kept_at(name)} = {name}")
+            if item in ("", self.step.features.kept[name].item):
+                self.line(f"{self.kept_at(name)} = {name}")
 
     def _worlds(self) -> None:
         """Write what a thread does for a world, balloon by balloon."""
