@@ -12,7 +12,7 @@ from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.phase import STATE, Item
 from balloon_warp.kernels.schedules.launched.few import acts_on_few, asked_ahead
 from balloon_warp.kernels.schedules.launched.source import ITEMS_OF_LIST, ITEMS_OF_PART, Part, arguments_of, kernel_of
-from balloon_warp.kernels.schedules.pieces import Piece, Step, values_of
+from balloon_warp.kernels.schedules.pieces import Piece, Step, piece_after_sum, values_of
 from balloon_warp.kernels.working import Working
 from balloon_warp.launching import begin_loading, launch, launch_tiled
 from balloon_warp.model import Model, State
@@ -115,9 +115,11 @@ class Launches:
         Args:
             only: the first phases of those, where not all are to be executed.
         """
+        done = None
         for piece in self.step.pieces:
-            if (piece.once and substep) or (only and piece.phases[0].name not in only):
+            if piece is done or (piece.once and substep) or (only and piece.phases[0].name not in only):
                 continue
+            done = piece_after_sum(self.step, piece)
             if piece.item == "launches":
                 self._own[piece.phases[0].name](state, substep, time_in_frame, now)
             else:
@@ -125,7 +127,8 @@ class Launches:
         return now
 
     def _launch(self, piece: Piece, state: State, time_in_frame: float, now: Moving) -> Moving:
-        new, m = self._targets(piece, state, now), self.model
+        moving = piece_after_sum(self.step, piece) or piece
+        new, m = self._targets(moving, state, now), self.model
         has = {
             "t": self.tables, "time_in_frame": time_in_frame, "state": self._worlds.of(state), "working": self.working,
             **{f"all_{view}": array for view, array in zip(STATE.values(), now, strict=True)},
@@ -267,8 +270,12 @@ def step_arrays(model: Model, step: Step, room: Room) -> tuple[dict[str, Any], d
 def _part_count(model: Model, item: Item) -> int:
     """Count the parts in which the items of a balloon are added up; 0 where it is done in one go."""
     counts = [mesh.face_count if item == "face" else len(mesh.points) for mesh in (s.mesh for s in model.shapes)]
-    largest = max(counts)
-    return -(-largest // int(ITEMS_OF_PART)) if largest > LARGE else 0
+    return -(-max(counts) // int(ITEMS_OF_PART)) if max(counts) > LARGE else 0
+
+
+def sums_in_parts(model: Model) -> bool:
+    """Return whether a balloon has so many particles that it is summed in parts."""
+    return _largest_balloon(model) > LARGE
 
 
 def working_arrays(model: Model, features: Features, room: Room) -> dict[str, Any]:

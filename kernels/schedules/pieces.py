@@ -62,6 +62,8 @@ class Step(NamedTuple):
     """Phases that are recomputed wherever their values are read"""
     apart: frozenset[str] = frozenset()
     """Names of phases that begin a piece anyway"""
+    joins: bool = False
+    """Whether the block that has summed a balloon goes on with the particles, see `joined`"""
 
     def owner(self, value: str) -> Item:
         """Return the kind of items that have a value."""
@@ -185,6 +187,31 @@ def _piece(group: Sequence[Phase], read: set[str], read_elsewhere: set[str], fea
         keeps=tuple(name for name in written if name in features.kept),
         doubles=tuple(name for name in moves if name in looked_at),
     )
+
+
+def joined(step: Step) -> Step:
+    """Return the step where blocks that have summed a balloon go on with its particles: others may still look at them.
+
+    So these have a second place.
+    """
+    joining = step._replace(joins=True)
+    pieces = list(step.pieces)
+    for place, piece in enumerate(step.pieces):
+        if after := piece_after_sum(joining, piece):
+            looked_at = {name for phase in piece.phases for name in phase.views(step.features, step.look)}
+            pieces[place + 1] = after._replace(doubles=tuple(name for name in after.moves if name in looked_at))
+    return joining._replace(pieces=tuple(pieces))
+
+
+def piece_after_sum(step: Step, piece: Piece) -> Piece | None:
+    """Return the next piece, if the block that sums what a balloon's particles have done goes on with them."""
+    place = next(number for number, each in enumerate(step.pieces) if each.phases == piece.phases) + 1
+    after = step.pieces[place] if place < len(step.pieces) else None
+    if not (step.joins and after and piece.item == "particle" and piece.sums):
+        return None
+    looks = any(phase.views(step.features, step.look) for phase in after.phases)
+    stays = after.item == "particle" and not (after.sums or after.once or looks)
+    return after if stays and after.phases[0].name not in step.apart else None
 
 
 def values_of(step: Step) -> dict[str, Any]:

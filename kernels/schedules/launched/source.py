@@ -12,7 +12,7 @@ from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.phase import STATE, VIEWS, Phase
 from balloon_warp.kernels.schedules.compaction import compaction
 from balloon_warp.kernels.schedules.launched.few import acts_on_few, asked_ahead, is_asked_ahead, rare_phase
-from balloon_warp.kernels.schedules.pieces import Piece, Step
+from balloon_warp.kernels.schedules.pieces import Piece, Step, piece_after_sum
 from balloon_warp.kernels.schedules.writer import Writer, head, named_in
 from balloon_warp.kernels.warps import block_barrier
 
@@ -112,14 +112,17 @@ class _Writer(PieceWriter):
 
     def names(self) -> dict[str, Any]:
         """Return what the text refers to."""
-        names = {**self.scope(self.piece.phases), "ITEMS_OF_PART": ITEMS_OF_PART, "four_bytes_in": four_bytes_in}
+        after = piece_after_sum(self.step, self.piece)
+        phases = self.piece.phases + (after.phases if after else ())
+        names = {**self.scope(phases), "ITEMS_OF_PART": ITEMS_OF_PART, "four_bytes_in": four_bytes_in}
+        names["block_barrier"] = block_barrier
         if ahead := asked_ahead(self.step, self.piece):
             names[f"{ahead.name}_may_act"] = ahead.asked(self.step.features, self.step.look)
         if rare := rare_phase(self.step, self.piece):
             functions = compaction(rare.name, int(ITEMS_OF_LIST))
             names |= {f"{rare.name}_may_act": rare.asked(self.step.features, self.step.look),
                       "clear": functions.clear, "note": functions.note, "count": functions.count, "noted": functions.at,
-                      "ITEMS_OF_LIST": ITEMS_OF_LIST, "block_barrier": block_barrier}  # fmt: skip
+                      "ITEMS_OF_LIST": ITEMS_OF_LIST}  # fmt: skip
         return names
 
     def arguments(self) -> dict[str, str]:
@@ -269,6 +272,19 @@ class _Writer(PieceWriter):
         else:
             self.calls(others)
             self._leave("balloon" if before else "")
+        if after := piece_after_sum(self.step, self.piece):
+            self.known, self.indent = known, "    "
+            self.line("block_barrier()")
+            self._go_on(after, begin, end)
+
+    def _go_on(self, after: Piece, begin: str, end: str) -> None:
+        """Write what a block does for the particles that it has summed, once it knows the sum."""
+        self.line(f"for particle in range({begin} + thread, {end}, wp.block_dim()):")
+        summed, self.piece, self.indent = self.piece, after, "        "
+        self.known.add("particle")
+        self.calls(after.phases)
+        self._leave()
+        self.piece = summed
 
 
 @cache
@@ -294,4 +310,6 @@ def arguments_of(step: Step, piece: Piece, part: Part = "all") -> tuple[str, ...
 
 def source_of(step: Step) -> str:
     """Write the kernels of a list, in the order of their launches."""
-    return "\n\n".join(_Writer(step, piece).source() for piece in step.pieces if piece.item != "launches")
+    joined = [piece_after_sum(step, piece) for piece in step.pieces]
+    own = [piece for piece in step.pieces if piece.item != "launches" and piece not in joined]
+    return "\n\n".join(_Writer(step, piece).source() for piece in own)
