@@ -15,8 +15,8 @@ from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
 from balloon_warp.schedules.deferred import has_many
 from balloon_warp.schedules.launched import LaunchedSchedule
-from balloon_warp.schedules.launches import sums_in_parts
 from balloon_warp.schedules.patches import PatchLaunch, cut_into_patches, first_phases
+from balloon_warp.schedules.summing import sums_in_parts
 
 
 class GatherSchedule(LaunchedSchedule):
@@ -50,8 +50,9 @@ class GatherSchedule(LaunchedSchedule):
         apart = ("leave",) if features.stands_on_fixtures and has_many(model) else ()
         if cut_into_patches(model, features):
             return cut(first_phases(features), features, cls.look, shown=("inflation_direction",))
-        step = cut(phases_of(features), features, cls.look, apart=apart, sums_after=has_many(model))
-        return joined(step) if has_many(model) and not sums_in_parts(model) else step
+        sums_after = has_many(model) and not apart
+        step = cut(phases_of(features), features, cls.look, apart=apart, sums_after=sums_after)
+        return joined(step) if sums_after and not sums_in_parts(model) else step
 
     @staticmethod
     def allot(model: Model, features: Features, room: Room) -> tuple[Any, ...]:

@@ -1,19 +1,19 @@
 """Phases as launches: the source of a kernel for each piece of a list, flat, with just what the piece does."""
 
-from collections.abc import Mapping
 from functools import cache
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 import warp as wp
 
 from balloon_warp.kernels.codegen import kernel_from
 from balloon_warp.kernels.memory import four_bytes_in
 from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.phase import STATE, VIEWS, Phase
+from balloon_warp.kernels.phase import STATE, Phase
 from balloon_warp.kernels.schedules.compaction import compaction
 from balloon_warp.kernels.schedules.launched.few import acts_on_few, asked_ahead, is_asked_ahead, rare_phase
+from balloon_warp.kernels.schedules.launched.names import PieceWriter
 from balloon_warp.kernels.schedules.pieces import Piece, Step, piece_after_sum
-from balloon_warp.kernels.schedules.writer import Writer, head, named_in
+from balloon_warp.kernels.schedules.writer import head, named_in
 from balloon_warp.kernels.warps import block_barrier
 
 ITEMS_OF_PART = wp.constant(512)
@@ -22,66 +22,12 @@ ITEMS_OF_LIST = wp.constant(512)
 """Number of items among which a block finds those that a rare phase acts on"""
 Part = Literal["all", "part", "parts"]
 """Range that the kernel of a summing piece covers: all items of a balloon, the items of a part, or the parts"""
-HANDLES = ("t", "time_in_frame", "state", "working")
-NAMES: Mapping[str, tuple[str, str]] = {
-    "time": ("", "time_of(t, state.frame, time_in_frame)"),
-    "end": ("", "time_in_frame + t.step_seconds"),
-    "points": ("", "all_points[world]"),
-    "velocities": ("", "all_velocities[world]"),
-    "spheres": ("", "spheres_in_state(t, state, working)"),
-    "numbers": ("", "read_numbers(t, world, balloon)"),
-}
-"""Expressions for the names that phases read: names that the expression needs, and its text"""
-OF_PARTICLE: Mapping[str, tuple[str, str]] = {
-    "params": ("", "read_params(t, world, particle)"),
-    "balloon": ("params", "params.balloon"),
-    "point": ("", "vector_in(all_points, world, particle)"),
-    "velocity": ("", "vector_in(all_velocities, world, particle)"),
-    "origin": ("balloon", "all_points[world, volume_origin(t, balloon)]"),
-    "gas_mass": ("balloon", "working.gas_masses[world, balloon]"),
-    "keyed": ("balloon", "ramp_at(state, world, balloon, time_in_frame)"),
-    "load": ("balloon", "two_in(state.inflation_loads, world, balloon)"),
-}
-"""Expressions for names of a particle"""
 OFFSETS = {"particle": "t.particles.offsets", "face": "t.faces.balloon_offsets"}
 """Begin of each balloon's items"""
 
 
 END_OF_LIST = "wp.min(begin + ITEMS_OF_LIST, state.points.shape[1])"
 """End of the particles of a block"""
-
-
-class PieceWriter(Writer):
-    """Find what phases name where the state is in arrays."""
-
-    aliases: ClassVar[Mapping[str, str]] = {"springs": "working"}
-
-    def __init__(self, step: Step):
-        super().__init__(step, (*HANDLES, "world"))
-
-    def _begin(self, indices: str) -> None:
-        self.line(f"{indices} = wp.tid()")
-        if self.step.features.frames == "busy":
-            self.line("if working.verdicts[world] == 0:")
-            self.line("    return")
-        self.known |= set(indices.split(", "))
-
-    def found(self, name: str) -> tuple[str, str] | None:
-        """Return the arguments that a name depends on, and the text that computes it."""
-        kept = self.step.kept
-        if VIEWS.get(name) in kept:
-            return "", f"all_{VIEWS[name]}[world]"
-        if name in kept:
-            item = self.step.owner(name)
-            return (item if item == "balloon" else ""), f"all_{name}[world, {item}]"
-        if text := self.kept_at(name):
-            return "", text
-        particles = "particle" in self.known
-        if particles and name in OF_PARTICLE:
-            return OF_PARTICLE[name]
-        if name in NAMES:
-            return NAMES[name]
-        return self.number_at(name) if particles or "sphere" in self.known else None
 
 
 class _Writer(PieceWriter):
