@@ -20,10 +20,9 @@ from balloon_warp.scene import Balloon, Obstacle, Scene, load_scene
 from balloon_warp.schedules.block_layout import layout_of, step_of
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.gather import GatherSchedule
-from balloon_warp.schedules.launches import EDGE_THREADS
+from balloon_warp.schedules.launches import EDGE_THREADS, TEAM_THREADS
 from balloon_warp.schedules.outlook import busy_features, free_features
 from balloon_warp.schedules.patches import cut_into_patches, layout_of_patches, step_of_patches
-from balloon_warp.schedules.summing import TEAM_THREADS
 
 pytestmark = pytest.mark.skipif(sys.platform == "darwin", reason="Warp has no CUDA there")
 HOPPER = 90

@@ -8,7 +8,7 @@ from balloon_warp.kernels.adjoints.directions import DirectionBars, add_up_total
 from balloon_warp.launching import launch, launch_tiled
 from balloon_warp.model import Model
 from balloon_warp.model.memory import Room
-from balloon_warp.schedules.summing import team_threads
+from balloon_warp.schedules.launches import team_threads
 
 
 class DirectionsBackward:

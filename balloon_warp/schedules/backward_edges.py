@@ -15,8 +15,7 @@ from balloon_warp.model import Model
 from balloon_warp.model.memory import Room
 from balloon_warp.schedules.backward_touch import TouchBackward
 from balloon_warp.schedules.balloon_contact import catch_count
-from balloon_warp.schedules.launches import Moving
-from balloon_warp.schedules.summing import team_threads
+from balloon_warp.schedules.launches import Moving, team_threads
 
 
 class EdgesBackward:

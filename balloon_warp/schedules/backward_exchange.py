@@ -15,7 +15,7 @@ from balloon_warp.launching import launch_tiled
 from balloon_warp.model import Model
 from balloon_warp.model.memory import Room
 from balloon_warp.schedules.backward_spheres import SpheresBackward
-from balloon_warp.schedules.summing import team_threads
+from balloon_warp.schedules.launches import team_threads
 
 
 class ExchangeBackward:

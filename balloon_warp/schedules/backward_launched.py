@@ -29,8 +29,7 @@ from balloon_warp.schedules.balloon_contact import TouchLaunches
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.framing import Framing
 from balloon_warp.schedules.gather import GatherSchedule
-from balloon_warp.schedules.launches import Launches, Moving, Own, step_arrays
-from balloon_warp.schedules.summing import team_threads
+from balloon_warp.schedules.launches import Launches, Moving, Own, step_arrays, team_threads
 from balloon_warp.schedules.tables import make_tables, world_state
 
 

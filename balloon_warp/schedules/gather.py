@@ -9,14 +9,13 @@ from typing import Any
 
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.schedules.launched.looks import GATHERED
-from balloon_warp.kernels.schedules.pieces import Step, cut, joined
+from balloon_warp.kernels.schedules.pieces import Step, cut
 from balloon_warp.kernels.substep import phases_of
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
 from balloon_warp.schedules.deferred import has_many
 from balloon_warp.schedules.launched import LaunchedSchedule
 from balloon_warp.schedules.patches import PatchLaunch, cut_into_patches, first_phases
-from balloon_warp.schedules.summing import sums_in_parts
 
 
 class GatherSchedule(LaunchedSchedule):
@@ -50,9 +49,7 @@ class GatherSchedule(LaunchedSchedule):
         apart = ("leave",) if features.stands_on_fixtures and has_many(model) else ()
         if cut_into_patches(model, features):
             return cut(first_phases(features), features, cls.look, shown=("inflation_direction",))
-        sums_after = has_many(model) and not apart
-        step = cut(phases_of(features), features, cls.look, apart=apart, sums_after=sums_after)
-        return joined(step) if sums_after and not sums_in_parts(model) else step
+        return cut(phases_of(features), features, cls.look, apart=apart)
 
     @staticmethod
     def allot(model: Model, features: Features, room: Room) -> tuple[Any, ...]:

@@ -11,8 +11,8 @@ from balloon_warp.kernels.contact.near import mark_count
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.phase import STATE, Item
 from balloon_warp.kernels.schedules.launched.few import acts_on_few, asked_ahead
-from balloon_warp.kernels.schedules.launched.source import ITEMS_OF_LIST, Part, arguments_of, kernel_of
-from balloon_warp.kernels.schedules.pieces import Piece, Step, piece_after_sum, values_of
+from balloon_warp.kernels.schedules.launched.source import ITEMS_OF_LIST, ITEMS_OF_PART, Part, arguments_of, kernel_of
+from balloon_warp.kernels.schedules.pieces import Piece, Step, values_of
 from balloon_warp.kernels.working import Working
 from balloon_warp.launching import begin_loading, launch, launch_tiled
 from balloon_warp.model import Model, State
@@ -21,9 +21,12 @@ from balloon_warp.model.state import contact_shape
 from balloon_warp.schedules.balloon_contact import touch_arrays
 from balloon_warp.schedules.ridges import ridge_arrays
 from balloon_warp.schedules.solids import solid_arrays
-from balloon_warp.schedules.summing import part_count, team_threads
 from balloon_warp.schedules.tables import Worlds, kept_arguments
 
+TEAM_THREADS = 256
+"""Threads of a block for phases of a world and for sums, on a GPU; more would have too few registers"""
+TEAM_THREADS_OF_SMALL, SMALL = 64, 1024
+"""Threads where no balloon has more particles: more blocks then run at once, while one thread of each ends its sum"""
 EDGE_THREADS, EDGE_THREADS_OF_MANY = 512, 128
 """Threads for edges that touch, where a world has a multiprocessor of its own, and where not: its sums are the same in
 any order"""
@@ -33,11 +36,14 @@ MOST_REGISTERS = 128
 """Registers of a thread with a particle, so that a multiprocessor has two blocks of 256 where particles touch
 obstacles, too"""
 FEW_REGISTERS = 64
-"""Registers where obstacles are left in another launch: enough for springs, and a multiprocessor has four blocks"""
+"""Registers where obstacles are left in another launch, and of faces: a multiprocessor has four blocks"""
 ROUGH = {"pull", "push_face", "leave"}
 """Phases for which a GPU's own division and root will do"""
 LISTING_THREADS = 32
 """Threads of a block that lists particles, of which few have anything to do"""
+LARGE = 2048
+"""Number of particles of a balloon above which it is summed in parts"""
+
 Moving = tuple[wp.array, wp.array]
 """Points and velocities, shape (world_count, particle_count), vec3"""
 Own = Callable[[State, int, float, Moving], None]
@@ -109,11 +115,9 @@ class Launches:
         Args:
             only: the first phases of those, where not all are to be executed.
         """
-        done = None
         for piece in self.step.pieces:
-            if piece is done or (piece.once and substep) or (only and piece.phases[0].name not in only):
+            if (piece.once and substep) or (only and piece.phases[0].name not in only):
                 continue
-            done = piece_after_sum(self.step, piece)
             if piece.item == "launches":
                 self._own[piece.phases[0].name](state, substep, time_in_frame, now)
             else:
@@ -121,8 +125,7 @@ class Launches:
         return now
 
     def _launch(self, piece: Piece, state: State, time_in_frame: float, now: Moving) -> Moving:
-        moving = piece_after_sum(self.step, piece) or piece
-        new, m = self._targets(moving, state, now), self.model
+        new, m = self._targets(piece, state, now), self.model
         has = {
             "t": self.tables, "time_in_frame": time_in_frame, "state": self._worlds.of(state), "working": self.working,
             **{f"all_{view}": array for view, array in zip(STATE.values(), now, strict=True)},
@@ -225,6 +228,21 @@ class Launches:
         return (m.world_count, counts[item]) if item in counts else (m.world_count,)
 
 
+def team_threads(model: Model) -> int:
+    """Return how many threads add up a balloon, or a part of it; on a CPU one.
+
+    It does not depend on the number of worlds, which would change the order of a world's sums.
+    """
+    if not model.device.is_cuda:
+        return 1
+    return TEAM_THREADS_OF_SMALL if _largest_balloon(model) <= SMALL else TEAM_THREADS
+
+
+def _largest_balloon(model: Model) -> int:
+    """Return the number of particles of the largest balloon."""
+    return max((len(shape.mesh.points) for shape in model.shapes), default=0)
+
+
 def step_arrays(model: Model, step: Step, room: Room) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any]]:
     """Allocate values that live from one piece to another, parts of sums, and second places of particles' state."""
     worlds = model.world_count
@@ -237,13 +255,19 @@ def step_arrays(model: Model, step: Step, room: Room) -> tuple[dict[str, Any], d
         values["acting"] = room.array((worlds, -(-model.particle_count // 4) * 4), wp.int8)
     parts = {}
     for piece in step.pieces:
-        if piece.sums and (count := part_count(model, piece.item)):
-            assert piece.summing
-            (dtype,) = piece.summing.writes.values()
+        if piece.sums and (count := _part_count(model, piece.item)):
+            (dtype,) = piece.phases[0].writes.values()
             shape = (worlds, model.balloon_count, count)
             parts[piece.name] = room.array(shape, wp.float32 if dtype is float else dtype)
     second = {name: room.array((worlds, model.particle_count), wp.vec3) for name in step.doubled}
     return values, parts, second
+
+
+def _part_count(model: Model, item: Item) -> int:
+    """Count the parts in which the items of a balloon are added up; 0 where it is done in one go."""
+    counts = [mesh.face_count if item == "face" else len(mesh.points) for mesh in (s.mesh for s in model.shapes)]
+    largest = max(counts)
+    return -(-largest // int(ITEMS_OF_PART)) if largest > LARGE else 0
 
 
 def working_arrays(model: Model, features: Features, room: Room) -> dict[str, Any]:

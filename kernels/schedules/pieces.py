@@ -44,12 +44,7 @@ class Piece(NamedTuple):
     @property
     def sums(self) -> bool:
         """Return whether a block sums the results of its items over their balloon."""
-        return self.summing is not None
-
-    @property
-    def summing(self) -> Phase | None:
-        """Return the phase whose results a block sums."""
-        return next((phase for phase in self.phases if phase.sums), None)
+        return self.phases[0].sums
 
 
 class Step(NamedTuple):
@@ -62,8 +57,6 @@ class Step(NamedTuple):
     """Phases that are recomputed wherever their values are read"""
     apart: frozenset[str] = frozenset()
     """Names of phases that begin a piece anyway"""
-    joins: bool = False
-    """Whether the block that has summed a balloon goes on with the particles, see `joined`"""
 
     def owner(self, value: str) -> Item:
         """Return the kind of items that have a value."""
@@ -93,7 +86,6 @@ def cut(
     doubles: bool = True,
     apart: Collection[str] = (),
     sums_along: bool = False,
-    sums_after: bool = False,
     shown: Collection[str] = (),
 ) -> Step:
     """Cut the phases that a scene has into pieces.
@@ -103,7 +95,6 @@ def cut(
         apart: names of phases that begin a piece anyway.
         sums_along: whether those who add up may do so as they go, at the end of a piece; otherwise a sum begins one,
             and who adds up goes on with the balloon.
-        sums_after: whether a sum ends what a thread does for its item, and who adds up goes on with the balloon.
         shown: values that somebody reads afterwards.
     """
     light = tuple(phase for phase in phases if phase.light)
@@ -111,9 +102,7 @@ def cut(
     for phase in phases:
         if phase.light:
             continue
-        ends = sums_along or (sums_after and phase.item == "particle")
-        begins = not groups or phase.name in apart
-        if begins or not _goes_on(groups[-1], phase, features, look, doubles, sums_along, ends):
+        if not groups or phase.name in apart or not _goes_on(groups[-1], phase, features, look, doubles, sums_along):
             groups.append([])
         groups[-1].append(phase)
     read = [_read(group, light, features, look) for group in groups]
@@ -125,19 +114,15 @@ def cut(
 
 
 def _goes_on(
-    group: Sequence[Phase], phase: Phase, features: Features, look: Look, doubles: bool, sums_along: bool, ends: bool
+    group: Sequence[Phase], phase: Phase, features: Features, look: Look, doubles: bool, sums_along: bool
 ) -> bool:
-    """Return whether the thread that executes a group may go on with a phase.
-
-    Args:
-        ends: whether it may be a sum.
-    """
+    """Return whether the thread that executes a group may go on with a phase."""
     first = group[0]
     if phase.once(features) != first.once(features) or phase.last != first.last:
         return False
     if any(each.sums for each in group):
         return not sums_along and phase.item == "balloon"
-    if phase.sums and not ends:
+    if phase.sums and not sums_along:
         return False
     if first.item in ("particle", "face"):
         written = {name for each in group for name in each.writes}
@@ -187,31 +172,6 @@ def _piece(group: Sequence[Phase], read: set[str], read_elsewhere: set[str], fea
         keeps=tuple(name for name in written if name in features.kept),
         doubles=tuple(name for name in moves if name in looked_at),
     )
-
-
-def joined(step: Step) -> Step:
-    """Return the step where blocks that have summed a balloon go on with its particles: others may still look at them.
-
-    So these have a second place.
-    """
-    joining = step._replace(joins=True)
-    pieces = list(step.pieces)
-    for place, piece in enumerate(step.pieces):
-        if after := piece_after_sum(joining, piece):
-            looked_at = {name for phase in piece.phases for name in phase.views(step.features, step.look)}
-            pieces[place + 1] = after._replace(doubles=tuple(name for name in after.moves if name in looked_at))
-    return joining._replace(pieces=tuple(pieces))
-
-
-def piece_after_sum(step: Step, piece: Piece) -> Piece | None:
-    """Return the next piece, if the block that sums what a balloon's particles have done goes on with them."""
-    place = next(number for number, each in enumerate(step.pieces) if each.phases == piece.phases) + 1
-    after = step.pieces[place] if place < len(step.pieces) else None
-    if not (step.joins and after and piece.item == "particle" and piece.sums):
-        return None
-    looks = any(phase.views(step.features, step.look) for phase in after.phases)
-    stays = after.item == "particle" and not (after.sums or after.once or looks)
-    return after if stays and after.phases[0].name not in step.apart else None
 
 
 def values_of(step: Step) -> dict[str, Any]:

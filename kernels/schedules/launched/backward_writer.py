@@ -8,8 +8,7 @@ import warp as wp
 from balloon_warp.kernels.adjoint import Adjoint
 from balloon_warp.kernels.adjoints.derived import NOT_DIFFERENTIATED
 from balloon_warp.kernels.phase import STATE
-from balloon_warp.kernels.schedules.launched.names import PieceWriter
-from balloon_warp.kernels.schedules.launched.source import OFFSETS
+from balloon_warp.kernels.schedules.launched.source import OFFSETS, PieceWriter
 from balloon_warp.kernels.schedules.launched.trace import Entry, Trace, arguments_of
 from balloon_warp.kernels.schedules.writer import named_in, written_types
 

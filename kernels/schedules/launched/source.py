@@ -1,19 +1,19 @@
 """Phases as launches: the source of a kernel for each piece of a list, flat, with just what the piece does."""
 
+from collections.abc import Mapping
 from functools import cache
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import warp as wp
 
 from balloon_warp.kernels.codegen import kernel_from
 from balloon_warp.kernels.memory import four_bytes_in
 from balloon_warp.kernels.options import OPTIONS
-from balloon_warp.kernels.phase import STATE, Phase
+from balloon_warp.kernels.phase import STATE, VIEWS
 from balloon_warp.kernels.schedules.compaction import compaction
 from balloon_warp.kernels.schedules.launched.few import acts_on_few, asked_ahead, is_asked_ahead, rare_phase
-from balloon_warp.kernels.schedules.launched.names import PieceWriter
-from balloon_warp.kernels.schedules.pieces import Piece, Step, piece_after_sum
-from balloon_warp.kernels.schedules.writer import head, named_in
+from balloon_warp.kernels.schedules.pieces import Piece, Step
+from balloon_warp.kernels.schedules.writer import Writer, head, named_in
 from balloon_warp.kernels.warps import block_barrier
 
 ITEMS_OF_PART = wp.constant(512)
@@ -22,12 +22,66 @@ ITEMS_OF_LIST = wp.constant(512)
 """Number of items among which a block finds those that a rare phase acts on"""
 Part = Literal["all", "part", "parts"]
 """Range that the kernel of a summing piece covers: all items of a balloon, the items of a part, or the parts"""
+HANDLES = ("t", "time_in_frame", "state", "working")
+NAMES: Mapping[str, tuple[str, str]] = {
+    "time": ("", "time_of(t, state.frame, time_in_frame)"),
+    "end": ("", "time_in_frame + t.step_seconds"),
+    "points": ("", "all_points[world]"),
+    "velocities": ("", "all_velocities[world]"),
+    "spheres": ("", "spheres_in_state(t, state, working)"),
+    "numbers": ("", "read_numbers(t, world, balloon)"),
+}
+"""Expressions for the names that phases read: names that the expression needs, and its text"""
+OF_PARTICLE: Mapping[str, tuple[str, str]] = {
+    "params": ("", "read_params(t, world, particle)"),
+    "balloon": ("params", "params.balloon"),
+    "point": ("", "vector_in(all_points, world, particle)"),
+    "velocity": ("", "vector_in(all_velocities, world, particle)"),
+    "origin": ("balloon", "all_points[world, volume_origin(t, balloon)]"),
+    "gas_mass": ("balloon", "working.gas_masses[world, balloon]"),
+    "keyed": ("balloon", "ramp_at(state, world, balloon, time_in_frame)"),
+    "load": ("balloon", "two_in(state.inflation_loads, world, balloon)"),
+}
+"""Expressions for names of a particle"""
 OFFSETS = {"particle": "t.particles.offsets", "face": "t.faces.balloon_offsets"}
 """Begin of each balloon's items"""
 
 
 END_OF_LIST = "wp.min(begin + ITEMS_OF_LIST, state.points.shape[1])"
 """End of the particles of a block"""
+
+
+class PieceWriter(Writer):
+    """Find what phases name where the state is in arrays."""
+
+    aliases: ClassVar[Mapping[str, str]] = {"springs": "working"}
+
+    def __init__(self, step: Step):
+        super().__init__(step, (*HANDLES, "world"))
+
+    def _begin(self, indices: str) -> None:
+        self.line(f"{indices} = wp.tid()")
+        if self.step.features.frames == "busy":
+            self.line("if working.verdicts[world] == 0:")
+            self.line("    return")
+        self.known |= set(indices.split(", "))
+
+    def found(self, name: str) -> tuple[str, str] | None:
+        """Return the arguments that a name depends on, and the text that computes it."""
+        kept = self.step.kept
+        if VIEWS.get(name) in kept:
+            return "", f"all_{VIEWS[name]}[world]"
+        if name in kept:
+            item = self.step.owner(name)
+            return (item if item == "balloon" else ""), f"all_{name}[world, {item}]"
+        if text := self.kept_at(name):
+            return "", text
+        particles = "particle" in self.known
+        if particles and name in OF_PARTICLE:
+            return OF_PARTICLE[name]
+        if name in NAMES:
+            return NAMES[name]
+        return self.number_at(name) if particles or "sphere" in self.known else None
 
 
 class _Writer(PieceWriter):
@@ -58,17 +112,14 @@ class _Writer(PieceWriter):
 
     def names(self) -> dict[str, Any]:
         """Return what the text refers to."""
-        after = piece_after_sum(self.step, self.piece)
-        phases = self.piece.phases + (after.phases if after else ())
-        names = {**self.scope(phases), "ITEMS_OF_PART": ITEMS_OF_PART, "four_bytes_in": four_bytes_in}
-        names["block_barrier"] = block_barrier
+        names = {**self.scope(self.piece.phases), "ITEMS_OF_PART": ITEMS_OF_PART, "four_bytes_in": four_bytes_in}
         if ahead := asked_ahead(self.step, self.piece):
             names[f"{ahead.name}_may_act"] = ahead.asked(self.step.features, self.step.look)
         if rare := rare_phase(self.step, self.piece):
             functions = compaction(rare.name, int(ITEMS_OF_LIST))
             names |= {f"{rare.name}_may_act": rare.asked(self.step.features, self.step.look),
                       "clear": functions.clear, "note": functions.note, "count": functions.count, "noted": functions.at,
-                      "ITEMS_OF_LIST": ITEMS_OF_LIST}  # fmt: skip
+                      "ITEMS_OF_LIST": ITEMS_OF_LIST, "block_barrier": block_barrier}  # fmt: skip
         return names
 
     def arguments(self) -> dict[str, str]:
@@ -94,13 +145,7 @@ class _Writer(PieceWriter):
 
     @property
     def _summed(self) -> str:
-        return next(iter(self.summing.writes))
-
-    @property
-    def summing(self) -> Phase:
-        """The phase whose results the piece sums."""
-        assert self.piece.summing
-        return self.piece.summing
+        return next(iter(self.piece.phases[0].writes))
 
     def _body(self) -> None:
         piece = self.piece
@@ -149,20 +194,14 @@ class _Writer(PieceWriter):
         self.calls(self.piece.phases)
         self._leave()
 
-    def _leave(self, item: str = "") -> None:
-        """Write what the piece has found to where it is kept.
-
-        Args:
-            item: whose values to write alone.
-        """
-        for name in self.piece.moves if item in ("", self.piece.item) else ():
+    def _leave(self) -> None:
+        """Write what the piece has found to where it is kept."""
+        for name in self.piece.moves:
             self.line(f"put_vector_in(new_{STATE[name]}, world, {self.piece.item}, {name})")
         for name in self.piece.leaves:
-            if item in ("", owner := self.step.owner(name)):
-                self.line(f"all_{name}[world, {owner}] = {name}")
+            self.line(f"all_{name}[world, {self.step.owner(name)}] = {name}")
         for name in self.piece.keeps:
-            if item in ("", self.step.features.kept[name].item):
-                self.line(f"{self.kept_at(name)} = {name}")
+            self.line(f"{self.kept_at(name)} = {name}")
 
     def _worlds(self) -> None:
         """Write what a thread does for a world, balloon by balloon."""
@@ -183,12 +222,11 @@ class _Writer(PieceWriter):
 
     def _sum(self) -> None:
         """Write what a block adds up of a balloon, or a part of one, in the same order every time."""
-        phase, value = self.summing, self._summed
-        place = self.piece.phases.index(phase)
-        before, others = self.piece.phases[:place], self.piece.phases[place + 1 :]
+        phase, *others = self.piece.phases
+        value = self._summed
         self._begin("world, balloon, part, thread" if self.part == "part" else "world, balloon, thread")
         self.line("total = float(0.0)" if phase.writes[value] is float else f"total = {value}_type()")
-        known = set(self.known)
+        before = set(self.known)
         if self.part == "parts":
             self.line("for part in range(thread, all_parts.shape[2], wp.block_dim()):")
             self.line("    total += all_parts[world, balloon, part]")
@@ -200,14 +238,11 @@ class _Writer(PieceWriter):
             self.line(f"for {phase.item} in range({begin} + thread, {end}, wp.block_dim()):")
             self.indent = "        "
             self.known.add(phase.item)
-            self.calls(before)
             call = self.call(phase)
             self.line(f"# {phase.summary}")
             self.line(f"total += {call}")
-            if before:
-                self._leave(phase.item)
             self.indent = "    "
-        self.known = known
+        self.known = before
         tile = "wp.tile(total)" if phase.writes[value] is float else "wp.tile(total, preserve_type=True)"
         self.line(f"{value} = wp.tile_sum({tile})[0]")
         self.known.add(value)
@@ -216,21 +251,8 @@ class _Writer(PieceWriter):
         if self.part == "part":
             self.line(f"all_parts[world, balloon, part] = {value}")
         else:
-            self.calls(others)
-            self._leave("balloon" if before else "")
-        if after := piece_after_sum(self.step, self.piece):
-            self.known, self.indent = known, "    "
-            self.line("block_barrier()")
-            self._go_on(after, begin, end)
-
-    def _go_on(self, after: Piece, begin: str, end: str) -> None:
-        """Write what a block does for the particles that it has summed, once it knows the sum."""
-        self.line(f"for particle in range({begin} + thread, {end}, wp.block_dim()):")
-        summed, self.piece, self.indent = self.piece, after, "        "
-        self.known.add("particle")
-        self.calls(after.phases)
-        self._leave()
-        self.piece = summed
+            self.calls(tuple(others))
+            self._leave()
 
 
 @cache
@@ -256,6 +278,4 @@ def arguments_of(step: Step, piece: Piece, part: Part = "all") -> tuple[str, ...
 
 def source_of(step: Step) -> str:
     """Write the kernels of a list, in the order of their launches."""
-    joined = [piece_after_sum(step, piece) for piece in step.pieces]
-    own = [piece for piece in step.pieces if piece.item != "launches" and piece not in joined]
-    return "\n\n".join(_Writer(step, piece).source() for piece in own)
+    return "\n\n".join(_Writer(step, piece).source() for piece in step.pieces if piece.item != "launches")
