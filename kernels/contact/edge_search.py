@@ -17,9 +17,10 @@ from balloon_warp.kernels.contact.parts import (
     upper_of_edge,
     upper_of_part,
 )
+from balloon_warp.kernels.contact.triangles import are_neighbors
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.edges import crossing_of, is_within
-from balloon_warp.kernels.memory import four_ints_at, int_pair_at, vector_at
+from balloon_warp.kernels.memory import four_ints_at, int_pair_at
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.working import Working
@@ -42,13 +43,12 @@ def fastest_between(velocities: wp.array[wp.vec3], first: wp.vec2i, second: wp.v
 
 @wp.func
 def are_far(t: Tables, own: wp.int32, first: wp.vec2i, second: wp.vec2i):
-    """Return whether two edges of a balloon are not neighbors, so that they may touch; all are loaded at once."""
-    a = vector_at(t.touch.rest_points, first[0])
-    b = vector_at(t.touch.rest_points, first[1])
-    c = vector_at(t.touch.rest_points, second[0])
-    d = vector_at(t.touch.rest_points, second[1])
-    nearest = wp.min(wp.min(wp.length_sq(c - a), wp.length_sq(d - a)), wp.min(wp.length_sq(c - b), wp.length_sq(d - b)))
-    return nearest >= t.touch.apart[own] * t.touch.apart[own]
+    """Return whether two edges of a balloon are not neighbors, so that they may touch."""
+    for end in range(2):
+        for far in range(2):
+            if are_neighbors(t, own, first[end], second[far]):
+                return False
+    return True
 
 
 @wp.func
@@ -113,13 +113,11 @@ def finding_edges_function(features: Features) -> Any:
                 for other in range(first, its_edges[1]):
                     its_lower = lower_of_edge(working, world, other)
                     near = boxes_meet(swept.lower, swept.upper, its_lower, upper_of_edge(working, world, other), looks)
-                    there = wp.vec2i()
-                    if near:
-                        there = int_pair_at(t.touch.edges, other)
+                    there = t.touch.edges[other]
                     if wp.static(features.touches_itself):
                         near = near and (balloon != own or are_far(t, own, ends, there))
                     if near:
-                        crossing = crossing_of(a, b, vector_at(points, there[0]), vector_at(points, there[1]))
+                        crossing = crossing_of(a, b, points[there[0]], points[there[1]])
                         least = wp.min(least, crossing.gap)
                         ways = t.touch.seconds * fastest_between(velocities, ends, there)
                         if crossing.gap < pad + ways:
