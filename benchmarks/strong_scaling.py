@@ -4,11 +4,15 @@
     python -m balloon_warp.benchmarks.strong_scaling environment --gpus 1,2,4
     python -m balloon_warp.benchmarks.strong_scaling gradient --gpus 1,2,4
 
-needs the extras `cluster`, `data` and `envs`. `--workers 1,2` takes processes of the CPU, and fewer worlds.
+needs the extras `data` and `envs`. `--workers 1,2` takes processes of the CPU, and fewer worlds. `batch` measures the
+command, and takes `--worlds` and `--frames`.
 """
 
 import argparse
 import hashlib
+import json
+import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Sequence
@@ -26,8 +30,6 @@ from balloon_warp.envs import BalloonVectorEnv, make_vec
 from balloon_warp.envs.altitude import Altitude
 from balloon_warp.gradients import losses
 from balloon_warp.gradients.gradient import gradient
-from balloon_warp.scene import load_scene
-from balloon_warp.sweep.batch import run_batch
 from balloon_warp.sweep.cluster import Cluster
 from balloon_warp.warp_logging import quiet_warp
 
@@ -53,37 +55,23 @@ GPU_SIZE = Size(65_536, 300, 4096, 100, 1024, 10)
 CPU_SIZE = Size(256, 10, 16, 10, 8, 4)
 
 
-def squirrels(frames: int) -> Any:
-    """Return a squirrel on a string of which each frame has a row."""
-    return load_scene("squirrel_tether").model_copy(update={"frames": frames})
-
-
 def cluster_of(kind: str, count: int) -> Cluster:
     """Return so many GPUs, or processes of the CPU."""
     return Cluster(gpus=count) if kind == "gpus" else Cluster(workers=count)
 
 
-def batch_seconds(size: Size, cluster: Cluster, folder: Path) -> tuple[list[float], str]:
-    """Return seconds until a batch begins, until its last frame, and until its tables are written; and their hash."""
-    moments = [time.perf_counter()]
-    last = [0.0]
-    vary = {VARIED: np.linspace(8.0, 16.0, size.worlds)}
-    run_batch(
-        squirrels(size.frames),
-        folder,
-        size.worlds,
-        vary,
-        cluster=cluster,
-        table="parquet",
-        on_begin=lambda _: moments.append(time.perf_counter()),
-        on_frame=lambda _: last.__setitem__(0, time.perf_counter()),
-    )
-    moments += [last[0], time.perf_counter()]
+def batch_seconds(worlds: int, frames: int, kind: str, count: int, folder: Path) -> tuple[float, float, str]:
+    """Return seconds until the command `balloon-warp batch` simulates, and until it ends; and a hash of its tables."""
+    command = f"batch squirrel_tether --worlds {worlds} --frames {frames} --vary {VARIED}=8:16 --grid --table parquet"
+    words = [sys.executable, "-m", "balloon_warp", *command.split(), f"--{kind}", str(count), "-o", str(folder)]
+    began = time.perf_counter()
+    told = subprocess.run([*words, "--json"], check=True, capture_output=True, text=True).stdout
+    together = time.perf_counter() - began
     digest = hashlib.sha256()
     for name in ("table.parquet", "table.npz"):
         with open(folder / name, "rb") as file:
             digest.update(hashlib.file_digest(file, "sha256").digest())
-    return np.diff(moments).tolist(), digest.hexdigest()[:12]
+    return together - json.loads(told)["wall_seconds"], together, digest.hexdigest()[:12]
 
 
 def step_with_policy(env: BalloonVectorEnv, steps: int, begin: float) -> tuple[float, float]:
@@ -146,16 +134,18 @@ def gradient_of(size: Size, cluster: Cluster) -> tuple[float, float]:
 def print_batch(counts: Sequence[int], kind: str, size: Size) -> None:
     """Print a row for each number of GPUs or processes: seconds of the parts of a batch, and a hash of its tables."""
     print(f"{size.worlds:,} worlds of squirrel_tether, {size.frames} frames, tables written: seconds")
-    print(
-        f"| {kind} | start | simulate | join and write | together | times one | tables |\n|---|---|---|---|---|---|---|"
-    )
-    alone = 0.0
+    print(f"| {kind} | start | simulate and write | times one | together | times one | tables |")
+    print("|---|---|---|---|---|---|---|")
+    alone: tuple[float, float] | None = None
+    with tempfile.TemporaryDirectory() as folder:
+        batch_seconds(64, 1, kind, 1, Path(folder))  # compiles
     for count in counts:
         with tempfile.TemporaryDirectory() as folder:
-            parts, digest = batch_seconds(size, cluster_of(kind, count), Path(folder))
-        alone = alone or sum(parts)
-        cells = " | ".join(f"{part:.1f}" for part in (*parts, sum(parts)))
-        print(f"| {count} | {cells} | {alone / sum(parts):.2f} | {digest} |", flush=True)
+            start, together, digest = batch_seconds(size.worlds, size.frames, kind, count, Path(folder))
+        parts = together - start, together
+        alone = alone or parts
+        cells = " | ".join(f"{part:.1f} | {one / part:.2f}" for one, part in zip(alone, parts, strict=True))
+        print(f"| {count} | {start:.1f} | {cells} | {digest} |", flush=True)
 
 
 def print_environment(counts: Sequence[int], kind: str, size: Size) -> None:
@@ -194,9 +184,13 @@ def main() -> None:
     among = parser.add_mutually_exclusive_group(required=True)
     among.add_argument("--gpus", metavar="1,2,4", help="numbers of GPUs")
     among.add_argument("--workers", metavar="1,2", help="numbers of processes of the CPU")
+    parser.add_argument("--worlds", type=int, help="of a batch")
+    parser.add_argument("--frames", type=int, help="of a batch")
     options = parser.parse_args()
     quiet_warp()
     kind, size = ("gpus", GPU_SIZE) if options.gpus else ("workers", CPU_SIZE)
+    given = {"worlds": options.worlds, "frames": options.frames}
+    size = replace(size, **{name: number for name, number in given.items() if number})
     counts = [int(word) for word in getattr(options, kind).split(",")]
     WAYS[options.what](counts, kind, size)
 

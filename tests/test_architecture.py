@@ -93,7 +93,7 @@ def test_nothing_loads_what_loads_it() -> None:
 LOADED_BY_NAME = {
     "balloon_warp/__init__.py": "the names of the package, from where its table says",
     "balloon_warp/foil/outlines.py": "packages of an extra, or says which extra",
-    "balloon_warp/sweep/local_workers.py": "what simulates a share, in another process, as it starts",
+    "balloon_warp/sweep/local_worker.py": "what simulates a share, in another process, as it starts",
     "kernels/laws/law.py": "a law of one's own, in another process",
 }
 """files that load a module of which they do not say which, and what"""

@@ -19,9 +19,8 @@ from pxr import Sdf
 from balloon_warp import Cluster, InputError, Scene, TrajectoryFiles, WorkersLostError, run_batch
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.scene import Balloon, Ground, Sphere, String
-from balloon_warp.sweep import dask_workers, distribute, local_workers, shares
+from balloon_warp.sweep import dask_workers, local_workers, shares
 from balloon_warp.sweep.output import BatchOutput
-from balloon_warp.sweep.task import BatchTask
 
 dask = pytest.importorskip("dask", reason="needs the extra `cluster`")
 distributed = pytest.importorskip("distributed")
@@ -107,26 +106,26 @@ def test_two_workers_give_what_one_process_gives(vary: dict, tmp_path: Path):
 def test_the_workers_end_before_the_table_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Processes are gone when rows are written: they would keep the memory of GPUs."""
 
-    def write_without_children(task: BatchTask, output: BatchOutput) -> None:
+    def finish_without_children(output: BatchOutput, frames: int) -> dict[str, str]:
         until = time.monotonic() + 60.0
         while workers_here():
             assert time.monotonic() < until
             time.sleep(0.01)
-        write(task, output)
+        return finish(output, frames)
 
-    write = distribute._write_table
-    monkeypatch.setattr(distribute, "_write_table", write_without_children)
+    finish = BatchOutput.finish
+    monkeypatch.setattr(BatchOutput, "finish", finish_without_children)
     run_batch(scene(), tmp_path / "out", 2, cluster=Cluster(workers=1))
     assert len((tmp_path / "out" / "table.csv").read_text().splitlines()) == 1 + 5 * 2
 
 
 def workers_here() -> list[psutil.Process]:
-    """Return the processes that this one has started as workers."""
+    """Return the processes that this one has had its fork server start as workers."""
     found = []
-    for each in psutil.Process().children():
+    for server in psutil.Process().children():
         with contextlib.suppress(psutil.NoSuchProcess):  # it has ended meanwhile
-            found += [each] if "spawn_main" in " ".join(each.cmdline()) else []
-    return found
+            found += server.children() if "forkserver" in " ".join(server.cmdline()) else []
+    return [each for each in found if each.status() != psutil.STATUS_ZOMBIE]
 
 
 def remove(paths: list[str]) -> None:

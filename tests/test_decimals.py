@@ -46,7 +46,7 @@ def test_a_table_of_many_worlds_is_that_of_its_numbers(tmp_path: Path, monkeypat
     monkeypatch.setattr(table_csv, "BLOCK", 3)
     varied = {"balloon.mass": RANDOM.normal(size=11), "balloon.mesh": np.array(['a,"ü".obj'] * 11)}
     with TableWriter(tmp_path, 2, 3.0, varied, ["volume", "area"], 11) as writer:
-        writer.values[:] = RANDOM.lognormal(0.0, 9.0, (2, 11, 2))
+        writer.values[:] = RANDOM.lognormal(0.0, 9.0, (2, 2, 11))
         writer.health[:] = RANDOM.integers(0, 3, (2, 11))
         for _ in range(2):
             writer.write_frame()

@@ -20,7 +20,7 @@ def test_row_groups_that_are_encoded_side_by_side_are_those_of_one_writer(
 ) -> None:
     """Twenty row groups, which is a long list in Thrift, have the bytes that Arrow itself writes in turn."""
     monkeypatch.setattr(table_parquet, "ROWS", 2 * WORLDS)
-    heights = np.random.default_rng(0).normal(size=(FRAMES, WORLDS, 1)).astype(np.float32)
+    heights = np.random.default_rng(0).normal(size=(FRAMES, 1, WORLDS)).astype(np.float32)
     health = np.ones(WORLDS, dtype=np.int32)
     rows = table_parquet.ParquetRows(tmp_path / "parts.parquet", COLUMNS, VARIED, WORLDS)
     for frame in range(FRAMES):

@@ -32,6 +32,7 @@ from balloon_warp.driver import begin_driver
 from balloon_warp.errors import InputError
 from balloon_warp.garbage import without_collecting
 from balloon_warp.scene.load import scene_name
+from balloon_warp.sweep.child import begin_children
 from balloon_warp.sweep.values import ends_of, parse_export, parse_vary, spread
 from balloon_warp.warp_logging import quiet_warp
 
@@ -174,6 +175,8 @@ def batch(
 
     Try `balloon-warp batch squirrel_inflate --worlds 9 --vary balloon.mass=1:3 --grid --export all`.
     """
+    if workers or (gpus or 0) > 1:
+        begin_children()
     changes, name = Changes(overrides, mesh, length), scene_name(scene)
     choices = dict(parse_vary(text, scene) for text in vary or [])
     with _naming_vary():

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, closing
+from contextlib import ExitStack
 from pathlib import Path
 from threading import Event
 from types import TracebackType
@@ -72,12 +72,12 @@ class TableWriter:
         self.kind = kind
         self.folder, self.frames_per_second = folder, frames_per_second
         self.varied, self.measures, self.world_count = dict(varied), list(measures), world_count
-        self.values = np.zeros((frame_count, world_count, len(measures)), dtype=np.float32)
-        """Measures of each frame and world, shape (frame_count, world_count, len(measures))"""
+        self.values = np.zeros((frame_count, len(measures), world_count), dtype=np.float32)
+        """Measures of each frame and world, shape (frame_count, len(measures), world_count): columns, as files have"""
         self.health = np.zeros((frame_count, world_count), dtype=np.int32)
         """Health of each frame and world, shape (frame_count, world_count)"""
         self._frames_written = 0
-        self._measured, self._failed = Event(), False
+        self._measured, self._failed, self._ended = Event(), False, False
 
     @property
     def columns(self) -> list[str]:
@@ -91,10 +91,9 @@ class TableWriter:
             files.push(self._save_npz)
             thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="arrays")
             self._arrays = thread.submit(write_npz, self._npz, self._arrays_in_turn())
-            path = files.enter_context(whole_file(self.folder / rows))
-            self._rows = files.enter_context(
-                closing(KINDS[self.kind](path, self.columns, self.varied, self.world_count))
-            )
+            self._text = files.enter_context(whole_file(self.folder / rows))
+            self._rows = KINDS[self.kind](self._text, self.columns, self.varied, self.world_count)
+            files.callback(self.end_rows)
             self._files = files.pop_all()
         return self
 
@@ -104,10 +103,21 @@ class TableWriter:
         self._frames_written += 1
         self._rows.write(frame, frame / self.frames_per_second, self.values[frame], self.health[frame])
 
-    def write_arrays(self) -> None:
-        """Write the measured columns of all frames, which are there: in a thread of its own while rows are written."""
+    def write_arrays(self) -> Path:
+        """Write the measured columns of all frames, which are there, while others write rows; return the file so far.
+
+        It has its name once the `with` block ends.
+        """
         self._measured.set()
         self._arrays.result()
+        return self._npz
+
+    def end_rows(self) -> Path:
+        """Write what waits of the rows; return the file so far, as `write_arrays` does."""
+        if not self._ended:
+            self._ended = True
+            self._rows.close()
+        return self._text
 
     def write_again(self) -> None:
         """Write the frames again that were written already: their rows have changed since; before `write_arrays`."""
@@ -159,4 +169,4 @@ class TableWriter:
                 return self.health.ravel()
         if name in self.varied:
             return np.tile(self.varied[name], frames)
-        return self.values[:, :, self.measures.index(name)].ravel()
+        return self.values[:, self.measures.index(name)].ravel()

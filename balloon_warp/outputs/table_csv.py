@@ -32,7 +32,7 @@ class CsvRows:
         self._write_header()
 
     def write(self, frame: int, time: float, values: NDArray[np.float32], health: NDArray[np.int32]) -> None:
-        """Write a frame: values of shape (world_count, measures), health of shape (world_count,)."""
+        """Write a frame: values of shape (measures, world_count), health of shape (world_count,)."""
         # nine digits give back every float32, and repr every float64
         moment = _padded([b",%d,%s" % (frame, repr(time).encode())])
         for begin in range(0, self._world_count, BLOCK):
@@ -42,7 +42,7 @@ class CsvRows:
                 self._world_text[worlds],
                 moment,
                 self._varied_text[worlds],
-                *(part for column in decimals(values[worlds].T) for part in (_COMMA, column)),
+                *(part for column in decimals(values[:, worlds]) for part in (_COMMA, column)),
                 _padded([b",%d\n" % each for each in kinds.tolist()])[kind],
             ]
             rows = np.concatenate([np.broadcast_to(column, (len(kind), column.shape[1])) for column in columns], axis=1)

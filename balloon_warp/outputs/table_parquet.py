@@ -18,7 +18,7 @@ from balloon_warp.outputs.parquet_parts import ParquetParts
 
 ROWS = 2**20
 """Number of rows that are written together, at least, unless they are the last: a row group of the file"""
-THREADS = min(os.cpu_count() or 1, 8)
+THREADS = min(os.cpu_count() or 1, 16)
 """Number of row groups that are encoded side by side: more would only fill the memory"""
 
 
@@ -67,11 +67,10 @@ class ParquetRows:
         self._open()
 
     def write(self, frame: int, time: float, values: NDArray[np.float32], health: NDArray[np.int32]) -> None:
-        """Write a frame: values of shape (world_count, measures), health of shape (world_count,)."""
+        """Write a frame: values of shape (measures, world_count), health of shape (world_count,)."""
         count = self._world_count
         first = [np.arange(count, dtype=np.int32), np.full(count, frame, dtype=np.int32), np.full(count, time)]
-        measured = (np.ascontiguousarray(column) for column in values.T)
-        arrays = [*first, *self._varied.values(), *measured, health]
+        arrays = [*first, *self._varied.values(), *values, health]
         self._waiting.append(self._arrow.record_batch(list(map(self._arrow.array, arrays)), schema=self._schema))
         if len(self._waiting) * count >= ROWS:
             self._flush()

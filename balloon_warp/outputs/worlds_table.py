@@ -50,7 +50,7 @@ def _columns(table: TableWriter, endings: Mapping[int, str]) -> Iterator[tuple[s
     health = table.health[-1]
     words = [endings.get(world, WELL) if well else BLEW_UP for world, well in enumerate(health.tolist())]
     values = table.values[-1], table.values.min(axis=0), table.values.max(axis=0)
-    measured = (np.ascontiguousarray(each[:, number]) for number in range(len(table.measures)) for each in values)
+    measured = (each[number] for number in range(len(table.measures)) for each in values)
     first = [worlds, *table.varied.values(), health, np.array(words), good.sum(axis=0, dtype=np.int32) - 1]
     yield from zip(worlds_columns(list(table.varied), table.measures), [*first, *measured], strict=True)
 

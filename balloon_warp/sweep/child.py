@@ -4,20 +4,55 @@ import multiprocessing
 import os
 import pickle
 import signal
+import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from importlib.util import find_spec
 from multiprocessing.connection import Connection
 from typing import Any
 
 from balloon_warp.errors import InputError, WorkersLostError
 
+LOADED = ["balloon_warp.sweep.shares"]
+"""Modules that a fork server loads: nearly all that any child needs"""
+SAFE_PATH = "PYTHONSAFEPATH"
+"""Variable that keeps Python from importing what lies in the current folder"""
 ENDING_SECONDS = 1.0
 """Time that processes have to end by themselves [s]"""
 UNGUARDED = 'a script that starts processes needs its main part under `if __name__ == "__main__":`'
 UNSENT = (pickle.PicklingError, AttributeError, TypeError)
 """Errors of what cannot be sent"""
+
+
+def begin_children() -> None:
+    """Start the fork server, where the system has any, if it does not run: it loads while its caller goes on.
+
+    Children that it forks start in a tenth of the time that loading takes. It ends with this process.
+    """
+    if sys.platform == "win32":
+        return
+    from multiprocessing.forkserver import ensure_running, set_forkserver_preload
+
+    set_forkserver_preload(LOADED)
+    with _unlike_a_script():
+        ensure_running()
+
+
+@contextmanager
+def _unlike_a_script() -> Iterator[None]:
+    """Keep a process that starts meanwhile from Ctrl-C, which is for its parent, and from modules of this folder."""
+    before = os.environ.get(SAFE_PATH)
+    os.environ[SAFE_PATH] = "1"
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        os.environ.pop(SAFE_PATH)
+        if before is not None:
+            os.environ[SAFE_PATH] = before
 
 
 def start_child(serve: Callable[..., None], environment: Mapping[str, str], *given: Any) -> tuple[Any, Connection]:
@@ -30,9 +65,11 @@ def start_child(serve: Callable[..., None], environment: Mapping[str, str], *giv
         InputError: the process does not start.
         PicklingError, AttributeError, TypeError: something cannot be sent to it.
     """
-    context = multiprocessing.get_context("spawn")
+    begin_children()
+    context: Any = multiprocessing.get_context("spawn" if sys.platform == "win32" else "forkserver")
     near, far = context.Pipe()
-    process = context.Process(target=_begin, args=(serve, dict(environment), far, *given), daemon=True)
+    everything = {**os.environ, **environment}  # a fork server has those of the moment in which it started
+    process = context.Process(target=_begin, args=(serve, everything, far, *given), daemon=True)
     try:
         process.start()
     except RuntimeError:
@@ -80,6 +117,7 @@ def as_sent(failure: Exception) -> Exception:
 
 def _begin(serve: Callable[..., None], environment: Mapping[str, str], connection: Connection, *given: Any) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it to all, and it is for the first process
+    os.environ.clear()
     os.environ.update(environment)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     serve(connection, *given)

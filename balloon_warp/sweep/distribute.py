@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Collection, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 from balloon_warp.beginning import Beginning
@@ -9,7 +10,6 @@ from balloon_warp.device import pick_device
 from balloon_warp.errors import WorkersLostError
 from balloon_warp.interrupts import Interrupts
 from balloon_warp.model.memory import require_memory
-from balloon_warp.outputs.background import Background
 from balloon_warp.resume import Checkpoints
 from balloon_warp.sweep.cluster import Cluster
 from balloon_warp.sweep.groups import Group
@@ -69,11 +69,11 @@ def distribute_batch(
             journal.save()
             interrupts.deliver()  # a signal that ends this process may have ended the workers first
             raise WorkersLostError(f"{loss}; {checkpoints.advice}") from None
-        with Background() as writer, Background() as other:
-            writer.submit(_write_table, task, output)
-            other.submit(output.table.write_arrays)
-            workers.close()  # which end meanwhile
         endings = output.endings()
+        with ThreadPoolExecutor(1) as beside:
+            ended = beside.submit(workers.close)
+            hashes = output.finish(task.scene.frames + 1)
+            ended.result()
     return Outcome(
         device=named,
         schedule=", ".join(sorted(set(journal.schedules.values()))),
@@ -87,13 +87,8 @@ def distribute_batch(
         seconds=time.perf_counter() - began,
         resumed=journal.resumed,
         removed_stage=output.removed_stage,
+        hashes=hashes,
     )
-
-
-def _write_table(task: BatchTask, output: BatchOutput) -> None:
-    """Write the table once all shares are there: a row of the text has the worlds of one frame, from all shares."""
-    for _ in range(task.scene.frames + 1):
-        output.end_frame()
 
 
 def _require_table_memory(task: BatchTask) -> None:

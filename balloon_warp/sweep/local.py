@@ -69,6 +69,7 @@ def simulate_locally(
                 )
                 failures.add(_restart_all(task, output, target, schedules))
         endings = output.endings()
+        hashes = output.finish()
     return Outcome(
         device=str(target),
         schedule=named,
@@ -82,6 +83,7 @@ def simulate_locally(
         seconds=time.perf_counter() - began,
         resumed=max(begin - 1, 0) / task.scene.frames,
         removed_stage=output.removed_stage,
+        hashes=hashes,
     )
 
 

@@ -3,7 +3,6 @@
 import json
 import platform
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -59,8 +58,7 @@ def write_manifest(
     Raises:
         InputError: it cannot be written.
     """
-    with ThreadPoolExecutor() as threads:
-        hashes = list(threads.map(hash_of_file, [task.folder / name for name in names]))
+    hashes = [outcome.hashes.get(name) or hash_of_file(task.folder / name) for name in names]
     manifest = {
         **provenance,
         "versions": installed_versions(),

@@ -2,10 +2,11 @@
 
 import json
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import replace
-from functools import partial
 from hashlib import sha256
+from itertools import chain
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
@@ -18,7 +19,7 @@ from balloon_warp.files import check_writable, target_of, whole_file
 from balloon_warp.outcomes import BadEnding, LastFrame, bad_endings
 from balloon_warp.outputs.table import TableWriter, table_names
 from balloon_warp.outputs.worlds_table import WORLDS_NAMES, write_worlds
-from balloon_warp.provenance import describe_scene
+from balloon_warp.provenance import describe_scene, hash_of_file
 from balloon_warp.resume import Part
 from balloon_warp.sweep.contacts import COLUMNS, Pair, contacts_shape, pair_columns, pressing_pairs
 from balloon_warp.sweep.groups import Group, vary_columns
@@ -60,6 +61,7 @@ class BatchOutput:
         self.contacts = np.zeros((worlds, *contacts_shape(self._plan), len(COLUMNS)), dtype=np.float32)
         """Contact measures of each pair, as in `Recorder`, of all worlds"""
         self._endings: dict[int, str] = {}
+        self._has_worlds = False
         self.stage_path = folder / STAGE_NAME
         self.removed_stage = False
         """Whether the stage of an earlier batch was there and this one has none"""
@@ -77,11 +79,12 @@ class BatchOutput:
 
     def __enter__(self) -> Self:
         with ExitStack() as files:
-            worlds = [files.enter_context(whole_file(self.table.folder / name)) for name in WORLDS_NAMES]
+            npz, text = (files.enter_context(whole_file(self.table.folder / name)) for name in WORLDS_NAMES)
             files.enter_context(self.table)
             if self.stage:
                 files.enter_context(self.stage)
-            files.push(partial(self._write_worlds, *worlds))  # the first to be written, the last to be in their places
+            self._worlds = npz, text
+            files.push(self._end_worlds)  # the first to be written, the last to be in their places
             files.push(self._end_trajectories)
             self._files = files.pop_all()
         return self
@@ -116,7 +119,7 @@ class BatchOutput:
             self.trajectories.replace(group, rows, record)
 
     def _put(self, worlds: NDArray[np.integer], record: Record) -> None:
-        self.table.values[record.number, worlds] = record.measures
+        self.table.values[record.number][:, worlds] = record.measures.T
         self.table.health[record.number, worlds] = record.healthy
         if record.contacts is not None:
             self.contacts[worlds] = record.contacts
@@ -149,20 +152,21 @@ class BatchOutput:
         if self.trajectories:
             self.trajectories.save()
         worlds = np.concatenate([self.groups[group].worlds for group in part.groups])
-        block = slice(part.frames.start, part.frames.stop), worlds
+        frames = slice(part.frames.start, part.frames.stop)
         return {
             "worlds": worlds,
             "columns": np.array(self.table.measures),
-            "values": self.table.values[block],
-            "health": self.table.health[block],
+            "values": self.table.values[frames][:, :, worlds].swapaxes(1, 2),
+            "health": self.table.health[frames, worlds],
             "contacts": self.contacts[worlds],
         }
 
     def take_rows(self, part: Part, saved: Mapping[str, NDArray]) -> None:
         """Put a part of the table in its place, as `rows` gave it."""
-        block = slice(part.frames.start, part.frames.stop), saved["worlds"]
-        self.table.values[block], self.table.health[block] = saved["values"], saved["health"]
-        self.contacts[saved["worlds"]] = saved["contacts"]
+        frames, worlds = slice(part.frames.start, part.frames.stop), saved["worlds"]
+        self.table.values[frames][:, :, worlds] = saved["values"].swapaxes(1, 2)
+        self.table.health[frames, worlds] = saved["health"]
+        self.contacts[worlds] = saved["contacts"]
 
     def rewrite_table(self) -> None:
         """Write the replaced rows of the table."""
@@ -190,9 +194,40 @@ class BatchOutput:
                 found.append(replace(ending, sentence=f"world {world}: {ending.sentence}"))
         return found
 
-    def _write_worlds(self, npz: Path, text: Path, kind: type[BaseException] | None, *_: object) -> None:
+    def finish(self, frames: int = 0) -> dict[str, str]:
+        """Write the tables to their ends, side by side: all measures are there, and all endings found.
+
+        Args:
+            frames: number of frames whose rows are to be written.
+
+        Returns:
+            The hashes of the files, by their names.
+        """
+
+        def rows() -> list[Path]:
+            for _ in range(frames):
+                self.end_frame()
+            return [self.table.end_rows()]
+
+        npz, text = table_names(self.table.kind)
+        jobs = {(text,): rows, (npz,): lambda: [self.table.write_arrays()], WORLDS_NAMES: self._write_worlds}
+        with ThreadPoolExecutor(len(jobs), thread_name_prefix="writer") as threads:
+            hashed = [threads.submit(lambda job=job: [hash_of_file(path) for path in job()]) for job in jobs.values()]
+            hashes = [of_job.result() for of_job in hashed]
+        return dict(zip(chain(*jobs), chain(*hashes), strict=True))
+
+    def _write_worlds(self) -> tuple[Path, Path]:
+        """Write the summary of all worlds, unless it is written; return its files."""
+        if not self._has_worlds:
+            further = dict(pair_columns(self.pairs, self.contacts))
+            write_worlds(*self._worlds, self.table, self._endings, further)
+        self._has_worlds = True
+        return self._worlds
+
+    def _end_worlds(self, kind: type[BaseException] | None, *_: object) -> None:
+        """Write the summary, unless the run failed."""
         if kind is None:
-            write_worlds(npz, text, self.table, self._endings, dict(pair_columns(self.pairs, self.contacts)))
+            self._write_worlds()
 
     def health_of(self, group: int) -> NDArray[np.int32]:
         """Return the health of a group's worlds in all frames, shape (frame_count, world_count)."""

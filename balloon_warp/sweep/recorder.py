@@ -1,8 +1,8 @@
 """Recording of a batch after each frame: a row of measures for each world, and the shapes of exported ones."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from balloon_warp.kernels.measure.picking import pick_healthy_worlds, pick_torn_
 from balloon_warp.kernels.measure.worlds import BalloonSums, measure_gas, measure_worlds, sum_balloons
 from balloon_warp.launching import launch
 from balloon_warp.model import ModelPlan
+from balloon_warp.reading import HostBuffer
 from balloon_warp.scene import Box, Scene
 from balloon_warp.simulator import Simulator
 from balloon_warp.sweep.contacts import COLUMNS, contacts_shape
@@ -76,6 +77,8 @@ class Record:
 
 SHAPES = ("points", "sphere_positions", "body_poses", "torn")
 """Fields of a record that only exported worlds have"""
+READ = ("measures", "healthy", "points", "sphere_positions", "body_positions", "body_turns", "torn")
+"""Arrays on the device from which a frame's record is made"""
 
 
 class Recorder:
@@ -125,35 +128,57 @@ class Recorder:
         self._torn = zeros((len(chosen), state.torn.shape[1]), wp.int8)
         self._contact_means = zeros(state.contact_forces.shape, wp.vec4)
         self._contact_peaks = zeros(state.contact_forces.shape, wp.vec4)
+        stream = wp.get_stream(model.device) if model.device.is_cuda else None
+        read = {name: array for name in READ if (array := getattr(self, f"_{name}")).size}
+        self._buffers = [HostBuffer(read, partial(_copy_all, read), stream) for _ in range(2)]
 
     def read(self) -> Record:
         """Read the frame that the simulator is at."""
-        with lock_of(self.simulator.model.device):
-            return self._read()
+        return self._begin()()
 
-    def _read(self) -> Record:
-        wp.capture_launch(self._graph)
+    def run(self) -> Iterator[Record]:
+        """Simulate from the start to the last frame; yield the record of each, while a GPU simulates the next."""
+        end = self._begin()
+        for _ in range(self.simulator.model.scene.frames):
+            self.simulator.advance()
+            before, end = end, self._begin()
+            yield before()
+        yield end()
+
+    def _begin(self) -> Callable[[], Record]:
+        """Send the frame that the simulator is at on its way to the host; return what waits for it. Two may be."""
+        number = self.simulator.frame_number
+        with lock_of(self.simulator.model.device):
+            wp.capture_launch(self._graph)
+            buffer = self._buffers[number % len(self._buffers)]
+            buffer.fill()
+            tracks = self._tracker.read() if self._tracker else None
+            contacts = self._contacts() if number == self.simulator.model.scene.frames else None
+        return partial(self._end, number, buffer, tracks, contacts)
+
+    def _end(
+        self, number: int, buffer: HostBuffer, tracks: dict[str, NDArray] | None, contacts: NDArray[np.float32] | None
+    ) -> Record:
+        buffer.wait()
+
+        def copy(name: str) -> NDArray:
+            return buffer.arrays[name].numpy().copy() if name in buffer.arrays else _no(getattr(self, f"_{name}"))
+
         return Record(
-            number=self.simulator.frame_number,
-            measures=_copy(self._measures),
-            healthy=_copy(self._healthy),
-            points=_copy(self._points),
-            sphere_positions=_copy(self._sphere_positions),
-            body_poses=np.concatenate([_copy(self._body_positions), _copy(self._body_turns)], axis=2),
-            torn=_copy(self._torn),
-            tracks=self._tracker.read() if self._tracker else None,
-            contacts=self._contacts() if self.simulator.frame_number == self.simulator.model.scene.frames else None,
+            number=number,
+            measures=copy("measures"),
+            healthy=copy("healthy"),
+            points=copy("points"),
+            sphere_positions=copy("sphere_positions"),
+            body_poses=np.concatenate([copy("body_positions"), copy("body_turns")], axis=2),
+            torn=copy("torn"),
+            tracks=tracks,
+            contacts=contacts,
         )
 
     def _contacts(self) -> NDArray[np.float32]:
-        return np.concatenate([_copy(self._contact_means), _copy(self._contact_peaks)], axis=3)
-
-    def run(self) -> Iterator[Record]:
-        """Simulate from the start to the last frame; yield the record of each."""
-        yield self.read()
-        for _ in range(self.simulator.model.scene.frames):
-            self.simulator.advance()
-            yield self.read()
+        both = self._contact_means, self._contact_peaks
+        return np.concatenate([each.numpy() if each.size else _no(each) for each in both], axis=3)
 
     def save(self) -> Iterator[tuple[str, NDArray]]:
         """Iterate over all that a frame depends on of those before it, by name; one array at a time is on the host."""
@@ -172,8 +197,7 @@ class Recorder:
     @property
     def _last_good(self) -> dict[str, wp.array]:
         """Arrays of the last good frame, by names that the simulator does not use."""
-        kept = ("measures", "healthy", "points", "sphere_positions", "body_positions", "body_turns", "torn")
-        kept += ("contact_means", "contact_peaks")
+        kept = (*READ, "contact_means", "contact_peaks")
         return {f"recorded_{name}": getattr(self, f"_{name}") for name in kept}
 
     @cached_property
@@ -263,10 +287,12 @@ def picked_bytes(plan: ModelPlan) -> int:
     return 12 * (particles + len(plan.scene.sphere)) + 28 * len(plan.bodies) + faces
 
 
-def _copy(array: wp.array) -> Any:
-    """Copy an array to the host; on the CPU `numpy()` alone is a view of memory that goes on changing."""
-    if not array.size:
-        width = {wp.vec3: (3,), wp.vec4: (4,), wp.quat: (4,)}.get(array.dtype, ())
-        return np.zeros((*array.shape, *width), dtype=np.float32)
-    on_cpu = wp.get_device(array.device).is_cpu
-    return array.numpy().copy() if on_cpu else array.numpy()
+def _copy_all(sources: Mapping[str, wp.array], targets: Mapping[str, wp.array]) -> None:
+    for name, target in targets.items():
+        wp.copy(target, sources[name])
+
+
+def _no(array: wp.array) -> NDArray[np.float32]:
+    """Return an array without elements as NumPy's."""
+    width = {wp.vec3: (3,), wp.vec4: (4,), wp.quat: (4,)}.get(array.dtype, ())
+    return np.zeros((*array.shape, *width), dtype=np.float32)

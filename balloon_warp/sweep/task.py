@@ -94,3 +94,5 @@ class Outcome:
     """Fraction of the work that an earlier batch had done, 0 to 1"""
     removed_stage: bool
     """Whether the folder had the stage of an earlier batch, and this batch has none"""
+    hashes: dict[str, str]
+    """Hashes of the tables, by the names of their files"""
