@@ -5,10 +5,7 @@ import pytest
 from gas_balloons import NO_SPRINGS
 from meshes import grid, quad_sphere
 
-from balloon_warp.mesh.polygon_mesh import PolygonMesh
-from balloon_warp.model import build_model
 from balloon_warp.scene import Atmosphere, Balloon, Inflation, Scene
-from balloon_warp.schedules.features import model_features
 from balloon_warp.simulator import Simulator
 
 STILL = {"stiffness": NO_SPRINGS, "damping": 0.0, "inflation": Inflation(kind="pressure", pressure=0.0)}
@@ -55,14 +52,3 @@ def test_a_sphere_has_the_integral_of_its_faces(drag: float, friction: float, de
     coefficient = 4.0 / 3.0 * drag + 8.0 / 3.0 * friction
     expected = 0.5 * 1.3 * coefficient * np.pi * 0.2**2 * np.linalg.norm(relative) * relative
     np.testing.assert_allclose(force, expected, atol=0.015 * np.linalg.norm(expected))
-
-
-def test_faces_that_pass_a_particle_twice_are_told():
-    """A particle bears a face's share at each corner, which is counted where some face has it at several."""
-    ball = quad_sphere(2, 0.5)
-    counts, corners = np.append(ball.face_vertex_counts, 4), np.append(ball.face_vertex_indices, [0, 1, 0, 2])
-    folded = PolygonMesh(ball.points, counts, corners)
-    found = [
-        model_features(build_model(Scene(balloon=[Balloon(mesh=mesh)]), "cpu")).revisits for mesh in (ball, folded)
-    ]
-    assert found == [False, True]
