@@ -122,8 +122,8 @@ class Working:
     edge_candidates: wp.array3d[wp.int32]
     """Edges that each edge may touch: shape (world_count, edges, most); empty unless sharp edges meet, see
     `contact.edges`, as is the next"""
-    edge_boxes: wp.array3d[wp.vec3]
-    """Box around what each edge sweeps until the next search [m], shape (world_count, edges, 2)"""
+    edge_boxes: wp.array2d[wp.vec4]
+    """Box around what each edge sweeps until the next search [m], its two corners: shape (world_count, 2 edges)"""
     edge_clearances: wp.array2d[float]
     """Distance of each edge from what it may touch of its own balloon at the last search [m]; empty unless balloons
     touch themselves"""

@@ -10,7 +10,7 @@ from balloon_warp.kernels.contact.edge_search import MOST_EDGES, find_edges_kern
 from balloon_warp.kernels.contact.forces import take_counts
 from balloon_warp.kernels.contact.near_parts import MOST_PARTS, near_parts_kernel
 from balloon_warp.kernels.contact.nearby import MOST_OF_BALLOON, MOST_TRIANGLES
-from balloon_warp.kernels.contact.parts import box_parts_of_worlds
+from balloon_warp.kernels.contact.parts import box_edges_of_worlds, box_parts_of_worlds
 from balloon_warp.kernels.contact.response import response_kernel
 from balloon_warp.kernels.contact.search import find_kernel, looking_kernel
 from balloon_warp.kernels.features import Features
@@ -41,7 +41,7 @@ class TouchLaunches:
         self._interval, self._fast_math, self._worlds = substeps_of_search(model), fast_math, Worlds()
         working.near_balloons.fill_(int(ARE_NEAR))  # before the first search they may have been, in another schedule
         # a thread for each item on a GPU; on a CPU one goes through them, and is soon done where nothing is near
-        self._edge_threads = working.edge_boxes.shape[1] if model.device.is_cuda else 1
+        self._edge_threads = tables.touch.edges.shape[0] if features.edges_meet and model.device.is_cuda else 1
         self._part_threads = working.near_parts.shape[1] if model.device.is_cuda else 1
         self._particle_threads = model.particle_count if model.device.is_cuda else 1
         self._list_threads = threads_of_list(model)
@@ -80,6 +80,7 @@ class TouchLaunches:
             threads = self._edge_threads
             inputs = [t, threads, points, velocities, working]
             shape = m.world_count, threads
+            launch(box_edges_of_worlds, shape, inputs, device=m.device)
             launch(find_edges_kernel(self._features), shape, inputs, block_dim=FEW_THREADS, device=m.device)
         place: dict[str, Any] = {"dim": (m.world_count, particles), "device": m.device, "block_dim": FEW_THREADS}
         moving = self._worlds.of(state), points, velocities, working
@@ -151,7 +152,7 @@ def touch_arrays(model: Model, features: Features, room: Room) -> dict[str, Any]
         "contacts": room.array((worlds, particles), wp.float32),
         "touched": room.array((worlds, particles), wp.int8),
         "edge_candidates": room.array((worlds, edges, int(MOST_EDGES)), wp.int32),
-        "edge_boxes": room.array((worlds, edges, 2), wp.vec3),
+        "edge_boxes": room.array((worlds, 2 * edges), wp.vec4),
         "edge_clearances": room.array((worlds, edges if features.touches_itself else 0), wp.float32),
         "edge_pairs": room.array((worlds, edges * int(MOST_EDGES)), wp.int32),
         "edge_catches": room.array((worlds, catch_count(model, features)), EdgeCatch),

@@ -36,7 +36,7 @@ MOST_REGISTERS = 128
 """Registers of a thread with a particle, so that a multiprocessor has two blocks of 256 where particles touch
 obstacles, too"""
 FEW_REGISTERS = 64
-"""Registers where contact has a launch of its own: enough for springs, and a multiprocessor has four blocks"""
+"""Registers where obstacles are left in another launch, and of faces: a multiprocessor has four blocks"""
 ROUGH = {"pull", "push_face", "leave"}
 """Phases for which a GPU's own division and root will do"""
 LISTING_THREADS = 32
@@ -194,11 +194,6 @@ class Launches:
         faces = m.face_count if self.step.features.has("face") else 0
         return m.spring_count + m.string_count + hinges + self.tables.membranes.corners.shape[0] + faces
 
-    @property
-    def _stands_apart(self) -> bool:
-        """Return whether particles leave obstacles in a launch of their own."""
-        return any(piece.phases[0].name == "leave" for piece in self.step.pieces)
-
     def kernel(self, piece: Piece, part: Part = "all") -> Any:
         """Return the kernel of a piece."""
         return self._asked(piece, part).kernel
@@ -212,9 +207,9 @@ class Launches:
 
     def _make_kernel(self, piece: Piece, part: Part) -> Any:
         names = {phase.name for phase in piece.phases}
-        pulls, meets = "pull" in names, "leave" in names
-        few = pulls and not meets and not self.step.features.membranes and self._stands_apart
-        registers = (FEW_REGISTERS if few else MOST_REGISTERS) if piece.item == "particle" and not piece.sums else 0
+        alone = "pull" in names and "leave" not in names and not self.step.features.membranes
+        most = {"particle": FEW_REGISTERS if alone else MOST_REGISTERS, "face": FEW_REGISTERS}
+        registers = 0 if piece.sums else most.get(piece.item, 0)
         device = self.model.device
         if device.is_cuda and self.model.world_count > device.sm_count:
             registers = TEAM_REGISTERS.get(piece.phases[0].name, registers)

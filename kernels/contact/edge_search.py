@@ -5,12 +5,18 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.contact.boxes import LOWER, UPPER, boxes_meet, has_strayed, is_searched, pad_function
+from balloon_warp.kernels.contact.boxes import boxes_meet, has_strayed, is_searched, pad_function
 from balloon_warp.kernels.contact.clearances import is_clear_of_own, pad_with_lookout
 from balloon_warp.kernels.contact.edges import PAIRS
 from balloon_warp.kernels.contact.near_parts import begin_of_parts, end_of_parts, part_of_search
 from balloon_warp.kernels.contact.nearby import Distances, slot_for
-from balloon_warp.kernels.contact.parts import lower_of_part, swept_by_edge, upper_of_part
+from balloon_warp.kernels.contact.parts import (
+    lower_of_edge,
+    lower_of_part,
+    swept_by_edge,
+    upper_of_edge,
+    upper_of_part,
+)
 from balloon_warp.kernels.contact.triangles import are_neighbors
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.edges import crossing_of, is_within
@@ -105,10 +111,8 @@ def finding_edges_function(features: Features) -> Any:
                 opens = boxes_meet(swept.lower, swept.upper, lower, upper, looks)
                 first = wp.where(opens, wp.max(its_edges[0], edge + 1), its_edges[1])
                 for other in range(first, its_edges[1]):
-                    its_lower = working.edge_boxes[world, other, LOWER]
-                    near = boxes_meet(
-                        swept.lower, swept.upper, its_lower, working.edge_boxes[world, other, UPPER], looks
-                    )
+                    its_lower = lower_of_edge(working, world, other)
+                    near = boxes_meet(swept.lower, swept.upper, its_lower, upper_of_edge(working, world, other), looks)
                     there = t.touch.edges[other]
                     if wp.static(features.touches_itself):
                         near = near and (balloon != own or are_far(t, own, ends, there))

@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from balloon_warp.kernels.contact.boxes import ALONE, ARE_NEAR, LOWER, UPPER
+from balloon_warp.kernels.contact.boxes import ALONE, ARE_NEAR
 from balloon_warp.kernels.memory import four_in, four_ints_at, int_at, int_pair_at, put_four_in, vector_at
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.tables import Tables
@@ -62,17 +62,30 @@ def swept_by_edge(t: Tables, ends: wp.vec2i, points: wp.array[wp.vec3], velociti
 
 
 @wp.func
-def box_edges_of_part(
-    t: Tables, working: Working, world: wp.int32, part: wp.int32, points: wp.array[wp.vec3],
+def lower_of_edge(working: Working, world: wp.int32, edge: wp.int32):
+    """Return the lower corner of an edge's box [m]."""
+    corner = four_in(working.edge_boxes, world, 2 * edge)
+    return wp.vec3(corner[0], corner[1], corner[2])
+
+
+@wp.func
+def upper_of_edge(working: Working, world: wp.int32, edge: wp.int32):
+    """Return the upper corner of an edge's box [m]."""
+    corner = four_in(working.edge_boxes, world, 2 * edge + 1)
+    return wp.vec3(corner[0], corner[1], corner[2])
+
+
+@wp.func
+def box_edge(
+    t: Tables, working: Working, world: wp.int32, edge: wp.int32, ends: wp.vec2i, points: wp.array[wp.vec3],
     velocities: wp.array[wp.vec3],
 ):  # fmt: skip
-    """Build the boxes of a leaf's edges: many others will compare theirs with each."""
-    if t.touch.part_edges.shape[0] > 0:
-        own = int_pair_at(t.touch.part_edges, part)
-        for edge in range(own[0], own[1]):
-            swept = swept_by_edge(t, t.touch.edges[edge], points, velocities)
-            working.edge_boxes[world, edge, LOWER] = swept.lower
-            working.edge_boxes[world, edge, UPPER] = swept.upper
+    """Build the box of an edge: many others will compare theirs with it."""
+    swept = swept_by_edge(t, ends, points, velocities)
+    lower = wp.vec4(swept.lower[0], swept.lower[1], swept.lower[2], 0.0)
+    upper = wp.vec4(swept.upper[0], swept.upper[1], swept.upper[2], 0.0)
+    put_four_in(working.edge_boxes, world, 2 * edge, lower)
+    put_four_in(working.edge_boxes, world, 2 * edge + 1, upper)
 
 
 @wp.func
@@ -131,7 +144,6 @@ def box_parts(
             if is_boxed(working, world, node):
                 if level == 0:
                     box_whole_part(t, working, world, part, points, velocities)
-                    box_edges_of_part(t, working, world, part, points, velocities)
                 else:
                     box_both_halves(working, world, part, four_ints_at(t.touch.parts, part + 1)[0])
         block_barrier()
@@ -151,3 +163,23 @@ def box_parts_of_worlds(
     world, thread = wp.tid()
     if working.near_balloons[world, working.balloon_boxes.shape[1]] == ARE_NEAR:
         box_parts(t, working, world, thread, wp.block_dim(), points[world], velocities[world])
+
+
+@wp.kernel(enable_backward=False)
+def box_edges_of_worlds(
+    # model
+    t: Tables,
+    threads: wp.int32,
+    # state in
+    points: wp.array2d[wp.vec3],
+    velocities: wp.array2d[wp.vec3],
+    # out
+    working: Working,
+):
+    """Build the boxes of edges of balloons that may touch any, by some threads a world."""
+    world, thread = wp.tid()
+    if working.near_balloons[world, working.balloon_boxes.shape[1]] == ARE_NEAR:
+        for edge in range(thread, t.touch.edges.shape[0], threads):
+            ends = t.touch.edges[edge]
+            if working.near_balloons[world, int_at(t.particles.balloon, ends[0])] != ALONE:
+                box_edge(t, working, world, edge, ends, points[world], velocities[world])

@@ -101,7 +101,8 @@ def _written() -> str:
 
     A wave is about sin(2 pi turns), to 0.001, without a sine: with few operations, alike on every device. Its phase is
     `randf` of `rand_init(seed, number)`, from 0 to 1. The threads of a warp of one world share out the waves, of which
-    each draws some phases for all.
+    each draws some phases for all, less the half turn from which a wave's middle is told; written out, they find all
+    else in their instructions.
     """
     count, vectors = 3 * SHELLS, -(-3 * SHELLS // AT_ONCE)
     hashes = ", ".join(f"{hashed(number)}u" for number in range(AT_ONCE * vectors))
@@ -109,15 +110,15 @@ def _written() -> str:
 #if defined(__CUDA_ARCH__)
     struct alignas(16) Four {{ float x, y, z; wp::uint32 hash; }};
     static constexpr Four waves[{2 * count}] = {{{_fours_by_wave()}}};
-    const auto phase_of = [&](int number) {{
+    const auto middle_of = [&](int number) {{
         wp::uint32 state = wp::rand_pcg(wp::uint32(seed) + waves[2 * number].hash);
-        return wp::randf(state);
+        return wp::randf(state) - 0.5f;
     }};
     wp::vec3 sum;
-    const auto add = [&](int number, float phase) {{
+    const auto add = [&](int number, float middle) {{
         const Four k = waves[2 * number], a = waves[2 * number + 1];
-        const float turns = k.x * place[0] + k.y * place[1] + k.z * place[2] + phase;
-        const float part = turns - floorf(turns) - 0.5f;
+        const float turns = middle + k.x * place[0] + k.y * place[1] + k.z * place[2];
+        const float part = turns - rintf(turns);
         const float arch = part * (16.0f * fabsf(part) - 8.0f);
         const float wave = arch * (0.775f + 0.225f * fabsf(arch));
         sum += wp::vec3(wave * a.x, wave * a.y, wave * a.z);
@@ -128,17 +129,17 @@ def _written() -> str:
         __match_all_sync(whole, seed, &alike);
     if (alike) {{
         const int lane = threadIdx.x & 31;
+        #pragma unroll
         for (int begin = 0; begin < {count}; begin += 32) {{
-            const int here = min(32, {count} - begin);
-            const float own = phase_of(begin + min(lane, here - 1));
-            #pragma unroll 4
-            for (int number = 0; number < here; ++number)
+            const float own = middle_of(min(begin + lane, {count} - 1));
+            #pragma unroll
+            for (int number = 0; number < min(32, {count} - begin); ++number)
                 add(begin + number, __shfl_sync(whole, own, number));
         }}
     }} else {{
         #pragma unroll 1
         for (int number = 0; number < {count}; ++number)
-            add(number, phase_of(number));
+            add(number, middle_of(number));
     }}
     return sum;
 #else
