@@ -246,8 +246,3 @@ def kernel_backwards(step: Step, layout: Layout, columns: tuple[int, ...]) -> An
 def arguments_backwards(step: Step, layout: Layout, columns: tuple[int, ...]) -> tuple[str, ...]:
     """Return the names of what it takes."""
     return BackwardBlockWriter(step, layout, columns).arguments()
-
-
-def source_backwards(step: Step, layout: Layout, columns: tuple[int, ...]) -> str:
-    """Write the kernel of a frame backwards."""
-    return BackwardBlockWriter(step, layout, columns).source()
