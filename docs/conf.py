@@ -14,7 +14,8 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent))
 
 project = "Balloon Warp"
-release = version = metadata.version("balloon-warp")
+release = metadata.version("balloon-warp")
+version = release.partition("+")[0]  # without the commit
 copyright = "the contributors of Balloon Warp, Apache-2.0"
 
 extensions = [

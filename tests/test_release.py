@@ -9,6 +9,8 @@ import yaml
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+SCM = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools_scm"]
+CHANGES = (ROOT / "CHANGELOG.md").read_text()
 WORKFLOWS = [str(path.relative_to(ROOT)) for path in ROOT.glob(".github/**/*.yml")]
 
 
@@ -17,9 +19,13 @@ def test_files_of_yaml_can_be_read(path: str):
     assert isinstance(yaml.safe_load((ROOT / path).read_text()), dict)
 
 
-def test_the_citation_names_this_version_and_license():
+def test_the_citation_and_versions_without_git_are_those_of_the_changelog():
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
-    assert (citation["version"], citation["license"]) == (PROJECT["version"], PROJECT["license"])
+    versions = re.findall(r"^## (\d+\.\d+\.\d+)(, not yet released)?$", CHANGES, re.MULTILINE)
+    (latest, unreleased), released = versions[0], [version for version, coming in versions if not coming]
+    assert SCM["fallback_version"] == (f"{latest}.dev0" if unreleased else latest)
+    assert citation["version"] == (released or [latest])[0]
+    assert citation["license"] == PROJECT["license"]
     assert {"cff-version", "title", "message", "authors"} <= citation.keys()
 
 
@@ -46,7 +52,7 @@ def test_pages_that_are_named_for_language_models_exist():
 @pytest.mark.parametrize("name", ["Containerfile", "balloon-warp.def"])
 def test_images_install_extras_and_warm_up_scenes_that_there_are(name: str):
     recipe = (ROOT / "docs/container" / name).read_text()
-    extras = re.findall(r"/src\[([a-z,]+)\]", recipe)[0].split(",")
+    extras = re.findall(r"\[([a-z,]+)\]\"", recipe)[0].split(",")
     assert set(extras) <= PROJECT["optional-dependencies"].keys()
     assert all((ROOT / "scenes" / f"{scene}.toml").exists() for scene in re.findall(r"warm-up (\w+)", recipe))
 

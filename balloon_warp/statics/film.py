@@ -136,11 +136,6 @@ class FilmSkin:
         inverse = _adjugate(rest) / size[:, None]
         return volume[:, None] * (first[:, None] * inverse + (second / size)[:, None] * _adjugate(now))
 
-    def wrinkled(self, points: Values) -> NDArray[np.bool_]:
-        """Return a mask of the wrinkled triangles, shape (t,)."""
-        *_, taut, _ = self._state(metric_of(self._edges(points)), metric_of(self.rest_edges))
-        return ~taut
-
     def _state(self, now: Any, rest: Any) -> tuple[dict[str, Any], Any, Any, Any, Any]:
         """Return the invariants of the relaxed state, and of the actual one.
 

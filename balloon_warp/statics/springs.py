@@ -1,6 +1,6 @@
 """Springs of any rest length and constant: their energy, forces, stiffness, and what rest lengths do to the forces."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -22,10 +22,6 @@ class SpringSkin:
     """Rest lengths [m], shape (m,)"""
     constants: Values
     """Spring constants [N/m], shape (m,)"""
-
-    def with_lengths(self, rest_lengths: Values) -> "SpringSkin":
-        """Return the springs with other rest lengths."""
-        return replace(self, rest_lengths=rest_lengths)
 
     def lengths(self, points: Values) -> Values:
         """Return the lengths [m], shape (m,)."""

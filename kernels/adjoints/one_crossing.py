@@ -28,12 +28,6 @@ def is_of_edges(catch: EdgeCatch):
 
 
 @wp.func
-def product_of_rows(a: FOUR, b: FOUR):
-    """Return the sum of all products of entries."""
-    return wp.dot(a[0], b[0]) + wp.dot(a[1], b[1]) + wp.dot(a[2], b[2]) + wp.dot(a[3], b[3])
-
-
-@wp.func
 def work_of_push(
     catch: EdgeCatch, moving: FOUR, movers: wp.vec4, shares: wp.vec4, friction: float, step_seconds: float, worth: FOUR
 ):
