@@ -34,8 +34,3 @@ def widths_of_rows(turned: Step, again: Step, layout: Layout) -> dict[str, int]:
 def arguments_backwards(turned: Step, again: Step, layout: Layout, columns: tuple[int, ...]) -> tuple[str, ...]:
     """Return the names of what it takes."""
     return _writer(turned, again, layout, columns).arguments()
-
-
-def source_backwards(turned: Step, again: Step, layout: Layout, columns: tuple[int, ...]) -> str:
-    """Write the kernel of a frame backwards."""
-    return _writer(turned, again, layout, columns).source()
