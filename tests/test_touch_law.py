@@ -83,6 +83,24 @@ def test_triangles_without_size_have_a_nearest_point(device):
         assert np.isfinite(gaps).all()
 
 
+def test_corners_on_a_line_in_any_direction_have_a_nearest_point(device):
+    """Distances to a triangle whose corners rounding alone keeps off a line are those to its longest edge, to 1e-3.
+
+    A needle counts as a line up to an angle of 1e-3 between its edges, and a point may be as far off.
+    """
+    random = np.random.default_rng(3)
+    for _ in range(40):
+        way = random.normal(size=3)
+        places = np.sort(random.uniform(-1.0, 1.0, 3))
+        ends = places[[0, 2], None] * way
+        corners = random.permutation(places)[:, None] * way
+        points = random.normal(size=(16, 3))
+        along = np.clip((points - ends[0]) @ (ends[1] - ends[0]) / np.sum((ends[1] - ends[0]) ** 2), 0.0, 1.0)
+        expected = np.linalg.norm(points - ends[0] - along[:, None] * (ends[1] - ends[0]), axis=1)
+        _, squares, _ = beside(points, [tuple(map(tuple, corners))], device)
+        np.testing.assert_allclose(np.sqrt(squares), expected, rtol=1e-3)
+
+
 @wp.kernel(enable_backward=False)
 def push_and_hold(overlaps: wp.array[float], pushes: wp.array[float], energies: wp.array[float]):
     """Store the push and energy of contacts of 100 N/m at rest."""

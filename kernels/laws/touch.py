@@ -59,6 +59,8 @@ DAMPING_RATIO = wp.constant(0.2)
 """Damping ratio z, relative to critical damping: a particle that meets a wall leaves it with about half of its speed"""
 LEAST = wp.constant(1.0e-30)
 """Least divisor"""
+FLAT = wp.constant(1.0e-6)
+"""Square of the sine between two edges below which corners are on a line, as far as rounding tells"""
 NEAR = wp.constant(1.0e-3)
 """Distance to a triangle's edge that counts as on the edge, over the triangle's size"""
 STEEPEST = wp.constant(0.3)
@@ -70,6 +72,22 @@ excessively large forces"""
 def quotient(part: float, whole: float):
     """Return part / whole, or 0 where the whole is zero or less, as on an edge without length."""
     return wp.where(whole > LEAST, part / wp.max(whole, LEAST), 0.0)
+
+
+@wp.func
+def along_line(d1: float, d2: float, d3: float, d4: float, d5: float, d6: float):
+    """Return the weights of the nearest point where all corners are on a line: on any edge that the point is beside.
+
+    Rounding alone says then on which side of an edge it is, so that `nearest_weights` may find no edge.
+    """
+    if d1 >= 0.0 and d3 <= 0.0 and d1 > d3:
+        part = quotient(d1, d1 - d3)
+        return wp.vec3(1.0 - part, part, 0.0)
+    if d2 >= 0.0 and d6 <= 0.0:
+        part = quotient(d2, d2 - d6)
+        return wp.vec3(1.0 - part, 0.0, part)
+    part = quotient(d4 - d3, (d4 - d3) + (d5 - d6))
+    return wp.vec3(0.0, 1.0 - part, part)
 
 
 @wp.func
@@ -102,6 +120,8 @@ def nearest_weights(point: wp.vec3, a: wp.vec3, b: wp.vec3, c: wp.vec3):
         part = quotient(d4 - d3, (d4 - d3) + (d5 - d6))
         return wp.vec3(0.0, 1.0 - part, part)
     whole = beside_a + beside_b + beside_c
+    if whole <= FLAT * wp.dot(ab, ab) * wp.dot(ac, ac):
+        return along_line(d1, d2, d3, d4, d5, d6)
     v = quotient(beside_b, whole)
     w = quotient(beside_c, whole)
     return wp.vec3(1.0 - v - w, v, w)
