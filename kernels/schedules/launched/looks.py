@@ -45,5 +45,5 @@ def summed_loops(features: Features) -> Loops:
 
 GATHERED = Look(vector_at, sphere_at, gathering_loops)
 """Access where each particle loops over its forces"""
-SUMMED = Look(vector_at, sphere_at, summed_loops, lambda features: not (features.in_water or features.bursts))
+SUMMED = Look(vector_at, sphere_at, summed_loops, alone=lambda features: not (features.in_water or features.bursts))
 """Access where other threads have summed the forces"""
