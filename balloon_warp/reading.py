@@ -83,6 +83,10 @@ class HostBuffer:
             with lock_of(self.filled.device):  # Warp refuses to wait while any thread records
                 wp.synchronize_event(self.filled)
 
+    def copy(self, name: str) -> NDArray:
+        """Return a copy of an array, once the buffer is filled: the next filling does not change it."""
+        return np.array(self.arrays[name].numpy())
+
 
 class Reading:
     """A world on its way to the host.

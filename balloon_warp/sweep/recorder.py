@@ -162,7 +162,7 @@ class Recorder:
         buffer.wait()
 
         def copy(name: str) -> NDArray:
-            return buffer.arrays[name].numpy().copy() if name in buffer.arrays else _no(getattr(self, f"_{name}"))
+            return buffer.copy(name) if name in buffer.arrays else _no(getattr(self, f"_{name}"))
 
         return Record(
             number=number,
