@@ -42,6 +42,8 @@ class Features(NamedTuple):
     """Springs of one kind have different constants"""
     quads: bool = False
     """Whether all faces are quads"""
+    revisits: bool = True
+    """Whether a face may have a particle at several corners"""
     rings: bool = False
     """Quads go all around every particle"""
     guarded: bool = False

@@ -2,9 +2,13 @@
 
 import numpy as np
 import pytest
+import warp as wp
 from gas_balloons import NO_SPRINGS
 from meshes import grid, quad_sphere
+from odd_meshes import finned
 
+from balloon_warp import Parameter, face_law
+from balloon_warp.mesh import PolygonMesh
 from balloon_warp.scene import Atmosphere, Balloon, Inflation, Scene
 from balloon_warp.simulator import Simulator
 
@@ -52,3 +56,23 @@ def test_a_sphere_has_the_integral_of_its_faces(drag: float, friction: float, de
     coefficient = 4.0 / 3.0 * drag + 8.0 / 3.0 * friction
     expected = 0.5 * 1.3 * coefficient * np.pi * 0.2**2 * np.linalg.norm(relative) * relative
     np.testing.assert_allclose(force, expected, atol=0.015 * np.linalg.norm(expected))
+
+
+@wp.func
+def lift(up: wp.vec3, lift: float):
+    """Return a force on a face, whatever its area [N]."""
+    return lift * up
+
+
+@pytest.mark.parametrize(("mesh", "revisits"), [(quad_sphere(8, 0.5), False), (finned(), True)], ids=["ball", "fin"])
+def test_corners_bear_the_whole_force_on_a_face(mesh: PolygonMesh, revisits: bool, device: str):
+    """Faces of a fin run along their corners and back again, so that they pass some particles twice."""
+    law = face_law(lift, [Parameter("lift", "N", 0.5)])
+    simulator = Simulator(
+        Scene(balloon=[Balloon(mesh=mesh, mass=1.0, **STILL)], gravity=0.0), device, schedule="gather", laws=[law]
+    )
+    assert simulator.schedule.launches.step.features.revisits == revisits
+    simulator.step()
+    frame = simulator.read_frame()
+    momentum = simulator.model.particle_mass_share.numpy() @ frame.velocities[0]
+    np.testing.assert_allclose(momentum, [0.0, mesh.face_count * 0.5 * frame.time, 0.0], rtol=1e-4, atol=1e-5)

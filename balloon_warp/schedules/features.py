@@ -52,6 +52,7 @@ def model_features(model: Model) -> Features:
         spheres=model.sphere_count,
         springs_vary=bool((model.spring_stiffness_scale.numpy() != 1.0).any()),
         quads=bool((np.diff(model.face_offsets.numpy()) == 4).all()),
+        revisits=len(model.particle_faces) < len(model.face_particles),
         rings=quad_rings(model) is not None and not model.bursts,  # holes are faces of their own
         guarded=any(law.kind == "spring" and law not in FINITE_AT_NO_LENGTH for law in laws),
         inflation_directions=int(NORMAL_FORCE) in kinds,

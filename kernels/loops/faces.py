@@ -50,20 +50,39 @@ def visits_of(t: Tables, face: wp.int32, particle: wp.int32):
     return visits
 
 
-@wp.func
-def push_of_faces(t: Tables, face_pushes: Any, particle: wp.int32):
-    """Return the net force of the faces around a particle [N], each of which has found its corners' share."""
-    force = wp.vec3()
-    for incidence in range(int_at(t.faces.particle_offsets, particle), int_at(t.faces.particle_offsets, particle + 1)):
-        face = int_at(t.faces.around_particles, incidence)
-        force += visits_of(t, face, particle) * vector_at(face_pushes, face)
-    return force
+@cache
+def visits_function(features: Features) -> Any:
+    """Return the function for how often a face visits a particle around which it is: once, but for folded ones."""
+
+    @wp.func
+    def one_visit(t: Tables, face: wp.int32, particle: wp.int32):
+        return float(1.0)
+
+    return visits_of if features.revisits else one_visit
+
+
+@cache
+def push_of_faces_function(features: Features) -> Any:
+    """Return the function that sums what faces have found."""
+    visits = visits_function(features)
+
+    @wp.func
+    def push_of_faces(t: Tables, face_pushes: Any, particle: wp.int32):
+        """Return the net force of the faces around a particle [N], each of which has found its corners' share."""
+        force = wp.vec3()
+        begin = int_at(t.faces.particle_offsets, particle)
+        for incidence in range(begin, int_at(t.faces.particle_offsets, particle + 1)):
+            face = int_at(t.faces.around_particles, incidence)
+            force += visits(t, face, particle) * vector_at(face_pushes, face)
+        return force
+
+    return push_of_faces
 
 
 @cache
 def face_loop(features: Features, at: Any, velocity_at: Any) -> Any:
     """Return the function that finds the forces of its faces on a particle, and sums them."""
-    push_at_corner = face_push(features, at, velocity_at)
+    push_at_corner, visits = face_push(features, at, velocity_at), visits_function(features)
 
     @wp.func
     def find_push_of_faces(t: Tables, points: Any, velocities: Any, world: wp.int32, particle: wp.int32, time: float):
@@ -71,7 +90,7 @@ def face_loop(features: Features, at: Any, velocity_at: Any) -> Any:
         force = wp.vec3()
         for incidence in range(t.faces.particle_offsets[particle], t.faces.particle_offsets[particle + 1]):
             face = t.faces.around_particles[incidence]
-            force += visits_of(t, face, particle) * push_at_corner(t, points, velocities, world, face, time)
+            force += visits(t, face, particle) * push_at_corner(t, points, velocities, world, face, time)
         return force
 
     return find_push_of_faces

@@ -7,7 +7,7 @@ import warp as wp
 from balloon_warp.kernels.adjoints.derived import nothing
 from balloon_warp.kernels.adjoints.faces import bear_backwards
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.loops.faces import face_push, push_of_faces
+from balloon_warp.kernels.loops.faces import face_push, push_of_faces_function
 from balloon_warp.kernels.phase import Look, phase
 from balloon_warp.kernels.tables import Tables
 
@@ -35,6 +35,7 @@ def push_face(features: Features, look: Look) -> Any:
 @phase("particle", {"force": wp.vec3}, when=_acts_on_faces, adjoint=bear_backwards)
 def bear(features: Features, look: Look) -> Any:
     """Add the forces on its faces to a particle."""
+    push_of_faces = push_of_faces_function(features)
 
     @wp.func
     def bear(t: Tables, face_pushes: Any, particle: wp.int32, force: wp.vec3):
