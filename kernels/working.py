@@ -107,7 +107,8 @@ class Working:
     particle_lists: wp.array3d[wp.int32]
     """Particles that search, and those that have found something, see `contact.search`"""
     list_lengths: wp.array2d[wp.int32]
-    """Lengths of both lists of particles, of that of all edges that may meet, and of that of a substep"""
+    """Lengths of both lists of particles, of that of all pairs of edges that may meet, of that of a substep, and of
+    that of edges that go through trees"""
     force_quanta: wp.array3d[wp.int64]
     """Contact forces on particles, and the number of contacts, in fixed point; they grow for ever, see
     `fixed_point.growth`: shape (world_count, particle_count, 4)"""
@@ -119,16 +120,16 @@ class Working:
     """Role of each particle in contacts, see `contact.forces`"""
     overflow: wp.array[wp.int32]
     """Number of candidate overflows: triangles or edges that had no place in a list"""
-    edge_candidates: wp.array3d[wp.int32]
-    """Edges that each edge may touch: shape (world_count, edges, most); empty unless sharp edges meet, see
-    `contact.edges`, as is the next"""
     edge_boxes: wp.array2d[wp.vec4]
-    """Box around what each edge sweeps until the next search [m], its two corners: shape (world_count, 2 edges)"""
+    """Box around what each edge sweeps until the next search [m], its two corners: shape (world_count, 2 edges); empty
+    unless sharp edges meet, see `contact.edges`, as are the next"""
+    seeking_edges: wp.array2d[wp.int32]
+    """Edges that go through trees in a search, times two, and one more if through that of their own balloon"""
     edge_clearances: wp.array2d[float]
     """Distance of each edge from what it may touch of its own balloon at the last search [m]; empty unless balloons
     touch themselves"""
-    edge_pairs: wp.array2d[wp.int32]
-    """Places in `edge_candidates` that are taken, of all edges in any order"""
+    edge_pairs: wp.array2d[wp.vec2i]
+    """Pairs of edges that may touch until the next search, the lower number first, in any order"""
     edge_catches: wp.array2d[EdgeCatch]
     """Pairs of edges that may touch in a substep"""
     edge_shares: wp.array2d[wp.int32]

@@ -18,7 +18,7 @@ from balloon_warp.kernels.adjoints.touching import (
     sum_pairs,
     take_back_kernel,
 )
-from balloon_warp.kernels.contact.edge_search import MOST_EDGES
+from balloon_warp.kernels.contact.edge_search import PAIRS_OF_EDGE
 from balloon_warp.kernels.contact.nearby import MOST_TRIANGLES
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.working import Working
@@ -143,9 +143,8 @@ def kept_of_touch(model: Model, features: Features, room: Room) -> tuple[list[di
             "candidates": room.array((worlds, particles, int(MOST_TRIANGLES)), wp.int32),
             "candidate_counts": room.array((worlds, particles), wp.int32),
             "particle_lists": room.array((worlds, 2, particles), wp.int32),
-            "list_lengths": room.array((worlds, 4), wp.int32),
-            "edge_candidates": room.array((worlds, edges, int(MOST_EDGES)), wp.int32),
-            "edge_pairs": room.array((worlds, edges * int(MOST_EDGES)), wp.int32),
+            "list_lengths": room.array((worlds, 5), wp.int32),
+            "edge_pairs": room.array((worlds, edges * PAIRS_OF_EDGE), wp.vec2i),
         }
         for _ in range(searches)
     ]

@@ -6,11 +6,16 @@ import warp as wp
 
 from balloon_warp.kernels.contact.boxes import ARE_NEAR, box_balloons, meet_kernel
 from balloon_warp.kernels.contact.catch import EdgeCatch
-from balloon_warp.kernels.contact.edge_search import MOST_EDGES, find_edges_kernel
+from balloon_warp.kernels.contact.edge_search import (
+    PAIRS_OF_EDGE,
+    leaves_kernel,
+    seeking_kernel,
+    trees_kernel,
+)
 from balloon_warp.kernels.contact.forces import take_counts
 from balloon_warp.kernels.contact.near_parts import MOST_PARTS, near_parts_kernel
 from balloon_warp.kernels.contact.nearby import MOST_OF_BALLOON, MOST_TRIANGLES
-from balloon_warp.kernels.contact.parts import box_edges_of_worlds, box_parts_of_worlds
+from balloon_warp.kernels.contact.parts import box_parts_of_worlds
 from balloon_warp.kernels.contact.response import response_kernel
 from balloon_warp.kernels.contact.search import find_kernel, looking_kernel
 from balloon_warp.kernels.features import Features
@@ -29,6 +34,10 @@ MEET_THREADS = 32
 CATCHES, MOST_CATCHES, ROOMY = 8, 32, 32_768
 """Number of pairs that a world has room for in a substep, for each edge: in a packet of layers all of its edges, and
 particles, are near many others, and so a world has room for all that may be listed, up to `ROOMY` pairs"""
+SEEKING_SHARE = 4
+"""Edges of a thread on a GPU, if all go through trees"""
+LEAF_THREADS = 4
+"""Threads for each part on a GPU that compare edges in leaves near each other; half of the parts are leaves"""
 PART_THREADS = 512
 """Threads that loop over the parts of a world on a GPU"""
 
@@ -42,7 +51,9 @@ class TouchLaunches:
         working.near_balloons.fill_(int(ARE_NEAR))  # before the first search they may have been, in another schedule
         # a thread for each item on a GPU; on a CPU one goes through them, and is soon done where nothing is near
         self._edge_threads = tables.touch.edges.shape[0] if features.edges_meet and model.device.is_cuda else 1
+        self._seeking_threads = -(-self._edge_threads // SEEKING_SHARE)
         self._part_threads = working.near_parts.shape[1] if model.device.is_cuda else 1
+        self._leaf_threads = self._part_threads * LEAF_THREADS if model.device.is_cuda else 1
         self._particle_threads = model.particle_count if model.device.is_cuda else 1
         self._list_threads = threads_of_list(model)
 
@@ -77,11 +88,7 @@ class TouchLaunches:
             dim = m.world_count, self._part_threads
             launch(near_parts_kernel(self._features), dim, [t, self._part_threads, working], device=m.device)
         if self._features.edges_meet:  # before particles note where they are
-            threads = self._edge_threads
-            inputs = [t, threads, points, velocities, working]
-            shape = m.world_count, threads
-            launch(box_edges_of_worlds, shape, inputs, device=m.device)
-            launch(find_edges_kernel(self._features), shape, inputs, block_dim=FEW_THREADS, device=m.device)
+            self._seek_edges(points, velocities)
         place: dict[str, Any] = {"dim": (m.world_count, particles), "device": m.device, "block_dim": FEW_THREADS}
         moving = self._worlds.of(state), points, velocities, working
         launch(looking_kernel(self._features), inputs=[t, particles, *moving], **place)
@@ -93,6 +100,15 @@ class TouchLaunches:
                 counted.zero_()
             self._press(state, points, velocities, only_counts=True)
             launch(take_counts, (m.world_count, particles), [particles, working], device=m.device)
+
+    def _seek_edges(self, points: wp.array, velocities: wp.array) -> None:
+        m, features = self.model, self._features
+        kernels = [(seeking_kernel, self._edge_threads), (trees_kernel, self._seeking_threads)]
+        if features.touches_itself:
+            kernels.append((leaves_kernel, self._leaf_threads))
+        for kernel, threads in kernels:
+            inputs = [self._tables, threads, points, velocities, self._working]
+            launch(kernel(features), (m.world_count, threads), inputs, block_dim=FEW_THREADS, device=m.device)
 
     def press(self, state: State, points: wp.array, velocities: wp.array) -> None:
         """Add the contact forces of particles and triangles."""
@@ -111,7 +127,8 @@ def overflow_remarks(overflow: int) -> list[str]:
         return []
     return [
         f"touch: contacts were too crowded {overflow:,} times and some were ignored: a particle keeps the "
-        f"{int(MOST_OF_BALLOON)} nearest triangles of a balloon, a sharp edge {int(MOST_EDGES)}; more substeps help"
+        f"{int(MOST_OF_BALLOON)} nearest triangles of a balloon, sharp edges {PAIRS_OF_EDGE} others on average; more "
+        "substeps help"
     ]
 
 
@@ -146,15 +163,15 @@ def touch_arrays(model: Model, features: Features, room: Room) -> dict[str, Any]
         "candidate_counts": room.array((worlds, particles), wp.int32),
         "candidates": room.array((worlds, particles, int(MOST_TRIANGLES)), wp.int32),
         "particle_lists": room.array((worlds, 2, particles), wp.int32),
-        "list_lengths": room.array((worlds, 4 if features.touches else 0), wp.int32),
+        "list_lengths": room.array((worlds, 5 if features.touches else 0), wp.int32),
         "force_quanta": room.array((worlds, particles, 4), wp.int64),
         "forces_taken": room.array((worlds, particles, 4), wp.int64),
         "contacts": room.array((worlds, particles), wp.float32),
         "touched": room.array((worlds, particles), wp.int8),
-        "edge_candidates": room.array((worlds, edges, int(MOST_EDGES)), wp.int32),
         "edge_boxes": room.array((worlds, 2 * edges), wp.vec4),
+        "seeking_edges": room.array((worlds, edges), wp.int32),
         "edge_clearances": room.array((worlds, edges if features.touches_itself else 0), wp.float32),
-        "edge_pairs": room.array((worlds, edges * int(MOST_EDGES)), wp.int32),
+        "edge_pairs": room.array((worlds, edges * PAIRS_OF_EDGE), wp.vec2i),
         "edge_catches": room.array((worlds, catch_count(model, features)), EdgeCatch),
         "edge_shares": room.array((worlds, particles if edges else 0), wp.int32),
         "edge_quanta": room.array((worlds, particles if edges else 0, 3), wp.int64),

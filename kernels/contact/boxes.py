@@ -193,7 +193,7 @@ def decide(working: Working, world: wp.int32, near: bool, strayed: bool):
     if near:
         now = wp.where(strayed, ARE_NEAR, STILL_NEAR)
     if now != STILL_NEAR:
-        for which in range(3):  # of particles, see `contact.search`, and of edges, see `contact.edges`
+        for which in range(working.list_lengths.shape[1]):
             working.list_lengths[world, which] = 0
     working.near_balloons[world, working.balloon_boxes.shape[1]] = now
 

@@ -23,6 +23,8 @@ PAIRS = wp.constant(2)
 """Index of the number of edge pairs, after the lengths of lists of particles"""
 CAUGHT = wp.constant(3)
 """Index of the number of pairs that may touch in this substep"""
+SEEKING = wp.constant(4)
+"""Index of the number of edges that go through trees in a search"""
 MOST_SWEEPS = wp.constant(300)
 """Largest number of sweeps over all pairs in a substep; it ends sooner where none comes too near"""
 SETTLED = wp.constant(0.01)
@@ -56,12 +58,10 @@ def catching_all_function(features: Features) -> Any:
         if thread == 0:
             working.list_lengths[world, CAUGHT] = 0
         block_barrier()
-        most = working.edge_candidates.shape[2]
-        for place in range(thread, working.list_lengths[world, PAIRS], wp.block_dim()):
+        count = wp.min(working.list_lengths[world, PAIRS], working.edge_pairs.shape[1])
+        for place in range(thread, count, wp.block_dim()):
             pair = working.edge_pairs[world, place]
-            edge = pair // most
-            other = working.edge_candidates[world, edge, pair - edge * most]
-            catch, near = catch_of(t, world, edge, other, points, velocities)
+            catch, near = catch_of(t, world, pair[0], pair[1], points, velocities)
             if near:
                 put(working, world, catch)
         most = working.candidates.shape[2]

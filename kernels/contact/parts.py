@@ -42,10 +42,21 @@ def is_boxed(working: Working, world: wp.int32, node: wp.vec4i):
 
 @wp.struct
 class Swept:
-    """Box around what a point or an edge sweeps until the next search [m]."""
+    """Box around what an edge or a part sweeps until the next search [m]."""
 
     lower: wp.vec3
     upper: wp.vec3
+
+
+@wp.func
+def box_of_part(working: Working, world: wp.int32, part: wp.int32):
+    """Return the box around what a part sweeps."""
+    lower = lower_of_part(working, world, part)
+    upper = upper_of_part(working, world, part)
+    swept = Swept()
+    swept.lower = wp.vec3(lower[0], lower[1], lower[2])
+    swept.upper = wp.vec3(upper[0], upper[1], upper[2])
+    return swept
 
 
 @wp.func
@@ -62,30 +73,22 @@ def swept_by_edge(t: Tables, ends: wp.vec2i, points: wp.array[wp.vec3], velociti
 
 
 @wp.func
-def lower_of_edge(working: Working, world: wp.int32, edge: wp.int32):
-    """Return the lower corner of an edge's box [m]."""
-    corner = four_in(working.edge_boxes, world, 2 * edge)
-    return wp.vec3(corner[0], corner[1], corner[2])
+def box_of_edge(working: Working, world: wp.int32, edge: wp.int32):
+    """Return the box around what an edge sweeps."""
+    lower = four_in(working.edge_boxes, world, 2 * edge)
+    upper = four_in(working.edge_boxes, world, 2 * edge + 1)
+    swept = Swept()
+    swept.lower = wp.vec3(lower[0], lower[1], lower[2])
+    swept.upper = wp.vec3(upper[0], upper[1], upper[2])
+    return swept
 
 
 @wp.func
-def upper_of_edge(working: Working, world: wp.int32, edge: wp.int32):
-    """Return the upper corner of an edge's box [m]."""
-    corner = four_in(working.edge_boxes, world, 2 * edge + 1)
-    return wp.vec3(corner[0], corner[1], corner[2])
-
-
-@wp.func
-def box_edge(
-    t: Tables, working: Working, world: wp.int32, edge: wp.int32, ends: wp.vec2i, points: wp.array[wp.vec3],
-    velocities: wp.array[wp.vec3],
-):  # fmt: skip
-    """Build the box of an edge: many others will compare theirs with it."""
-    swept = swept_by_edge(t, ends, points, velocities)
-    lower = wp.vec4(swept.lower[0], swept.lower[1], swept.lower[2], 0.0)
-    upper = wp.vec4(swept.upper[0], swept.upper[1], swept.upper[2], 0.0)
-    put_four_in(working.edge_boxes, world, 2 * edge, lower)
-    put_four_in(working.edge_boxes, world, 2 * edge + 1, upper)
+def put_box_of_edge(working: Working, world: wp.int32, edge: wp.int32, swept: Swept):
+    """Store the box of an edge: many others will compare theirs with it."""
+    lower, upper = swept.lower, swept.upper
+    put_four_in(working.edge_boxes, world, 2 * edge, wp.vec4(lower[0], lower[1], lower[2], 0.0))
+    put_four_in(working.edge_boxes, world, 2 * edge + 1, wp.vec4(upper[0], upper[1], upper[2], 0.0))
 
 
 @wp.func
@@ -163,23 +166,3 @@ def box_parts_of_worlds(
     world, thread = wp.tid()
     if working.near_balloons[world, working.balloon_boxes.shape[1]] == ARE_NEAR:
         box_parts(t, working, world, thread, wp.block_dim(), points[world], velocities[world])
-
-
-@wp.kernel(enable_backward=False)
-def box_edges_of_worlds(
-    # model
-    t: Tables,
-    threads: wp.int32,
-    # state in
-    points: wp.array2d[wp.vec3],
-    velocities: wp.array2d[wp.vec3],
-    # out
-    working: Working,
-):
-    """Build the boxes of edges of balloons that may touch any, by some threads a world."""
-    world, thread = wp.tid()
-    if working.near_balloons[world, working.balloon_boxes.shape[1]] == ARE_NEAR:
-        for edge in range(thread, t.touch.edges.shape[0], threads):
-            ends = t.touch.edges[edge]
-            if working.near_balloons[world, int_at(t.particles.balloon, ends[0])] != ALONE:
-                box_edge(t, working, world, edge, ends, points[world], velocities[world])
