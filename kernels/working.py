@@ -107,8 +107,8 @@ class Working:
     particle_lists: wp.array3d[wp.int32]
     """Particles that search, and those that have found something, see `contact.search`"""
     list_lengths: wp.array2d[wp.int32]
-    """Lengths of both lists of particles, of that of all pairs of edges that may meet, of that of a substep, and of
-    that of edges that go through trees"""
+    """Lengths of both lists of particles, of that of all pairs of edges that may meet, of that of a substep, of
+    that of edges that go through trees, and of that of pairs of edges whose boxes meet"""
     force_quanta: wp.array3d[wp.int64]
     """Contact forces on particles, and the number of contacts, in fixed point; they grow for ever, see
     `fixed_point.growth`: shape (world_count, particle_count, 4)"""
@@ -125,6 +125,8 @@ class Working:
     unless sharp edges meet, see `contact.edges`, as are the next"""
     seeking_edges: wp.array2d[wp.int32]
     """Edges that go through trees in a search, times two, and one more if through that of their own balloon"""
+    boxed_edges: wp.array2d[wp.vec2i]
+    """Pairs of edges whose boxes meet in a search"""
     edge_clearances: wp.array2d[float]
     """Distance of each edge from what it may touch of its own balloon at the last search [m]; empty unless balloons
     touch themselves"""

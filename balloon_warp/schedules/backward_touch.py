@@ -143,7 +143,7 @@ def kept_of_touch(model: Model, features: Features, room: Room) -> tuple[list[di
             "candidates": room.array((worlds, particles, int(MOST_TRIANGLES)), wp.int32),
             "candidate_counts": room.array((worlds, particles), wp.int32),
             "particle_lists": room.array((worlds, 2, particles), wp.int32),
-            "list_lengths": room.array((worlds, 5), wp.int32),
+            "list_lengths": room.array((worlds, 6), wp.int32),
             "edge_pairs": room.array((worlds, edges * PAIRS_OF_EDGE), wp.vec2i),
         }
         for _ in range(searches)

@@ -7,9 +7,10 @@ import warp as wp
 from balloon_warp.kernels.contact.boxes import ARE_NEAR, box_balloons, meet_kernel
 from balloon_warp.kernels.contact.catch import EdgeCatch
 from balloon_warp.kernels.contact.edge_search import (
+    BOXED_OF_EDGE,
     PAIRS_OF_EDGE,
     leaves_kernel,
-    seeking_kernel,
+    measuring_kernel,
     trees_kernel,
 )
 from balloon_warp.kernels.contact.forces import take_counts
@@ -18,6 +19,7 @@ from balloon_warp.kernels.contact.nearby import MOST_OF_BALLOON, MOST_TRIANGLES
 from balloon_warp.kernels.contact.parts import box_parts_of_worlds
 from balloon_warp.kernels.contact.response import response_kernel
 from balloon_warp.kernels.contact.search import find_kernel, looking_kernel
+from balloon_warp.kernels.contact.seeking_edges import seeking_kernel
 from balloon_warp.kernels.features import Features
 from balloon_warp.launching import launch, launch_tiled
 from balloon_warp.model import Model, State
@@ -34,10 +36,10 @@ MEET_THREADS = 32
 CATCHES, MOST_CATCHES, ROOMY = 8, 32, 32_768
 """Number of pairs that a world has room for in a substep, for each edge: in a packet of layers all of its edges, and
 particles, are near many others, and so a world has room for all that may be listed, up to `ROOMY` pairs"""
-SEEKING_SHARE = 4
+SEEKING_SHARE = 8
 """Edges of a thread on a GPU, if all go through trees"""
-LEAF_THREADS = 4
-"""Threads for each part on a GPU that compare edges in leaves near each other; half of the parts are leaves"""
+TREE_TURNS, LEAF_TURNS = 8, 8
+"""Threads on a GPU that share an edge's way through the tree of its balloon, and the leaves near a leaf"""
 PART_THREADS = 512
 """Threads that loop over the parts of a world on a GPU"""
 
@@ -50,10 +52,7 @@ class TouchLaunches:
         self._interval, self._fast_math, self._worlds = substeps_of_search(model), fast_math, Worlds()
         working.near_balloons.fill_(int(ARE_NEAR))  # before the first search they may have been, in another schedule
         # a thread for each item on a GPU; on a CPU one goes through them, and is soon done where nothing is near
-        self._edge_threads = tables.touch.edges.shape[0] if features.edges_meet and model.device.is_cuda else 1
-        self._seeking_threads = -(-self._edge_threads // SEEKING_SHARE)
         self._part_threads = working.near_parts.shape[1] if model.device.is_cuda else 1
-        self._leaf_threads = self._part_threads * LEAF_THREADS if model.device.is_cuda else 1
         self._particle_threads = model.particle_count if model.device.is_cuda else 1
         self._list_threads = threads_of_list(model)
 
@@ -102,12 +101,14 @@ class TouchLaunches:
             launch(take_counts, (m.world_count, particles), [particles, working], device=m.device)
 
     def _seek_edges(self, points: wp.array, velocities: wp.array) -> None:
-        m, features = self.model, self._features
-        kernels = [(seeking_kernel, self._edge_threads), (trees_kernel, self._seeking_threads)]
+        m, features, edges = self.model, self._features, self._tables.touch.edges.shape[0]
+        kernels = [(seeking_kernel, edges, 1), (trees_kernel, TREE_TURNS * -(-edges // SEEKING_SHARE), TREE_TURNS)]
         if features.touches_itself:
-            kernels.append((leaves_kernel, self._leaf_threads))
-        for kernel, threads in kernels:
-            inputs = [self._tables, threads, points, velocities, self._working]
+            kernels.append((leaves_kernel, LEAF_TURNS * self._working.near_parts.shape[1] // 2, LEAF_TURNS))
+        for kernel, threads, turns in [*kernels, (measuring_kernel, edges, 1)]:
+            if m.device.is_cpu:
+                threads = turns = 1
+            inputs = [self._tables, threads, turns, points, velocities, self._working]
             launch(kernel(features), (m.world_count, threads), inputs, block_dim=FEW_THREADS, device=m.device)
 
     def press(self, state: State, points: wp.array, velocities: wp.array) -> None:
@@ -163,13 +164,14 @@ def touch_arrays(model: Model, features: Features, room: Room) -> dict[str, Any]
         "candidate_counts": room.array((worlds, particles), wp.int32),
         "candidates": room.array((worlds, particles, int(MOST_TRIANGLES)), wp.int32),
         "particle_lists": room.array((worlds, 2, particles), wp.int32),
-        "list_lengths": room.array((worlds, 5 if features.touches else 0), wp.int32),
+        "list_lengths": room.array((worlds, 6 if features.touches else 0), wp.int32),
         "force_quanta": room.array((worlds, particles, 4), wp.int64),
         "forces_taken": room.array((worlds, particles, 4), wp.int64),
         "contacts": room.array((worlds, particles), wp.float32),
         "touched": room.array((worlds, particles), wp.int8),
         "edge_boxes": room.array((worlds, 2 * edges), wp.vec4),
         "seeking_edges": room.array((worlds, edges), wp.int32),
+        "boxed_edges": room.array((worlds, edges * BOXED_OF_EDGE), wp.vec2i),
         "edge_clearances": room.array((worlds, edges if features.touches_itself else 0), wp.float32),
         "edge_pairs": room.array((worlds, edges * PAIRS_OF_EDGE), wp.vec2i),
         "edge_catches": room.array((worlds, catch_count(model, features)), EdgeCatch),

@@ -15,8 +15,10 @@ from balloon_warp.kernels.adjoints.crossings import (
     take_pairs,
 )
 from balloon_warp.kernels.contact.edges import (
+    GOES_ON,
     MOST_SWEEPS,
     PAIRS,
+    RESTS,
     catching_all_function,
     find_overlaps,
     find_pushed,
@@ -44,8 +46,9 @@ def sweeping_function(features: Features) -> Any:
         again = count > 0
         while again and sweep < MOST_SWEEPS:
             keep_course(working, bars, world, thread, count, sweep, velocities)
-            again = any_in_block(find_pushed(t, working, world, thread, count, velocities))
-            push_all(t, working, world, thread, count, points, velocities, 1.0)
+            found = find_pushed(t, working, world, thread, count, velocities)
+            again = any_in_block(found == GOES_ON)
+            push_all(t, working, world, thread, count, points, velocities, 1.0, found > RESTS)
             sweep += 1
         return sweep
 
@@ -90,14 +93,16 @@ def crossings_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
         world, thread = wp.tid()
         if working.list_lengths[world, PAIRS] > 0:
             velocities = all_velocities[world]
-            count = catch_all(t, working, world, thread, all_points[world], velocities)
+            count, overlap = catch_all(t, working, world, thread, all_points[world], velocities)
             sweeps = sweep_again(t, working, bars, world, thread, count, all_points[world], velocities)
-            if any_in_block(find_overlaps(working, world, thread, count)):
+            if overlap:
+                find_overlaps(working, world, thread, count)
                 block_barrier()
                 stage_back(t, working, bars, world, thread, count, PARTS, 0, first_points[world])
             while sweeps > 0:
                 sweeps -= 1
-                any_in_block(find_pushed(t, working, world, thread, count, bars.courses[sweeps][world]))
+                find_pushed(t, working, world, thread, count, bars.courses[sweeps][world])
+                block_barrier()
                 stage_back(t, working, bars, world, thread, count, PUSHES, sweeps, first_points[world])
             if count > 0:
                 stage_back(t, working, bars, world, thread, count, FINDS, 0, first_points[world])

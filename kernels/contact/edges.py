@@ -23,14 +23,24 @@ PAIRS = wp.constant(2)
 """Index of the number of edge pairs, after the lengths of lists of particles"""
 CAUGHT = wp.constant(3)
 """Index of the number of pairs that may touch in this substep"""
-SEEKING = wp.constant(4)
-"""Index of the number of edges that go through trees in a search"""
+SEEKING, BOXED = wp.constant(4), wp.constant(5)
+"""Indices of the number of edges that go through trees in a search, and of pairs of edges whose boxes meet"""
+BESIDE = wp.constant(8)
+"""Number of threads that share the triangles of a particle"""
 MOST_SWEEPS = wp.constant(300)
 """Largest number of sweeps over all pairs in a substep; it ends sooner where none comes too near"""
+RESTS, PUSHES, GOES_ON = wp.constant(0), wp.constant(1), wp.constant(2)
+"""What a thread finds among its pairs: none comes too near, some do, or some do so far that another sweep is needed"""
 SETTLED = wp.constant(0.01)
 """Fraction of the distance that edges keep by which they may come nearer in a substep, left to the next one"""
 SAFE = wp.constant(0.2)
 """Fraction of a small distance by which edges may come nearer"""
+
+
+@wp.func
+def overlaps(catch: EdgeCatch):
+    """Return whether a pair has come so near that it is moved apart."""
+    return way_to_part(catch.crossing.gap, catch.kept) > 0.0
 
 
 @cache
@@ -40,21 +50,26 @@ def catching_all_function(features: Features) -> Any:
 
     @wp.func
     def put(working: Working, world: wp.int32, catch: EdgeCatch):
+        """List a pair, and return whether it overlaps."""
         slot = wp.atomic_add(working.list_lengths, world, CAUGHT, 1)
         if slot < working.edge_catches.shape[1]:
             working.edge_catches[world, slot] = catch
         else:
             wp.atomic_add(working.overflow, world, 1)
+        return overlaps(catch)
 
     @wp.func
     def catch_all(
         t: Tables, working: Working, world: wp.int32, thread: wp.int32, points: wp.array[wp.vec3],
         velocities: wp.array[wp.vec3],
     ):  # fmt: skip
-        """List pairs that may touch in this substep, by all threads of a block, in any order; return their number.
+        """List pairs that may touch in this substep, by all threads of a block, in any order.
+
+        Returns their number, and whether any overlap, so that they are moved apart.
 
         A thread takes single pairs: where all of an edge or a particle are one's, the others wait for the fullest.
         """
+        overlap = bool(False)
         if thread == 0:
             working.list_lengths[world, CAUGHT] = 0
         block_barrier()
@@ -63,18 +78,16 @@ def catching_all_function(features: Features) -> Any:
             pair = working.edge_pairs[world, place]
             catch, near = catch_of(t, world, pair[0], pair[1], points, velocities)
             if near:
-                put(working, world, catch)
-        most = working.candidates.shape[2]
-        for place in range(thread, working.list_lengths[world, TOUCHING] * most, wp.block_dim()):
-            particle = working.particle_lists[world, TOUCHING, place // most]
-            at = place % most
-            if at < working.candidate_counts[world, particle]:
+                overlap = put(working, world, catch) or overlap
+        for place in range(thread, working.list_lengths[world, TOUCHING] * BESIDE, wp.block_dim()):
+            particle = working.particle_lists[world, TOUCHING, place // BESIDE]
+            for at in range(place % BESIDE, working.candidate_counts[world, particle], BESIDE):
                 candidate = working.candidates[world, particle, at]
                 catch, near = catch_of_particle(t, world, particle, candidate, points, velocities)
                 if near:
-                    put(working, world, catch)
-        block_barrier()
-        return wp.min(working.list_lengths[world, CAUGHT], working.edge_catches.shape[1])
+                    overlap = put(working, world, catch) or overlap
+        any_overlap = any_in_block(overlap)
+        return wp.min(working.list_lengths[world, CAUGHT], working.edge_catches.shape[1]), any_overlap
 
     return catch_all
 
@@ -83,8 +96,8 @@ def catching_all_function(features: Features) -> Any:
 def find_pushed(
     t: Tables, working: Working, world: wp.int32, thread: wp.int32, count: wp.int32, velocities: wp.array[wp.vec3]
 ):
-    """Mark the pairs of a thread that come too near, and return whether any needs another sweep."""
-    again = bool(False)
+    """Mark the pairs of a thread that come too near, and return what it finds: `RESTS`, `PUSHES` or `GOES_ON`."""
+    found = wp.int32(RESTS)
     for place in range(thread, count, wp.block_dim()):
         catch = working.edge_catches[world, place]
         excess = excess_of(t, catch, velocities)
@@ -92,17 +105,17 @@ def find_pushed(
         if excess > 0.0:
             count_ends(working, world, catch)
             least = wp.min(SETTLED * catch.kept, SAFE * catch.crossing.gap)
-            again = again or t.step_seconds * excess > least
-    return again
+            found = wp.max(found, wp.where(t.step_seconds * excess > least, GOES_ON, PUSHES))
+    return found
 
 
 @wp.func
 def find_overlaps(working: Working, world: wp.int32, thread: wp.int32, count: wp.int32):
-    """Mark the pairs of a thread that have come so near that they are moved apart, and return whether any has."""
+    """Mark the pairs of a thread that overlap, and return whether any does."""
     overlap = bool(False)
     for place in range(thread, count, wp.block_dim()):
         catch = working.edge_catches[world, place]
-        is_near = way_to_part(catch.crossing.gap, catch.kept) > 0.0
+        is_near = overlaps(catch)
         working.edge_catches[world, place].pushed = wp.where(is_near, 1, 0)
         if is_near:
             count_ends(working, world, catch)
@@ -118,21 +131,23 @@ def pushing_all_function(features: Features) -> Any:
     @wp.func
     def push_all(
         t: Tables, working: Working, world: wp.int32, thread: wp.int32, count: wp.int32, points: wp.array[wp.vec3],
-        velocities: wp.array[wp.vec3], speeds: float,
+        velocities: wp.array[wp.vec3], speeds: float, has_marked: bool,
     ):  # fmt: skip
         """Push all marked pairs apart, by all threads of a block.
 
         Args:
+            has_marked: whether the thread has marked any of its pairs.
             speeds: 1, or 0 where they are moved without speed.
         """
-        for place in range(thread, count, wp.block_dim()):
+        end = wp.where(has_marked, count, 0)
+        for place in range(thread, end, wp.block_dim()):
             if working.edge_catches[world, place].pushed == 1:
                 if speeds > 0.0:
                     push_pair(t, working, world, working.edge_catches[world, place], velocities)
                 else:
                     part_pair(t, working, world, working.edge_catches[world, place])
         block_barrier()
-        for place in range(thread, count, wp.block_dim()):
+        for place in range(thread, end, wp.block_dim()):
             if working.edge_catches[world, place].pushed == 1:
                 move_ends(t, working, world, working.edge_catches[world, place], points, velocities, speeds)
         block_barrier()
@@ -157,15 +172,18 @@ def edges_function(features: Features) -> Any:
     ):
         """Resolve contacts of the edges of a world, by all threads of a block."""
         if working.list_lengths[world, PAIRS] > 0:
-            count = catch_all(t, working, world, thread, points, velocities)
+            count, overlap = catch_all(t, working, world, thread, points, velocities)
             sweep = wp.int32(0)
             while count > 0 and sweep < MOST_SWEEPS:
                 sweep += 1
-                again = any_in_block(find_pushed(t, working, world, thread, count, velocities))
-                push_all(t, working, world, thread, count, points, velocities, 1.0)
+                found = find_pushed(t, working, world, thread, count, velocities)
+                again = any_in_block(found == GOES_ON)
+                push_all(t, working, world, thread, count, points, velocities, 1.0, found > RESTS)
                 if not again:
                     sweep = MOST_SWEEPS
-            if any_in_block(find_overlaps(working, world, thread, count)):
-                push_all(t, working, world, thread, count, points, velocities, 0.0)
+            if overlap:
+                mine = find_overlaps(working, world, thread, count)
+                block_barrier()
+                push_all(t, working, world, thread, count, points, velocities, 0.0, mine)
 
     return meet_edges

@@ -87,28 +87,63 @@ def note_if_near(
 
 
 @wp.func
+def box_around(thread: wp.int32, points: wp.array[wp.vec3]):
+    """Return the lower and the upper corner of the box around all particles [m], by all threads of a block."""
+    low = wp.vec3(FAR_OFF)
+    high = wp.vec3(-FAR_OFF)
+    for particle in range(thread, points.shape[0], wp.block_dim()):
+        low = wp.min(low, points[particle])
+        high = wp.max(high, points[particle])
+    x = wp.tile_min(wp.tile(low[0]))[0]
+    y = wp.tile_min(wp.tile(low[1]))[0]
+    z = wp.tile_min(wp.tile(low[2]))[0]
+    lower = wp.vec3(x, y, z)
+    x = wp.tile_max(wp.tile(high[0]))[0]
+    y = wp.tile_max(wp.tile(high[1]))[0]
+    z = wp.tile_max(wp.tile(high[2]))[0]
+    return lower, wp.vec3(x, y, z)
+
+
+@wp.func
+def apart_from(t: Tables, solid: wp.int32, placed: Placed, low: wp.vec3, high: wp.vec3):
+    """Return how far a box is at least from the ridges of a solid [m]."""
+    half = 0.5 * (high - low)
+    x = wp.quat_rotate_inv(placed.turn, wp.vec3(half[0], 0.0, 0.0))
+    y = wp.quat_rotate_inv(placed.turn, wp.vec3(0.0, half[1], 0.0))
+    z = wp.quat_rotate_inv(placed.turn, wp.vec3(0.0, 0.0, half[2]))
+    around = wp.abs(x) + wp.abs(y) + wp.abs(z)
+    middle = seen_from(placed, 0.5 * (low + high))
+    lower = t.ridges.boxes[solid, LOWER] - around
+    return wp.sqrt(squared_distance_to_box(middle, lower, t.ridges.boxes[solid, UPPER] + around)) - placed.radius
+
+
+@wp.func
 def look_around(
     t: Tables, working: Working, world: wp.int32, number: wp.int32, solid: wp.int32, placed: Placed, within: float,
-    points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
+    way: float, points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
 ):  # fmt: skip
-    """Note the ridges of a solid that are near a feature, and return how far away its ridges are at least [m]."""
+    """Note the ridges of a solid that are near a feature, and return how far away its ridges are at least [m].
+
+    Args:
+        way: the farthest that anything moves in the substep [m].
+    """
     feature = t.ridges.features[number]
     is_round = placed.radius > 0.0
     if is_round and feature[2] < 0:  # a sphere meets an edge as a side of a face
         return float(FAR_OFF)
-    a = start_of(t, corners_of(feature, 0), points, velocities)
-    b = start_of(t, corners_of(feature, 1), points, velocities)
-    c = start_of(t, corners_of(feature, 2), points, velocities)
+    a = points[corners_of(feature, 0)]
+    b = points[corners_of(feature, 1)]
+    c = points[corners_of(feature, 2)]
     low = wp.min(wp.min(a, b), c)
     high = wp.max(wp.max(a, b), c)
     middle = seen_from(placed, 0.5 * (low + high))
     squared = squared_distance_to_box(middle, t.ridges.boxes[solid, LOWER], t.ridges.boxes[solid, UPPER])
-    apart = wp.sqrt(squared) - placed.radius - 0.5 * wp.length(high - low)
+    apart = wp.sqrt(squared) - placed.radius - 0.5 * wp.length(high - low) - way  # as the substep begins
     if apart < within:
         first = t.ridges.ends[solid][0]
-        a = seen_from(placed, a)
-        b = seen_from(placed, b)
-        c = seen_from(placed, c)
+        a = start_in(t, placed, corners_of(feature, 0), points, velocities)
+        b = start_in(t, placed, corners_of(feature, 1), points, velocities)
+        c = start_in(t, placed, corners_of(feature, 2), points, velocities)
         if is_round:
             note_if_near(t, working, world, number, first, solid, placed, within, a, b, c)
         else:
@@ -187,12 +222,18 @@ def ridge_search_function(features: Features) -> Any:
                     working.ridge_radii[world, sphere] = sphere_radius(t.spheres, world, sphere)
             block_barrier()
             apart = float(FAR_OFF)
+            low, high = box_around(thread, points)
+            spread = wp.vec3(way, way, way)
             for solid in range(t.ridges.ends.shape[0]):
                 if has_ridges(t, world, solid):
                     placed = place_of(t, state, working, world, solid, end)
                     within = margin + t.ridges.kept
-                    for number in range(thread, t.ridges.features.shape[0], wp.block_dim()):
-                        found = look_around(t, working, world, number, solid, placed, within, points, velocities)
+                    of_all = apart_from(t, solid, placed, low - spread, high + spread)
+                    count = wp.where(of_all < within, t.ridges.features.shape[0], 0)
+                    if count == 0:
+                        apart = wp.min(apart, of_all)
+                    for number in range(thread, count, wp.block_dim()):
+                        found = look_around(t, working, world, number, solid, placed, within, way, points, velocities)
                         apart = wp.min(apart, found)
             nearest = wp.tile_min(wp.tile(apart))[0]
             left = wp.max(margin, nearest - t.ridges.kept)
