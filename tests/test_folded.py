@@ -9,6 +9,7 @@ from played import played, shape_at
 from touching import VACUUM
 
 from balloon_warp.foil.make import foil_mesh
+from balloon_warp.kernels.contact.edges import PAIRS
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.piercing import find_piercings
@@ -18,6 +19,7 @@ from balloon_warp.model.meeting_edges import edges_by_leaf, meeting_edges
 from balloon_warp.model.shape import shape_balloon
 from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Stiffness, Touch
 from balloon_warp.scenes.model_airbag import GAP, airbag, airbag_flat
+from balloon_warp.schedules import balloon_contact
 from balloon_warp.schedules.touch_table import substeps_of_search
 from balloon_warp.simulator import Simulator
 
@@ -153,8 +155,8 @@ def test_each_edge_is_in_the_first_leaf_that_has_it():
         assert home == min(having)
 
 
-def test_a_long_tube_that_folds_fast_is_nowhere_in_itself():
-    """A tube whose halves fold until their ends meet at 8 m/s does not cross itself; it would at 96 places."""
+def folding_tube() -> tuple[Simulator, PolygonMesh]:
+    """Return a tube whose halves fold until their ends meet at 8 m/s."""
     mesh = tube(rings=17, around=12)
     firm = Stiffness(structural=30.0, shear=15.0, flexion=0.5)
     thrown = Balloon(mesh=mesh, mass=0.2, damping=0.1, stiffness=firm, inflation=Inflation(pressure=0.0))
@@ -163,11 +165,65 @@ def test_a_long_tube_that_folds_fast_is_nowhere_in_itself():
     turning = 8.0 * np.clip(points[..., 0] / 0.2, -1.0, 1.0)
     velocities = np.stack([-turning * points[..., 1], turning * points[..., 0], np.zeros_like(turning)], axis=-1)
     simulator.state.velocities.assign(velocities)
+    return simulator, mesh
+
+
+def test_a_long_tube_that_folds_fast_is_nowhere_in_itself():
+    """A tube whose halves fold until their ends meet at 8 m/s does not cross itself; it would at 96 places."""
+    simulator, mesh = folding_tube()
     for _ in range(17):
         simulator.step()
         points = simulator.state.points.numpy()[0].astype(np.float64)
         assert crossings(points, mesh) == 0
     assert np.abs(points[-2:, 0]).max() < 0.1
+
+
+def gaps(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.ndarray:
+    """Return the distances between segments from a to b and from c to d [m]: at an end, or along the common normal."""
+
+    def beside(p: np.ndarray, q: np.ndarray, r: np.ndarray) -> np.ndarray:
+        part = np.clip(((p - q) * (r - q)).sum(-1) / ((r - q) ** 2).sum(-1), 0.0, 1.0)
+        return np.linalg.norm(q + part[..., None] * (r - q) - p, axis=-1)
+
+    ends = np.min([beside(a, c, d), beside(b, c, d), beside(c, a, b), beside(d, a, b)], axis=0)
+    normal = np.cross(b - a, d - c)
+    squared = np.maximum((normal**2).sum(-1), 1e-6 * ((b - a) ** 2).sum(-1) * ((d - c) ** 2).sum(-1))
+    first = (np.cross(c - a, d - c) * normal).sum(-1) / squared
+    second = (np.cross(c - a, b - a) * normal).sum(-1) / squared
+    crossing = squared <= (normal**2).sum(-1)  # not parallel
+    crossing &= (first > 0.0) & (first < 1.0) & (second > 0.0) & (second < 1.0)
+    return np.where(crossing, np.abs(((c - a) * normal).sum(-1)) / np.sqrt(squared), ends)
+
+
+@pytest.mark.parametrize(("threads", "room"), [(1, 12), (24, 12), (1, 0)], ids=["alone", "shared", "without room"])
+def test_edges_that_may_touch_are_on_the_list(threads: int, room: int, monkeypatch):
+    """Pairs that come within the skin and the slack until the next search are listed, whoever shares the search."""
+    monkeypatch.setattr(balloon_contact, "threads_on", lambda device, many, turns: (threads, min(threads, 8)))
+    monkeypatch.setattr(balloon_contact, "BOXED_OF_EDGE", room)
+    simulator, mesh = folding_tube()
+    schedule, state, found = simulator.schedule, simulator.state, []
+    t, working = schedule.tables.touch, schedule.launches.working
+    edges, rest = t.edges.numpy(), np.asarray(mesh.points)
+    near = float(t.thickness.numpy()[0] + 2 * t.slack.numpy()[0])
+    first, second = edges[np.stack(np.triu_indices(len(edges), 1))]
+    apart = np.linalg.norm(rest[first][:, :, None] - rest[second][:, None], axis=-1).min(axis=(1, 2))
+    may = apart >= t.apart.numpy()[0]
+    first, second = first[may], second[may]
+    for _frame in range(8):
+        points, velocities = (array.numpy()[0].astype(np.float64) for array in (state.points, state.velocities))
+        substeps = iter(schedule.substeps(state))
+        next(substeps)
+        pairs = edges[working.edge_pairs.numpy()[0, : working.list_lengths.numpy()[0, int(PAIRS)]]]
+        for _ in substeps:
+            pass
+        corners = np.concatenate([first, second], axis=1).T
+        ways = [gaps(*(points + part * t.seconds * velocities)[corners]) for part in (0.0, 0.3, 0.6, 1.0)]
+        must = {tuple(pair) for pair in corners.T[np.min(ways, axis=0) < 0.999 * near].tolist()}
+        relative = np.linalg.norm(velocities[first][:, :, None] - velocities[second][:, None], axis=-1).max(axis=(1, 2))
+        can = {tuple(pair) for pair in corners.T[ways[0] < 1.001 * (near + t.seconds * relative)].tolist()}
+        assert must <= {tuple(pair) for pair in pairs.reshape(-1, 4).tolist()} <= can
+        found.append(len(must))
+    assert max(found) > 20
 
 
 def test_letters_of_foil_that_meet_fast_come_apart_again():

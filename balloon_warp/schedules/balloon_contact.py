@@ -106,8 +106,7 @@ class TouchLaunches:
         if features.touches_itself:
             kernels.append((leaves_kernel, LEAF_TURNS * self._working.near_parts.shape[1] // 2, LEAF_TURNS))
         for kernel, threads, turns in [*kernels, (measuring_kernel, edges, 1)]:
-            if m.device.is_cpu:
-                threads = turns = 1
+            threads, turns = threads_on(m.device, threads, turns)
             inputs = [self._tables, threads, turns, points, velocities, self._working]
             launch(kernel(features), (m.world_count, threads), inputs, block_dim=FEW_THREADS, device=m.device)
 
@@ -120,6 +119,11 @@ class TouchLaunches:
         inputs = [self._tables, threads, int(only_counts), points, velocities, self._worlds.of(state), self._working]
         shape = (m.world_count, threads)
         launch(response_kernel(self._features, self._fast_math), shape, inputs, block_dim=FEW_THREADS, device=m.device)
+
+
+def threads_on(device: wp.Device, threads: int, turns: int) -> tuple[int, int]:
+    """Return the threads of a world, and how many of them share an item: on a CPU one goes through all."""
+    return (threads, turns) if device.is_cuda else (1, 1)
 
 
 def overflow_remarks(overflow: int) -> list[str]:
