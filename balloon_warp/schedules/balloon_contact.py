@@ -36,10 +36,10 @@ MEET_THREADS = 32
 CATCHES, MOST_CATCHES, ROOMY = 8, 32, 32_768
 """Number of pairs that a world has room for in a substep, for each edge: in a packet of layers all of its edges, and
 particles, are near many others, and so a world has room for all that may be listed, up to `ROOMY` pairs"""
-SEEKING_SHARE = 8
+SEEKING_SHARE = 4
 """Edges of a thread on a GPU, if all go through trees"""
-TREE_TURNS, LEAF_TURNS = 8, 8
-"""Threads on a GPU that share an edge's way through the tree of its balloon, and the leaves near a leaf"""
+LEAF_TURNS = 4
+"""Threads on a GPU that share the leaves near a leaf"""
 PART_THREADS = 512
 """Threads that loop over the parts of a world on a GPU"""
 
@@ -102,7 +102,7 @@ class TouchLaunches:
 
     def _seek_edges(self, points: wp.array, velocities: wp.array) -> None:
         m, features, edges = self.model, self._features, self._tables.touch.edges.shape[0]
-        kernels = [(seeking_kernel, edges, 1), (trees_kernel, TREE_TURNS * -(-edges // SEEKING_SHARE), TREE_TURNS)]
+        kernels = [(seeking_kernel, edges, 1), (trees_kernel, -(-edges // SEEKING_SHARE), 1)]
         if features.touches_itself:
             kernels.append((leaves_kernel, LEAF_TURNS * self._working.near_parts.shape[1] // 2, LEAF_TURNS))
         for kernel, threads, turns in [*kernels, (measuring_kernel, edges, 1)]:

@@ -19,7 +19,7 @@ from balloon_warp.kernels.laws.edges import crossing_of
 from balloon_warp.kernels.memory import four_ints_at, int_at, int_pair_at, vector_at
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.tables import Tables
-from balloon_warp.kernels.warps import next_place
+from balloon_warp.kernels.warps import next_place, next_places
 from balloon_warp.kernels.working import Working
 
 PAIRS_OF_EDGE, BOXED_OF_EDGE = 24, 12
@@ -58,7 +58,7 @@ def are_near(first: Swept, second: Swept, pad: float):
 
 @cache
 def measuring_functions(features: Features) -> tuple[Any, Any]:
-    """Return the function that measures two edges, and the one that lists them to be measured."""
+    """Return the function that measures two edges, and the one that lists those to be measured."""
     pad_between = pad_function(features)
 
     @wp.func
@@ -89,18 +89,36 @@ def measuring_functions(features: Features) -> tuple[Any, Any]:
                 wp.atomic_add(working.overflow, world, 1)
 
     @wp.func
-    def note_boxed(
-        t: Tables, working: Working, world: wp.int32, edge: wp.int32, other: wp.int32, points: wp.array[wp.vec3],
-        velocities: wp.array[wp.vec3],
+    def compare_with_leaf(
+        t: Tables, working: Working, world: wp.int32, edge: wp.int32, swept: Swept, leaf: wp.int32, looks: float,
+        points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
     ):  # fmt: skip
-        """List a pair of edges to be measured."""
-        place = next_place(working.list_lengths, world, BOXED)
-        if place < working.boxed_edges.shape[1]:
-            working.boxed_edges[world, place] = wp.vec2i(edge, other)
-        else:
-            measure(t, working, world, edge, other, points, velocities)
+        """List pairs of an edge and those of a leaf, of a higher number, to be measured where their boxes meet.
 
-    return measure, note_boxed
+        It asks for places once, since a warp waits for the answer.
+        """
+        its_edges = int_pair_at(t.touch.part_edges, leaf)
+        first = wp.max(its_edges[0], edge + 1)
+        near = wp.int32(0)  # a bit for each: a leaf has no more than 24
+        count = wp.int32(0)
+        for other in range(first, its_edges[1]):
+            if are_near(swept, box_of_edge(working, world, other), looks):
+                near = near | (1 << (other - first))
+                count += 1
+        if count > 0:
+            place = next_places(working.list_lengths, world, BOXED, count)
+            other = wp.int32(first)
+            while near > 0:
+                if (near & 1) == 1:
+                    if place < working.boxed_edges.shape[1]:
+                        working.boxed_edges[world, place] = wp.vec2i(edge, other)
+                    else:
+                        measure(t, working, world, edge, other, points, velocities)
+                    place += 1
+                near = near >> 1
+                other += 1
+
+    return measure, compare_with_leaf
 
 
 @cache
@@ -135,17 +153,14 @@ def measuring_kernel(features: Features) -> Any:
 def trees_kernel(features: Features) -> Any:
     """Return the kernel in which edges go through trees."""
     pad_between = pad_function(features)
-    _, note_boxed = measuring_functions(features)
+    _, compare_with_leaf = measuring_functions(features)
 
     @wp.func
     def go_through(
         t: Tables, working: Working, world: wp.int32, edge: wp.int32, own: wp.int32, balloon: wp.int32,
-        turn: wp.int32, turns: wp.int32, points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
+        points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
     ):  # fmt: skip
-        """List the edges of a balloon that an edge may touch, in one of some pieces of its tree.
-
-        Of its own balloon those of a higher number.
-        """
+        """List the edges of a balloon that an edge may touch, of its own those of a higher number."""
         swept = box_of_edge(working, world, edge)
         looks = float(pad_between(t, world, own, balloon))
         at = int_at(t.touch.balloon_parts, balloon)
@@ -153,16 +168,10 @@ def trees_kernel(features: Features) -> Any:
         if balloon == own:
             looks = pad_with_lookout(t, working, world, own, looks)
             at = wp.max(at, int_at(t.touch.edge_homes, edge))
-        each = (last - at + turns - 1) // turns
-        at += turn * each
-        last = wp.min(at + each, last)
         while at < last:
             after = four_ints_at(t.touch.parts, at)[0]
             if are_near(swept, box_of_part(working, world, at), looks):
-                its_edges = int_pair_at(t.touch.part_edges, at)
-                for other in range(wp.max(its_edges[0], edge + 1), its_edges[1]):
-                    if are_near(swept, box_of_edge(working, world, other), looks):
-                        note_boxed(t, working, world, edge, other, points, velocities)
+                compare_with_leaf(t, working, world, edge, swept, at, looks, points, velocities)
                 after = at + 1
             at = after
 
@@ -178,20 +187,17 @@ def trees_kernel(features: Features) -> Any:
         # out
         working: Working,
     ):
-        """Find the edges near those that seek any, by some threads a world, of which so many share an edge."""
+        """Find the edges near those that seek any, by some threads a world."""
         world, thread = wp.tid()
         if is_searched(working, world):
-            turn = thread % turns
-            for place in range(thread // turns, working.list_lengths[world, SEEKING], threads // turns):
+            for place in range(thread, working.list_lengths[world, SEEKING], threads):
                 sought = working.seeking_edges[world, place]
                 edge = sought >> 1
                 own = int_at(t.particles.balloon, int_pair_at(t.touch.edges, edge)[0])
                 for neighbor in range(working.neighbor_counts[world, own]):
                     balloon = working.neighbors[world, own, neighbor]
-                    if balloon == own and (sought & 1) == 1:
-                        go_through(t, working, world, edge, own, own, turn, turns, points[world], velocities[world])
-                    elif balloon > own and neighbor % turns == turn:
-                        go_through(t, working, world, edge, own, balloon, 0, 1, points[world], velocities[world])
+                    if balloon > own or (balloon == own and (sought & 1) == 1):
+                        go_through(t, working, world, edge, own, balloon, points[world], velocities[world])
 
     return find_edges_in_trees
 
@@ -200,7 +206,7 @@ def trees_kernel(features: Features) -> Any:
 def leaves_kernel(features: Features) -> Any:
     """Return the kernel that compares edges in leaves of a balloon that are near each other."""
     pad_between = pad_function(features)
-    _, note_boxed = measuring_functions(features)
+    _, compare_with_leaf = measuring_functions(features)
 
     @wp.func
     def compare_leaves(
@@ -211,13 +217,10 @@ def leaves_kernel(features: Features) -> Any:
         pad = pad_between(t, world, balloon, balloon)
         there = box_of_part(working, world, other)
         edges = int_pair_at(t.touch.part_edges, part)
-        others = int_pair_at(t.touch.part_edges, other)
         for edge in range(edges[0], edges[1]):
             swept = box_of_edge(working, world, edge)
             if are_near(swept, there, pad):
-                for beside in range(wp.max(others[0], edge + 1), others[1]):
-                    if are_near(swept, box_of_edge(working, world, beside), pad):
-                        note_boxed(t, working, world, edge, beside, points, velocities)
+                compare_with_leaf(t, working, world, edge, swept, other, pad, points, velocities)
 
     @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=FIND_EDGES_REGISTERS, module_options=OPTIONS)
     def find_edges_in_leaves(

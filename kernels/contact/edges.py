@@ -25,7 +25,7 @@ CAUGHT = wp.constant(3)
 """Index of the number of pairs that may touch in this substep"""
 SEEKING, BOXED = wp.constant(4), wp.constant(5)
 """Indices of the number of edges that go through trees in a search, and of pairs of edges whose boxes meet"""
-BESIDE = wp.constant(8)
+BESIDE = wp.constant(4)
 """Number of threads that share the triangles of a particle"""
 MOST_SWEEPS = wp.constant(300)
 """Largest number of sweeps over all pairs in a substep; it ends sooner where none comes too near"""

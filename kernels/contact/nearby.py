@@ -18,7 +18,7 @@ from balloon_warp.kernels.contact.triangles import (
 )
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.loops.meeting import Place, is_nearer
-from balloon_warp.kernels.memory import four_ints_at, int_at, vector_at
+from balloon_warp.kernels.memory import four_ints_at, int_at, triple_at, vector_at
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.working import Working
 
@@ -78,8 +78,9 @@ def may_touch_function(features: Features) -> Any:
         """Return whether a particle may touch a triangle of its own balloon: only if they were apart at the start."""
         if wp.static(features.touches_itself):
             if balloon == other:
+                corners = triple_at(t.touch.triangles, triangle)
                 for corner in range(3):
-                    if are_neighbors(t, balloon, particle, t.touch.triangles[triangle][corner]):
+                    if are_neighbors(t, balloon, particle, corners[corner]):
                         return False
         return True
 
@@ -177,10 +178,10 @@ def nearby_function(features: Features, lists: bool) -> Any:
                             node = here
                     at = after
                 for triangle in range(node[1], node[2]):
-                    near = comes_near(t, points, velocities, particle, triangle, found.place.squared, wanted.pad)
-                    if near and may_touch(t, particle, balloon, other, triangle):
-                        queue[waiting] = triangle
-                        waiting += 1
+                    if may_touch(t, particle, balloon, other, triangle):  # not most of those near on its own skin
+                        if comes_near(t, points, velocities, particle, triangle, found.place.squared, wanted.pad):
+                            queue[waiting] = triangle
+                            waiting += 1
             for turn in range(waiting):
                 triangle = queue[turn]
                 place = triangle_beside(t, points, triangle, point)

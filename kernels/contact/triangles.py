@@ -11,7 +11,7 @@ from balloon_warp.kernels.tables import Tables
 @wp.func
 def are_neighbors(t: Tables, balloon: wp.int32, first: wp.int32, second: wp.int32):
     """Return whether two particles of a balloon were near each other at the start, so that they do not touch."""
-    way = t.touch.rest_points[second] - t.touch.rest_points[first]
+    way = vector_at(t.touch.rest_points, second) - vector_at(t.touch.rest_points, first)
     return wp.length_sq(way) < t.touch.apart[balloon] * t.touch.apart[balloon]
 
 
