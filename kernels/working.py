@@ -123,8 +123,8 @@ class Working:
     edge_boxes: wp.array2d[wp.vec4]
     """Box around what each edge sweeps until the next search [m], its two corners: shape (world_count, 2 edges); empty
     unless sharp edges meet, see `contact.edges`, as are the next"""
-    seeking_edges: wp.array2d[wp.int32]
-    """Edges that go through trees in a search, times two, and one more if through that of their own balloon"""
+    seeking_edges: wp.array2d[wp.vec2i]
+    """Edges that go through trees in a search, each with the balloon"""
     boxed_edges: wp.array2d[wp.vec2i]
     """Pairs of edges whose boxes meet in a search"""
     edge_clearances: wp.array2d[float]

@@ -195,11 +195,12 @@ def gaps(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.ndarr
     return np.where(crossing, np.abs(((c - a) * normal).sum(-1)) / np.sqrt(squared), ends)
 
 
-@pytest.mark.parametrize(("threads", "room"), [(1, 12), (24, 12), (1, 0)], ids=["alone", "shared", "without room"])
+@pytest.mark.parametrize(("threads", "room"), [(1, 12), (24, 12), (2, 0)], ids=["alone", "shared", "without room"])
 def test_edges_that_may_touch_are_on_the_list(threads: int, room: int, monkeypatch):
     """Pairs that come within the skin and the slack until the next search are listed, whoever shares the search."""
     monkeypatch.setattr(balloon_contact, "threads_on", lambda device, many, turns: (threads, min(threads, 8)))
-    monkeypatch.setattr(balloon_contact, "BOXED_OF_EDGE", room)
+    for name in ("BOXED_OF_EDGE", "SEEKING_OF_EDGE"):
+        monkeypatch.setattr(balloon_contact, name, room)
     simulator, mesh = folding_tube()
     schedule, state, found = simulator.schedule, simulator.state, []
     t, working = schedule.tables.touch, schedule.launches.working

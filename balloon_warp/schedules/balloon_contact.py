@@ -9,6 +9,7 @@ from balloon_warp.kernels.contact.catch import EdgeCatch
 from balloon_warp.kernels.contact.edge_search import (
     BOXED_OF_EDGE,
     PAIRS_OF_EDGE,
+    SEEKING_OF_EDGE,
     leaves_kernel,
     measuring_kernel,
     trees_kernel,
@@ -174,7 +175,7 @@ def touch_arrays(model: Model, features: Features, room: Room) -> dict[str, Any]
         "contacts": room.array((worlds, particles), wp.float32),
         "touched": room.array((worlds, particles), wp.int8),
         "edge_boxes": room.array((worlds, 2 * edges), wp.vec4),
-        "seeking_edges": room.array((worlds, edges), wp.int32),
+        "seeking_edges": room.array((worlds, edges * SEEKING_OF_EDGE), wp.vec2i),
         "boxed_edges": room.array((worlds, edges * BOXED_OF_EDGE), wp.vec2i),
         "edge_clearances": room.array((worlds, edges if features.touches_itself else 0), wp.float32),
         "edge_pairs": room.array((worlds, edges * PAIRS_OF_EDGE), wp.vec2i),

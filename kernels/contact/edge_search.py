@@ -22,9 +22,10 @@ from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.warps import next_place, next_places
 from balloon_warp.kernels.working import Working
 
-PAIRS_OF_EDGE, BOXED_OF_EDGE = 24, 12
-"""Number of pairs that may touch, and of pairs whose boxes meet, that a world has room for, for each of its edges; a
-thread that finds no room for the latter measures by itself"""
+PAIRS_OF_EDGE, BOXED_OF_EDGE, SEEKING_OF_EDGE = 24, 12, 2
+"""Number of pairs that may touch, of pairs whose boxes meet, and of trees gone through, that a world has room for, for
+each of its edges; a thread that finds no room for the second measures by itself, and without room for the third all
+edges go through all trees"""
 FIND_EDGES_REGISTERS = 64
 """Registers of a searching thread, so that more threads overlap their memory latencies"""
 
@@ -150,9 +151,23 @@ def measuring_kernel(features: Features) -> Any:
 
 
 @cache
+def seeking_function(features: Features) -> Any:
+    """Return the function that tells whether an edge may have to go through the tree of a balloon."""
+
+    @wp.func
+    def seeks_in(t: Tables, working: Working, world: wp.int32, edge: wp.int32, own: wp.int32, balloon: wp.int32):
+        if wp.static(features.touches_itself):
+            if balloon == own:
+                return working.near_part_counts[world, int_at(t.touch.edge_homes, edge)] < 0
+        return balloon > own
+
+    return seeks_in
+
+
+@cache
 def trees_kernel(features: Features) -> Any:
     """Return the kernel in which edges go through trees."""
-    pad_between = pad_function(features)
+    pad_between, seeks_in = pad_function(features), seeking_function(features)
     _, compare_with_leaf = measuring_functions(features)
 
     @wp.func
@@ -190,14 +205,21 @@ def trees_kernel(features: Features) -> Any:
         """Find the edges near those that seek any, by some threads a world."""
         world, thread = wp.tid()
         if is_searched(working, world):
-            for place in range(thread, working.list_lengths[world, SEEKING], threads):
-                sought = working.seeking_edges[world, place]
-                edge = sought >> 1
-                own = int_at(t.particles.balloon, int_pair_at(t.touch.edges, edge)[0])
-                for neighbor in range(working.neighbor_counts[world, own]):
-                    balloon = working.neighbors[world, own, neighbor]
-                    if balloon > own or (balloon == own and (sought & 1) == 1):
-                        go_through(t, working, world, edge, own, balloon, points[world], velocities[world])
+            count = working.list_lengths[world, SEEKING]
+            are_all = count > working.seeking_edges.shape[1]  # not listed all
+            for place in range(thread, wp.where(are_all, t.touch.edges.shape[0], count), threads):
+                sought = wp.vec2i(place, 0)
+                turns = wp.int32(1)
+                if not are_all:
+                    sought = working.seeking_edges[world, place]
+                own = int_at(t.particles.balloon, int_pair_at(t.touch.edges, sought[0])[0])
+                if are_all:
+                    turns = working.neighbor_counts[world, own]
+                for turn in range(turns):
+                    if are_all:
+                        sought[1] = working.neighbors[world, own, turn]
+                    if not are_all or seeks_in(t, working, world, sought[0], own, sought[1]):
+                        go_through(t, working, world, sought[0], own, sought[1], points[world], velocities[world])
 
     return find_edges_in_trees
 

@@ -36,16 +36,22 @@ def seeking_kernel(features: Features) -> Any:
     pad_between = pad_function(features)
 
     @wp.func
-    def may_meet_others(t: Tables, working: Working, world: wp.int32, own: wp.int32, swept: Swept):
-        """Return whether an edge may come near another balloon, of a higher number, by the box that this sweeps."""
+    def note_seeking(working: Working, world: wp.int32, edge: wp.int32, balloon: wp.int32):
+        """List an edge and a balloon whose tree it goes through."""
+        place = next_place(working.list_lengths, world, SEEKING)
+        if place < working.seeking_edges.shape[1]:
+            working.seeking_edges[world, place] = wp.vec2i(edge, balloon)
+
+    @wp.func
+    def seek_others(t: Tables, working: Working, world: wp.int32, edge: wp.int32, own: wp.int32, swept: Swept):
+        """List the other balloons, of a higher number, that an edge may come near, by the boxes that these sweep."""
         for neighbor in range(working.neighbor_counts[world, own]):
             balloon = working.neighbors[world, own, neighbor]
             if balloon > own:
                 lower = working.balloon_boxes[world, balloon, LOWER]
                 upper = working.balloon_boxes[world, balloon, UPPER]
                 if boxes_meet(swept.lower, swept.upper, lower, upper, pad_between(t, world, own, balloon)):
-                    return True
-        return False
+                    note_seeking(working, world, edge, balloon)
 
     @wp.func
     def seeks_own(
@@ -86,12 +92,9 @@ def seeking_kernel(features: Features) -> Any:
                 if working.near_balloons[world, own] != ALONE:
                     swept = swept_by_edge(t, ends, points[world], velocities[world])
                     put_box_of_edge(working, world, edge, swept)
-                    within = bool(False)
-                    seeks = may_meet_others(t, working, world, own, swept)
+                    seek_others(t, working, world, edge, own, swept)
                     if wp.static(features.touches_itself):
-                        within = seeks_own(t, working, world, own, edge, ends, points[world], velocities[world])
-                    if seeks or within:
-                        place = next_place(working.list_lengths, world, SEEKING)
-                        working.seeking_edges[world, place] = 2 * edge + wp.where(within, 1, 0)
+                        if seeks_own(t, working, world, own, edge, ends, points[world], velocities[world]):
+                            note_seeking(working, world, edge, own)
 
     return find_seeking_edges
