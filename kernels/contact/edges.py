@@ -30,7 +30,7 @@ BESIDE = wp.constant(4)
 MOST_SWEEPS = wp.constant(300)
 """Largest number of sweeps over all pairs in a substep; it ends sooner where none comes too near"""
 RESTS, PUSHES, GOES_ON = wp.constant(0), wp.constant(1), wp.constant(2)
-"""What a thread finds among its pairs: none comes too near, some do, or some do so far that another sweep is needed"""
+"""Finds of a thread among its pairs: none comes too near, some do, or some do so far that another sweep is needed"""
 SETTLED = wp.constant(0.01)
 """Fraction of the distance that edges keep by which they may come nearer in a substep, left to the next one"""
 SAFE = wp.constant(0.2)

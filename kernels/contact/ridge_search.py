@@ -157,6 +157,16 @@ def look_around(
     return apart
 
 
+@wp.func
+def have_changed(t: Tables, working: Working, world: wp.int32):
+    """Return whether spheres have come, or have another radius, since the last search."""
+    changed = bool(False)
+    for sphere in range(working.ridge_radii.shape[1]):
+        radius = sphere_radius(t.spheres, world, sphere)
+        changed = changed or radius != working.ridge_radii[world, sphere]
+    return changed
+
+
 @cache
 def ridge_search_function(features: Features) -> Any:
     """Return the function that keeps the list of features and ridges that are near each other."""
@@ -171,15 +181,6 @@ def ridge_search_function(features: Features) -> Any:
             if has and sphere >= 0:
                 has = sphere_radius(t.spheres, world, sphere) > 0.0
         return has
-
-    @wp.func
-    def have_changed(t: Tables, working: Working, world: wp.int32):
-        """Return whether spheres have come, or have another radius, since the last search."""
-        changed = bool(False)
-        for sphere in range(working.ridge_radii.shape[1]):
-            radius = sphere_radius(t.spheres, world, sphere)
-            changed = changed or radius != working.ridge_radii[world, sphere]
-        return changed
 
     @wp.func
     def fastest_of_thread(
