@@ -1,7 +1,7 @@
 """A loss of a planned model, and its derivatives: frames forward, and then backward."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -11,12 +11,14 @@ from numpy.typing import NDArray
 from balloon_warp.device import pick_device
 from balloon_warp.gradients.bars import columns_of_names
 from balloon_warp.gradients.chain import Chain, chains_of, names_in, product
+from balloon_warp.gradients.each import by_each, require_each
 from balloon_warp.gradients.loss import Loss, told_by
 from balloon_warp.gradients.refusals import require_paths
 from balloon_warp.gradients.way_back import WayBack
 from balloon_warp.kernels.laws import Law
 from balloon_warp.model import Model, Vary, lay_out
 from balloon_warp.model.memory import require_memory
+from balloon_warp.schedules.backward_each import EachBackward, bytes_of_each
 from balloon_warp.schedules.choose_backward import backwards_of, bytes_backwards, forward_of
 from balloon_warp.shown import Shown, described
 from balloon_warp.simulator import Simulator
@@ -43,9 +45,15 @@ class Gradient(Shown):
     frame of the trajectories, shape (world_count, n, 3), without the first for a single world"""
     by_velocities: list[Values]
     """Derivatives by how fast each particle starts"""
+    by_each: dict[str, list[Values]] = field(default_factory=dict)
+    """Derivatives that `each` asks for, by its names: of each balloon an array, as in `by_points`. By `rest_lengths`
+    and `spring_constants`, shape (world_count, spring_count), in the order of `spring_pairs`; by `thicknesses`, shape
+    (world_count, face_count); by `rest_points`, shape (world_count, n, 3)"""
+    spring_pairs: list[NDArray[np.int32]] = field(default_factory=list)
+    """Particles at the ends of each spring, of each balloon, shape (spring_count, 2)"""
 
     def __repr__(self) -> str:
-        return f"Gradient({len(self.loss)} worlds, of {', '.join(self.gradients)})"
+        return f"Gradient({len(self.loss)} worlds, of {', '.join([*self.gradients, *self.by_each])})"
 
 
 class Asked(NamedTuple):
@@ -58,6 +66,7 @@ class Asked(NamedTuple):
     device: str | None
     schedule: str
     laws: Sequence[Law]
+    each: Sequence[str] = ()
 
 
 def derive(group: Group, asked: Asked, on_frame: Callable[[int], None] = lambda number: None) -> tuple[Gradient, bool]:
@@ -72,19 +81,25 @@ def derive(group: Group, asked: Asked, on_frame: Callable[[int], None] = lambda 
         InputError: as `gradient`, but for values without an effect.
         BlowUpError: a world blew up.
     """
-    of, loss, world_count, vary, device, schedule, _ = asked
+    of, loss, world_count, vary, device, schedule, _, each = asked
     plan = group.plan
-    chains = chains_of(plan, of, vary)
+    chains = chains_of(plan, of, vary) if of or not each else []
+    if each:
+        require_each(plan, each, schedule)
+        schedule = "launched"
     model = lay_out(plan, pick_device(device))
     require_paths(plan, model, chains)
     columns = columns_of_names(model.columns, names_in(chains))
     frames = plan.scene.frames
     with lock_of(model.device):
-        require_memory(model.device, [world_count], [bytes_backwards(model, columns, frames, schedule)])
+        needed = bytes_backwards(model, columns, frames, schedule) + (bytes_of_each(model) if each else 0)
+        require_memory(model.device, [world_count], [needed])
         runs_back = backwards_of(model, schedule)
         simulator = Simulator.of_model(model, forward_of(model, runs_back))
         model = simulator.model  # of parameters of its own, where they change
         backward = runs_back(model, simulator.state, columns)
+        if each:
+            backward.each = EachBackward(model, backward.step.features, backward.tables, backward.arrays)
     tracks, first = empty_tracks([group], world_count, frames + 1), int(group.worlds[0])
     way = WayBack(plan, model, backward, tracks)
     for number in range(frames + 1):
@@ -101,14 +116,21 @@ def derive(group: Group, asked: Asked, on_frame: Callable[[int], None] = lambda 
     bars = way.back(told, on_frame)
     gradients = {chain.path: _by_path(chain, bars, world_count) for chain in chains}
     by_points, by_velocities = (_by_balloon(bars[0][f"particle_{name}"], model) for name in ("points", "velocities"))
-    return Gradient(told.loss, gradients, moved, by_points, by_velocities), told.depends
+    of_each = by_each(plan, model, backward.each.found(), each) if backward.each else {}
+    of_each = {name: _alone(parts) for name, parts in of_each.items()}
+    pairs = [shape.springs.pairs for shape in plan.shapes]
+    return Gradient(told.loss, gradients, moved, by_points, by_velocities, of_each, pairs), told.depends
 
 
 def _by_balloon(array: Values, model: Model) -> list[Values]:
     """Return the particles of each balloon, as trajectories have them."""
     offsets = model.particle_offsets
-    parts = [array[:, begin:end] for begin, end in pairwise(offsets)]
-    return [part[0] for part in parts] if len(array) == 1 else parts
+    return _alone([array[:, begin:end] for begin, end in pairwise(offsets)])
+
+
+def _alone(parts: list[Values]) -> list[Values]:
+    """Return arrays without the dimension for worlds, if there is only one."""
+    return [part[0] for part in parts] if len(parts[0]) == 1 else parts
 
 
 def _by_path(chain: Chain, bars: Sequence[Mapping[str, Values]], world_count: int) -> Values:

@@ -244,6 +244,8 @@ class LaunchedBackward(BackwardFrames):
                 launch_tiled(made, dim=places, inputs=inputs, block_dim=team_threads(m), device=m.device)
             else:
                 launch(made, (m.world_count, m.particle_count), inputs, device=m.device)
+        if self.each:
+            self.each.turn_back(self.state.frame, substep * m.step_seconds, points, velocities)
         if self.touch:
             self.touch.turn_back(kept.carried[substep]["holds"], points, velocities, substep)
         if self._directions and (substep == 0 or self.step.features.fresh_normals):
