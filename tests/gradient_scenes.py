@@ -61,7 +61,10 @@ PRESSED: list[dict[str, Any]] = [
      "friction": 0.3, "angular_velocity": (2.0, 1.0, 3.0)},
 ]  # fmt: skip
 """A sphere that falls on a ball, and one that slides to it on the ground"""
-ALONE = ("force", "atmosphere", "obstacle", "water", "change", "faces", "sphere", "normals", "correction", "contact")
+ALONE = (
+    *("force", "atmosphere", "obstacle", "water", "change", "faces", "sphere", "normals", "correction", "contact"),
+    "string",
+)
 """Tables of a scene itself"""
 DRIVEN: list[dict[str, Any]] = [
     {"particles": [0, 3, 4], "newtons": (0.4, 0.3, -0.2)},

@@ -119,7 +119,7 @@ def test_what_no_part_has_is_refused(case: str):
 
 
 def test_blocks_are_refused():
-    with pytest.raises(bw.InputError, match="each: needs launches, which block has not"):
+    with pytest.raises(bw.InputError, match="each: rest_lengths: is derived by launches"):
         bw.gradient(scene(), each=["rest_lengths"], loss=far, device="cpu", schedule="block")
 
 

@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 
 from balloon_warp.device import pick_device
 from balloon_warp.gradients.bars import columns_of_names
+from balloon_warp.gradients.by_launches import ByLaunches, bytes_by_launches, schedule_for, wanted_of
 from balloon_warp.gradients.chain import Chain, chains_of, names_in, product
-from balloon_warp.gradients.each import by_each, require_each
+from balloon_warp.gradients.each import by_each
 from balloon_warp.gradients.loss import Loss, told_by
 from balloon_warp.gradients.refusals import require_paths
 from balloon_warp.gradients.way_back import WayBack
 from balloon_warp.kernels.laws import Law
 from balloon_warp.model import Model, Vary, lay_out
 from balloon_warp.model.memory import require_memory
-from balloon_warp.schedules.backward_each import EachBackward, bytes_of_each
 from balloon_warp.schedules.choose_backward import backwards_of, bytes_backwards, forward_of
 from balloon_warp.shown import Shown, described
 from balloon_warp.simulator import Simulator
@@ -84,24 +84,22 @@ def derive(group: Group, asked: Asked, on_frame: Callable[[int], None] = lambda 
     of, loss, world_count, vary, device, schedule, _, each = asked
     plan = group.plan
     chains = chains_of(plan, of, vary) if of or not each else []
-    if each:
-        require_each(plan, each, schedule)
-        schedule = "launched"
+    wanted = wanted_of(plan, chains, each)
+    schedule = schedule_for(wanted, schedule)
     model = lay_out(plan, pick_device(device))
     require_paths(plan, model, chains)
     columns = columns_of_names(model.columns, names_in(chains))
     frames = plan.scene.frames
     with lock_of(model.device):
-        needed = bytes_backwards(model, columns, frames, schedule) + (bytes_of_each(model) if each else 0)
+        needed = bytes_backwards(model, columns, frames, schedule) + bytes_by_launches(model, wanted)
         require_memory(model.device, [world_count], [needed])
         runs_back = backwards_of(model, schedule)
         simulator = Simulator.of_model(model, forward_of(model, runs_back))
         model = simulator.model  # of parameters of its own, where they change
         backward = runs_back(model, simulator.state, columns)
-        if each:
-            backward.each = EachBackward(model, backward.step.features, backward.tables, backward.arrays)
+        beside = ByLaunches(plan, model, backward, wanted)
     tracks, first = empty_tracks([group], world_count, frames + 1), int(group.worlds[0])
-    way = WayBack(plan, model, backward, tracks)
+    way = WayBack(plan, model, backward, tracks, beside)
     for number in range(frames + 1):
         if number:
             way.note_beginning(simulator.state)
@@ -116,7 +114,7 @@ def derive(group: Group, asked: Asked, on_frame: Callable[[int], None] = lambda 
     bars = way.back(told, on_frame)
     gradients = {chain.path: _by_path(chain, bars, world_count) for chain in chains}
     by_points, by_velocities = (_by_balloon(bars[0][f"particle_{name}"], model) for name in ("points", "velocities"))
-    of_each = by_each(plan, model, backward.each.found(), each) if backward.each else {}
+    of_each = by_each(plan, model, beside.of_each(), each) if each else {}
     of_each = {name: _alone(parts) for name, parts in of_each.items()}
     pairs = [shape.springs.pairs for shape in plan.shapes]
     return Gradient(told.loss, gradients, moved, by_points, by_velocities, of_each, pairs), told.depends

@@ -17,11 +17,11 @@ KNOWN = (*OF_SPRINGS, "thicknesses", "rest_points")
 """Names of what each spring, each face, and each vertex of a shape at rest has"""
 
 
-def require_each(plan: ModelPlan, names: Sequence[str], schedule: str) -> None:
-    """Make sure that a scene has what each of its parts is derived by, and that it goes back by launches.
+def require_each(plan: ModelPlan, names: Sequence[str]) -> None:
+    """Make sure that a scene has what each of its parts is derived by.
 
     Raises:
-        InputError: it has not, or another schedule is asked for.
+        InputError: it has not.
     """
     if isinstance(names, str) or not names:
         raise InputError(f"each: expected a list of some of {', '.join(KNOWN)} (got {names!r})")
@@ -37,8 +37,6 @@ def require_each(plan: ModelPlan, names: Sequence[str], schedule: str) -> None:
                 raise InputError(
                     f"each: {name}: springs of {shape.name} have lengths at rest of their own; expected rest_lengths"
                 )
-    if schedule == "block":
-        raise InputError("each: needs launches, which block has not; expected the schedule launched or auto")
 
 
 def by_each(

@@ -9,6 +9,7 @@ from balloon_warp.device import pick_device
 from balloon_warp.errors import InputError
 from balloon_warp.gradients.bars import ON_GROUND
 from balloon_warp.gradients.chain import Chain
+from balloon_warp.gradients.obstacles import FIRST, KEYFRAMES
 from balloon_warp.kernels.adjoints.sphere_bars import COLUMNS as OF_SPHERES
 from balloon_warp.kernels.adjoints.sphere_log import EVENTS_OF_A_SPHERE
 from balloon_warp.kernels.laws.softening import PARAMETERS as SOFTENING
@@ -19,12 +20,16 @@ from balloon_warp.model.friction import FRICTION, SAID
 from balloon_warp.model.memory import usable_memory
 from balloon_warp.model.touch import STIFFNESSES
 from balloon_warp.model.vary import METHODS
+from balloon_warp.schedules.backward_fixtures import POSITION
 from balloon_warp.schedules.backward_launched import gradient_step, kernels_of
+from balloon_warp.schedules.backward_strings import OF_STRINGS
 from balloon_warp.schedules.backward_tubes import CONDUCTANCE
 from balloon_warp.schedules.features import model_features
 
 FOUND = (CONDUCTANCE, "keyframe_values", "initial_gas_amounts", "initial_free_volumes")
 """Parameters, besides those of laws and of the start, by which is derived"""
+OF_OBSTACLES = (POSITION, KEYFRAMES, "obstacle_friction")
+"""Parameters of obstacles by which is derived, where no spheres meet these, too; friction acts by that of pairs"""
 BYTES_OF_A_FRAME = 72
 """Memory of the host for a particle: place and velocity, and a loss's derivatives by place, as given and checked"""
 UNREAD = frozenset(row.name for row in (*SOFTENING, *TEARING))
@@ -66,8 +71,9 @@ def require_paths(plan: ModelPlan, model: Model, chains: Sequence[Chain]) -> Non
         for name, slopes in (each for span in chain.spans for each in span.items()):
             known = name in laws or name in (*FOUND, *OF_SPHERES) or name in UNREAD or name.startswith("initial_")
             known = known or (name == FRICTION and _is_of_balloons(plan, slopes)) or name == STIFFNESSES
+            known = known or name in OF_STRINGS or (name in OF_OBSTACLES and not plan.scene.sphere)
             changes = name in (FRICTION, *SAID) and _friction_changes(plan)
-            if changes or (name in model.parameters and not known):
+            if changes or (name in (*model.parameters, KEYFRAMES) and not known):
                 raise InputError(f"{chain.path}: cannot be derived by yet, for it acts by `{name}`")
             if name == "gamma" and (np.asarray(plan.parameters["gamma"]) == 1.0).any():
                 raise InputError(f"{chain.path}: cannot be derived by at 1, where the law is another one")
@@ -76,9 +82,13 @@ def require_paths(plan: ModelPlan, model: Model, chains: Sequence[Chain]) -> Non
 
 
 def _is_of_balloons(plan: ModelPlan, slopes: NDArray[np.float64]) -> bool:
-    """Return whether all coefficients that grow are those of balloons, with each other or the ground."""
-    balloons = np.arange(slopes.shape[1])[-len(plan.shapes) :]
-    known = [ON_GROUND, *balloons]
+    """Return whether all coefficients that grow are those of balloons, with each other, the ground or obstacles.
+
+    Spheres rub on obstacles, too, and are not derived by that.
+    """
+    things = np.arange(slopes.shape[1])
+    obstacles = [] if plan.scene.sphere else things[FIRST : FIRST + len(plan.obstacles)]
+    known = [ON_GROUND, *obstacles, *things[-len(plan.shapes) :]]
     others = slopes.copy()
     others[:, np.array(known)[:, None], known] = 0.0
     return not others.any()

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.gradients.bars import by_keyframes, by_start, taken_numbers
+from balloon_warp.gradients.by_launches import ByLaunches
 from balloon_warp.gradients.loss import Told
 from balloon_warp.gradients.refusals import require_room_for_bounces
 from balloon_warp.gradients.spans import KeptParameters
@@ -28,10 +29,14 @@ class WayBack:
 
     Args:
         tracks: what is recorded of all frames, see `trajectories.empty_tracks`.
+        beside: what launches find besides.
     """
 
-    def __init__(self, plan: ModelPlan, model: Model, backward: BackwardFrames, tracks: Mapping[str, NDArray]):
+    def __init__(
+        self, plan: ModelPlan, model: Model, backward: BackwardFrames, tracks: Mapping[str, NDArray], beside: ByLaunches
+    ):
         self._plan, self._model, self._backward, self._tracks = plan, model, backward, tracks
+        self._beside = beside
         self._begins: list[dict[str, Any]] = []
         self._parameters = KeptParameters(plan, model)
         kinds = {balloon.inflation.kind for balloon in plan.scene.balloon}
@@ -56,15 +61,18 @@ class WayBack:
         span = self._parameters.span_of(len(self._begins) - 1)
         for number in range(len(self._begins), 0, -1):
             while self._parameters.span_of(number - 1) < span:
-                bars.append({**taken_numbers(self._model, self._backward), "keyframe_values": keyed.copy()})
+                bars.append({**self._numbers(), "keyframe_values": keyed.copy()})
                 keyed[...], span = 0.0, span - 1
                 with lock_of(self._model.device):
                     self._parameters.bring_back(span)
             keyed += by_keyframes(self._model, number - 1, self._frame_back(told, number))
             on_frame(number)
-        bars.append({**taken_numbers(self._model, self._backward), "keyframe_values": keyed})
+        bars.append({**self._numbers(), "keyframe_values": keyed})
         bars += [{}] * span  # changes at the very start
         return [bars[-1] | self._by_start(told), *bars[-2::-1]]
+
+    def _numbers(self) -> dict[str, Values]:
+        return taken_numbers(self._model, self._backward, self._beside)
 
     def _frame_back(self, told: Told, number: int) -> Values:
         """Turn derivatives by a frame into those by the one before, and return those by keyed values."""
@@ -73,6 +81,7 @@ class WayBack:
         with lock_of(model.device):
             self._add(told, number, 0.0 * pressures if self._given else pressures)
             self._backward.turn_back(self._begins.pop() | begin)
+            self._beside.note(number - 1)
             sums = np.asarray(self._backward.bars.keyed_totals.numpy(), dtype=np.float64).copy()
         if self._given:  # as a frame ends, the pressure of its last substep is noted
             sums[..., 0] += pressures

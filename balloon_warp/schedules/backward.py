@@ -18,7 +18,6 @@ from balloon_warp.kernels.schedules.pieces import Step, values_of
 from balloon_warp.launching import launch
 from balloon_warp.model import Model, State, copy_of
 from balloon_warp.model.memory import Room
-from balloon_warp.schedules.backward_each import EachBackward
 from balloon_warp.schedules.backward_spheres import SpheresBackward
 from balloon_warp.schedules.backward_touch import STATE_OF_TOUCH, TouchBackward
 from balloon_warp.schedules.backward_tubes import TubesBackward
@@ -51,8 +50,6 @@ class BackwardFrames(ABC):
     """Adjoint of balloons that touch, where any may"""
     tubes: TubesBackward | None = None
     """Adjoint of gas that flows through tubes, where there are any"""
-    each: EachBackward | None = None
-    """Derivatives by each spring and triangle, where they are asked for; launches find them"""
 
     def __init__(
         self, model: Model, state: State, columns: Sequence[int], step: Step, tables: Any, room: Room,
