@@ -14,7 +14,9 @@ from balloon_warp.gradients.by_launches import ByLaunches, bytes_by_launches, sc
 from balloon_warp.gradients.chain import Chain, chains_of, names_in, product
 from balloon_warp.gradients.each import by_each
 from balloon_warp.gradients.loss import Loss, told_by
-from balloon_warp.gradients.refusals import require_paths
+from balloon_warp.gradients.refusals import bytes_of_tracks, require_paths
+from balloon_warp.gradients.replay import beginnings_in_tracks, beginnings_on_host, checkpoints_that_fit
+from balloon_warp.gradients.spans import KeptParameters
 from balloon_warp.gradients.way_back import WayBack
 from balloon_warp.kernels.laws import Law
 from balloon_warp.model import Model, Vary, lay_out
@@ -67,6 +69,8 @@ class Asked(NamedTuple):
     schedule: str
     laws: Sequence[Law]
     each: Sequence[str] = ()
+    every: int = 1
+    checkpoints: int | None = None
 
 
 def derive(group: Group, asked: Asked, on_frame: Callable[[int], None] = lambda number: None) -> tuple[Gradient, bool]:
@@ -81,7 +85,7 @@ def derive(group: Group, asked: Asked, on_frame: Callable[[int], None] = lambda 
         InputError: as `gradient`, but for values without an effect.
         BlowUpError: a world blew up.
     """
-    of, loss, world_count, vary, device, schedule, _, each = asked
+    of, loss, world_count, vary, device, schedule, _, each, every, checkpoints = asked
     plan = group.plan
     chains = chains_of(plan, of, vary) if of or not each else []
     wanted = wanted_of(plan, chains, each)
@@ -89,29 +93,35 @@ def derive(group: Group, asked: Asked, on_frame: Callable[[int], None] = lambda 
     model = lay_out(plan, pick_device(device))
     require_paths(plan, model, chains)
     columns = columns_of_names(model.columns, names_in(chains))
-    frames = plan.scene.frames
+    frames, in_tracks = plan.scene.frames, every == 1 and checkpoints is None
     with lock_of(model.device):
-        needed = bytes_backwards(model, columns, frames, schedule) + bytes_by_launches(model, wanted)
-        require_memory(model.device, [world_count], [needed])
+        needed = bytes_backwards(model, columns, frames if in_tracks else 1, schedule)
+        require_memory(model.device, [world_count], [needed + bytes_by_launches(model, wanted)])
         runs_back = backwards_of(model, schedule)
         simulator = Simulator.of_model(model, forward_of(model, runs_back))
         model = simulator.model  # of parameters of its own, where they change
         backward = runs_back(model, simulator.state, columns)
         beside = ByLaunches(plan, model, backward, wanted)
-    tracks, first = empty_tracks([group], world_count, frames + 1), int(group.worlds[0])
-    way = WayBack(plan, model, backward, tracks, beside)
+    tracks, first = empty_tracks([group], world_count, frames // every + 1), int(group.worlds[0])
+    parameters = KeptParameters(plan, model)
+    if in_tracks:
+        beginnings = beginnings_in_tracks(simulator, backward, tracks)
+    else:
+        most = checkpoints or checkpoints_that_fit(simulator, backward, frames, bytes_of_tracks(plan, every))
+        beginnings = beginnings_on_host(simulator, backward, parameters, frames, most)
     for number in range(frames + 1):
         if number:
-            way.note_beginning(simulator.state)
+            beginnings.note(number - 1)
             simulator.step_unread()
-            way.note_parameters(number - 1)
-        record(tracks, simulator, group, number, first)
+            parameters.note(number - 1)
+        if number % every == 0:
+            record(tracks, simulator, group, number // every, first)
         on_frame(number)
     meshes = [shape.mesh for shape in plan.shapes]
-    times = np.arange(frames + 1) / plan.scene.frames_per_second
+    times = np.arange(0, frames + 1, every) / plan.scene.frames_per_second
     moved = Trajectories(plan.scene, meshes, times, **by_balloon(tracks, meshes), worlds=group.worlds)
     told = told_by(loss, moved, plan.shapes, world_count)
-    bars = way.back(told, on_frame)
+    bars = WayBack(plan, model, backward, parameters, beginnings, every, beside).back(told, on_frame)
     gradients = {chain.path: _by_path(chain, bars, world_count) for chain in chains}
     by_points, by_velocities = (_by_balloon(bars[0][f"particle_{name}"], model) for name in ("points", "velocities"))
     of_each = by_each(plan, model, beside.of_each(), each) if each else {}

@@ -25,6 +25,8 @@ def gradient(
     loss: Loss,
     world_count: int = 1,
     vary: Vary | None = None,
+    every: int = 1,
+    checkpoints: int | None = None,
     device: str | None = None,
     schedule: str = "auto",
     cluster: Cluster | None = None,
@@ -48,6 +50,10 @@ def gradient(
             Or a kernel of Warp, which derives it; `losses.of_torch` and `losses.of_jax` take functions of these.
         world_count: Number of worlds, copies of the scene side by side.
         vary: Values that differ between worlds: dotted paths, and a value for each world.
+        every: Interval of the frames that the loss sees, as for `simulate`: 2 for every second one, `scene.frames` for
+            the first and the last. The trajectories of others are not kept.
+        checkpoints: Number of frames from which others are simulated again on the way back. All are kept that there is
+            room for, if not given.
         device: Warp device; the GPU, or else the CPU, if not given.
         schedule: Schedule of frames that run backwards: "block", a block of threads a world; "launched", a launch for
             each piece of a substep; or "auto", the faster one that can.
@@ -65,7 +71,7 @@ def gradient(
         WorkersLostError: the cluster's workers or its scheduler end.
     """
     device = cluster.device(device) if cluster else device
-    asked = Asked(of, loss, world_count, vary or {}, device, schedule, laws, each)
+    asked = Asked(of, loss, world_count, vary or {}, device, schedule, laws, each, every, checkpoints)
     found, depends = derived(scene, overrides, asked, on_frame, cluster)
     if depends:
         _require_effect(found)
@@ -90,7 +96,7 @@ def derived(
     if len(groups) > 1:
         raise InputError("vary: gradients need one mesh and its springs; expected values that keep the model")
     require_differentiable(groups[0].plan)
-    require_room_for_frames(groups[0].plan)
+    require_room_for_frames(groups[0].plan, asked.every, asked.checkpoints)
     if not cluster:
         return derive(groups[0], asked, on_frame)
     from balloon_warp.gradients.spread import derive_on_workers

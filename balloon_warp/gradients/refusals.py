@@ -112,17 +112,29 @@ def require_room_for_bounces(worlds: NDArray[np.intp]) -> None:
         )
 
 
-def require_room_for_frames(plan: ModelPlan) -> None:
+def bytes_of_tracks(plan: ModelPlan, every: int) -> int:
+    """Return the memory of the host for the trajectories that a loss sees, and for its derivatives by them."""
+    return BYTES_OF_A_FRAME * plan.particle_count * plan.world_count * (plan.scene.frames // every)
+
+
+def require_room_for_frames(plan: ModelPlan, every: int, checkpoints: int | None) -> None:
     """Check that the host has room for the trajectories, and for a loss's derivatives by them.
 
     Raises:
-        InputError: it has not; the message says how many frames or worlds it has room for.
+        InputError: it has not; the message says how many frames or worlds it has room for. Or the interval of the
+            frames that a loss sees is none, or the number of frames from which others are simulated again.
     """
-    each, frames, worlds = BYTES_OF_A_FRAME * plan.particle_count, plan.scene.frames, plan.world_count
-    usable = usable_memory(pick_device("cpu"))
-    if worlds * frames * each > usable:
+    frames, worlds = plan.scene.frames, plan.world_count
+    if not isinstance(every, int) or not 1 <= every <= frames:
+        raise InputError(f"every: must be a whole number from 1 to {frames}, the frames of the scene (got {every!r})")
+    if checkpoints is not None and (not isinstance(checkpoints, int) or checkpoints < 1):
+        raise InputError(f"checkpoints: must be a whole number, at least 1 (got {checkpoints!r})")
+    needed, usable = bytes_of_tracks(plan, every), usable_memory(pick_device("cpu"))
+    if needed > usable:
+        seen = frames // every
         raise InputError(
-            f"gradients: {frames} frames of {worlds} worlds do not fit: trajectories and derivatives by them need "
-            f"{worlds * frames * each / 2**30:.2f} GiB, and the host has {usable / 2**30:.2f} GiB to spare, enough "
-            f"for {usable // (worlds * each)} frames, or {usable // (frames * each)} worlds"
+            f"gradients: {seen} frames of {worlds} worlds do not fit: trajectories and derivatives by them need "
+            f"{needed / 2**30:.2f} GiB, and the host has {usable / 2**30:.2f} GiB to spare, enough for "
+            f"{usable * seen // needed} frames, or {usable * worlds // needed} worlds; expected fewer, or a loss of "
+            f"fewer frames, such as every={frames}"
         )
