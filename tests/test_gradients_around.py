@@ -141,8 +141,10 @@ def test_blocks_are_refused():
         bw.gradient(CASES_AROUND["strings"][0], of=["string.0.length"], loss=far, device="cpu", schedule="block")
 
 
-def test_obstacles_that_spheres_meet_are_refused():
+@pytest.mark.parametrize("path", ["obstacle.0.position.1", "obstacle.0.friction", "obstacle.0.motion.1.1.0"])
+def test_obstacles_that_more_than_particles_meet_are_refused(path: str):
     of = scene(obstacle=[BELOW], faces=False, sphere=[{"position": (0.0, 3.0, 0.0), "radius": 0.3}])
-    for path in ("obstacle.0.position.1", "obstacle.0.friction", "obstacle.0.motion.1.1.0"):
-        with pytest.raises(bw.InputError, match=f"{path}: cannot be derived by yet, for it acts by"):
-            bw.gradient(of, of=[path], loss=far, device="cpu")
+    with pytest.raises(bw.InputError, match=f"{path}: cannot be derived by yet, for it acts by"):
+        bw.gradient(of, of=[path], loss=far, device="cpu")
+    with pytest.raises(bw.InputError, match=r"cannot be derived by yet|`meet_ridges` has no adjoint"):
+        bw.gradient(of.model_copy(update={"sphere": [], "faces": True}), of=[path], loss=far, device="cpu")

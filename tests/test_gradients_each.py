@@ -13,6 +13,7 @@ from gradient_scenes import BALL, CASES, SPRINGS, far, far_of, scene
 
 import balloon_warp as bw
 from balloon_warp.mesh.obj import write_obj
+from balloon_warp.springs.membrane import build_membrane
 
 Change = Callable[[Motion, float], None]
 RNG = np.random.default_rng(21)
@@ -91,6 +92,23 @@ def test_of_each_face(rubber: bw.Scene, device: str):
     for (name, arrays), way, change in zip(found.items(), ways, (thicker, reshaped), strict=True):
         error = (arrays[0] * way).sum() - slope(rubber, change, 1e-5)
         assert abs(error) < 1e-4 * np.linalg.norm(arrays[0] * way), name
+
+
+def test_of_panels_before_they_are_sewn(tmp_path: Path, device: str):
+    """Each face is a panel of its own, whose vertices go their own ways."""
+    points = 0.9 * BALL.points[BALL.face_vertex_indices]
+    panels = replace(BALL, points=points, face_vertex_indices=np.arange(len(points), dtype=np.int32))
+    write_obj(tmp_path / "panels.obj", panels)
+    of = scene(frames=2, material={"kind": "mooney_rivlin", "rest_mesh": tmp_path / "panels.obj"})
+    (found,) = bw.gradient(of, each=["rest_points"], loss=far, device=device).by_each["rest_points"]
+    way = 0.1 * RNG.normal(size=points.shape)
+
+    def recut(run: Motion, h: float) -> None:
+        assert run.film
+        corners = (points + h * way)[build_membrane(panels).corners]
+        run.film = replace(run.film, rest_edges=corners[:, 1:] - corners[:, :1])
+
+    assert abs((found * way).sum() - slope(of, recut, 1e-5)) < 1e-4 * np.linalg.norm(found * way)
 
 
 def test_a_world_in_a_batch_has_the_derivatives_that_it_has_alone(device: str):

@@ -29,7 +29,7 @@ from balloon_warp.schedules.features import model_features
 FOUND = (CONDUCTANCE, "keyframe_values", "initial_gas_amounts", "initial_free_volumes")
 """Parameters, besides those of laws and of the start, by which is derived"""
 OF_OBSTACLES = (POSITION, KEYFRAMES, "obstacle_friction")
-"""Parameters of obstacles by which is derived, where no spheres meet these, too; friction acts by that of pairs"""
+"""Parameters of obstacles by which is derived, where particles alone meet these; friction acts by that of pairs"""
 BYTES_OF_A_FRAME = 72
 """Memory of the host for a particle: place and velocity, and a loss's derivatives by place, as given and checked"""
 UNREAD = frozenset(row.name for row in (*SOFTENING, *TEARING))
@@ -71,7 +71,7 @@ def require_paths(plan: ModelPlan, model: Model, chains: Sequence[Chain]) -> Non
         for name, slopes in (each for span in chain.spans for each in span.items()):
             known = name in laws or name in (*FOUND, *OF_SPHERES) or name in UNREAD or name.startswith("initial_")
             known = known or (name == FRICTION and _is_of_balloons(plan, slopes)) or name == STIFFNESSES
-            known = known or name in OF_STRINGS or (name in OF_OBSTACLES and not plan.scene.sphere)
+            known = known or name in OF_STRINGS or (name in OF_OBSTACLES and _only_particles_meet(plan))
             changes = name in (FRICTION, *SAID) and _friction_changes(plan)
             if changes or (name in (*model.parameters, KEYFRAMES) and not known):
                 raise InputError(f"{chain.path}: cannot be derived by yet, for it acts by `{name}`")
@@ -82,16 +82,18 @@ def require_paths(plan: ModelPlan, model: Model, chains: Sequence[Chain]) -> Non
 
 
 def _is_of_balloons(plan: ModelPlan, slopes: NDArray[np.float64]) -> bool:
-    """Return whether all coefficients that grow are those of balloons, with each other, the ground or obstacles.
-
-    Spheres rub on obstacles, too, and are not derived by that.
-    """
+    """Return whether all coefficients that grow are those of balloons, with each other, the ground or obstacles."""
     things = np.arange(slopes.shape[1])
-    obstacles = [] if plan.scene.sphere else things[FIRST : FIRST + len(plan.obstacles)]
+    obstacles = things[FIRST : FIRST + len(plan.obstacles)] if _only_particles_meet(plan) else []
     known = [ON_GROUND, *obstacles, *things[-len(plan.shapes) :]]
     others = slopes.copy()
     others[:, np.array(known)[:, None], known] = 0.0
     return not others.any()
+
+
+def _only_particles_meet(plan: ModelPlan) -> bool:
+    """Return whether particles alone meet obstacles: what else does is not derived by them."""
+    return not (plan.scene.sphere or plan.scene.body or plan.ridges)
 
 
 def _friction_changes(plan: ModelPlan) -> bool:
