@@ -143,7 +143,8 @@ def test_blocks_are_refused():
 
 @pytest.mark.parametrize("path", ["obstacle.0.position.1", "obstacle.0.friction", "obstacle.0.motion.1.1.0"])
 def test_obstacles_that_more_than_particles_meet_are_refused(path: str):
-    of = scene(obstacle=[BELOW], faces=False, sphere=[{"position": (0.0, 3.0, 0.0), "radius": 0.3}])
+    ball = {"position": (0.0, 3.0, 0.0), "radius": 0.6}
+    of = scene(obstacle=[BELOW], faces=False, sphere=[ball], contact="impulse")
     with pytest.raises(bw.InputError, match=f"{path}: cannot be derived by yet, for it acts by"):
         bw.gradient(of, of=[path], loss=far, device="cpu")
     with pytest.raises(bw.InputError, match=r"cannot be derived by yet|`meet_ridges` has no adjoint"):

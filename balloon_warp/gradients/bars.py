@@ -94,7 +94,7 @@ def taken_numbers(model: Model, backward: BackwardFrames, beside: ByLaunches) ->
     numbers = by_numbers(model.columns, backward.columns, totals)
     of_touch = backward.touch.taken_numbers() if backward.touch else {}
     of_pairs, of_more = by_friction(model, numbers), beside.taken_numbers()
-    frictions = [bars[FRICTION] for bars in (of_pairs, of_touch, of_more) if FRICTION in bars]
+    frictions = [bars[FRICTION] for bars in (of_pairs, of_touch, of_spheres, of_more) if FRICTION in bars]
     found = {**numbers, **of_spheres, **of_touch, **of_tubes, **of_more}
     return found | ({FRICTION: sum(frictions[1:], start=frictions[0])} if frictions else {})
 

@@ -9,7 +9,7 @@ from balloon_warp.device import pick_device
 from balloon_warp.errors import InputError
 from balloon_warp.gradients.bars import ON_GROUND
 from balloon_warp.gradients.chain import Chain
-from balloon_warp.gradients.obstacles import FIRST, KEYFRAMES
+from balloon_warp.gradients.obstacles import KEYFRAMES
 from balloon_warp.kernels.adjoints.sphere_bars import COLUMNS as OF_SPHERES
 from balloon_warp.kernels.adjoints.sphere_log import EVENTS_OF_A_SPHERE
 from balloon_warp.kernels.laws.softening import PARAMETERS as SOFTENING
@@ -22,14 +22,19 @@ from balloon_warp.model.touch import STIFFNESSES
 from balloon_warp.model.vary import METHODS
 from balloon_warp.schedules.backward_fixtures import POSITION
 from balloon_warp.schedules.backward_launched import gradient_step, kernels_of
+from balloon_warp.schedules.backward_spheres import OF_OBSTACLES as RESTITUTION
 from balloon_warp.schedules.backward_strings import OF_STRINGS
 from balloon_warp.schedules.backward_tubes import CONDUCTANCE
 from balloon_warp.schedules.features import model_features
 
-FOUND = (CONDUCTANCE, "keyframe_values", "initial_gas_amounts", "initial_free_volumes")
+FOUND = (CONDUCTANCE, RESTITUTION, "keyframe_values", "initial_gas_amounts", "initial_free_volumes")
 """Parameters, besides those of laws and of the start, by which is derived"""
-OF_OBSTACLES = (POSITION, KEYFRAMES, "obstacle_friction")
-"""Parameters of obstacles by which is derived, where particles alone meet these; friction acts by that of pairs"""
+OF_OBSTACLES = (POSITION, KEYFRAMES)
+"""Parameters of obstacles by which is derived where particles alone meet these"""
+FRICTIONS = (FRICTION, "obstacle_friction", "sphere_friction")
+"""Friction of pairs, and what it follows from"""
+RESTITUTIONS = ("sphere_restitution", RESTITUTION)
+"""Restitution of spheres, and of obstacles with them"""
 BYTES_OF_A_FRAME = 72
 """Memory of the host for a particle: place and velocity, and a loss's derivatives by place, as given and checked"""
 UNREAD = frozenset(row.name for row in (*SOFTENING, *TEARING))
@@ -72,6 +77,8 @@ def require_paths(plan: ModelPlan, model: Model, chains: Sequence[Chain]) -> Non
             known = name in laws or name in (*FOUND, *OF_SPHERES) or name in UNREAD or name.startswith("initial_")
             known = known or (name == FRICTION and _is_of_balloons(plan, slopes)) or name == STIFFNESSES
             known = known or name in OF_STRINGS or (name in OF_OBSTACLES and _only_particles_meet(plan))
+            known = known or (name in FRICTIONS and _frictions_are_known(plan))
+            known = known and not (name in RESTITUTIONS and plan.scene.body)
             changes = name in (FRICTION, *SAID) and _friction_changes(plan)
             if changes or (name in (*model.parameters, KEYFRAMES) and not known):
                 raise InputError(f"{chain.path}: cannot be derived by yet, for it acts by `{name}`")
@@ -82,10 +89,9 @@ def require_paths(plan: ModelPlan, model: Model, chains: Sequence[Chain]) -> Non
 
 
 def _is_of_balloons(plan: ModelPlan, slopes: NDArray[np.float64]) -> bool:
-    """Return whether all coefficients that grow are those of balloons, with each other, the ground or obstacles."""
-    things = np.arange(slopes.shape[1])
-    obstacles = things[FIRST : FIRST + len(plan.obstacles)] if _only_particles_meet(plan) else []
-    known = [ON_GROUND, *obstacles, *things[-len(plan.shapes) :]]
+    """Return whether all coefficients that grow are those of balloons, with each other or the ground."""
+    balloons = np.arange(slopes.shape[1])[-len(plan.shapes) :]
+    known = [ON_GROUND, *balloons]
     others = slopes.copy()
     others[:, np.array(known)[:, None], known] = 0.0
     return not others.any()
@@ -94,6 +100,12 @@ def _is_of_balloons(plan: ModelPlan, slopes: NDArray[np.float64]) -> bool:
 def _only_particles_meet(plan: ModelPlan) -> bool:
     """Return whether particles alone meet obstacles: what else does is not derived by them."""
     return not (plan.scene.sphere or plan.scene.body or plan.ridges)
+
+
+def _frictions_are_known(plan: ModelPlan) -> bool:
+    """Return whether all that rubs is derived by how it does: not so are faces, bodies, and particles on spheres."""
+    exchanges = bool(plan.scene.sphere) and plan.scene.contact == "impulse"
+    return not (exchanges or plan.scene.body or plan.ridges)
 
 
 def _friction_changes(plan: ModelPlan) -> bool:
