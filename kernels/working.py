@@ -8,6 +8,9 @@ from balloon_warp.kernels.laws.grip import Grip
 SphereBars = wp.types.vector(length=8, dtype=wp.float32)
 """Derivatives by a sphere's center, velocity, radius and penalty"""
 
+FixtureBars = wp.types.vector(length=7, dtype=wp.float32)
+"""Derivatives by an obstacle's places as a frame begins and as it ends, and by Coulomb's coefficient on it"""
+
 
 @wp.struct
 class Working:
@@ -26,6 +29,9 @@ class Working:
     nothing runs backwards, as is the next, see `adjoints.spheres`"""
     sphere_push_bars: wp.array2d[wp.vec3]
     """Derivatives by the forces on spheres since they last moved"""
+    fixture_bars: wp.array3d[FixtureBars]
+    """Derivatives by each obstacle that each particle has found in a frame backwards, shape (W, P, N); empty where
+    nothing is derived by obstacles, see `adjoints.fixture_bars`"""
     direction_bars: wp.array2d[wp.vec3]
     """Derivatives by the direction of each particle's normal force, see `adjoints.directions`; empty where there is
     none, or nothing runs backwards"""

@@ -61,7 +61,10 @@ PRESSED: list[dict[str, Any]] = [
      "friction": 0.3, "angular_velocity": (2.0, 1.0, 3.0)},
 ]  # fmt: skip
 """A sphere that falls on a ball, and one that slides to it on the ground"""
-ALONE = ("force", "atmosphere", "obstacle", "water", "change", "faces", "sphere", "normals", "correction", "contact")
+ALONE = (
+    *("force", "atmosphere", "obstacle", "water", "change", "faces", "sphere", "normals", "correction", "contact"),
+    "string",
+)
 """Tables of a scene itself"""
 DRIVEN: list[dict[str, Any]] = [
     {"particles": [0, 3, 4], "newtons": (0.4, 0.3, -0.2)},
@@ -107,7 +110,11 @@ def far(moved: Trajectories) -> tuple[np.ndarray, dict[str, Any]]:
 
 
 def far_in_float64(of: bw.Scene, values: dict[str, float]) -> float:
-    points, velocities, _ = motion(of, values)
+    return far_of(of, *motion(of, values)[:2])
+
+
+def far_of(of: bw.Scene, points: np.ndarray, velocities: np.ndarray) -> float:
+    """Return the loss of places and velocities in all frames."""
     volume = Volume(plan_model(of).shapes[0].mesh)
     sizes = [volume.of(each) ** 2 for each in points[1:]]
     return float((WEIGHTS * (points[-1] - TARGET) ** 2).sum() + 0.1 * (velocities[1] ** 2).sum() + sum(sizes))

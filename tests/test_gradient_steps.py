@@ -6,6 +6,7 @@ from typing import Any
 import gradient_scenes
 import numpy as np
 import pytest
+import test_gradients_around as around
 import test_gradients_spheres as spheres
 import test_gradients_touch as touching
 import warp as wp
@@ -17,6 +18,7 @@ from balloon_warp.trajectories import Trajectories
 CASES = {
     "touching": (touching.CASES["of their own"], touching.value_at),
     "spheres": (gradient_scenes.CASES["gas beside spheres"], gradient_scenes.value_at),
+    "obstacles": ((around.AMONG, [*around.OF_AMONG, "balloon.0.velocity.0"]), around.value_of),
     "exchange": (spheres.CASES_OF_SPHERES["exchange"], spheres.value_of),
 }
 

@@ -31,6 +31,9 @@ BETWEEN: list[dict[str, Any]] = [
 ]  # fmt: skip
 """A box, a plane and a capsule in their ways"""
 PLANE, OUT = BETWEEN[1], np.array([-np.sin(np.pi / 3.0), 0.5, 0.0])
+SLAB = {**PLANE, "shape": "mesh", "mesh": trimesh.creation.box((12.0, 4.0, 12.0)),
+        "position": tuple(np.array(PLANE["position"]) - 2.0 * OUT)}  # fmt: skip
+"""The plane, as the side of a mesh"""
 OF_SPHERES = [
     f"sphere.{number}.{name}"
     for number in range(3)
@@ -38,6 +41,10 @@ OF_SPHERES = [
     if (number, name) != (0, "angular_velocity.2")  # which rubs on nothing
 ]
 OF_ALL = ["balloon.0.mass", "balloon.0.velocity.0", "gravity", "ground.height", "ground.restitution", *OF_SPHERES]
+OF_RUBBING = [
+    *(f"sphere.{number}.{name}" for number in (1, 2) for name in ("friction", "restitution")),
+    "obstacle.0.restitution",
+]
 RNG = np.random.default_rng(3)
 WEIGHTS, OF_COURSES = RNG.uniform(0.5, 1.5, (26, 3)), RNG.normal(size=(2, 3, 3))
 
@@ -92,7 +99,11 @@ SPHERE_TRACKS = ("sphere_positions", "sphere_velocities")
 
 
 def ends_in_float64(of: bw.Scene, values: dict[str, float]) -> float:
-    points, _, *courses = motion_of_spheres(of, values)
+    obstacles = [
+        obstacle.model_copy(update={"restitution": values.get(f"obstacle.{number}.restitution", obstacle.restitution)})
+        for number, obstacle in enumerate(of.obstacle)
+    ]
+    points, _, *courses = motion_of_spheres(of.model_copy(update={"obstacle": obstacles}), values)
     tracks = zip((points, *courses), (WEIGHTS, *OF_COURSES), strict=True)
     return float(sum((weights[: track.shape[1]] * track[-1]).sum() for track, weights in tracks))
 
@@ -120,10 +131,26 @@ def require_slopes(of: bw.Scene, paths: list[str], found: bw.Gradient, told: bw.
 
 def test_spheres_that_push_and_bounce_have_the_slopes_of_a_run_in_double_precision(device: str):
     """Two spheres meet on the ground, a box, a plane that is a mesh's side, and a capsule; one presses the ball."""
-    slab = {"mesh": trimesh.creation.box((12.0, 4.0, 12.0)), "position": tuple(np.array(PLANE["position"]) - 2.0 * OUT)}
-    of = meeting(contact="penalty", obstacle=[BETWEEN[0], {**PLANE, **slab, "shape": "mesh"}, BETWEEN[2]])
+    of = meeting(contact="penalty", obstacle=[BETWEEN[0], SLAB, BETWEEN[2]])
     paths = [*OF_ALL, "sphere.0.penalty"]
     require_slopes(of, paths, bw.gradient(of, of=paths, loss=ends, device=device), meeting(contact="penalty"))
+
+
+def test_gradients_by_friction_and_restitution_of_spheres(device: str):
+    """Two smooth spheres slip where they meet; one bounces off a box. States are float32, hence 1e-4."""
+    smooth = [MEETING[0], MEETING[1], {**MEETING[2], "friction": 0.05}]
+    spheres = {"sphere": [bw.Sphere(**sphere) for sphere in smooth]}
+    beside_slab, of = (
+        meeting(contact="penalty", obstacle=[BETWEEN[0], side, BETWEEN[2]]).model_copy(update=spheres)
+        for side in (SLAB, PLANE)
+    )
+    found = bw.gradient(beside_slab, of=OF_RUBBING, loss=ends, device=device).gradients
+    steps = {path: 1e-7 / found[path][0] for path in OF_RUBBING}  # of which each makes as much of the loss
+    more, less = (
+        ends_in_float64(of, {path: value_of(of, path) + side * step for path, step in steps.items()})
+        for side in (1.0, -1.0)
+    )
+    assert (more - less) / 2e-7 == pytest.approx(len(steps), abs=1e-4)
 
 
 def with_spheres(*changed: dict[str, Any]) -> bw.Scene:
@@ -175,6 +202,6 @@ def test_small_spheres_that_touch_faces_are_refused():
         bw.gradient(of, of=["balloon.0.mass"], loss=far)
 
 
-def test_friction_of_a_sphere_is_refused():
+def test_friction_of_a_sphere_that_exchanges_momentum_is_refused():
     with pytest.raises(bw.InputError, match=r"sphere\.1\.friction: cannot be derived by yet"):
-        bw.gradient(BESIDE, of=["sphere.1.friction"], loss=far)
+        bw.gradient(exchange(), of=["sphere.1.friction"], loss=far)

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from balloon_warp.gradients.by_launches import ByLaunches
 from balloon_warp.kernels.laws.columns import Columns
 from balloon_warp.model import Model, ModelPlan
 from balloon_warp.model.friction import FRICTION, OF_BALLOONS
@@ -80,18 +81,22 @@ def by_friction(model: Model, bars: dict[str, Values]) -> dict[str, Values]:
     return {FRICTION: of_pairs}
 
 
-def taken_numbers(model: Model, backward: BackwardFrames) -> dict[str, Values]:
-    """Return derivatives by the numbers of laws, spheres and contacts since they were last taken."""
+def taken_numbers(model: Model, backward: BackwardFrames, beside: ByLaunches) -> dict[str, Values]:
+    """Return derivatives by the numbers of laws, spheres and contacts since they were last taken.
+
+    Args:
+        beside: what launches have found besides.
+    """
     totals = np.asarray(backward.bars.number_totals.numpy(), dtype=np.float64).copy()
     backward.bars.number_totals.zero_()
     of_spheres = backward.spheres.taken_numbers() if backward.spheres else {}
     of_tubes = backward.tubes.taken_numbers() if backward.tubes else {}
     numbers = by_numbers(model.columns, backward.columns, totals)
     of_touch = backward.touch.taken_numbers() if backward.touch else {}
-    of_pairs = by_friction(model, numbers)
-    for name in of_pairs.keys() & of_touch.keys():
-        of_touch[name] = of_touch[name] + of_pairs[name]
-    return {**of_pairs, **numbers, **of_spheres, **of_touch, **of_tubes}
+    of_pairs, of_more = by_friction(model, numbers), beside.taken_numbers()
+    frictions = [bars[FRICTION] for bars in (of_pairs, of_touch, of_spheres, of_more) if FRICTION in bars]
+    found = {**numbers, **of_spheres, **of_touch, **of_tubes, **of_more}
+    return found | ({FRICTION: sum(frictions[1:], start=frictions[0])} if frictions else {})
 
 
 def by_start(plan: ModelPlan, model: Model, points: Values, velocities: Values) -> dict[str, Values]:

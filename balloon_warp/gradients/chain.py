@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from balloon_warp.errors import InputError
+from balloon_warp.gradients.obstacles import is_of_motion, slopes_of_motion
 from balloon_warp.gradients.spans import Slopes, slopes_of_change, slopes_of_spans
 from balloon_warp.model import ModelPlan, Vary
 from balloon_warp.model.parameters import is_numbered, parameters_at, places_of
@@ -52,6 +53,8 @@ def chains_of(plan: ModelPlan, paths: Sequence[str], vary: Vary) -> list[Chain]:
 def _spans(plan: ModelPlan, path: str, vary: Vary) -> tuple[Slopes, ...]:
     if path.startswith("change."):
         return slopes_of_change(plan, path)
+    if is_of_motion(path):
+        return slopes_of_spans(plan, slopes_of_motion(plan, path))
     return slopes_of_spans(plan, _slopes(plan, path, vary))
 
 

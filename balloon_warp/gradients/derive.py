@@ -1,7 +1,7 @@
 """A loss of a planned model, and its derivatives: frames forward, and then backward."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -10,9 +10,13 @@ from numpy.typing import NDArray
 
 from balloon_warp.device import pick_device
 from balloon_warp.gradients.bars import columns_of_names
+from balloon_warp.gradients.by_launches import ByLaunches, bytes_by_launches, schedule_for, wanted_of
 from balloon_warp.gradients.chain import Chain, chains_of, names_in, product
+from balloon_warp.gradients.each import by_each
 from balloon_warp.gradients.loss import Loss, told_by
-from balloon_warp.gradients.refusals import require_paths
+from balloon_warp.gradients.refusals import bytes_of_tracks, require_paths
+from balloon_warp.gradients.replay import beginnings_in_tracks, beginnings_on_host, checkpoints_that_fit
+from balloon_warp.gradients.spans import KeptParameters
 from balloon_warp.gradients.way_back import WayBack
 from balloon_warp.kernels.laws import Law
 from balloon_warp.model import Model, Vary, lay_out
@@ -43,9 +47,15 @@ class Gradient(Shown):
     frame of the trajectories, shape (world_count, n, 3), without the first for a single world"""
     by_velocities: list[Values]
     """Derivatives by how fast each particle starts"""
+    by_each: dict[str, list[Values]] = field(default_factory=dict)
+    """Derivatives that `each` asks for, by its names: of each balloon an array, as in `by_points`. By `rest_lengths`
+    and `spring_constants`, shape (world_count, spring_count), in the order of `spring_pairs`; by `thicknesses`, shape
+    (world_count, face_count); by `rest_points`, shape (world_count, n, 3)"""
+    spring_pairs: list[NDArray[np.int32]] = field(default_factory=list)
+    """Particles at the ends of each spring, of each balloon, shape (spring_count, 2)"""
 
     def __repr__(self) -> str:
-        return f"Gradient({len(self.loss)} worlds, of {', '.join(self.gradients)})"
+        return f"Gradient({len(self.loss)} worlds, of {', '.join([*self.gradients, *self.by_each])})"
 
 
 class Asked(NamedTuple):
@@ -58,6 +68,9 @@ class Asked(NamedTuple):
     device: str | None
     schedule: str
     laws: Sequence[Law]
+    each: Sequence[str] = ()
+    every: int = 1
+    checkpoints: int | None = None
 
 
 def derive(group: Group, asked: Asked, on_frame: Callable[[int], None] = lambda number: None) -> tuple[Gradient, bool]:
@@ -72,43 +85,60 @@ def derive(group: Group, asked: Asked, on_frame: Callable[[int], None] = lambda 
         InputError: as `gradient`, but for values without an effect.
         BlowUpError: a world blew up.
     """
-    of, loss, world_count, vary, device, schedule, _ = asked
+    of, loss, world_count, vary, device, schedule, _, each, every, checkpoints = asked
     plan = group.plan
-    chains = chains_of(plan, of, vary)
+    chains = chains_of(plan, of, vary) if of or not each else []
+    wanted = wanted_of(plan, chains, each)
+    schedule = schedule_for(wanted, schedule)
     model = lay_out(plan, pick_device(device))
     require_paths(plan, model, chains)
     columns = columns_of_names(model.columns, names_in(chains))
-    frames = plan.scene.frames
+    frames, in_tracks = plan.scene.frames, every == 1 and checkpoints is None
     with lock_of(model.device):
-        require_memory(model.device, [world_count], [bytes_backwards(model, columns, frames, schedule)])
+        needed = bytes_backwards(model, columns, frames if in_tracks else 1, schedule)
+        require_memory(model.device, [world_count], [needed + bytes_by_launches(model, wanted)])
         runs_back = backwards_of(model, schedule)
         simulator = Simulator.of_model(model, forward_of(model, runs_back))
         model = simulator.model  # of parameters of its own, where they change
         backward = runs_back(model, simulator.state, columns)
-    tracks, first = empty_tracks([group], world_count, frames + 1), int(group.worlds[0])
-    way = WayBack(plan, model, backward, tracks)
+        beside = ByLaunches(plan, model, backward, wanted)
+    tracks, first = empty_tracks([group], world_count, frames // every + 1), int(group.worlds[0])
+    parameters = KeptParameters(plan, model)
+    if in_tracks:
+        beginnings = beginnings_in_tracks(simulator, backward, tracks)
+    else:
+        most = checkpoints or checkpoints_that_fit(simulator, backward, frames, bytes_of_tracks(plan, every))
+        beginnings = beginnings_on_host(simulator, backward, parameters, frames, most)
     for number in range(frames + 1):
         if number:
-            way.note_beginning(simulator.state)
+            beginnings.note(number - 1)
             simulator.step_unread()
-            way.note_parameters(number - 1)
-        record(tracks, simulator, group, number, first)
+            parameters.note(number - 1)
+        if number % every == 0:
+            record(tracks, simulator, group, number // every, first)
         on_frame(number)
     meshes = [shape.mesh for shape in plan.shapes]
-    times = np.arange(frames + 1) / plan.scene.frames_per_second
+    times = np.arange(0, frames + 1, every) / plan.scene.frames_per_second
     moved = Trajectories(plan.scene, meshes, times, **by_balloon(tracks, meshes), worlds=group.worlds)
     told = told_by(loss, moved, plan.shapes, world_count)
-    bars = way.back(told, on_frame)
+    bars = WayBack(plan, model, backward, parameters, beginnings, every, beside).back(told, on_frame)
     gradients = {chain.path: _by_path(chain, bars, world_count) for chain in chains}
     by_points, by_velocities = (_by_balloon(bars[0][f"particle_{name}"], model) for name in ("points", "velocities"))
-    return Gradient(told.loss, gradients, moved, by_points, by_velocities), told.depends
+    of_each = by_each(plan, model, beside.of_each(), each) if each else {}
+    of_each = {name: _alone(parts) for name, parts in of_each.items()}
+    pairs = [shape.springs.pairs for shape in plan.shapes]
+    return Gradient(told.loss, gradients, moved, by_points, by_velocities, of_each, pairs), told.depends
 
 
 def _by_balloon(array: Values, model: Model) -> list[Values]:
     """Return the particles of each balloon, as trajectories have them."""
     offsets = model.particle_offsets
-    parts = [array[:, begin:end] for begin, end in pairwise(offsets)]
-    return [part[0] for part in parts] if len(array) == 1 else parts
+    return _alone([array[:, begin:end] for begin, end in pairwise(offsets)])
+
+
+def _alone(parts: list[Values]) -> list[Values]:
+    """Return arrays without the dimension for worlds, if there is only one."""
+    return [part[0] for part in parts] if len(parts[0]) == 1 else parts
 
 
 def _by_path(chain: Chain, bars: Sequence[Mapping[str, Values]], world_count: int) -> Values:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from balloon_warp.errors import InputError
-from balloon_warp.gradients.derive import Asked, Gradient, Values, derive
+from balloon_warp.gradients.derive import Asked, Gradient, derive
 from balloon_warp.gradients.loss import Loss
 from balloon_warp.gradients.refusals import require_differentiable, require_room_for_frames
 from balloon_warp.kernels.laws import Law
@@ -20,10 +20,13 @@ def gradient(
     scene: SceneLike,
     overrides: Mapping[str, Any] | Iterable[Override] = (),
     *,
-    of: Sequence[str],
+    of: Sequence[str] = (),
+    each: Sequence[str] = (),
     loss: Loss,
     world_count: int = 1,
     vary: Vary | None = None,
+    every: int = 1,
+    checkpoints: int | None = None,
     device: str | None = None,
     schedule: str = "auto",
     cluster: Cluster | None = None,
@@ -39,11 +42,18 @@ def gradient(
         scene: Scene, name of a bundled one, scene file, or mesh, as a file or in memory.
         overrides: Dotted paths and values, as in `load_scene`.
         of: Dotted paths of the values to differentiate by: "balloon.stiffness.structural", "balloon.inflation.amount".
+        each: What each spring or face has, to differentiate by: "rest_lengths" [m] and "spring_constants" [N/m], of
+            springs; "thicknesses" [m], of the faces of rubber or film; "rest_points" [m], of the vertices of the
+            stress-free shape. Masses, and all else that follows from these, stay as they are. Found by launches.
         loss: Function of the `Trajectories`. It returns a number for each world, and its derivatives by what it used
             of them: {"points": [...]}, an array for each balloon, as `velocities`; or {"volumes": ...}, as `pressures`.
             Or a kernel of Warp, which derives it; `losses.of_torch` and `losses.of_jax` take functions of these.
         world_count: Number of worlds, copies of the scene side by side.
         vary: Values that differ between worlds: dotted paths, and a value for each world.
+        every: Interval of the frames that the loss sees, as for `simulate`: 2 for every second one, `scene.frames` for
+            the first and the last. The trajectories of others are not kept.
+        checkpoints: Number of frames from which others are simulated again on the way back. All are kept that there is
+            room for, if not given.
         device: Warp device; the GPU, or else the CPU, if not given.
         schedule: Schedule of frames that run backwards: "block", a block of threads a world; "launched", a launch for
             each piece of a substep; or "auto", the faster one that can.
@@ -61,10 +71,10 @@ def gradient(
         WorkersLostError: the cluster's workers or its scheduler end.
     """
     device = cluster.device(device) if cluster else device
-    asked = Asked(of, loss, world_count, vary or {}, device, schedule, laws)
+    asked = Asked(of, loss, world_count, vary or {}, device, schedule, laws, each, every, checkpoints)
     found, depends = derived(scene, overrides, asked, on_frame, cluster)
     if depends:
-        _require_effect(found.gradients)
+        _require_effect(found)
     return found
 
 
@@ -86,7 +96,7 @@ def derived(
     if len(groups) > 1:
         raise InputError("vary: gradients need one mesh and its springs; expected values that keep the model")
     require_differentiable(groups[0].plan)
-    require_room_for_frames(groups[0].plan)
+    require_room_for_frames(groups[0].plan, asked.every, asked.checkpoints)
     if not cluster:
         return derive(groups[0], asked, on_frame)
     from balloon_warp.gradients.spread import derive_on_workers
@@ -94,14 +104,15 @@ def derived(
     return derive_on_workers(groups[0], asked, cluster, on_frame)
 
 
-def _require_effect(gradients: Mapping[str, Values]) -> None:
+def _require_effect(found: Gradient) -> None:
     """Make sure that each value has an effect on the loss.
 
     Raises:
         InputError: one has none, in any world.
     """
-    for path, values in gradients.items():
-        if not values.any():
+    of_each = ((name, any(values.any() for values in arrays)) for name, arrays in found.by_each.items())
+    for path, has in (*((path, values.any()) for path, values in found.gradients.items()), *of_each):
+        if not has:
             raise InputError(
                 f"{path}: no path leads from it to the loss: what the loss looks at does not depend on it, or its law "
                 "is left out at the value that it has"

@@ -9,6 +9,7 @@ from balloon_warp.device import pick_device
 from balloon_warp.errors import InputError
 from balloon_warp.gradients.bars import ON_GROUND
 from balloon_warp.gradients.chain import Chain
+from balloon_warp.gradients.obstacles import KEYFRAMES
 from balloon_warp.kernels.adjoints.sphere_bars import COLUMNS as OF_SPHERES
 from balloon_warp.kernels.adjoints.sphere_log import EVENTS_OF_A_SPHERE
 from balloon_warp.kernels.laws.softening import PARAMETERS as SOFTENING
@@ -19,12 +20,21 @@ from balloon_warp.model.friction import FRICTION, SAID
 from balloon_warp.model.memory import usable_memory
 from balloon_warp.model.touch import STIFFNESSES
 from balloon_warp.model.vary import METHODS
+from balloon_warp.schedules.backward_fixtures import POSITION
 from balloon_warp.schedules.backward_launched import gradient_step, kernels_of
+from balloon_warp.schedules.backward_spheres import OF_OBSTACLES as RESTITUTION
+from balloon_warp.schedules.backward_strings import OF_STRINGS
 from balloon_warp.schedules.backward_tubes import CONDUCTANCE
 from balloon_warp.schedules.features import model_features
 
-FOUND = (CONDUCTANCE, "keyframe_values", "initial_gas_amounts", "initial_free_volumes")
+FOUND = (CONDUCTANCE, RESTITUTION, "keyframe_values", "initial_gas_amounts", "initial_free_volumes")
 """Parameters, besides those of laws and of the start, by which is derived"""
+OF_OBSTACLES = (POSITION, KEYFRAMES)
+"""Parameters of obstacles by which is derived where particles alone meet these"""
+FRICTIONS = (FRICTION, "obstacle_friction", "sphere_friction")
+"""Friction of pairs, and what it follows from"""
+RESTITUTIONS = ("sphere_restitution", RESTITUTION)
+"""Restitution of spheres, and of obstacles with them"""
 BYTES_OF_A_FRAME = 72
 """Memory of the host for a particle: place and velocity, and a loss's derivatives by place, as given and checked"""
 UNREAD = frozenset(row.name for row in (*SOFTENING, *TEARING))
@@ -66,8 +76,11 @@ def require_paths(plan: ModelPlan, model: Model, chains: Sequence[Chain]) -> Non
         for name, slopes in (each for span in chain.spans for each in span.items()):
             known = name in laws or name in (*FOUND, *OF_SPHERES) or name in UNREAD or name.startswith("initial_")
             known = known or (name == FRICTION and _is_of_balloons(plan, slopes)) or name == STIFFNESSES
+            known = known or name in OF_STRINGS or (name in OF_OBSTACLES and _only_particles_meet(plan))
+            known = known or (name in FRICTIONS and _frictions_are_known(plan))
+            known = known and not (name in RESTITUTIONS and plan.scene.body)
             changes = name in (FRICTION, *SAID) and _friction_changes(plan)
-            if changes or (name in model.parameters and not known):
+            if changes or (name in (*model.parameters, KEYFRAMES) and not known):
                 raise InputError(f"{chain.path}: cannot be derived by yet, for it acts by `{name}`")
             if name == "gamma" and (np.asarray(plan.parameters["gamma"]) == 1.0).any():
                 raise InputError(f"{chain.path}: cannot be derived by at 1, where the law is another one")
@@ -82,6 +95,17 @@ def _is_of_balloons(plan: ModelPlan, slopes: NDArray[np.float64]) -> bool:
     others = slopes.copy()
     others[:, np.array(known)[:, None], known] = 0.0
     return not others.any()
+
+
+def _only_particles_meet(plan: ModelPlan) -> bool:
+    """Return whether particles alone meet obstacles: what else does is not derived by them."""
+    return not (plan.scene.sphere or plan.scene.body or plan.ridges)
+
+
+def _frictions_are_known(plan: ModelPlan) -> bool:
+    """Return whether all that rubs is derived by how it does: not so are faces, bodies, and particles on spheres."""
+    exchanges = bool(plan.scene.sphere) and plan.scene.contact == "impulse"
+    return not (exchanges or plan.scene.body or plan.ridges)
 
 
 def _friction_changes(plan: ModelPlan) -> bool:
@@ -102,17 +126,29 @@ def require_room_for_bounces(worlds: NDArray[np.intp]) -> None:
         )
 
 
-def require_room_for_frames(plan: ModelPlan) -> None:
+def bytes_of_tracks(plan: ModelPlan, every: int) -> int:
+    """Return the memory of the host for the trajectories that a loss sees, and for its derivatives by them."""
+    return BYTES_OF_A_FRAME * plan.particle_count * plan.world_count * (plan.scene.frames // every)
+
+
+def require_room_for_frames(plan: ModelPlan, every: int, checkpoints: int | None) -> None:
     """Check that the host has room for the trajectories, and for a loss's derivatives by them.
 
     Raises:
-        InputError: it has not; the message says how many frames or worlds it has room for.
+        InputError: it has not; the message says how many frames or worlds it has room for. Or the interval of the
+            frames that a loss sees is none, or the number of frames from which others are simulated again.
     """
-    each, frames, worlds = BYTES_OF_A_FRAME * plan.particle_count, plan.scene.frames, plan.world_count
-    usable = usable_memory(pick_device("cpu"))
-    if worlds * frames * each > usable:
+    frames, worlds = plan.scene.frames, plan.world_count
+    if not isinstance(every, int) or not 1 <= every <= frames:
+        raise InputError(f"every: must be a whole number from 1 to {frames}, the frames of the scene (got {every!r})")
+    if checkpoints is not None and (not isinstance(checkpoints, int) or checkpoints < 1):
+        raise InputError(f"checkpoints: must be a whole number, at least 1 (got {checkpoints!r})")
+    needed, usable = bytes_of_tracks(plan, every), usable_memory(pick_device("cpu"))
+    if needed > usable:
+        seen = frames // every
         raise InputError(
-            f"gradients: {frames} frames of {worlds} worlds do not fit: trajectories and derivatives by them need "
-            f"{worlds * frames * each / 2**30:.2f} GiB, and the host has {usable / 2**30:.2f} GiB to spare, enough "
-            f"for {usable // (worlds * each)} frames, or {usable // (frames * each)} worlds"
+            f"gradients: {seen} frames of {worlds} worlds do not fit: trajectories and derivatives by them need "
+            f"{needed / 2**30:.2f} GiB, and the host has {usable / 2**30:.2f} GiB to spare, enough for "
+            f"{usable * seen // needed} frames, or {usable * worlds // needed} worlds; expected fewer, or a loss of "
+            f"fewer frames, such as every={frames}"
         )

@@ -48,6 +48,10 @@ class KeptParameters:
         """Return the span of a frame."""
         return max(sum(begin <= frame for begin in self._begins) - 1, 0)
 
+    def of_span(self, span: int) -> dict[str, NDArray]:
+        """Return the parameters of a span that change at any time, by their names."""
+        return self._kept[span]
+
     def bring_back(self, span: int) -> None:
         """Set parameters to what they are in a span."""
         for name, values in self._kept[span].items():

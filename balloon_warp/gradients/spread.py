@@ -100,4 +100,6 @@ def _joined(parts: Sequence[Gradient]) -> Gradient:
         trajectories=trajectories,
         by_points=by_balloon([part.by_points for part in parts]),
         by_velocities=by_balloon([part.by_velocities for part in parts]),
+        by_each={name: by_balloon([part.by_each[name] for part in parts]) for name in parts[0].by_each},
+        spring_pairs=parts[0].spring_pairs,
     )

@@ -15,7 +15,15 @@ from numpy.typing import NDArray
 from balloon_warp.device import pick_device
 from balloon_warp.errors import BlowUpError, InputError
 from balloon_warp.gradients.bars import by_keyframes, by_start, columns_of_names, taken_numbers
+from balloon_warp.gradients.by_launches import (
+    OBSTACLES,
+    ByLaunches,
+    bytes_by_launches,
+    schedule_for,
+    wanted_of,
+)
 from balloon_warp.gradients.chain import Chain, chains_of, names_in, product
+from balloon_warp.gradients.obstacles import KEYFRAMES
 from balloon_warp.gradients.refusals import require_differentiable, require_paths, require_room_for_bounces
 from balloon_warp.kernels.laws import Law
 from balloon_warp.kernels.measure.health import HEALTHY
@@ -99,11 +107,17 @@ class Steps:
         require_paths(self.plan, model, chains)
         self.columns = columns_of_names(model.columns, names_in(chains))
         self.model = model.with_rows_of_worlds()
+        wanted = wanted_of(self.plan, chains)
+        if KEYFRAMES in names_in(chains):
+            raise InputError(f"rollout: {wanted[OBSTACLES]}: cannot be set; expected a path as in `vary`")
+        schedule = schedule_for(wanted, schedule)
         with lock_of(model.device):
-            require_memory(model.device, [world_count], [bytes_backwards(model, self.columns, 1, schedule)])
+            needed = bytes_backwards(model, self.columns, 1, schedule) + bytes_by_launches(model, wanted)
+            require_memory(model.device, [world_count], [needed])
             runs_back = backwards_of(self.model, schedule)
             self._simulator = Simulator.of_model(self.model, forward_of(self.model, runs_back))
             self._backward = runs_back(self.model, self._simulator.state, self.columns)
+            self._beside = ByLaunches(self.plan, self.model, self._backward, wanted)
         self._set: Values | None = None
         self._chains: list[Chain] = []
 
@@ -189,7 +203,8 @@ class Steps:
             if back.spheres:
                 require_room_for_bounces(back.spheres.crowded_worlds())
             keyed = np.asarray(back.bars.keyed_totals.numpy(), dtype=np.float64)
-            numbers = taken_numbers(model, back)
+            self._beside.note(frame)
+            numbers = taken_numbers(model, back, self._beside)
             found = back.by_state()
             if not back.step.features.gas:  # as a frame ends, the given pressure of its last substep is noted
                 noted = np.asarray(bars.pressures.numpy(), dtype=np.float64)

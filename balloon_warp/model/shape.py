@@ -55,6 +55,8 @@ class BalloonShape:
     slack: NDArray[np.bool_]
     """Faces that a pressure does not push, since both of their sides are on the same side of the balloon, or nothing
     holds them; shape (face_count,)"""
+    resting: PolygonMesh
+    """Stress-free shape [m]: the mesh itself, or another, which may be cut into panels"""
     neck: Neck = NO_NECK
     """Neck of the balloon"""
     remarks: tuple[str, ...] = ()
@@ -140,6 +142,7 @@ def shape_balloon(balloon: Balloon, scene: Scene, *, as_soft_as_can_be: bool = F
         mass_share=mass_share,
         membrane=membrane,
         slack=slack,
+        resting=resting,
         neck=neck_of(balloon.neck.at, placed, mass_share, np.array(scene.up)) if balloon.neck else NO_NECK,
     )
     return replace(shape, remarks=about_slack(placed, slack, mass_share > 0.0))

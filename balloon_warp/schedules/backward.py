@@ -82,8 +82,12 @@ class BackwardFrames(ABC):
 
     def checkpoint(self, state: State, but: Collection[str] = ()) -> dict[str, wp.array]:
         """Return what a frame begins with, copied, but for what somebody else keeps."""
-        names = (*KEPT, *STATE_OF_TOUCH) if self.step.features.touches else KEPT
-        return {name: wp.clone(getattr(state, name)) for name in names if name not in but}
+        return {name: wp.clone(getattr(state, name)) for name in self.kept_names if name not in but}
+
+    @property
+    def kept_names(self) -> tuple[str, ...]:
+        """Names of the arrays of the state that a frame begins with."""
+        return (*KEPT, *STATE_OF_TOUCH) if self.step.features.touches else KEPT
 
     def turn_back(self, checkpoint: Mapping[str, Any]) -> None:
         """Turn the bars of where a frame ends into those of where it begins.
@@ -93,7 +97,7 @@ class BackwardFrames(ABC):
         """
         for name, array in checkpoint.items():
             getattr(self.state, name).assign(array)
-        wp.copy(self._first_pressures, checkpoint["pressures"])
+        self._first_pressures.assign(checkpoint["pressures"])
         if self._graph is None:
             with recording(self.model.device) as capture:
                 self.frame()

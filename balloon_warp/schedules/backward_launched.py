@@ -19,10 +19,13 @@ from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Room
 from balloon_warp.schedules.backward import BackwardFrames
 from balloon_warp.schedules.backward_directions import DirectionsBackward
+from balloon_warp.schedules.backward_each import EachBackward
 from balloon_warp.schedules.backward_edges import EdgesBackward, kept_of_edges
 from balloon_warp.schedules.backward_exchange import ExchangeBackward, kept_of_exchange
+from balloon_warp.schedules.backward_fixtures import FixturesBackward
 from balloon_warp.schedules.backward_gas import GasBackward
 from balloon_warp.schedules.backward_spheres import STATE_OF_SPHERES, SpheresBackward, log_of_spheres
+from balloon_warp.schedules.backward_strings import StringsBackward
 from balloon_warp.schedules.backward_touch import TouchBackward, kept_of_touch
 from balloon_warp.schedules.backward_tubes import TubesBackward
 from balloon_warp.schedules.balloon_contact import TouchLaunches
@@ -156,7 +159,11 @@ class LaunchedBackward(BackwardFrames):
         self._framing = Framing(model, features, tables, self._launches.working)
         self._kernels = list(zip(kernels, made_kernels(step, self.columns), strict=True))
         self._gas_back = None
-        working = self._launches.working
+        self.working = working = self._launches.working
+        self.parts: list[EachBackward | StringsBackward] = []
+        """Derivatives by single springs, faces and strings, where they are asked for"""
+        self.fixtures: FixturesBackward | None = None
+        """Derivatives by obstacles, where they are asked for"""
         if features.inflation_directions:
             self._directions = DirectionsBackward(model, tables, working, self.bars.points, room)
         if features.touches:
@@ -218,6 +225,8 @@ class LaunchedBackward(BackwardFrames):
             now = self._launches.substep(kept.state_after(state, substep), substep, now)
         for substep in reversed(range(self.model.substeps)):
             self._substep_back(substep)
+        if self.fixtures:
+            self.fixtures.add_up()
 
     def _substep_back(self, substep: int) -> None:
         m, kept = self.model, self._remembered
@@ -244,6 +253,8 @@ class LaunchedBackward(BackwardFrames):
                 launch_tiled(made, dim=places, inputs=inputs, block_dim=team_threads(m), device=m.device)
             else:
                 launch(made, (m.world_count, m.particle_count), inputs, device=m.device)
+        for part in self.parts:
+            part.turn_back(self.state.frame, substep * m.step_seconds, points, velocities)
         if self.touch:
             self.touch.turn_back(kept.carried[substep]["holds"], points, velocities, substep)
         if self._directions and (substep == 0 or self.step.features.fresh_normals):

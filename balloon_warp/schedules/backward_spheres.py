@@ -18,12 +18,15 @@ from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.working import SphereBars
 from balloon_warp.launching import launch, launch_tiled
 from balloon_warp.model import Model, State
+from balloon_warp.model.friction import FRICTION
 from balloon_warp.model.memory import Room
 from balloon_warp.schedules.launches import team_threads
 from balloon_warp.schedules.tables import world_state
 
 STATE_OF_SPHERES = ("sphere_positions", "sphere_velocities", "sphere_spins")
 """Arrays of the state that a substep takes from the one before"""
+OF_OBSTACLES = "obstacle_restitution"
+"""Name of the restitution of obstacles in the parameters"""
 
 
 class SpheresBackward:
@@ -49,6 +52,9 @@ class SpheresBackward:
             setattr(self.bars, name, room.array((worlds, spheres), wp.vec3))
         self.bars.totals = room.array((worlds, spheres), SphereBars)
         self.bars.numbers = room.array((worlds, spheres, len(COLUMNS)), wp.float64)
+        things = model.parameters[FRICTION].shape[1]
+        self.bars.frictions = room.array((worlds, things, things), wp.float64)
+        self.bars.fixture_restitutions = room.array((worlds, len(model.obstacles)), wp.float64)
         self.bars.crowded = room.array(worlds, wp.int32)
         self.log = log_of_spheres(model, room)
         """Courses of spheres in the substep that runs backwards"""
@@ -102,9 +108,12 @@ class SpheresBackward:
 
     def taken_numbers(self) -> dict[str, NDArray[np.float64]]:
         """Return the bars of spheres' numbers since they were last taken, by the names of parameters."""
-        numbers = self.bars.numbers.numpy().copy()
-        self.bars.numbers.zero_()
-        return {name: numbers[..., column] for column, name in enumerate(COLUMNS)}
+        arrays = (self.bars.numbers, self.bars.frictions, self.bars.fixture_restitutions)
+        numbers, frictions, restitutions = (np.asarray(array.numpy(), dtype=np.float64).copy() for array in arrays)
+        for array in arrays:
+            array.zero_()
+        of_columns = {name: numbers[..., column] for column, name in enumerate(COLUMNS)}
+        return of_columns | {FRICTION: frictions, OF_OBSTACLES: restitutions}
 
     def crowded_worlds(self) -> NDArray[np.intp]:
         """Return the worlds in which spheres have met more in a substep than there is room for."""

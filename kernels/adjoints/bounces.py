@@ -5,8 +5,15 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.adjoints.one_contact import entry_of, into
-from balloon_warp.kernels.adjoints.sphere_bars import BarsOfSpheres, add_by_sphere, bar_of_course, put_bar_of_course
+from balloon_warp.kernels.adjoints.one_contact import Entry, entry_of, into
+from balloon_warp.kernels.adjoints.sphere_bars import (
+    BarsOfSpheres,
+    add_by_friction,
+    add_by_restitution,
+    add_by_sphere,
+    bar_of_course,
+    put_bar_of_course,
+)
 from balloon_warp.kernels.adjoints.sphere_courses import Pair, work_beside_convex, work_beside_mesh, work_of_pair
 from balloon_warp.kernels.adjoints.sphere_log import Event, LoggedSpheres
 from balloon_warp.kernels.features import Features
@@ -33,6 +40,15 @@ def obstacle_adjoint(features: Features) -> Any:
     meet, pose_at = meeting_function(features), pose_function(features)
 
     @wp.func
+    def add_of_obstacle(
+        t: Tables, bars: BarsOfSpheres, world: wp.int32, sphere: wp.int32, fixture: wp.int32, by_entry: Entry
+    ):
+        by_restitution = wp.float64(by_entry.restitution)
+        bars.fixture_restitutions[world, fixture] = bars.fixture_restitutions[world, fixture] + by_restitution
+        if wp.static(features.spheres_rub):
+            add_by_friction(bars, world, number_of_sphere(t, sphere), number_of_obstacle(fixture), by_entry.friction)
+
+    @wp.func
     def meet_obstacle_backwards(
         t: Tables, spheres: LoggedSpheres, world: wp.int32, event: Event, end: float, bars: BarsOfSpheres
     ):
@@ -54,18 +70,20 @@ def obstacle_adjoint(features: Features) -> Any:
         if wp.static(features.spheres_rub):
             entry.friction = friction_between(t, world, number_of_sphere(t, sphere), number_of_obstacle(fixture))
         if solid.kind == MESH:
-            by_mine, by_radius, _l, _n, _m, _c, _e, _left, _b = wp.grad(work_beside_mesh)(
+            by_mine, by_radius, _l, _n, _m, _c, by_meshed, _left, _b = wp.grad(work_beside_mesh)(
                 event.mine, radius, met.let, met.normal, met.moving, radius, entry, met.part, bar
             )
             put_bar_of_course(bars, world, sphere, by_mine)
             add_by_sphere(bars, world, sphere, 0.0, by_radius)
+            add_of_obstacle(t, bars, world, sphere, fixture, by_meshed)
         else:
-            by_start, by_course, of_radius, _s, _pose, _earlier, _up, _entry, _bar = wp.grad(work_beside_convex)(
+            by_start, by_course, of_radius, _s, _pose, _earlier, _up, by_entry, _bar = wp.grad(work_beside_convex)(
                 start, event.mine, radius, solid, pose, earlier, t.up, entry, bar
             )
             put_bar_of_course(bars, world, sphere, by_course)
             bars.starts[world, sphere] = bars.starts[world, sphere] + by_start
             add_by_sphere(bars, world, sphere, 0.0, of_radius)
+            add_of_obstacle(t, bars, world, sphere, fixture, by_entry)
 
     return meet_obstacle_backwards
 
@@ -79,16 +97,15 @@ def pair_adjoint(features: Features) -> Any:
     def meet_pair_backwards(t: Tables, spheres: LoggedSpheres, world: wp.int32, event: Event, bars: BarsOfSpheres):
         first, second = event.first, event.second
         pair = Pair()
-        pair.restitution = mean_restitution(
-            sphere_restitution(t.spheres, world, first), sphere_restitution(t.spheres, world, second)
-        )
+        own, others = sphere_restitution(t.spheres, world, first), sphere_restitution(t.spheres, world, second)
+        pair.restitution = mean_restitution(own, others)
         if wp.static(features.spheres_rub):
             pair.friction = friction_between(t, world, number_of_sphere(t, first), number_of_sphere(t, second))
         pair.gravity = t.world_numbers[row_of_world(world, t.world_numbers.shape[0]), gravity]
         pair.step = t.step_seconds
         (
-            by_start, by_other_start, by_mine, by_other, by_mass, by_other_mass, by_radius, by_other_radius, _pair, _up,
-            _bar, _other_bar,
+            by_start, by_other_start, by_mine, by_other, by_mass, by_other_mass, by_radius, by_other_radius, by_pair,
+            _up, _bar, _other_bar,
         ) = wp.grad(work_of_pair)(
             spheres.sphere_starts[world, first], spheres.sphere_starts[world, second], event.mine, event.other,
             sphere_mass(t.spheres, world, first), sphere_mass(t.spheres, world, second),
@@ -101,5 +118,11 @@ def pair_adjoint(features: Features) -> Any:
         bars.starts[world, second] = bars.starts[world, second] + by_other_start
         add_by_sphere(bars, world, first, by_mass, by_radius)
         add_by_sphere(bars, world, second, by_other_mass, by_other_radius)
+        if pair.restitution > 0.0:  # of the root of a product
+            by_root = 0.5 * by_pair.restitution / pair.restitution
+            add_by_restitution(bars, world, first, by_root * others)
+            add_by_restitution(bars, world, second, by_root * own)
+        if wp.static(features.spheres_rub):
+            add_by_friction(bars, world, number_of_sphere(t, first), number_of_sphere(t, second), by_pair.friction)
 
     return meet_pair_backwards

@@ -34,13 +34,14 @@ def particle_functions(features: Features, columns: tuple[int, ...]) -> tuple[An
 
     @wp.func
     def stand_back(
-        t: Tables, exchanges: Exchanges, bars: ExchangeBars, world: wp.int32, particle: wp.int32, end: float
-    ):
+        t: Tables, working: Working, exchanges: Exchanges, bars: ExchangeBars, world: wp.int32, particle: wp.int32,
+        end: float,
+    ):  # fmt: skip
         params = read_params(t, world, particle)
         last = exchanges.points.shape[0] - 1
         if params.share > 0.0:
             stood = stand_backwards(
-                t, around_particle(params, end), exchanges.points[last, world, particle],
+                t, working, around_particle(params, end), exchanges.points[last, world, particle],
                 exchanges.velocities[last, world, particle], bars.points[world, particle],
                 bars.velocities[world, particle],
             )  # fmt: skip
@@ -88,7 +89,7 @@ def exchange_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
             for mark in range(thread, marks, wp.block_dim()):
                 if working.near[world, mark] > 0:
                     for particle in range(mark * PARTICLES_A_MARK, wp.min((mark + 1) * PARTICLES_A_MARK, count)):
-                        stand_back(t, exchanges, bars, world, particle, time_in_frame + t.step_seconds)
+                        stand_back(t, working, exchanges, bars, world, particle, time_in_frame + t.step_seconds)
             by_height = float(0.0)
             sphere = t.spheres.numbers.shape[1]
             while sphere > 0:

@@ -24,6 +24,7 @@ from balloon_warp.kernels.loops.obstacles import around_function
 from balloon_warp.kernels.params import params_functions
 from balloon_warp.kernels.phase import Look, Phase
 from balloon_warp.kernels.tables import Tables
+from balloon_warp.kernels.working import Working
 
 
 @cache
@@ -33,8 +34,9 @@ def standing_adjoint(features: Features) -> Any:
 
     @wp.func
     def stand_backwards(
-        t: Tables, around: Around, point: wp.vec3, velocity: wp.vec3, point_bar: wp.vec3, velocity_bar: wp.vec3
-    ):
+        t: Tables, working: Working, around: Around, point: wp.vec3, velocity: wp.vec3, point_bar: wp.vec3,
+        velocity_bar: wp.vec3,
+    ):  # fmt: skip
         bars = BarsOfContact()
         bars.point = point_bar
         bars.velocity = velocity_bar
@@ -44,7 +46,7 @@ def standing_adjoint(features: Features) -> Any:
             contact = last_contact(t, around, start, point, velocity, number, False)
             number = contact.number
             if number >= 0:
-                more = contact_backwards(t, around, contact, bars.point, bars.velocity, wp.vec3())
+                more = contact_backwards(t, working, around, contact, bars.point, bars.velocity, wp.vec3())
                 bars.point = more.point
                 bars.velocity = more.velocity
                 bars.start += more.start
@@ -64,8 +66,8 @@ def detour_adjoint(features: Features) -> Any:
 
     @wp.func
     def detour_backwards(
-        t: Tables, around: Around, start: wp.vec3, ahead: wp.vec3, course: wp.vec3, place_bar: wp.vec3,
-        normal_bar: wp.vec3,
+        t: Tables, working: Working, around: Around, start: wp.vec3, ahead: wp.vec3, course: wp.vec3,
+        place_bar: wp.vec3, normal_bar: wp.vec3,
     ):  # fmt: skip
         """Return derivatives: of the velocity, that by the course."""
         bars = BarsOfContact()
@@ -76,7 +78,7 @@ def detour_adjoint(features: Features) -> Any:
             contact = last_contact(t, around, start, ahead, course, number, True)
             number = contact.number
             if number >= 0:
-                more = contact_backwards(t, around, contact, bars.point, wp.vec3(), bars.normal)
+                more = contact_backwards(t, working, around, contact, bars.point, wp.vec3(), bars.normal)
                 bars.point = more.point
                 bars.velocity += more.velocity
                 bars.start += more.start
@@ -96,14 +98,15 @@ def leave_obstacles_backwards(phase: Phase, features: Features, look: Look) -> S
 
     @wp.func
     def leave_adjoint(
-        t: Tables, params: Any, end: float, point: wp.vec3, velocity: wp.vec3, point_bar: wp.vec3, velocity_bar: wp.vec3
-    ):
+        t: Tables, working: Working, params: Any, end: float, point: wp.vec3, velocity: wp.vec3, point_bar: wp.vec3,
+        velocity_bar: wp.vec3,
+    ):  # fmt: skip
         params_bar = Params()
         bars = BarsOfContact()
         bars.point = point_bar
         bars.velocity = velocity_bar
         if params.mass > 0.0:
-            bars = stand_backwards(t, around_particle(params, end), point, velocity, point_bar, velocity_bar)
+            bars = stand_backwards(t, working, around_particle(params, end), point, velocity, point_bar, velocity_bar)
             params_bar.n[column] = bars.height
             params_bar.n[friction_column] = bars.friction
         return bars.point, bars.velocity, params_bar
@@ -119,8 +122,8 @@ def foresee_obstacles_backwards(phase: Phase, features: Features, look: Look) ->
 
     @wp.func
     def foresee_adjoint(
-        t: Tables, params: Any, end: float, gain: float, point: wp.vec3, course: wp.vec3, detour_bar: wp.vec3,
-        away_bar: wp.vec3,
+        t: Tables, working: Working, params: Any, end: float, gain: float, point: wp.vec3, course: wp.vec3,
+        detour_bar: wp.vec3, away_bar: wp.vec3,
     ):  # fmt: skip
         params_bar = Params()
         by_point = wp.vec3()
@@ -128,7 +131,7 @@ def foresee_obstacles_backwards(phase: Phase, features: Features, look: Look) ->
         if gain > 0.0:
             ahead = point + t.step_seconds * course
             by_way = detour_bar / t.step_seconds
-            bars = detour_backwards(t, around_particle(params, end), point, ahead, course, by_way, away_bar)
+            bars = detour_backwards(t, working, around_particle(params, end), point, ahead, course, by_way, away_bar)
             by_point = bars.start + (bars.point - by_way)
             by_course = bars.velocity + t.step_seconds * (bars.point - by_way)
             params_bar.n[column] = bars.height

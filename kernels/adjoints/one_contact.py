@@ -6,6 +6,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.adjoints.contacts import ON_GROUND, Contact
+from balloon_warp.kernels.adjoints.fixture_bars import fixture_bars_function
 from balloon_warp.kernels.contact_tables import Solid
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.contact import leave_ground, stand_on
@@ -14,6 +15,7 @@ from balloon_warp.kernels.loops.fixture_poses import Pose, pose_function
 from balloon_warp.kernels.loops.fixtures import Around
 from balloon_warp.kernels.loops.solids import surface_function
 from balloon_warp.kernels.tables import Tables
+from balloon_warp.kernels.working import Working
 
 
 @wp.struct
@@ -132,12 +134,13 @@ def work_on_convex(
 @cache
 def contact_adjoint(features: Features) -> Any:
     """Return the function that runs one contact backwards."""
-    pose_at = pose_function(features)
+    pose_at, note_fixture = pose_function(features), fixture_bars_function(features)
 
     @wp.func
     def contact_backwards(
-        t: Tables, around: Around, contact: Contact, point_bar: wp.vec3, velocity_bar: wp.vec3, normal_bar: wp.vec3
-    ):
+        t: Tables, working: Working, around: Around, contact: Contact, point_bar: wp.vec3, velocity_bar: wp.vec3,
+        normal_bar: wp.vec3,
+    ):  # fmt: skip
         bars = BarsOfContact()
         if contact.thing == ON_GROUND:
             up_point, up_velocity, _u, by_height, by_friction, _step, _bar, _velocity_bar = wp.grad(work_on_ground)(
@@ -151,12 +154,13 @@ def contact_adjoint(features: Features) -> Any:
             return bars
         solid = t.fixtures.solids[contact.thing]
         if solid.kind == MESH:
-            of_point, of_velocity, _let, _n, _moving, _f, _s, _pb, _vb = wp.grad(work_beside)(
+            of_point, of_velocity, by_let, _n, by_moving, of_friction, _s, _pb, _vb = wp.grad(work_beside)(
                 contact.point, contact.velocity, contact.met.let, contact.met.normal, contact.met.moving,
                 contact.friction, contact.met.part * t.step_seconds, point_bar, velocity_bar,
             )  # fmt: skip
             bars.point = of_point
             bars.velocity = of_velocity
+            note_fixture(t, working, around, contact.thing, by_let, by_moving, wp.vec3(), of_friction)
             return bars
         pose = pose_at(t, around.world, contact.thing, around.time)
         earlier = pose
@@ -167,13 +171,16 @@ def contact_adjoint(features: Features) -> Any:
         entry = entry_of(start, here, into(pose, contact.met.let), contact.met.part, solid, t.up, 0.0)
         entry.friction = contact.friction
         entry.step = t.step_seconds
-        by_start, by_point, by_velocity, _solid, _pose, _earlier, _up, _e, _p, _v, _n = wp.grad(work_on_convex)(
+        by_start, by_point, by_velocity, _on, by_pose, by_earlier, _up, by_entry, _p, _v, _n = wp.grad(work_on_convex)(
             contact.start, contact.point, contact.velocity, solid, pose, earlier, t.up, entry, point_bar,
             velocity_bar, normal_bar,
         )  # fmt: skip
         bars.start = by_start
         bars.point = by_point
         bars.velocity = by_velocity
+        note_fixture(
+            t, working, around, contact.thing, by_pose.center, by_pose.velocity, by_earlier.center, by_entry.friction
+        )
         return bars
 
     return contact_backwards

@@ -13,7 +13,13 @@ import warp as wp
 
 from balloon_warp.kernels.adjoint import Adjoint
 from balloon_warp.kernels.adjoints.bounces import obstacle_adjoint, pair_adjoint
-from balloon_warp.kernels.adjoints.sphere_bars import BarsOfSpheres, add_by_sphere, bar_of_course, put_bar_of_course
+from balloon_warp.kernels.adjoints.sphere_bars import (
+    BarsOfSpheres,
+    add_by_friction,
+    add_by_sphere,
+    bar_of_course,
+    put_bar_of_course,
+)
 from balloon_warp.kernels.adjoints.sphere_courses import Ball, work_of_fall, work_of_roll, work_on_ground
 from balloon_warp.kernels.adjoints.sphere_log import Event, LoggedSpheres
 from balloon_warp.kernels.features import Features
@@ -88,6 +94,8 @@ def rolling_adjoint(features: Features, columns: tuple[int, ...]) -> Any:
             by_ball = of_ball
         put_bar_of_course(bars, world, sphere, bar)
         add_by_sphere(bars, world, sphere, by_ball.mass, by_ball.radius)
+        if wp.static(features.spheres_rub):
+            add_by_friction(bars, world, number_of_sphere(t, sphere), GROUND, by_ball.friction)
         by_n = Numbers()
         by_n[gravity] = by_ball.gravity
         by_n[height] = by_ball.ground_height

@@ -66,18 +66,37 @@ def require_no_bodies(features: Features) -> None:
         raise NoAdjointError("free bodies")
 
 
+@wp.func
+def stand_on_ground_backwards(
+    t: Tables, working: Working, around: Around, point: wp.vec3, velocity: wp.vec3, point_bar: wp.vec3,
+    velocity_bar: wp.vec3,
+):  # fmt: skip
+    """Return the derivatives by what a particle comes with to the ground, where there is nothing else."""
+    return ground_backwards(t, around, point, velocity, point_bar, velocity_bar)
+
+
+@wp.func
+def detour_beside_ground_backwards(
+    t: Tables, working: Working, around: Around, start: wp.vec3, ahead: wp.vec3, course: wp.vec3, place_bar: wp.vec3,
+    normal_bar: wp.vec3,
+):  # fmt: skip
+    """Return the derivatives by a place ahead, where there is nothing but the ground."""
+    return detour_of_ground_backwards(t, around, start, ahead, course, place_bar, normal_bar)
+
+
 @cache
 def standing_functions(features: Features) -> tuple[Any, Any]:
     """Return the functions that run contact with obstacles and the ground backwards, as it is and as it is foreseen."""
     if features.stands_on_fixtures:
         return standing_adjoint(features), detour_adjoint(features)
     if features.ground:
-        return ground_backwards, detour_of_ground_backwards
+        return stand_on_ground_backwards, detour_beside_ground_backwards
 
     @wp.func
     def fly_backwards(
-        t: Tables, around: Around, point: wp.vec3, velocity: wp.vec3, point_bar: wp.vec3, velocity_bar: wp.vec3
-    ):
+        t: Tables, working: Working, around: Around, point: wp.vec3, velocity: wp.vec3, point_bar: wp.vec3,
+        velocity_bar: wp.vec3,
+    ):  # fmt: skip
         bars = BarsOfContact()
         bars.point = point_bar
         bars.velocity = velocity_bar
@@ -85,8 +104,8 @@ def standing_functions(features: Features) -> tuple[Any, Any]:
 
     @wp.func
     def no_detour_backwards(
-        t: Tables, around: Around, start: wp.vec3, ahead: wp.vec3, course: wp.vec3, place_bar: wp.vec3,
-        normal_bar: wp.vec3,
+        t: Tables, working: Working, around: Around, start: wp.vec3, ahead: wp.vec3, course: wp.vec3,
+        place_bar: wp.vec3, normal_bar: wp.vec3,
     ):  # fmt: skip
         bars = BarsOfContact()
         bars.point = place_bar
@@ -113,7 +132,7 @@ def leave_spheres_and_more_backwards(features: Features, look: Look) -> Sequence
         if params.mass <= 0.0:
             return point_bar, velocity_bar, wp.vec3(), params_bar
         out, after, _met = past_spheres(t, spheres, params.world, t.spheres.numbers.shape[1], point, velocity)
-        stood = stand_backwards(t, around_particle(params, end), out, after, point_bar, velocity_bar)
+        stood = stand_backwards(t, working, around_particle(params, end), out, after, point_bar, velocity_bar)
         params_bar.n[column] = stood.height
         params_bar.n[friction_column] = stood.friction
         bars = leave_spheres_backwards(
@@ -133,8 +152,8 @@ def leave_or_wait_backwards(features: Features, look: Look) -> Sequence[Adjoint]
 
     @wp.func
     def leave_adjoint(
-        t: Tables, spheres: Any, params: Any, end: float, point: wp.vec3, velocity: wp.vec3, point_bar: wp.vec3,
-        velocity_bar: wp.vec3,
+        t: Tables, spheres: Any, working: Working, params: Any, end: float, point: wp.vec3, velocity: wp.vec3,
+        point_bar: wp.vec3, velocity_bar: wp.vec3,
     ):  # fmt: skip
         params_bar = Params()
         waits = params.mass <= 0.0
@@ -143,7 +162,7 @@ def leave_or_wait_backwards(features: Features, look: Look) -> Sequence[Adjoint]
             waits = waits or is_near_sphere(t, center, motion, radius, point, velocity)
         if waits:
             return point_bar, velocity_bar, params_bar
-        stood = stand_backwards(t, around_particle(params, end), point, velocity, point_bar, velocity_bar)
+        stood = stand_backwards(t, working, around_particle(params, end), point, velocity, point_bar, velocity_bar)
         params_bar.n[column] = stood.height
         params_bar.n[friction_column] = stood.friction
         return stood.point, stood.velocity, params_bar
@@ -171,7 +190,7 @@ def foresee_spheres_and_more_backwards(features: Features, look: Look) -> Sequen
             ahead = point + t.step_seconds * course
             outside, _after, _met = past_spheres(t, spheres, params.world, t.spheres.numbers.shape[1], ahead, wp.vec3())
             by_way = detour_bar / t.step_seconds
-            stood = detour_backwards(t, around_particle(params, end), point, outside, course, by_way, away_bar)
+            stood = detour_backwards(t, working, around_particle(params, end), point, outside, course, by_way, away_bar)
             by_ahead = foresee_spheres_backwards(
                 t, spheres, working, params.world, params.number, ahead, stood.point, stood.normal
             )

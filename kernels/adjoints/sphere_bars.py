@@ -6,7 +6,7 @@ from balloon_warp.kernels.loops.rolling import Course, course_of
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.working import SphereBars, Working
 
-COLUMNS = ("sphere_mass", "sphere_radius", "sphere_penalty")
+COLUMNS = ("sphere_mass", "sphere_radius", "sphere_penalty", "sphere_restitution")
 """Parameters of spheres by which is derived, in the order of their columns"""
 
 
@@ -23,6 +23,11 @@ class BarsOfSpheres:
     """Bars from all particles in a substep"""
     numbers: wp.array3d[wp.float64]
     """Bars of `COLUMNS`, added up over all frames"""
+    frictions: wp.array3d[wp.float64]
+    """Bars of Coulomb's coefficients between spheres, and on obstacles and the ground, added up over all frames, shape
+    (W, things, things)"""
+    fixture_restitutions: wp.array2d[wp.float64]
+    """Bars of obstacles' coefficients of restitution, added up over all frames, shape (W, N)"""
     crowded: wp.array[wp.int32]
     """Whether more has met in a substep of a world than there is room for"""
 
@@ -59,3 +64,15 @@ def add_by_sphere(bars: BarsOfSpheres, world: wp.int32, sphere: wp.int32, by_mas
     """Add derivatives by a sphere's mass and radius."""
     bars.numbers[world, sphere, 0] = bars.numbers[world, sphere, 0] + wp.float64(by_mass)
     bars.numbers[world, sphere, 1] = bars.numbers[world, sphere, 1] + wp.float64(by_radius)
+
+
+@wp.func
+def add_by_restitution(bars: BarsOfSpheres, world: wp.int32, sphere: wp.int32, more: float):
+    """Add a derivative by a sphere's coefficient of restitution."""
+    bars.numbers[world, sphere, 3] = bars.numbers[world, sphere, 3] + wp.float64(more)
+
+
+@wp.func
+def add_by_friction(bars: BarsOfSpheres, world: wp.int32, first: wp.int32, second: wp.int32, more: float):
+    """Add a derivative by Coulomb's coefficient of two things, where kernels read it."""
+    bars.frictions[world, first, second] = bars.frictions[world, first, second] + wp.float64(more)

@@ -6,11 +6,18 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.adjoint import Adjoint
+from balloon_warp.kernels.algebra import squared_length
+from balloon_warp.kernels.clock import time_of
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.loops.strings import string_pull
 from balloon_warp.kernels.memory import int_at
+from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.outer_tables import StringTable
-from balloon_warp.kernels.tables import Tables
+from balloon_warp.kernels.params import numbers_reader
+from balloon_warp.kernels.tables import Tables, row_of_world
+
+StringBars = wp.types.vector(length=5, dtype=wp.float64)
+"""Derivatives by a string's anchor, length and stiffness"""
 
 
 @cache
@@ -46,3 +53,41 @@ def string_adjoint(features: Features) -> Adjoint:
         return point_bar, velocity_bar
 
     return Adjoint(strings_adjoint, ("point", "velocity"))
+
+
+@cache
+def strings_back_kernel(features: Features) -> Any:
+    """Return the kernel that adds to the bars of each string's anchor, length and stiffness."""
+    coefficient, read_numbers = features.laws_on("string"), numbers_reader(features.columns)
+
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def strings_back(
+        t: Tables, frame: wp.array[wp.int32], time_in_frame: float, points: wp.array2d[wp.vec3],
+        velocities: wp.array2d[wp.vec3], force_bars: wp.array2d[wp.vec3], bars: wp.array2d[StringBars],
+    ):  # fmt: skip
+        """Add the bars of a substep; a thread a (world, string)."""
+        world, held = wp.tid()
+        particle = t.strings.particles[held]
+        string = t.strings.order[held]
+        n = read_numbers(t, world, t.particles.balloon[particle])
+        d = t.strings.anchors[row_of_world(world, t.strings.anchors.shape[0]), string] - points[world, particle]
+        length = t.strings.lengths[row_of_world(world, t.strings.lengths.shape[0]), string]
+        stiffness = t.strings.stiffness[row_of_world(world, t.strings.stiffness.shape[0]), string]
+        velocity = velocities[world, particle]
+        squared = squared_length(d)
+        opening = -wp.dot(velocity, d)
+        product = stiffness * length
+        time = time_of(t, frame, time_in_frame)
+        pull = coefficient(squared, opening, length, stiffness, product, t.step_seconds, time, n)
+        by_squared, by_opening, by_length, by_k, by_product, _step, _time, _n = wp.grad(coefficient)(
+            squared, opening, length, stiffness, product, t.step_seconds, time, n
+        )
+        bar = force_bars[world, particle]
+        along = wp.dot(d, bar)
+        by_anchor = pull * bar + along * (2.0 * by_squared * d - by_opening * velocity)
+        bars[world, string] += StringBars(
+            wp.float64(by_anchor[0]), wp.float64(by_anchor[1]), wp.float64(by_anchor[2]),
+            wp.float64(along * (by_length + stiffness * by_product)), wp.float64(along * (by_k + length * by_product)),
+        )  # fmt: skip
+
+    return strings_back

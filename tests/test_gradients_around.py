@@ -1,0 +1,151 @@
+"""Gradients by what is around a balloon: where obstacles are and go, their friction, and strings' own numbers."""
+
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+from float64_run import Motion
+from gradient_scenes import CASES, far, far_of, scene
+
+import balloon_warp as bw
+
+AMONG = CASES["gas among obstacles"][0]
+OF_AMONG = [
+    *("obstacle.0.position.0", "obstacle.0.position.1", "obstacle.0.friction"),
+    *("obstacle.1.position.0", "obstacle.1.friction", "obstacle.2.position.2", "obstacle.2.friction"),
+]
+WAY = [(0.0, (0.0, 0.0, 0.0)), (0.01, (0.1, 0.02, 0.0)), (0.1, (0.5, 0.4, 0.3))]
+"""A way whose second keyframe is within a frame"""
+BELOW = {"size": (3.0, 0.5, 3.0), "position": (0.02, -0.335, 0.03), "friction": 0.3, "motion": WAY}
+OF_WAY = [f"obstacle.0.motion.{key}.1.{axis}" for key in (0, 1, 2) for axis in (0, 1)][1:]
+STRINGS = [{"anchor": (0.3, 3.0, 0.1), "length": 1.02, "stiffness": 30.0}]
+OF_STRINGS = [*(f"string.0.anchor.{axis}" for axis in range(3)), "string.0.length", "string.0.stiffness"]
+
+
+class Carried(Motion):
+    """Motion beside one obstacle that moves without turning: in its frame it rests."""
+
+    def _stand(self, start: Any, x: Any, v: Any, foreseen: bool = False) -> tuple[Any, Any, Any]:
+        now, then = self._shift(self.time + self.h), self._shift(self.time)
+        along = (now - then) / self.h
+        with np.errstate(invalid="ignore"):  # on the box's surface, which has no way to fall
+            out, after, normals = super()._stand(start - then, x - now, v - along, foreseen)
+        return out + now, after + along, normals
+
+    def _shift(self, time: float) -> np.ndarray:
+        """Return how far the obstacle has moved, linear between frames."""
+        motion = self.scene.obstacle[0].motion
+        assert motion
+        places, rate = np.array([keyframe[1] for keyframe in motion]), self.scene.frames_per_second
+        frames = np.arange(self.scene.frames + 1) / rate
+        at_frames = [np.interp(frames, [keyframe[0] for keyframe in motion], column) for column in places.T]
+        return np.array([np.interp(time, frames, column) for column in at_frames])
+
+
+class Held(Motion):
+    """Motion on strings."""
+
+    def _springs(self, x: Any) -> Any:
+        force = super()._springs(x)
+        for number, particle in enumerate(self.plan.held):
+            anchor, length, stiffness = (
+                self.p[f"string_{name}"][0, number] for name in ("anchor", "length", "stiffness")
+            )
+            d = anchor - x[particle]
+            force[particle] += stiffness * max(1.0 - length / np.linalg.norm(d), 0.0) * d
+        return force
+
+
+def value_of(of: bw.Scene, path: str) -> float:
+    value: Any = of
+    for name in path.split("."):
+        value = value[int(name)] if name.isdecimal() else getattr(value, name)
+    return float(value)
+
+
+def with_value(of: bw.Scene, path: str, more: float) -> bw.Scene:
+    """Return a scene with another value of an obstacle or a string, by its path."""
+    table, number, *names = path.split(".")
+
+    def shifted(value: Any, keys: list[str]) -> Any:
+        if not keys:
+            return value + more
+        if isinstance(value, list | tuple):
+            at = int(keys[0])
+            return type(value)([*value[:at], shifted(value[at], keys[1:]), *value[at + 1 :]])
+        return value.model_copy(update={keys[0]: shifted(getattr(value, keys[0]), keys[1:])})
+
+    return of.model_copy(update={table: shifted(getattr(of, table), [number, *names])})
+
+
+def slope(of: bw.Scene, path: str, run: type[Motion], h: float = 3e-7) -> float:
+    """Return the central difference of the loss, so narrow that no particle meets anything in another substep."""
+    ends = []
+    for sign in (1.0, -1.0):
+        shifted = with_value(of, path, sign * h)
+        ends.append(far_of(of, *run(shifted, {}, 0).frames(0.0, 0.0)[:2]))
+    return (ends[0] - ends[1]) / (2.0 * h)
+
+
+def moving() -> bw.Scene:
+    return scene(frames=2, substeps=16, obstacle=[BELOW], faces=False)
+
+
+CASES_AROUND: dict[str, tuple[bw.Scene, list[str], type[Motion]]] = {
+    "obstacles that rest": (AMONG, OF_AMONG, Motion),
+    "a box that moves": (moving(), [*OF_WAY, "obstacle.0.position.1", "obstacle.0.friction"], Carried),
+    "strings": (scene(string=STRINGS, velocity=(0.3, -2.0, 0.1)), OF_STRINGS, Held),
+}
+
+
+@pytest.mark.parametrize("case", CASES_AROUND)
+def test_gradients_are_the_slopes_of_a_run_in_double_precision(case: str, device: str):
+    """Gradients agree to 2e-4, as in `test_gradients`: states are float32."""
+    of, paths, run = CASES_AROUND[case]
+    found = bw.gradient(of, of=paths, loss=far, device=device)
+    assert found.loss[0] == pytest.approx(far_of(of, *run(of, {}, 0).frames(0.0, 0.0)[:2]), rel=1e-5)
+    for path in paths:
+        assert found.gradients[path][0] == pytest.approx(slope(of, path, run), rel=2e-4, abs=1e-6), path
+
+
+def test_a_world_in_a_batch_has_the_gradients_that_it_has_alone(device: str):
+    of, paths = AMONG, OF_AMONG[:3]
+    places = np.array([-0.02, -0.021])
+    found = bw.gradient(of, of=paths, loss=far, world_count=2, vary={paths[0]: places}, device=device).gradients
+    alone = bw.gradient(of, of=paths, loss=far, vary={paths[0]: places[1:]}, device=device).gradients
+    for path in paths:
+        assert found[path][1] == alone[path][0]
+        assert found[path][0] != found[path][1]
+
+
+REFUSED = {
+    "no obstacle": ("obstacle.3.motion.0.1.0", "the scene has 1 obstacles; expected obstacle.NUMBER, from 0"),
+    "no keyframe": (
+        "obstacle.0.motion.7.1.0",
+        "obstacle 0 has 3 keyframes; expected obstacle.0.motion.KEYFRAME.1.AXIS",
+    ),
+    "a time": ("obstacle.0.motion.1.0", "obstacle 0 has 3 keyframes; expected"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_ways_without_such_a_keyframe_are_refused(case: str):
+    path, sentence = REFUSED[case]
+    with pytest.raises(bw.InputError, match=re.escape(sentence)):
+        bw.gradient(moving(), of=[path], loss=far, device="cpu")
+
+
+def test_blocks_are_refused():
+    with pytest.raises(bw.InputError, match=r"string.0.length: is derived by launches; expected the schedule launched"):
+        bw.gradient(CASES_AROUND["strings"][0], of=["string.0.length"], loss=far, device="cpu", schedule="block")
+
+
+@pytest.mark.parametrize("path", ["obstacle.0.position.1", "obstacle.0.friction", "obstacle.0.motion.1.1.0"])
+def test_obstacles_that_more_than_particles_meet_are_refused(path: str):
+    ball = {"position": (0.0, 3.0, 0.0), "radius": 0.6}
+    of = scene(obstacle=[BELOW], faces=False, sphere=[ball], contact="impulse")
+    with pytest.raises(bw.InputError, match=f"{path}: cannot be derived by yet, for it acts by"):
+        bw.gradient(of, of=[path], loss=far, device="cpu")
+    with pytest.raises(bw.InputError, match=r"cannot be derived by yet|`meet_ridges` has no adjoint"):
+        bw.gradient(of.model_copy(update={"sphere": [], "faces": True}), of=[path], loss=far, device="cpu")
