@@ -5,8 +5,9 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.adjoints.crossings import KINDS, SUMS, EdgeBars
+from balloon_warp.kernels.adjoints.crossings import KINDS, EdgeBars
 from balloon_warp.kernels.adjoints.crossings_back import crossings_back_kernel
+from balloon_warp.kernels.adjoints.particle_sums import SUMS
 from balloon_warp.kernels.contact.catch import EdgeCatch
 from balloon_warp.kernels.contact.edges import MOST_SWEEPS
 from balloon_warp.kernels.features import Features

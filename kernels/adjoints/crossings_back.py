@@ -14,6 +14,7 @@ from balloon_warp.kernels.adjoints.crossings import (
     stage_function,
     take_pairs,
 )
+from balloon_warp.kernels.adjoints.particle_sums import weighing_function
 from balloon_warp.kernels.contact.edges import (
     MOST_SWEEPS,
     PAIRS,
@@ -23,7 +24,6 @@ from balloon_warp.kernels.contact.edges import (
     pushing_all_function,
 )
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.loops.inertia import ease_function
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.warps import any_in_block, block_barrier
@@ -60,21 +60,7 @@ def crossings_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
         columns: of the numbers that are derived by.
     """
     catch_all, sweep_again = catching_all_function(features), sweeping_function(features)
-    stage_back, ease_of_moving = stage_function(features), ease_function(features)
-    column = features.columns.places["mass"]
-    place_of_mass = columns.index(column) if column in columns else -1
-
-    @wp.func
-    def weigh_back(t: Tables, working: Working, bars: EdgeBars, world: wp.int32, particle: wp.int32):
-        """Hand on what a particle's inverse mass is worth."""
-        if bars.eases[world, particle] != 0.0:
-            ease = ease_of_moving(t, working, world, particle)
-            by_mass = -bars.eases[world, particle] * ease * ease * t.particles.mass_share[particle]
-            bars.eases[world, particle] = 0.0
-            bars.gas_masses[world, particle] = bars.gas_masses[world, particle] + by_mass
-            if wp.static(place_of_mass >= 0):
-                before = bars.numbers[world, particle, wp.static(place_of_mass)]
-                bars.numbers[world, particle, wp.static(place_of_mass)] = before + by_mass
+    stage_back, weigh_back = stage_function(features), weighing_function(features, columns)
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def turn_crossings_back(

@@ -13,8 +13,8 @@ from balloon_warp.kernels.working import Working
 
 
 @cache
-def ball_functions(features: Features) -> tuple[Any, Any, Any]:
-    """Return functions for the velocity of a sphere at an arm, for its inverse effective mass, and for its answer."""
+def ball_functions(features: Features) -> tuple[Any, Any]:
+    """Return functions for the velocity of a sphere at an arm, and for its answer."""
 
     @wp.func
     def velocity_of_ball(state: WorldState, world: wp.int32, sphere: wp.int32, arm: wp.vec3):
@@ -23,16 +23,6 @@ def ball_functions(features: Features) -> tuple[Any, Any, Any]:
         if wp.static(features.spheres_rub):
             velocity += wp.cross(state.sphere_spins[world, sphere], arm)
         return velocity
-
-    @wp.func
-    def gain_of_ball(t: Tables, working: Working, world: wp.int32, sphere: wp.int32, arm: wp.vec3, along: wp.vec3):
-        """Return what 1 N s along a unit vector changes a contact's part of a sphere by at an arm [1/kg]."""
-        mass = sphere_mass(t.spheres, world, sphere)
-        gain = along / mass
-        if wp.static(features.spheres_rub):
-            twist = spin_by(mass, sphere_radius(t.spheres, world, sphere), wp.cross(arm, along))
-            gain += wp.cross(twist, arm)
-        return float(working.ridge_ball_shares[world, sphere]) * gain
 
     @wp.func
     def move_ball(t: Tables, state: WorldState, working: Working, world: wp.int32, sphere: wp.int32, speeds: float):
@@ -53,4 +43,4 @@ def ball_functions(features: Features) -> tuple[Any, Any, Any]:
             twist = spin_by(mass, sphere_radius(t.spheres, world, sphere), torque)
             state.sphere_spins[world, sphere] = state.sphere_spins[world, sphere] + speeds * twist
 
-    return velocity_of_ball, gain_of_ball, move_ball
+    return velocity_of_ball, move_ball
