@@ -71,7 +71,7 @@ class Motion:
         self.neck = neck_of(neck.at, self.shape.mesh, self.share, self.up) if neck else None
         self.balls = Spheres(self.scene, self.p, self.h)
         self.spheres = self.balls.spheres
-        self.ridges = MeetingRidges(plan, self.p, self.h) if plan.ridges else None
+        self.ridges = MeetingRidges(plan, self.p, self.h, self.balls) if scene.faces is True else None
 
     @property
     def constants(self) -> Array:

@@ -22,7 +22,7 @@ from balloon_warp.schedules.backward_directions import DirectionsBackward
 from balloon_warp.schedules.backward_edges import EdgesBackward, kept_of_edges
 from balloon_warp.schedules.backward_exchange import ExchangeBackward, kept_of_exchange
 from balloon_warp.schedules.backward_gas import GasBackward
-from balloon_warp.schedules.backward_ridges import RidgesBackward, kept_of_ridges
+from balloon_warp.schedules.backward_ridges import RidgesBackward, kept_of_balls, kept_of_ridges
 from balloon_warp.schedules.backward_spheres import STATE_OF_SPHERES, SpheresBackward, log_of_spheres
 from balloon_warp.schedules.backward_touch import TouchBackward, kept_of_touch
 from balloon_warp.schedules.backward_tubes import TubesBackward
@@ -60,7 +60,7 @@ class _Remembering(Launches):
             noting.note(self._substep, *now)
         new = super()._launch(piece, state, time_in_frame, now)
         if isinstance(noting, RidgesBackward):
-            noting.note_left(self._substep, *new)
+            noting.note_left(state, self._substep, *new)
         return new
 
     def _targets(self, piece: Piece, state: State, now: Moving) -> Moving:
@@ -177,7 +177,9 @@ class LaunchedBackward(BackwardFrames):
             self._edges = EdgesBackward(model, features, self.columns, self.touch, self.arrays, room)
             self._launches.notes["meet_edges"] = self._edges
         if features.ridges:
-            self._ridges = RidgesBackward(model, features, self.columns, tables, working, self.arrays, room)
+            self._ridges = RidgesBackward(
+                model, features, self.columns, tables, working, self.arrays, self.spheres, room
+            )
             self._launches.notes["meet_ridges"] = self._ridges
         if features.gas_changes:
             self._gas_back = GasBackward(model, features, self.columns, tables, self._launches.working, self.bars)
@@ -205,7 +207,7 @@ class LaunchedBackward(BackwardFrames):
         if step.features.edges_meet:
             kept_of_edges(model, step.features, room)
         if step.features.ridges:
-            kept_of_ridges(model, room)
+            kept_of_balls(model, step.features, kept_of_ridges(model, room)[-1], room)
 
     def _touch(self, state: State, substep: int, time_in_frame: float, now: Moving) -> None:
         """Let balloons touch, and keep what they find."""
@@ -235,18 +237,20 @@ class LaunchedBackward(BackwardFrames):
         among = self.spheres.found_again(self.state, kept.carried[substep], substep) if self.spheres else {}
         if self._edges:
             self._edges.turn_back(substep)
-        if self._exchange:
-            self._exchange.turn_back(substep)
+        if self._exchange and self.spheres:
+            log = self.spheres.log
+            self._exchange.turn_back(substep, self._ridges.log_left(log, substep) if self._ridges else log)
         beside_ridges = self._ridges
         for kernel, made in self._kernels:
             loads = kept.carried[substep + kernel.after_note]["inflation_loads"]
             if beside_ridges and kernel.meets != "meet_ridges":
-                beside_ridges.turn_back(world_state(self.state), substep)
+                beside_ridges.turn_back(replace(self.state, **among), substep)
                 beside_ridges = None  # for all other phases are earlier
             now = beside_ridges.left[substep] if beside_ridges else (points, velocities)
+            met = beside_ridges.spheres_left(substep) if beside_ridges else {}
             has = {
                 "t": self.tables, "time_in_frame": substep * m.step_seconds,
-                "state": world_state(replace(self.state, inflation_loads=loads, **found, **among)),
+                "state": world_state(replace(self.state, inflation_loads=loads, **found, **among | met)),
                 "working": self._launches.working, "all_points": now[0], "all_velocities": now[1],
                 **{f"all_{name}": array for name, array in kept.values[substep].items()}, **self.arrays,
             }  # fmt: skip

@@ -1,4 +1,4 @@
-"""Adjoint of faces that meet ridges of obstacles, a block a world.
+"""Adjoint of faces that meet ridges of obstacles, and spheres as ridges, a block a world.
 
 A substep's sweeps are done again, and the velocities before each are kept. Then the sweeps run backwards, as those of
 edges do, see `crossings`: each adds to velocities what its impulses do, and derivatives by the contacts themselves,
@@ -13,19 +13,21 @@ import warp as wp
 
 from balloon_warp.kernels.adjoint import Adjoint, NoAdjointError
 from balloon_warp.kernels.adjoints.exact_sums import note_size
-from balloon_warp.kernels.adjoints.one_ridge import ridge_works, sum_of_catches, work_of_catch
+from balloon_warp.kernels.adjoints.one_ridge import Motion, ridge_works, sum_of_catches, work_of_catch
 from balloon_warp.kernels.adjoints.particle_sums import OF_EASES, OF_PLACES, OF_VELOCITIES, add_to_sums, take_sums
+from balloon_warp.kernels.adjoints.ridge_balls import KINDS_OF_BALLS, BallShare, add_ball, note_ball, take_ball
+from balloon_warp.kernels.adjoints.sphere_bars import BarsOfSpheres
 from balloon_warp.kernels.contact.catch import Catch
 from balloon_warp.kernels.contact.ridge_pairs import bearing_function
-from balloon_warp.kernels.contact.ridge_poses import placing_function
+from balloon_warp.kernels.contact.ridge_poses import placing_function, sphere_of
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.phase import Look, Phase
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.warps import block_barrier
 from balloon_warp.kernels.working import Working
 
-KINDS = 3
-"""Number of kinds of sums, see `particle_sums`"""
+KINDS = 3 + KINDS_OF_BALLS
+"""Number of kinds of sums, see `particle_sums` and `ridge_balls`"""
 
 
 @wp.struct
@@ -44,27 +46,32 @@ class RidgeBars:
     """Velocities before each sweep, shape (sweeps, W, P)"""
     sums: wp.array3d[wp.int64]
     largest: wp.array2d[float]
+    spheres: BarsOfSpheres
+    ball_velocities: wp.array3d[wp.vec3]
+    """Velocities of spheres before each sweep, shape (sweeps, W, S)"""
+    ball_spins: wp.array3d[wp.vec3]
+    ball_sums: wp.array3d[wp.int64]
+    """Sums of derivatives by spheres, shape (W, S, BALL_SUMS)"""
 
 
 @wp.struct
 class CornerBars:
-    """Derivatives by what a contact reads of its three corners."""
+    """Derivatives by what a contact reads of its three corners, and of a sphere."""
 
     points: wp.mat33
     moving: wp.mat33
     eases: wp.vec3
+    ball: BallShare
 
 
 def ridges_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
     """Return no adjoint of faces that meet ridges: a kernel of its own runs them backwards.
 
     Raises:
-        NoAdjointError: the ridges are those of free bodies or spheres, too.
+        NoAdjointError: the ridges are those of free bodies, too.
     """
     if features.bodies:
         raise NoAdjointError("free bodies")
-    if features.round_ridges:
-        raise NoAdjointError("small spheres")
     return ()
 
 
@@ -74,18 +81,31 @@ def rows_of(vectors: wp.array[wp.vec3], corners: wp.vec3i):
     return wp.matrix_from_rows(vectors[corners[0]], vectors[corners[1]], vectors[corners[2]])
 
 
-@wp.func
-def spread(bars: RidgeBars, world: wp.int32, corners: wp.vec3i, found: CornerBars, adds: bool):
-    """Add what a contact is worth to the sums of its corners, or note how large that is."""
-    for corner in range(3):
-        place = found.points[corner]
-        velocity = found.moving[corner]
-        if adds:
-            add_to_sums(bars, world, corners[corner], place, velocity, found.eases[corner])
-        else:
-            note_size(bars.largest, world, OF_PLACES, wp.max(wp.abs(place)))
-            note_size(bars.largest, world, OF_VELOCITIES, wp.max(wp.abs(velocity)))
-            note_size(bars.largest, world, OF_EASES, wp.abs(found.eases[corner]))
+@cache
+def spreading_function(features: Features) -> Any:
+    """Return the function that adds what a contact is worth to the sums of its corners and its sphere."""
+
+    @wp.func
+    def spread(t: Tables, bars: RidgeBars, world: wp.int32, catch: Catch, found: CornerBars, adds: bool):
+        """Add what a contact is worth, or note how large that is."""
+        for corner in range(3):
+            place = found.points[corner]
+            velocity = found.moving[corner]
+            if adds:
+                add_to_sums(bars, world, catch.corners[corner], place, velocity, found.eases[corner])
+            else:
+                note_size(bars.largest, world, OF_PLACES, wp.max(wp.abs(place)))
+                note_size(bars.largest, world, OF_VELOCITIES, wp.max(wp.abs(velocity)))
+                note_size(bars.largest, world, OF_EASES, wp.abs(found.eases[corner]))
+        if wp.static(features.round_ridges):
+            sphere = sphere_of(t, catch.solid)
+            if sphere >= 0:
+                if adds:
+                    add_ball(bars, world, sphere, found.ball)
+                else:
+                    note_ball(bars, world, found.ball)
+
+    return spread
 
 
 @wp.func
@@ -102,10 +122,41 @@ def keep_course(
 
 
 @cache
+def ball_functions(features: Features) -> tuple[Any, Any]:
+    """Return the functions of how a contact's sphere moves before a sweep, and of what its gains are worth."""
+
+    @wp.func
+    def ball_of(t: Tables, bars: RidgeBars, world: wp.int32, sweep: wp.int32, catch: Catch):
+        """Return how a sphere moves before a sweep."""
+        ball = Motion()
+        if wp.static(features.round_ridges):
+            sphere = sphere_of(t, catch.solid)
+            if sphere >= 0:
+                ball.velocity = bars.ball_velocities[sweep, world, sphere]
+                ball.spin = bars.ball_spins[sweep, world, sphere]
+        return ball
+
+    @wp.func
+    def worth_of_ball(t: Tables, bars: RidgeBars, world: wp.int32, catch: Catch, step_seconds: float, speeds: float):
+        """Return the derivatives by gains of a sphere."""
+        worth = Motion()
+        if wp.static(features.round_ridges):
+            sphere = sphere_of(t, catch.solid)
+            if sphere >= 0:
+                by_velocity = speeds * bars.spheres.velocities[world, sphere]
+                worth.velocity = step_seconds * bars.spheres.positions[world, sphere] + by_velocity
+                worth.spin = speeds * bars.spheres.spins[world, sphere]
+        return worth
+
+    return ball_of, worth_of_ball
+
+
+@cache
 def pair_functions(features: Features) -> tuple[Any, Any, Any]:
     """Return the functions that run a pair's push, its parting and its finding backwards."""
     bearing_of, place_of = bearing_function(features), placing_function(features)
     work_of_push, work_of_parting = ridge_works(features)
+    spread, (ball_of, worth_of_ball) = spreading_function(features), ball_functions(features)
 
     @wp.func
     def worth_of(bars: RidgeBars, world: wp.int32, catch: Catch, step_seconds: float, speeds: float):
@@ -122,14 +173,19 @@ def pair_functions(features: Features) -> tuple[Any, Any, Any]:
     ):
         catch = working.catches[world, place]
         worth = worth_of(bars, world, catch, t.step_seconds, 1.0)
-        by_catch, by_moving, by_bearing, _step, _worth = wp.grad(work_of_push)(
-            catch, rows_of(bars.courses[sweep][world], catch.corners), bearing_of(t, working, world, catch),
-            t.step_seconds, worth,
+        by_catch, by_moving, by_ball, by_bearing, _step, _worth, _ball = wp.grad(work_of_push)(
+            catch, rows_of(bars.courses[sweep][world], catch.corners), ball_of(t, bars, world, sweep, catch),
+            bearing_of(t, working, world, catch), t.step_seconds, worth,
+            worth_of_ball(t, bars, world, catch, t.step_seconds, 1.0),
         )  # fmt: skip
         found = CornerBars()
         found.moving = by_moving
         found.eases = by_bearing.eases
-        spread(bars, world, catch.corners, found, adds)
+        found.ball.velocity = by_ball.velocity
+        found.ball.spin = by_ball.spin
+        found.ball.mass = by_bearing.mass
+        found.ball.radius = by_bearing.radius
+        spread(t, bars, world, catch, found, adds)
         if not adds:
             bars.catches[world, place] = sum_of_catches(bars.catches[world, place], by_catch)
 
@@ -137,10 +193,14 @@ def pair_functions(features: Features) -> tuple[Any, Any, Any]:
     def part_back(t: Tables, working: Working, bars: RidgeBars, world: wp.int32, place: wp.int32, adds: bool):
         catch = working.catches[world, place]
         worth = worth_of(bars, world, catch, 1.0, 0.0)
-        by_catch, by_bearing, _worth = wp.grad(work_of_parting)(catch, bearing_of(t, working, world, catch), worth)
+        by_catch, by_bearing, _worth, _ball = wp.grad(work_of_parting)(
+            catch, bearing_of(t, working, world, catch), worth, worth_of_ball(t, bars, world, catch, 1.0, 0.0)
+        )
         found = CornerBars()
         found.eases = by_bearing.eases
-        spread(bars, world, catch.corners, found, adds)
+        found.ball.mass = by_bearing.mass
+        found.ball.radius = by_bearing.radius
+        spread(t, bars, world, catch, found, adds)
         if not adds:
             bars.catches[world, place] = sum_of_catches(bars.catches[world, place], by_catch)
 
@@ -152,17 +212,22 @@ def pair_functions(features: Features) -> tuple[Any, Any, Any]:
         catch = working.catches[world, place]
         pair = working.ridge_pairs[world, catch.pair]
         placed = place_of(t, state, working, world, catch.solid, end)
-        by_points, by_moving, _placed, _ridge, _feature, _step, _by = wp.grad(work_of_catch)(
+        by_points, by_moving, by_placed, _ridge, _feature, _step, _by = wp.grad(work_of_catch)(
             rows_of(points, catch.corners), rows_of(bars.courses[0][world], catch.corners), placed,
             t.ridges.ridges[pair[1]], t.ridges.features[pair[0]], t.step_seconds, bars.catches[world, place],
         )  # fmt: skip
         found = CornerBars()
         found.points = by_points
         found.moving = by_moving
-        spread(bars, world, catch.corners, found, adds)
-        if not adds:
+        found.ball.start = by_placed.center
+        found.ball.radius = by_placed.radius
+        spread(t, bars, world, catch, found, adds)
+        if not adds:  # who comes first takes the sums
             for corner in range(3):
-                working.ridge_shares[world, catch.corners[corner]] = 1  # who comes first takes the sums
+                working.ridge_shares[world, catch.corners[corner]] = 1
+            if wp.static(features.round_ridges):
+                if sphere_of(t, catch.solid) >= 0:
+                    working.ridge_ball_shares[world, sphere_of(t, catch.solid)] = 1
         else:
             bars.catches[world, place] = Catch()
 
@@ -197,10 +262,15 @@ def stage_function(features: Features) -> Any:
                         part_back(t, working, bars, world, place, turn == 1)
             block_barrier()
         for place in range(thread, count, wp.block_dim()):
-            corners = working.catches[world, place].corners
+            catch = working.catches[world, place]
             for corner in range(3):
-                if wp.atomic_exch(working.ridge_shares, world, corners[corner], 0) > 0:
-                    take_sums(bars, world, corners[corner])
+                if wp.atomic_exch(working.ridge_shares, world, catch.corners[corner], 0) > 0:
+                    take_sums(bars, world, catch.corners[corner])
+            if wp.static(features.round_ridges):
+                sphere = sphere_of(t, catch.solid)
+                if sphere >= 0:
+                    if wp.atomic_exch(working.ridge_ball_shares, world, sphere, 0) > 0:
+                        take_ball(bars, world, sphere)
         block_barrier()
 
     return stage_back

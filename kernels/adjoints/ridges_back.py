@@ -6,6 +6,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.adjoints.particle_sums import weighing_function
+from balloon_warp.kernels.adjoints.ridge_balls import keep_balls, restore_balls
 from balloon_warp.kernels.adjoints.ridges import FINDS, PARTS, PUSHES, RidgeBars, keep_course, stage_function
 from balloon_warp.kernels.contact.ridges import (
     MOST_SWEEPS,
@@ -40,6 +41,7 @@ def ridges_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
         """Turn the derivatives by what faces leave into those by what they find; a block a world.
 
         Args:
+            state: whose spheres are as they came to ridges, and are moved again.
             first_points: Places before faces meet ridges.
             all_points: The same, which are moved again.
         """
@@ -52,6 +54,7 @@ def ridges_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
             sweeps = wp.int32(0)
             again = bool(True)
             while again and sweeps < MOST_SWEEPS:
+                keep_balls(state, bars, world, thread, sweeps)
                 keep_course(working, bars, world, thread, count, sweeps, velocities)
                 again = push_all(t, state, working, world, thread, count, all_points[world], velocities)
                 sweeps += 1
@@ -60,6 +63,7 @@ def ridges_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
             stage_back(t, state, working, bars, world, thread, count, PARTS, 0, end, points)
             while sweeps > 0:
                 sweeps -= 1
+                restore_balls(state, bars, world, thread, sweeps)
                 find_pushed(t, state, working, world, thread, count, bars.courses[sweeps][world])
                 block_barrier()
                 stage_back(t, state, working, bars, world, thread, count, PUSHES, sweeps, end, points)
