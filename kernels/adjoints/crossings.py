@@ -51,6 +51,10 @@ class EdgeBars:
     frictions: wp.array2d[float]
     courses: wp.array3d[wp.vec3]
     """Velocities before each sweep, and after the last, shape (sweeps, W, P)"""
+    rises: wp.array3d[float]
+    """Heights by which the ground raises particles in each sweep, and as edges part [m], shape (sweeps + 1, W, P)"""
+    falls: wp.array3d[float]
+    """Upward speeds of those, 0 where they rise [m/s]"""
     sums: wp.array3d[wp.int64]
     pairs: wp.array3d[wp.int64]
     """Sums by friction and thickness of each pair of balloons, shape (W, B^2, 2)"""

@@ -14,6 +14,7 @@ from balloon_warp.kernels.adjoints.crossings import (
     stage_function,
     take_pairs,
 )
+from balloon_warp.kernels.adjoints.ground_stops import forget_stops, keep_stops, note_stop, stops_function
 from balloon_warp.kernels.adjoints.particle_sums import weighing_function
 from balloon_warp.kernels.contact.edges import (
     MOST_SWEEPS,
@@ -33,7 +34,7 @@ from balloon_warp.kernels.working import Working
 @cache
 def sweeping_function(features: Features) -> Any:
     """Return the function that lets edges meet again, keeps how fast they are, and returns the number of sweeps."""
-    push_all = pushing_all_function(features)
+    push_all = pushing_all_function(features, note_stop)
 
     @wp.func
     def sweep_again(
@@ -44,8 +45,10 @@ def sweeping_function(features: Features) -> Any:
         again = count > 0
         while again and sweep < MOST_SWEEPS:
             keep_course(working, bars, world, thread, count, sweep, velocities)
+            forget_stops(working, world, thread, count)
             again = any_in_block(find_pushed(t, working, world, thread, count, velocities))
             push_all(t, working, world, thread, count, points, velocities, 1.0)
+            keep_stops(working, bars, world, thread, count, sweep)
             sweep += 1
         return sweep
 
@@ -60,6 +63,7 @@ def crossings_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
         columns: of the numbers that are derived by.
     """
     catch_all, sweep_again = catching_all_function(features), sweeping_function(features)
+    part_all, stops_back = pushing_all_function(features, note_stop), stops_function(features, columns)
     stage_back, weigh_back = stage_function(features), weighing_function(features, columns)
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
@@ -79,10 +83,17 @@ def crossings_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
             count = catch_all(t, working, world, thread, all_points[world], velocities)
             sweeps = sweep_again(t, working, bars, world, thread, count, all_points[world], velocities)
             if any_in_block(find_overlaps(working, world, thread, count)):
+                if wp.static(features.ground):
+                    forget_stops(working, world, thread, count)
+                    part_all(t, working, world, thread, count, all_points[world], velocities, 0.0)
+                    keep_stops(working, bars, world, thread, count, sweeps)
+                    stops_back(t, working, bars, world, thread, count, sweeps, 0.0)
+                    find_overlaps(working, world, thread, count)
                 block_barrier()
                 stage_back(t, working, bars, world, thread, count, PARTS, 0, first_points[world])
             while sweeps > 0:
                 sweeps -= 1
+                stops_back(t, working, bars, world, thread, count, sweeps, 1.0)
                 any_in_block(find_pushed(t, working, world, thread, count, bars.courses[sweeps][world]))
                 stage_back(t, working, bars, world, thread, count, PUSHES, sweeps, first_points[world])
             if count > 0:
