@@ -66,7 +66,7 @@ class Motion:
         self.ends, self.lengths = springs.pairs, np.float32(springs.rest_lengths).astype(float)
         of_film = self.balloon.material.law != "springs"
         self.film = film_of(self.scene, number, self.shape, self.p) if of_film else None
-        self.load = np.zeros(2)
+        self.load, self.leaks_alone = np.zeros(2), True
         neck = self.balloon.neck
         self.neck = neck_of(neck.at, self.shape.mesh, self.share, self.up) if neck else None
         self.balls = Spheres(self.scene, self.p, self.h)
@@ -166,7 +166,7 @@ class Motion:
             free = v + gain * force
             rise, height = self._find_pressure(x, area, free, gain)
             yield
-            self._leak()
+            self.moles -= self.h * self.leak(0.0) if self.leaks_alone else 0.0
             self.load = np.array([self.pressure - rise * height, rise])
             inflation = (self.load[0] + self.load[1] * (x @ self.up))[:, None] * area
             v = free + gain * inflation
@@ -242,19 +242,19 @@ class Motion:
         """Derivative of the pressure by the free volume [Pa/m^3]"""
         return rise, height
 
-    def _leak(self) -> None:
-        """Return the leak by Bernoulli's law, at the pressure of the substep's end."""
-        opening, outside = self.of("leak") + self._opening(), self.of("air_pressure")
-        mole, sign = self.free_volume / self.moles, np.sign(self.pressure)
-        volume, density = mole * STANDARD_PRESSURE / outside, self._air()  # of what comes in
+    def leak(self, before: float) -> float:
+        """Return the leak by Bernoulli's law at the substep's end, instead of the one before, which pressures know."""
+        outside, mole, believed = self.of("air_pressure"), self.free_volume / self.moles, self.pressure
+        self.pressure += self.slope * self.h * before * mole
+        sign, volume, density = np.sign(self.pressure), mole * STANDARD_PRESSURE / outside, self._air()  # of the air
         if sign > 0.0:
-            volume *= outside / (outside + self.pressure)
+            volume *= outside / (outside + believed)
             density = self.of("molar_mass") / volume
-        squared = 2.0 * opening**2 / (density * volume**2)
+        squared = 2.0 * (self.of("leak") + self._opening()) ** 2 / (density * volume**2)
         held, driven = squared * self.slope * mole * self.h, squared * abs(self.pressure)
         flow = sign * 2.0 * driven / (held + np.sqrt(held**2 + 4.0 * driven) + 1e-300)
         self.pressure -= self.slope * self.h * flow * mole
-        self.moles -= self.h * flow
+        return flow
 
     def _opening(self) -> float:
         """Return the opening of the neck."""

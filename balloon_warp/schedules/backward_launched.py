@@ -256,7 +256,7 @@ class LaunchedBackward(BackwardFrames):
             }  # fmt: skip
             inputs = [has[name] for name in kernel.arguments]
             if self.tubes and "all_slope_bar" in kernel.arguments:
-                self.tubes.turn_back(self.state, found, kept.values[substep]["gas_load"])
+                self.tubes.turn_back(self.state, found, kept.values[substep]["gas_load"], substep)
             if kernel.item == "balloon":
                 places = (m.world_count, m.balloon_count)
                 launch_tiled(made, dim=places, inputs=inputs, block_dim=team_threads(m), device=m.device)
