@@ -144,6 +144,8 @@ class Working:
     """Number of edge contacts of each particle in a sweep, among which its mass is split"""
     edge_quanta: wp.array3d[wp.int64]
     """Impulses of edges on particles in a sweep, see `contact.ridge_sums`"""
+    edge_stops: wp.array2d[wp.vec2]
+    """Height by which the ground raises a particle in a sweep [m], and its upward speed [m/s]; empty forward"""
     verdicts: wp.array[wp.int32]
     """Verdict on each world, see `contact.free_frames`; empty where no look ahead is needed, as are the next two"""
     ways: wp.array[float]

@@ -36,12 +36,14 @@ class MeetingEdges:
         owner: balloon of each particle.
         skins: function that returns thickness, stiffness and friction between two balloons.
         weights_in: function that returns barycentric weights of what is nearest to a point in a triangle.
+        ground: its height along y, below all if there is none.
     """
 
     def __init__(
         self, edges: Sequence[Array], corners: Sequence[Array], owner: Array, ease: Array, h: float, skins: Skins,
-        weights_in: Callable[..., Array],
+        weights_in: Callable[..., Array], ground: float,
     ):  # fmt: skip
+        self.ground = ground
         self.owner, self.ease, self.h, self.weights_in = owner, ease, h, weights_in
         balloons = range(len(edges))
         self.skins = np.array([[skins(first, second) for second in balloons] for first in balloons])
@@ -68,7 +70,7 @@ class MeetingEdges:
             excess = -np.maximum(c["gap"] - c["kept"], 0.0) / self.h - self._parting(c, v)
             pushed = {name: each[excess > 0.0] for name, each in c.items()}
             gains = self._gains(pushed, self._impulses(pushed, v, excess[excess > 0.0]))
-            x, v = x + self.h * gains, v + gains
+            x, v = self._stopped(pushed, x + self.h * gains, v + gains, 1.0)
             least = np.minimum(float(SETTLED) * c["kept"], float(SAFE) * c["gap"])
             if not ((excess > 0.0) & (self.h * excess > least)).any():
                 break
@@ -76,7 +78,15 @@ class MeetingEdges:
         parted = {name: each[move > 0.0] for name, each in c.items()}
         eases = self._eases(parted)
         moves = move[move > 0.0] / np.maximum((parted["weights"] ** 2 * eases).sum(axis=1), 1e-30)
-        return x + self._gains(parted, self._along(parted, moves)), v
+        return self._stopped(parted, x + self._gains(parted, self._along(parted, moves)), v, 0.0)
+
+    def _stopped(self, c: Any, x: Array, v: Array, speeds: float) -> tuple[Array, Array]:
+        """Return places and velocities of particles once the ground has stopped those that edges have pushed."""
+        moved = np.zeros(len(x), dtype=bool)
+        np.logical_or.at(moved, c["ends"], c["weights"] != 0.0)
+        rise = np.where(moved, np.maximum(self.ground - x[:, 1], 0.0), 0.0)
+        slowed = np.minimum(rise / self.h, np.maximum(-v[:, 1], 0.0))
+        return x + rise[:, None] * (0.0, 1.0, 0.0), v + speeds * slowed[:, None] * (0.0, 1.0, 0.0)
 
     def _of_edges(self, x: Array) -> tuple[Array, ...]:
         a, b, c, d = (x[self.edges[:, end]] for end in range(4))

@@ -63,6 +63,7 @@ def let_through(obstacle: Any, start: Array, x: Array) -> tuple[Array, Array, Ar
     for _ in range(32):
         here, out = surface(obstacle, start + gone * ahead)
         falling = -(out * ahead).sum(axis=1, keepdims=True)
+        falling = np.where(falling == 0.0, 1e-30, falling)
         further = np.minimum(gone + (np.maximum(here, 0.0) + 4.0 * near) / falling, way)
         deep = surface(obstacle, start + further * ahead)[0] < -near
         step = np.where(here > near, gone + here / falling, further)
@@ -94,7 +95,7 @@ def surface(obstacle: Any, x: Array) -> tuple[Array, Array]:
         distance = np.where(is_out[:, 0], np.linalg.norm(np.maximum(beyond, 0.0), axis=1), beyond.max(axis=1))
         normal = np.where(is_out, np.maximum(beyond, 0.0), -inside) * np.sign(here)
     distance = distance[:, None] - (obstacle.thickness or 0.0)
-    return distance, turn.apply(normal / np.linalg.norm(normal, axis=1, keepdims=True))
+    return distance, turn.apply(normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300))
 
 
 def rolled(sphere: dict[str, Any], up: Array, h: float, gravity: float, height: float, restitution: float) -> None:

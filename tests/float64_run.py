@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from float64_parts import air_on_faces, directions, gusts, let_through, out_of_sphere, thrusts, torsion, water
+from float64_ridges import MeetingRidges
 from float64_spheres import Spheres
 
 from balloon_warp.kernels.laws.air import GAS_CONSTANT, density_of_given_air
@@ -65,18 +66,17 @@ class Motion:
         self.ends, self.lengths = springs.pairs, np.float32(springs.rest_lengths).astype(float)
         of_film = self.balloon.material.law != "springs"
         self.film = film_of(self.scene, number, self.shape, self.p) if of_film else None
-        self.hinges = self.shape.hinges
-        self.load = np.zeros(2)
+        self.load, self.leaks_alone = np.zeros(2), True
         neck = self.balloon.neck
         self.neck = neck_of(neck.at, self.shape.mesh, self.share, self.up) if neck else None
         self.balls = Spheres(self.scene, self.p, self.h)
         self.spheres = self.balls.spheres
+        self.ridges = MeetingRidges(plan, self.p, self.h, self.balls) if scene.faces is True else None
 
     @property
     def constants(self) -> Array:
         """Return the constants of all springs."""
-        constants = np.array([self.of("structural"), self.of("shear"), self.of("flexion")])
-        return constants[self.shape.springs.kind]
+        return np.array([self.of(kind) for kind in ("structural", "shear", "flexion")])[self.shape.springs.kind]
 
     def _change(self, frame: int) -> None:
         """Apply the scene's planned changes for the start of a frame."""
@@ -150,8 +150,8 @@ class Motion:
         area = self.volume.slopes(x)
         force += self._drag(x, v, area)
         if self.of("face_drag") or self.of("face_friction"):
-            faces, by = self.shape.mesh, (self.of("face_drag"), self.of("face_friction"))
-            force += air_on_faces(faces, x, v, self._wind, self._air(), *by)
+            by = self.of("face_drag"), self.of("face_friction")
+            force += air_on_faces(self.shape.mesh, x, v, self._wind, self._air(), *by)
         if self.neck:
             force += thrusts(x, self.neck, self._opening(), self.load[0] + self.load[1] * (x @ self.up))
         for outer in self.scene.force:
@@ -161,28 +161,28 @@ class Motion:
         if self.scene.water is not None:
             numbers = (self.of(f"water_{name}") for name in ("level", "density", "drag"))
             force += water(self.shape.mesh, x, v, self.h / mass, self.up, self.of("gravity"), *numbers)
-        if self.of("torsion"):
-            force += torsion(self.shape, self.of("torsion"), x)
+        force += torsion(self.shape, self.of("torsion"), x) if self.of("torsion") else 0.0
         if self.gas:
             free = v + gain * force
             rise, height = self._find_pressure(x, area, free, gain)
             yield
-            self._leak()
+            self.moles -= self.h * self.leak(0.0) if self.leaks_alone else 0.0
             self.load = np.array([self.pressure - rise * height, rise])
             inflation = (self.load[0] + self.load[1] * (x @ self.up))[:, None] * area
             v = free + gain * inflation
         elif self.balloon.inflation.kind == "normal_force":
             if part == 0.0 or self.scene.normals == "fresh":
                 self.directions = directions(self.shape.mesh, x)
-            inflation = 100.0 * self._given(frame, part) * self.directions
-            v = v + gain * (force + inflation)
+            v = v + gain * (force + (inflation := 100.0 * self._given(frame, part) * self.directions))
         else:
             self.pressure = self._given(frame, part)
-            inflation = self.pressure * area
-            v = v + gain * (force + inflation)
+            v = v + gain * (force + (inflation := self.pressure * area))
+        x = x + self.h * v
+        if self.ridges:
+            x, v = self.ridges.meet(x, v, 1.0 / mass)
         if self.spheres and self.scene.contact == "impulse":
-            return self.balls.exchange(x + self.h * v, v, mass, self._stand)
-        return self._leave(x + self.h * v, v, inflation)
+            return self.balls.exchange(x, v, mass, self._stand)
+        return self._leave(x, v, inflation)
 
     def _springs(self, x: Array) -> Array:
         if self.film:
@@ -197,8 +197,8 @@ class Motion:
     def _wind(self, x: Array) -> Array:
         """Return the wind by the power law of height, with gusts that it carries along."""
         wind = np.ravel(self.p["wind"][0])
-        heights = np.clip(x @ self.up / self.of("wind_height"), 0.0, 10.0)
-        growth = heights ** self.of("wind_shear") if self.of("wind_shear") > 0.0 else np.ones(len(x))
+        heights, shear = np.clip(x @ self.up / self.of("wind_height"), 0.0, 10.0), self.of("wind_shear")
+        growth = heights**shear if shear > 0.0 else np.ones(len(x))
         steady = growth[:, None] * wind
         if not self.of("gusts"):
             return steady
@@ -242,19 +242,19 @@ class Motion:
         """Derivative of the pressure by the free volume [Pa/m^3]"""
         return rise, height
 
-    def _leak(self) -> None:
-        """Return the leak by Bernoulli's law, at the pressure of the substep's end."""
-        opening, outside = self.of("leak") + self._opening(), self.of("air_pressure")
-        mole, sign = self.free_volume / self.moles, np.sign(self.pressure)
-        volume, density = mole * STANDARD_PRESSURE / outside, self._air()  # of what comes in
+    def leak(self, before: float) -> float:
+        """Return the leak by Bernoulli's law at the substep's end, instead of the one before, which pressures know."""
+        outside, mole, believed = self.of("air_pressure"), self.free_volume / self.moles, self.pressure
+        self.pressure += self.slope * self.h * before * mole
+        sign, volume, density = np.sign(self.pressure), mole * STANDARD_PRESSURE / outside, self._air()  # of the air
         if sign > 0.0:
-            volume *= outside / (outside + self.pressure)
+            volume *= outside / (outside + believed)
             density = self.of("molar_mass") / volume
-        squared = 2.0 * opening**2 / (density * volume**2)
+        squared = 2.0 * (self.of("leak") + self._opening()) ** 2 / (density * volume**2)
         held, driven = squared * self.slope * mole * self.h, squared * abs(self.pressure)
         flow = sign * 2.0 * driven / (held + np.sqrt(held**2 + 4.0 * driven) + 1e-300)
         self.pressure -= self.slope * self.h * flow * mole
-        self.moles -= self.h * flow
+        return flow
 
     def _opening(self) -> float:
         """Return the opening of the neck."""

@@ -225,7 +225,7 @@ class Spheres:
         """Move spheres beside the ground and obstacles, and let them meet each other."""
         names = ("gravity", "ground_height", "ground_restitution")
         gravity, height, restitution = (float(np.ravel(self.p[name][0])[0]) for name in names)
-        starts = [sphere["positions"] for sphere in self.spheres]
+        starts = self.starts = [sphere["positions"] for sphere in self.spheres]
         frictions = self.p[FRICTION][0][self.first : self.first + len(starts)]
 
         def beside_obstacles(number: int) -> None:

@@ -66,6 +66,7 @@ class _Touching:
                 may = far if first == second else np.ones((len(own), len(corners)), dtype=bool)
                 self.pairs.append((first, second, own, corners, may))
 
+        self.ground = float(np.ravel(self.p["ground_height"])[0]) if self.scene.ground is not None else -1e9
         self.meeting = self._meeting_edges(triangles) if edges_meet(self.scene, plan.shapes) else None
 
     def _meeting_edges(self, triangles: list[Array]) -> MeetingEdges:
@@ -75,7 +76,7 @@ class _Touching:
         edges = [
             own + first for own, first in zip(meeting_edges(self.scene, self.shapes), self.offsets[:-1], strict=True)
         ]
-        return MeetingEdges(edges, triangles, self.owner, self.ease, self.h, self._skins, weights_in)
+        return MeetingEdges(edges, triangles, self.owner, self.ease, self.h, self._skins, weights_in, self.ground)
 
     def frames(self, shift: Any, push: Any) -> tuple[list[Array], list[Array]]:
         starts = [
@@ -117,6 +118,8 @@ class _Touching:
             force[part] -= self.p["damping"][0, number] * self.shares[part, None] * v[part]
         v = v + self.h * self.ease[:, None] * force
         x = x + self.h * v
+        depth = np.maximum(self.ground - x[:, 1], 0.0)[:, None]  # on ground without friction
+        x, v = x + depth * up, np.where(depth > 0.0, v + np.maximum(-(v @ up), 0.0)[:, None] * up, v)
         return self.meeting.meet(x, v) if self.meeting else (x, v)
 
     def _springs(self, number: int, shape: Any, x: Array) -> Array:

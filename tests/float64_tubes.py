@@ -11,8 +11,10 @@ Array = np.ndarray
 
 
 def motion_by_tubes(scene: Scene, values: Mapping[str, float]) -> list[Array]:
-    """Return places of all balloons in all frames, between which gas of gamma 1 flows through tubes alone."""
+    """Return places of all balloons in all frames, between which gas of gamma 1 flows, and from which it leaks."""
     runs = [started(scene, values, number) for number in range(len(scene.balloon))]
+    for run in runs:
+        run.leaks_alone = False
     courses = [run.course(0.0, 0.0) for run in runs]
     found: list[Array] = []
     while not found:
@@ -28,9 +30,10 @@ def motion_by_tubes(scene: Scene, values: Mapping[str, float]) -> list[Array]:
 
 def let_flow(runs: Sequence[Motion], tubes: Sequence[tuple[int, int]], conductances: Array) -> None:
     """Let gas flow between balloons, by the pressures at the substep's end, and several times if flows interact."""
-    flows, h = np.zeros(len(tubes)), runs[0].h
+    flows, h, leaks = np.zeros(len(tubes)), runs[0].h, np.zeros(len(runs))
     mole = runs[0].free_volume / runs[0].moles
-    for _ in range(8 if len(tubes) > 1 else 1):
+    open_ones = [number for number, run in enumerate(runs) if run.of("leak") > 0.0]
+    for _ in range(8 if len(tubes) > 1 or open_ones else 1):
         for number, (conductance, ends) in enumerate(zip(conductances, tubes, strict=True)):
             one, other = (runs[end] for end in ends)
             driven = conductance * (one.pressure - other.pressure) - flows[number]
@@ -38,6 +41,10 @@ def let_flow(runs: Sequence[Motion], tubes: Sequence[tuple[int, int]], conductan
             flows[number] += more
             one.pressure -= one.slope * h * more * mole
             other.pressure += other.slope * h * more * mole
+        for number in open_ones:
+            leaks[number] = runs[number].leak(leaks[number])
+    for number in open_ones:
+        runs[number].moles -= h * leaks[number]
     for flow, ends in zip(flows, tubes, strict=True):
         runs[ends[0]].moles -= h * flow
         runs[ends[1]].moles += h * flow

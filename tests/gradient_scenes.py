@@ -48,6 +48,14 @@ AMONG = [
     {"shape": "plane", "rotation": (-80.0, 0.0, 10.0), "position": (0.0, 1.0, 1.002), "friction": 0.2},
 ]
 """The edge of a box below, a capsule and a plane at its sides"""
+RIDGED: list[dict[str, Any]] = [
+    {"size": (0.4, 0.4, 0.4), "rotation": (45.0, 0.0, 35.26), "position": (0.02, -0.346, 0.03), "friction": 0.4},
+    {"size": (0.2, 3.0, 0.2), "rotation": (0.0, 45.0, 3.0), "position": (1.2, 0.4, 0.12), "friction": 0.2},
+    {"radius": 0.01, "length": 3.0, "position": (-0.43, 0.11, 0.0), "rotation": (80.0, 0.0, -10.0), "friction": 0.3},
+]
+"""The corner of a box below, an edge beside, and a rod"""
+STAYS = [(0.0, (0.0, 0.0, 0.0)), (1.0, (0.0, 0.0, 0.0))]
+"""Motion of an obstacle that may move"""
 PUMPED = {"start_pressure": 40.0, "pump": [[0.0, 400.0], [0.04, 100.0]], "leak": 1e-3}
 PUMP = ["balloon.inflation.leak", "balloon.0.inflation.pump.0.1", "balloon.0.inflation.pump.1.1"]
 CHANGES: list[dict[str, Any]] = [
@@ -213,6 +221,19 @@ CASES = {
         scene("gas", frames=2, obstacle=AMONG, faces=False, **BESIDE),
         [SPRINGS[0], "balloon.mass", "balloon.position.1", "balloon.velocity.0", "balloon.rotation.0", GAS[0]],
     ),
+    "ridges": (
+        scene(
+            frames=2,
+            rate=120.0,
+            substeps=16,
+            position=(0.05, 1.02, 0.1),
+            velocity=(1.5, -2.0, 0.1),
+            damping=0.0,
+            faces=True,
+            obstacle=[each | {"motion": STAYS} for each in RIDGED],
+        ),
+        [SPRINGS[0], MOTION[0], *MOTION[2:]],
+    ),
     "gas beside spheres": (
         scene("gas", ground=True, frames=2, sphere=PRESSED),
         [
@@ -229,7 +250,7 @@ CASES = {
 }
 
 
-LAUNCHED = ("pump, leak and jet", "water", "gas beside spheres", "fresh normals", "cached normals")
+LAUNCHED = ("pump, leak and jet", "water", "ridges", "gas beside spheres", "fresh normals", "cached normals")
 """Cases that do not run backwards in blocks"""
 
 

@@ -94,6 +94,7 @@ IN_BATCHES = (
     "pump, leak and jet",
     "water",
     "gas beside spheres",
+    "ridges",
 )
 
 

@@ -63,12 +63,27 @@ EXCHANGING: list[dict[str, Any]] = [
 """Spheres that a ball meets from above: one lands beneath it, and both exchange momentum with the same particles"""
 
 
+BETWEEN_CORNERS: list[dict[str, Any]] = [
+    EXCHANGING[0] | {"radius": 0.82, "position": (0.3, 0.8212, 0.1)},
+    EXCHANGING[1] | {"position": (0.15, 1.85, 1.66)},
+]  # fmt: skip
+"""Spheres that faces meet between their corners, one beneath a ball and one beside it"""
+
+
 def exchange() -> bw.Scene:
     """Return a scene of a ball with a gas that exchanges momentum with spheres, in 2 frames of 3 substeps: so short
     that nothing rests on the ground, where rounding would decide whether there is a gap."""
     return scene(
         "gas", ground=True, frames=2, rate=640.0, substeps=3, sphere=EXCHANGING, contact="impulse",
         position=(0.0, 1.6, 0.0), velocity=(0.1, -2.0, 0.0),
+    )  # fmt: skip
+
+
+def between_corners() -> bw.Scene:
+    """Return the same, with spheres that faces meet, too, as they do edges."""
+    return scene(
+        "gas", ground=True, frames=2, rate=640.0, substeps=3, sphere=BETWEEN_CORNERS, contact="impulse",
+        position=(0.0, 1.75, 0.0), velocity=(0.1, -2.0, 0.0), faces=True,
     )  # fmt: skip
 
 
@@ -81,7 +96,7 @@ OF_EXCHANGE = [
         for name in ("mass", "radius", "position.0", "position.2", "velocity.0", "velocity.1", "angular_velocity.2")
     ),
 ]
-CASES_OF_SPHERES = {"exchange": (exchange(), OF_EXCHANGE)}
+CASES_OF_SPHERES = {"exchange": (exchange(), OF_EXCHANGE), "faces": (between_corners(), OF_EXCHANGE)}
 
 
 def ends(moved: Trajectories) -> tuple[Any, dict[str, Any]]:
@@ -177,14 +192,16 @@ def test_a_sphere_that_flies_alone_goes_on_as_it_began():
     assert found["sphere.0.velocity.1"][0] == pytest.approx(1.0 + of.frames / 60.0, rel=1e-5)
 
 
-def test_spheres_that_exchange_momentum_have_the_slopes_of_a_run_in_double_precision(device: str):
+@pytest.mark.parametrize("case", CASES_OF_SPHERES)
+def test_spheres_that_exchange_momentum_have_the_slopes_of_a_run_in_double_precision(case: str, device: str):
     """A ball presses a sphere to the ground that lands beneath it, and rubs on that and on another."""
-    of, paths = CASES_OF_SPHERES["exchange"]
+    of, paths = CASES_OF_SPHERES[case]
     require_slopes(of, paths, bw.gradient(of, of=paths, loss=ends, device=device), of)
 
 
-def test_an_exchange_in_a_batch_has_the_gradients_and_frames_that_it_has_alone(device: str):
-    of, paths = CASES_OF_SPHERES["exchange"]
+@pytest.mark.parametrize("case", CASES_OF_SPHERES)
+def test_an_exchange_in_a_batch_has_the_gradients_and_frames_that_it_has_alone(case: str, device: str):
+    of, paths = CASES_OF_SPHERES[case]
     varied = {"sphere.0.mass": np.array([0.2, 0.4]), "balloon.0.velocity.0": np.array([0.1, -0.2])}
     found = bw.gradient(of, of=paths, loss=ends, world_count=2, vary=varied, device=device)
     alone = {path: values[1:] for path, values in varied.items()}

@@ -75,6 +75,20 @@ def crossing(**touch: Any) -> bw.Scene:
     return of.model_copy(update={"balloon": cubes})
 
 
+def on_the_ground() -> bw.Scene:
+    """Return a flat plate on the ground, into which a cube that falls on it presses its corners."""
+    of, cube = pair(1, 24, meshes=(1, 1), edges=True, thickness=0.02, stiffness=300.0), quad_sphere(1)
+    thin = cube.points * (1.0, 0.0005 / np.abs(cube.points[:, 1]).max(), 1.0)
+    plate = {
+        "mesh": mesh_of(thin, cube.face_vertex_indices.reshape(-1, 4).tolist()), "position": (0.0, 0.0008, 0.0),
+        "velocity": (0.2, 0.0, 0.1), "rotation": (0.0, 20.0, 0.0), "angular_velocity": (0.0, 0.0, 0.0),
+        "inflation": bw.Inflation(pressure=0.1),
+    }  # fmt: skip
+    above = {"position": (0.15, 0.885, 0.1), "velocity": (0.1, -3.0, 0.0), "rotation": (3.0, 10.0, 41.0)}
+    balloons = [each.model_copy(update=more) for each, more in zip(of.balloon, (plate, above), strict=True)]
+    return of.model_copy(update={"balloon": balloons, "ground": bw.Ground(friction=0.0)})
+
+
 CASES = {
     "a substep": (pair(1, 1, apart=0.95, thickness=0.3, stiffness=300.0), [*STARTS[:3], *SKINS[:2], *TOUCH]),
     "of their own": (pair(), [*STARTS[:2], *SKINS[1:], "touch.friction"]),
@@ -82,6 +96,7 @@ CASES = {
     "crowded": (pair(2, speed=5.0, meshes=(4, 4), thickness=0.16), [*STARTS[1:3], *SKINS[::2], *TOUCH[:2]]),
     "itself": (pinched(), ["balloon.0.mass", "touch.thickness"]),
     "edges": (crossing(thickness=0.03), [STARTS[1], *SKINS[1:3], *TOUCH[:2]]),
+    "on the ground": (on_the_ground(), [STARTS[0], *SKINS[:2], *TOUCH[:2], "ground.height"]),
     "for long": (pair(12, friction=0.0), [STARTS[0], *SKINS[::2]]),
 }
 """Scenes of 1 to 384 substeps: contacts that begin and end, share where more meet than a step allows for, and rub"""

@@ -46,12 +46,13 @@ BYTES_PER_PARTICLE = 48
 def fits_in_block_backwards(model: Model) -> bool:
     """Return whether a block can run a world backwards: one balloon, which fits in shared memory.
 
-    Gas that comes and goes is left to launches, water, spheres, normal forces, and what touches itself.
+    Gas that comes and goes is left to launches, water, spheres, normal forces, what touches itself, and faces that
+    meet ridges.
     """
     features = model_features(model)
     fits = model.balloon_count == 1 and model.particle_count <= most_particles(model, BYTES_PER_PARTICLE)
     left = features.gas_changes or features.in_water or features.spheres or features.inflation_directions
-    left = left or features.touches
+    left = left or features.touches or features.meets_solids
     return fits and not left
 
 

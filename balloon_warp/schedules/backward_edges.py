@@ -5,8 +5,9 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.adjoints.crossings import KINDS, SUMS, EdgeBars
+from balloon_warp.kernels.adjoints.crossings import KINDS, EdgeBars
 from balloon_warp.kernels.adjoints.crossings_back import crossings_back_kernel
+from balloon_warp.kernels.adjoints.particle_sums import SUMS
 from balloon_warp.kernels.contact.catch import EdgeCatch
 from balloon_warp.kernels.contact.edges import MOST_SWEEPS
 from balloon_warp.kernels.features import Features
@@ -37,6 +38,7 @@ class EdgesBackward:
         self._bars.points, self._bars.velocities = arrays["all_point_bar"], arrays["all_velocity_bar"]
         self._bars.gas_masses, self._bars.numbers = arrays["all_gas_mass_bar"], arrays["number_bars"]
         self._bars.totals = touch.bars.totals
+        self._stops = room.array((model.world_count, model.particle_count if features.ground else 0), wp.vec2)
 
     def note(self, substep: int, points: wp.array, velocities: wp.array) -> None:
         """Keep where particles are before edges meet."""
@@ -47,11 +49,12 @@ class EdgesBackward:
         """Turn the bars of after the contacts into those of before."""
         for again, kept in zip(self._again, self._came[substep], strict=True):
             wp.copy(again, kept)
-        model = self._model
+        model, working = self._model, self._touch.as_it_was(substep)
+        working.edge_stops = self._stops
         launch_tiled(
             self._back, dim=[model.world_count],
             inputs=[
-                self._touch.tables, self._touch.as_it_was(substep), self._came[substep][0], *self._again, self._bars,
+                self._touch.tables, working, self._came[substep][0], *self._again, self._bars,
             ],
             block_dim=team_threads(model), device=model.device,
         )  # fmt: skip
@@ -70,6 +73,8 @@ def kept_of_edges(model: Model, features: Features, room: Room) -> tuple[list[Mo
     bars.catches = room.array((worlds, catches), EdgeCatch)
     bars.frictions = room.array((worlds, catches), wp.float32)
     bars.courses = room.array((int(MOST_SWEEPS), worlds, particles), wp.vec3)
+    stopped = (int(MOST_SWEEPS) + 1, worlds, particles if features.ground else 0)
+    bars.rises, bars.falls = room.array(stopped, wp.float32), room.array(stopped, wp.float32)
     bars.sums = room.array((worlds, particles, SUMS), wp.int64)
     bars.pairs = room.array((worlds, pairs, 2), wp.int64)
     bars.largest = room.array((worlds, KINDS), wp.float32)

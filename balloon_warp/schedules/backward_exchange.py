@@ -35,7 +35,6 @@ class ExchangeBackward:
     ):  # fmt: skip
         self._model, self._tables, self._working, self._of_frame = model, tables, working, of_frame
         self._again, self._back = exchange_again_kernel(features), exchange_back_kernel(features, columns)
-        self._spheres = spheres
         self._came, self._exchanges = kept_of_exchange(model, room)
         self._bars = ExchangeBars()
         self._bars.spheres = spheres.bars
@@ -48,8 +47,12 @@ class ExchangeBackward:
         for kept, array in zip(self._came[substep], (points, velocities, self._working.near), strict=True):
             wp.copy(kept, array)
 
-    def turn_back(self, substep: int) -> None:
-        """Turn the bars of after the exchange into those of before, once spheres have been found again."""
+    def turn_back(self, substep: int, log: Any) -> None:
+        """Turn the bars of after the exchange into those of before.
+
+        Args:
+            log: courses of spheres in the substep, as they come to the exchange.
+        """
         points, velocities, near = self._came[substep]
         wp.copy(self._exchanges.points[0], points)
         wp.copy(self._exchanges.velocities[0], velocities)
@@ -59,7 +62,7 @@ class ExchangeBackward:
         working.near = near
         model, device = self._model, self._model.device
         worlds, threads = [model.world_count], team_threads(model)
-        inputs = [self._tables, working, self._spheres.log, self._exchanges]
+        inputs = [self._tables, working, log, self._exchanges]
         launch_tiled(self._again, dim=worlds, inputs=inputs, block_dim=threads, device=device)
         inputs += [substep * model.step_seconds, self._bars, self._of_frame]
         launch_tiled(self._back, dim=worlds, inputs=inputs, block_dim=threads, device=device)

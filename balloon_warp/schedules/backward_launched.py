@@ -24,6 +24,7 @@ from balloon_warp.schedules.backward_edges import EdgesBackward, kept_of_edges
 from balloon_warp.schedules.backward_exchange import ExchangeBackward, kept_of_exchange
 from balloon_warp.schedules.backward_fixtures import FixturesBackward
 from balloon_warp.schedules.backward_gas import GasBackward
+from balloon_warp.schedules.backward_ridges import RidgesBackward, kept_of_balls, kept_of_ridges
 from balloon_warp.schedules.backward_spheres import STATE_OF_SPHERES, SpheresBackward, log_of_spheres
 from balloon_warp.schedules.backward_strings import StringsBackward
 from balloon_warp.schedules.backward_touch import TouchBackward, kept_of_touch
@@ -48,7 +49,7 @@ class _Remembering(Launches):
     ):
         super().__init__(model, step, tables, room, own)
         self._remembered, self._substep = remembered, 0
-        self.notes: dict[str, ExchangeBackward | EdgesBackward] = {}
+        self.notes: dict[str, ExchangeBackward | EdgesBackward | RidgesBackward] = {}
         """Adjoints of phases that keep what comes to them, by names of these"""
 
     def substep(self, state: State, substep: int, now: Moving) -> Moving:
@@ -57,9 +58,13 @@ class _Remembering(Launches):
         return super().substep(state, substep, now)
 
     def _launch(self, piece: Piece, state: State, time_in_frame: float, now: Moving) -> Moving:
-        if noting := self.notes.get(piece.phases[0].name):
+        noting = self.notes.get(piece.phases[0].name)
+        if noting:
             noting.note(self._substep, *now)
-        return super()._launch(piece, state, time_in_frame, now)
+        new = super()._launch(piece, state, time_in_frame, now)
+        if isinstance(noting, RidgesBackward):
+            noting.note_left(state, self._substep, *new)
+        return new
 
     def _targets(self, piece: Piece, state: State, now: Moving) -> Moving:
         after = dict(zip(STATE, self._remembered.moving[self._substep + 1], strict=True))
@@ -69,9 +74,7 @@ class _Remembering(Launches):
 
 CARRIED = {"inflation_loads": wp.vec2}
 """Values that balloons carry from one substep to the next, and their types"""
-WAYS_OUT = {
-    "meet_ridges": "faces = false", "keep_start": "spheres larger than faces",
-}  # fmt: skip
+WAYS_OUT = {"keep_start": "spheres larger than faces", "meet_ridges": "faces = false"}
 """Settings by the names of phases without an adjoint, which they leave out"""
 GAS_CARRIED = {"pressures": wp.float32, "gas_amounts": wp.float64, "free_volumes": wp.float64}
 """Further values that balloons carry, where gas comes and goes"""
@@ -147,6 +150,7 @@ class LaunchedBackward(BackwardFrames):
     _searching: TouchLaunches | None = None
     _exchange: ExchangeBackward | None = None
     _edges: EdgesBackward | None = None
+    _ridges: RidgesBackward | None = None
 
     def __init__(self, model: Model, state: State, columns: Sequence[int]):
         features, room = model_features(model), Allocating(model.device)
@@ -179,6 +183,11 @@ class LaunchedBackward(BackwardFrames):
         if self.touch and features.edges_meet:
             self._edges = EdgesBackward(model, features, self.columns, self.touch, self.arrays, room)
             self._launches.notes["meet_edges"] = self._edges
+        if features.ridges:
+            self._ridges = RidgesBackward(
+                model, features, self.columns, tables, working, self.arrays, self.spheres, room
+            )
+            self._launches.notes["meet_ridges"] = self._ridges
         if features.gas_changes:
             self._gas_back = GasBackward(model, features, self.columns, tables, self._launches.working, self.bars)
         if features.tubes:
@@ -204,6 +213,8 @@ class LaunchedBackward(BackwardFrames):
             room.array((model.substeps, model.world_count, model.particle_count), wp.vec4)
         if step.features.edges_meet:
             kept_of_edges(model, step.features, room)
+        if step.features.ridges:
+            kept_of_balls(model, step.features, kept_of_ridges(model, room)[-1], room)
 
     def _touch(self, state: State, substep: int, time_in_frame: float, now: Moving) -> None:
         """Let balloons touch, and keep what they find."""
@@ -235,19 +246,26 @@ class LaunchedBackward(BackwardFrames):
         among = self.spheres.found_again(self.state, kept.carried[substep], substep) if self.spheres else {}
         if self._edges:
             self._edges.turn_back(substep)
-        if self._exchange:
-            self._exchange.turn_back(substep)
+        if self._exchange and self.spheres:
+            log = self.spheres.log
+            self._exchange.turn_back(substep, self._ridges.log_left(log, substep) if self._ridges else log)
+        beside_ridges = self._ridges
         for kernel, made in self._kernels:
             loads = kept.carried[substep + kernel.after_note]["inflation_loads"]
+            if beside_ridges and kernel.meets != "meet_ridges":
+                beside_ridges.turn_back(replace(self.state, **among), substep)
+                beside_ridges = None  # for all other phases are earlier
+            now = beside_ridges.left[substep] if beside_ridges else (points, velocities)
+            met = beside_ridges.spheres_left(substep) if beside_ridges else {}
             has = {
                 "t": self.tables, "time_in_frame": substep * m.step_seconds,
-                "state": world_state(replace(self.state, inflation_loads=loads, **found, **among)),
-                "working": self._launches.working, "all_points": points, "all_velocities": velocities,
+                "state": world_state(replace(self.state, inflation_loads=loads, **found, **among | met)),
+                "working": self._launches.working, "all_points": now[0], "all_velocities": now[1],
                 **{f"all_{name}": array for name, array in kept.values[substep].items()}, **self.arrays,
             }  # fmt: skip
             inputs = [has[name] for name in kernel.arguments]
             if self.tubes and "all_slope_bar" in kernel.arguments:
-                self.tubes.turn_back(self.state, found, kept.values[substep]["gas_load"])
+                self.tubes.turn_back(self.state, found, kept.values[substep]["gas_load"], substep)
             if kernel.item == "balloon":
                 places = (m.world_count, m.balloon_count)
                 launch_tiled(made, dim=places, inputs=inputs, block_dim=team_threads(m), device=m.device)

@@ -1,4 +1,4 @@
-"""Gas that flows through tubes, backwards: a substep's flow is found again."""
+"""Gas that flows through tubes, and openings beside them, backwards: a substep's flow is found again."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -34,6 +34,7 @@ class TubesBackward:
     ):  # fmt: skip
         self._model, self._tables, self._of_frame = model, tables, of_frame
         self._back = tubes_back_kernel(features, columns)
+        vented = model.balloon_count if features.vents else 0
         worlds, balloons, tubes = model.world_count, model.balloon_count, model.tube_count
         self._bars = bars = TubeBars()
         with wp.ScopedDevice(model.device):
@@ -41,19 +42,21 @@ class TubesBackward:
             bars.pressures = wp.zeros((worlds, balloons), dtype=wp.float32)
             bars.flows = wp.zeros((worlds, tubes), dtype=wp.float32)
             bars.conductances = wp.zeros((worlds, tubes), dtype=wp.float64)
-            bars.swept = wp.zeros((worlds, tubes * SWEEPS), dtype=wp.vec3)
-            bars.moved = wp.zeros((worlds, tubes, balloons), dtype=wp.vec2d)
+            bars.vents = wp.zeros((worlds, vented), dtype=wp.float32)
+            bars.swept = wp.zeros((worlds, (tubes + vented) * SWEEPS), dtype=wp.vec3)
+            bars.moved = wp.zeros((worlds, tubes + 1, balloons), dtype=wp.vec2d)
             self._again = {
                 "pressures": wp.zeros((worlds, balloons), dtype=wp.float32),
                 "pressure_slopes": wp.zeros((worlds, balloons), dtype=wp.float32),
                 "inflation_loads": wp.zeros((worlds, balloons), dtype=wp.vec2),
                 "tube_flows": wp.zeros((worlds, tubes), dtype=wp.float32),
+                "vent_flows": wp.zeros((worlds, vented), dtype=wp.float32),
                 "gas_amounts": wp.zeros((worlds, balloons), dtype=wp.float64),
                 "free_volumes": wp.zeros((worlds, balloons), dtype=wp.float64),
             }
 
-    def turn_back(self, state: State, gas: Mapping[str, wp.array], loads: wp.array) -> None:
-        """Turn the bars of pressures and gases after the flow into those before.
+    def turn_back(self, state: State, gas: Mapping[str, wp.array], loads: wp.array, substep: int) -> None:
+        """Turn the bars of pressures and gases after the flow in a substep into those before.
 
         Args:
             gas: amounts and free volumes before the flow, by their names in the state.
@@ -62,7 +65,7 @@ class TubesBackward:
         for name, array in gas.items():
             wp.copy(self._again[name], array)
         again = world_state(replace(state, **self._again))
-        inputs = [self._tables, again, loads, self._bars, self._of_frame]
+        inputs = [self._tables, again, loads, substep * self._model.step_seconds, self._bars, self._of_frame]
         launch(self._back, self._model.world_count, inputs, device=self._model.device)
 
     def taken_numbers(self) -> dict[str, NDArray[np.float64]]:

@@ -181,6 +181,7 @@ def touch_arrays(model: Model, features: Features, room: Room) -> dict[str, Any]
         "edge_pairs": room.array((worlds, edges * PAIRS_OF_EDGE), wp.vec2i),
         "edge_catches": room.array((worlds, catch_count(model, features)), EdgeCatch),
         "edge_shares": room.array((worlds, particles if edges else 0), wp.int32),
+        "edge_stops": room.array((worlds, 0), wp.vec2),
         "edge_quanta": room.array((worlds, particles if edges else 0, 3), wp.int64),
         "overflow": room.array(worlds if features.touches or features.ridges else 0, wp.int32),
     }

@@ -50,7 +50,7 @@ def ridge_table(model: Model, features: Features) -> Any:
 def ridge_arrays(model: Model, features: Features, room: Room) -> dict[str, Any]:
     """Return the arrays of `Working` for ridges; empty where faces do not touch them."""
     worlds = model.world_count if features.ridges else 0
-    pairs = max(LEAST_PAIRS, PAIRS * _feature_count(model)) if features.ridges else 0
+    pairs = pair_count(model) if features.ridges else 0
     particles, bodies = model.particle_count, model.body_count
     spheres = model.sphere_count if features.round_ridges else 0
     return {
@@ -66,6 +66,11 @@ def ridge_arrays(model: Model, features: Features, room: Room) -> dict[str, Any]
         "ridge_quanta": room.array((worlds, particles, 3), wp.int64),
         "ridge_body_quanta": room.array((worlds, bodies, 6), wp.int64),
     }
+
+
+def pair_count(model: Model) -> int:
+    """Return the number of features and ridges that are near each other for which a world has room."""
+    return max(LEAST_PAIRS, PAIRS * _feature_count(model))
 
 
 def _rows(ridges: Ridges) -> list[Any]:

@@ -20,6 +20,7 @@ from balloon_warp.kernels.adjoints.one_crossing import (
     work_of_parting,
     work_of_push,
 )
+from balloon_warp.kernels.adjoints.particle_sums import OF_EASES, OF_PLACES, OF_VELOCITIES, add_to_sums, take_sums
 from balloon_warp.kernels.contact.catch import EdgeCatch
 from balloon_warp.kernels.contact.edge_catch import four_of, friction_of_catch
 from balloon_warp.kernels.features import Features
@@ -31,11 +32,8 @@ from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.warps import block_barrier
 from balloon_warp.kernels.working import Working
 
-OF_PLACES, OF_VELOCITIES, OF_EASES, OF_FRICTION, OF_THICKNESS = (wp.constant(kind) for kind in range(5))
-"""Kinds of sums"""
-KINDS = 5
-EASE, SUMS = wp.constant(6), 7
-"""Entries of a particle's sums: after place and velocity its inverse mass"""
+OF_FRICTION, OF_THICKNESS, KINDS = wp.constant(3), wp.constant(4), 5
+"""Kinds of sums, after those of particles, and their number"""
 
 
 @wp.struct
@@ -53,6 +51,10 @@ class EdgeBars:
     frictions: wp.array2d[float]
     courses: wp.array3d[wp.vec3]
     """Velocities before each sweep, and after the last, shape (sweeps, W, P)"""
+    rises: wp.array3d[float]
+    """Heights by which the ground raises particles in each sweep, and as edges part [m], shape (sweeps + 1, W, P)"""
+    falls: wp.array3d[float]
+    """Upward speeds of those, 0 where they rise [m/s]"""
     sums: wp.array3d[wp.int64]
     pairs: wp.array3d[wp.int64]
     """Sums by friction and thickness of each pair of balloons, shape (W, B^2, 2)"""
@@ -83,33 +85,11 @@ def spread(t: Tables, bars: EdgeBars, world: wp.int32, ends: wp.vec4i, found: Cr
         note_size(bars.largest, world, OF_FRICTION, wp.abs(found.friction))
         note_size(bars.largest, world, OF_THICKNESS, wp.abs(found.thickness))
         return
-    of_places = parts_per_unit(bars.largest, world, OF_PLACES)
-    of_velocities = parts_per_unit(bars.largest, world, OF_VELOCITIES)
-    of_eases = parts_per_unit(bars.largest, world, OF_EASES)
     for end in range(4):
-        for axis in range(3):
-            add_exactly(bars.sums, world, ends[end], axis, of_places, found.points[end, axis])
-            add_exactly(bars.sums, world, ends[end], axis + 3, of_velocities, found.moving[end, axis])
-        add_exactly(bars.sums, world, ends[end], EASE, of_eases, found.movers[end])
+        add_to_sums(bars, world, ends[end], found.points[end], found.moving[end], found.movers[end])
     pair = t.particles.balloon[ends[0]] * t.inflation_kind.shape[0] + t.particles.balloon[ends[2]]
     add_exactly(bars.pairs, world, pair, 0, parts_per_unit(bars.largest, world, OF_FRICTION), found.friction)
     add_exactly(bars.pairs, world, pair, 1, parts_per_unit(bars.largest, world, OF_THICKNESS), found.thickness)
-
-
-@wp.func
-def take_sums(bars: EdgeBars, world: wp.int32, particle: wp.int32):
-    """Add a particle's sums to its derivatives, and clear them."""
-    place = wp.vec3()
-    velocity = wp.vec3()
-    for axis in range(3):
-        place[axis] = sum_at(bars.sums, bars.largest, world, particle, axis, OF_PLACES)
-        velocity[axis] = sum_at(bars.sums, bars.largest, world, particle, axis + 3, OF_VELOCITIES)
-    ease = sum_at(bars.sums, bars.largest, world, particle, EASE, OF_EASES)
-    bars.points[world, particle] = bars.points[world, particle] + place
-    bars.velocities[world, particle] = bars.velocities[world, particle] + velocity
-    bars.eases[world, particle] = bars.eases[world, particle] + ease
-    for entry in range(SUMS):
-        bars.sums[world, particle, entry] = wp.int64(0)
 
 
 @wp.func

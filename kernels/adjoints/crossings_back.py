@@ -14,6 +14,8 @@ from balloon_warp.kernels.adjoints.crossings import (
     stage_function,
     take_pairs,
 )
+from balloon_warp.kernels.adjoints.ground_stops import forget_stops, keep_stops, note_stop, stops_function
+from balloon_warp.kernels.adjoints.particle_sums import weighing_function
 from balloon_warp.kernels.contact.edges import (
     GOES_ON,
     MOST_SWEEPS,
@@ -25,7 +27,6 @@ from balloon_warp.kernels.contact.edges import (
     pushing_all_function,
 )
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.loops.inertia import ease_function
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.warps import any_in_block, block_barrier
@@ -35,7 +36,7 @@ from balloon_warp.kernels.working import Working
 @cache
 def sweeping_function(features: Features) -> Any:
     """Return the function that lets edges meet again, keeps how fast they are, and returns the number of sweeps."""
-    push_all = pushing_all_function(features)
+    push_all = pushing_all_function(features, note_stop)
 
     @wp.func
     def sweep_again(
@@ -46,9 +47,11 @@ def sweeping_function(features: Features) -> Any:
         again = count > 0
         while again and sweep < MOST_SWEEPS:
             keep_course(working, bars, world, thread, count, sweep, velocities)
+            forget_stops(working, world, thread, count)
             found = find_pushed(t, working, world, thread, count, velocities)
             again = any_in_block(found == GOES_ON)
             push_all(t, working, world, thread, count, points, velocities, 1.0, found > RESTS)
+            keep_stops(working, bars, world, thread, count, sweep)
             sweep += 1
         return sweep
 
@@ -63,21 +66,8 @@ def crossings_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
         columns: of the numbers that are derived by.
     """
     catch_all, sweep_again = catching_all_function(features), sweeping_function(features)
-    stage_back, ease_of_moving = stage_function(features), ease_function(features)
-    column = features.columns.places["mass"]
-    place_of_mass = columns.index(column) if column in columns else -1
-
-    @wp.func
-    def weigh_back(t: Tables, working: Working, bars: EdgeBars, world: wp.int32, particle: wp.int32):
-        """Hand on what a particle's inverse mass is worth."""
-        if bars.eases[world, particle] != 0.0:
-            ease = ease_of_moving(t, working, world, particle)
-            by_mass = -bars.eases[world, particle] * ease * ease * t.particles.mass_share[particle]
-            bars.eases[world, particle] = 0.0
-            bars.gas_masses[world, particle] = bars.gas_masses[world, particle] + by_mass
-            if wp.static(place_of_mass >= 0):
-                before = bars.numbers[world, particle, wp.static(place_of_mass)]
-                bars.numbers[world, particle, wp.static(place_of_mass)] = before + by_mass
+    part_all, stops_back = pushing_all_function(features, note_stop), stops_function(features, columns)
+    stage_back, weigh_back = stage_function(features), weighing_function(features, columns)
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def turn_crossings_back(
@@ -96,11 +86,18 @@ def crossings_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
             count, overlap = catch_all(t, working, world, thread, all_points[world], velocities)
             sweeps = sweep_again(t, working, bars, world, thread, count, all_points[world], velocities)
             if overlap:
-                find_overlaps(working, world, thread, count)
+                mine = find_overlaps(working, world, thread, count)
+                if wp.static(features.ground):
+                    forget_stops(working, world, thread, count)
+                    part_all(t, working, world, thread, count, all_points[world], velocities, 0.0, mine)
+                    keep_stops(working, bars, world, thread, count, sweeps)
+                    stops_back(t, working, bars, world, thread, count, sweeps, 0.0)
+                    find_overlaps(working, world, thread, count)
                 block_barrier()
                 stage_back(t, working, bars, world, thread, count, PARTS, 0, first_points[world])
             while sweeps > 0:
                 sweeps -= 1
+                stops_back(t, working, bars, world, thread, count, sweeps, 1.0)
                 find_pushed(t, working, world, thread, count, bars.courses[sweeps][world])
                 block_barrier()
                 stage_back(t, working, bars, world, thread, count, PUSHES, sweeps, first_points[world])

@@ -83,8 +83,6 @@ def note_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adj
 
 def pump_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
     """Return no adjoint of pumps and flows: a kernel of its own runs them backwards, see `adjoints.gas_changes`."""
-    if features.tubes and features.vents:
-        raise NoAdjointError("gas that flows through tubes and out of openings")
     if features.gas_meets_air:
         raise NoAdjointError("gas that comes and goes in air that varies")
     return ()

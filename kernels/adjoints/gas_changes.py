@@ -8,15 +8,13 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.adjoints.vents import product_of, vent_functions
 from balloon_warp.kernels.clock import time_of
-from balloon_warp.kernels.compose import function_here
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.frames.backwards import Bars, numbers_adder
-from balloon_warp.kernels.laws.air import density_of_air
 from balloon_warp.kernels.laws.empty import amount_when_flat
 from balloon_warp.kernels.laws.gas import pumped_gas
 from balloon_warp.kernels.laws.inflation import GAS
-from balloon_warp.kernels.laws.orifice import neck_opening, vent_flow
 from balloon_warp.kernels.loops.gas import curve_flow, filled_function, gas_in, gas_mass_function, pump_function
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.params import numbers_reader
@@ -27,43 +25,20 @@ A_PASCAL = wp.constant(1.0)
 """Half of the difference of pressures by which the slope of a pump's curve is found [Pa]"""
 
 
-@wp.func
-def product_of(gas: wp.vec2d, bar: wp.vec2):
-    """Return amount and free volume times their bars."""
-    return float(gas[0]) * bar[0] + float(gas[1]) * bar[1]
-
-
 @cache
 def flow_adjoint(features: Features) -> Any:
     """Return the function that runs the flow through necks and leaks backwards."""
-    columns = features.columns
-    gamma, leak, air_pressure, temperature, density = (
-        columns.places[name] for name in ("gamma", "leak", "air_pressure", "air_temperature", "air_density")
-    )
-    opening_of_neck = function_here(neck_opening, ["time"], columns)
-    given = ["flow", "pressure", "taken", "slope", "step_seconds", "opening", "most"]
-    air = ["air_pressure", "air_temperature", "air_density"]
-    flow_of_vent = function_here(vent_flow, [*given, *air], columns)
+    flow_through, left_by = vent_functions(features)
 
     @wp.func
     def work_of_flow(
         gas_load: wp.vec4, gas: wp.vec2, mesh_volume: float, time: float, step_seconds: float, n: Any, bar: wp.vec4,
         gas_bar: wp.vec2,
     ):  # fmt: skip
-        opening = opening_of_neck(time, n) + n[leak]
-        air_density = density_of_air(n[air_pressure], n[temperature], n[density])
-        flat = amount_when_flat(mesh_volume, wp.vec3(n[air_pressure], n[temperature], air_density))
-        most = wp.max(gas[0] - flat, 0.0) / step_seconds
-        flow_and_more = flow_of_vent(
-            0.0, gas_load[0], gas[1] / gas[0], gas_load[3], step_seconds, opening, most, n[air_pressure],
-            n[temperature], air_density, n,
-        )  # fmt: skip
-        fallen = gas_load[3] * step_seconds * flow_and_more[1]
+        found = flow_through(0.0, gas_load[0], gas_load[3], gas, mesh_volume, time, step_seconds, n)
+        fallen = gas_load[3] * step_seconds * found[1]
         pressure = gas_load[0] - fallen
-        left = pumped_gas(
-            wp.vec2d(gas), -step_seconds * flow_and_more[0], 0.0, n[air_pressure] + pressure, n[gamma],
-            n[temperature], n[temperature],
-        )  # fmt: skip
+        left = left_by(wp.vec2d(gas), found[0], pressure, step_seconds, n)
         loads = pressure * bar[0] + (gas_load[1] - fallen) * bar[1] + gas_load[2] * bar[2]
         return loads + product_of(left, gas_bar)
 

@@ -122,7 +122,6 @@ def roll_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
         put_bar_of_course(bars, world, sphere, bar)
         add_by_sphere(bars, world, sphere, 0.0, totals[6])
         bars.numbers[world, sphere, 2] = bars.numbers[world, sphere, 2] + wp.float64(totals[7])
-        bars.starts[world, sphere] = wp.vec3()
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def roll_back(
@@ -162,5 +161,6 @@ def roll_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
                 roll_event(t, working, world, event, quanta, bars, of_frame)
         for sphere in range(t.spheres.numbers.shape[1]):
             bars.positions[world, sphere] = bars.positions[world, sphere] + bars.starts[world, sphere]
+            bars.starts[world, sphere] = wp.vec3()
 
     return roll_back

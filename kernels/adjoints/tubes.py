@@ -1,4 +1,4 @@
-"""Adjoint of gas that flows through tubes: a thread a world.
+"""Adjoint of gas that flows through tubes, and through necks and leaks beside them: a thread a world.
 
 Flows and pressures are found again in sweeps, each of which is kept, and so is what each tube then moves. Frozen is
 from which end gas flows.
@@ -9,12 +9,14 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.adjoints.gas_changes import product_of
+from balloon_warp.kernels.adjoints.vents import product_of, vents_back_functions
+from balloon_warp.kernels.clock import time_of
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.frames.backwards import Bars, numbers_adder
 from balloon_warp.kernels.laws.empty import amount_when_flat
+from balloon_warp.kernels.laws.inflation import GAS
 from balloon_warp.kernels.laws.tubes import flow_and_fall, gas_through_tube
-from balloon_warp.kernels.loops.gas import gas_in
+from balloon_warp.kernels.loops.gas import gas_in, vent_function
 from balloon_warp.kernels.loops.tubes import sweeps_of_tubes, tube_functions
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.params import numbers_reader
@@ -33,12 +35,14 @@ class TubeBars:
     """Derivatives by how fast pressures rise with the free volume, shape (W, B)"""
     flows: wp.array2d[float]
     """Derivatives by flows, shape (W, T)"""
+    vents: wp.array2d[float]
+    """Derivatives by flows through necks and leaks beside tubes, shape (W, B)"""
     conductances: wp.array2d[wp.float64]
     """Sums of the derivatives by each conductance since they were last taken, shape (W, T)"""
     swept: wp.array2d[wp.vec3]
-    """Flow and pressures at both ends before each step of a sweep, shape (W, sweeps * T)"""
+    """Flow and pressures at both ends before each step of a sweep, shape (W, sweeps * (T + B))"""
     moved: wp.array3d[wp.vec2d]
-    """Gases of balloons before each tube moves its part, shape (W, T, B)"""
+    """Gases of balloons before each tube moves its part, and after the last, shape (W, T + 1, B)"""
 
 
 @cache
@@ -83,6 +87,12 @@ def sum_of_loads(t: Tables, bars: TubeBars, world: wp.int32, balloon: wp.int32):
     for particle in range(t.particles.offsets[balloon], t.particles.offsets[balloon + 1]):
         total += bars.loads[world, particle][0]
     return total
+
+
+@wp.func
+def steps_of_sweep(t: Tables, vents: bool):
+    """Return the number of tubes, and of balloons that may have openings beside them."""
+    return t.tubes.balloons.shape[0] + wp.where(vents, t.inflation_kind.shape[0], 0)
 
 
 @cache
@@ -134,36 +144,58 @@ def back_functions(features: Features, columns: tuple[int, ...]) -> tuple[Any, A
 
 
 @cache
+def again_function(features: Features) -> Any:
+    """Return the function that lets gas flow again, and keeps what it passes through."""
+    find_flow, let_gas_flow = tube_functions(features)
+    find_vent = vent_function(features)[0] if features.vents else None
+
+    @wp.func
+    def flow_again(t: Tables, state: WorldState, bars: TubeBars, world: wp.int32, time: float):
+        """Let gas flow, and return the steps of all sweeps: of tubes, and of openings after them."""
+        count = t.tubes.balloons.shape[0]
+        wide = steps_of_sweep(t, wp.static(features.vents))
+        steps = wide * sweeps_of_tubes(count, wp.static(features.vents))
+        for step in range(steps):
+            tube = step - (step // wide) * wide
+            if tube < count:
+                ends = t.tubes.balloons[tube]
+                flow = wp.where(step < wide, 0.0, state.tube_flows[world, tube])
+                state.tube_flows[world, tube] = flow
+                pressures = wp.vec2(state.pressures[world, ends[0]], state.pressures[world, ends[1]])
+                bars.swept[world, step] = wp.vec3(flow, pressures[0], pressures[1])
+                find_flow(t, state, world, tube)
+            else:
+                if wp.static(features.vents):
+                    balloon = tube - count
+                    if t.inflation_kind[balloon] == GAS:
+                        flow = wp.where(step < wide, 0.0, state.vent_flows[world, balloon])
+                        state.vent_flows[world, balloon] = flow
+                        bars.swept[world, step] = wp.vec3(flow, state.pressures[world, balloon], 0.0)
+                        find_vent(t, state, world, balloon, time)
+        for tube in range(count + 1):
+            for balloon in range(t.inflation_kind.shape[0]):
+                bars.moved[world, tube, balloon] = gas_in(state, world, balloon)
+            if tube < count:
+                let_gas_flow(t, state, world, tube)
+        return steps
+
+    return flow_again
+
+
+@cache
 def tubes_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
     """Return the kernel that runs the flow through tubes backwards, once all that reads pressures has.
 
     Args:
         columns: of the numbers that are derived by.
     """
-    find_flow, let_gas_flow = tube_functions(features)
+    flow_again = again_function(features)
     flow_back, move_back = back_functions(features, columns)
-
-    @wp.func
-    def flow_again(t: Tables, state: WorldState, bars: TubeBars, world: wp.int32):
-        """Let gas flow, keep what it passes through, and return the steps of all sweeps."""
-        count = t.tubes.balloons.shape[0]
-        steps = count * sweeps_of_tubes(count, False)
-        for step in range(steps):
-            tube = step - (step // count) * count
-            ends = t.tubes.balloons[tube]
-            flow = wp.where(step < count, 0.0, state.tube_flows[world, tube])
-            state.tube_flows[world, tube] = flow
-            bars.swept[world, step] = wp.vec3(flow, state.pressures[world, ends[0]], state.pressures[world, ends[1]])
-            find_flow(t, state, world, tube)
-        for tube in range(count):
-            for balloon in range(t.inflation_kind.shape[0]):
-                bars.moved[world, tube, balloon] = gas_in(state, world, balloon)
-            let_gas_flow(t, state, world, tube)
-        return steps
+    vent_back, loss_back = vents_back_functions(features, numbers_adder(columns), numbers_reader(features.columns))
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def turn_tubes_back(
-        t: Tables, state: WorldState, loads: wp.array2d[wp.vec4], bars: TubeBars, of_frame: Bars
+        t: Tables, state: WorldState, loads: wp.array2d[wp.vec4], time_in_frame: float, bars: TubeBars, of_frame: Bars
     ):  # fmt: skip
         """Turn the derivatives by pressures and gases after the flow into those before; a thread a world.
 
@@ -178,13 +210,25 @@ def tubes_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
             bars.slopes[world, balloon] = 0.0
             by_load = sum_of_loads(t, bars, world, balloon)
             bars.pressures[world, balloon] = of_frame.pressures[world, balloon] + by_load
-        steps = flow_again(t, state, bars, world)
+        time = time_of(t, state.frame, time_in_frame)
+        steps = flow_again(t, state, bars, world, time)
         count = t.tubes.balloons.shape[0]
+        wide = steps_of_sweep(t, wp.static(features.vents))
+        if wp.static(features.vents):
+            for balloon in range(t.inflation_kind.shape[0]):
+                if t.inflation_kind[balloon] == GAS:
+                    loss_back(t, state, bars, of_frame, world, balloon)
         for number in range(count):
             move_back(t, state, bars, of_frame, world, count - 1 - number)
         for number in range(steps):
             step = steps - 1 - number
-            flow_back(t, state, bars, of_frame, world, step - (step // count) * count, step)
+            tube = step - (step // wide) * wide
+            if tube < count:
+                flow_back(t, state, bars, of_frame, world, tube, step)
+            else:
+                if wp.static(features.vents):
+                    if t.inflation_kind[tube - count] == GAS:
+                        vent_back(t, state, bars, of_frame, world, tube - count, step, time)
         for balloon in range(t.inflation_kind.shape[0]):  # what is worth by the load alone is added where that is found
             of_frame.pressures[world, balloon] = bars.pressures[world, balloon] - sum_of_loads(t, bars, world, balloon)
 

@@ -9,6 +9,7 @@ from balloon_warp.kernels.laws.edges import Crossing
 class Catch:
     """A feature of a balloon beside a ridge in a substep."""
 
+    pair: wp.int32  # its number among those that are near
     corners: wp.vec3i
     weights: wp.vec3
     normal: wp.vec3  # from the ridge, zero if they do not meet

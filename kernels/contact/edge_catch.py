@@ -195,13 +195,37 @@ def add_impulses(working: Working, world: wp.int32, catch: EdgeCatch, impulses: 
             add_impulse(working.edge_quanta, world, catch.ends[end], impulses[end])
 
 
+@wp.func
+def stop_by_ground(rise: float, fall: float, step_seconds: float):
+    """Return the upward speed that a particle gains which is put on the ground: no more than it fell at [m/s].
+
+    Args:
+        rise: How far it is raised [m].
+        fall: Its upward speed, or 0 if it rises [m/s].
+    """
+    return wp.min(rise / step_seconds, -fall)
+
+
+@wp.func
+def forget_stop(working: Working, world: wp.int32, particle: wp.int32, rise: float, fall: float):
+    """Note nothing of a particle that the ground stops."""
+    return
+
+
 @cache
-def ground_function(features: Features) -> Any:
-    """Return the function that keeps a particle that others push above the ground."""
+def ground_function(features: Features, note: Any = forget_stop) -> Any:
+    """Return the function that keeps a particle that others push above the ground.
+
+    Args:
+        note: function that keeps how far and how fast it would have gone on.
+    """
     height = features.columns.places["ground_height"] - features.columns.balloon_width
 
     @wp.func
-    def keep_above(t: Tables, world: wp.int32, point: wp.vec3, velocity: wp.vec3, speeds: float):
+    def keep_above(
+        t: Tables, working: Working, world: wp.int32, particle: wp.int32, point: wp.vec3, velocity: wp.vec3,
+        speeds: float,
+    ):  # fmt: skip
         """Return where a particle is that does not go through the ground, and its velocity.
 
         It goes as far as it can, and no faster: who pushes it then finds it no farther away. Were it taken out of the
@@ -214,17 +238,22 @@ def ground_function(features: Features) -> Any:
             rise = t.world_numbers[row_of_world(world, t.world_numbers.shape[0]), height] - wp.dot(point, t.up)
             if rise > 0.0:
                 fall = wp.min(wp.dot(velocity, t.up), 0.0)
+                note(working, world, particle, rise, fall)
                 point += rise * t.up
-                velocity += (speeds * wp.min(rise / t.step_seconds, -fall)) * t.up
+                velocity += (speeds * stop_by_ground(rise, fall, t.step_seconds)) * t.up
         return point, velocity
 
     return keep_above
 
 
 @cache
-def pushing_functions(features: Features) -> tuple[Any, Any, Any]:
-    """Return the functions that push two edges apart, that part those that overlap, and that move their ends by all."""
-    ease_of_moving, keep_above = ease_function(features), ground_function(features)
+def pushing_functions(features: Features, note: Any = forget_stop) -> tuple[Any, Any, Any]:
+    """Return the functions that push two edges apart, that part those that overlap, and that move their ends by all.
+
+    Args:
+        note: as in `ground_function`.
+    """
+    ease_of_moving, keep_above = ease_function(features), ground_function(features, note)
 
     @wp.func
     def shared_eases(t: Tables, working: Working, world: wp.int32, catch: EdgeCatch):
@@ -264,7 +293,7 @@ def pushing_functions(features: Features) -> tuple[Any, Any, Any]:
                 gain = ease_of_moving(t, working, world, particle) * take_impulse(working.edge_quanta, world, particle)
                 point = points[particle] + wp.where(speeds > 0.0, t.step_seconds, 1.0) * gain
                 velocity = velocities[particle] + speeds * gain
-                point, velocity = keep_above(t, world, point, velocity, speeds)
+                point, velocity = keep_above(t, working, world, particle, point, velocity, speeds)
                 velocities[particle] = velocity
                 points[particle] = point
 

@@ -11,7 +11,13 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.contact.catch import EdgeCatch
-from balloon_warp.kernels.contact.edge_catch import catching_functions, count_ends, excess_of, pushing_functions
+from balloon_warp.kernels.contact.edge_catch import (
+    catching_functions,
+    count_ends,
+    excess_of,
+    forget_stop,
+    pushing_functions,
+)
 from balloon_warp.kernels.contact.search import TOUCHING
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.ridges import way_to_part
@@ -124,9 +130,13 @@ def find_overlaps(working: Working, world: wp.int32, thread: wp.int32, count: wp
 
 
 @cache
-def pushing_all_function(features: Features) -> Any:
-    """Return the function that pushes marked pairs of edges apart."""
-    push_pair, part_pair, move_ends = pushing_functions(features)
+def pushing_all_function(features: Features, note: Any = forget_stop) -> Any:
+    """Return the function that pushes marked pairs of edges apart.
+
+    Args:
+        note: function that keeps how the ground stops a particle.
+    """
+    push_pair, part_pair, move_ends = pushing_functions(features, note)
 
     @wp.func
     def push_all(

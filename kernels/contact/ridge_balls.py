@@ -13,26 +13,38 @@ from balloon_warp.kernels.working import Working
 
 
 @cache
-def ball_functions(features: Features) -> tuple[Any, Any, Any]:
-    """Return functions for the velocity of a sphere at an arm, for its inverse effective mass, and for its answer."""
+def ball_laws(features: Features) -> tuple[Any, Any]:
+    """Return functions of plain values for the velocity of a sphere at an arm, and for its gains by an impulse."""
 
     @wp.func
-    def velocity_of_ball(state: WorldState, world: wp.int32, sphere: wp.int32, arm: wp.vec3):
+    def moving_of_ball(velocity: wp.vec3, spin: wp.vec3, arm: wp.vec3):
         """Return the velocity of a sphere at an arm from its center [m/s]."""
-        velocity = state.sphere_velocities[world, sphere]
         if wp.static(features.spheres_rub):
-            velocity += wp.cross(state.sphere_spins[world, sphere], arm)
+            return velocity + wp.cross(spin, arm)
         return velocity
 
     @wp.func
-    def gain_of_ball(t: Tables, working: Working, world: wp.int32, sphere: wp.int32, arm: wp.vec3, along: wp.vec3):
-        """Return what 1 N s along a unit vector changes a contact's part of a sphere by at an arm [1/kg]."""
-        mass = sphere_mass(t.spheres, world, sphere)
-        gain = along / mass
+    def gains_of_ball(mass: float, radius: float, impulse: wp.vec3, torque: wp.vec3):
+        """Return the velocity [m/s] and the spin [rad/s] that a sphere gains."""
+        twist = wp.vec3()
         if wp.static(features.spheres_rub):
-            twist = spin_by(mass, sphere_radius(t.spheres, world, sphere), wp.cross(arm, along))
-            gain += wp.cross(twist, arm)
-        return float(working.ridge_ball_shares[world, sphere]) * gain
+            twist = spin_by(mass, radius, torque)
+        return impulse / mass, twist
+
+    return moving_of_ball, gains_of_ball
+
+
+@cache
+def ball_functions(features: Features) -> tuple[Any, Any]:
+    """Return functions for the velocity of a sphere at an arm, and for its answer."""
+    moving_of_ball, gains_of_ball = ball_laws(features)
+
+    @wp.func
+    def velocity_of_ball(state: WorldState, world: wp.int32, sphere: wp.int32, arm: wp.vec3):
+        spin = wp.vec3()
+        if wp.static(features.spheres_rub):
+            spin = state.sphere_spins[world, sphere]
+        return moving_of_ball(state.sphere_velocities[world, sphere], spin, arm)
 
     @wp.func
     def move_ball(t: Tables, state: WorldState, working: Working, world: wp.int32, sphere: wp.int32, speeds: float):
@@ -43,14 +55,13 @@ def ball_functions(features: Features) -> tuple[Any, Any, Any]:
         """
         impulse, torque = take_of_body(working.ridge_ball_quanta, world, sphere)
         mass = sphere_mass(t.spheres, world, sphere)
-        gain = impulse / mass
+        gain, twist = gains_of_ball(mass, sphere_radius(t.spheres, world, sphere), impulse, torque)
         shift = wp.where(speeds > 0.0, t.step_seconds, 1.0) * gain
         state.sphere_positions[world, sphere] = state.sphere_positions[world, sphere] + shift
         state.sphere_velocities[world, sphere] = state.sphere_velocities[world, sphere] + speeds * gain
         force = (speeds / t.step_seconds) * impulse
         state.sphere_forces[world, sphere] = state.sphere_forces[world, sphere] + force
         if wp.static(features.spheres_rub):
-            twist = spin_by(mass, sphere_radius(t.spheres, world, sphere), torque)
             state.sphere_spins[world, sphere] = state.sphere_spins[world, sphere] + speeds * twist
 
-    return velocity_of_ball, gain_of_ball, move_ball
+    return velocity_of_ball, move_ball

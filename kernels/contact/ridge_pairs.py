@@ -8,14 +8,15 @@ import warp as wp
 from balloon_warp.kernels.contact.catch import Catch
 from balloon_warp.kernels.contact.ridge_balls import ball_functions
 from balloon_warp.kernels.contact.ridge_poses import body_of, placing_function, sphere_of
-from balloon_warp.kernels.contact.ridge_search import corners_of, near_in, start_in
+from balloon_warp.kernels.contact.ridge_push import BALL, BODY, Bearing, caught
+from balloon_warp.kernels.contact.ridge_search import corners_of, start_in
 from balloon_warp.kernels.contact.ridge_sums import add_impulse, add_to_body, take_impulse, take_of_body
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.rigid import spin_of
 from balloon_warp.kernels.loops.bodies import body_at, body_mass, pushed_on, put_body
 from balloon_warp.kernels.loops.friction import friction_on
 from balloon_warp.kernels.loops.inertia import ease_function
-from balloon_warp.kernels.tables import Tables, WorldState
+from balloon_warp.kernels.tables import Tables, WorldState, sphere_mass, sphere_radius
 from balloon_warp.kernels.working import Working
 
 
@@ -26,38 +27,64 @@ def catching_function(features: Features) -> Any:
 
     @wp.func
     def catch_of(
-        t: Tables, state: WorldState, working: Working, world: wp.int32, pair: wp.vec3i, end: float,
+        t: Tables, state: WorldState, working: Working, world: wp.int32, number: wp.int32, end: float,
         points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
     ):  # fmt: skip
-        """Return the contact of a pair: feature, ridge and solid."""
-        catch = Catch()
+        """Return the contact of a pair that is near: feature, ridge and solid."""
+        pair = working.ridge_pairs[world, number]
         feature = t.ridges.features[pair[0]]
         placed = place_of(t, state, working, world, pair[2], end)
-        catch.corners = wp.vec3i(corners_of(feature, 0), corners_of(feature, 1), corners_of(feature, 2))
-        a = start_in(t, placed, catch.corners[0], points, velocities)
-        b = start_in(t, placed, catch.corners[1], points, velocities)
-        c = start_in(t, placed, catch.corners[2], points, velocities)
-        near = near_in(placed, t.ridges.ridges[pair[1]], feature, a, b, c)
+        corners = wp.vec3i(corners_of(feature, 0), corners_of(feature, 1), corners_of(feature, 2))
+        a = start_in(t, placed, corners[0], points, velocities)
+        b = start_in(t, placed, corners[1], points, velocities)
+        c = start_in(t, placed, corners[2], points, velocities)
+        catch = caught(placed, t.ridges.ridges[pair[1]], feature, a, b, c)
+        catch.corners = corners
+        catch.pair = number
         catch.solid = pair[2]
-        catch.kept = placed.kept
-        catch.weights = near.weights
-        catch.gap = near.gap
-        if wp.length_sq(near.normal) > 0.0:
-            catch.normal = wp.quat_rotate(placed.turn, near.normal)
-            inside = near.weights[0] * a + near.weights[1] * b + near.weights[2] * c
-            catch.arm = wp.quat_rotate(placed.turn, inside)
-            catch.moving = placed.velocity + wp.cross(placed.spin, catch.arm)
-            catch.friction = friction_on(t, world, t.particles.balloon[catch.corners[0]], placed.thing)
+        if wp.length_sq(catch.normal) > 0.0:
+            catch.friction = friction_on(t, world, t.particles.balloon[corners[0]], placed.thing)
         return catch
 
     return catch_of
 
 
 @cache
-def pushing_functions(features: Features) -> tuple[Any, Any, Any]:
-    """Return functions for the approach speed of a pair, for its inverse effective mass, and for its impulse."""
+def bearing_function(features: Features) -> Any:
+    """Return the function of what bears a contact in a sweep."""
     ease_of_moving = ease_function(features)
-    velocity_of_ball, gain_of_ball, _ = ball_functions(features)
+
+    @wp.func
+    def bearing_of(t: Tables, working: Working, world: wp.int32, catch: Catch):
+        bearing = Bearing()
+        for corner in range(3):
+            particle = catch.corners[corner]
+            bearing.shares[corner] = float(working.ridge_shares[world, particle])
+            bearing.eases[corner] = ease_of_moving(t, working, world, particle)
+        if wp.static(features.bodies > 0):
+            body = body_of(t, catch.solid)
+            if body >= 0:
+                bearing.kind = BODY
+                bearing.share = float(working.ridge_body_shares[world, body])
+                bearing.mass = body_mass(t, world, body)
+                bearing.turn = working.body_start_turns[world, body]
+                bearing.ease = t.bodies.eases[body]
+        if wp.static(features.round_ridges):
+            sphere = sphere_of(t, catch.solid)
+            if sphere >= 0:
+                bearing.kind = BALL
+                bearing.share = float(working.ridge_ball_shares[world, sphere])
+                bearing.mass = sphere_mass(t.spheres, world, sphere)
+                bearing.radius = sphere_radius(t.spheres, world, sphere)
+        return bearing
+
+    return bearing_of
+
+
+@cache
+def pushing_functions(features: Features) -> tuple[Any, Any]:
+    """Return functions for the approach speed of a pair, and for its impulse."""
+    velocity_of_ball, _ = ball_functions(features)
 
     @wp.func
     def beside(
@@ -81,31 +108,6 @@ def pushing_functions(features: Features) -> tuple[Any, Any, Any]:
         return moving - catch.moving
 
     @wp.func
-    def gain_along(t: Tables, working: Working, world: wp.int32, catch: Catch, along: wp.vec3):
-        """Return the inverse effective mass of the balloon's part and the solid along a unit vector [1/kg]."""
-        ease = float(0.0)
-        for corner in range(3):
-            particle = catch.corners[corner]
-            share = float(working.ridge_shares[world, particle])
-            weight = catch.weights[corner]
-            ease += weight * weight * share * ease_of_moving(t, working, world, particle)
-        gain = ease * along
-        if wp.static(features.bodies > 0):
-            body = body_of(t, catch.solid)
-            if body >= 0:
-                mass = body_mass(t, world, body)
-                twist = spin_of(
-                    working.body_start_turns[world, body], t.bodies.eases[body], mass, wp.cross(catch.arm, along)
-                )
-                share = float(working.ridge_body_shares[world, body])
-                gain += share * (along / mass + wp.cross(twist, catch.arm))
-        if wp.static(features.round_ridges):
-            sphere = sphere_of(t, catch.solid)
-            if sphere >= 0:
-                gain += gain_of_ball(t, working, world, sphere, catch.arm, along)
-        return gain
-
-    @wp.func
     def push_pair(t: Tables, working: Working, world: wp.int32, catch: Catch, impulse: wp.vec3):
         """Give an impulse to the corners, and the opposite to a body or a sphere."""
         for corner in range(3):
@@ -120,14 +122,14 @@ def pushing_functions(features: Features) -> tuple[Any, Any, Any]:
             if sphere >= 0:
                 add_to_body(working.ridge_ball_quanta, world, sphere, -impulse, wp.cross(catch.arm, -impulse))
 
-    return beside, gain_along, push_pair
+    return beside, push_pair
 
 
 @cache
 def sharing_functions(features: Features) -> tuple[Any, Any]:
     """Return the functions that count the contacts of particles and bodies, and that apply all impulses to them."""
     ease_of_moving = ease_function(features)
-    _, _, move_ball = ball_functions(features)
+    _, move_ball = ball_functions(features)
 
     @wp.func
     def count_in(t: Tables, working: Working, world: wp.int32, catch: Catch):

@@ -10,6 +10,7 @@ import warp as wp
 
 from balloon_warp.kernels.adjoints.crossings import edges_backwards
 from balloon_warp.kernels.adjoints.exchange import exchange_backwards
+from balloon_warp.kernels.adjoints.ridges import ridges_backwards
 from balloon_warp.kernels.contact.bodies import bodies_function
 from balloon_warp.kernels.contact.edges import edges_function
 from balloon_warp.kernels.contact.faces import faces_function
@@ -32,7 +33,7 @@ def keep_start(features: Features, look: Look) -> Any:
     return keep_start
 
 
-@phase("team", when=lambda features: features.ridges)
+@phase("team", when=lambda features: features.ridges, adjoint=ridges_backwards)
 def meet_ridges(features: Features, look: Look) -> Any:
     """Resolve contacts of balloon faces with ridges of obstacles and bodies."""
     return ridges_function(features)

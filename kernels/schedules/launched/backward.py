@@ -33,6 +33,8 @@ class BackwardKernel(NamedTuple):
     """Names that the text refers to"""
     after_note: bool
     """Whether it is of phases that read the pressure of this substep, not of the one before"""
+    meets: str
+    """Name of the last phase of a whole world before its own, in which particles have moved; "" if there is none"""
 
     @property
     def source(self) -> str:
@@ -66,7 +68,11 @@ def backward_kernels(step: Step, columns: tuple[int, ...]) -> tuple[BackwardKern
         lines = writer.written()
         names = {**writer.scope([]), **writer.called, "constants_of": constants_of}
         after = writer.after_note
-        kernels.append(BackwardKernel(writer.name, writer.trace.item, lines, writer.taken(), names, after))
+        kernels.append(
+            BackwardKernel(
+                writer.name, writer.trace.item, lines, writer.taken(), names, after, _met_before(writer.trace)
+            )
+        )
     return tuple(kernels)
 
 
@@ -90,6 +96,13 @@ def writers_backwards(step: Step, columns: tuple[int, ...], make: Callable[..., 
             left = [turn for later in cuts[number + 1 :] for turn in later]
             after = bool(notes) and place > notes[0]
             yield make(trace, turns, left, done, sinks, columns, external, after)
+
+
+def _met_before(trace: Trace) -> str:
+    """Return the name of the last phase of a whole world before a trace, or ""."""
+    phases = [phase for piece in trace.step.pieces for phase in piece.phases]
+    before = phases[: phases.index(trace.phases[0])]
+    return next((phase.name for phase in reversed(before) if phase.item == "team"), "")
 
 
 def _finds_loads(trace: Trace) -> bool:
