@@ -47,14 +47,14 @@ class Notes:
         array = f"all_{STATE.get(name, name)}"
         return f"vector_in({array}, {row}, {place})" if name in STATE else f"{array}[{row}, {place}]"
 
-    def write(self, name: str, row: str, text: str) -> str:
+    def write(self, name: str, row: str, text: str, place: str = "particle") -> str:
         """Return the statement that notes a value of a particle."""
         if name in self:
-            return f"put_{name}_of_{self._array}({self._array}, {row}, particle, {text})"
+            return f"put_{name}_of_{self._array}({self._array}, {row}, {place}, {text})"
         array = f"all_{STATE.get(name, name)}"
         if name in STATE:
-            return f"put_vector_in({array}, {row}, particle, {text})"
-        return f"{array}[{row}, particle] = {text}"
+            return f"put_vector_in({array}, {row}, {place}, {text})"
+        return f"{array}[{row}, {place}] = {text}"
 
     def names(self) -> dict[str, Any]:
         """Return the functions that such texts refer to."""
