@@ -40,6 +40,10 @@ class Notes:
     def __contains__(self, name: str) -> bool:
         return name in self._places
 
+    def words_of(self, name: str) -> tuple[int, int]:
+        """Return where in a row a value's first component begins, and how far apart components are."""
+        return self._places[name][0] * self._apart, self._apart
+
     def read(self, name: str, row: str, place: str = "particle") -> str:
         """Return the text that reads a value of a particle."""
         if name in self:
