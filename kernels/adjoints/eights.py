@@ -12,7 +12,7 @@ import warp as wp
 
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.loops.areas import CROSSES
-from balloon_warp.kernels.tables import Tables
+from balloon_warp.kernels.tables import FanTable, SpringTable, Tables
 
 EIGHT = 8
 """Particles that go side by side"""
@@ -36,8 +36,8 @@ const auto gathered = [](const float* from, const eight_numbers& at) {
 };
 float* const out = found.data + (size_t)(unsigned int)row * found.shape[1] + first_word;
 for (int first = 0; first < count; first += 8) {
-const int begin = slice_offsets.data[first >> 5] + (first & 31);
-const int width = (slice_offsets.data[(first >> 5) + 1] - slice_offsets.data[first >> 5]) >> 5;
+const int begin = table.slice_offsets.data[first >> 5] + (first & 31);
+const int width = (table.slice_offsets.data[(first >> 5) + 1] - table.slice_offsets.data[first >> 5]) >> 5;
 const eight_numbers own = eight_numbers{0, 1, 2, 3, 4, 5, 6, 7} + first;
 const Vectors point = gathered(x, own), bar = gathered(b, own);
 Vectors total = {};
@@ -52,7 +52,7 @@ SPRINGS = """
 eight* const sums = reinterpret_cast<eight*>(kinds.data.ptr);
 const eight one = eight{} + 1.0f, none = eight{};
 for (int slot = 0; slot < width; ++slot) {
-    const float* const entry = reinterpret_cast<const float*>(entries.data + (unsigned int)(begin + 32 * slot));
+    const float* const entry = reinterpret_cast<const float*>(table.entries.data + (unsigned int)(begin + 32 * slot));
     eight_numbers packed;
     eight length, scale = one;
     for (int k = 0; k < 8; ++k) {
@@ -61,12 +61,12 @@ for (int slot = 0; slot < width; ++slot) {
     }
     if (VARY)
         for (int k = 0; k < 8; ++k)
-            scale[k] = scales.data[(unsigned int)(begin + 32 * slot + k)];
+            scale[k] = table.scales.data[(unsigned int)(begin + 32 * slot + k)];
     const eight_numbers end = packed >> 2, kind = packed & 3;
     const Vectors d = minus(gathered(x, end), point), apart = minus(bar, gathered(b, end));
-    eight stiffness = none + flexion;
-    stiffness = kind == 1 ? none + shear : stiffness;
-    stiffness = scale * (kind == 0 ? none + structural : stiffness);
+    eight stiffness = none + constants[2];
+    stiffness = kind == 1 ? none + constants[1] : stiffness;
+    stiffness = scale * (kind == 0 ? none + constants[0] : stiffness);
     eight inverse = d.c[0] * d.c[0] + (d.c[1] * d.c[1] + (d.c[2] * d.c[2] + 1.0e-20f));
     for (int k = 0; k < 8; ++k)
         inverse[k] = 1.0f / sqrtf(inverse[k]);
@@ -90,7 +90,7 @@ const auto plus = [](const Vectors& p, const Vectors& q) {
     return Vectors{{p.c[0] + q.c[0], p.c[1] + q.c[1], p.c[2] + q.c[2]}};
 };
 for (int slot = 0; slot < width; ++slot) {
-    const auto* const quads_of = quads.data + (unsigned int)(begin + 32 * slot);
+    const auto* const quads_of = table.quads.data + (unsigned int)(begin + 32 * slot);
     eight_numbers others[3];
     for (int c = 0; c < 3; ++c)
         for (int k = 0; k < 8; ++k)
@@ -111,15 +111,11 @@ def springs_of_eight(features: Features) -> Any:
 
     @wp.func_native(text)
     def add(
-        entries: wp.array[wp.vec2],
-        scales: wp.array[float],
-        slice_offsets: wp.array[wp.int32],
+        table: SpringTable,
         points: Any,
         bars: Any,
         count: wp.int32,
-        structural: float,
-        shear: float,
-        flexion: float,
+        constants: wp.vec3,
         found: wp.array2d[float],
         row: wp.int32,
         first_word: wp.int32,
@@ -134,10 +130,8 @@ def springs_of_eight(features: Features) -> Any:
         t: Tables, points: Any, force_bars: Any, count: wp.int32, n: Any, found: wp.array2d[float], row: wp.int32,
         first_word: wp.int32, apart: wp.int32, kinds: Any,
     ):  # fmt: skip
-        add(
-            t.springs.entries, t.springs.scales, t.springs.slice_offsets, points, force_bars, count,
-            n[0], n[1], n[2], found, row, first_word, apart, kinds,
-        )  # fmt: skip
+        constants = wp.vec3(n[0], n[1], n[2])
+        add(t.springs, points, force_bars, count, constants, found, row, first_word, apart, kinds)
 
     return springs_back
 
@@ -148,8 +142,7 @@ def areas_of_eight() -> Any:
 
     @wp.func_native(HEAD + AREAS + TAIL.replace("SCALE", "crosses *"))
     def add(
-        quads: wp.array[wp.vec3i],
-        slice_offsets: wp.array[wp.int32],
+        table: FanTable,
         points: Any,
         bars: Any,
         count: wp.int32,
@@ -167,9 +160,7 @@ def areas_of_eight() -> Any:
         t: Tables, points: Any, area_vector_bars: Any, count: wp.int32, found: wp.array2d[float], row: wp.int32,
         first_word: wp.int32, apart: wp.int32,
     ):  # fmt: skip
-        add(
-            t.fans.quads, t.fans.slice_offsets, points, area_vector_bars, count, CROSSES, found, row, first_word, apart,
-        )  # fmt: skip
+        add(t.fans, points, area_vector_bars, count, CROSSES, found, row, first_word, apart)
 
     return areas_back
 

@@ -61,7 +61,7 @@ class TurnsBesideParticles(SumsOfFrame):
             self.line(f'kinds_bars = wp.tile_zeros(shape={EIGHT * len(KINDS)}, dtype=float, storage="shared")')
 
     def _end_kinds(self) -> None:
-        """Write what they have added up, once a frame has run backwards."""
+        """Write the sums of those bars, once a frame has run backwards."""
         for number, name in enumerate(KINDS if self.of_kinds else ()):
             column = self.features.columns.places[name]
             if column in self.columns:
