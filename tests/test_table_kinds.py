@@ -1,6 +1,8 @@
 """Table of a batch as CSV or Parquet: the same numbers, and the manifest names the kind."""
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -77,3 +79,20 @@ def test_mistakes_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr(table_parquet, "import_module", missing)
     with pytest.raises(MissingExtraError, match=r"^Parquet needs pyarrow: pip install 'balloon-warp\[data\]'$"):
         run_batch(scene(), tmp_path, 2, device="cpu", table="parquet")
+
+
+def test_numbers_load_no_pandas(tmp_path: Path) -> None:
+    """Write numbers without pandas, which pyarrow would load, for a second; they are as they were."""
+    script = f"""
+import sys, pathlib, numpy as np
+from balloon_warp.outputs.table_parquet import ParquetRows
+rows = ParquetRows(pathlib.Path({str(tmp_path / "rows.parquet")!r}), ["world", "frame", "time", "k", "a", "health"],
+                   {{"k": np.array([1.5, 2.5])}}, 2)
+rows.write(3, 0.5, np.array([[4.0, 5.0]], np.float32), np.array([0, 1], np.int32))
+rows.close()
+sys.exit("pandas" in sys.modules)
+"""
+    assert subprocess.run([sys.executable, "-c", script], check=False).returncode == 0
+    rows = pd.read_parquet(tmp_path / "rows.parquet").to_dict("list")
+    expected = {"world": [0, 1], "frame": [3, 3], "time": [0.5, 0.5], "k": [1.5, 2.5], "a": [4.0, 5.0]}
+    assert rows == {**expected, "health": [0, 1]}

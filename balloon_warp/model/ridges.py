@@ -130,7 +130,8 @@ def _ridges_of_mesh(mesh: PolygonMesh, triangles: NDArray[np.int32], closed: boo
         if len(sides) == 2:
             rise = float(normals[faces[sides[0]]] @ within[1])
             turn = np.arctan2(abs(rise), normals[faces[sides[0]]] @ normals[faces[sides[1]]])
-            if turn * max(1.0, edge / max(sum(lengths), 1e-300)) <= FLAT or (closed and rise > 0.0):
+            # the surface turns once on the way through half of both triangles
+            if turn * max(1.0, 2.0 * edge / max(sum(lengths), 1e-300)) <= FLAT or (closed and rise > 0.0):
                 continue
         known = within if len(sides) <= 2 else [np.zeros(3)]
         ends.append([a, b])

@@ -58,7 +58,7 @@ class ParquetRows:
         measured = columns[3 + len(varied) : -1]
         kinds = {"world": np.int32, "frame": np.int32, "time": np.float64, "health": np.int32}
         types = {name: self._arrow.from_numpy_dtype(kind) for name, kind in kinds.items()}
-        types |= {name: self._arrow.array(values[:1]).type for name, values in varied.items()}
+        types |= {name: self._column(values).type for name, values in varied.items()}
         types |= dict.fromkeys(measured, self._arrow.float32())
         self._repeating = [name for name in columns if name not in measured]  # floats gain nothing by a dictionary
         self._schema = self._arrow.schema([(name, types[name]) for name in columns])
@@ -71,7 +71,7 @@ class ParquetRows:
         count = self._world_count
         first = [np.arange(count, dtype=np.int32), np.full(count, frame, dtype=np.int32), np.full(count, time)]
         arrays = [*first, *self._varied.values(), *values, health]
-        self._waiting.append(self._arrow.record_batch(list(map(self._arrow.array, arrays)), schema=self._schema))
+        self._waiting.append(self._arrow.record_batch(list(map(self._column, arrays)), schema=self._schema))
         if len(self._waiting) * count >= ROWS:
             self._flush()
 
@@ -87,6 +87,14 @@ class ParquetRows:
         self._flush(wait_for=0)
         self._encoders.shutdown()
         self._parts.close()
+
+    def _column(self, values: NDArray[Any]) -> Any:
+        """Return values as a column; numbers as they are, since `pyarrow.array` would load pandas, for a second."""
+        if values.dtype.kind not in "iuf":
+            return self._arrow.array(values)
+        numbers = np.ascontiguousarray(values)
+        kind = self._arrow.from_numpy_dtype(numbers.dtype)
+        return self._arrow.Array.from_buffers(kind, len(numbers), [None, self._arrow.py_buffer(numbers)])
 
     def _open(self) -> None:
         self._waiting: list[Any] = []
