@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import warp as wp
 
-from balloon_warp.benchmarks.newton_tape import NewtonTape
+from balloon_warp.benchmarks.newton_tape import NewtonTape, by_distances
 from balloon_warp.device import pick_device
 from balloon_warp.gradients.steps import Moving, Steps
 from balloon_warp.mesh.quad_sphere import quad_sphere
@@ -56,7 +56,7 @@ class Case(NamedTuple):
     @property
     def targets(self) -> np.ndarray:
         """Return where each particle shall end: the ball a little larger, and unevenly so."""
-        points = np.asarray(self.scene.balloon[0].mesh.points)
+        points = quad_sphere(CELLS, 1.0).points
         return points * np.random.default_rng(1).uniform(1.0, 1.2, (len(points), 1))
 
     def ours(self) -> "Ours":
@@ -92,13 +92,6 @@ class Ours:
         for frame in reversed(range(self._frames)):
             bars, _ = self._steps.turn_back(begun.pop(), frame, self._values, bars)
         return bars.velocities.numpy()
-
-
-@wp.kernel(enable_backward=False)
-def by_distances(points: wp.array2d[wp.vec3], targets: wp.array[wp.vec3], slopes: wp.array2d[wp.vec3]):
-    """Find derivatives of mean squares of distances; a thread a (world, particle)."""
-    world, particle = wp.tid()
-    slopes[world, particle] = (2.0 / float(targets.shape[0])) * (points[world, particle] - targets[particle])
 
 
 def main(arguments: Sequence[str]) -> int:

@@ -3,7 +3,7 @@
 Its cloth has springs or triangles, and neither gas nor pressure. It keeps a state for each substep.
 """
 # pyright: reportArgumentType=false, reportAssignmentType=false, reportIndexIssue=false, reportOperatorIssue=false
-# pyright: reportGeneralTypeIssues=false
+# pyright: reportGeneralTypeIssues=false, reportCallIssue=false
 
 from typing import Any
 
@@ -38,7 +38,7 @@ class NewtonTape:
         self._states = [built.state() for _ in range(model.scene.frames * model.substeps + 1)]
         self._control = built.control()
         self._loss = wp.zeros(model.world_count, dtype=float, device=model.device, requires_grad=True)
-        self._loss.grad.fill_(1.0)
+        self._slopes = wp.full(model.world_count, 1.0, dtype=float, device=model.device)
         self._targets = wp.array(targets, dtype=wp.vec3, device=model.device)
         self._tape = wp.Tape()
         with recording(model.device) as capture:
@@ -48,14 +48,8 @@ class NewtonTape:
     def gradient(self) -> NDArray[np.float32]:
         """Return the derivatives, shape (world_count, particle_count, 3)."""
         self._tape.zero()
-        self._loss.grad.fill_(1.0)
         wp.capture_launch(self._graph)
         return self._states[0].particle_qd.grad.numpy().reshape(self._worlds, -1, 3)
-
-    @property
-    def loss(self) -> NDArray[np.float32]:
-        """Loss of each world."""
-        return self._loss.numpy()
 
     def _both_ways(self) -> None:
         with self._tape:
@@ -70,7 +64,7 @@ class NewtonTape:
                 outputs=[self._loss],
                 device=self._device,
             )
-        self._tape.backward(grads={self._loss: self._loss.grad})
+        self._tape.backward(grads={self._loss: self._slopes})
 
 
 @wp.kernel
@@ -79,6 +73,13 @@ def add_distances(points: wp.array[wp.vec3], targets: wp.array[wp.vec3], loss: w
     count = targets.shape[0]
     off = points[wp.tid()] - targets[wp.tid() % count]
     wp.atomic_add(loss, wp.tid() // count, wp.dot(off, off) / float(count))
+
+
+@wp.kernel(enable_backward=False)
+def by_distances(points: wp.array2d[wp.vec3], targets: wp.array[wp.vec3], slopes: wp.array2d[wp.vec3]):
+    """Find derivatives of mean squares of distances; a thread a (world, particle)."""
+    world, particle = wp.tid()
+    slopes[world, particle] = (2.0 / float(targets.shape[0])) * (points[world, particle] - targets[particle])
 
 
 def _newton_model(newton: Any, model: Model) -> Any:
