@@ -35,9 +35,9 @@ def motion(
     return started(scene, values).frames(*shifts)
 
 
-def motion_of_spheres(scene: Scene, values: Mapping[str, float]) -> tuple[Array, Array, Array, Array]:
+def motion_of_spheres(scene: Scene, values: Mapping[str, float], shifts: Any = (0.0, 0.0)) -> tuple[Array, ...]:
     """Return places and velocities of the first balloon's particles and of spheres in all frames."""
-    points, velocities, _ = (run := started(scene, values)).frames(0.0, 0.0)
+    points, velocities, _ = (run := started(scene, values)).frames(*shifts)
     positions, motions = (np.array(track) for track in zip(*run.tracks, strict=True))
     return points, velocities, positions, motions
 

@@ -1,6 +1,7 @@
 """Motion of balloons between which gas flows through tubes, in NumPy and double precision."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from float64_run import Motion, started
@@ -11,21 +12,33 @@ Array = np.ndarray
 
 
 def motion_by_tubes(scene: Scene, values: Mapping[str, float]) -> list[Array]:
-    """Return places of all balloons in all frames, between which gas of gamma 1 flows, and from which it leaks."""
+    """Return places of all balloons in all frames, between which gas of gamma 1 flows through tubes, and from which it leaks."""
+    return courses_by_tubes(scene, values)[0]
+
+
+def courses_by_tubes(
+    scene: Scene, values: Mapping[str, float], shifts: tuple[Any, Any] = (0.0, 0.0)
+) -> tuple[list[Array], list[Array]]:
+    """Return places and velocities of all balloons in all frames.
+
+    Args: shifts: offsets of places and velocities of all particles at the start."""
     runs = [started(scene, values, number) for number in range(len(scene.balloon))]
     for run in runs:
         run.leaks_alone = False
-    courses = [run.course(0.0, 0.0) for run in runs]
-    found: list[Array] = []
+    ends = np.cumsum([len(run.share) for run in runs])[:-1]
+    parts = [np.split(np.broadcast_to(each, (sum(len(run.share) for run in runs), 3)), ends) for each in shifts]
+    courses = [run.course(*own) for run, *own in zip(runs, *parts, strict=True)]
+    found: list[tuple[Array, Array]] = []
     while not found:
         for course in courses:
             try:
                 next(course)
             except StopIteration as end:
-                found.append(end.value[0])
+                found.append(end.value[:2])
         if not found:
             let_flow(runs, [tube.balloons for tube in scene.tube], runs[0].p["tube_conductance"][0])
-    return found
+    points, velocities = zip(*found, strict=True)
+    return list(points), list(velocities)
 
 
 def let_flow(runs: Sequence[Motion], tubes: Sequence[tuple[int, int]], conductances: Array) -> None:

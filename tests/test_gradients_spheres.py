@@ -5,8 +5,9 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from dot_products import require_adjoint
 from float64_run import motion_of_spheres
-from gradient_scenes import CASES, PRESSED, far, scene
+from gradient_scenes import CASES, PRESSED, far, scene, value_at
 
 import balloon_warp as bw
 from balloon_warp.trajectories import Trajectories
@@ -181,6 +182,17 @@ def far_and_high(moved: Trajectories) -> tuple[Any, dict[str, Any]]:
     for name in slopes:
         slopes[name][-1, 0, 1] = 1.0
     return loss + moved.sphere_positions[-1, 0, 1] + moved.sphere_velocities[-1, 0, 1], by_ball | slopes
+
+
+@pytest.mark.parametrize("case", ["penalty", "impulse"])
+def test_what_a_shift_of_the_start_does_to_the_end_is_what_the_end_says_of_the_start(case: str, device: str):
+    of, paths = (BESIDE, PATHS) if case == "penalty" else (exchange(), OF_EXCHANGE)
+
+    def ends(values: dict[str, float], shifts: Any) -> Any:
+        points, velocities, *courses = (track[-1] for track in motion_of_spheres(of, values, shifts))
+        return [points], [velocities], dict(zip(SPHERE_TRACKS, courses, strict=True))
+
+    require_adjoint(of, ends, {path: value_at(of, path) for path in paths}, device)
 
 
 def test_a_sphere_that_flies_alone_goes_on_as_it_began():

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from dot_products import require_adjoint
 from float64_touch import touching_motion
 from meshes import mesh_of, quad_sphere
 from touching import VACUUM
@@ -149,28 +150,14 @@ def test_gradients_are_the_slopes_of_a_run_in_double_precision(case: str, device
         assert found.gradients[path][0] == pytest.approx(told[path], rel=1e-4, abs=1e-5 * most / sizes[path]), path
 
 
-def test_what_a_shift_of_the_start_does_to_the_end_is_what_the_end_says_of_the_start(device: str):
-    """The adjoint identity u . (J w) = (u J) . w holds for all places and velocities, with J w by differences."""
-    of, rng = CASES["as said"][0], np.random.default_rng(11)
-    weights, shifts = ([rng.normal(size=(52, 3)), scale * rng.normal(size=(52, 3))] for scale in (0.05, 1.0))
+@pytest.mark.parametrize("case", ["as said", "edges"])
+def test_what_a_shift_of_the_start_does_to_the_end_is_what_the_end_says_of_the_start(case: str, device: str):
+    of, paths = CASES[case]
 
-    def loss(moved: Trajectories) -> tuple[Any, dict[str, Any]]:
-        slopes = [[np.zeros(each.shape) for each in parts] for parts in (moved.points, moved.velocities)]
-        value = 0.0
-        for parts, found, weight in zip((moved.points, moved.velocities), slopes, weights, strict=True):
-            for part, slope, own in zip(parts, found, (weight[:26], weight[26:]), strict=True):
-                slope[-1] = own
-                value += (own * part[-1]).sum()
-        return value, {"points": slopes[0], "velocities": slopes[1]}
+    def ends(values: dict[str, float], shifts: Any) -> Any:
+        return *([part[-1] for part in parts] for parts in touching_motion(of, values, shifts)), {}
 
-    found = bw.gradient(of, of=["balloon.0.mass"], loss=loss, device=device)
-    back = (np.concatenate(found.by_points) * shifts[0]).sum() + (np.concatenate(found.by_velocities) * shifts[1]).sum()
-    h, ends = 1e-6, []
-    for sign in (1.0, -1.0):
-        parts = touching_motion(of, {}, (sign * h * shifts[0], sign * h * shifts[1]))
-        moved = [np.concatenate([each[-1] for each in part]) for part in parts]
-        ends.append(sum((weight * part).sum() for weight, part in zip(weights, moved, strict=True)))
-    assert back == pytest.approx((ends[0] - ends[1]) / (2.0 * h), rel=2e-5)
+    require_adjoint(of, ends, {path: value_at(of, path) for path in paths}, device)
 
 
 def test_a_world_in_a_batch_has_the_gradients_that_it_has_alone(device: str):

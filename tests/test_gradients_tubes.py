@@ -4,7 +4,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from float64_tubes import motion_by_tubes
+from dot_products import require_adjoint
+from float64_tubes import courses_by_tubes, motion_by_tubes
 from gradient_scenes import BALL, scene
 
 import balloon_warp as bw
@@ -92,3 +93,13 @@ def test_gas_through_tubes_has_the_slopes_of_a_run_in_double_precision(
         assert found.gradients[path][0] == near, path
     told = bw.simulate(of, device=device, schedule="gather")
     np.testing.assert_array_equal(found.trajectories.points[1], told.points[1])
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_what_a_shift_of_the_start_does_to_the_end_is_what_the_end_says_of_the_start(count: int, device: str):
+    of = tubed(count)
+
+    def ends(values: dict[str, float], shifts: Any) -> Any:
+        return *([part[-1] for part in parts] for parts in courses_by_tubes(of, values, shifts)), {}
+
+    require_adjoint(of, ends, {path: value_at(of, path) for path in OF}, device)

@@ -205,7 +205,7 @@ class Steps:
             keyed = np.asarray(back.bars.keyed_totals.numpy(), dtype=np.float64)
             self._beside.note(frame)
             numbers = taken_numbers(model, back, self._beside)
-            found = back.by_state()
+            found = back.by_gas()
             if not back.step.features.gas:  # as a frame ends, the given pressure of its last substep is noted
                 noted = np.asarray(bars.pressures.numpy(), dtype=np.float64)
                 keyed = keyed + np.stack([noted, noted * (model.substeps - 1) * model.step_seconds], axis=-1)
@@ -235,9 +235,12 @@ class Steps:
         wp.copy(back.bars.points, bars.points)
         wp.copy(back.arrays["all_velocity_bar"], bars.velocities)
         back.bars.pressures.assign(back.step.features.gas * bars.pressures.numpy())
-        loads = np.zeros((*back.arrays["all_load_bar"].shape, 2), dtype=np.float32)
-        loads[:, self.model.particle_offsets[:-1]] = bars.loads.numpy()
-        back.arrays["all_load_bar"].assign(loads)
+        back.arrays["all_load_bar"].zero_()
+        of_loads = bars.loads.numpy()
+        if of_loads.any():
+            loads = np.zeros((*back.arrays["all_load_bar"].shape, 2), dtype=np.float32)
+            loads[:, self.model.particle_offsets[:-1]] = of_loads
+            back.arrays["all_load_bar"].assign(loads)
         gas = back.step.features.gas_changes * bars.gas.numpy().astype(np.float32)
         back.bars.gas.assign(gas)
         back.bars.gas_totals.zero_()

@@ -118,11 +118,16 @@ class BackwardFrames(ABC):
 
     def by_state(self) -> dict[str, NDArray[np.float64]]:
         """Return the bars of where a frame begins."""
-        names = {"points": "all_point_bar", "velocities": "all_velocity_bar", "pressures": "all_pressure_bar"}
-        found = {name: self.arrays[array].numpy().astype(np.float64) for name, array in names.items()}
-        loads, offsets = self.arrays["all_load_bar"].numpy().astype(np.float64), self.model.particle_offsets
-        loads *= self.carries_loads
-        found["loads"] = np.stack([loads[:, a:b].sum(axis=1) for a, b in pairwise(offsets)], axis=1)
+        names = {"points": "all_point_bar", "velocities": "all_velocity_bar"}
+        return {name: self.arrays[array].numpy().astype(np.float64) for name, array in names.items()} | self.by_gas()
+
+    def by_gas(self) -> dict[str, NDArray[np.float64]]:
+        """Return the bars of the pressures with which a frame begins."""
+        found = {"pressures": self.arrays["all_pressure_bar"].numpy().astype(np.float64)}
+        found["loads"] = np.zeros((self.model.world_count, self.model.balloon_count, 2))
+        if self.carries_loads:
+            loads, offsets = self.arrays["all_load_bar"].numpy().astype(np.float64), self.model.particle_offsets
+            found["loads"] += np.stack([loads[:, a:b].sum(axis=1) for a, b in pairwise(offsets)], axis=1)
         return found
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.adjoint import Adjoint
+from balloon_warp.kernels.adjoints.eights import areas_of_eight
 from balloon_warp.kernels.loops.areas import CROSSES, plus_cross
 from balloon_warp.kernels.memory import triple_at
 from balloon_warp.kernels.tables import SLICE, FanTable, Tables, first_entry
@@ -70,7 +71,7 @@ def area_adjoint(quads: bool, at: Any) -> Adjoint:
     ):
         return back(t.fans, points, area_vector_bars, params.number, point, area_vector_bar)
 
-    return Adjoint(areas_adjoint, ("point",))
+    return Adjoint(areas_adjoint, ("point",), of_eight=areas_of_eight() if quads else None)
 
 
 @cache

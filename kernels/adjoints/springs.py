@@ -14,6 +14,7 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.adjoint import Adjoint
+from balloon_warp.kernels.adjoints.eights import springs_of_eight
 from balloon_warp.kernels.algebra import inverse_root, squared_length
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.hooke import HOOKE
@@ -82,7 +83,7 @@ def _of_hooke(features: Features, at: Any) -> Adjoint:
                 flexion += wp.where(kind == 2, half, 0.0)
         return point_bar, structural, shear, flexion
 
-    return Adjoint(hooke_adjoint, ("point", *KINDS))
+    return Adjoint(hooke_adjoint, ("point", *KINDS), of_eight=springs_of_eight(features))
 
 
 def _hooke_in_slots(features: Features, at: Any, kind_slots: Slots) -> Adjoint:

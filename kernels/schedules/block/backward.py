@@ -196,6 +196,7 @@ class BackwardBlockWriter(TurnsBesideParticles):
         make = partial(TurnsInBlock, self.layout, self.seen, self.noted, self.bars_of_particles)
         turns = [(writer, writer.written()) for writer in writers_backwards(self.turned, self.columns, make)]
         self._begin_bars()
+        self._begin_kinds(turns)
         self.line("for back in range(t.substeps):")
         with self.indented():
             self.line("row = first_row + (t.substeps - 1 - back)")
@@ -209,6 +210,7 @@ class BackwardBlockWriter(TurnsBesideParticles):
                     self._turn_particles(writer, lines, first=not number)
                 self.called |= writer.called
             self.line("block_barrier()")
+        self._end_kinds()
         with self._over("particle"):
             for name in STATE:
                 bar = self.bars_of_particles.read(name, "world")
@@ -226,6 +228,9 @@ class BackwardBlockWriter(TurnsBesideParticles):
         if any(looks_around(adjoint) for _, adjoint in writer.turns):
             self.line("block_barrier()")
             self._turn_faces(writer, "first.n")
+            self._turn_eights(writer)
+        if len(lines) == 1 and not first:
+            return
         self.lines.append(lines[0])
         if first:
             self.line(f"    put_in_tile(points, particle, {self.noted.read('point', 'row')})")

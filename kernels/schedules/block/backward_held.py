@@ -1,8 +1,11 @@
-"""A frame backwards as one kernel, where each thread of a block has one particle: its bars stay in registers.
+"""A frame backwards as one kernel, where each thread of a block keeps its particles: their bars stay in registers.
 
-What particles see of each other is put in shared memory just before anyone looks.
+What particles see of each other is put in shared memory just before anyone looks. On a GPU a thread has one particle,
+on a CPU the one thread may have them all.
 """
 
+import re
+from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
 from typing import Any
 
@@ -25,7 +28,7 @@ OF_FRAME = ("balloon", "origin_place", "ramp", "gas_mass", "inertia", "gain", "g
 
 
 class TurnsOfOne(TurnsInBlock):
-    """Write turns of the one particle that a thread has.
+    """Write turns of a particle that a thread has.
 
     Args:
         its: names of bars of the particle that are in registers; those that turns write are added.
@@ -79,28 +82,33 @@ class TurnsOfOne(TurnsInBlock):
 
 
 class HeldBackwardWriter(BackwardBlockWriter):
-    """Write the kernel of a frame backwards for threads with a particle each."""
+    """Write the kernel of a frame backwards for threads that keep particles."""
 
     @property
     def remark(self) -> str:
         """Return what the kernel is."""
-        return f"A block for each world, for a frame backwards; each of {self.layout.threads} threads has a particle."
+        held = "a particle" if self.layout.held == 1 else f"{self.layout.held} particles"
+        return f"A block for each world, for a frame backwards; each of {self.layout.threads} threads has {held}."
 
     def _note_beginning(self) -> None:
         """Write nothing: each substep notes where it begins."""
 
     def _begin_substep(self) -> None:
-        self.line("if is_there:")
-        for name in STATE:
-            self.line(f"    {self.noted.write(name, 'row', name)}")
+        for place in self.places:
+            with self.about(place):
+                self._note_its(STATE)
 
     def _show_held(self, piece: Piece) -> None:
         super()._show_held(piece)
-        noted = [name for name in piece.leaves if name in self._read_back]
-        if noted:
-            self.line("if is_there:")
-        for name in noted:
-            self.line(f"    {self.noted.write(name, 'row', name)}")
+        if noted := [name for name in piece.leaves if name in self._read_back]:
+            self._note_its(noted)
+
+    def _note_its(self, names: Iterable[str]) -> None:
+        """Write how the particle at hand notes what it has."""
+        b = self.bound
+        self.line(f"if {b('is_there')}:")
+        for name in names:
+            self.line(f"    {self.noted.write(name, 'row', b(name), b('particle'))}")
 
     @property
     def _found_again(self) -> tuple[Phase, ...]:
@@ -129,30 +137,40 @@ class HeldBackwardWriter(BackwardBlockWriter):
 
     def _substeps_back(self) -> None:
         its: set[str] = set(STATE)
-        known = {*OF_PARTICLE, *(self.known & set(OF_FRAME)), *self.step.kept}
+        bound = {name for name in OF_FRAME if {name, f"{name}_0"} & self.known}
+        known = {*OF_PARTICLE, *bound, *self.step.kept}
         make = partial(TurnsOfOne, its, known, self.layout, self.seen, self.noted, self.bars_of_particles)
         turns = [(writer, writer.written()) for writer in writers_backwards(self.turned, self.columns, make)]
-        self._begin_its_bars(its)
+        for place in self.places:
+            with self.about(place):
+                self._begin_its_bars(its)
         self.line("for back in range(t.substeps):")
         with self.indented():
             self._begin_substep_back()
             self._turns(turns, its)
-        self.line("if is_there:")
-        for name in STATE:
-            self.line(f"    put_vector_in(all_{name}_bar, world, particle, its_{name}_bar)")
+        for place in self.places:
+            with self.about(place):
+                b = self.bound
+                self.line(f"if {b('is_there')}:")
+                for name in STATE:
+                    self.line(f"    put_vector_in(all_{name}_bar, world, {b('particle')}, {b(f'its_{name}_bar')})")
 
     def _begin_substep_back(self) -> None:
         """Write how a thread reads what the substep has noted."""
         self.line("row = first_row + (t.substeps - 1 - back)")
         self.line("time_in_frame = float(t.substeps - 1 - back) * t.step_seconds")
-        for name in (*STATE, *self._read_back):
-            self.line(f"{name} = {self.noted.read(name, 'row')}")
+        for place in self.places:
+            with self.about(place):
+                for name in (*STATE, *self._read_back):
+                    self.line(f"{self.bound(name)} = {self.noted.read(name, 'row', self.bound('particle'))}")
+                    self.known.add(self.bound(name))
         for name in self._kept_of("balloon"):
             self.line(f"{name} = all_{name}[row, 0]")
         if self.features.gas:
             self._find_loads()
-        self.known |= set(self._read_back)
-        self.calls(self._found_again)
+        for place in self.places:
+            with self.about(place):
+                self.calls(self._found_again)
         self.line("fetch_notes(notes, row - 1, thread)")
 
     def _turns(self, turns: Turns, its: set[str]) -> None:
@@ -169,31 +187,55 @@ class HeldBackwardWriter(BackwardBlockWriter):
             if looking[number]:
                 if looked:
                     self.line("block_barrier()")
-                self.line("put_in_tile(points, place, point)")
-                for name in self.seen:
-                    if name in its:
-                        self.line(f"put_in_tile({name}_bars, place, its_{name}_bar)")
-                self.line("block_barrier()")
-                self._turn_faces(writer, "params.n")
+                self._show_its(its)
+                self._turn_faces(writer, f"{self.params_of_any()}.n")
                 looked = True
             if writer.of_balloon:
-                self._turn_balloon(writer, lines)
+                self._turn_balloon(writer, self._numbered(lines, 0, ("params",)))
             else:
-                self.lines += lines
+                own = {*OF_PARTICLE, *OF_FRAME, *self.step.kept, *(f"its_{name}_bar" for name in its), *_written(lines)}
+                for place in self.places:
+                    self.lines += self._numbered(lines, place, own - self._common)
             self.called |= writer.called
         first = looking.index(True) if True in looking else len(looking)
         if looked and not any(wait < first for wait in waits):
             self.line("block_barrier()")
 
+    def _show_its(self, its: set[str]) -> None:
+        """Write how particles show what others look at."""
+        for place in self.places:
+            with self.about(place):
+                b = self.bound
+                self.line(f"put_in_tile(points, {b('place')}, {b('point')})")
+                for name in self.seen:
+                    if name in its:
+                        self.line(f"put_in_tile({name}_bars, {b('place')}, {b(f'its_{name}_bar')})")
+        self.line("block_barrier()")
+
+    def _numbered(self, lines: Sequence[str], place: int, own: Iterable[str]) -> Sequence[str]:
+        """Return lines about one of a thread's particles, with its own variables."""
+        if not self.are_numbered:
+            return lines
+        words = re.compile(rf"(?<![.\w])({'|'.join(sorted(own))})\b")
+        return [words.sub(rf"\1_{place}", line) for line in lines if not line.lstrip().startswith("#")]
+
     def _begin_its_bars(self, its: set[str]) -> None:
         """Write what the bars of a particle are at the end of a frame."""
         types = written_types(self.step)
         for name in sorted(its):
+            bar = self.bound(f"its_{name}_bar")
             if name in STATE:
-                self.line(f"its_{name}_bar = vector_in(all_{name}_bar, world, particle)")
+                self.line(f"{bar} = vector_in(all_{name}_bar, world, {self.bound('particle')})")
             else:
                 zero = {float: "float(0.0)", wp.vec3: "wp.vec3()"}.get(types[name], f"{name}_type()")
-                self.line(f"its_{name}_bar = {zero}")
+                self.line(f"{bar} = {zero}")
+
+
+def _written(lines: Iterable[str]) -> Iterator[str]:
+    """Yield the variables that lines assign."""
+    for line in lines:
+        if assigned := re.match(r"\s*([\w, ]+) = ", line):
+            yield from assigned[1].split(", ")
 
 
 def _sees(turn: tuple[Any, Adjoint]) -> bool:

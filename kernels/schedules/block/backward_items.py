@@ -6,10 +6,12 @@ Bars that others read are in shared memory. Sums over a frame are in each thread
 from collections.abc import Collection
 from typing import Any, ClassVar
 
+from balloon_warp.kernels.adjoint import Adjoint
 from balloon_warp.kernels.phase import STATE
 from balloon_warp.kernels.schedules.block.layout import Layout
 from balloon_warp.kernels.schedules.block.notes import Notes
 from balloon_warp.kernels.schedules.launched.backward_writer import BackwardWriter
+from balloon_warp.kernels.schedules.launched.trace import Entry
 
 KNOWN = ("thread", "first", "balloon", "points", "pulls", "area_vectors")
 """Names that the block has found before, besides handles"""
@@ -47,6 +49,9 @@ class TurnsInBlock(BackwardWriter):
         self.aliases = {} if any(layout.slots) else {"springs": "working"}
         self.known |= {*KNOWN, *(f"{name}_bars" for name in tiles)}
         self.indent = "        "
+        alone = layout.threads == 1 and not layout.held
+        self.of_eights = [turn for turn in self.turns if turn[1].of_eight] if alone and "point" in bars else []
+        """Turns that one thread does for eight particles at a time"""
 
     @property
     def of_balloon(self) -> bool:
@@ -87,6 +92,10 @@ class TurnsInBlock(BackwardWriter):
     def noted(self, name: str, owner: str) -> str:
         """Return the text that finds what the substep noted."""
         return self.notes.read(name, "row") if owner == "particle" else f"all_{name}[row, {owner}]"
+
+    def _turn(self, entry: Entry, adjoint: Adjoint) -> None:
+        if (entry, adjoint) not in self.of_eights:
+            super()._turn(entry, adjoint)
 
     # ---- where bars stand
 

@@ -4,6 +4,8 @@ import inspect
 from collections.abc import Sequence
 from typing import Any
 
+from balloon_warp.kernels.adjoints.eights import EIGHT, sum_of_lanes
+from balloon_warp.kernels.adjoints.springs import KINDS
 from balloon_warp.kernels.schedules.block.backward_items import SUM_OF_LOADS, TurnsInBlock
 from balloon_warp.kernels.schedules.block.backward_sums import SumsOfFrame
 from balloon_warp.kernels.schedules.block.items import COUNTS
@@ -21,6 +23,8 @@ class TurnsBesideParticles(SumsOfFrame):
         super().__init__(again, layout)
         self.called: dict[str, Any] = {}
         """Functions that turns call, by their names"""
+        self.of_kinds = False
+        """Whether eight particles at a time add up bars of the constants of springs"""
 
     def _turn_faces(self, writer: TurnsInBlock, numbers: str) -> None:
         """Write how faces of membranes run backwards, before their particles gather what they leave."""
@@ -37,6 +41,32 @@ class TurnsBesideParticles(SumsOfFrame):
             for place, column in enumerate(self.columns):
                 self.line(f"    number_{place} += by_numbers[{column}]")
             self.line("block_barrier()")
+
+    def _turn_eights(self, writer: TurnsInBlock) -> None:
+        """Write the turns that a CPU does for eight particles at a time."""
+        begin, apart = writer.bars_of_particles.words_of("point") if writer.of_eights else (0, 0)
+        given = {"n": "first.n", "found": "bars_of_particles", "row": "world", "kinds": "kinds_bars"}
+        given |= {"first_word": str(begin), "apart": str(apart)}
+        for number, (entry, adjoint) in enumerate(writer.of_eights):
+            function = f"{entry.phase.name}_of_eight_{number + 1}"
+            self.called[function] = adjoint.of_eight
+            told = inspect.signature(adjoint.of_eight.func).parameters
+            self.line(f"# Backwards, eight at a time: {entry.phase.summary}")
+            self.line(f"{function}({', '.join(given.get(name, name) for name in told)})")
+
+    def _begin_kinds(self, turns: Turns) -> None:
+        """Write where eight particles at a time add up bars of the constants of springs, if they do."""
+        self.of_kinds = any(set(KINDS) <= {*adjoint.of} for writer, _ in turns for _, adjoint in writer.of_eights)
+        if self.of_kinds:
+            self.line(f'kinds_bars = wp.tile_zeros(shape={EIGHT * len(KINDS)}, dtype=float, storage="shared")')
+
+    def _end_kinds(self) -> None:
+        """Write the sums of those bars, once a frame has run backwards."""
+        for number, name in enumerate(KINDS if self.of_kinds else ()):
+            column = self.features.columns.places[name]
+            if column in self.columns:
+                self.called["sum_of_lanes"] = sum_of_lanes
+                self.line(f"number_{self.columns.index(column)} += sum_of_lanes(kinds_bars, {number})")
 
     def _turn_balloon(self, writer: TurnsInBlock, lines: Sequence[str]) -> None:
         """Write what follows of the balloon from what its particles have found."""

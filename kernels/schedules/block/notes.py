@@ -40,6 +40,10 @@ class Notes:
     def __contains__(self, name: str) -> bool:
         return name in self._places
 
+    def words_of(self, name: str) -> tuple[int, int]:
+        """Return where in a row a value's first component begins, and how far apart components are."""
+        return self._places[name][0] * self._apart, self._apart
+
     def read(self, name: str, row: str, place: str = "particle") -> str:
         """Return the text that reads a value of a particle."""
         if name in self:
@@ -47,14 +51,14 @@ class Notes:
         array = f"all_{STATE.get(name, name)}"
         return f"vector_in({array}, {row}, {place})" if name in STATE else f"{array}[{row}, {place}]"
 
-    def write(self, name: str, row: str, text: str) -> str:
+    def write(self, name: str, row: str, text: str, place: str = "particle") -> str:
         """Return the statement that notes a value of a particle."""
         if name in self:
-            return f"put_{name}_of_{self._array}({self._array}, {row}, particle, {text})"
+            return f"put_{name}_of_{self._array}({self._array}, {row}, {place}, {text})"
         array = f"all_{STATE.get(name, name)}"
         if name in STATE:
-            return f"put_vector_in({array}, {row}, particle, {text})"
-        return f"{array}[{row}, particle] = {text}"
+            return f"put_vector_in({array}, {row}, {place}, {text})"
+        return f"{array}[{row}, {place}] = {text}"
 
     def names(self) -> dict[str, Any]:
         """Return the functions that such texts refer to."""
