@@ -12,7 +12,7 @@ Array = np.ndarray
 
 
 def motion_by_tubes(scene: Scene, values: Mapping[str, float]) -> list[Array]:
-    """Return places of all balloons in all frames, between which gas of gamma 1 flows in tubes, and from which it leaks."""
+    """Return places of all balloons in all frames: gas of gamma 1 flows in tubes between them, and leaks."""
     return courses_by_tubes(scene, values)[0]
 
 

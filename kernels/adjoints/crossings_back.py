@@ -87,6 +87,7 @@ def crossings_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
             sweeps = sweep_again(t, working, bars, world, thread, count, all_points[world], velocities)
             if overlap:
                 mine = find_overlaps(working, world, thread, count)
+                block_barrier()
                 if wp.static(features.ground):
                     forget_stops(working, world, thread, count)
                     part_all(t, working, world, thread, count, all_points[world], velocities, 0.0, mine)
