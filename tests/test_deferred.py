@@ -28,7 +28,7 @@ def test_particles_that_are_put_off_do_the_same(monkeypatch):
         np.testing.assert_array_equal(one, other)
 
 
-@pytest.mark.parametrize(("worlds", "threads"), [(1, 512), (264, 512), (265, 256), (1024, 128), (5000, 128)])
+@pytest.mark.parametrize(("worlds", "threads"), [(1, 256), (528, 256), (529, 128), (5000, 128)])
 def test_a_gpu_has_all_worlds_at_once_where_edges_meet(worlds: int, threads: int):
     assert edge_threads(worlds, 132) == threads
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from block_layouts import held
-from gradient_scenes import scene
+from gradient_scenes import DRIVEN, scene
 from meshes import quad_sphere
 
 import balloon_warp as bw
@@ -20,8 +20,8 @@ SMALL = quad_sphere(1, 1.0)
 OF = ["balloon.damping", "balloon.velocity.0", "gravity"]
 SPRINGS = ["balloon.mass", "balloon.stiffness.structural", "balloon.stiffness.shear"]
 CASES: dict[str, tuple[bw.Scene, list[str]]] = {
-    "springs and gas, on the ground": (
-        scene("gas", mesh=SMALL, ground=True, substeps=8),
+    "springs and gas, on the ground, driven": (
+        scene("gas", mesh=SMALL, ground=True, substeps=8, force=DRIVEN),
         [*OF, *SPRINGS, "balloon.inflation.start_pressure"],
     ),
     "springs that vary, torsion and a pressure": (

@@ -27,7 +27,7 @@ TEAM_THREADS = 256
 """Threads of a block for phases of a world and for sums, on a GPU; more would have too few registers"""
 TEAM_THREADS_OF_SMALL, SMALL = 64, 1024
 """Threads where no balloon has more particles: more blocks then run at once, while one thread of each ends its sum"""
-MOST_EDGE_THREADS, LEAST_EDGE_THREADS, EDGE_THREADS_AT_ONCE = 512, 128, 1024
+MOST_EDGE_THREADS, LEAST_EDGE_THREADS, EDGE_THREADS_AT_ONCE = 256, 128, 1024
 """Threads of a world for edges that touch, and of a multiprocessor, which has all worlds at once if there is room"""
 TEAM_REGISTERS = {"meet_edges": 64, "meet_ridges": 128}
 """Registers of a thread of a whole world's block, at most: so that a multiprocessor has more of them at once"""

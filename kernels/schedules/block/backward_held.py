@@ -112,7 +112,10 @@ class HeldBackwardWriter(BackwardBlockWriter):
 
     @property
     def _found_again(self) -> tuple[Phase, ...]:
-        """Return the phases whose values follow from what a particle has noted: they are found again, not noted."""
+        """Return the phases whose values follow from what a particle has noted: they are found again, not noted.
+
+        What a phase changes, such as a force to which it adds, is noted after it.
+        """
         phases = (phase for piece in self.step.pieces if piece.item == "particle" for phase in piece.phases)
         step = self.step
         return tuple(
@@ -120,7 +123,7 @@ class HeldBackwardWriter(BackwardBlockWriter):
             for phase in phases
             if not (phase.sums or phase.once(step.features) or phase.last or phase.views(step.features, step.look))
             and phase.writes
-            and set(phase.writes) <= set(step.kept)
+            and set(phase.writes) <= set(step.kept) - set(phase.reads(step.features, step.look))
         )
 
     @property
