@@ -4,6 +4,7 @@ from typing import Literal
 
 import numpy as np
 from meshes import cube, grid, mesh_of, prism, quad_sphere
+from odd_meshes import finned
 
 from balloon_warp.benchmarks.matrix import of_phase
 from balloon_warp.kernels.phase import Phase
@@ -182,8 +183,11 @@ def in_air_with_rubber() -> Scene:
 
 
 def in_air_by_forward_euler() -> Scene:
-    """Return the scene in air, with points that move by the old velocities."""
-    return in_air().model_copy(update={"solver": "forward_euler"})
+    """Return the scene in air by forward Euler, with a fin, whose faces pass corners twice."""
+    scene = in_air()
+    ball, other, *others = scene.balloon
+    balloons = [ball, other.model_copy(update={"mesh": finned(2)}), *others]
+    return scene.model_copy(update={"solver": "forward_euler", "balloon": balloons})
 
 
 STILL = [

@@ -92,9 +92,9 @@ def two_at_a_vertex() -> PolygonMesh:
     return merged(joined(*(box((x, x, x), (0.5, 0.5, 0.5), (4, 4, 4)) for x in (0.25, -0.25))))
 
 
-def finned() -> PolygonMesh:
+def finned(cells: int = 8) -> PolygonMesh:
     """Return a ball with a sheet that stands on it, whose foot has edges of three faces."""
-    ball = quad_sphere(8, 0.5)
+    ball = quad_sphere(cells, 0.5)
     around = np.flatnonzero(np.abs(ball.points[:, 0]) < 1e-9)
     around = around[ball.points[around, 1] > 0.1]
     around = around[np.argsort(ball.points[around, 2])]
