@@ -109,33 +109,6 @@ def next_place(counts: wp.array2d[wp.int32], world: wp.int32, which: wp.int32) -
     ...
 
 
-@wp.func_native(
-    """
-    int* const count = counts.data + (unsigned int)(world * counts.shape[1] + which);
-#if defined(__CUDA_ARCH__)
-    const unsigned beside = __match_any_sync(__activemask(), (unsigned long long)count);
-    const int lane = threadIdx.x & 31, first = __ffs(beside) - 1;
-    int before = 0, total = 0, begin = 0;
-    for (unsigned left = beside; left; left &= left - 1) {
-        const int other = __ffs(left) - 1, its = __shfl_sync(beside, places, other);
-        before += other < lane ? its : 0;
-        total += its;
-    }
-    if (lane == first) {
-        begin = atomicAdd(count, total);
-    }
-    return __shfl_sync(beside, begin, first) + before;
-#else
-    *count += places;
-    return *count - places;
-#endif
-    """
-)
-def next_places(counts: wp.array2d[wp.int32], world: wp.int32, which: wp.int32, places: wp.int32) -> wp.int32:
-    """Return the first of some free places in a world's list, see `next_place`."""
-    ...
-
-
 @wp.func_native("return ((const float*)words)[index];")
 def word_at(words: wp.uint64, index: wp.int32) -> float:
     """Return a word of shared memory."""

@@ -19,7 +19,7 @@ from balloon_warp.kernels.laws.edges import crossing_of
 from balloon_warp.kernels.memory import four_ints_at, int_at, int_pair_at, vector_at
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.tables import Tables
-from balloon_warp.kernels.warps import next_place, next_places
+from balloon_warp.kernels.warps import next_place
 from balloon_warp.kernels.working import Working
 
 PAIRS_OF_EDGE, BOXED_OF_EDGE, SEEKING_OF_EDGE = 24, 12, 2
@@ -94,30 +94,15 @@ def measuring_functions(features: Features) -> tuple[Any, Any]:
         t: Tables, working: Working, world: wp.int32, edge: wp.int32, swept: Swept, leaf: wp.int32, looks: float,
         points: wp.array[wp.vec3], velocities: wp.array[wp.vec3],
     ):  # fmt: skip
-        """List pairs of an edge and those of a leaf, of a higher number, to be measured where their boxes meet.
-
-        It asks for places once, since a warp waits for the answer.
-        """
+        """List pairs of an edge and those of a leaf, of a higher number, to be measured where their boxes meet."""
         its_edges = int_pair_at(t.touch.part_edges, leaf)
-        first = wp.max(its_edges[0], edge + 1)
-        near = wp.int32(0)  # a bit for each: a leaf has no more than 24
-        count = wp.int32(0)
-        for other in range(first, its_edges[1]):
+        for other in range(wp.max(its_edges[0], edge + 1), its_edges[1]):
             if are_near(swept, box_of_edge(working, world, other), looks):
-                near = near | (1 << (other - first))
-                count += 1
-        if count > 0:
-            place = next_places(working.list_lengths, world, BOXED, count)
-            other = wp.int32(first)
-            while near > 0:
-                if (near & 1) == 1:
-                    if place < working.boxed_edges.shape[1]:
-                        working.boxed_edges[world, place] = wp.vec2i(edge, other)
-                    else:
-                        measure(t, working, world, edge, other, points, velocities)
-                    place += 1
-                near = near >> 1
-                other += 1
+                place = next_place(working.list_lengths, world, BOXED)
+                if place < working.boxed_edges.shape[1]:
+                    working.boxed_edges[world, place] = wp.vec2i(edge, other)
+                else:
+                    measure(t, working, world, edge, other, points, velocities)
 
     return measure, compare_with_leaf
 
