@@ -5,7 +5,7 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.compose import function_from
+from balloon_warp.kernels.codegen import function_from
 from balloon_warp.kernels.laws.columns import Columns
 from balloon_warp.kernels.memory import float_at, int_at
 from balloon_warp.kernels.tables import Tables, row_of_world

@@ -148,7 +148,7 @@ def _add_springs(t: Any, model: Model, features: Features, items: Items, array: 
     t.spring_offsets = array(entries.offsets, wp.int32)
     t.spring_kinds = array(kinds, wp.int32)
     neighbors = items.places[ends.neighbor]
-    t.spring_ends = array(np.where(there, neighbors[entries.sources], entries.owners), items.layout.index)
+    t.spring_ends = array(np.where(there, neighbors[entries.sources], entries.owners), items.layout.reference)
     t.spring_lengths = placed(ends.rest_length)
     t.spring_scales = placed(ends.scale) if features.springs_vary else array([], items.layout.number)
 
@@ -181,11 +181,11 @@ def _add_membranes(t: Any, model: Model, features: Features, items: Items, array
     quads, layout = _quads_of(model, items.layout), items.layout
     corners = np.where(quads.corners >= 0, items.places[quads.corners], 0)
     t.quad_offsets = array(np.searchsorted(quads.balloons, np.arange(model.balloon_count + 1)), wp.int32)
-    t.quads = array(corners.reshape(-1, *corners.shape[2:]), layout.index)
+    t.quads = array(corners.reshape(-1, *corners.shape[2:]), layout.reference)
     t.quad_rests = array(quads.rests.reshape(-1, *quads.rests.shape[2:]), layout.four)
     t.quad_triangles = array(quads.triangles, wp.int32)
     numbers = quads.numbers if features.wears else quads.numbers[:0]
-    t.quad_numbers = array(numbers.reshape(-1, *numbers.shape[2:]), layout.index)
+    t.quad_numbers = array(numbers.reshape(-1, *numbers.shape[2:]), layout.reference)
 
 
 def _add_fans(t: Any, model: Model, items: Items, array: Any) -> None:
@@ -203,7 +203,7 @@ def _add_fans(t: Any, model: Model, items: Items, array: Any) -> None:
     flat = np.where(there, items.places[corners], owners[fan])
     table = part_structs(items.layout)[1]()
     table.offsets, table.begins = array(entries.offsets, wp.int32), array(begins, wp.int32)
-    table.particles = array(flat.ravel() if items.layout.worlds else flat, items.layout.index)
+    table.particles = array(flat.ravel() if items.layout.worlds else flat, items.layout.reference)
     t.fans = table
 
 
@@ -234,12 +234,12 @@ def _add_faces(t: Any, model: Model, items: Items, array: Any) -> None:
         listed.append(block)
         offsets.append(offsets[-1] + size)
         where[members] = LANES * number + np.arange(len(members))
-    table.offsets, table.particles = array(offsets, wp.int32), array(np.concatenate(listed), items.layout.index)
+    table.offsets, table.particles = array(offsets, wp.int32), array(np.concatenate(listed), items.layout.reference)
     of_octets = [balloons[members[0]] for members in octets]
     table.balloon_offsets = array(np.searchsorted(of_octets, np.arange(model.balloon_count + 1)), wp.int32)
     nothing = LANES * len(octets)
     seen = np.where(around.sources >= 0, where[faces[around.sources]], nothing)
-    table.around_particles = array(seen, items.layout.index)
+    table.around_particles = array(seen, items.layout.reference)
     t.faces = table
 
 

@@ -5,7 +5,8 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.compose import call_of, function_from
+from balloon_warp.kernels.codegen import function_from
+from balloon_warp.kernels.compose import call_of
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.gas import Swelling, gas_load
 from balloon_warp.kernels.laws.inflation import GAS

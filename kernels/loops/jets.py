@@ -7,9 +7,10 @@ import warp as wp
 
 from balloon_warp.kernels.compose import function_here
 from balloon_warp.kernels.features import Features
+from balloon_warp.kernels.gas_tables import NeckTable
 from balloon_warp.kernels.laws.orifice import SHARP_EDGE, neck_opening, thrust
 from balloon_warp.kernels.loops.areas import hole_loop
-from balloon_warp.kernels.tables import NeckTable, Tables
+from balloon_warp.kernels.tables import Tables
 
 
 @cache

@@ -26,7 +26,7 @@ class Layout(NamedTuple):
         return wp.float32 if self.worlds else Lanes
 
     @property
-    def index(self) -> Any:
+    def reference(self) -> Any:
         """The type of a reference to particles."""
         return wp.int32 if self.worlds else LaneNumbers
 

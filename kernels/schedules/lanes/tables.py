@@ -13,7 +13,7 @@ from balloon_warp.kernels.tables import Tables
 @cache
 def part_structs(layout: Layout) -> tuple[Any, Any, Any, Any]:
     """Return the types of the tables of faces, fans, necks and outer forces, with the names of those of one world."""
-    Index, Number = layout.index, layout.number  # noqa: N806 - types
+    Index, Number = layout.reference, layout.number  # noqa: N806 - types
 
     @wp.struct
     class LaneFaces:
@@ -98,7 +98,7 @@ class LaneStructs(NamedTuple):
 @cache
 def lane_structs(layout: Layout) -> LaneStructs:
     """Return the types of a layout."""
-    Number, Index, Vector, Four = layout.number, layout.index, layout.vector, layout.four  # noqa: N806 - types
+    Number, Index, Vector, Four = layout.number, layout.reference, layout.vector, layout.four  # noqa: N806 - types
     LaneFaces, LaneFans, LaneNecks, LaneForces = part_structs(layout)  # noqa: N806
 
     @wp.struct
