@@ -149,3 +149,24 @@ def test_obstacles_that_more_than_particles_meet_are_refused(path: str):
         bw.gradient(of, of=[path], loss=far, device="cpu")
     with pytest.raises(bw.InputError, match=r"cannot be derived by yet|`meet_ridges` has no adjoint"):
         bw.gradient(of.model_copy(update={"sphere": [], "faces": True}), of=[path], loss=far, device="cpu")
+
+
+def test_particles_that_are_fixed_leave_derivatives_numbers(device: str):
+    """The derivative by the mass, by which others' forces are divided, is the difference of runs, to their rounding."""
+    low, of, high = (scene("gas", fixed=[0, 5], mass=mass) for mass in (0.045, 0.05, 0.055))
+    less, found, more = (bw.gradient(each, of=["balloon.mass"], loss=far, device=device) for each in (low, of, high))
+    slope = (more.loss[0] - less.loss[0]) / 1e-2  # of a loss of 170, to 1e-5: 2e-3 of it
+    assert found.gradients["balloon.mass"][0] == pytest.approx(slope, rel=4e-3)
+    assert all(np.isfinite(array).all() for array in (*found.by_points, *found.by_velocities))
+
+
+def test_a_sphere_that_has_yet_to_begin_changes_no_derivative(device: str):
+    of = scene(ground=True)
+    late = bw.Sphere(position=(0.0, 2.0, 0.0), radius=0.2, mass=0.5, velocity=(2.0, 0.0, 0.0), start=1.0)
+    paths = ["gravity", "balloon.mass"]
+    alone, beside = (
+        bw.gradient(each, of=paths, loss=far, device=device, schedule="launched")
+        for each in (of, of.model_copy(update={"sphere": [late], "contact": "impulse", "faces": False}))
+    )
+    for path in paths:
+        assert beside.gradients[path][0] == pytest.approx(alone.gradients[path][0], rel=1e-6), path

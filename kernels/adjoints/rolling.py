@@ -157,7 +157,7 @@ def roll_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
             elif event.kind == STUCK:
                 bars.starts[world, event.first] = bars.starts[world, event.first] + bars.positions[world, event.first]
                 bars.positions[world, event.first] = wp.vec3()
-            else:
+            elif sphere_radius(t.spheres, world, event.first) > 0.0:  # else it has yet to begin
                 roll_event(t, working, world, event, quanta, bars, of_frame)
         for sphere in range(t.spheres.numbers.shape[1]):
             bars.positions[world, sphere] = bars.positions[world, sphere] + bars.starts[world, sphere]

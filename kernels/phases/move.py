@@ -13,8 +13,11 @@ from balloon_warp.kernels.phase import Look, phase
 
 @wp.func
 def response(mass: float, step_seconds: float):
-    """Return the velocity gained in a step per newton [m/s/N]; a particle without mass is fixed."""
-    return wp.where(mass > 0.0, step_seconds / mass, 0.0)
+    """Return the velocity gained in a step per newton [m/s/N]; a particle without mass is fixed.
+
+    Its derivative by the mass is 0 then: both branches are derived, and one divides.
+    """
+    return wp.where(mass > 0.0, step_seconds / wp.where(mass > 0.0, mass, 1.0), 0.0)
 
 
 @wp.func_native(
