@@ -194,15 +194,15 @@ def trees_kernel(features: Features) -> Any:
             are_all = count > working.seeking_edges.shape[1]  # not listed all
             for place in range(thread, wp.where(are_all, t.touch.edges.shape[0], count), threads):
                 sought = wp.vec2i(place, 0)
-                turns = wp.int32(1)
+                trees = wp.int32(1)
                 if not are_all:
                     sought = working.seeking_edges[world, place]
                 own = int_at(t.particles.balloon, int_pair_at(t.touch.edges, sought[0])[0])
                 if are_all:
-                    turns = working.neighbor_counts[world, own]
-                for turn in range(turns):
+                    trees = working.neighbor_counts[world, own]
+                for tree in range(trees):
                     if are_all:
-                        sought[1] = working.neighbors[world, own, turn]
+                        sought[1] = working.neighbors[world, own, tree]
                     if not are_all or seeks_in(t, working, world, sought[0], own, sought[1]):
                         go_through(t, working, world, sought[0], own, sought[1], points[world], velocities[world])
 
