@@ -113,8 +113,7 @@ class Working:
     particle_lists: wp.array3d[wp.int32]
     """Particles that search, and those that have found something, see `contact.search`"""
     list_lengths: wp.array2d[wp.int32]
-    """Lengths of both lists of particles, of that of all pairs of edges that may meet, of that of a substep, of
-    that of edges that go through trees, and of that of pairs of edges whose boxes meet"""
+    """Lengths of lists, see `contact.list_lengths`"""
     force_quanta: wp.array3d[wp.int64]
     """Contact forces on particles, and the number of contacts, in fixed point; they grow for ever, see
     `fixed_point.growth`: shape (world_count, particle_count, 4)"""
@@ -136,8 +135,10 @@ class Working:
     edge_clearances: wp.array2d[float]
     """Distance of each edge from what it may touch of its own balloon at the last search [m]; empty unless balloons
     touch themselves"""
-    edge_pairs: wp.array2d[wp.vec2i]
-    """Pairs of edges that may touch until the next search, the lower number first, in any order"""
+    edge_pairs: wp.array2d[wp.vec3i]
+    """Pairs of edges that may touch until the next search, the lower number first, or of a particle, by -1 less its
+    number, and a place in its list of triangles; and in which substep after the search they may do so at the earliest.
+    In any order"""
     edge_catches: wp.array2d[EdgeCatch]
     """Pairs of edges that may touch in a substep"""
     edge_shares: wp.array2d[wp.int32]

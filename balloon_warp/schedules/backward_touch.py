@@ -18,7 +18,7 @@ from balloon_warp.kernels.adjoints.touching import (
     sum_pairs,
     take_back_kernel,
 )
-from balloon_warp.kernels.contact.edge_search import PAIRS_OF_EDGE
+from balloon_warp.kernels.contact.list_lengths import LENGTHS
 from balloon_warp.kernels.contact.nearby import MOST_TRIANGLES
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.working import Working
@@ -27,7 +27,7 @@ from balloon_warp.model import Model
 from balloon_warp.model.friction import FRICTION
 from balloon_warp.model.memory import Room
 from balloon_warp.model.touch import STIFFNESSES
-from balloon_warp.schedules.balloon_contact import edge_count
+from balloon_warp.schedules.balloon_contact import pair_count
 from balloon_warp.schedules.deferred import FEW_THREADS, threads_of_list
 from balloon_warp.schedules.touch_table import substeps_of_search
 
@@ -136,15 +136,14 @@ class TouchBackward:
 def kept_of_touch(model: Model, features: Features, room: Room) -> tuple[list[dict[str, wp.array]], list[wp.array]]:
     """Allocate what each search finds, by its names in the working memory, and the counts of each substep."""
     worlds, particles = model.world_count, model.particle_count
-    edges = edge_count(model, features)
     searches = -(-model.substeps // substeps_of_search(model))
     found = [
         {
             "candidates": room.array((worlds, particles, int(MOST_TRIANGLES)), wp.int32),
             "candidate_counts": room.array((worlds, particles), wp.int32),
             "particle_lists": room.array((worlds, 2, particles), wp.int32),
-            "list_lengths": room.array((worlds, 6), wp.int32),
-            "edge_pairs": room.array((worlds, edges * PAIRS_OF_EDGE), wp.vec2i),
+            "list_lengths": room.array((worlds, LENGTHS), wp.int32),
+            "edge_pairs": room.array((worlds, pair_count(model, features)), wp.vec3i),
         }
         for _ in range(searches)
     ]

@@ -15,6 +15,7 @@ from balloon_warp.kernels.contact.edge_search import (
     trees_kernel,
 )
 from balloon_warp.kernels.contact.forces import take_counts
+from balloon_warp.kernels.contact.list_lengths import LENGTHS
 from balloon_warp.kernels.contact.near_parts import MOST_PARTS, near_parts_kernel
 from balloon_warp.kernels.contact.nearby import MOST_OF_BALLOON, MOST_TRIANGLES
 from balloon_warp.kernels.contact.parts import box_parts_of_worlds
@@ -143,6 +144,12 @@ def edge_count(model: Model, features: Features) -> int:
     return sum(map(len, meeting_edges(model.scene, model.shapes))) if features.edges_meet else 0
 
 
+def pair_count(model: Model, features: Features) -> int:
+    """Return the number of pairs of edges, and of particles and triangles, for which a world has room."""
+    edges = edge_count(model, features)
+    return edges * PAIRS_OF_EDGE + (model.particle_count * int(MOST_OF_BALLOON) if edges else 0)
+
+
 def catch_count(model: Model, features: Features) -> int:
     """Return the number of pairs of edges for which a world has room in a substep."""
     edges = edge_count(model, features)
@@ -169,7 +176,7 @@ def touch_arrays(model: Model, features: Features, room: Room) -> dict[str, Any]
         "candidate_counts": room.array((worlds, particles), wp.int32),
         "candidates": room.array((worlds, particles, int(MOST_TRIANGLES)), wp.int32),
         "particle_lists": room.array((worlds, 2, particles), wp.int32),
-        "list_lengths": room.array((worlds, 6 if features.touches else 0), wp.int32),
+        "list_lengths": room.array((worlds, LENGTHS if features.touches else 0), wp.int32),
         "force_quanta": room.array((worlds, particles, 4), wp.int64),
         "forces_taken": room.array((worlds, particles, 4), wp.int64),
         "contacts": room.array((worlds, particles), wp.float32),
@@ -178,7 +185,7 @@ def touch_arrays(model: Model, features: Features, room: Room) -> dict[str, Any]
         "seeking_edges": room.array((worlds, edges * SEEKING_OF_EDGE), wp.vec2i),
         "boxed_edges": room.array((worlds, edges * BOXED_OF_EDGE), wp.vec2i),
         "edge_clearances": room.array((worlds, edges if features.touches_itself else 0), wp.float32),
-        "edge_pairs": room.array((worlds, edges * PAIRS_OF_EDGE), wp.vec2i),
+        "edge_pairs": room.array((worlds, pair_count(model, features)), wp.vec3i),
         "edge_catches": room.array((worlds, catch_count(model, features)), EdgeCatch),
         "edge_shares": room.array((worlds, particles if edges else 0), wp.int32),
         "edge_stops": room.array((worlds, 0), wp.vec2),

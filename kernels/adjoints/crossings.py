@@ -22,7 +22,8 @@ from balloon_warp.kernels.adjoints.one_crossing import (
 )
 from balloon_warp.kernels.adjoints.particle_sums import OF_EASES, OF_PLACES, OF_VELOCITIES, add_to_sums, take_sums
 from balloon_warp.kernels.contact.catch import EdgeCatch
-from balloon_warp.kernels.contact.edge_catch import four_of, friction_of_catch
+from balloon_warp.kernels.contact.edge_catch import four_of
+from balloon_warp.kernels.contact.edge_push import friction_of_catch
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.edges import FOUR
 from balloon_warp.kernels.loops.inertia import ease_function

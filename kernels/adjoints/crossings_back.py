@@ -19,13 +19,13 @@ from balloon_warp.kernels.adjoints.particle_sums import weighing_function
 from balloon_warp.kernels.contact.edges import (
     GOES_ON,
     MOST_SWEEPS,
-    PAIRS,
     RESTS,
     catching_all_function,
     find_overlaps,
     find_pushed,
     pushing_all_function,
 )
+from balloon_warp.kernels.contact.list_lengths import PAIRS
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.tables import Tables
@@ -65,7 +65,7 @@ def crossings_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
     Args:
         columns: of the numbers that are derived by.
     """
-    catch_all, sweep_again = catching_all_function(features), sweeping_function(features)
+    catch_all, sweep_again = catching_all_function(features, leaves_out=False), sweeping_function(features)
     part_all, stops_back = pushing_all_function(features, note_stop), stops_function(features, columns)
     stage_back, weigh_back = stage_function(features), weighing_function(features, columns)
 

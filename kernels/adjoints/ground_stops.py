@@ -8,7 +8,7 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.contact.edge_catch import stop_by_ground
+from balloon_warp.kernels.contact.edge_push import stop_by_ground
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.warps import block_barrier

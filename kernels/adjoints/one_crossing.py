@@ -6,7 +6,8 @@ Frozen is which they are, and whether they come too near.
 import warp as wp
 
 from balloon_warp.kernels.contact.catch import EdgeCatch
-from balloon_warp.kernels.contact.edge_catch import edges_there, impulses_of, moves_of, particle_there
+from balloon_warp.kernels.contact.edge_catch import edges_there, particle_there
+from balloon_warp.kernels.contact.edge_push import impulses_of, moves_of
 from balloon_warp.kernels.laws.edges import FOUR, Crossing
 
 

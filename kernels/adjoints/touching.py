@@ -11,6 +11,7 @@ import warp as wp
 
 from balloon_warp.kernels.adjoints.contact_of_pair import BarsOfContact, WorthOfContact, contact_back, counts_back
 from balloon_warp.kernels.adjoints.exact_sums import add_exactly, note_size, parts_per_unit, sum_at
+from balloon_warp.kernels.contact.list_lengths import TOUCHING
 from balloon_warp.kernels.contact.pairs import (
     contacts_at,
     crowd_of_corners,
@@ -19,7 +20,6 @@ from balloon_warp.kernels.contact.pairs import (
     pair_functions,
 )
 from balloon_warp.kernels.contact.response import Found, nearest_function
-from balloon_warp.kernels.contact.search import TOUCHING
 from balloon_warp.kernels.contact.triangles import rows_at, triangle_of
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.loops.meeting import SOON, Place, comes_at, faced, is_clear, overlap_of

@@ -1,4 +1,4 @@
-"""Edges of balloons that may touch in a substep, as they were at its start: approach speed and impulses.
+"""Edges of balloons that may touch in a substep, as they were at its start.
 
 So may a particle and a triangle: where the spring between them, see `laws.touch`, would let the particle through.
 """
@@ -9,28 +9,17 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.contact.catch import EdgeCatch
-from balloon_warp.kernels.contact.ridge_sums import add_impulse, take_impulse
 from balloon_warp.kernels.contact.triangles import side_of, triangle_of
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.edges import (
     FOUR,
     KEPT,
     Crossing,
-    crosses,
     crossing_of,
-    ease_along,
-    friction_of_edges,
-    push_apart,
-    rub_shares,
-    sliding_at,
     weights_of,
 )
-from balloon_warp.kernels.laws.ridges import way_to_part
-from balloon_warp.kernels.laws.touch import LEAST
-from balloon_warp.kernels.loops.friction import friction_of_balloons
-from balloon_warp.kernels.loops.inertia import ease_function
 from balloon_warp.kernels.loops.meeting import place_beside, skin_functions
-from balloon_warp.kernels.tables import Tables, row_of_world
+from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.working import Working
 
 AHEAD = wp.constant(2.0)
@@ -68,83 +57,62 @@ def particle_there(before: FOUR, thickness: float):
 
 
 @wp.func
-def rows_times(factors: wp.vec4, rows: FOUR):
-    """Return rows, each times its factor."""
-    return wp.matrix_from_rows(
-        factors[0] * rows[0], factors[1] * rows[1], factors[2] * rows[2], factors[3] * rows[3]
-    )  # fmt: skip
+def clear_substeps(
+    t: Tables, balloon: wp.int32, other: wp.int32, gap: float, kept: float, fastest: float
+):  # fmt: skip
+    """Return the number of substeps after this one in which two edges of balloons cannot touch yet.
 
+    They may come nearer as fast as they do now, and by as much acceleration as lists allow for.
 
-@wp.func
-def along_normal(catch: EdgeCatch, amount: float):
-    """Return vectors of four ends along the normal, by their weights."""
-    weights = catch.weights
-    normal = catch.crossing.normal
-    return wp.matrix_from_rows(
-        (weights[0] * amount) * normal, (weights[1] * amount) * normal, (weights[2] * amount) * normal,
-        (weights[3] * amount) * normal,
-    )  # fmt: skip
-
-
-@wp.func
-def impulses_of(catch: EdgeCatch, moving: FOUR, eases: wp.vec4, friction: float, step_seconds: float):
-    """Return the impulses on four ends that keep two edges apart, and friction [N s]."""
-    weights = catch.weights
-    parting = wp.dot(weights * moving, catch.crossing.normal)
-    push = push_apart(parting, catch.crossing.gap, catch.kept, ease_along(weights, eases), step_seconds)
-    straight = along_normal(catch, push)
-    if crosses(catch.crossing):
-        slide = sliding_at(catch.crossing, weights, moving + rows_times(eases, straight))
-        shares_of_rub = rub_shares(catch.crossing, weights, wp.normalize(slide))
-        rub = friction_of_edges(wp.length(slide), shares_of_rub, eases, push * friction)
-        return straight - rub * shares_of_rub
-    return straight
-
-
-@wp.func
-def moves_of(catch: EdgeCatch, eases: wp.vec4):
-    """Return the moves of four ends, times masses, by which two edges get back what little is left of their distance.
-
-    Without speed [kg m].
+    Args:
+        fastest: Largest speed of a point of one relative to one of the other [m/s].
     """
-    move = way_to_part(catch.crossing.gap, catch.kept) / wp.max(ease_along(catch.weights, eases), LEAST)
-    return along_normal(catch, move)
+    way = t.step_seconds * fastest
+    gain = (t.touch.slack[balloon] + t.touch.slack[other]) * t.step_seconds / t.touch.seconds
+    return int(wp.max(gap - 2.0 * kept - AHEAD * way, 0.0) / (way + gain))
+
+
+@wp.func
+def may_touch(t: Tables, catch: EdgeCatch, moving: FOUR):
+    """Return whether two edges may touch in this substep."""
+    speed = wp.length(catch.weights * moving)
+    near = catch.crossing.gap < 2.0 * catch.kept + AHEAD * t.step_seconds * speed
+    return near and wp.length_sq(catch.crossing.normal) > 0.0
 
 
 @cache
-def catching_functions(features: Features) -> tuple[Any, Any]:
-    """Return the functions that measure two edges, and a particle and a triangle, as a substep begins."""
+def catching_function(features: Features) -> Any:
+    """Return the function that measures two edges, or a particle and a triangle, as a substep begins."""
     thickness_between, _ = skin_functions(features)
 
     @wp.func
-    def may_touch(t: Tables, catch: EdgeCatch, moving: FOUR):
-        """Return whether two edges may touch in this substep."""
-        speed = wp.length(catch.weights * moving)
-        near = catch.crossing.gap < 2.0 * catch.kept + AHEAD * t.step_seconds * speed
-        return near and wp.length_sq(catch.crossing.normal) > 0.0
-
-    @wp.func
-    def catch_of(
+    def catch_edges(
         t: Tables, world: wp.int32, first: wp.int32, second: wp.int32, points: wp.array[wp.vec3],
         velocities: wp.array[wp.vec3],
     ):  # fmt: skip
-        """Return two edges at the start of the substep, and whether they may touch in it."""
+        """Return two edges at the start of the substep, whether they may touch in it, and for how many more not."""
         own = t.touch.edges[first]
         other = t.touch.edges[second]
         ends = wp.vec4i(own[0], own[1], other[0], other[1])
         moving = four_of(velocities, ends)
         before = four_of(points, ends) - t.step_seconds * moving
-        skin = thickness_between(t, world, t.particles.balloon[own[0]], t.particles.balloon[other[0]])
-        catch = edges_there(before, skin)
+        balloon = t.particles.balloon[own[0]]
+        beside = t.particles.balloon[other[0]]
+        catch = edges_there(before, thickness_between(t, world, balloon, beside))
         catch.ends = ends
-        return catch, may_touch(t, catch, moving)
+        fastest = wp.max(
+            wp.max(wp.length(moving[0] - moving[2]), wp.length(moving[0] - moving[3])),
+            wp.max(wp.length(moving[1] - moving[2]), wp.length(moving[1] - moving[3])),
+        )
+        clear = clear_substeps(t, balloon, beside, catch.crossing.gap, catch.kept, fastest)
+        return catch, may_touch(t, catch, moving), clear
 
     @wp.func
-    def catch_of_particle(
+    def catch_particle(
         t: Tables, world: wp.int32, particle: wp.int32, candidate: wp.int32, points: wp.array[wp.vec3],
         velocities: wp.array[wp.vec3],
     ):  # fmt: skip
-        """Return a particle and a triangle at the start of the substep, and whether they may touch in it.
+        """Return the same of a particle and a triangle.
 
         One that is behind the triangle already, and to be pushed out of it, is let through.
         """
@@ -153,148 +121,28 @@ def catching_functions(features: Features) -> tuple[Any, Any]:
         moving = four_of(velocities, ends)
         before = four_of(points, ends) - t.step_seconds * moving
         own = t.particles.balloon[particle]
-        catch = particle_there(before, thickness_between(t, world, own, t.particles.balloon[corners[0]]))
+        other = t.particles.balloon[corners[0]]
+        catch = particle_there(before, thickness_between(t, world, own, other))
         catch.ends = ends
         area_vector = wp.cross(before[1] - before[0], before[2] - before[0])
-        is_right = side_of(candidate) * wp.dot(catch.crossing.normal, area_vector) >= 0.0
-        is_right = is_right or t.particles.balloon[corners[0]] == own
-        return catch, is_right and may_touch(t, catch, moving)
-
-    return catch_of, catch_of_particle
-
-
-@wp.func
-def excess_of(t: Tables, catch: EdgeCatch, velocities: wp.array[wp.vec3]):
-    """Return the speed by which two edges come nearer than they may [m/s]."""
-    moving = four_of(velocities, catch.ends)
-    parting = wp.dot(catch.weights * moving, catch.crossing.normal)
-    return push_apart(parting, catch.crossing.gap, catch.kept, 1.0, t.step_seconds)
-
-
-@wp.func
-def count_ends(working: Working, world: wp.int32, catch: EdgeCatch):
-    """Count a contact of the ends that bear it."""
-    for end in range(4):
-        if catch.weights[end] != 0.0:
-            wp.atomic_add(working.edge_shares, world, catch.ends[end], 1)
-
-
-@wp.func
-def friction_of_catch(t: Tables, world: wp.int32, catch: EdgeCatch):
-    """Return the coefficient of friction between two edges, 0 where none acts."""
-    if crosses(catch.crossing):
-        return friction_of_balloons(t, world, t.particles.balloon[catch.ends[0]], t.particles.balloon[catch.ends[2]])
-    return 0.0
-
-
-@wp.func
-def add_impulses(working: Working, world: wp.int32, catch: EdgeCatch, impulses: FOUR):
-    """Add impulses to those of the ends that bear the contact."""
-    for end in range(4):
-        if catch.weights[end] != 0.0:  # no friction acts where one bears nothing
-            add_impulse(working.edge_quanta, world, catch.ends[end], impulses[end])
-
-
-@wp.func
-def stop_by_ground(rise: float, fall: float, step_seconds: float):
-    """Return the upward speed that a particle gains which is put on the ground: no more than it fell at [m/s].
-
-    Args:
-        rise: How far it is raised [m].
-        fall: Its upward speed, or 0 if it rises [m/s].
-    """
-    return wp.min(rise / step_seconds, -fall)
-
-
-@wp.func
-def forget_stop(working: Working, world: wp.int32, particle: wp.int32, rise: float, fall: float):
-    """Note nothing of a particle that the ground stops."""
-    return
-
-
-@cache
-def ground_function(features: Features, note: Any = forget_stop) -> Any:
-    """Return the function that keeps a particle that others push above the ground.
-
-    Args:
-        note: function that keeps how far and how fast it would have gone on.
-    """
-    height = features.columns.places["ground_height"] - features.columns.balloon_width
+        is_right = other == own or side_of(candidate) * wp.dot(catch.crossing.normal, area_vector) >= 0.0
+        fastest = wp.max(
+            wp.max(wp.length(moving[0] - moving[3]), wp.length(moving[1] - moving[3])),
+            wp.length(moving[2] - moving[3]),
+        )
+        clear = clear_substeps(t, own, other, catch.crossing.gap, catch.kept, fastest)
+        return catch, is_right and may_touch(t, catch, moving), clear
 
     @wp.func
-    def keep_above(
-        t: Tables, working: Working, world: wp.int32, particle: wp.int32, point: wp.vec3, velocity: wp.vec3,
-        speeds: float,
+    def catch_of(
+        t: Tables, working: Working, world: wp.int32, pair: wp.vec2i, points: wp.array[wp.vec3],
+        velocities: wp.array[wp.vec3],
     ):  # fmt: skip
-        """Return where a particle is that does not go through the ground, and its velocity.
+        """Return a listed pair at the start of the substep, whether it may touch in it, and for how many more not."""
+        if pair[0] >= 0:
+            return catch_edges(t, world, pair[0], pair[1], points, velocities)
+        particle = -1 - pair[0]
+        candidate = working.candidates[world, particle, pair[1]]
+        return catch_particle(t, world, particle, candidate, points, velocities)
 
-        It goes as far as it can, and no faster: who pushes it then finds it no farther away. Were it taken out of the
-        ground only in the next substep, it would go through what lies on it.
-
-        Args:
-            speeds: 0 if it is moved without speed.
-        """
-        if wp.static(features.ground):
-            rise = t.world_numbers[row_of_world(world, t.world_numbers.shape[0]), height] - wp.dot(point, t.up)
-            if rise > 0.0:
-                fall = wp.min(wp.dot(velocity, t.up), 0.0)
-                note(working, world, particle, rise, fall)
-                point += rise * t.up
-                velocity += (speeds * stop_by_ground(rise, fall, t.step_seconds)) * t.up
-        return point, velocity
-
-    return keep_above
-
-
-@cache
-def pushing_functions(features: Features, note: Any = forget_stop) -> tuple[Any, Any, Any]:
-    """Return the functions that push two edges apart, that part those that overlap, and that move their ends by all.
-
-    Args:
-        note: as in `ground_function`.
-    """
-    ease_of_moving, keep_above = ease_function(features), ground_function(features, note)
-
-    @wp.func
-    def shared_eases(t: Tables, working: Working, world: wp.int32, catch: EdgeCatch):
-        """Return the inverse masses of the four ends, of which this contact has a share [1/kg]."""
-        eases = wp.vec4()
-        for end in range(4):
-            shares = float(working.edge_shares[world, catch.ends[end]])
-            eases[end] = shares * ease_of_moving(t, working, world, catch.ends[end])
-        return eases
-
-    @wp.func
-    def part_pair(t: Tables, working: Working, world: wp.int32, catch: EdgeCatch):
-        """Add the moves, times masses, by which two edges get back what little is left of their distance."""
-        add_impulses(working, world, catch, moves_of(catch, shared_eases(t, working, world, catch)))
-
-    @wp.func
-    def push_pair(t: Tables, working: Working, world: wp.int32, catch: EdgeCatch, velocities: wp.array[wp.vec3]):
-        """Add the impulse between two edges, and friction; each has its share of the mass of their ends."""
-        eases = shared_eases(t, working, world, catch)
-        friction = friction_of_catch(t, world, catch)
-        impulses = impulses_of(catch, four_of(velocities, catch.ends), eases, friction, t.step_seconds)
-        add_impulses(working, world, catch, impulses)
-
-    @wp.func
-    def move_ends(
-        t: Tables, working: Working, world: wp.int32, catch: EdgeCatch, points: wp.array[wp.vec3],
-        velocities: wp.array[wp.vec3], speeds: float,
-    ):  # fmt: skip
-        """Move the ends, each by who comes first, which is the same for all of its sum.
-
-        Args:
-            speeds: 1, or 0 where impulses are moves without speed.
-        """
-        for end in range(4):
-            particle = catch.ends[end]
-            if wp.atomic_exch(working.edge_shares, world, particle, 0) > 0:
-                gain = ease_of_moving(t, working, world, particle) * take_impulse(working.edge_quanta, world, particle)
-                point = points[particle] + wp.where(speeds > 0.0, t.step_seconds, 1.0) * gain
-                velocity = velocities[particle] + speeds * gain
-                point, velocity = keep_above(t, working, world, particle, point, velocity, speeds)
-                velocities[particle] = velocity
-                points[particle] = point
-
-    return push_pair, part_pair, move_ends
+    return catch_of

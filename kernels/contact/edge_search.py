@@ -11,11 +11,13 @@ import warp as wp
 
 from balloon_warp.kernels.contact.boxes import ALONE, ARE_NEAR, boxes_meet, has_strayed, is_searched, pad_function
 from balloon_warp.kernels.contact.clearances import pad_with_lookout
-from balloon_warp.kernels.contact.edges import BOXED, PAIRS, SEEKING
+from balloon_warp.kernels.contact.edge_catch import clear_substeps
+from balloon_warp.kernels.contact.list_lengths import BOXED, PAIRS, SEEKING
 from balloon_warp.kernels.contact.parts import Swept, box_of_edge, box_of_part
 from balloon_warp.kernels.contact.triangles import are_neighbors
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.laws.edges import crossing_of
+from balloon_warp.kernels.laws.edges import KEPT, crossing_of
+from balloon_warp.kernels.loops.meeting import skin_functions
 from balloon_warp.kernels.memory import four_ints_at, int_at, int_pair_at, vector_at
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.tables import Tables
@@ -61,6 +63,7 @@ def are_near(first: Swept, second: Swept, pad: float):
 def measuring_functions(features: Features) -> tuple[Any, Any]:
     """Return the function that measures two edges, and the one that lists those to be measured."""
     pad_between = pad_function(features)
+    thickness_between, _ = skin_functions(features)
 
     @wp.func
     def measure(
@@ -82,10 +85,13 @@ def measuring_functions(features: Features) -> tuple[Any, Any]:
         if wp.static(features.touches_itself):
             if own == balloon and has_strayed(working, world, own):
                 wp.atomic_min(working.edge_clearances, world, edge, gap)
-        if gap < pad_between(t, world, own, balloon) + t.touch.seconds * fastest_between(velocities, ends, there):
+        fastest = fastest_between(velocities, ends, there)
+        if gap < pad_between(t, world, own, balloon) + t.touch.seconds * fastest:
             place = next_place(working.list_lengths, world, PAIRS)
             if place < working.edge_pairs.shape[1]:
-                working.edge_pairs[world, place] = wp.vec2i(edge, other)
+                kept = KEPT * thickness_between(t, world, own, balloon)
+                due = clear_substeps(t, own, balloon, gap, kept, fastest)
+                working.edge_pairs[world, place] = wp.vec3i(edge, other, due)
             else:
                 wp.atomic_add(working.overflow, world, 1)
 

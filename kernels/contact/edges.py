@@ -11,28 +11,15 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.contact.catch import EdgeCatch
-from balloon_warp.kernels.contact.edge_catch import (
-    catching_functions,
-    count_ends,
-    excess_of,
-    forget_stop,
-    pushing_functions,
-)
-from balloon_warp.kernels.contact.search import TOUCHING
+from balloon_warp.kernels.contact.edge_catch import catching_function
+from balloon_warp.kernels.contact.edge_push import count_ends, excess_of, forget_stop, pushing_functions
+from balloon_warp.kernels.contact.list_lengths import CAUGHT, PAIRS, SUBSTEPS
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.ridges import way_to_part
 from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.warps import any_in_block, block_barrier
 from balloon_warp.kernels.working import Working
 
-PAIRS = wp.constant(2)
-"""Index of the number of edge pairs, after the lengths of lists of particles"""
-CAUGHT = wp.constant(3)
-"""Index of the number of pairs that may touch in this substep"""
-SEEKING, BOXED = wp.constant(4), wp.constant(5)
-"""Indices of the number of edges that go through trees in a search, and of pairs of edges whose boxes meet"""
-BESIDE = wp.constant(4)
-"""Number of threads that share the triangles of a particle"""
 MOST_SWEEPS = wp.constant(300)
 """Largest number of sweeps over all pairs in a substep; it ends sooner where none comes too near"""
 RESTS, PUSHES, GOES_ON = wp.constant(0), wp.constant(1), wp.constant(2)
@@ -50,9 +37,14 @@ def overlaps(catch: EdgeCatch):
 
 
 @cache
-def catching_all_function(features: Features) -> Any:
-    """Return the function that lists the pairs of edges, and of particles and triangles, that may touch."""
-    catch_of, catch_of_particle = catching_functions(features)
+def catching_all_function(features: Features, leaves_out: bool = True) -> Any:
+    """Return the function that lists the pairs of edges, and of particles and triangles, that may touch.
+
+    Args:
+        leaves_out: Whether pairs are left out that cannot touch yet, by how near they were when last measured; of
+            substeps that follow each other alone.
+    """
+    catch_of = catching_function(features)
 
     @wp.func
     def put(working: Working, world: wp.int32, catch: EdgeCatch):
@@ -65,6 +57,14 @@ def catching_all_function(features: Features) -> Any:
         return overlaps(catch)
 
     @wp.func
+    def next_due(working: Working, world: wp.int32, place: wp.int32, count: wp.int32, substep: wp.int32):
+        """Return the place of the next pair of a thread that may touch in a substep, or one beyond the list."""
+        if wp.static(leaves_out):
+            while place < count and working.edge_pairs[world, place][2] > substep:
+                place += wp.block_dim()
+        return place
+
+    @wp.func
     def catch_all(
         t: Tables, working: Working, world: wp.int32, thread: wp.int32, points: wp.array[wp.vec3],
         velocities: wp.array[wp.vec3],
@@ -74,25 +74,26 @@ def catching_all_function(features: Features) -> Any:
         Returns their number, and whether any overlap, so that they are moved apart.
 
         A thread takes single pairs: where all of an edge or a particle are one's, the others wait for the fullest.
+        Each thread first goes on to its next pair that is due, so that those of a warp measure together.
         """
         overlap = bool(False)
         if thread == 0:
             working.list_lengths[world, CAUGHT] = 0
         block_barrier()
+        substep = working.list_lengths[world, SUBSTEPS]
         count = wp.min(working.list_lengths[world, PAIRS], working.edge_pairs.shape[1])
-        for place in range(thread, count, wp.block_dim()):
+        place = next_due(working, world, thread, count, substep)
+        while place < count:
             pair = working.edge_pairs[world, place]
-            catch, near = catch_of(t, world, pair[0], pair[1], points, velocities)
+            catch, near, clear = catch_of(t, working, world, wp.vec2i(pair[0], pair[1]), points, velocities)
             if near:
                 overlap = put(working, world, catch) or overlap
-        for place in range(thread, working.list_lengths[world, TOUCHING] * BESIDE, wp.block_dim()):
-            particle = working.particle_lists[world, TOUCHING, place // BESIDE]
-            for at in range(place % BESIDE, working.candidate_counts[world, particle], BESIDE):
-                candidate = working.candidates[world, particle, at]
-                catch, near = catch_of_particle(t, world, particle, candidate, points, velocities)
-                if near:
-                    overlap = put(working, world, catch) or overlap
+            if wp.static(leaves_out):
+                working.edge_pairs[world, place] = wp.vec3i(pair[0], pair[1], substep + 1 + clear)
+            place = next_due(working, world, place + wp.block_dim(), count, substep)
         any_overlap = any_in_block(overlap)
+        if thread == 0:
+            working.list_lengths[world, SUBSTEPS] = substep + 1
         return wp.min(working.list_lengths[world, CAUGHT], working.edge_catches.shape[1]), any_overlap
 
     return catch_all

@@ -6,8 +6,8 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.contact.forces import add_contact, add_contact_forces, record_impulse
+from balloon_warp.kernels.contact.list_lengths import TOUCHING
 from balloon_warp.kernels.contact.pairs import pair_functions
-from balloon_warp.kernels.contact.search import TOUCHING
 from balloon_warp.kernels.contact.triangles import (
     is_first_of_balloon,
     on_side,

@@ -18,6 +18,7 @@ from balloon_warp.kernels.contact.boxes import (
     pad_function,
 )
 from balloon_warp.kernels.contact.clearances import is_clear_of_own
+from balloon_warp.kernels.contact.list_lengths import LOOKING, PAIRS, TOUCHING
 from balloon_warp.kernels.contact.lists import finding_functions
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.memory import vector_at
@@ -26,8 +27,6 @@ from balloon_warp.kernels.tables import Tables, WorldState
 from balloon_warp.kernels.warps import next_place
 from balloon_warp.kernels.working import Working
 
-LOOKING, TOUCHING = wp.constant(0), wp.constant(1)
-"""Indices of the two lists"""
 FIND_REGISTERS = 64
 """Registers of a searching thread, so that more threads overlap their memory latencies"""
 
@@ -37,6 +36,17 @@ def put_on_list(working: Working, world: wp.int32, which: wp.int32, particle: wp
     """Append a particle to a list, by any thread in any order."""
     place = next_place(working.list_lengths, world, which)
     working.particle_lists[world, which, place] = particle
+
+
+@wp.func
+def list_beside_edges(working: Working, world: wp.int32, particle: wp.int32, count: wp.int32):
+    """List a particle and its triangles among the pairs of edges: its own number below -1, and places in its list."""
+    begin = wp.atomic_add(working.list_lengths, world, PAIRS, count)
+    fit = wp.clamp(working.edge_pairs.shape[1] - begin, 0, count)
+    for at in range(fit):
+        working.edge_pairs[world, begin + at] = wp.vec3i(-1 - particle, at, 0)
+    if fit < count:
+        wp.atomic_add(working.overflow, world, count - fit)
 
 
 @cache
@@ -162,6 +172,9 @@ def find_kernel(features: Features, fast_math: bool = False) -> Any:
         working.candidate_counts[world, particle] = count
         if count > 0 or state.holds[world, particle][3] != 0.0:
             put_on_list(working, world, TOUCHING, particle)
+        if wp.static(features.edges_meet):
+            if working.list_lengths[world, PAIRS] > 0:  # edges are near, so that particles beside them are looked at
+                list_beside_edges(working, world, particle, count)
 
     @wp.kernel(
         module="unique",

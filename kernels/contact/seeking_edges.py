@@ -7,7 +7,7 @@ import warp as wp
 
 from balloon_warp.kernels.contact.boxes import ALONE, ARE_NEAR, LOWER, UPPER, boxes_meet, has_strayed, pad_function
 from balloon_warp.kernels.contact.clearances import is_clear_of_own, pad_with_lookout
-from balloon_warp.kernels.contact.edges import SEEKING
+from balloon_warp.kernels.contact.list_lengths import SEEKING
 from balloon_warp.kernels.contact.parts import Swept, put_box_of_edge, swept_by_edge
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.memory import int_at, int_pair_at
