@@ -58,6 +58,20 @@ def any_in_block(here: bool) -> bool:
 @wp.func_native(
     """
 #if defined(__CUDA_ARCH__)
+    return __any_sync(0xffffffffu, here) != 0;
+#else
+    return here;
+#endif
+    """
+)
+def any_in_warp(here: bool) -> bool:
+    """Return whether a condition holds in any thread of the warp; called by all of them, which go on together."""
+    ...
+
+
+@wp.func_native(
+    """
+#if defined(__CUDA_ARCH__)
     for (int apart = 16; apart > 0; apart /= 2) {
         x += __shfl_xor_sync(0xffffffffu, x, apart);
     }

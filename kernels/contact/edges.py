@@ -17,7 +17,7 @@ from balloon_warp.kernels.contact.list_lengths import CAUGHT, PAIRS, SUBSTEPS
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.ridges import way_to_part
 from balloon_warp.kernels.tables import Tables, WorldState
-from balloon_warp.kernels.warps import any_in_block, block_barrier
+from balloon_warp.kernels.warps import any_in_block, any_in_warp, block_barrier
 from balloon_warp.kernels.working import Working
 
 MOST_SWEEPS = wp.constant(300)
@@ -83,13 +83,14 @@ def catching_all_function(features: Features, leaves_out: bool = True) -> Any:
         substep = working.list_lengths[world, SUBSTEPS]
         count = wp.min(working.list_lengths[world, PAIRS], working.edge_pairs.shape[1])
         place = next_due(working, world, thread, count, substep)
-        while place < count:
-            pair = working.edge_pairs[world, place]
-            catch, near, clear = catch_of(t, working, world, wp.vec2i(pair[0], pair[1]), points, velocities)
-            if near:
-                overlap = put(working, world, catch) or overlap
-            if wp.static(leaves_out):
-                working.edge_pairs[world, place] = wp.vec3i(pair[0], pair[1], substep + 1 + clear)
+        while any_in_warp(place < count):  # or each thread of a warp would measure by itself
+            if place < count:
+                pair = working.edge_pairs[world, place]
+                catch, near, clear = catch_of(t, working, world, wp.vec2i(pair[0], pair[1]), points, velocities)
+                if near:
+                    overlap = put(working, world, catch) or overlap
+                if wp.static(leaves_out):
+                    working.edge_pairs[world, place] = wp.vec3i(pair[0], pair[1], substep + 1 + clear)
             place = next_due(working, world, place + wp.block_dim(), count, substep)
         any_overlap = any_in_block(overlap)
         if thread == 0:
