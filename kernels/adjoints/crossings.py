@@ -24,6 +24,7 @@ from balloon_warp.kernels.adjoints.particle_sums import OF_EASES, OF_PLACES, OF_
 from balloon_warp.kernels.contact.catch import EdgeCatch
 from balloon_warp.kernels.contact.edge_catch import four_of
 from balloon_warp.kernels.contact.edge_push import friction_of_catch
+from balloon_warp.kernels.contact.list_lengths import MARKED
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.edges import FOUR
 from balloon_warp.kernels.loops.inertia import ease_function
@@ -214,17 +215,19 @@ def stage_function(features: Features) -> Any:
     ):  # fmt: skip
         for kind in range(thread, KINDS, wp.block_dim()):
             bars.largest[world, kind] = 0.0
+        items = wp.where(stage == FINDS, count, working.list_lengths[world, MARKED])
         block_barrier()
         for turn in range(2):
-            for place in range(thread, count, wp.block_dim()):
+            for item in range(thread, items, wp.block_dim()):
                 if stage == FINDS:
-                    find_back(t, working, bars, world, place, points, turn == 1)
-                elif working.edge_catches[world, place].pushed == 1:
-                    if stage == PUSHES:
-                        push_back(t, working, bars, world, place, sweep, turn == 1)
-                    else:
-                        part_back(t, working, bars, world, place, turn == 1)
+                    find_back(t, working, bars, world, item, points, turn == 1)
+                elif stage == PUSHES:
+                    push_back(t, working, bars, world, working.edge_catches[world, item].marked, sweep, turn == 1)
+                else:
+                    part_back(t, working, bars, world, working.edge_catches[world, item].marked, turn == 1)
             block_barrier()
+        if thread == 0:
+            working.list_lengths[world, MARKED] = 0
         for place in range(thread, count, wp.block_dim()):
             ends = working.edge_catches[world, place].ends
             for end in range(4):

@@ -17,12 +17,10 @@ from balloon_warp.kernels.adjoints.crossings import (
 from balloon_warp.kernels.adjoints.ground_stops import forget_stops, keep_stops, note_stop, stops_function
 from balloon_warp.kernels.adjoints.particle_sums import weighing_function
 from balloon_warp.kernels.contact.edges import (
-    GOES_ON,
     MOST_SWEEPS,
-    RESTS,
     catching_all_function,
-    find_overlaps,
-    find_pushed,
+    mark_overlaps,
+    mark_pushed,
     pushing_all_function,
 )
 from balloon_warp.kernels.contact.list_lengths import PAIRS
@@ -48,9 +46,8 @@ def sweeping_function(features: Features) -> Any:
         while again and sweep < MOST_SWEEPS:
             keep_course(working, bars, world, thread, count, sweep, velocities)
             forget_stops(working, world, thread, count)
-            found = find_pushed(t, working, world, thread, count, velocities)
-            again = any_in_block(found == GOES_ON)
-            push_all(t, working, world, thread, count, points, velocities, 1.0, found > RESTS)
+            again = any_in_block(mark_pushed(t, working, world, thread, count, velocities))
+            push_all(t, working, world, thread, points, velocities, 1.0)
             keep_stops(working, bars, world, thread, count, sweep)
             sweep += 1
         return sweep
@@ -86,20 +83,20 @@ def crossings_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
             count, overlap = catch_all(t, working, world, thread, all_points[world], velocities)
             sweeps = sweep_again(t, working, bars, world, thread, count, all_points[world], velocities)
             if overlap:
-                mine = find_overlaps(working, world, thread, count)
+                mark_overlaps(working, world, thread, count)
                 block_barrier()
                 if wp.static(features.ground):
                     forget_stops(working, world, thread, count)
-                    part_all(t, working, world, thread, count, all_points[world], velocities, 0.0, mine)
+                    part_all(t, working, world, thread, all_points[world], velocities, 0.0)
                     keep_stops(working, bars, world, thread, count, sweeps)
                     stops_back(t, working, bars, world, thread, count, sweeps, 0.0)
-                    find_overlaps(working, world, thread, count)
+                    mark_overlaps(working, world, thread, count)
                 block_barrier()
                 stage_back(t, working, bars, world, thread, count, PARTS, 0, first_points[world])
             while sweeps > 0:
                 sweeps -= 1
                 stops_back(t, working, bars, world, thread, count, sweeps, 1.0)
-                find_pushed(t, working, world, thread, count, bars.courses[sweeps][world])
+                mark_pushed(t, working, world, thread, count, bars.courses[sweeps][world])
                 block_barrier()
                 stage_back(t, working, bars, world, thread, count, PUSHES, sweeps, first_points[world])
             if count > 0:

@@ -30,4 +30,4 @@ class EdgeCatch:
     weights: wp.vec4  # of their velocities in that of the second relative to the first
     crossing: Crossing  # of a particle, normal and gap alone
     kept: float  # distance that they keep [m]
-    pushed: wp.int32  # whether they come too near in this sweep
+    marked: wp.int32  # of this place in the list: which of the pairs of a sweep comes too near

@@ -185,23 +185,21 @@ def pushing_functions(features: Features, note: Any = forget_stop) -> tuple[Any,
         add_impulses(working, world, catch, impulses)
 
     @wp.func
-    def move_ends(
-        t: Tables, working: Working, world: wp.int32, catch: EdgeCatch, points: wp.array[wp.vec3],
+    def move_end(
+        t: Tables, working: Working, world: wp.int32, particle: wp.int32, points: wp.array[wp.vec3],
         velocities: wp.array[wp.vec3], speeds: float,
     ):  # fmt: skip
-        """Move the ends, each by who comes first, which is the same for all of its sum.
+        """Move an end of edges, by who comes first, which is the same for all of its sum.
 
         Args:
             speeds: 1, or 0 where impulses are moves without speed.
         """
-        for end in range(4):
-            particle = catch.ends[end]
-            if wp.atomic_exch(working.edge_shares, world, particle, 0) > 0:
-                gain = ease_of_moving(t, working, world, particle) * take_impulse(working.edge_quanta, world, particle)
-                point = points[particle] + wp.where(speeds > 0.0, t.step_seconds, 1.0) * gain
-                velocity = velocities[particle] + speeds * gain
-                point, velocity = keep_above(t, working, world, particle, point, velocity, speeds)
-                velocities[particle] = velocity
-                points[particle] = point
+        if wp.atomic_exch(working.edge_shares, world, particle, 0) > 0:
+            gain = ease_of_moving(t, working, world, particle) * take_impulse(working.edge_quanta, world, particle)
+            point = points[particle] + wp.where(speeds > 0.0, t.step_seconds, 1.0) * gain
+            velocity = velocities[particle] + speeds * gain
+            point, velocity = keep_above(t, working, world, particle, point, velocity, speeds)
+            velocities[particle] = velocity
+            points[particle] = point
 
-    return push_pair, part_pair, move_ends
+    return push_pair, part_pair, move_end

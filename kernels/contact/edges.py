@@ -13,17 +13,15 @@ import warp as wp
 from balloon_warp.kernels.contact.catch import EdgeCatch
 from balloon_warp.kernels.contact.edge_catch import catching_function
 from balloon_warp.kernels.contact.edge_push import count_ends, excess_of, forget_stop, pushing_functions
-from balloon_warp.kernels.contact.list_lengths import CAUGHT, PAIRS, SUBSTEPS
+from balloon_warp.kernels.contact.list_lengths import CAUGHT, MARKED, PAIRS, SUBSTEPS
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.ridges import way_to_part
 from balloon_warp.kernels.tables import Tables, WorldState
-from balloon_warp.kernels.warps import any_in_block, any_in_warp, block_barrier
+from balloon_warp.kernels.warps import any_in_block, any_in_warp, block_barrier, next_place
 from balloon_warp.kernels.working import Working
 
 MOST_SWEEPS = wp.constant(300)
 """Largest number of sweeps over all pairs in a substep; it ends sooner where none comes too near"""
-RESTS, PUSHES, GOES_ON = wp.constant(0), wp.constant(1), wp.constant(2)
-"""Finds of a thread among its pairs: none comes too near, some do, or some do so far that another sweep is needed"""
 SETTLED = wp.constant(0.01)
 """Fraction of the distance that edges keep by which they may come nearer in a substep, left to the next one"""
 SAFE = wp.constant(0.2)
@@ -79,6 +77,7 @@ def catching_all_function(features: Features, leaves_out: bool = True) -> Any:
         overlap = bool(False)
         if thread == 0:
             working.list_lengths[world, CAUGHT] = 0
+            working.list_lengths[world, MARKED] = 0
         block_barrier()
         substep = working.list_lengths[world, SUBSTEPS]
         count = wp.min(working.list_lengths[world, PAIRS], working.edge_pairs.shape[1])
@@ -101,34 +100,34 @@ def catching_all_function(features: Features, leaves_out: bool = True) -> Any:
 
 
 @wp.func
-def find_pushed(
-    t: Tables, working: Working, world: wp.int32, thread: wp.int32, count: wp.int32, velocities: wp.array[wp.vec3]
-):
-    """Mark the pairs of a thread that come too near, and return what it finds: `RESTS`, `PUSHES` or `GOES_ON`."""
-    found = wp.int32(RESTS)
-    for place in range(thread, count, wp.block_dim()):
-        catch = working.edge_catches[world, place]
-        excess = excess_of(t, catch, velocities)
-        working.edge_catches[world, place].pushed = wp.where(excess > 0.0, 1, 0)
-        if excess > 0.0:
-            count_ends(working, world, catch)
-            least = wp.min(SETTLED * catch.kept, SAFE * catch.crossing.gap)
-            found = wp.max(found, wp.where(t.step_seconds * excess > least, GOES_ON, PUSHES))
-    return found
+def mark(working: Working, world: wp.int32, place: wp.int32):
+    """List a pair that comes too near, and count it among the contacts of its ends."""
+    working.edge_catches[world, next_place(working.list_lengths, world, MARKED)].marked = place
+    count_ends(working, world, working.edge_catches[world, place])
 
 
 @wp.func
-def find_overlaps(working: Working, world: wp.int32, thread: wp.int32, count: wp.int32):
-    """Mark the pairs of a thread that overlap, and return whether any does."""
-    overlap = bool(False)
+def mark_pushed(
+    t: Tables, working: Working, world: wp.int32, thread: wp.int32, count: wp.int32, velocities: wp.array[wp.vec3]
+):
+    """Mark the pairs of a thread that come too near, and return whether any does so far that one more sweep follows."""
+    goes_on = bool(False)
     for place in range(thread, count, wp.block_dim()):
         catch = working.edge_catches[world, place]
-        is_near = overlaps(catch)
-        working.edge_catches[world, place].pushed = wp.where(is_near, 1, 0)
-        if is_near:
-            count_ends(working, world, catch)
-            overlap = True
-    return overlap
+        excess = excess_of(t, catch, velocities)
+        if excess > 0.0:
+            mark(working, world, place)
+            least = wp.min(SETTLED * catch.kept, SAFE * catch.crossing.gap)
+            goes_on = goes_on or t.step_seconds * excess > least
+    return goes_on
+
+
+@wp.func
+def mark_overlaps(working: Working, world: wp.int32, thread: wp.int32, count: wp.int32):
+    """Mark the pairs of a thread that overlap."""
+    for place in range(thread, count, wp.block_dim()):
+        if overlaps(working.edge_catches[world, place]):
+            mark(working, world, place)
 
 
 @cache
@@ -138,30 +137,32 @@ def pushing_all_function(features: Features, note: Any = forget_stop) -> Any:
     Args:
         note: function that keeps how the ground stops a particle.
     """
-    push_pair, part_pair, move_ends = pushing_functions(features, note)
+    push_pair, part_pair, move_end = pushing_functions(features, note)
 
     @wp.func
     def push_all(
-        t: Tables, working: Working, world: wp.int32, thread: wp.int32, count: wp.int32, points: wp.array[wp.vec3],
-        velocities: wp.array[wp.vec3], speeds: float, has_marked: bool,
+        t: Tables, working: Working, world: wp.int32, thread: wp.int32, points: wp.array[wp.vec3],
+        velocities: wp.array[wp.vec3], speeds: float,
     ):  # fmt: skip
-        """Push all marked pairs apart, by all threads of a block.
+        """Push all marked pairs apart, by all threads of a block, a thread a pair and then a thread an end.
 
         Args:
-            has_marked: whether the thread has marked any of its pairs.
             speeds: 1, or 0 where they are moved without speed.
         """
-        end = wp.where(has_marked, count, 0)
-        for place in range(thread, end, wp.block_dim()):
-            if working.edge_catches[world, place].pushed == 1:
-                if speeds > 0.0:
-                    push_pair(t, working, world, working.edge_catches[world, place], velocities)
-                else:
-                    part_pair(t, working, world, working.edge_catches[world, place])
+        count = working.list_lengths[world, MARKED]
+        for item in range(thread, count, wp.block_dim()):
+            place = working.edge_catches[world, item].marked
+            if speeds > 0.0:
+                push_pair(t, working, world, working.edge_catches[world, place], velocities)
+            else:
+                part_pair(t, working, world, working.edge_catches[world, place])
         block_barrier()
-        for place in range(thread, end, wp.block_dim()):
-            if working.edge_catches[world, place].pushed == 1:
-                move_ends(t, working, world, working.edge_catches[world, place], points, velocities, speeds)
+        if thread == 0:
+            working.list_lengths[world, MARKED] = 0
+        for item in range(thread, 4 * count, wp.block_dim()):
+            place = working.edge_catches[world, item // 4].marked
+            particle = working.edge_catches[world, place].ends[item % 4]
+            move_end(t, working, world, particle, points, velocities, speeds)
         block_barrier()
 
     return push_all
@@ -188,14 +189,14 @@ def edges_function(features: Features) -> Any:
             sweep = wp.int32(0)
             while count > 0 and sweep < MOST_SWEEPS:
                 sweep += 1
-                found = find_pushed(t, working, world, thread, count, velocities)
-                again = any_in_block(found == GOES_ON)
-                push_all(t, working, world, thread, count, points, velocities, 1.0, found > RESTS)
+                goes_on = mark_pushed(t, working, world, thread, count, velocities)
+                again = any_in_block(goes_on)
+                push_all(t, working, world, thread, points, velocities, 1.0)
                 if not again:
                     sweep = MOST_SWEEPS
             if overlap:
-                mine = find_overlaps(working, world, thread, count)
+                mark_overlaps(working, world, thread, count)
                 block_barrier()
-                push_all(t, working, world, thread, count, points, velocities, 0.0, mine)
+                push_all(t, working, world, thread, points, velocities, 0.0)
 
     return meet_edges

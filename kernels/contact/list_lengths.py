@@ -12,5 +12,7 @@ SEEKING, BOXED = wp.constant(4), wp.constant(5)
 """Edges that go through trees in a search, and pairs of edges whose boxes meet"""
 SUBSTEPS = wp.constant(6)
 """Substeps in which edges have met since the search"""
-LENGTHS = 7
+MARKED = wp.constant(7)
+"""Pairs that come too near in a sweep"""
+LENGTHS = 8
 """Number of these"""
