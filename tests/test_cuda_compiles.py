@@ -20,7 +20,7 @@ from balloon_warp.scene import Balloon, Obstacle, Scene, load_scene
 from balloon_warp.schedules.block_layout import layout_of, step_of
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.gather import GatherSchedule
-from balloon_warp.schedules.launches import MOST_EDGE_THREADS, TEAM_THREADS
+from balloon_warp.schedules.launches import EDGE_THREADS, TEAM_THREADS
 from balloon_warp.schedules.outlook import busy_features, free_features
 from balloon_warp.schedules.patches import cut_into_patches, layout_of_patches, step_of_patches
 
@@ -83,7 +83,7 @@ def test_edges_that_touch_compile(tmp_path: Path):
     model = build_model(load_scene("knot"), "cpu", 2)
     step = GatherSchedule.step_of(model, model_features(model))
     (piece,) = (each for each in step.pieces if each.name == "worlds_meet_edges")
-    assert "bar.red" in compiled(kernel_of(step, piece), MOST_EDGE_THREADS, tmp_path)
+    assert "bar.red" in compiled(kernel_of(step, piece), EDGE_THREADS, tmp_path)
 
 
 def test_an_exchange_of_momentum_backwards_compiles(tmp_path: Path):

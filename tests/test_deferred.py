@@ -8,7 +8,6 @@ from balloon_warp.model import build_model, initial_state
 from balloon_warp.scene import load_scene
 from balloon_warp.schedules.choose import fastest_schedule
 from balloon_warp.schedules.gather import GatherSchedule
-from balloon_warp.schedules.launches import edge_threads
 
 
 def after_frames(name: str, frames: int) -> tuple[np.ndarray, np.ndarray]:
@@ -26,11 +25,6 @@ def test_particles_that_are_put_off_do_the_same(monkeypatch):
     put_off = after_frames("table", 8)
     for one, other in zip(at_once, put_off, strict=True):
         np.testing.assert_array_equal(one, other)
-
-
-@pytest.mark.parametrize(("worlds", "threads"), [(1, 256), (528, 256), (529, 128), (5000, 128)])
-def test_a_gpu_has_all_worlds_at_once_where_edges_meet(worlds: int, threads: int):
-    assert edge_threads(worlds, 132) == threads
 
 
 @pytest.mark.parametrize(("name", "taken"), [("knot", "gather"), ("balloon_bunch", "block")])

@@ -27,8 +27,8 @@ TEAM_THREADS = 256
 """Threads of a block for phases of a world and for sums, on a GPU; more would have too few registers"""
 TEAM_THREADS_OF_SMALL, SMALL = 64, 1024
 """Threads where no balloon has more particles: more blocks then run at once, while one thread of each ends its sum"""
-MOST_EDGE_THREADS, LEAST_EDGE_THREADS, EDGE_THREADS_AT_ONCE = 256, 128, 1024
-"""Threads of a world for edges that touch, and of a multiprocessor, which has all worlds at once if there is room"""
+EDGE_THREADS = 256
+"""Threads of a block for edges that touch: where a thread has fewer pairs, its block waits less"""
 TEAM_REGISTERS = {"meet_edges": 64, "meet_ridges": 128}
 """Registers of a thread of a whole world's block, at most: so that a multiprocessor has more of them at once"""
 MOST_REGISTERS = 128
@@ -181,7 +181,7 @@ class Launches:
         """Return the threads of a block."""
         device = self.model.device
         if piece.phases[0].name == "meet_edges" and device.is_cuda:
-            return edge_threads(self.model.world_count, device.sm_count)
+            return EDGE_THREADS
         if acts_on_few(self.step, piece):
             return LISTING_THREADS if device.is_cuda else 1
         return team_threads(self.model)
@@ -225,12 +225,6 @@ class Launches:
             "sphere": m.sphere_count,
         }
         return (m.world_count, counts[item]) if item in counts else (m.world_count,)
-
-
-def edge_threads(worlds: int, multiprocessors: int) -> int:
-    """Return the threads of a world for edges that touch: a power of two."""
-    room = max(EDGE_THREADS_AT_ONCE * multiprocessors // worlds, LEAST_EDGE_THREADS)
-    return min(1 << room.bit_length() - 1, MOST_EDGE_THREADS)
 
 
 def team_threads(model: Model) -> int:
