@@ -1,13 +1,13 @@
 """Motion of a scene in NumPy and double precision: springs or a film, damping, weight, a pressure or a gas, contact.
 
-Contact is with the ground and obstacles. Written from the formulas, not from the kernels, so that its finite
-differences are a reference for gradients. Films are those of `statics`."""
+Written from the formulas, not the kernels: its differences are a reference for gradients. Films are of `statics`."""
 
 from collections.abc import Generator, Mapping
 from functools import partial
 from typing import Any
 
 import numpy as np
+from float64_faces import MeetingFaces
 from float64_parts import air_on_faces, directions, gusts, let_through, out_of_sphere, thrusts, torsion, water
 from float64_ridges import MeetingRidges
 from float64_spheres import Spheres
@@ -66,12 +66,12 @@ class Motion:
         self.ends, self.lengths = springs.pairs, np.float32(springs.rest_lengths).astype(float)
         of_film = self.balloon.material.law != "springs"
         self.film = film_of(self.scene, number, self.shape, self.p) if of_film else None
-        self.load, self.leaks_alone = np.zeros(2), True
-        neck = self.balloon.neck
+        self.load, self.leaks_alone, neck = np.zeros(2), True, self.balloon.neck
         self.neck = neck_of(neck.at, self.shape.mesh, self.share, self.up) if neck else None
         self.balls = Spheres(self.scene, self.p, self.h)
         self.spheres = self.balls.spheres
         self.ridges = MeetingRidges(plan, self.p, self.h, self.balls) if scene.faces is True else None
+        self.small = MeetingFaces(plan, self.p, self.h, self.balls)
 
     @property
     def constants(self) -> Array:
@@ -177,12 +177,12 @@ class Motion:
         else:
             self.pressure = self._given(frame, part)
             v = v + gain * (force + (inflation := self.pressure * area))
-        x = x + self.h * v
+        start, x = x, x + self.h * v
         if self.ridges:
             x, v = self.ridges.meet(x, v, 1.0 / mass)
-        if self.spheres and self.scene.contact == "impulse":
-            return self.balls.exchange(x, v, mass, self._stand)
-        return self._leave(x, v, inflation)
+        exchanges = self.spheres and self.scene.contact == "impulse"
+        x, v = self.balls.exchange(x, v, mass, self._stand) if exchanges else self._leave(x, v, inflation)
+        return self.small.meet(start, x, v, 1.0 / mass) if self.small.small else (x, v)
 
     def _springs(self, x: Array) -> Array:
         if self.film:

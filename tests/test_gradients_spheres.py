@@ -225,12 +225,15 @@ def test_an_exchange_in_a_batch_has_the_gradients_and_frames_that_it_has_alone(c
     np.testing.assert_array_equal(found.trajectories.sphere_positions, told.sphere_positions)
 
 
-def test_small_spheres_that_touch_faces_are_refused():
-    of = exchange().model_copy(update={"sphere": [bw.Sphere(position=(0.0, 0.3, 0.0), radius=0.05)]})
-    with pytest.raises(bw.InputError, match="no adjoint yet; expected spheres larger than faces"):
-        bw.gradient(of, of=["balloon.0.mass"], loss=far)
+def test_gradients_by_friction_of_spheres_that_exchange_momentum(device: str):
+    """The first sphere rubs on the ball and the ground, the second on the ball alone."""
+    of, paths = exchange(), ["sphere.0.friction", "sphere.1.friction"]
+    found = bw.gradient(of, of=paths, loss=ends, device=device)
+    for path in paths:
+        more, less = (ends_in_float64(of, {path: value_of(of, path) + side * 1e-6}) for side in (1.0, -1.0))
+        assert found.gradients[path][0] == pytest.approx((more - less) / 2e-6, rel=2e-5)
 
 
-def test_friction_of_a_sphere_that_exchanges_momentum_is_refused():
+def test_friction_of_a_sphere_that_meets_faces_as_a_ridge_is_refused():
     with pytest.raises(bw.InputError, match=r"sphere\.1\.friction: cannot be derived by yet"):
-        bw.gradient(exchange(), of=["sphere.1.friction"], loss=far)
+        bw.gradient(between_corners(), of=["sphere.1.friction"], loss=far)

@@ -18,6 +18,7 @@ from balloon_warp.mesh.topology import inconsistent_edges, is_closed, mesh_edges
 from balloon_warp.model import Model, ModelPlan
 from balloon_warp.model.friction import FRICTION, SAID
 from balloon_warp.model.memory import usable_memory
+from balloon_warp.model.small_spheres import round_ridges
 from balloon_warp.model.touch import STIFFNESSES
 from balloon_warp.model.vary import METHODS
 from balloon_warp.schedules.backward_fixtures import POSITION
@@ -77,7 +78,7 @@ def require_paths(plan: ModelPlan, model: Model, chains: Sequence[Chain]) -> Non
             known = name in laws or name in (*FOUND, *OF_SPHERES) or name in UNREAD or name.startswith("initial_")
             known = known or (name == FRICTION and _is_of_balloons(plan, slopes)) or name == STIFFNESSES
             known = known or name in OF_STRINGS or (name in OF_OBSTACLES and _only_particles_meet(plan))
-            known = known or (name in FRICTIONS and _frictions_are_known(plan))
+            known = known or (name in FRICTIONS and _frictions_are_known(plan, model))
             known = known and not (name in RESTITUTIONS and plan.scene.body)
             changes = name in (FRICTION, *SAID) and _friction_changes(plan)
             if changes or (name in (*model.parameters, KEYFRAMES) and not known):
@@ -102,10 +103,9 @@ def _only_particles_meet(plan: ModelPlan) -> bool:
     return not (plan.scene.sphere or plan.scene.body or plan.ridges)
 
 
-def _frictions_are_known(plan: ModelPlan) -> bool:
-    """Return whether all that rubs is derived by how it does: not so are faces, bodies, and particles on spheres."""
-    exchanges = bool(plan.scene.sphere) and plan.scene.contact == "impulse"
-    return not (exchanges or plan.scene.body or plan.ridges)
+def _frictions_are_known(plan: ModelPlan, model: Model) -> bool:
+    """Return whether all that rubs is derived by how it does: not so are bodies, and faces on ridges or as on these."""
+    return not (plan.scene.body or plan.ridges or any(round_ridges(model)))
 
 
 def _friction_changes(plan: ModelPlan) -> bool:

@@ -22,6 +22,7 @@ from balloon_warp.schedules.backward_directions import DirectionsBackward
 from balloon_warp.schedules.backward_each import EachBackward
 from balloon_warp.schedules.backward_edges import EdgesBackward, kept_of_edges
 from balloon_warp.schedules.backward_exchange import ExchangeBackward, kept_of_exchange
+from balloon_warp.schedules.backward_faces import FacesBackward, kept_of_faces
 from balloon_warp.schedules.backward_fixtures import FixturesBackward
 from balloon_warp.schedules.backward_gas import GasBackward
 from balloon_warp.schedules.backward_ridges import RidgesBackward, kept_of_balls, kept_of_ridges
@@ -49,7 +50,7 @@ class _Remembering(Launches):
     ):
         super().__init__(model, step, tables, room, own)
         self._remembered, self._substep = remembered, 0
-        self.notes: dict[str, ExchangeBackward | EdgesBackward | RidgesBackward] = {}
+        self.notes: dict[str, ExchangeBackward | EdgesBackward | RidgesBackward | FacesBackward] = {}
         """Adjoints of phases that keep what comes to them, by names of these"""
 
     def substep(self, state: State, substep: int, now: Moving) -> Moving:
@@ -59,7 +60,9 @@ class _Remembering(Launches):
 
     def _launch(self, piece: Piece, state: State, time_in_frame: float, now: Moving) -> Moving:
         noting = self.notes.get(piece.phases[0].name)
-        if noting:
+        if isinstance(noting, FacesBackward):
+            noting.note(state, self._substep, *now)
+        elif noting:
             noting.note(self._substep, *now)
         new = super()._launch(piece, state, time_in_frame, now)
         if isinstance(noting, RidgesBackward):
@@ -74,7 +77,7 @@ class _Remembering(Launches):
 
 CARRIED = {"inflation_loads": wp.vec2}
 """Values that balloons carry from one substep to the next, and their types"""
-WAYS_OUT = {"keep_start": "spheres larger than faces", "meet_ridges": "faces = false"}
+WAYS_OUT = {"meet_ridges": "faces = false"}
 """Settings by the names of phases without an adjoint, which they leave out"""
 GAS_CARRIED = {"pressures": wp.float32, "gas_amounts": wp.float64, "free_volumes": wp.float64}
 """Further values that balloons carry, where gas comes and goes"""
@@ -151,6 +154,7 @@ class LaunchedBackward(BackwardFrames):
     _exchange: ExchangeBackward | None = None
     _edges: EdgesBackward | None = None
     _ridges: RidgesBackward | None = None
+    _faces: FacesBackward | None = None
 
     def __init__(self, model: Model, state: State, columns: Sequence[int]):
         features, room = model_features(model), Allocating(model.device)
@@ -188,6 +192,9 @@ class LaunchedBackward(BackwardFrames):
                 model, features, self.columns, tables, working, self.arrays, self.spheres, room
             )
             self._launches.notes["meet_ridges"] = self._ridges
+        if self.spheres and features.small_spheres:
+            self._faces = FacesBackward(model, features, self.columns, tables, working, self.arrays, self.spheres, room)
+            self._launches.notes["meet_faces"] = self._faces
         if features.gas_changes:
             self._gas_back = GasBackward(model, features, self.columns, tables, self._launches.working, self.bars)
         if features.tubes:
@@ -213,6 +220,8 @@ class LaunchedBackward(BackwardFrames):
             room.array((model.substeps, model.world_count, model.particle_count), wp.vec4)
         if step.features.edges_meet:
             kept_of_edges(model, step.features, room)
+        if step.features.small_spheres:
+            kept_of_faces(model, room)
         if step.features.ridges:
             kept_of_balls(model, step.features, kept_of_ridges(model, room)[-1], room)
 
@@ -246,6 +255,8 @@ class LaunchedBackward(BackwardFrames):
         among = self.spheres.found_again(self.state, kept.carried[substep], substep) if self.spheres else {}
         if self._edges:
             self._edges.turn_back(substep)
+        if self._faces:
+            self._faces.turn_back(substep, points)
         if self._exchange and self.spheres:
             log = self.spheres.log
             self._exchange.turn_back(substep, self._ridges.log_left(log, substep) if self._ridges else log)
@@ -271,6 +282,8 @@ class LaunchedBackward(BackwardFrames):
                 launch_tiled(made, dim=places, inputs=inputs, block_dim=team_threads(m), device=m.device)
             else:
                 launch(made, (m.world_count, m.particle_count), inputs, device=m.device)
+        if self._faces:
+            self._faces.add_by_starts()
         for part in self.parts:
             part.turn_back(self.state.frame, substep * m.step_seconds, points, velocities)
         if self.touch:

@@ -5,6 +5,7 @@ What changes their courses in a substep is found again from where it began.
 
 from collections.abc import Mapping
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -54,6 +55,8 @@ class SpheresBackward:
         self.bars.numbers = room.array((worlds, spheres, len(COLUMNS)), wp.float64)
         things = model.parameters[FRICTION].shape[1]
         self.bars.frictions = room.array((worlds, things, things), wp.float64)
+        of_exchange = model.particle_count if features.impulses and features.spheres_rub else 0
+        self.bars.rubs = room.array((worlds, of_exchange, spheres), wp.float32)
         self.bars.fixture_restitutions = room.array((worlds, len(model.obstacles)), wp.float64)
         self.bars.crowded = room.array(worlds, wp.int32)
         self.log = log_of_spheres(model, room)
@@ -112,6 +115,11 @@ class SpheresBackward:
         numbers, frictions, restitutions = (np.asarray(array.numpy(), dtype=np.float64).copy() for array in arrays)
         for array in arrays:
             array.zero_()
+        rubs, first = np.asarray(self.bars.rubs.numpy(), dtype=np.float64), 1 + len(self._model.obstacles)
+        self.bars.rubs.zero_()
+        balloons = frictions[:, -self._model.balloon_count :, first : first + self._model.sphere_count]
+        for number, (begin, end) in enumerate(pairwise(self._model.particle_offsets)):
+            balloons[:, number] += rubs[:, begin:end].sum(axis=1)
         of_columns = {name: numbers[..., column] for column, name in enumerate(COLUMNS)}
         return of_columns | {FRICTION: frictions, OF_OBSTACLES: restitutions}
 

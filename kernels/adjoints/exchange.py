@@ -14,7 +14,7 @@ import warp as wp
 from balloon_warp.kernels.adjoint import Adjoint
 from balloon_warp.kernels.adjoints.answers import Answer, Common, Load, work_of_particle, work_of_sphere
 from balloon_warp.kernels.adjoints.exchange_tables import ExchangeBars, Exchanges, Met, Sums, put_sums, sums_of
-from balloon_warp.kernels.adjoints.sphere_bars import add_by_sphere, bar_of_course, put_bar_of_course
+from balloon_warp.kernels.adjoints.sphere_bars import add_by_friction, add_by_sphere, bar_of_course, put_bar_of_course
 from balloon_warp.kernels.adjoints.sphere_log import LoggedSpheres
 from balloon_warp.kernels.contact.near import PARTICLES_A_MARK
 from balloon_warp.kernels.contact.spheres import marked_functions, settling_function
@@ -32,7 +32,7 @@ from balloon_warp.kernels.laws.impulse import (
     shift_of_body,
     sinking_of_sphere,
 )
-from balloon_warp.kernels.loops.friction import friction_on, number_of_sphere
+from balloon_warp.kernels.loops.friction import GROUND, friction_on, number_of_sphere
 from balloon_warp.kernels.loops.inertia import inertia_function
 from balloon_warp.kernels.loops.rolling import course_at
 from balloon_warp.kernels.loops.sphere_contact import Ball, ball_function
@@ -138,7 +138,7 @@ def particle_adjoint(features: Features) -> Any:
                 common.shift = met.shift
                 common.pressed = mass_in(met.press, PRESSED)
                 mass = inertia(working, params)
-                by_point, by_velocity, by_ball, by_radius, by_heavy, by_mass, by_common, _answer, _up = wp.grad(
+                by_point, by_velocity, by_ball, by_radius, by_heavy, by_mass, by_common, by_answer, _up = wp.grad(
                     work_of_particle
                 )(
                     point, velocity, course_at(spheres, world, sphere), ball.radius, ball.mass, mass, common, answer,
@@ -151,6 +151,9 @@ def particle_adjoint(features: Features) -> Any:
                     if answer.is_pressed:
                         by_mass += by_pressed
                     bars.masses[world, particle] = bars.masses[world, particle] + by_mass
+                    if wp.static(features.spheres_rub):
+                        by_friction = bars.spheres.rubs[world, particle, sphere] + by_answer.friction
+                        bars.spheres.rubs[world, particle, sphere] = by_friction
         return sums
 
     return answer_backwards
@@ -186,7 +189,6 @@ def sphere_adjoint(features: Features) -> Any:
         if not is_met(met.press):
             return 0.0
         ball = ball_at(t, spheres, world, sphere)
-        course = course_at(spheres, world, sphere)
         bar = bar_of_course(bars.spheres, world, sphere)
         ground = ground_beside(met.press, ball.mass, t.up, ball.sinking, met.last)
         load = Load()
@@ -200,8 +202,8 @@ def sphere_adjoint(features: Features) -> Any:
         common = Common()
         common.change = met.change
         common.shift = met.shift
-        by_course, by_radius, by_mass, by_common, by_load, _friction, _step, _up, _bar = wp.grad(work_of_sphere)(
-            course, ball.radius, ball.mass, common, load, friction, t.step_seconds, t.up, bar
+        by_course, by_radius, by_mass, by_common, by_load, by_friction, _step, _up, _bar = wp.grad(work_of_sphere)(
+            course_at(spheres, world, sphere), ball.radius, ball.mass, common, load, friction, t.step_seconds, t.up, bar
         )
         by_ground = wp.where(load.push > 0.0, by_load.push, 0.0)
         answer = Answer()
@@ -234,6 +236,7 @@ def sphere_adjoint(features: Features) -> Any:
             put_bar_of_course(bars.spheres, world, sphere, by_course)
             by_radius += taken[16] + by_sinking * of_radius
             add_by_sphere(bars.spheres, world, sphere, by_mass + taken[17], by_radius)
+            add_by_friction(bars.spheres, world, number_of_sphere(t, sphere), GROUND, by_friction)
         return by_sinking * by_height
 
     return exchange_back

@@ -26,6 +26,9 @@ class BarsOfSpheres:
     frictions: wp.array3d[wp.float64]
     """Bars of Coulomb's coefficients between spheres, and on obstacles and the ground, added up over all frames, shape
     (W, things, things)"""
+    rubs: wp.array3d[float]
+    """Bars of Coulomb's coefficient of each particle on each sphere that exchanges momentum with it, added up over
+    frames, shape (W, P, S); empty where none does"""
     fixture_restitutions: wp.array2d[wp.float64]
     """Bars of obstacles' coefficients of restitution, added up over all frames, shape (W, N)"""
     crowded: wp.array[wp.int32]

@@ -14,12 +14,12 @@ import warp as wp
 from balloon_warp.kernels.contact.boxes import boxes_meet
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.collision import NEVER
-from balloon_warp.kernels.laws.face_contact import facing_of, impact, part_until_contact
+from balloon_warp.kernels.laws.face_contact import Impact, facing_of, impact, part_until_contact
 from balloon_warp.kernels.laws.sliding import spin_by
 from balloon_warp.kernels.loops.friction import friction_on, number_of_sphere
 from balloon_warp.kernels.loops.inertia import ease_function, inertia_function
 from balloon_warp.kernels.params import params_functions
-from balloon_warp.kernels.tables import Tables, WorldState, sphere_mass, sphere_radius
+from balloon_warp.kernels.tables import Tables, sphere_mass, sphere_radius
 from balloon_warp.kernels.warps import block_barrier
 from balloon_warp.kernels.working import Working
 
@@ -66,14 +66,15 @@ def part_until_face(
     part = float(NEVER)
     if boxes_meet(lower, upper, wp.min(start, end), wp.max(start, end), radius + 0.01 * wp.length(upper - lower)):
         facing = facing_of(start, end, radius, before, after)
-        part = part_until_contact(facing, nearest * facing.radius)
+        found, _looks = part_until_contact(facing, nearest * facing.radius)
+        part = found
     return part
 
 
 @wp.func
 def find_soonest(
     t: Tables,
-    state: WorldState,
+    spheres: Any,
     working: Working,
     world: wp.int32,
     thread: wp.int32,
@@ -84,7 +85,7 @@ def find_soonest(
 ):
     """Find the triangle that a sphere meets first, and the fraction of the step, among those of a thread."""
     start = working.sphere_starts[world, sphere]
-    end = state.sphere_positions[world, sphere]
+    end = spheres.sphere_positions[world, sphere]
     soonest = float(NEVER)
     which = wp.int32(NONE)
     for triangle in range(thread, t.spheres.triangles.shape[0], wp.block_dim()):
@@ -109,14 +110,32 @@ def add_to_lump(lump: wp.array[wp.int32], count: wp.int32, corners: wp.vec3i):
 
 
 @cache
+def changing_function(features: Features) -> Any:
+    """Return the function that finds what a contact does to the sphere, or to a corner."""
+
+    @wp.func
+    def change_of(met: Impact, number: wp.int32):
+        """Return the shift [m] and gain [m/s] of the sphere, which is number 0, or of a corner: 1, 2 or 3."""
+        gain = met.gains[number] * met.normal
+        shift = met.shifts[number] * met.normal
+        if wp.static(features.spheres_rub):
+            rub = met.pulled[number] * met.rub
+            gain += rub
+            shift += met.seconds * rub
+        return shift, gain
+
+    return change_of
+
+
+@cache
 def meet_face_function(features: Features) -> Any:
     """Return the function by which a sphere and a triangle exchange momentum."""
-    ease_of_moving = ease_function(features)
+    ease_of_moving, change_of = ease_function(features), changing_function(features)
 
     @wp.func
     def meet_face(
         t: Tables,
-        state: WorldState,
+        spheres: Any,
         working: Working,
         world: wp.int32,
         sphere: wp.int32,
@@ -128,8 +147,8 @@ def meet_face_function(features: Features) -> Any:
         """Exchange momentum between a sphere and a triangle after a fraction of the step."""
         corners = t.spheres.triangles[triangle]
         radius = sphere_radius(t.spheres, world, sphere)
-        end = state.sphere_positions[world, sphere]
-        velocity = state.sphere_velocities[world, sphere]
+        end = spheres.sphere_positions[world, sphere]
+        velocity = spheres.sphere_velocities[world, sphere]
         facing = facing_of(
             working.sphere_starts[world, sphere], end, radius,
             corner_rows(working.point_starts[world], corners), corner_rows(points, corners),
@@ -143,29 +162,20 @@ def meet_face_function(features: Features) -> Any:
         spin = wp.vec3()
         friction = float(0.0)
         if wp.static(features.spheres_rub):
-            spin = state.sphere_spins[world, sphere]
+            spin = spheres.sphere_spins[world, sphere]
             friction = friction_on(t, world, t.particles.balloon[corners[0]], number_of_sphere(t, sphere))
         met = impact(facing, part, velocity, corner_rows(velocities, corners), eases, spin, friction, t.step_seconds)
-        gain = met.gains[0] * met.normal
-        shift = met.shifts[0] * met.normal
         if wp.static(features.spheres_rub):
-            rub = met.pulled[0] * met.rub
-            gain += rub
-            shift += met.seconds * rub
             torque = wp.cross(met.arm, met.rub)
-            state.sphere_spins[world, sphere] = spin + spin_by(1.0 / eases[0], radius, torque)
-        state.sphere_positions[world, sphere] = end + shift
-        state.sphere_velocities[world, sphere] = velocity + gain
+            spheres.sphere_spins[world, sphere] = spin + spin_by(1.0 / eases[0], radius, torque)
+        shift, gain = change_of(met, 0)
+        spheres.sphere_positions[world, sphere] = end + shift
+        spheres.sphere_velocities[world, sphere] = velocity + gain
         for corner in range(3):
             particle = corners[corner]
-            gain = met.gains[corner + 1] * met.normal
-            shift = met.shifts[corner + 1] * met.normal
-            if wp.static(features.spheres_rub):
-                rub = met.pulled[corner + 1] * met.rub
-                gain += rub
-                shift += met.seconds * rub
-            points[particle] = points[particle] + shift
-            velocities[particle] = velocities[particle] + gain
+            way, more = change_of(met, corner + 1)
+            points[particle] = points[particle] + way
+            velocities[particle] = velocities[particle] + more
 
     return meet_face
 
@@ -179,7 +189,7 @@ def move_lump_function(features: Features) -> Any:
     @wp.func
     def move_lump(
         t: Tables,
-        state: WorldState,
+        spheres: Any,
         working: Working,
         world: wp.int32,
         sphere: wp.int32,
@@ -189,8 +199,8 @@ def move_lump_function(features: Features) -> Any:
     ):
         """Move a sphere and its lump by their mean displacement and velocity; not at all if one of them is fixed."""
         mass = sphere_mass(t.spheres, world, sphere)
-        way = mass * (state.sphere_positions[world, sphere] - working.sphere_starts[world, sphere])
-        momentum = mass * state.sphere_velocities[world, sphere]
+        way = mass * (spheres.sphere_positions[world, sphere] - working.sphere_starts[world, sphere])
+        momentum = mass * spheres.sphere_velocities[world, sphere]
         held = bool(False)
         for place in range(count):
             particle = working.lumps[world, place]
@@ -204,21 +214,25 @@ def move_lump_function(features: Features) -> Any:
             particle = working.lumps[world, place]
             points[particle] = working.point_starts[world, particle] + ease * way
             velocities[particle] = ease * momentum
-        state.sphere_positions[world, sphere] = working.sphere_starts[world, sphere] + ease * way
-        state.sphere_velocities[world, sphere] = ease * momentum
+        spheres.sphere_positions[world, sphere] = working.sphere_starts[world, sphere] + ease * way
+        spheres.sphere_velocities[world, sphere] = ease * momentum
 
     return move_lump
 
 
 @cache
-def faces_function(features: Features) -> Any:
-    """Return the function that resolves contacts of small spheres with faces, once all have moved."""
+def faces_function(features: Features, note: Any = None) -> Any:
+    """Return the function that resolves contacts of small spheres with faces, once all have moved.
+
+    Args:
+        note: function that notes a contact before it acts; None to note nothing.
+    """
     meet_face, move_lump = meet_face_function(features), move_lump_function(features)
 
     @wp.func
     def meet_faces(
         t: Tables,
-        state: WorldState,
+        state: Any,
         working: Working,
         world: wp.int32,
         thread: wp.int32,
@@ -245,11 +259,16 @@ def faces_function(features: Features) -> Any:
                     meetings = wp.where(first <= 1.0, meetings + 1, int(MOST_MEETINGS + MOST_LUMPED))
                     if first <= 1.0:
                         moved = bool(True)
-                        if thread == 0 and meetings <= MOST_MEETINGS:
-                            meet_face(t, state, working, world, sphere, chosen, first, points, velocities)
-                        elif thread == 0:
-                            lumped = add_to_lump(working.lumps[world], lumped, t.spheres.triangles[chosen])
-                            move_lump(t, state, working, world, sphere, lumped, points, velocities)
+                        if thread == 0:
+                            if wp.static(note is not None):
+                                so_far = wp.where(meetings <= MOST_MEETINGS, -1, lumped)
+                                corners = t.spheres.triangles[chosen]
+                                note(state, world, sphere, nearest, so_far, corners, points, velocities)
+                            if meetings <= MOST_MEETINGS:
+                                meet_face(t, state, working, world, sphere, chosen, first, points, velocities)
+                            else:
+                                lumped = add_to_lump(working.lumps[world], lumped, t.spheres.triangles[chosen])
+                                move_lump(t, state, working, world, sphere, lumped, points, velocities)
                         block_barrier()
 
     return meet_faces

@@ -99,12 +99,29 @@ def way_beside(facing: Facing, weights: wp.vec3):
 
 
 @wp.func
+def longest_way(facing: Facing):
+    """Return the longest way of the center beside a corner."""
+    first = wp.length(facing.way - facing.ways[0])
+    return wp.max(wp.max(first, wp.length(facing.way - facing.ways[1])), wp.length(facing.way - facing.ways[2]))
+
+
+@wp.func
+def part_after(part: float, distance: float, radius: float, longest: float):
+    """Return the fraction of the step until which they cannot come nearer than a radius, from one of a given distance.
+
+    No further than to half the distance, so that the center cannot be on the other side.
+    """
+    ahead = wp.max(distance - (1.0 - 0.5 * BAND) * radius, 0.5 * distance)
+    return wp.where(ahead < longest and longest > 0.0, part + ahead / wp.max(longest, 1.0e-30), NEVER)
+
+
+@wp.func
 def part_until_contact(facing: Facing, radius: float):
-    """Return the fraction of the step after which they come nearer than a radius; `NEVER` if they do not."""
-    longest = wp.max(
-        wp.max(wp.length(facing.way - facing.ways[0]), wp.length(facing.way - facing.ways[1])),
-        wp.length(facing.way - facing.ways[2]),
-    )
+    """Return the fraction of the step after which they come nearer than a radius; `NEVER` if they do not.
+
+    Returns also the number of looks that this took.
+    """
+    longest = longest_way(facing)
     little = LITTLE * facing.radius + ROUNDING * wp.length(facing.start)
     part = float(0.0)
     found = float(NEVER)
@@ -115,13 +132,11 @@ def part_until_contact(facing: Facing, radius: float):
         nearer = -(1.0 - part) * wp.dot(way_beside(facing, weights), arm)
         if distance < radius and nearer > little * distance:
             found = part
-        # no further than to half the distance, so that it cannot be on the other side
-        ahead = wp.max(distance - (1.0 - 0.5 * BAND) * radius, 0.5 * distance)
         looks += 1
         if looks >= MOST_LOOKS:
             found = part
-        part = wp.where(ahead < longest and longest > 0.0, part + ahead / wp.max(longest, 1.0e-30), NEVER)
-    return found
+        part = part_after(part, distance, radius, longest)
+    return found, looks
 
 
 @wp.func

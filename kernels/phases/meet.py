@@ -11,6 +11,7 @@ import warp as wp
 from balloon_warp.kernels.adjoints.crossings import edges_backwards
 from balloon_warp.kernels.adjoints.exchange import exchange_backwards
 from balloon_warp.kernels.adjoints.ridges import ridges_backwards
+from balloon_warp.kernels.adjoints.small_spheres import small_spheres_backwards
 from balloon_warp.kernels.contact.bodies import bodies_function
 from balloon_warp.kernels.contact.edges import edges_function
 from balloon_warp.kernels.contact.faces import faces_function
@@ -22,7 +23,7 @@ from balloon_warp.kernels.phase import Look, phase
 from balloon_warp.kernels.working import Working
 
 
-@phase("particle", when=lambda features: features.small_spheres)
+@phase("particle", when=lambda features: features.small_spheres, adjoint=small_spheres_backwards)
 def keep_start(features: Features, look: Look) -> Any:
     """Store the position of a particle before it moves, for spheres that touch faces."""
 
@@ -53,7 +54,7 @@ def meet_bodies(features: Features, look: Look) -> Any:
     return bodies_function(features)
 
 
-@phase("team", when=lambda features: features.small_spheres)
+@phase("team", when=lambda features: features.small_spheres, adjoint=small_spheres_backwards)
 def meet_faces(features: Features, look: Look) -> Any:
     """Resolve contacts of small spheres with faces."""
     return faces_function(features)
