@@ -47,7 +47,7 @@ class _Remembering(Launches):
     def __init__(
         self, model: Model, step: Step, tables: Any, room: Room, remembered: "_Remembered", own: Mapping[str, Own]
     ):
-        super().__init__(model, step, tables, room, own)
+        super().__init__(model, step, tables, room, own, fast_math=GatherSchedule.fast_math)
         self._remembered, self._substep = remembered, 0
         self.notes: dict[str, ExchangeBackward | EdgesBackward | RidgesBackward] = {}
         """Adjoints of phases that keep what comes to them, by names of these"""
@@ -172,7 +172,9 @@ class LaunchedBackward(BackwardFrames):
             self._directions = DirectionsBackward(model, tables, working, self.bars.points, room)
         if features.touches:
             self._searching = TouchLaunches(model, features, tables, working, GatherSchedule.fast_math)
-            self.touch = TouchBackward(model, features, self.columns, tables, working, self.arrays, room)
+            self.touch = TouchBackward(
+                model, features, self.columns, tables, working, self.arrays, room, GatherSchedule.fast_math
+            )
         if model.sphere_count:
             self.spheres = SpheresBackward(model, features, self.columns, tables, working, self.bars, room)
         if self.spheres and features.impulses:

@@ -10,14 +10,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.adjoints.touching import (
-    KINDS,
-    SUMS,
-    TouchBars,
-    press_back_kernel,
-    sum_pairs,
-    take_back_kernel,
-)
+from balloon_warp.kernels.adjoints.pressing import list_contacts_kernel, press_back_kernel
+from balloon_warp.kernels.adjoints.touching import KINDS, SUMS, TouchBars, sum_pairs, take_back_kernel
 from balloon_warp.kernels.contact.edge_search import PAIRS_OF_EDGE
 from balloon_warp.kernels.contact.nearby import MOST_TRIANGLES
 from balloon_warp.kernels.features import Features
@@ -28,7 +22,7 @@ from balloon_warp.model.friction import FRICTION
 from balloon_warp.model.memory import Room
 from balloon_warp.model.touch import STIFFNESSES
 from balloon_warp.schedules.balloon_contact import edge_count
-from balloon_warp.schedules.deferred import FEW_THREADS, threads_of_list
+from balloon_warp.schedules.deferred import FEW_THREADS, MOST_AT_ONCE, threads_of_list
 from balloon_warp.schedules.touch_table import substeps_of_search
 
 Values = NDArray[np.float64]
@@ -43,14 +37,17 @@ class TouchBackward:
         columns: of the numbers that are derived by.
         working: of the launches that compute frames again.
         arrays: bars of the substep that runs backwards, by name.
+        fast_math: whether a GPU's own division and root will do, as forwards.
     """
 
     def __init__(
         self, model: Model, features: Features, columns: tuple[int, ...], tables: Any, working: Any,
-        arrays: Mapping[str, wp.array], room: Room,
+        arrays: Mapping[str, wp.array], room: Room, fast_math: bool,
     ):  # fmt: skip
         self._model, self.tables, self._working, self._arrays = model, tables, working, arrays
-        self._press_back, self._take_back = press_back_kernel(features), take_back_kernel(features, columns)
+        self._list_contacts = list_contacts_kernel(features, fast_math)
+        self._press_back = press_back_kernel(features, fast_math)
+        self._take_back = take_back_kernel(features, columns)
         self._interval, self._threads = substeps_of_search(model), threads_of_list(model)
         worlds, particles, balloons = model.world_count, model.particle_count, model.balloon_count
         self.bars = TouchBars()
@@ -58,7 +55,10 @@ class TouchBackward:
         self.bars.holds = room.array((worlds, particles), wp.vec4)
         self.bars.counts = room.array((worlds, particles), wp.float32)
         self.bars.sums = room.array((worlds, particles, SUMS), wp.int64)
+        self.bars.marks = room.array((worlds, particles), wp.int8)
         self.bars.largest = room.array((worlds, KINDS), wp.float32)
+        self.bars.contacts = room.array(worlds * particles * balloons, wp.vec3i)
+        self.bars.contact_counts = room.array((1, 1), wp.int32)
         self.bars.pairs = room.array((worlds, particles, balloons), wp.vec3)
         self.bars.totals = room.array((worlds, balloons, balloons), wp.vec3d)
         self._searches, self._contacts = kept_of_touch(model, features, room)
@@ -90,13 +90,16 @@ class TouchBackward:
 
     def _press(self, working: Any, holds: wp.array, points: wp.array, velocities: wp.array, only_counts: bool) -> None:
         device, m, bars = self._model.device, self._model, self.bars
-        bars.sums.zero_()
+        bars.contact_counts.zero_()
         bars.largest.zero_()
+        moving = points, velocities, holds, working, bars
+        inputs = [self.tables, self._threads, int(only_counts), *moving]
+        launch(self._list_contacts, (m.world_count, self._threads), inputs, block_dim=FEW_THREADS, device=device)
+        threads = min(MOST_AT_ONCE, bars.contacts.size) if device.is_cuda else 1
         for adds in (0, 1):
-            inputs = [
-                self.tables, self._threads, int(only_counts), adds, points, velocities, holds, working, bars,
-            ]  # fmt: skip
-            launch(self._press_back, (m.world_count, self._threads), inputs, block_dim=FEW_THREADS, device=device)
+            launch(
+                self._press_back, threads, [self.tables, threads, adds, *moving], block_dim=FEW_THREADS, device=device
+            )
         arrays = [self._arrays[name] for name in ("all_point_bar", "all_velocity_bar", "number_bars")]
         launch(self._take_back, (m.world_count, m.particle_count), [self.tables, bars, *arrays], device=device)
 
