@@ -16,13 +16,14 @@ from balloon_warp.kernels.contact.edge_search import PAIRS_OF_EDGE
 from balloon_warp.kernels.contact.nearby import MOST_TRIANGLES
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.working import Working
-from balloon_warp.launching import launch
+from balloon_warp.launching import launch, launch_tiled
 from balloon_warp.model import Model
 from balloon_warp.model.friction import FRICTION
 from balloon_warp.model.memory import Room
 from balloon_warp.model.touch import STIFFNESSES
 from balloon_warp.schedules.balloon_contact import edge_count
 from balloon_warp.schedules.deferred import FEW_THREADS, MOST_AT_ONCE, threads_of_list
+from balloon_warp.schedules.launches import team_threads
 from balloon_warp.schedules.touch_table import substeps_of_search
 
 Values = NDArray[np.float64]
@@ -115,8 +116,8 @@ class TouchBackward:
 
     def _add_up(self) -> None:
         m = self._model
-        shape = m.world_count, m.balloon_count, m.balloon_count
-        launch(sum_pairs, shape, [self.tables, self.bars], device=m.device)
+        shape, inputs = (m.world_count, m.balloon_count, m.balloon_count), [self.tables, self.bars]
+        launch_tiled(sum_pairs, dim=shape, inputs=inputs, block_dim=team_threads(m), device=m.device)
 
     def taken_numbers(self) -> dict[str, Values]:
         """Return the bars of what pairs of balloons have, since they were last taken, by the names of parameters."""

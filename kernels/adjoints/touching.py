@@ -141,10 +141,12 @@ def take_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
 
 @wp.kernel(enable_backward=False, module="unique", module_options=OPTIONS)
 def sum_pairs(t: Tables, bars: TouchBars):
-    """Add up what pairs of a particle and a balloon have found in a frame, by pairs of balloons; a thread each."""
-    world, first, second = wp.tid()
-    total = bars.totals[world, first, second]
-    for particle in range(t.particles.offsets[first], t.particles.offsets[first + 1]):
+    """Add up what pairs of a particle and a balloon have found in a frame, by pairs of balloons; a block each."""
+    world, first, second, thread = wp.tid()
+    total = wp.vec3d()
+    for particle in range(t.particles.offsets[first] + thread, t.particles.offsets[first + 1], wp.block_dim()):
         total += wp.vec3d(bars.pairs[world, particle, second])
         bars.pairs[world, particle, second] = wp.vec3()
-    bars.totals[world, first, second] = total
+    found = wp.tile_sum(wp.tile(total, preserve_type=True))[0]
+    if thread == 0:
+        bars.totals[world, first, second] = bars.totals[world, first, second] + found
