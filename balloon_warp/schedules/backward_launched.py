@@ -72,6 +72,8 @@ class _Remembering(Launches):
         return points, velocities
 
 
+FOUND_AGAIN = {"inflate"}
+"""Phases of which adjoints find again what they wrote, by a product, from what these read anyway"""
 CARRIED = {"inflation_loads": wp.vec2}
 """Values that balloons carry from one substep to the next, and their types"""
 WAYS_OUT = {"keep_start": "spheres larger than faces", "meet_ridges": "faces = false"}
@@ -99,11 +101,10 @@ class _Remembered:
         self.carried = [
             {name: room.array(balloons, dtype) for name, dtype in carried.items()}
             | ({name: room.array(spheres, wp.vec3) for name in STATE_OF_SPHERES} if model.sphere_count else {})
-            | ({"holds": room.array(of_particles, wp.vec4)} if step.features.touches else {})
             for _ in range(model.substeps + 1)
         ]
-        """Arrays that balloons, spheres and contacts carry into each substep, by their names in the state, and those
-        that the last leaves"""
+        """Arrays that balloons and spheres carry into each substep, by their names in the state, and those that the
+        last leaves"""
 
     def note(self, state: State) -> None:
         """Keep what a frame begins with."""
@@ -118,9 +119,9 @@ class _Remembered:
 
 
 def gradient_step(model: Model, features: Features) -> Step:
-    """Return the phases of a model, in pieces, with all that they write kept."""
+    """Return the phases of a model, in pieces, with what they write kept, unless it is soon found again."""
     phases = phases_of(features, instead=SOAKED)
-    shown = [name for phase in phases if not phase.light for name in phase.writes]
+    shown = [name for phase in phases if not (phase.light or phase.name in FOUND_AGAIN) for name in phase.writes]
     return cut(phases, features, GATHERED, shown=shown)
 
 
@@ -162,6 +163,8 @@ class LaunchedBackward(BackwardFrames):
         self._launches = _Remembering(model, step, tables, room, self._remembered, own)
         self._framing = Framing(model, features, tables, self._launches.working)
         self._kernels = list(zip(kernels, made_kernels(step, self.columns), strict=True))
+        self._finds_forces = max(place for place, each in enumerate(kernels) if each.writes("all_force_bar"))
+        """Place of the last kernel that changes derivatives by forces"""
         self._gas_back = None
         self.working = working = self._launches.working
         self.parts: list[EachBackward | StringsBackward] = []
@@ -212,7 +215,6 @@ class LaunchedBackward(BackwardFrames):
             kept_of_exchange(model, room)
         if step.features.touches:
             kept_of_touch(model, step.features, room)
-            room.array((model.substeps, model.world_count, model.particle_count), wp.vec4)
         if step.features.edges_meet:
             kept_of_edges(model, step.features, room)
         if step.features.ridges:
@@ -223,7 +225,7 @@ class LaunchedBackward(BackwardFrames):
         assert self._searching
         assert self.touch
         self._searching.search(state, substep, *now)
-        self.touch.note(substep)
+        self.touch.note(substep, state.holds)
         self._searching.press(state, *now)
 
     def frame(self) -> None:
@@ -252,7 +254,7 @@ class LaunchedBackward(BackwardFrames):
             log = self.spheres.log
             self._exchange.turn_back(substep, self._ridges.log_left(log, substep) if self._ridges else log)
         beside_ridges = self._ridges
-        for kernel, made in self._kernels:
+        for place, (kernel, made) in enumerate(self._kernels):
             loads = kept.carried[substep + kernel.after_note]["inflation_loads"]
             if beside_ridges and kernel.meets != "meet_ridges":
                 beside_ridges.turn_back(replace(self.state, **among), substep)
@@ -273,10 +275,12 @@ class LaunchedBackward(BackwardFrames):
                 launch_tiled(made, dim=places, inputs=inputs, block_dim=team_threads(m), device=m.device)
             else:
                 launch(made, (m.world_count, m.particle_count), inputs, device=m.device)
+            if self.touch and place == self._finds_forces:
+                self.touch.begin(points, velocities, substep)
         for part in self.parts:
             part.turn_back(self.state.frame, substep * m.step_seconds, points, velocities)
         if self.touch:
-            self.touch.turn_back(kept.carried[substep]["holds"], points, velocities, substep)
+            self.touch.end(points, velocities, substep)
         if self._directions and (substep == 0 or self.step.features.fresh_normals):
             self._directions.turn_back(points, kept.values[substep]["balloon_area"])
         if self.spheres:

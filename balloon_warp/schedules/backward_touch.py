@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.adjoints.pressing import list_contacts_kernel, press_back_kernel
+from balloon_warp.kernels.adjoints.pressing import keep_contacts, keep_search, list_contacts_kernel, press_back_kernel
 from balloon_warp.kernels.adjoints.touching import KINDS, SUMS, TouchBars, sum_pairs, take_back_kernel
 from balloon_warp.kernels.contact.edge_search import PAIRS_OF_EDGE
 from balloon_warp.kernels.contact.nearby import MOST_TRIANGLES
@@ -50,6 +50,8 @@ class TouchBackward:
         self._press_back = press_back_kernel(features, fast_math)
         self._take_back = take_back_kernel(features, columns)
         self._interval, self._threads = substeps_of_search(model), threads_of_list(model)
+        self._beside = wp.Stream(model.device, priority=-1) if model.device.is_cuda else None
+        """Where contacts, which take few threads of a GPU, run backwards beside what all particles do"""
         worlds, particles, balloons = model.world_count, model.particle_count, model.balloon_count
         self.bars = TouchBars()
         self.bars.forces = arrays["all_force_bar"]
@@ -69,40 +71,48 @@ class TouchBackward:
         """Bars of what goes on into the next frame, by its names in the state; `deep` has none."""
         return {"holds": self.bars.holds}
 
-    def note(self, substep: int) -> None:
+    def note(self, substep: int, holds: wp.array) -> None:
         """Keep what a substep knows of contacts before it presses."""
+        m, device = self._model, self._model.device
+        shape = m.world_count, m.particle_count
         if substep % self._interval == 0:
-            for name, array in self._searches[substep // self._interval].items():
-                wp.copy(array, getattr(self._working, name))
-        wp.copy(self._contacts[substep], self._working.contacts)
+            kept = self._searches[substep // self._interval]
+            arrays = [kept[name] for name in ("candidate_counts", "candidates", "particle_lists", "list_lengths")]
+            launch(keep_search, shape, [self._working, *arrays], device=device)
+            wp.copy(kept["edge_pairs"], self._working.edge_pairs)
+        launch(keep_contacts, shape, [self._working, holds, *self._contacts[substep]], device=device)
 
-    def turn_back(self, holds: wp.array, points: wp.array, velocities: wp.array, substep: int) -> None:
-        """Turn the bars of the forces of a substep into those of what it began with.
+    def begin(self, points: wp.array, velocities: wp.array, substep: int) -> None:
+        """Begin to turn the bars of the forces of a substep into those of what it began with, such as places."""
+        with wp.ScopedStream(self._beside):
+            self._press(points, velocities, substep, only_counts=False)
 
-        Args:
-            holds: state of contacts before the substep.
-            points: places before it.
-        """
-        working = self.as_it_was(substep)
-        self._press(working, holds, points, velocities, only_counts=False)
+    def end(self, points: wp.array, velocities: wp.array, substep: int) -> None:
+        """Add what this has found to the bars of particles, once all else of the substep has been added to them."""
+        if self._beside:
+            wp.get_stream(self._model.device).wait_stream(self._beside)
+        self._take()
         if substep == 0:  # as a frame begins, contacts are counted without forces
-            self._press(working, holds, points, velocities, only_counts=True)
+            self._press(points, velocities, substep, only_counts=True)
+            self._take()
             self._add_up()
 
-    def _press(self, working: Any, holds: wp.array, points: wp.array, velocities: wp.array, only_counts: bool) -> None:
-        device, m, bars = self._model.device, self._model, self.bars
+    def _press(self, points: wp.array, velocities: wp.array, substep: int, only_counts: bool) -> None:
+        m, bars, device = self._model, self.bars, self._model.device
         bars.contact_counts.zero_()
         bars.largest.zero_()
-        moving = points, velocities, holds, working, bars
+        moving = points, velocities, self._contacts[substep][1], self.as_it_was(substep), bars
         inputs = [self.tables, self._threads, int(only_counts), *moving]
         launch(self._list_contacts, (m.world_count, self._threads), inputs, block_dim=FEW_THREADS, device=device)
         threads = min(MOST_AT_ONCE, bars.contacts.size) if device.is_cuda else 1
         for adds in (0, 1):
-            launch(
-                self._press_back, threads, [self.tables, threads, adds, *moving], block_dim=FEW_THREADS, device=device
-            )
+            inputs = [self.tables, threads, adds, *moving]
+            launch(self._press_back, threads, inputs, block_dim=FEW_THREADS, device=device)
+
+    def _take(self) -> None:
+        m = self._model
         arrays = [self._arrays[name] for name in ("all_point_bar", "all_velocity_bar", "number_bars")]
-        launch(self._take_back, (m.world_count, m.particle_count), [self.tables, bars, *arrays], device=device)
+        launch(self._take_back, (m.world_count, m.particle_count), [self.tables, self.bars, *arrays], device=m.device)
 
     def as_it_was(self, substep: int) -> Any:
         """Return the working memory with what a substep knew of contacts."""
@@ -111,7 +121,7 @@ class TouchBackward:
             setattr(before, name, getattr(self._working, name))
         for name, array in self._searches[substep // self._interval].items():
             setattr(before, name, array)
-        before.contacts = self._contacts[substep]
+        before.contacts = self._contacts[substep][0]
         return before
 
     def _add_up(self) -> None:
@@ -137,8 +147,10 @@ class TouchBackward:
         }  # fmt: skip
 
 
-def kept_of_touch(model: Model, features: Features, room: Room) -> tuple[list[dict[str, wp.array]], list[wp.array]]:
-    """Allocate what each search finds, by its names in the working memory, and the counts of each substep."""
+def kept_of_touch(
+    model: Model, features: Features, room: Room
+) -> tuple[list[dict[str, wp.array]], list[tuple[wp.array, wp.array]]]:
+    """Allocate what each search finds, by its names in the working memory, and each substep's counts and holds."""
     worlds, particles = model.world_count, model.particle_count
     edges = edge_count(model, features)
     searches = -(-model.substeps // substeps_of_search(model))
@@ -152,4 +164,8 @@ def kept_of_touch(model: Model, features: Features, room: Room) -> tuple[list[di
         }
         for _ in range(searches)
     ]
-    return found, [room.array((worlds, particles), wp.float32) for _ in range(model.substeps)]
+    before = [
+        (room.array((worlds, particles), wp.float32), room.array((worlds, particles), wp.vec4))
+        for _ in range(model.substeps)
+    ]
+    return found, before

@@ -28,6 +28,36 @@ CLEAR, COUNTS, PUSHES, PUSHES_FIRST = (wp.constant(role) for role in range(4))
 the particle's hold"""
 
 
+@wp.kernel(enable_backward=False, module="unique", module_options=OPTIONS)
+def keep_search(
+    working: Working, counts: wp.array2d[wp.int32], candidates: wp.array3d[wp.int32], lists: wp.array3d[wp.int32],
+    lengths: wp.array2d[wp.int32],
+):  # fmt: skip
+    """Keep what a search has found: of each particle no more than it has."""
+    world, particle = wp.tid()
+    count = working.candidate_counts[world, particle]
+    counts[world, particle] = count
+    for place in range(count):
+        candidates[world, particle, place] = working.candidates[world, particle, place]
+    if particle < working.list_lengths[world, TOUCHING]:
+        lists[world, TOUCHING, particle] = working.particle_lists[world, TOUCHING, particle]
+    if particle == 0:
+        for which in range(lengths.shape[1]):
+            lengths[world, which] = working.list_lengths[world, which]
+
+
+@wp.kernel(enable_backward=False, module="unique", module_options=OPTIONS)
+def keep_contacts(
+    working: Working, holds: wp.array2d[wp.vec4], kept_contacts: wp.array2d[float], kept_holds: wp.array2d[wp.vec4]
+):
+    """Keep numbers of contacts, and the state of contacts of those particles that may have any."""
+    world, particle = wp.tid()
+    kept_contacts[world, particle] = working.contacts[world, particle]
+    if particle < working.list_lengths[world, TOUCHING]:
+        touching = working.particle_lists[world, TOUCHING, particle]
+        kept_holds[world, touching] = holds[world, touching]
+
+
 @cache
 def role_function(features: Features) -> Any:
     """Return the function that tells the role of a contact of a particle with one triangle."""
