@@ -56,12 +56,12 @@ def main(arguments: Sequence[str]) -> int:
     cells = int(arguments[1]) if len(arguments) > 1 else CELLS
     for name in arguments[2:] or CASES:
         for worlds in (1, 64) if device.is_cpu else (64, 4096):
-            for line in _lines(name, _model(name, cells, worlds, device)):
+            for line in _lines(name, model_of(name, cells, worlds, device)):
                 print(line, flush=True)
     return 0
 
 
-def _model(name: str, cells: int, worlds: int, device: wp.Device) -> Model:
+def model_of(name: str, cells: int, worlds: int, device: wp.Device) -> Model:
     balloons, tables = CASES[name]
     mesh = quad_sphere(cells, 1.0)
     of = Scene(**{"gravity": 0.0, "substeps": 32, "balloon": [{"mesh": mesh, **each} for each in balloons], **tables})
@@ -86,13 +86,13 @@ def _lines(name: str, model: Model) -> Iterator[str]:
         backward = backwards_of(model, how)(model, simulator.state, ())
         checkpoint = backward.checkpoint(simulator.state)
         whole = forward[forward_of(model, BACKWARDS[how])] + _seconds(
-            partial(backward.turn_back, checkpoint), model.device, _telling(backward)
+            partial(backward.turn_back, checkpoint), model.device, telling(backward)
         )
         over = ", ".join(f"{whole / seconds:.2f} of {schedule}" for schedule, seconds in forward.items())
         yield f"    {how}: whole gradient {work / whole:.3g} particle-substeps/s, {over}"
 
 
-def _telling(backward: BackwardFrames) -> Callable[[], None]:
+def telling(backward: BackwardFrames) -> Callable[[], None]:
     """Return what says by which derivatives a frame ends: other ones than 0, of which nothing would be added up."""
     draw, device = np.random.default_rng(1), backward.model.device
     bars = [backward.arrays[name] for name in ("all_point_bar", "all_velocity_bar")]
