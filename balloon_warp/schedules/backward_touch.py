@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.adjoints.pressing import keep_contacts, keep_search, list_contacts_kernel, press_back_kernel
+from balloon_warp.kernels.adjoints.pressing import keep_holds, keep_search, list_contacts_kernel, press_back_kernel
 from balloon_warp.kernels.adjoints.touching import KINDS, SUMS, TouchBars, sum_pairs, take_back_kernel
 from balloon_warp.kernels.contact.edge_search import PAIRS_OF_EDGE
 from balloon_warp.kernels.contact.nearby import MOST_TRIANGLES
@@ -58,7 +58,7 @@ class TouchBackward:
         self.bars.holds = room.array((worlds, particles), wp.vec4)
         self.bars.counts = room.array((worlds, particles), wp.float32)
         self.bars.sums = room.array((worlds, particles, SUMS), wp.int64)
-        self.bars.marks = room.array((worlds, particles), wp.int8)
+        self.bars.marks = room.array((worlds, -(-particles // 4) * 4), wp.int8)
         self.bars.largest = room.array((worlds, KINDS), wp.float32)
         self.bars.contacts = room.array(worlds * particles * balloons, wp.vec3i)
         self.bars.contact_counts = room.array((1, 1), wp.int32)
@@ -74,13 +74,15 @@ class TouchBackward:
     def note(self, substep: int, holds: wp.array) -> None:
         """Keep what a substep knows of contacts before it presses."""
         m, device = self._model, self._model.device
-        shape = m.world_count, m.particle_count
         if substep % self._interval == 0:
             kept = self._searches[substep // self._interval]
             arrays = [kept[name] for name in ("candidate_counts", "candidates", "particle_lists", "list_lengths")]
-            launch(keep_search, shape, [self._working, *arrays], device=device)
+            launch(keep_search, (m.world_count, m.particle_count), [self._working, *arrays], device=device)
             wp.copy(kept["edge_pairs"], self._working.edge_pairs)
-        launch(keep_contacts, shape, [self._working, holds, *self._contacts[substep]], device=device)
+        kept_contacts, kept_holds = self._contacts[substep]
+        wp.copy(kept_contacts, self._working.contacts)
+        inputs = [self._threads, self._working, holds, kept_holds]
+        launch(keep_holds, (m.world_count, self._threads), inputs, block_dim=FEW_THREADS, device=device)
 
     def begin(self, points: wp.array, velocities: wp.array, substep: int) -> None:
         """Begin to turn the bars of the forces of a substep into those of what it began with, such as places."""
@@ -112,7 +114,8 @@ class TouchBackward:
     def _take(self) -> None:
         m = self._model
         arrays = [self._arrays[name] for name in ("all_point_bar", "all_velocity_bar", "number_bars")]
-        launch(self._take_back, (m.world_count, m.particle_count), [self.tables, self.bars, *arrays], device=m.device)
+        fours = self.bars.marks.shape[1] // 4
+        launch(self._take_back, (m.world_count, fours), [self.tables, self.bars, *arrays], device=m.device)
 
     def as_it_was(self, substep: int) -> Any:
         """Return the working memory with what a substep knew of contacts."""

@@ -47,15 +47,12 @@ def keep_search(
 
 
 @wp.kernel(enable_backward=False, module="unique", module_options=OPTIONS)
-def keep_contacts(
-    working: Working, holds: wp.array2d[wp.vec4], kept_contacts: wp.array2d[float], kept_holds: wp.array2d[wp.vec4]
-):
-    """Keep numbers of contacts, and the state of contacts of those particles that may have any."""
-    world, particle = wp.tid()
-    kept_contacts[world, particle] = working.contacts[world, particle]
-    if particle < working.list_lengths[world, TOUCHING]:
-        touching = working.particle_lists[world, TOUCHING, particle]
-        kept_holds[world, touching] = holds[world, touching]
+def keep_holds(threads: wp.int32, working: Working, holds: wp.array2d[wp.vec4], kept_holds: wp.array2d[wp.vec4]):
+    """Keep the state of contacts of those particles that may have any, by some threads a world."""
+    world, thread = wp.tid()
+    for place in range(thread, working.list_lengths[world, TOUCHING], threads):
+        particle = working.particle_lists[world, TOUCHING, place]
+        kept_holds[world, particle] = holds[world, particle]
 
 
 @cache

@@ -12,7 +12,7 @@ from balloon_warp.kernels.adjoints.contact_of_pair import BarsOfContact
 from balloon_warp.kernels.adjoints.exact_sums import add_exactly, note_size, parts_per_unit, sum_at
 from balloon_warp.kernels.contact.pairs import contacts_at, crowd_of_corners, ease_of_moving, mass_function
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.memory import byte_in, float_at, int_at
+from balloon_warp.kernels.memory import float_at, four_bytes_in, int_at
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.working import Working
@@ -37,7 +37,8 @@ class TouchBars:
     """Derivatives by the counts of contacts that a substep finds"""
     sums: wp.array3d[wp.int64]
     marks: wp.array2d[wp.int8]
-    """1 for particles to which a contact has added, or whose count had a derivative in the substep after"""
+    """1 for particles to which a contact has added, or whose count had a derivative in the substep after; rows are
+    whole fours"""
     largest: wp.array2d[float]
     contacts: wp.array[wp.vec3i]
     """Contacts of all worlds that are worth anything: (particle among those of all worlds, candidate, role)"""
@@ -107,15 +108,12 @@ def take_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
     place_of_mass = columns.index(column) if column in columns else -1
     mass_of = mass_function(features)
 
-    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
-    def take_sums(
-        t: Tables, bars: TouchBars, point_bars: wp.array2d[wp.vec3], velocity_bars: wp.array2d[wp.vec3],
-        number_bars: wp.array3d[float],
+    @wp.func
+    def take_of(
+        t: Tables, bars: TouchBars, world: wp.int32, particle: wp.int32, point_bars: wp.array2d[wp.vec3],
+        velocity_bars: wp.array2d[wp.vec3], number_bars: wp.array3d[float],
     ):  # fmt: skip
-        """Add sums to the derivatives of each particle of each world, and clear them."""
-        world, particle = wp.tid()
-        if byte_in(bars.marks, world, particle) == UNMARKED:
-            return
+        """Add the sums of a particle to its derivatives, and clear them."""
         by_place = wp.vec3()
         by_velocity = wp.vec3()
         for axis in range(3):
@@ -135,6 +133,19 @@ def take_back_kernel(features: Features, columns: tuple[int, ...]) -> Any:
                 number_bars[world, particle, wp.static(place_of_mass)] = before + by_mass
         for entry in range(SUMS):
             bars.sums[world, particle, entry] = wp.int64(0)
+
+    @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
+    def take_sums(
+        t: Tables, bars: TouchBars, point_bars: wp.array2d[wp.vec3], velocity_bars: wp.array2d[wp.vec3],
+        number_bars: wp.array3d[float],
+    ):  # fmt: skip
+        """Add sums to the derivatives of particles that are marked; a thread for four, whose marks it reads at once."""
+        world, part = wp.tid()
+        marks = four_bytes_in(bars.marks, world, 4 * part)
+        if marks != 0:
+            for place in range(4):
+                if marks & (1 << 8 * place) != 0:
+                    take_of(t, bars, world, 4 * part + place, point_bars, velocity_bars, number_bars)
 
     return take_sums
 
