@@ -163,8 +163,6 @@ class LaunchedBackward(BackwardFrames):
         self._launches = _Remembering(model, step, tables, room, self._remembered, own)
         self._framing = Framing(model, features, tables, self._launches.working)
         self._kernels = list(zip(kernels, made_kernels(step, self.columns), strict=True))
-        self._finds_forces = max(place for place, each in enumerate(kernels) if each.writes("all_force_bar"))
-        """Place of the last kernel that changes derivatives by forces"""
         self._gas_back = None
         self.working = working = self._launches.working
         self.parts: list[EachBackward | StringsBackward] = []
@@ -254,7 +252,7 @@ class LaunchedBackward(BackwardFrames):
             log = self.spheres.log
             self._exchange.turn_back(substep, self._ridges.log_left(log, substep) if self._ridges else log)
         beside_ridges = self._ridges
-        for place, (kernel, made) in enumerate(self._kernels):
+        for kernel, made in self._kernels:
             loads = kept.carried[substep + kernel.after_note]["inflation_loads"]
             if beside_ridges and kernel.meets != "meet_ridges":
                 beside_ridges.turn_back(replace(self.state, **among), substep)
@@ -275,12 +273,10 @@ class LaunchedBackward(BackwardFrames):
                 launch_tiled(made, dim=places, inputs=inputs, block_dim=team_threads(m), device=m.device)
             else:
                 launch(made, (m.world_count, m.particle_count), inputs, device=m.device)
-            if self.touch and place == self._finds_forces:
-                self.touch.begin(points, velocities, substep)
         for part in self.parts:
             part.turn_back(self.state.frame, substep * m.step_seconds, points, velocities)
         if self.touch:
-            self.touch.end(points, velocities, substep)
+            self.touch.turn_back(points, velocities, substep)
         if self._directions and (substep == 0 or self.step.features.fresh_normals):
             self._directions.turn_back(points, kept.values[substep]["balloon_area"])
         if self.spheres:

@@ -50,8 +50,6 @@ class TouchBackward:
         self._press_back = press_back_kernel(features, fast_math)
         self._take_back = take_back_kernel(features, columns)
         self._interval, self._threads = substeps_of_search(model), threads_of_list(model)
-        self._beside = wp.Stream(model.device, priority=-1) if model.device.is_cuda else None
-        """Where contacts, which take few threads of a GPU, run backwards beside what all particles do"""
         worlds, particles, balloons = model.world_count, model.particle_count, model.balloon_count
         self.bars = TouchBars()
         self.bars.forces = arrays["all_force_bar"]
@@ -84,19 +82,11 @@ class TouchBackward:
         inputs = [self._threads, self._working, holds, kept_holds]
         launch(keep_holds, (m.world_count, self._threads), inputs, block_dim=FEW_THREADS, device=device)
 
-    def begin(self, points: wp.array, velocities: wp.array, substep: int) -> None:
-        """Begin to turn the bars of the forces of a substep into those of what it began with, such as places."""
-        with wp.ScopedStream(self._beside):
-            self._press(points, velocities, substep, only_counts=False)
-
-    def end(self, points: wp.array, velocities: wp.array, substep: int) -> None:
-        """Add what this has found to the bars of particles, once all else of the substep has been added to them."""
-        if self._beside:
-            wp.get_stream(self._model.device).wait_stream(self._beside)
-        self._take()
+    def turn_back(self, points: wp.array, velocities: wp.array, substep: int) -> None:
+        """Turn the bars of the forces of a substep into those of what it began with, such as places."""
+        self._press(points, velocities, substep, only_counts=False)
         if substep == 0:  # as a frame begins, contacts are counted without forces
             self._press(points, velocities, substep, only_counts=True)
-            self._take()
             self._add_up()
 
     def _press(self, points: wp.array, velocities: wp.array, substep: int, only_counts: bool) -> None:
@@ -110,12 +100,9 @@ class TouchBackward:
         for adds in (0, 1):
             inputs = [self.tables, threads, adds, *moving]
             launch(self._press_back, threads, inputs, block_dim=FEW_THREADS, device=device)
-
-    def _take(self) -> None:
-        m = self._model
         arrays = [self._arrays[name] for name in ("all_point_bar", "all_velocity_bar", "number_bars")]
-        fours = self.bars.marks.shape[1] // 4
-        launch(self._take_back, (m.world_count, fours), [self.tables, self.bars, *arrays], device=m.device)
+        fours = bars.marks.shape[1] // 4
+        launch(self._take_back, (m.world_count, fours), [self.tables, bars, *arrays], device=device)
 
     def as_it_was(self, substep: int) -> Any:
         """Return the working memory with what a substep knew of contacts."""

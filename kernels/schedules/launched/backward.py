@@ -42,10 +42,6 @@ class BackwardKernel(NamedTuple):
         whose = "A block for each balloon." if self.item == "balloon" else "A thread for each particle of each world."
         return "\n".join([*head(self.name, self.arguments, whose), *self.lines, ""])
 
-    def writes(self, array: str) -> bool:
-        """Return whether it writes to an array of its arguments."""
-        return any(line.lstrip().startswith(f"{array}[") for line in self.lines)
-
 
 @cache
 def made_kernels(step: Step, columns: tuple[int, ...]) -> tuple[Any, ...]:
