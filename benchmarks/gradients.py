@@ -40,9 +40,14 @@ CASES: dict[str, tuple[list[dict[str, Any]], dict[str, Any]]] = {
         [{**SPRINGS, "inflation": GAS, "position": (side, 0.0, 0.0)} for side in (-0.99, 0.99)],
         {"touch": {"edges": False}},
     ),
+    "two apart": (
+        [{**SPRINGS, "inflation": GAS, "position": (side, 0.0, 0.0)} for side in (-1.5, 1.5)],
+        {"touch": {"edges": False}},
+    ),
     "beside a sphere": ([{**SPRINGS, "inflation": GAS}], {"sphere": HELD, "contact": "impulse"}),
 }
-"""Balloons of each case, and tables of its scene; contact acts in the first frame, the only one that is timed"""
+"""Balloons of each case, and tables of its scene; contact acts in the first frame, the only one that is timed, but of
+the two apart, which may touch"""
 
 
 def main(arguments: Sequence[str]) -> int:
