@@ -10,7 +10,6 @@ from balloon_warp.kernels.adjoints.areas import area_adjoint, ring_area_adjoint
 from balloon_warp.kernels.adjoints.hinges import hinge_adjoint
 from balloon_warp.kernels.adjoints.membrane_faces import membrane_faces_adjoint
 from balloon_warp.kernels.adjoints.membranes import membrane_adjoint
-from balloon_warp.kernels.adjoints.rings import goes_around, ring_adjoint
 from balloon_warp.kernels.adjoints.springs import spring_adjoint
 from balloon_warp.kernels.adjoints.strings import string_adjoint
 from balloon_warp.kernels.features import Features
@@ -24,10 +23,7 @@ def pull_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adj
     found = [_laws(features)] if features.of_kind("particle") else []
     if features.has("string"):
         found.append(string_adjoint(features))
-    if goes_around(features, look):
-        found.append(ring_adjoint(features))
-    else:
-        found.append(spring_adjoint(features, look.at, look.slots))
+    found.append(spring_adjoint(features, look.at, look.slots))
     if features.membranes:
         faces = None if features.viscous else look.membrane_faces(features)
         found.append(
@@ -37,7 +33,7 @@ def pull_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adj
         )
     if features.has("hinge"):
         found.append(hinge_adjoint(features, look.at))
-    if features.measures_areas and not goes_around(features, look):
+    if features.measures_areas:
         ring = ring_area_adjoint(look.slots[0], look.ring, look.at) if look.slots and look.ring else None
         found.append(ring or area_adjoint(features.quads, look.at))
     return found
