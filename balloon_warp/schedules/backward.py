@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 from balloon_warp.kernels.frames.backwards import Bars, sum_kernel
 from balloon_warp.kernels.helpers_of_grad import derive_helpers
 from balloon_warp.kernels.schedules.pieces import Step, values_of
-from balloon_warp.launching import launch
+from balloon_warp.launching import launch_tiled
 from balloon_warp.model import Model, State, copy_of
 from balloon_warp.model.memory import Room
 from balloon_warp.schedules.backward_spheres import SpheresBackward
 from balloon_warp.schedules.backward_touch import STATE_OF_TOUCH, TouchBackward
 from balloon_warp.schedules.backward_tubes import TubesBackward
+from balloon_warp.schedules.launches import team_threads
 from balloon_warp.schedules.tables import world_state
 from balloon_warp.warp_lock import recording
 
@@ -107,7 +108,9 @@ class BackwardFrames(ABC):
 
     def _add_up(self) -> None:
         inputs = [self.tables, world_state(self.state), self._first_pressures, self.bars]
-        launch(self._sum_bars, (self.model.world_count, self.model.balloon_count), inputs, device=self.model.device)
+        dim = self.model.world_count, self.model.balloon_count
+        threads = team_threads(self.model)
+        launch_tiled(self._sum_bars, dim=dim, inputs=inputs, block_dim=threads, device=self.model.device)
 
     def add(self, points: NDArray[np.float64], velocities: NDArray[np.float64], pressures: NDArray[np.float64]) -> None:
         """Add to the bars of where a frame ends, as they are now: arrays of all worlds."""

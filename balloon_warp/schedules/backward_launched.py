@@ -48,7 +48,7 @@ class _Remembering(Launches):
     def __init__(
         self, model: Model, step: Step, tables: Any, room: Room, remembered: "_Remembered", own: Mapping[str, Own]
     ):
-        super().__init__(model, step, tables, room, own)
+        super().__init__(model, step, tables, room, own, fast_math=GatherSchedule.fast_math)
         self._remembered, self._substep = remembered, 0
         self.notes: dict[str, ExchangeBackward | EdgesBackward | RidgesBackward | FacesBackward] = {}
         """Adjoints of phases that keep what comes to them, by names of these"""
@@ -75,6 +75,8 @@ class _Remembering(Launches):
         return points, velocities
 
 
+FOUND_AGAIN = {"inflate"}
+"""Phases of which adjoints find again what they wrote, by a product, from what these read anyway"""
 CARRIED = {"inflation_loads": wp.vec2}
 """Values that balloons carry from one substep to the next, and their types"""
 WAYS_OUT = {"meet_ridges": "faces = false"}
@@ -102,11 +104,10 @@ class _Remembered:
         self.carried = [
             {name: room.array(balloons, dtype) for name, dtype in carried.items()}
             | ({name: room.array(spheres, wp.vec3) for name in STATE_OF_SPHERES} if model.sphere_count else {})
-            | ({"holds": room.array(of_particles, wp.vec4)} if step.features.touches else {})
             for _ in range(model.substeps + 1)
         ]
-        """Arrays that balloons, spheres and contacts carry into each substep, by their names in the state, and those
-        that the last leaves"""
+        """Arrays that balloons and spheres carry into each substep, by their names in the state, and those that the
+        last leaves"""
 
     def note(self, state: State) -> None:
         """Keep what a frame begins with."""
@@ -121,9 +122,9 @@ class _Remembered:
 
 
 def gradient_step(model: Model, features: Features) -> Step:
-    """Return the phases of a model, in pieces, with all that they write kept."""
+    """Return the phases of a model, in pieces, with what they write kept, unless it is soon found again."""
     phases = phases_of(features, instead=SOAKED)
-    shown = [name for phase in phases if not phase.light for name in phase.writes]
+    shown = [name for phase in phases if not (phase.light or phase.name in FOUND_AGAIN) for name in phase.writes]
     return cut(phases, features, GATHERED, shown=shown)
 
 
@@ -176,7 +177,9 @@ class LaunchedBackward(BackwardFrames):
             self._directions = DirectionsBackward(model, tables, working, self.bars.points, room)
         if features.touches:
             self._searching = TouchLaunches(model, features, tables, working, GatherSchedule.fast_math)
-            self.touch = TouchBackward(model, features, self.columns, tables, working, self.arrays, room)
+            self.touch = TouchBackward(
+                model, features, self.columns, tables, working, self.arrays, room, GatherSchedule.fast_math
+            )
         if model.sphere_count:
             self.spheres = SpheresBackward(model, features, self.columns, tables, working, self.bars, room)
         if self.spheres and features.impulses:
@@ -217,7 +220,6 @@ class LaunchedBackward(BackwardFrames):
             kept_of_exchange(model, room)
         if step.features.touches:
             kept_of_touch(model, step.features, room)
-            room.array((model.substeps, model.world_count, model.particle_count), wp.vec4)
         if step.features.edges_meet:
             kept_of_edges(model, step.features, room)
         if step.features.small_spheres:
@@ -230,7 +232,7 @@ class LaunchedBackward(BackwardFrames):
         assert self._searching
         assert self.touch
         self._searching.search(state, substep, *now)
-        self.touch.note(substep)
+        self.touch.note(substep, state.holds)
         self._searching.press(state, *now)
 
     def frame(self) -> None:
@@ -287,7 +289,7 @@ class LaunchedBackward(BackwardFrames):
         for part in self.parts:
             part.turn_back(self.state.frame, substep * m.step_seconds, points, velocities)
         if self.touch:
-            self.touch.turn_back(kept.carried[substep]["holds"], points, velocities, substep)
+            self.touch.turn_back(points, velocities, substep)
         if self._directions and (substep == 0 or self.step.features.fresh_normals):
             self._directions.turn_back(points, kept.values[substep]["balloon_area"])
         if self.spheres:

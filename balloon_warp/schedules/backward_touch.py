@@ -10,25 +10,20 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.adjoints.touching import (
-    KINDS,
-    SUMS,
-    TouchBars,
-    press_back_kernel,
-    sum_pairs,
-    take_back_kernel,
-)
+from balloon_warp.kernels.adjoints.pressing import keep_holds, keep_search, list_contacts_kernel, press_back_kernel
+from balloon_warp.kernels.adjoints.touching import KINDS, SUMS, TouchBars, sum_pairs, take_back_kernel
 from balloon_warp.kernels.contact.list_lengths import LENGTHS
 from balloon_warp.kernels.contact.nearby import MOST_TRIANGLES
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.working import Working
-from balloon_warp.launching import launch
+from balloon_warp.launching import launch, launch_tiled
 from balloon_warp.model import Model
 from balloon_warp.model.friction import FRICTION
 from balloon_warp.model.memory import Room
 from balloon_warp.model.touch import STIFFNESSES
 from balloon_warp.schedules.balloon_contact import pair_count
-from balloon_warp.schedules.deferred import FEW_THREADS, threads_of_list
+from balloon_warp.schedules.deferred import FEW_THREADS, MOST_AT_ONCE, threads_of_list
+from balloon_warp.schedules.launches import team_threads
 from balloon_warp.schedules.touch_table import substeps_of_search
 
 Values = NDArray[np.float64]
@@ -43,14 +38,17 @@ class TouchBackward:
         columns: of the numbers that are derived by.
         working: of the launches that compute frames again.
         arrays: bars of the substep that runs backwards, by name.
+        fast_math: whether a GPU's own division and root will do, as forwards.
     """
 
     def __init__(
         self, model: Model, features: Features, columns: tuple[int, ...], tables: Any, working: Any,
-        arrays: Mapping[str, wp.array], room: Room,
+        arrays: Mapping[str, wp.array], room: Room, fast_math: bool,
     ):  # fmt: skip
         self._model, self.tables, self._working, self._arrays = model, tables, working, arrays
-        self._press_back, self._take_back = press_back_kernel(features), take_back_kernel(features, columns)
+        self._list_contacts = list_contacts_kernel(features, fast_math)
+        self._press_back = press_back_kernel(features, fast_math)
+        self._take_back = take_back_kernel(features, columns)
         self._interval, self._threads = substeps_of_search(model), threads_of_list(model)
         worlds, particles, balloons = model.world_count, model.particle_count, model.balloon_count
         self.bars = TouchBars()
@@ -58,7 +56,10 @@ class TouchBackward:
         self.bars.holds = room.array((worlds, particles), wp.vec4)
         self.bars.counts = room.array((worlds, particles), wp.float32)
         self.bars.sums = room.array((worlds, particles, SUMS), wp.int64)
+        self.bars.marks = room.array((worlds, -(-particles // 4) * 4), wp.int8)
         self.bars.largest = room.array((worlds, KINDS), wp.float32)
+        self.bars.contacts = room.array(worlds * particles * balloons, wp.vec3i)
+        self.bars.contact_counts = room.array((1, 1), wp.int32)
         self.bars.pairs = room.array((worlds, particles, balloons), wp.vec3)
         self.bars.totals = room.array((worlds, balloons, balloons), wp.vec3d)
         self._searches, self._contacts = kept_of_touch(model, features, room)
@@ -68,37 +69,40 @@ class TouchBackward:
         """Bars of what goes on into the next frame, by its names in the state; `deep` has none."""
         return {"holds": self.bars.holds}
 
-    def note(self, substep: int) -> None:
+    def note(self, substep: int, holds: wp.array) -> None:
         """Keep what a substep knows of contacts before it presses."""
+        m, device = self._model, self._model.device
         if substep % self._interval == 0:
-            for name, array in self._searches[substep // self._interval].items():
-                wp.copy(array, getattr(self._working, name))
-        wp.copy(self._contacts[substep], self._working.contacts)
+            kept = self._searches[substep // self._interval]
+            arrays = [kept[name] for name in ("candidate_counts", "candidates", "particle_lists", "list_lengths")]
+            launch(keep_search, (m.world_count, m.particle_count), [self._working, *arrays], device=device)
+            wp.copy(kept["edge_pairs"], self._working.edge_pairs)
+        kept_contacts, kept_holds = self._contacts[substep]
+        wp.copy(kept_contacts, self._working.contacts)
+        inputs = [self._threads, self._working, holds, kept_holds]
+        launch(keep_holds, (m.world_count, self._threads), inputs, block_dim=FEW_THREADS, device=device)
 
-    def turn_back(self, holds: wp.array, points: wp.array, velocities: wp.array, substep: int) -> None:
-        """Turn the bars of the forces of a substep into those of what it began with.
-
-        Args:
-            holds: state of contacts before the substep.
-            points: places before it.
-        """
-        working = self.as_it_was(substep)
-        self._press(working, holds, points, velocities, only_counts=False)
+    def turn_back(self, points: wp.array, velocities: wp.array, substep: int) -> None:
+        """Turn the bars of the forces of a substep into those of what it began with, such as places."""
+        self._press(points, velocities, substep, only_counts=False)
         if substep == 0:  # as a frame begins, contacts are counted without forces
-            self._press(working, holds, points, velocities, only_counts=True)
+            self._press(points, velocities, substep, only_counts=True)
             self._add_up()
 
-    def _press(self, working: Any, holds: wp.array, points: wp.array, velocities: wp.array, only_counts: bool) -> None:
-        device, m, bars = self._model.device, self._model, self.bars
-        bars.sums.zero_()
+    def _press(self, points: wp.array, velocities: wp.array, substep: int, only_counts: bool) -> None:
+        m, bars, device = self._model, self.bars, self._model.device
+        bars.contact_counts.zero_()
         bars.largest.zero_()
+        moving = points, velocities, self._contacts[substep][1], self.as_it_was(substep), bars
+        inputs = [self.tables, self._threads, int(only_counts), *moving]
+        launch(self._list_contacts, (m.world_count, self._threads), inputs, block_dim=FEW_THREADS, device=device)
+        threads = min(MOST_AT_ONCE, bars.contacts.size) if device.is_cuda else 1
         for adds in (0, 1):
-            inputs = [
-                self.tables, self._threads, int(only_counts), adds, points, velocities, holds, working, bars,
-            ]  # fmt: skip
-            launch(self._press_back, (m.world_count, self._threads), inputs, block_dim=FEW_THREADS, device=device)
+            inputs = [self.tables, threads, adds, *moving]
+            launch(self._press_back, threads, inputs, block_dim=FEW_THREADS, device=device)
         arrays = [self._arrays[name] for name in ("all_point_bar", "all_velocity_bar", "number_bars")]
-        launch(self._take_back, (m.world_count, m.particle_count), [self.tables, bars, *arrays], device=device)
+        fours = bars.marks.shape[1] // 4
+        launch(self._take_back, (m.world_count, fours), [self.tables, bars, *arrays], device=device)
 
     def as_it_was(self, substep: int) -> Any:
         """Return the working memory with what a substep knew of contacts."""
@@ -107,13 +111,13 @@ class TouchBackward:
             setattr(before, name, getattr(self._working, name))
         for name, array in self._searches[substep // self._interval].items():
             setattr(before, name, array)
-        before.contacts = self._contacts[substep]
+        before.contacts = self._contacts[substep][0]
         return before
 
     def _add_up(self) -> None:
         m = self._model
-        shape = m.world_count, m.balloon_count, m.balloon_count
-        launch(sum_pairs, shape, [self.tables, self.bars], device=m.device)
+        shape, inputs = (m.world_count, m.balloon_count, m.balloon_count), [self.tables, self.bars]
+        launch_tiled(sum_pairs, dim=shape, inputs=inputs, block_dim=team_threads(m), device=m.device)
 
     def taken_numbers(self) -> dict[str, Values]:
         """Return the bars of what pairs of balloons have, since they were last taken, by the names of parameters."""
@@ -133,8 +137,10 @@ class TouchBackward:
         }  # fmt: skip
 
 
-def kept_of_touch(model: Model, features: Features, room: Room) -> tuple[list[dict[str, wp.array]], list[wp.array]]:
-    """Allocate what each search finds, by its names in the working memory, and the counts of each substep."""
+def kept_of_touch(
+    model: Model, features: Features, room: Room
+) -> tuple[list[dict[str, wp.array]], list[tuple[wp.array, wp.array]]]:
+    """Allocate what each search finds, by its names in the working memory, and each substep's counts and holds."""
     worlds, particles = model.world_count, model.particle_count
     searches = -(-model.substeps // substeps_of_search(model))
     found = [
@@ -147,4 +153,8 @@ def kept_of_touch(model: Model, features: Features, room: Room) -> tuple[list[di
         }
         for _ in range(searches)
     ]
-    return found, [room.array((worlds, particles), wp.float32) for _ in range(model.substeps)]
+    before = [
+        (room.array((worlds, particles), wp.float32), room.array((worlds, particles), wp.vec4))
+        for _ in range(model.substeps)
+    ]
+    return found, before

@@ -50,6 +50,6 @@ def bytes_backwards(model: Model, columns: Sequence[int], frames: int, name: str
     bars = 4 * model.world_count * model.particle_count * (len(columns) + 24 + 8 * model.sphere_count)
     of_frame = 40 * model.balloon_count + 48 * model.sphere_count
     if model.scene.touches:
-        bars += model.world_count * model.particle_count * (84 + 12 * model.balloon_count)
+        bars += model.world_count * model.particle_count * (85 + 24 * model.balloon_count)
         of_frame += 17 * model.particle_count
     return (room.bytes + bars) // model.world_count + frames * of_frame

@@ -6,6 +6,8 @@ MANY = 500_000
 """Number of particles in all worlds above which they take a GPU several times as long as one more launch"""
 ENOUGH_THREADS = 262_144
 """Number of threads that keep a GPU busy"""
+MOST_AT_ONCE = 65_536
+"""Number of threads that a GPU has at once, where each takes many registers, or more"""
 FEW_THREADS = 64
 """Threads of a block, where each takes many registers"""
 

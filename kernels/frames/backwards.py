@@ -55,34 +55,46 @@ def sum_kernel(features: Features, columns: tuple[int, ...], one_by_one: bool = 
 
     @wp.kernel(module="unique", enable_backward=False, module_options=OPTIONS)
     def sum_bars(t: Tables, state: WorldState, first_pressures: wp.array2d[float], bars: Bars):
-        """Add up bars, and clear them for the next frame; a thread a (world, balloon)."""
-        world, balloon = wp.tid()
-        keyed = wp.vec2d(bars.keyed_of_balloons[world, balloon])
-        gas_mass_bar = float(bars.gas_masses_of_balloons[world, balloon])
-        bars.gas_masses_of_balloons[world, balloon] = 0.0
-        bars.keyed_of_balloons[world, balloon] = wp.vec2()
+        """Add up bars, and clear them for the next frame; a block a (world, balloon)."""
+        world, balloon, thread = wp.tid()
+        begin = t.particles.offsets[balloon] + thread
         end = t.particles.offsets[balloon + 1]
         if wp.static(not one_by_one):
             end = 1
-        for particle in range(t.particles.offsets[balloon], end):
+        keyed = wp.vec2d()
+        gas_mass_bar = float(0.0)
+        for particle in range(begin, end, wp.block_dim()):
             keyed += wp.vec2d(bars.keyed[world, particle])
             bars.keyed[world, particle] = wp.vec2()
             gas_mass_bar += bars.gas_masses[world, particle]
             bars.gas_masses[world, particle] = 0.0
-            for number in range(count):
-                bars.number_totals[world, balloon, number] += wp.float64(bars.numbers[world, particle, number])
-                bars.numbers[world, particle, number] = 0.0
-        bars.keyed_totals[world, balloon] = keyed
-        if wp.static(weigh_back is not None):
-            weigh_back(t, state, first_pressures, bars, world, balloon, gas_mass_bar)
-        if wp.static(changes):
-            bars.gas_totals[world, balloon] = wp.vec2d(bars.gas[world, balloon])
-        else:
-            bars.gas_totals[world, balloon] += wp.vec2d(bars.gas[world, balloon])
-            bars.gas[world, balloon] = wp.vec2()
+        all_keyed = wp.tile_sum(wp.tile(keyed, preserve_type=True))[0]
+        all_gas_mass_bar = wp.tile_sum(wp.tile(gas_mass_bar))[0]
         for number in range(count):
-            bars.number_totals[world, balloon, number] += wp.float64(bars.numbers_of_balloons[world, balloon, number])
-            bars.numbers_of_balloons[world, balloon, number] = 0.0
+            of_number = wp.float64(0.0)
+            for particle in range(begin, end, wp.block_dim()):
+                of_number += wp.float64(bars.numbers[world, particle, number])
+                bars.numbers[world, particle, number] = 0.0
+            all_of_number = wp.tile_sum(wp.tile(of_number))[0]
+            if thread == 0:
+                bars.number_totals[world, balloon, number] += all_of_number
+        if thread == 0:
+            bars.keyed_totals[world, balloon] = all_keyed + wp.vec2d(bars.keyed_of_balloons[world, balloon])
+            bars.keyed_of_balloons[world, balloon] = wp.vec2()
+            all_gas_mass_bar += bars.gas_masses_of_balloons[world, balloon]
+            bars.gas_masses_of_balloons[world, balloon] = 0.0
+            if wp.static(weigh_back is not None):
+                weigh_back(t, state, first_pressures, bars, world, balloon, all_gas_mass_bar)
+            if wp.static(changes):
+                bars.gas_totals[world, balloon] = wp.vec2d(bars.gas[world, balloon])
+            else:
+                bars.gas_totals[world, balloon] += wp.vec2d(bars.gas[world, balloon])
+                bars.gas[world, balloon] = wp.vec2()
+            for number in range(count):
+                bars.number_totals[world, balloon, number] += wp.float64(
+                    bars.numbers_of_balloons[world, balloon, number]
+                )
+                bars.numbers_of_balloons[world, balloon, number] = 0.0
 
     return sum_bars
 

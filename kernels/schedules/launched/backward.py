@@ -45,9 +45,11 @@ class BackwardKernel(NamedTuple):
 
 @cache
 def made_kernels(step: Step, columns: tuple[int, ...]) -> tuple[Any, ...]:
-    """Make the kernels of a step backwards."""
+    """Make the kernels of a step backwards; where they are of particles, a GPU's own division and root will do."""
     return tuple(
-        kernel_from(each.name, each.source, each.names, module_options=OPTIONS)
+        kernel_from(
+            each.name, each.source, each.names, module_options={**OPTIONS, "fast_math": each.item == "particle"}
+        )
         for each in backward_kernels(step, columns)
     )
 
