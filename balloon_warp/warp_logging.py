@@ -2,12 +2,12 @@
 
 import os
 import tempfile
-import threading
 from functools import cache
 from pathlib import Path
 
 from balloon_warp.garbage import without_collecting
 from balloon_warp.temporaries import clear_left_over, folder_of_process
+from balloon_warp.warp_headers import share_headers
 
 
 @cache
@@ -37,11 +37,4 @@ def quiet_warp() -> None:
     clear_left_over(Path(tempfile.gettempdir()))
     from warp._src.context import runtime  # once it is there
 
-    runtime._get_or_create_pch_dir = _folder_of_headers  # pyright: ignore[reportOptionalMemberAccess]
-
-
-def _folder_of_headers() -> str:
-    """Return a thread's folder of precompiled headers. Warp would make one whose megabytes a kill leaves for good."""
-    folder = folder_of_process() / f"headers_{threading.get_ident()}"
-    folder.mkdir(parents=True, exist_ok=True)
-    return str(folder)
+    share_headers(runtime, Path(str(wp.config.kernel_cache_dir)), Path(wp.__file__).parent / "native")

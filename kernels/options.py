@@ -3,6 +3,8 @@
 All modules share one set, since Warp compiles its own headers first, once for each set of flags in a process.
 """
 
+from typing import Any
+
 import warp as wp
 from warp._src import codegen
 
@@ -23,15 +25,23 @@ def _flags() -> str:
     return f"{flags} -DWP_NO_BFLOAT16= -fpch-instantiate-templates"
 
 
-def _compile_sums_of_structs_on_demand() -> None:
-    """Have Warp declare the sums of each struct `inline`, so that they are compiled where a kernel adds structs.
+def _leave_out_derivatives_of_structs() -> None:
+    """Have Warp write the functions that derive structs so that our flags leave them out, or else compile on demand.
 
-    Otherwise every kernel has those of all tables, which none of ours adds: a third of the time of a small kernel, and
-    a sixth of that of a large one.
+    Otherwise every kernel has those of all tables, which none of ours calls: a third of the time of a small kernel, and
+    a sixth of that of a large one. Kernels without our flags keep them.
     """
+    template = codegen.struct_template
     for declared in ("CUDA_CALLABLE {name} add(", "CUDA_CALLABLE void adj_atomic_add("):
-        codegen.struct_template = codegen.struct_template.replace(f"\n{declared}", f"\ninline {declared}")
+        template = template.replace(f"\n{declared}", f"\ninline {declared}")
+    for body in (_CONSTRUCTOR, _SUM):
+        template = template.replace(body, f"#ifndef {NO_DERIVATIVES}\n{body}\n#endif")
+    codegen.struct_template = template
 
 
-_compile_sums_of_structs_on_demand()
-OPTIONS = {"cpu_compiler_flags": _flags()}
+NO_DERIVATIVES = "BALLOON_WARP_NO_DERIVATIVES"
+"""Macro of kernels that Warp does not derive: all of ours"""
+_CONSTRUCTOR = "static CUDA_CALLABLE void adj_{name}({reverse_args})\n{{\n{reverse_body}}}"
+_SUM = "inline CUDA_CALLABLE void adj_atomic_add({name}* p, {name} t)\n{{\n{atomic_add_body}}}"
+_leave_out_derivatives_of_structs()
+OPTIONS: dict[str, Any] = {"cpu_compiler_flags": f"{_flags()} -D{NO_DERIVATIVES}=", "enable_backward": False}

@@ -36,7 +36,7 @@ def kernel_of(function: Any, types: tuple[str, ...], result: str) -> Any:
     linecache.cache[filename] = (len(source), None, source.splitlines(keepends=True), filename)
     space: dict[str, Any] = {"wp": wp, "function": function}
     exec(compile(source, filename, "exec"), space)
-    return wp.kernel(space[name], module="unique", module_options=OPTIONS)
+    return wp.kernel(space[name], module="unique", module_options={**OPTIONS, "enable_backward": True})
 
 
 def _arrays(samples: Samples, names: Sequence[str], gradients: bool) -> list[wp.array]:

@@ -17,6 +17,7 @@ from balloon_warp.simulator import Simulator
 
 LAYERS = (
     ("garbage", "temporaries"),
+    ("warp_headers",),
     ("kernels", "errors", "warp_logging", "driver", "shown"),
     ("files", "warp_lock", "launching", "interrupts", "laws", "suggestions"),
     ("device",),

@@ -7,10 +7,13 @@ import warp as wp
 from numpy.typing import NDArray
 
 from balloon_warp.envs.task import Task
+from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.launching import launch
 from balloon_warp.mesh.quad_sphere import quad_sphere
 from balloon_warp.scene import Balloon, Inflation, Obstacle, Scene, Stiffness
 from balloon_warp.simulator import Simulator
+
+wp.set_module_options(OPTIONS)
 
 RADIUS, PLATE, THICK = 0.15, 0.6, 0.2
 """Radius of the balloon, and width and thickness of the plate [m]"""

@@ -7,10 +7,13 @@ import warp as wp
 from numpy.typing import NDArray
 
 from balloon_warp.envs.task import Task
+from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.launching import launch
 from balloon_warp.mesh.quad_sphere import quad_sphere
 from balloon_warp.scene import Balloon, Ground, Inflation, Obstacle, Scene
 from balloon_warp.simulator import Simulator
+
+wp.set_module_options(OPTIONS)
 
 RADIUS, THICK = 0.15, 0.04
 """Radius of the balloon, and thickness of the plates [m]"""

@@ -8,11 +8,14 @@ from numpy.typing import NDArray
 
 from balloon_warp.envs.task import Task
 from balloon_warp.kernels.laws import Parameter
+from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.launching import launch
 from balloon_warp.laws import particle_law
 from balloon_warp.mesh.quad_sphere import quad_sphere
 from balloon_warp.scene import Balloon, Inflation, Scene
 from balloon_warp.simulator import Simulator
+
+wp.set_module_options(OPTIONS)
 
 DISTANCE, RING = 2.0, 0.25
 """Distance of the ring from the start, and its radius [m]"""
