@@ -194,10 +194,9 @@ class Features(NamedTuple):
     def always_busy(self) -> bool:
         """Return whether no frame is free.
 
-        Particles are then near their own balloon, or are shifted once all have moved, so that the distance that they
-        travel has no known bound.
+        Particles are then shifted once all have moved, so that the distance that they travel has no known bound.
         """
-        return self.touches_itself or self.corrected or self.impulses or self.bodies > 0 or self.small_spheres
+        return self.corrected or self.impulses or self.bodies > 0 or self.small_spheres
 
     @property
     def obstacles(self) -> bool:

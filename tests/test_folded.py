@@ -155,12 +155,13 @@ def test_each_edge_is_in_the_first_leaf_that_has_it():
         assert home == min(having)
 
 
-def folding_tube() -> tuple[Simulator, PolygonMesh]:
-    """Return a tube whose halves fold until their ends meet at 8 m/s."""
+def folding_tube(touch: Touch | bool | None, schedule: str = "auto") -> tuple[Simulator, PolygonMesh]:
+    """Return a tube of 206 vertices whose halves fold until their ends meet at 8 m/s."""
     mesh = tube(rings=17, around=12)
     firm = Stiffness(structural=30.0, shear=15.0, flexion=0.5)
     thrown = Balloon(mesh=mesh, mass=0.2, damping=0.1, stiffness=firm, inflation=Inflation(pressure=0.0))
-    simulator = Simulator(Scene(balloon=[thrown], touch=Touch(itself=True), frames_per_second=40.0, **VACUUM), "cpu")
+    scene = Scene(balloon=[thrown], touch=touch, frames_per_second=40.0, **VACUUM)
+    simulator = Simulator(scene, "cpu", schedule=schedule)
     points = simulator.state.points.numpy()
     turning = 8.0 * np.clip(points[..., 0] / 0.2, -1.0, 1.0)
     velocities = np.stack([-turning * points[..., 1], turning * points[..., 0], np.zeros_like(turning)], axis=-1)
@@ -170,7 +171,7 @@ def folding_tube() -> tuple[Simulator, PolygonMesh]:
 
 def test_a_long_tube_that_folds_fast_is_nowhere_in_itself():
     """A tube whose halves fold until their ends meet at 8 m/s does not cross itself; it would at 96 places."""
-    simulator, mesh = folding_tube()
+    simulator, mesh = folding_tube(Touch(itself=True))
     places = [simulator.step().points[0].astype(np.float64) for _ in range(17)]
     assert [crossings(points, mesh) for points in places] == [0] * 17
     assert np.abs(places[-1][-2:, 0]).max() < 0.1
@@ -199,7 +200,7 @@ def test_edges_that_may_touch_are_on_the_list(threads: int, room: int, monkeypat
     monkeypatch.setattr(balloon_contact, "threads_on", lambda device, many, turns: (threads, min(threads, 8)))
     for name in ("BOXED_OF_EDGE", "SEEKING_OF_EDGE"):
         monkeypatch.setattr(balloon_contact, name, room)
-    simulator, mesh = folding_tube()
+    simulator, mesh = folding_tube(Touch(itself=True), "gather")
     schedule, state, found = simulator.schedule, simulator.state, []
     t, working = schedule.tables.touch, schedule.launches.working
     edges, rest = t.edges.numpy(), np.asarray(mesh.points)

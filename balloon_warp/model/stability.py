@@ -23,8 +23,9 @@ from balloon_warp.scene import Scene
 AUTO_MARGIN = 0.8
 """Fraction of the stable step that `substeps = "auto"` takes"""
 TOUCH_MARGIN = 0.97
-"""Fraction of the stable step that "auto" takes where balloons may touch but the scene has no [touch], if that is less:
-the bound of contacts counts the largest number that may ever press on a particle, each at its stiffest"""
+"""Fraction of the stable step that "auto" takes where balloons may touch but the scene has no [touch], or softly touch
+themselves, if that is less: the bound of contacts counts the largest number that may ever press on a particle, each at
+its stiffest"""
 PROJECTIVE_STEP = 1.0 / 120.0
 """Step of "auto" where stability requires none [s]: at 1/60 s the bundled scenes lag twice as far behind the explicit
 ones"""
@@ -93,7 +94,7 @@ class Network:
             velocities: as of `stable_step`.
             stable: the step that this returned [s].
         """
-        if scene.touch or not scene.touches:
+        if (scene.touch and scene.touch.itself != "soft") or not scene.touches:
             return AUTO_MARGIN * stable
         apart = self.stable_step(scene.model_copy(update={"touch": False}), parameters, velocities)
         return min(AUTO_MARGIN * apart, TOUCH_MARGIN * stable)

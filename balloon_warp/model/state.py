@@ -68,11 +68,14 @@ class State:
     balloon_count), float32"""
     holds: wp.array
     """Friction state of particles where balloons touch: slip from where they took hold of another surface [m], and the
-    part of the overlap that pushes [m], negative if they are behind it, 0 without contact; shape (world_count,
-    particle_count), vec4, or (world_count, 0) where balloons do not touch"""
+    part of the overlap that pushes [m], negative behind it, 0 without contact; shape as of `deep`, vec4"""
     deep: wp.array
     """1 of particles that may be deep in another balloon, where nothing is near them: at the start that is not known of
-    any; of that shape, int8"""
+    any; shape (world_count, particle_count), or (world_count, 0) where balloons do not touch, int8"""
+    seen_points: wp.array
+    """Positions when parts of what touches itself were looked at last [m], like `points`, or (world_count, 0)"""
+    rooms: wp.array
+    """Relative motion since then from which on particles may touch [m], like `pressures`, or (world_count, 0)"""
     torn: wp.array
     """Distance that a tear may have run from each face, at rest [m], negative where the face is whole, shape
     (world_count, face_count), float32, or (world_count, 0) where none may tear"""
@@ -174,6 +177,8 @@ def new_state(model: Model, room: Room) -> State:
         thrusts=room.array(balloons, wp.float32),
         holds=room.array(touching, wp.vec4),
         deep=room.array(touching, wp.int8),
+        seen_points=room.array(particles if model.scene.touches_itself else (worlds, 0), wp.vec3),
+        rooms=room.array(balloons if model.scene.touches_itself else (worlds, 0), wp.float32),
         torn=room.array((worlds, model.face_count if model.bursts else 0), wp.float32),
         bursts=room.array(bursting, wp.vec4),
         tear_planes=room.array((worlds, model.face_count if model.bursts else 0), wp.vec4),

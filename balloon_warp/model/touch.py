@@ -20,6 +20,8 @@ THICKNESS = 0.05
 STIFFNESS = 0.25
 """Contact stiffness over the sum of a particle's springs: a sphere stretched by a quarter is then indented by less than
 the skin's thickness where it lies against another, and the step becomes a quarter shorter"""
+SOFTER = 0.45
+"""Contact stiffness over that, of a balloon alone that touches itself softly: its step is then hardly shorter"""
 APART = 2.0
 """Initial distance from which on parts of a balloon may touch, in edges: farther than neighbors, nearer than what a
 sharp fold brings together"""
@@ -33,11 +35,18 @@ def settle_touch(scene: Scene, shapes: Sequence[BalloonShape], parameters: Param
     """Return each balloon's default contact stiffness; empty where no balloons touch."""
     if not scene.touches:
         return {}
-    columns = [_own_stiffness(shape, number, parameters) for number, shape in enumerate(shapes)]
+    share = stiffness_share(scene)
+    columns = [_own_stiffness(shape, number, parameters, share) for number, shape in enumerate(shapes)]
     return {STIFFNESSES: np.stack(np.broadcast_arrays(*columns), axis=1)}
 
 
-def _own_stiffness(shape: BalloonShape, number: int, parameters: Parameters) -> NDArray[np.float64]:
+def stiffness_share(scene: Scene) -> float:
+    """Return the contact stiffness over the sum of a particle's springs."""
+    softly = scene.touch and scene.touch.itself == "soft" and len(scene.balloon) == 1
+    return STIFFNESS * (SOFTER if softly else 1.0)
+
+
+def _own_stiffness(shape: BalloonShape, number: int, parameters: Parameters, share: float) -> NDArray[np.float64]:
     """Return the stiffness at a balloon's mean moving particle, shape (W,)."""
     moving = max(int(np.count_nonzero(shape.mass_share)), 1)
     total: Any = 0.0
@@ -45,7 +54,7 @@ def _own_stiffness(shape: BalloonShape, number: int, parameters: Parameters) -> 
         scales = float(shape.stiffness_scale[shape.springs.kind == kind].sum())
         total = total + 2.0 * scales / moving * parameters[row.name][:, number]
     loose = parameters["mass"][:, number] / moving * LOOSE_RATE**2
-    return np.where(total > 0.0, STIFFNESS * total, loose)
+    return np.where(total > 0.0, share * total, loose)
 
 
 def edge_length(mesh: PolygonMesh) -> float:
@@ -92,5 +101,5 @@ def bound_of_touch(
     between = 2.0 * own[:, number, None] * others / (own[:, number, None] + others)
     each = np.where(said < 0.0, between.max(axis=1), said)
     both = crowd * each
-    stiffness = 0.5 * (both + np.maximum(both - own[:, number] / STIFFNESS, 0.0))
+    stiffness = 0.5 * (both + np.maximum(both - own[:, number] / stiffness_share(scene), 0.0))
     return {"stiffness": stiffness, "drag": crowd * float(DAMPING_RATIO) * np.sqrt(each * mass)}

@@ -7,6 +7,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.inflation import GAS
 from balloon_warp.model import Model, State
+from balloon_warp.model.folded import is_in_layers
 from balloon_warp.model.small_spheres import small_spheres
 from balloon_warp.schedules.block_room import fits_in_block, thread_a_particle
 
@@ -119,7 +120,7 @@ def fastest_schedule(model: Model, world_count: int) -> str:
     """
     if only_launched(model) or model.bodies or any(small_spheres(model)):
         return "gather"
-    if model.scene.touches_itself:  # somebody is always near
+    if model.scene.touches_itself and not _comes_free(model):
         return "gather"
     if model.device.is_cpu:
         return "lanes" if world_count > 1 else "octets"
@@ -138,6 +139,11 @@ def fastest_schedule(model: Model, world_count: int) -> str:
     return "block" if pays else "gather"
 
 
+def _comes_free(model: Model) -> bool:
+    """Return whether balloons that touch themselves are free of it in some frames: on a CPU, where no layers lie."""
+    return model.device.is_cpu and not any(is_in_layers(shape.mesh) for shape in model.shapes)
+
+
 def _in_patches(model: Model) -> Features | None:
     """Return the features with which `gather` moves a model in patches, maybe in free frames alone, or None."""
     if model.device.is_cpu or thread_a_particle(model) or only_launched(model):
@@ -148,6 +154,7 @@ def _in_patches(model: Model) -> Features | None:
     from balloon_warp.schedules.patches import cut_into_patches
 
     features = model_features(model)
-    if has_free_frames(features) and not features.always_busy and not busy_in_blocks(model, features):
+    is_near = features.always_busy or features.touches_itself
+    if has_free_frames(features) and not is_near and not busy_in_blocks(model, features):
         features = free_features(features)
     return features if cut_into_patches(model, features) else None

@@ -101,6 +101,8 @@ class FreeFramesSchedule(ABC):
         if self.busy:
             self.busy.find(state)
         self.advance_free(state)
+        if self.busy:
+            self.busy.outlook.look_back(state)
 
 
 def _busy_worlds(model: Model, features: Features) -> "BusyWorlds":

@@ -15,12 +15,14 @@ from balloon_warp.kernels.contact.free_frames import (
     put_worlds_back,
     surround_kernel,
 )
+from balloon_warp.kernels.contact.own_parts import box_groups, judge_parts_kernel, place_parts, see_straying
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.tables import WorldState
 from balloon_warp.launching import begin_loading, launch, launch_tiled
 from balloon_warp.model import Model, State
 from balloon_warp.model.kept import kept_arrays
 from balloon_warp.model.memory import Allocating, Room
+from balloon_warp.schedules.own_parts import own_parts, own_parts_arrays
 from balloon_warp.schedules.tables import world_state
 
 THREADS = 128
@@ -57,18 +59,22 @@ class Outlook:
     def __init__(self, model: Model, features: Features, tables: Any, working: Any):
         self.model, self._features, self._tables, self._working = model, features, tables, working
         self.table, self._before = FreeFrames(), WorldState()
-        arrays, before, self._kept = outlook_arrays(model, features, Allocating(model.device))
+        arrays, before, own, self._kept = outlook_arrays(model, features, Allocating(model.device))
         for name, array in arrays.items():
             setattr(self.table, name, array)
         for name in ("verdicts", "ways", "any_busy"):
             setattr(self.table, name, getattr(working, name))
         for name, array in before.items():
             setattr(self._before, name, array)
+        self._own = own_parts(model) if own else None
+        for name, array in own.items():
+            setattr(self._own, name, array)
+        self._judging = judge_kernel(features, looks_at_parts=self._own is not None)
 
     def begin_loading(self) -> None:
         """Compile ahead what a look needs."""
         of_kept = (busy_kernel(array.dtype) for array in self._kept.values())
-        for kernel in (surround_kernel(self._features), judge_kernel(self._features), *of_kept):
+        for kernel in (surround_kernel(self._features), self._judging, *of_kept):
             begin_loading(kernel, self.model.device)
 
     def look(self, state: State) -> None:
@@ -83,7 +89,25 @@ class Outlook:
             block_dim=threads,
             device=m.device,
         )
-        launch(judge_kernel(self._features), m.world_count, [self._tables, self.table], device=m.device)
+        launch(self._judging, m.world_count, [self._tables, self.table], device=m.device)
+        self._judge_parts(state, is_over=False)
+
+    def look_back(self, state: State) -> None:
+        """Judge the worlds that were free after the frame, where balloons touch themselves: by how they moved in it."""
+        self._judge_parts(state, is_over=True)
+
+    def _judge_parts(self, state: State, is_over: bool) -> None:
+        if not self._own:
+            return
+        m, now, groups = self.model, world_state(state), self._own.group_boxes.shape[:2]
+        places = now, self._before if is_over else now
+        inputs = [self._tables, self._working.verdicts, *places, state.seen_points, state.rooms, self._own]
+        threads = THREADS if m.device.is_cuda else 1
+        launch_tiled(see_straying, (m.world_count, m.balloon_count), inputs, block_dim=threads, device=m.device)
+        launch(place_parts, self._own.means.shape, [*places, self._own], device=m.device)
+        launch(box_groups, groups, [self._own], device=m.device)
+        inputs = [self._tables, self._own, int(is_over), state.rooms, self.table]
+        launch(judge_parts_kernel(self._features), groups, inputs, device=m.device)
 
     def put_back(self, state: State) -> None:
         """Restore worlds whose frame was not free, once the free frames are over."""
@@ -102,7 +126,7 @@ class Outlook:
 
 
 def outlook_arrays(model: Model, features: Features, room: Room) -> tuple[dict[str, Any], ...]:
-    """Return the memory of `FreeFrames`, and of what a world was before, and its items kept."""
+    """Return the memory of `FreeFrames`, of what a world was before, of parts of balloons, and of items kept."""
     worlds, balloons, spheres = model.world_count, model.balloon_count, model.sphere_count
     gas = (worlds, balloons if features.gas else 0)
     free = {
@@ -124,4 +148,5 @@ def outlook_arrays(model: Model, features: Features, room: Room) -> tuple[dict[s
         "sphere_spins": room.array((worlds, spheres), wp.vec3),
         "sphere_forces": room.array((worlds, spheres), wp.vec3),
     }
-    return free, before, kept_arrays(model, room)
+    looks_at_parts = features.touches_itself and model.device.is_cpu
+    return free, before, own_parts_arrays(model, room) if looks_at_parts else {}, kept_arrays(model, room)

@@ -31,6 +31,8 @@ FASTER = wp.constant(2.0)
 """Bound on a particle's speed in a frame, over its speed as the frame begins"""
 FASTER_BETWEEN = wp.constant(1.2)
 """Bound between balloons: closer, since a busy frame costs more than one that is simulated again"""
+ASTRAY = wp.constant(40.0)
+"""Way beyond these bounds that a particle of a balloon that touches itself may go, over the thickness: two edges"""
 GAINED = wp.constant(10.0)
 """Bound on a particle's acceleration in a frame [m/s^2]"""
 
@@ -130,8 +132,13 @@ def surround_kernel(features: Features) -> Any:
 
 
 @cache
-def judge_kernel(features: Features) -> Any:
-    """Return the kernel that decides which worlds have a free frame ahead."""
+def judge_kernel(features: Features, looks_at_parts: bool) -> Any:
+    """Return the kernel that decides which worlds have a free frame ahead.
+
+    Args:
+        looks_at_parts: whether parts of what touches itself are looked at after it; without, no frame of it is free.
+    """
+    never_free = features.always_busy or (features.touches_itself and not looks_at_parts)
     thickness_between = skin_functions(features)[0] if features.touches else None
 
     @wp.func
@@ -160,10 +167,13 @@ def judge_kernel(features: Features) -> Any:
             if wp.static(features.touches):
                 for other in range(balloon + 1, free.alone.shape[1]):
                     between = wp.min(between, halfway(t, free, world, balloon, other))
-        if wp.static(features.always_busy):
+        if wp.static(never_free):
             way = 0.0
         went = fastest * t.frame_seconds
         gained = GAINED * t.frame_seconds * t.frame_seconds
+        if wp.static(features.touches_itself):  # it is looked at as the frame begins and ends, not in between
+            for balloon in range(free.alone.shape[1]):
+                way = wp.min(way, FASTER * went + gained + ASTRAY * t.touch.thickness[balloon])
         free.ways[world] = wp.min(way, between)
         free.verdicts[world] = FREE
         if not (way > FASTER * went + gained and between > FASTER_BETWEEN * went + gained):  # or it is not finite

@@ -178,7 +178,7 @@ class Scene(Table):
     @property
     def touches_itself(self) -> bool:
         """Return whether parts of a balloon can touch each other; not yet where their meshes are to settle it."""
-        return bool(self.touch) and self.touch.itself is True
+        return bool(self.touch) and self.touch.itself in (True, "soft")
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
