@@ -94,7 +94,7 @@ class Network:
             velocities: as of `stable_step`.
             stable: the step that this returned [s].
         """
-        if (scene.touch and scene.touch.itself != "soft") or not scene.touches:
+        if (scene.touch and not scene.touches_softly) or not scene.touches:
             return AUTO_MARGIN * stable
         apart = self.stable_step(scene.model_copy(update={"touch": False}), parameters, velocities)
         return min(AUTO_MARGIN * apart, TOUCH_MARGIN * stable)

@@ -42,7 +42,7 @@ def settle_touch(scene: Scene, shapes: Sequence[BalloonShape], parameters: Param
 
 def stiffness_share(scene: Scene) -> float:
     """Return the contact stiffness over the sum of a particle's springs."""
-    softly = scene.touch and scene.touch.itself == "soft" and len(scene.balloon) == 1
+    softly = scene.touches_softly and len(scene.balloon) == 1
     return STIFFNESS * (SOFTER if softly else 1.0)
 
 

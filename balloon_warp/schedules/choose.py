@@ -10,6 +10,7 @@ from balloon_warp.model import Model, State
 from balloon_warp.model.folded import is_in_layers
 from balloon_warp.model.small_spheres import small_spheres
 from balloon_warp.schedules.block_room import fits_in_block, thread_a_particle
+from balloon_warp.schedules.own_parts import looks_at_parts
 
 
 class Schedule(Protocol):
@@ -140,8 +141,8 @@ def fastest_schedule(model: Model, world_count: int) -> str:
 
 
 def _comes_free(model: Model) -> bool:
-    """Return whether balloons that touch themselves are free of it in some frames: on a CPU, where no layers lie."""
-    return model.device.is_cpu and not any(is_in_layers(shape.mesh) for shape in model.shapes)
+    """Return whether balloons that touch themselves are free of it in some frames: where parts and no layers are."""
+    return looks_at_parts(model) and not any(is_in_layers(shape.mesh) for shape in model.shapes)
 
 
 def _in_patches(model: Model) -> Features | None:

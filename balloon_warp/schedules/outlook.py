@@ -22,7 +22,7 @@ from balloon_warp.launching import begin_loading, launch, launch_tiled
 from balloon_warp.model import Model, State
 from balloon_warp.model.kept import kept_arrays
 from balloon_warp.model.memory import Allocating, Room
-from balloon_warp.schedules.own_parts import own_parts, own_parts_arrays
+from balloon_warp.schedules.own_parts import looks_at_parts, own_parts, own_parts_arrays
 from balloon_warp.schedules.tables import world_state
 
 THREADS = 128
@@ -148,5 +148,4 @@ def outlook_arrays(model: Model, features: Features, room: Room) -> tuple[dict[s
         "sphere_spins": room.array((worlds, spheres), wp.vec3),
         "sphere_forces": room.array((worlds, spheres), wp.vec3),
     }
-    looks_at_parts = features.touches_itself and model.device.is_cpu
-    return free, before, own_parts_arrays(model, room) if looks_at_parts else {}, kept_arrays(model, room)
+    return free, before, own_parts_arrays(model, room) if looks_at_parts(model) else {}, kept_arrays(model, room)

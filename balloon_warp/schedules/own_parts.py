@@ -65,6 +65,11 @@ def own_parts(model: Model) -> OwnParts:
     return own
 
 
+def looks_at_parts(model: Model) -> bool:
+    """Return whether frames may be free of contact in what touches itself: on a GPU, which searches fast, slender."""
+    return model.scene.touches_itself and (model.device.is_cpu or model.scene.touches_softly)
+
+
 def own_parts_arrays(model: Model, room: Room) -> dict[str, Any]:
     """Return the memory of where parts are in each world."""
     counts = [part_count(shape.mesh) for shape in model.shapes]

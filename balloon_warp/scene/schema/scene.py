@@ -180,6 +180,11 @@ class Scene(Table):
         """Return whether parts of a balloon can touch each other; not yet where their meshes are to settle it."""
         return bool(self.touch) and self.touch.itself in (True, "soft")
 
+    @property
+    def touches_softly(self) -> bool:
+        """Return whether they do so as slender balloons do, whose parts are far from each other at the start."""
+        return bool(self.touch) and self.touch.itself == "soft"
+
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
         for name, things in (("string", self.string), ("force", self.force)):
