@@ -25,10 +25,11 @@ def verdict(simulator: Simulator) -> int:
 
 def test_the_length_of_a_tube_over_its_diameter_is_its_slenderness():
     """A ball has pi^2 / 4, a square sheet of two sides pi from corner to corner, and a tube its length over its
-    diameter; balls and cubes, a short tube and a sheet are left alone, a long tube touches itself, softly."""
+    diameter; balls, a sheet and hair, which is open, are left alone, as is what has too few vertices to bend; a long
+    tube touches itself, softly."""
     for mesh, expected, itself in [
         (quad_sphere(8), np.pi**2 / 4.0, False),
-        (cube(), 3.0, False),
+        (cube(), 0.0, False),
         (grid(8, 8), np.pi, False),
         (tube(17, 12), 2.2 / 0.16, "soft"),
         (tube(65, 48), 2.2 / 0.16, "soft"),

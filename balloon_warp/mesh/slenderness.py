@@ -12,6 +12,8 @@ BANDS = 24
 """Number of bands into which the surface is cut along its length"""
 LEAST = 2.0
 """Least width of a band, in edges"""
+FEW_BANDS = 4
+"""Number of bands below which a surface has too few vertices along its length to bend"""
 MOST_PARTS = 16
 """Largest number of components that are measured, of the largest areas"""
 
@@ -21,7 +23,7 @@ def slenderness(mesh: PolygonMesh) -> float:
 
     Distances along the surface from one of its ends cut it into bands. A part is some bands in a row, of area A over a
     length L; as a tube it has the diameter A / (pi L). A sphere has pi^2 / 4, a square sheet of two sides pi. An open
-    mesh counts as if it had a second side.
+    mesh counts as if it had a second side. It is 0 where there are too few vertices along the length to bend.
     """
     from scipy.sparse.csgraph import dijkstra  # takes long to load
 
@@ -41,6 +43,8 @@ def slenderness(mesh: PolygonMesh) -> float:
             end = int(members[along.argmax()])
         along = dijkstra(graph, directed=False, indices=end)[members]
         count = int(np.clip(along.max() / (LEAST * edge), 1, BANDS))
+        if count < FEW_BANDS:
+            continue
         bands = np.minimum((along * (count / along.max())).astype(int), count - 1)
         sums = np.cumsum([0.0, *np.bincount(bands, areas[members], count)])
         begin, finish = np.triu_indices(count + 1, 1)

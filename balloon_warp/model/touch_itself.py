@@ -44,8 +44,9 @@ def _any_nears_itself(balloons: Sequence[Balloon], shapes: Sequence[BalloonShape
 
 
 def _any_is_slender(shapes: Sequence[BalloonShape]) -> bool:
-    """Return whether any balloon is so slender that it may bend into itself."""
-    return any(slenderness(mesh) >= SLENDER for mesh in {_form(shape.mesh): shape.mesh for shape in shapes}.values())
+    """Return whether any closed balloon is so slender that it may bend into itself; ribbons, such as hair, are not."""
+    closed = {_form(shape.mesh): shape.mesh for shape in shapes if shape.closed}
+    return any(slenderness(mesh) >= SLENDER for mesh in closed.values())
 
 
 def _any_is_foil(balloons: Sequence[Balloon], shapes: Sequence[BalloonShape]) -> bool:

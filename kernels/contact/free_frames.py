@@ -168,7 +168,7 @@ def judge_kernel(features: Features, looks_at_parts: bool) -> Any:
                 for other in range(balloon + 1, free.alone.shape[1]):
                     between = wp.min(between, halfway(t, free, world, balloon, other))
         if wp.static(never_free):
-            way = 0.0
+            way = float(0.0)
         went = fastest * t.frame_seconds
         gained = GAINED * t.frame_seconds * t.frame_seconds
         if wp.static(features.touches_itself):  # it is looked at as the frame begins and ends, not in between

@@ -182,7 +182,7 @@ class Scene(Table):
 
     @property
     def touches_softly(self) -> bool:
-        """Return whether they do so as slender balloons do, whose parts are far from each other at the start."""
+        """Return whether they do so softly, as slender balloons do."""
         return bool(self.touch) and self.touch.itself == "soft"
 
     @model_validator(mode="after")
