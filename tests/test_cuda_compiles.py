@@ -10,6 +10,7 @@ import warp as wp
 from meshes import quad_sphere
 
 from balloon_warp.kernels.adjoints.exchange_back import exchange_back_kernel
+from balloon_warp.kernels.contact.free_frames import judge_kernel
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.helpers_of_grad import derive_helpers
 from balloon_warp.kernels.schedules.block.source import kernel_of_frame
@@ -92,3 +93,10 @@ def test_an_exchange_of_momentum_backwards_compiles(tmp_path: Path):
     assert features.impulses
     derive_helpers()
     assert "bar.sync" in compiled(exchange_back_kernel(features, ()), TEAM_THREADS, tmp_path)
+
+
+def test_a_look_ahead_at_what_touches_itself_compiles(tmp_path: Path):
+    """The verdict on worlds of what touches itself compiles where parts are not looked at, as on a GPU."""
+    features = model_features(build_model(load_scene("knot"), "cpu", 2))
+    assert features.touches_itself
+    assert "judge_worlds" in compiled(judge_kernel(features, looks_at_parts=False), 256, tmp_path)
