@@ -4,7 +4,7 @@ python -m balloon_warp.benchmarks.gradient_launches [DEVICE] [CELLS] [CASE]
 """
 
 import sys
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 
 import warp as wp
@@ -41,12 +41,12 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _table(found: Sequence[wp.TimingResult]) -> Iterator[str]:
-    milliseconds, counts = Counter[str](), Counter[str]()
+    milliseconds, counts = defaultdict[str, float](float), Counter[str]()
     for each in found:
         milliseconds[each.name] += each.elapsed
         counts[each.name] += 1
     yield f"{sum(milliseconds.values()):8.2f} ms"
-    for name, total in milliseconds.most_common():
+    for name, total in sorted(milliseconds.items(), key=lambda each: -each[1]):
         yield f"{total:8.2f} ms  {counts[name]:4} x {1e3 * total / counts[name]:6.1f} us  {name}"
 
 

@@ -37,7 +37,7 @@ class Parts(NamedTuple):
     sizes: list[tuple[float, float]]
 
 
-def own_parts(model: Model) -> OwnParts:
+def own_parts(model: Model) -> Any:
     """Return the parts of all balloons of a model; without places in worlds."""
     own, device = OwnParts(), model.device
     parts = [parts_of(shape.mesh) for shape in model.shapes]
