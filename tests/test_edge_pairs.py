@@ -7,6 +7,7 @@ from test_folded import folding_tube, gaps
 
 from balloon_warp.kernels.contact.list_lengths import PAIRS, SUBSTEPS
 from balloon_warp.kernels.laws.edges import KEPT
+from balloon_warp.scene import Touch
 from balloon_warp.simulator import Simulator
 
 FRAMES = 14
@@ -31,7 +32,7 @@ def test_no_pair_is_left_out_that_could_touch():
 
     Nine tenths of what edges keep, since the tube goes on to bend in the substep.
     """
-    simulator, mesh = folding_tube()
+    simulator, mesh = folding_tube(Touch(itself=True), schedule="gather")
     t, working = simulator.schedule.tables.touch, simulator.schedule.launches.working
     edges, kept = t.edges.numpy(), KEPT * t.thickness.numpy()[0]
     before, pairs, passed, left, measured = np.asarray(mesh.points), np.zeros((0, 3), dtype=int), -1, 0, 0
