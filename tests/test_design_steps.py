@@ -128,13 +128,16 @@ def test_the_damping_is_not_eased_at_once_after_a_step_that_failed():
 
 
 def test_a_stalled_mould_begins_anew_with_a_larger_one(tmp_path: Path):
-    """A waist at a stretch of 2 stalls where one half swells more, and from a larger mould comes much nearer."""
+    """A waist at a stretch of 2 stalls where one half swells more, and from a larger mould comes much nearer.
+
+    In 18 steps: after how many it stalls depends on how a processor rounds.
+    """
     ball = quad_sphere(4)
     along = ball.points[:, 2] / np.linalg.norm(ball.points, axis=1)
     waist = ball.points * np.stack([1.0 - 0.35 * np.exp(-6.0 * along**2)] * 2 + [np.full(len(along), 1.5)], axis=1)
     said: list[str] = []
     target = target_of(replace(ball, points=waist), 0.3)
-    job = Job(target, "latex", 2.0, "tension", 2e-4, tmp_path, 14, "cpu", False, said.append)
+    job = Job(target, "latex", 2.0, "tension", 2e-4, tmp_path, 18, "cpu", False, said.append)
     problem = MouldProblem(job.ruler, _film(job, Material(preset="latex", thickness=2e-4)), 2.0)
     plain = begin(problem, problem.plain)
     assert plain is not None
