@@ -143,7 +143,7 @@ def test_blocks_are_refused():
 
 @pytest.mark.parametrize("path", ["obstacle.0.position.1", "obstacle.0.friction", "obstacle.0.motion.1.1.0"])
 def test_obstacles_that_more_than_particles_meet_are_refused(path: str):
-    """With spheres, all but their friction is; with faces, that, too."""
+    """Derivatives by obstacles that spheres meet are refused, but by friction; that, too, where faces meet them."""
     ball = {"position": (0.0, 3.0, 0.0), "radius": 0.6}
     of = scene(obstacle=[BELOW], faces=False, sphere=[ball], contact="impulse")
     if not path.endswith("friction"):
@@ -154,8 +154,10 @@ def test_obstacles_that_more_than_particles_meet_are_refused(path: str):
 
 
 def test_the_friction_of_an_obstacle_on_which_a_ball_rolls_is_derived():
-    """By the friction of a plane, beside a balloon, a sphere goes less far: by as much as runs in single precision say,
-    to a fiftieth, which is what these leave of a difference."""
+    """A sphere goes less far by the friction of a plane, by as much as runs in single precision say.
+
+    To a fiftieth, which is what these leave of a difference.
+    """
 
     def rolling(friction: float) -> bw.Scene:
         ball = {"position": (3.0, -0.3, 0.0), "velocity": (1.5, 0.0, 0.0), "radius": 0.2, "mass": 0.3, "friction": 0.3}

@@ -182,7 +182,7 @@ class Scene(Table):
 
     @property
     def touches_softly(self) -> bool:
-        """Return whether they do so softly, as slender balloons do."""
+        """Return whether parts of a balloon touch each other softly, as those of slender ones do."""
         return bool(self.touch) and self.touch.itself == "soft"
 
     @model_validator(mode="after")
