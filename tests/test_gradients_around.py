@@ -164,7 +164,7 @@ def test_the_friction_of_an_obstacle_on_which_a_ball_rolls_is_derived():
         plane = {"shape": "plane", "friction": friction, "position": (0.0, -0.5, 0.0)}
         return scene(obstacle=[plane], faces=False, sphere=[ball], contact="impulse", frames=4, substeps=16)
 
-    def along(moved: bw.Trajectories) -> tuple[np.ndarray, dict[str, list[np.ndarray]]]:
+    def along(moved: bw.Trajectories) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         slopes = np.zeros(moved.sphere_positions.shape)
         slopes[-1, 0, 0] = 1.0
         return np.array([moved.sphere_positions[-1, 0, 0]]), {"sphere_positions": slopes}
