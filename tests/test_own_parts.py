@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 from meshes import cube, grid, quad_sphere
+from odd_things import hair
 from test_folded import crossings, folding_tube, tube
 from touching import VACUUM
 
@@ -31,6 +32,7 @@ def test_the_length_of_a_tube_over_its_diameter_is_its_slenderness():
         (quad_sphere(8), np.pi**2 / 4.0, False),
         (cube(), 0.0, False),
         (grid(8, 8), np.pi, False),
+        (hair(40), 19.3, False),
         (tube(17, 12), 2.2 / 0.16, "soft"),
         (tube(65, 48), 2.2 / 0.16, "soft"),
     ]:

@@ -11,13 +11,7 @@ import warp as wp
 from balloon_warp.kernels.contact.catch import EdgeCatch
 from balloon_warp.kernels.contact.triangles import side_of, triangle_of
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.laws.edges import (
-    FOUR,
-    KEPT,
-    Crossing,
-    crossing_of,
-    weights_of,
-)
+from balloon_warp.kernels.laws.edges import FOUR, KEPT, Crossing, crossing_of, weights_of
 from balloon_warp.kernels.loops.meeting import place_beside, skin_functions
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.working import Working
@@ -57,9 +51,7 @@ def particle_there(before: FOUR, thickness: float):
 
 
 @wp.func
-def clear_substeps(
-    t: Tables, balloon: wp.int32, other: wp.int32, gap: float, kept: float, fastest: float
-):  # fmt: skip
+def clear_substeps(t: Tables, balloon: wp.int32, other: wp.int32, gap: float, kept: float, fastest: float):
     """Return the number of substeps after this one in which two edges of balloons cannot touch yet.
 
     They may come nearer as fast as they do now, and by as much acceleration as lists allow for.
