@@ -67,7 +67,21 @@ def cross_product(a: wp.vec3, b: wp.vec3):
     r[1] = p[2] * q[0] - p[0] * q[2];
     r[2] = p[0] * q[1] - p[1] * q[0];
     return result;
-    """
+    """,
+    adj_snippet="""
+    typedef float eight __attribute__((vector_size(32), aligned(4)));
+    const eight* p = reinterpret_cast<const eight*>(&a.data[0][0]);
+    const eight* q = reinterpret_cast<const eight*>(&b.data[0][0]);
+    const eight* r = reinterpret_cast<const eight*>(&adj_ret.data[0][0]);
+    eight* u = reinterpret_cast<eight*>(&adj_a.data[0][0]);
+    eight* v = reinterpret_cast<eight*>(&adj_b.data[0][0]);
+    u[0] += q[1] * r[2] - q[2] * r[1];
+    u[1] += q[2] * r[0] - q[0] * r[2];
+    u[2] += q[0] * r[1] - q[1] * r[0];
+    v[0] += r[1] * p[2] - r[2] * p[1];
+    v[1] += r[2] * p[0] - r[0] * p[2];
+    v[2] += r[0] * p[1] - r[1] * p[0];
+    """,
 )
 def cross_product(a: Lanes3, b: Lanes3) -> Lanes3:  # noqa: F811 - an overload
     """Return a x b in each lane."""
@@ -88,7 +102,19 @@ def dot_product(a: wp.vec3, b: wp.vec3):
     wp::vec_t<8, wp::float32> result;
     *reinterpret_cast<eight*>(&result.c[0]) = p[0] * q[0] + p[1] * q[1] + p[2] * q[2];
     return result;
-    """
+    """,
+    adj_snippet="""
+    typedef float eight __attribute__((vector_size(32), aligned(4)));
+    const eight* p = reinterpret_cast<const eight*>(&a.data[0][0]);
+    const eight* q = reinterpret_cast<const eight*>(&b.data[0][0]);
+    const eight r = *reinterpret_cast<const eight*>(&adj_ret.c[0]);
+    eight* u = reinterpret_cast<eight*>(&adj_a.data[0][0]);
+    eight* v = reinterpret_cast<eight*>(&adj_b.data[0][0]);
+    for (int axis = 0; axis < 3; ++axis) {
+        u[axis] += r * q[axis];
+        v[axis] += r * p[axis];
+    }
+    """,
 )
 def dot_product(a: Lanes3, b: Lanes3) -> Lanes:  # noqa: F811 - an overload
     """Return a . b in each lane."""
@@ -108,7 +134,18 @@ def reach_along(vector: wp.vec3, direction: wp.vec3):
     wp::vec_t<8, wp::float32> result;
     *reinterpret_cast<eight*>(&result.c[0]) = direction.c[0] * p[0] + direction.c[1] * p[1] + direction.c[2] * p[2];
     return result;
-    """
+    """,
+    adj_snippet="""
+    typedef float eight __attribute__((vector_size(32), aligned(4)));
+    const eight* p = reinterpret_cast<const eight*>(&vector.data[0][0]);
+    const eight r = *reinterpret_cast<const eight*>(&adj_ret.c[0]);
+    eight* u = reinterpret_cast<eight*>(&adj_vector.data[0][0]);
+    for (int axis = 0; axis < 3; ++axis) {
+        u[axis] += r * direction.c[axis];
+        for (int lane = 0; lane < 8; ++lane)
+            adj_direction.c[axis] += r[lane] * p[axis][lane];
+    }
+    """,
 )
 def reach_along(vector: Lanes3, direction: wp.vec3) -> Lanes:  # noqa: F811 - an overload
     """Return the component of each lane's vector along a direction."""
@@ -132,7 +169,16 @@ def scaled(vector: wp.vec3, factor: float):
     r[1] = f * p[1];
     r[2] = f * p[2];
     return result;
-    """
+    """,
+    adj_snippet="""
+    typedef float eight __attribute__((vector_size(32), aligned(4)));
+    const eight f = *reinterpret_cast<const eight*>(&factor.c[0]);
+    const eight* p = reinterpret_cast<const eight*>(&vector.data[0][0]);
+    const eight* r = reinterpret_cast<const eight*>(&adj_ret.data[0][0]);
+    for (int axis = 0; axis < 3; ++axis)
+        reinterpret_cast<eight*>(&adj_vector.data[0][0])[axis] += f * r[axis];
+    *reinterpret_cast<eight*>(&adj_factor.c[0]) += p[0] * r[0] + p[1] * r[1] + p[2] * r[2];
+    """,
 )
 def scaled(vector: Lanes3, factor: Lanes) -> Lanes3:  # noqa: F811 - an overload
     """Return each lane's vector times its own factor."""
@@ -152,7 +198,20 @@ def scaled(vector: Lanes3, factor: Lanes) -> Lanes3:  # noqa: F811 - an overload
     r[1] = q[1] + f * p[1];
     r[2] = q[2] + f * p[2];
     return result;
-    """
+    """,
+    adj_snippet="""
+    typedef float eight __attribute__((vector_size(32), aligned(4)));
+    const eight f = *reinterpret_cast<const eight*>(&factor.c[0]);
+    const eight* p = reinterpret_cast<const eight*>(&vector.data[0][0]);
+    const eight* r = reinterpret_cast<const eight*>(&adj_ret.data[0][0]);
+    eight* u = reinterpret_cast<eight*>(&adj_vector.data[0][0]);
+    eight* v = reinterpret_cast<eight*>(&adj_total.data[0][0]);
+    for (int axis = 0; axis < 3; ++axis) {
+        u[axis] += f * r[axis];
+        v[axis] += r[axis];
+    }
+    *reinterpret_cast<eight*>(&adj_factor.c[0]) += p[0] * r[0] + p[1] * r[1] + p[2] * r[2];
+    """,
 )
 def plus_scaled(total: Lanes3, vector: Lanes3, factor: Lanes) -> Lanes3:
     """Return a vector plus another times each lane's own factor, as a fused multiply-add where a CPU has one."""
@@ -201,7 +260,8 @@ def length_of(vectors: Lanes3):  # noqa: F811 - an overload
     *reinterpret_cast<eight*>(&result.c[0]) = __builtin_elementwise_max(
         *reinterpret_cast<const eight*>(&a.c[0]), *reinterpret_cast<const eight*>(&b.c[0]));
     return result;
-    """
+    """,
+    adj_snippet="for (int k = 0; k < 8; ++k) (a.c[k] > b.c[k] ? adj_a : adj_b).c[k] += adj_ret.c[k];",
 )
 def larger(a: Lanes, b: Lanes) -> Lanes:
     """Return the larger number in each lane."""
@@ -221,7 +281,14 @@ def squared_length(d: wp.vec3):
     wp::vec_t<8, wp::float32> result;
     *reinterpret_cast<eight*>(&result.c[0]) = p[0] * p[0] + (p[1] * p[1] + (p[2] * p[2] + 1.0e-20f));
     return result;
-    """
+    """,
+    adj_snippet="""
+    typedef float eight __attribute__((vector_size(32), aligned(4)));
+    const eight* p = reinterpret_cast<const eight*>(&d.data[0][0]);
+    const eight r = *reinterpret_cast<const eight*>(&adj_ret.c[0]);
+    for (int axis = 0; axis < 3; ++axis)
+        reinterpret_cast<eight*>(&adj_d.data[0][0])[axis] += 2.0f * r * p[axis];
+    """,
 )
 def squared_length(d: Lanes3) -> Lanes:  # noqa: F811 - an overload
     """Return the squared length in each lane, plus a small addend, so that its root can be a divisor.

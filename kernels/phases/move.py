@@ -26,7 +26,14 @@ def response(mass: float, step_seconds: float):
     for (int lane = 0; lane < 8; ++lane)
         gains.c[lane] = mass.c[lane] > 0.0f ? step_seconds / mass.c[lane] : 0.0f;
     return gains;
-    """
+    """,
+    adj_snippet="""
+    for (int lane = 0; lane < 8; ++lane) {
+        const float inverse = mass.c[lane] > 0.0f ? 1.0f / mass.c[lane] : 0.0f;
+        adj_mass.c[lane] -= adj_ret.c[lane] * step_seconds * inverse * inverse;
+        adj_step_seconds += adj_ret.c[lane] * inverse;
+    }
+    """,
 )
 def response(mass: Lanes, step_seconds: float) -> Lanes:  # noqa: F811 - an overload
     """Return the gains h / m of eight particles."""
