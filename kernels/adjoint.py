@@ -22,6 +22,8 @@ class Adjoint(NamedTuple):
     of_eight: Any = None
     """Function that adds all that `function` finds of a world's particles, eight at a time, for a CPU, see
     `adjoints.eights`. None if there is none"""
+    columns: tuple[int, ...] = ()
+    """Columns of the balloon's and the world's numbers whose bars it returns, where that is not all of them"""
 
 
 class NoAdjointError(Exception):

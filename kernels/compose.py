@@ -76,6 +76,21 @@ def sum_of_laws_in_lane(kind: Kind, result: str, laws: tuple[Law, ...], columns:
 
 
 @cache
+def sum_of_laws_of_few(
+    kind: Kind, result: str, laws: tuple[Law, ...], columns: Columns, air: Air = ()
+) -> tuple[Any, tuple[int, ...]]:
+    """Return the function `sum_of_laws` for a row of just the numbers that the laws name, and these one's columns."""
+    given, few = [each.name for each in LAW_INPUTS[kind]], []
+
+    def number(column: int, size: int, of_which: str = "") -> str:
+        few.extend(each for each in range(column, column + size) if each not in few)
+        parts = [f"n[{few.index(each)}]" for each in range(column, column + size)]
+        return parts[0] if size == 1 else f"wp.vec3({', '.join(parts)})"
+
+    return _summed(f"{kind}_laws_of_few", result, laws, columns, given, air, str, number, "n: Any"), tuple(few)
+
+
+@cache
 def choice_of_laws(laws: tuple[Law, ...], columns: Columns) -> Any:
     """Return a function that calls the membrane law of number `material`.
 

@@ -2,7 +2,13 @@
 
 from typing import Any, Literal, NamedTuple
 
-from balloon_warp.kernels.compose import any_names, laws_added, sum_of_laws, sum_of_laws_in_lane
+from balloon_warp.kernels.compose import (
+    any_names,
+    laws_added,
+    sum_of_laws,
+    sum_of_laws_in_lane,
+    sum_of_laws_of_few,
+)
 from balloon_warp.kernels.laws.air import AIR_ALIKE, AIR_THAT_VARIES
 from balloon_warp.kernels.laws.columns import Columns
 from balloon_warp.kernels.laws.law import RESULT, Kind, Law
@@ -140,6 +146,10 @@ class Features(NamedTuple):
     def laws_added(self, kind: Kind) -> Any:
         """Return the function that adds the laws of a kind to a sum."""
         return laws_added(kind, RESULT[kind], self.of_kind(kind), self.columns, self.air)
+
+    def laws_of_few(self, kind: Kind) -> tuple[Any, tuple[int, ...]]:
+        """Return the sum of the laws of a kind, for a row of the numbers that they name, and the columns of these."""
+        return sum_of_laws_of_few(kind, RESULT[kind], self.of_kind(kind), self.columns, self.air)
 
     def laws_in_lane_on(self, kind: Kind) -> Any:
         """Return the sum of the laws of a kind in one of eight lanes."""

@@ -71,7 +71,7 @@ class Look(NamedTuple):
     add: Any = add_at
     """Function that adds a force to those in a view"""
     world: Any = None
-    """Function that returns the world of one of eight lanes, where eight run side by side"""
+    """Function that returns the world of one of eight lanes, where eight run side by side; None elsewhere"""
     membrane_faces: Callable[[Features], Any] = lambda features: None
     """Membrane phases of faces, where each is measured once, see `phases.stretch`"""
 

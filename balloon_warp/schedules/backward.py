@@ -45,6 +45,8 @@ class BackwardFrames(ABC):
 
     carries_loads: bool
     """Whether the pressure of one substep is read in the next"""
+    recorded = True
+    """Whether a frame is recorded once, and replayed; not where threads share it"""
     spheres: SpheresBackward | None = None
     """Adjoint of spheres, where there are any"""
     touch: TouchBackward | None = None
@@ -99,6 +101,10 @@ class BackwardFrames(ABC):
         for name, array in checkpoint.items():
             getattr(self.state, name).assign(array)
         self._first_pressures.assign(checkpoint["pressures"])
+        if not self.recorded:
+            self.frame()
+            self._add_up()
+            return
         if self._graph is None:
             with recording(self.model.device) as capture:
                 self.frame()

@@ -6,13 +6,14 @@ from balloon_warp.errors import InputError
 from balloon_warp.model import Model
 from balloon_warp.model.memory import Counting
 from balloon_warp.schedules.backward_block import BlockBackward, fits_in_block_backwards
+from balloon_warp.schedules.backward_lanes import LanesBackward, fits_in_lanes_backwards
 from balloon_warp.schedules.backward_launched import LaunchedBackward
 from balloon_warp.schedules.block_room import fits_in_block
 
-Backward = type[LaunchedBackward] | type[BlockBackward]
+Backward = type[LaunchedBackward] | type[BlockBackward] | type[LanesBackward]
 """Schedules that run frames backwards"""
 
-BACKWARDS: dict[str, Backward] = {"launched": LaunchedBackward, "block": BlockBackward}
+BACKWARDS: dict[str, Backward] = {"launched": LaunchedBackward, "block": BlockBackward, "lanes": LanesBackward}
 
 
 def backwards_of(model: Model, name: str = "auto") -> Backward:
@@ -23,9 +24,14 @@ def backwards_of(model: Model, name: str = "auto") -> Backward:
     """
     fits = fits_in_block_backwards(model)
     if name == "auto":
-        name = "block" if fits else "launched"
+        name = "lanes" if fits_in_lanes_backwards(model) else "block" if fits else "launched"
     if name not in BACKWARDS:
         raise InputError(f"schedule: expected auto, {' or '.join(BACKWARDS)}, which run backwards (got {name!r})")
+    if name == "lanes" and not fits_in_lanes_backwards(model):
+        raise InputError(
+            "schedule: lanes runs one balloon of springs backwards, on a CPU, in the air alone, with as much gas all the "
+            "time; expected block or launched"
+        )
     if name == "block" and not fits:
         raise InputError(
             "schedule: block runs one balloon backwards that fits in a block, out of water, without spheres or "
@@ -36,7 +42,7 @@ def backwards_of(model: Model, name: str = "auto") -> Backward:
 
 def forward_of(model: Model, backward: Backward) -> str:
     """Return the schedule of the frames forward: one whose results are the same for any number of worlds."""
-    if backward is not BlockBackward:
+    if backward is LaunchedBackward:
         return "gather"
     if model.device.is_cpu:
         return "octets"

@@ -1,12 +1,14 @@
 """Adjoints that Warp derives of a phase's own function."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.adjoint import Adjoint
+from balloon_warp.kernels.adjoint import Adjoint, NoAdjointError
 from balloon_warp.kernels.codegen import function_from
 from balloon_warp.kernels.features import Features
+from balloon_warp.kernels.lanes import Lanes
 from balloon_warp.kernels.phase import Adjoints, Look, Phase
 from balloon_warp.kernels.tables import Tables
 
@@ -36,6 +38,18 @@ def constants_of(t: Tables):
     return constants
 
 
+@wp.func
+def worth_of_eight(values: Lanes, bars: Lanes):
+    """Return the sum over all lanes of numbers times their bars: by each lane's number, its own bar."""
+    return wp.dot(values, bars)
+
+
+@wp.func
+def worth_of_eight(values: Any, bars: Any):  # noqa: F811 - an overload
+    """Return the sum over all lanes of several numbers times their bars."""
+    return wp.ddot(values, bars)
+
+
 def nothing(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
     """Return no adjoint, for a phase that nothing else depends on, or whose value ends a derivative."""
     return ()
@@ -50,12 +64,18 @@ def by_grad_but(*frozen: str) -> Adjoints:
     """Return the factory of a phase's adjoint by Warp, with some of its arguments taken as constant."""
 
     def factory(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
+        if look.world and not phase.takes_eight(features, look):
+            raise NoAdjointError(f"{phase.name}, which takes no eight at a time,")
         function = phase.function(features, look)
         reads = ["constants" if name == "t" else name for name in phase.reads(features, look)]
         bars = [f"{name}_bar" for name in phase.writes]
         results = [f"{name}_result" for name in phase.writes]
         products = [
-            f"{value} * {bar}" if dtype is float else f"wp.dot({value}, {bar})"
+            f"worth_of_eight({value}, {bar})"
+            if look.world
+            else f"{value} * {bar}"
+            if dtype is float
+            else f"wp.dot({value}, {bar})"
             for value, bar, dtype in zip(results, bars, phase.writes.values(), strict=True)
         ]
         arguments = [*reads, *bars]
@@ -68,7 +88,7 @@ def by_grad_but(*frozen: str) -> Adjoints:
                 f"    return {' + '.join(products)}\n",
             ]
         )
-        names = {phase.name: function}
+        names = {phase.name: function, "worth_of_eight": worth_of_eight}
         names[f"{phase.name}_work"] = function_from(f"{phase.name}_work", work, names)
         adjoint = "\n".join(
             [

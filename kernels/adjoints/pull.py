@@ -8,6 +8,7 @@ import warp as wp
 from balloon_warp.kernels.adjoint import Adjoint
 from balloon_warp.kernels.adjoints.areas import area_adjoint, ring_area_adjoint
 from balloon_warp.kernels.adjoints.hinges import hinge_adjoint
+from balloon_warp.kernels.adjoints.lanes import pull_of_eight
 from balloon_warp.kernels.adjoints.membrane_faces import membrane_faces_adjoint
 from balloon_warp.kernels.adjoints.membranes import membrane_adjoint
 from balloon_warp.kernels.adjoints.springs import spring_adjoint
@@ -20,6 +21,8 @@ from balloon_warp.kernels.tables import Tables
 
 def pull_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Adjoint]:
     """Return the adjoints of the forces on a particle."""
+    if look.world:
+        return pull_of_eight(features, look.at)
     found = [_laws(features)] if features.of_kind("particle") else []
     if features.has("string"):
         found.append(string_adjoint(features))

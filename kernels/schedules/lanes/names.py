@@ -30,6 +30,8 @@ class NamesInLanes(Writer):
     """Find names, and write calls."""
 
     aliases: ClassVar[Mapping[str, str]] = {"springs": "working"}
+    row = "group"
+    """Row in which values are kept"""
 
     def __init__(self, step: Step, layout: Layout):
         super().__init__(step, (*HANDLES, *STATE.values(), *(f"new_{view}" for view in STATE.values())))
@@ -98,9 +100,9 @@ class NamesInLanes(Writer):
     def found_of_balloon(self, name: str) -> str:
         """Return the text that finds what is of a balloon or of all, or "" where it is of an item."""
         if name in self.step.kept and self.step.owner(name) == "balloon":
-            return f"all_{name}[group, balloon]"
+            return f"all_{name}[{self.row}, balloon]"
         if name in VIEWS and VIEWS[name] in self.step.kept:
-            return f"all_{VIEWS[name]}[group]"
+            return f"all_{VIEWS[name]}[{self.row}]"
         return OF_BALLOON.get(name, "").format(points=self.bound("points"))
 
     def bound(self, name: str) -> str:
@@ -116,11 +118,11 @@ class NamesInLanes(Writer):
 
     def found(self, name: str) -> tuple[str, str] | None:
         """Return the arguments that a name depends on, and the text that computes it."""
-        kept = self.step.kept
+        kept, row = self.step.kept, self.row
         if name in kept:
             return (
                 "",
-                f"of_item(all_{name}[group], {self.item})" if name in self.seen else f"all_{name}[group, {self.item}]",
+                f"of_item(all_{name}[{row}], {self.item})" if name in self.seen else f"all_{name}[{row}, {self.item}]",
             )
         if name in STATE:
             return "", f"of_item({self.bound(STATE[name])}, {self.item})"

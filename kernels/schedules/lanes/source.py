@@ -44,7 +44,7 @@ MOVERS: set[Item] = {"sphere", "world", "balloon", "team"}
 """Items whose phases may move spheres"""
 
 
-class _Writer(NamesInLanes):
+class LanesWriter(NamesInLanes):
     """Write the source of a frame."""
 
     @property
@@ -88,6 +88,11 @@ class _Writer(NamesInLanes):
         for view in self.doubled:
             self.line(f"new_{view} = other_{view}[group]")
         self.line("read_frame(t, state, working, group, points, velocities)")
+        self.substeps()
+        self.line(f"write_frame(t, state, working, group, {self.bound('points')}, {self.bound('velocities')})")
+
+    def substeps(self) -> None:
+        """Write the loop over substeps."""
         self.line("for substep in range(tables.substeps):")
         with self.deeper():
             self._begin_substep()
@@ -97,7 +102,6 @@ class _Writer(NamesInLanes):
                 with self.deeper(int(once)):
                     for piece in pieces:
                         self._piece(piece)
-        self.line(f"write_frame(t, state, working, group, {self.bound('points')}, {self.bound('velocities')})")
 
     def _begin_substep(self) -> None:
         self.line("time_in_frame = float(substep) * t.step_seconds")
@@ -177,9 +181,9 @@ class _Writer(NamesInLanes):
             if self.step.owner(name) == "balloon":
                 continue
             if name in self.seen:
-                self.line(f"put_item(all_{name}[group], {self.item}, {name})")
+                self.line(f"put_item(all_{name}[{self.row}], {self.item}, {name})")
             else:
-                self.line(f"all_{name}[group, {self.item}] = {name}")
+                self.line(f"all_{name}[{self.row}, {self.item}] = {name}")
 
     def _sum(self, piece: Piece) -> None:
         """Write what a balloon's items find, and what they add up."""
@@ -194,7 +198,7 @@ class _Writer(NamesInLanes):
             self._leave(piece)
 
         def end() -> None:
-            self.line(f"all_{value}[group, balloon] = totals_of({value}_total)")
+            self.line(f"all_{value}[{self.row}, balloon] = totals_of({value}_total)")
 
         self._items(piece.item, add, f"{value}_total = {value}_lanes()", end)
 
@@ -234,7 +238,7 @@ class _Writer(NamesInLanes):
 
     def _leave_of_world(self, name: str) -> None:
         """Write what a balloon of a world has found to where it is kept, for all lanes that hold the world."""
-        kept = f"all_{name}[group, balloon]"
+        kept = f"all_{name}[{self.row}, balloon]"
         if self.layout.worlds:
             self.line(f"{kept} = set_lane({kept}, place, its_{name})")
         else:
@@ -269,26 +273,26 @@ class _Writer(NamesInLanes):
 @cache
 def kernel_of(step: Step, layout: Layout) -> Any:
     """Make the kernel that advances groups of worlds, or worlds."""
-    writer = _Writer(step, layout)
+    writer = LanesWriter(step, layout)
     return kernel_from(writer.name, writer.source(), writer.names(), module_options=OPTIONS)
 
 
 @cache
 def arguments_of(step: Step, layout: Layout) -> dict[str, str]:
     """Return the names of what it takes, in order, and their types."""
-    writer = _Writer(step, layout)
+    writer = LanesWriter(step, layout)
     writer.source()
     return writer.arguments()
 
 
 def source_of(step: Step, layout: Layout) -> str:
     """Write the kernel of a list."""
-    return _Writer(step, layout).source()
+    return LanesWriter(step, layout).source()
 
 
 def kinds_of(step: Step, layout: Layout) -> dict[str, tuple[Item, Any]]:
     """Return whose the values are that are kept, and of what type."""
-    seen = _Writer(step, layout).seen
+    seen = LanesWriter(step, layout).seen
     return {
         value: (step.owner(value), layout.vector if value in seen else IN_LANES[kind])
         for value, kind in values_of(step).items()

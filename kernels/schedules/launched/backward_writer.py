@@ -227,6 +227,10 @@ class BackwardWriter(PieceWriter):
         of_balloon = "_of_balloons" if name == "keyed" and self.trace.item == "balloon" else ""
         self.line(f"all_{name}_bar{of_balloon}[world, {self.trace.item}] += {text}")
 
+    def add_keyed(self, bar: str) -> None:
+        """Add to the bar of a keyframed value."""
+        self.add_over_frame("keyed", f"wp.vec2({bar}, {bar} * time_in_frame)")
+
     def _sink(self) -> None:
         """Write bars to where others find them."""
         waiting = {
@@ -245,7 +249,7 @@ class BackwardWriter(PieceWriter):
         if not self.left:
             for name in STATE:
                 if name in self.trace.current and name not in self.sinks.begun:
-                    self.put_bar(name, "particle", self.sinks.sign(name), "wp.vec3()")
+                    self.put_bar(name, "particle", self.sinks.sign(name), self._zero(name))
 
     def _sink_source(self, name: str) -> None:
         """Write the bar of what was there as the phases began."""
@@ -253,7 +257,7 @@ class BackwardWriter(PieceWriter):
             return
         item = self.trace.item
         if name == "keyed":
-            self.add_over_frame(name, f"wp.vec2({name}_bar, {name}_bar * time_in_frame)")
+            self.add_keyed(f"{name}_bar")
         elif name in ("gas_mass", "gas"):
             self.add_over_frame(name, f"{name}_bar")
         elif name in STATE or name == "load":

@@ -1,0 +1,146 @@
+"""Frames backwards on a CPU with eight worlds, or eight particles of a world, side by side in vector registers."""
+
+import os
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from balloon_warp.kernels.adjoint import NoAdjointError
+from balloon_warp.kernels.features import Features
+from balloon_warp.kernels.lanes import LANE_COUNT, Lanes, Lanes3
+from balloon_warp.kernels.loops.near_solids import Solids
+from balloon_warp.kernels.schedules.lanes.backward import arguments_backwards, bars_backwards, kernel_backwards
+from balloon_warp.kernels.schedules.lanes.layouts import OCTETS, WORLDS, Layout
+from balloon_warp.kernels.schedules.lanes.looks import LOOKS
+from balloon_warp.kernels.schedules.lanes.source import kinds_of
+from balloon_warp.kernels.schedules.lanes.sums import PARTS, Sums
+from balloon_warp.kernels.schedules.launched.trace import traces_of
+from balloon_warp.kernels.schedules.pieces import Step, cut
+from balloon_warp.kernels.substep import phases_of
+from balloon_warp.kernels.working import Working
+from balloon_warp.launching import launch
+from balloon_warp.model import Model, State
+from balloon_warp.model.memory import Allocating, Room
+from balloon_warp.schedules.backward import BackwardFrames
+from balloon_warp.schedules.features import model_features
+from balloon_warp.schedules.framing import Framing
+from balloon_warp.schedules.lane_memory import allot_lanes, group_count, rows_of
+from balloon_warp.schedules.lane_tables import items_of, make_lane_tables
+from balloon_warp.schedules.tables import make_tables, world_state
+
+LANES = int(LANE_COUNT)
+
+
+def fits_in_lanes_backwards(model: Model) -> bool:
+    """Return whether eight side by side can run a world backwards: one balloon, all of whose phases take eight.
+
+    Its laws on springs are Hooke's, and nothing but its particles and its gas moves.
+    """
+    if not model.device.is_cpu or model.balloon_count != 1:
+        return False
+    features = model_features(model)
+    left = features.gas_changes or features.in_water or features.obstacles or features.inflation_directions
+    left = left or features.touches or features.meets_solids or features.driven or features.breathes_on
+    try:
+        return not left and bool(traces_of(step_backwards(features, OCTETS)))
+    except NoAdjointError:
+        return False
+
+
+def step_backwards(features: Features, layout: Layout) -> Step:
+    """Return the phases of a model in pieces, as they run backwards, and as they are computed again before.
+
+    What particles see of each other, and what they add up, is kept.
+    """
+    phases, look = phases_of(features), LOOKS[layout]
+    looking = (
+        phase for phase in phases if not phase.light and (phase.views(features, look) or phase.item == "balloon")
+    )
+    sums = (phase for phase in phases if phase.sums)
+    shown = [name for phase in (*looking, *sums) for name in phase.writes]
+    return cut(phases, features, look, sums_along=True, apart=("pull",), shown=shown)
+
+
+def layout_of(model: Model) -> Layout:
+    """Return what lanes hold: worlds, or particles of a world that is alone."""
+    return WORLDS if model.world_count > 1 else OCTETS
+
+
+class LanesBackward(BackwardFrames):
+    """Run frames backwards, eight worlds or eight particles side by side; threads of Python have some groups each."""
+
+    carries_loads = False
+
+    def __init__(self, model: Model, state: State, columns: Sequence[int]):
+        features, room = model_features(model), Allocating(model.device)
+        self._layout = layout_of(model)
+        step = step_backwards(features, self._layout)
+        tables = make_tables(model, features)
+        super().__init__(model, state, columns, step, tables, room, one_by_one=False)
+        self._framing = Framing(model, features, tables)
+        groups = group_count(model, self._layout)
+        threads = min(os.cpu_count() or 1, groups)
+        self._shares = np.array_split(np.arange(groups), threads)
+        self._threads = ThreadPoolExecutor(threads) if threads > 1 else None
+        self.recorded = threads == 1
+        self._given = {**self._tables(room, threads), **self.arrays}
+        self._kernel = kernel_backwards(step, self._layout, self.columns)
+
+    def _tables(self, room: Room, threads: int) -> dict[str, Any]:
+        """Return what the kernel takes, by name."""
+        t, solids, working = make_lane_tables(self.model, self.step.features, self._layout, self.tables), Solids(), Working()
+        memory = allot_lanes(self.model, self.step, self._layout, room)
+        for struct, arrays in ((t, memory.of_tables), (solids, memory.solids), (working, memory.working)):
+            for name, array in arrays.items():
+                setattr(struct, name, array)
+        t.rows = rows_of(memory.of_tables["numbers"])
+        scratch = rows_backwards(self.model, self.step, self._layout, self.columns, room, threads)
+        return {"t": t, "tables": self.tables, "working": working, "solids": solids, **scratch}
+
+    @staticmethod
+    def room_of_frame(model: Model, room: Room) -> None:
+        """Ask for what the substeps of a frame note."""
+        layout = layout_of(model)
+        rows_backwards(model, step_backwards(model_features(model), layout), layout, (), room, 1)
+
+    def frame(self) -> None:
+        """Launch a frame: forward, and then its substeps backwards."""
+        self._framing.begin(self.state)
+        given = {**self._given, "state": world_state(self.state)}
+        if not self._threads:
+            self._turn_groups(given, 0)
+            return
+        begun = [self._threads.submit(self._turn_groups, given, slot) for slot in range(len(self._shares))]
+        for each in begun:
+            each.result()
+
+    def _turn_groups(self, given: Mapping[str, Any], slot: int) -> None:
+        groups = self._shares[slot]
+        given = {**given, "slot": slot, "first_group": int(groups[0])}
+        inputs = [given[name] for name in arguments_backwards(self.step, self._layout, self.columns)]
+        launch(self._kernel, len(groups), inputs, device=self.model.device)
+
+
+def rows_backwards(
+    model: Model, step: Step, layout: Layout, columns: tuple[int, ...], room: Room, threads: int
+) -> dict[str, Any]:
+    """Allocate what each thread has for the group at hand: a row each for the substeps, and bars."""
+    items, rows = items_of(model, layout).count, threads * (model.substeps + 1)
+    takes = arguments_backwards(step, layout, columns)
+
+    def shape(item: str, dtype: Any) -> int:
+        """Return the number of entries: of each particle, where an octet's others see it."""
+        count = items if item == "particle" else model.balloon_count
+        return LANES * count if dtype is OCTETS.vector else count
+
+    kinds = kinds_of(step, layout)
+    seen = {"all_points": layout.vector, "all_velocities": layout.vector if "Seen" in takes["all_velocities"] else Lanes3}
+    noted = {name: ("particle", dtype) for name, dtype in seen.items()}
+    noted |= {f"all_{name}": kind for name, kind in kinds.items() if f"all_{name}" in takes}
+    arrays = {name: room.array((rows, shape(*kind)), kind[1]) for name, kind in noted.items()}
+    bars = bars_backwards(step, layout)
+    arrays |= {f"all_{name}_bars": room.array((threads, shape("particle", dtype)), dtype) for name, dtype in bars.items()}
+    return arrays | {"sums": room.array((threads, Sums(len(columns)).count, PARTS), Lanes)}
