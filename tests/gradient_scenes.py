@@ -252,8 +252,12 @@ CASES = {
 
 LAUNCHED = ("pump, leak and jet", "water", "ridges", "gas beside spheres", "fresh normals", "cached normals")
 """Cases that do not run backwards in blocks"""
+IN_LANES = ("pressure", "a substep", "frames", "changes", "triangles", "gas", "gas on the ground")
+"""Cases that run backwards eight particles or worlds side by side, on a CPU"""
 
 
 def ways_of(case: str) -> tuple[str, ...]:
     """Return the schedules of the backward pass for a case."""
-    return ("launched",) if case in LAUNCHED else ("block", "launched")
+    if case in LAUNCHED:
+        return ("launched",)
+    return ("block", "launched", "lanes") if case in IN_LANES else ("block", "launched")

@@ -6,14 +6,13 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
-import warp as wp
 
 from balloon_warp.kernels.adjoint import NoAdjointError
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.lanes import LANE_COUNT, Lanes, Lanes3
 from balloon_warp.kernels.loops.near_solids import Solids
 from balloon_warp.kernels.schedules.lanes.backward import arguments_backwards, bars_backwards, kernel_backwards
-from balloon_warp.kernels.schedules.lanes.layouts import OCTETS, WORLDS, Layout
+from balloon_warp.kernels.schedules.lanes.layouts import OCTETS, WORLDS_AS_OCTETS, Layout
 from balloon_warp.kernels.schedules.lanes.looks import LOOKS
 from balloon_warp.kernels.schedules.lanes.source import kinds_of
 from balloon_warp.kernels.schedules.lanes.sums import PARTS, Sums
@@ -42,7 +41,8 @@ def fits_in_lanes_backwards(model: Model) -> bool:
     if not model.device.is_cpu or model.balloon_count != 1:
         return False
     features = model_features(model)
-    left = features.gas_changes or features.in_water or features.obstacles or features.inflation_directions
+    left = features.gas_changes or features.in_water or features.inflation_directions or features.spheres
+    left = left or features.stands_on_fixtures
     left = left or features.touches or features.meets_solids or features.driven or features.breathes_on
     try:
         return not left and bool(traces_of(step_backwards(features, OCTETS)))
@@ -66,13 +66,11 @@ def step_backwards(features: Features, layout: Layout) -> Step:
 
 def layout_of(model: Model) -> Layout:
     """Return what lanes hold: worlds, or particles of a world that is alone."""
-    return WORLDS if model.world_count > 1 else OCTETS
+    return WORLDS_AS_OCTETS if model.world_count > 1 else OCTETS
 
 
 class LanesBackward(BackwardFrames):
     """Run frames backwards, eight worlds or eight particles side by side; threads of Python have some groups each."""
-
-    carries_loads = False
 
     def __init__(self, model: Model, state: State, columns: Sequence[int]):
         features, room = model_features(model), Allocating(model.device)
@@ -80,6 +78,7 @@ class LanesBackward(BackwardFrames):
         step = step_backwards(features, self._layout)
         tables = make_tables(model, features)
         super().__init__(model, state, columns, step, tables, room, one_by_one=False)
+        self.carries_loads = features.gas and features.obstacles
         self._framing = Framing(model, features, tables)
         groups = group_count(model, self._layout)
         threads = min(os.cpu_count() or 1, groups)
@@ -91,7 +90,11 @@ class LanesBackward(BackwardFrames):
 
     def _tables(self, room: Room, threads: int) -> dict[str, Any]:
         """Return what the kernel takes, by name."""
-        t, solids, working = make_lane_tables(self.model, self.step.features, self._layout, self.tables), Solids(), Working()
+        t, solids, working = (
+            make_lane_tables(self.model, self.step.features, self._layout, self.tables),
+            Solids(),
+            Working(),
+        )
         memory = allot_lanes(self.model, self.step, self._layout, room)
         for struct, arrays in ((t, memory.of_tables), (solids, memory.solids), (working, memory.working)):
             for name, array in arrays.items():
@@ -137,10 +140,17 @@ def rows_backwards(
         return LANES * count if dtype is OCTETS.vector else count
 
     kinds = kinds_of(step, layout)
-    seen = {"all_points": layout.vector, "all_velocities": layout.vector if "Seen" in takes["all_velocities"] else Lanes3}
+    seen = {
+        "all_points": layout.vector,
+        "all_velocities": layout.vector if "Seen" in takes["all_velocities"] else Lanes3,
+    }
     noted = {name: ("particle", dtype) for name, dtype in seen.items()}
     noted |= {f"all_{name}": kind for name, kind in kinds.items() if f"all_{name}" in takes}
     arrays = {name: room.array((rows, shape(*kind)), kind[1]) for name, kind in noted.items()}
+    parts = {f"all_{name}_parts": dtype for name, (_, dtype) in kinds.items() if f"all_{name}_parts" in takes}
+    arrays |= {name: room.array((threads, LANES), dtype) for name, dtype in parts.items()}
     bars = bars_backwards(step, layout)
-    arrays |= {f"all_{name}_bars": room.array((threads, shape("particle", dtype)), dtype) for name, dtype in bars.items()}
+    arrays |= {
+        f"all_{name}_bars": room.array((threads, shape("particle", dtype)), dtype) for name, dtype in bars.items()
+    }
     return arrays | {"sums": room.array((threads, Sums(len(columns)).count, PARTS), Lanes)}

@@ -58,6 +58,10 @@ SCHEDULES = {
 }
 """Module and class of each schedule; modules load when first needed, since Warp takes a while to read their kernels"""
 
+AS_OCTETS = "lanes as octets"
+"""Schedule of gradients alone: many worlds in lanes move as one does in `octets`, to the bit"""
+OF_GRADIENTS = {AS_OCTETS: ("lanes", "LanesAsOctetsSchedule")}
+
 IN_FREE_PATCHES = ("patched", "PatchedSchedule")
 """Module and class of `gather` where only free frames are moved in patches"""
 
@@ -84,12 +88,12 @@ def schedule_named(name: str, model: Model) -> type[Schedule]:
     """
     if name == "auto":
         name = fastest_schedule(model, model.world_count)
-    if name not in SCHEDULES:
+    if name not in SCHEDULES | OF_GRADIENTS:
         raise InputError(f"--schedule {name}: no such schedule; known are auto, {', '.join(SCHEDULES)}")
     if name not in LAUNCHED and (what := only_launched(model)):
         raise InputError(f"--schedule {name}: does not support {what}; auto, {' and '.join(LAUNCHED)} do")
     free_alone = name == "gather" and (features := _in_patches(model)) and features.watched
-    module, schedule = IN_FREE_PATCHES if free_alone else SCHEDULES[name]
+    module, schedule = IN_FREE_PATCHES if free_alone else (SCHEDULES | OF_GRADIENTS)[name]
     return getattr(import_module(f"balloon_warp.schedules.{module}"), schedule)
 
 

@@ -9,6 +9,7 @@ from balloon_warp.schedules.backward_block import BlockBackward, fits_in_block_b
 from balloon_warp.schedules.backward_lanes import LanesBackward, fits_in_lanes_backwards
 from balloon_warp.schedules.backward_launched import LaunchedBackward
 from balloon_warp.schedules.block_room import fits_in_block
+from balloon_warp.schedules.choose import AS_OCTETS
 
 Backward = type[LaunchedBackward] | type[BlockBackward] | type[LanesBackward]
 """Schedules that run frames backwards"""
@@ -29,8 +30,8 @@ def backwards_of(model: Model, name: str = "auto") -> Backward:
         raise InputError(f"schedule: expected auto, {' or '.join(BACKWARDS)}, which run backwards (got {name!r})")
     if name == "lanes" and not fits_in_lanes_backwards(model):
         raise InputError(
-            "schedule: lanes runs one balloon of springs backwards, on a CPU, in the air alone, with as much gas all the "
-            "time; expected block or launched"
+            "schedule: lanes runs one balloon of springs backwards, on a CPU, in the air or on the ground, with a constant "
+            "amount of gas; expected block or launched"
         )
     if name == "block" and not fits:
         raise InputError(
@@ -45,7 +46,7 @@ def forward_of(model: Model, backward: Backward) -> str:
     if backward is LaunchedBackward:
         return "gather"
     if model.device.is_cpu:
-        return "octets"
+        return AS_OCTETS if backward is LanesBackward and model.world_count > 1 else "octets"
     return "block" if fits_in_block(model) else "gather"
 
 

@@ -73,6 +73,8 @@ def _of_kernel(model: Model, step: Step, layout: Layout, room: Room) -> dict[str
     for name, (item, kind) in kinds_of(step, layout).items():
         shown = kind is layout.vector and not layout.worlds
         arrays[f"all_{name}"] = room.array((groups, LANES * counts[item] + 1 if shown else counts[item]), kind)
+        if f"all_{name}_parts" in takes:
+            arrays[f"all_{name}_parts"] = room.array((groups, LANES), kind)
     return arrays
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.loops.near_solids import Solids
-from balloon_warp.kernels.schedules.lanes.layouts import OCTETS, WORLDS, Layout
+from balloon_warp.kernels.schedules.lanes.layouts import OCTETS, WORLDS, WORLDS_AS_OCTETS, Layout
 from balloon_warp.kernels.schedules.lanes.looks import LOOKS
 from balloon_warp.kernels.schedules.lanes.source import arguments_of, kernel_of, source_of
 from balloon_warp.kernels.schedules.pieces import Step, cut
@@ -130,3 +130,9 @@ class OctetsSchedule(LanesSchedule):
 
     name: ClassVar[str] = "octets"
     layout: ClassVar[Layout] = OCTETS
+
+
+class LanesAsOctetsSchedule(LanesSchedule):
+    """Advances worlds side by side as `octets` does one, to the bit: sums over a world's particles have its order."""
+
+    layout: ClassVar[Layout] = WORLDS_AS_OCTETS

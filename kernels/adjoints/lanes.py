@@ -135,9 +135,7 @@ def spring_adjoint(features: Features, at: Any) -> Adjoint:
     """Return the adjoint of Hooke's springs around eight particles, see `springs.hooke_back`."""
 
     @wp.func
-    def springs_adjoint(
-        t: Any, points: Any, params: Any, numbers: Any, point: Any, force_bar: Any, force_bars: Any
-    ):
+    def springs_adjoint(t: Any, points: Any, params: Any, numbers: Any, point: Any, force_bar: Any, force_bars: Any):
         point_bar = Lanes3()
         structural = Lanes()
         shear = Lanes()

@@ -30,7 +30,7 @@ from balloon_warp.kernels.schedules.writer import head, named_in, written_types
 class BackwardLanesWriter(LanesWriter):
     """Write the kernel of a frame backwards."""
 
-    row = "row"
+    row, place = "row", "slot"
 
     def __init__(self, step: Step, layout: Layout, columns: tuple[int, ...]):
         super().__init__(step, layout)
@@ -106,6 +106,8 @@ class BackwardLanesWriter(LanesWriter):
         for view in STATE.values():
             self.line(f"{view} = all_{view}[first_row]")
         self.line("read_frame(t, state, working, group, points, velocities)")
+        if self.carries_loads:
+            self.line("load_at_start = loads_of(t, state, group, 0)")
         self.substeps()
         self._begin_back()
         self.line("for back in range(tables.substeps):")
@@ -137,6 +139,16 @@ class BackwardLanesWriter(LanesWriter):
         self.line("    clear_sum(sums, slot, number)")
         for name in self._of_balloon:
             self.line(f"found_{name}_bar = {name}_lanes()")
+        if self.carries_loads:
+            self.line("for place in range(worlds_of(group, t.world_count)):")
+            self.line("    carried = all_load_bar[first_world(group) + place, 0]")
+            for part, place in enumerate(self.sums.places("load")):
+                self.line(f"    add_to(sums, slot, {place}, 0, set_lane(Lanes(), place, carried[{part}]))")
+
+    @property
+    def carries_loads(self) -> bool:
+        """Return whether the pressure of one substep is read in the next."""
+        return self.step.features.gas and self.step.features.obstacles
 
     @property
     def _of_balloon(self) -> list[str]:
@@ -148,6 +160,10 @@ class BackwardLanesWriter(LanesWriter):
             self.line(f"{view} = all_{view}[row]")
         if self.step.features.gas:
             self.line("load_after = load_in(all_gas_load[row, balloon])")
+        if self.carries_loads:
+            self.line("load_before = load_at_start")
+            self.line("if row > first_row:")
+            self.line("    load_before = load_in(all_gas_load[row - 1, balloon])")
         make = partial(TurnsInLanes, self.layout, (self.seen, self.bars_seen), self.sums)
         for writer in writers_backwards(self.step, self.columns, make):
             self.lines += writer.written()

@@ -6,21 +6,20 @@ from typing import ClassVar
 
 from balloon_warp.kernels.adjoint import Adjoint
 from balloon_warp.kernels.phase import STATE
+from balloon_warp.kernels.schedules.lanes.backward_rare import ITEM, TurnsOneByOne
 from balloon_warp.kernels.schedules.lanes.layouts import Layout
 from balloon_warp.kernels.schedules.lanes.names import OF_BALLOON
 from balloon_warp.kernels.schedules.lanes.sums import Sums
-from balloon_warp.kernels.schedules.launched.backward_writer import BackwardWriter
 from balloon_warp.kernels.schedules.launched.trace import Entry
 
 KNOWN = (
     *("t", "tables", "state", "working", "group", "slot", "back", "balloon", "points", "velocities", "constants"),
-    *("time", "end", "time_in_frame"),
+    *("time", "end", "time_in_frame", "solids"),
 )
 """Names that the kernel has bound before"""
-ITEM = "item"
 
 
-class TurnsInLanes(BackwardWriter):
+class TurnsInLanes(TurnsOneByOne):
     """Write turns between two waits.
 
     Args:
@@ -62,7 +61,10 @@ class TurnsInLanes(BackwardWriter):
             if self.layout.worlds:
                 lines.append(f"{where}{kept} = set_lane({kept}, place, {text})")
             else:
-                lines += [f"{where}for lane in range(LANE_COUNT):", f"{where}    {kept} = set_lane({kept}, lane, {text})"]
+                lines += [
+                    f"{where}for lane in range(LANE_COUNT):",
+                    f"{where}    {kept} = set_lane({kept}, lane, {text})",
+                ]
         return lines
 
     def open(self) -> None:
@@ -118,7 +120,13 @@ class TurnsInLanes(BackwardWriter):
 
     def have(self, variable: str) -> str:
         """Bind a variable, and return it."""
-        return "tables" if self.of_balloon and variable == "t" else super().have(variable)
+        entry = self.trace.writer(variable)
+        if self.of_balloon and variable == "t":
+            return "tables"
+        if entry is None or variable in self.known or self.of_balloon or self._takes_eight(entry):
+            return super().have(variable)
+        self._call_one_by_one(entry)
+        return variable
 
     def noted(self, name: str, owner: str) -> str:
         """Return the text that finds what the way forward has noted of an item or of its balloon."""
@@ -132,7 +140,10 @@ class TurnsInLanes(BackwardWriter):
 
     def _turn(self, entry: Entry, adjoint: Adjoint) -> None:
         self._adjoint = adjoint
-        super()._turn(entry, adjoint)
+        if self.of_balloon or self._takes_eight(entry):
+            super()._turn(entry, adjoint)
+        else:
+            self._turn_one_by_one(entry, adjoint)
 
     def _zero(self, name: str) -> str:
         if self.of_balloon:
@@ -170,7 +181,9 @@ class TurnsInLanes(BackwardWriter):
         else:
             before = f"{self.bar_at(name, owner)} + " if sign == "+=" else ""
             vector = name in STATE or name in self._bars_seen
-            put = f"put_item({name}_bars, {ITEM}, {before}{text})" if vector else f"{name}_bars[{ITEM}] = {before}{text}"
+            put = (
+                f"put_item({name}_bars, {ITEM}, {before}{text})" if vector else f"{name}_bars[{ITEM}] = {before}{text}"
+            )
             self.line(put)
 
     def add_to_number(self, place: int, text: str) -> None:

@@ -19,6 +19,8 @@ class Layout(NamedTuple):
 
     worlds: bool
     """Whether lanes are eight worlds; otherwise eight particles of one"""
+    as_octets: bool = False
+    """Whether worlds add up over their particles in the order of octets"""
 
     @property
     def number(self) -> Any:
@@ -41,7 +43,7 @@ class Layout(NamedTuple):
         return Lanes3 if self.worlds else wp.vec4
 
 
-WORLDS, OCTETS = Layout(worlds=True), Layout(worlds=False)
+WORLDS, OCTETS, WORLDS_AS_OCTETS = Layout(worlds=True), Layout(worlds=False), Layout(worlds=True, as_octets=True)
 
 
 # ---- what others read: of eight worlds

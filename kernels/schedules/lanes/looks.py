@@ -13,6 +13,7 @@ from balloon_warp.kernels.phase import Look
 from balloon_warp.kernels.schedules.lanes.layouts import (
     OCTETS,
     WORLDS,
+    WORLDS_AS_OCTETS,
     Layout,
     add,
     near,
@@ -60,5 +61,5 @@ def _look(layout: Layout) -> Look:
     )  # fmt: skip
 
 
-LOOKS = {WORLDS: _look(WORLDS), OCTETS: _look(OCTETS)}
+LOOKS = {layout: _look(layout) for layout in (WORLDS, OCTETS, WORLDS_AS_OCTETS)}
 """Access functions for eight worlds, and for eight particles of one"""

@@ -32,6 +32,8 @@ class NamesInLanes(Writer):
     aliases: ClassVar[Mapping[str, str]] = {"springs": "working"}
     row = "group"
     """Row in which values are kept"""
+    place = "group"
+    """Row of what is used up within a substep"""
 
     def __init__(self, step: Step, layout: Layout):
         super().__init__(step, (*HANDLES, *STATE.values(), *(f"new_{view}" for view in STATE.values())))

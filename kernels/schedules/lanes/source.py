@@ -15,8 +15,8 @@ from balloon_warp.kernels.lanes import IN_LANES, LANE_COUNT, Lanes3, of_lane, se
 from balloon_warp.kernels.loops.near_solids import Solids
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.phase import STATE, Item
+from balloon_warp.kernels.schedules.lanes.items import ItemsInLanes
 from balloon_warp.kernels.schedules.lanes.layouts import Layout, of_item, of_particle, places_of, put_item, view_of
-from balloon_warp.kernels.schedules.lanes.names import NamesInLanes
 from balloon_warp.kernels.schedules.lanes.state import (
     balloon_functions,
     frame_functions,
@@ -28,12 +28,6 @@ from balloon_warp.kernels.schedules.lanes.tables import lane_structs
 from balloon_warp.kernels.schedules.pieces import Piece, Step, values_of
 from balloon_warp.kernels.schedules.writer import head, named_in, written_types
 
-OFFSETS: Mapping[Item, str] = {
-    "particle": "t.item_offsets",
-    "face": "t.faces.balloon_offsets",
-    "quad": "t.quad_offsets",
-}
-"""Begin of each balloon's items"""
 COUNTS: Mapping[Item, str] = {
     "sphere": "state.sphere_positions.shape[1]", "triangle": "tables.membranes.corners.shape[0]",
     "hinge": "tables.hinges.ends.shape[0]", "spring": "tables.correction.particles.shape[0]",
@@ -44,7 +38,7 @@ MOVERS: set[Item] = {"sphere", "world", "balloon", "team"}
 """Items whose phases may move spheres"""
 
 
-class LanesWriter(NamesInLanes):
+class LanesWriter(ItemsInLanes):
     """Write the source of a frame."""
 
     @property
@@ -73,6 +67,7 @@ class LanesWriter(NamesInLanes):
                 f"all_{value}": f"wp.array2d[{'Seen' if value in self.seen else f'{value}_lanes'}]"
                 for value in self.step.kept
             },
+            **{f"all_{value}_parts": f"wp.array2d[{value}_lanes]" for value in self.step.kept},
         }  # fmt: skip
         return named_in(self.lines, may_be)
 
@@ -115,10 +110,6 @@ class LanesWriter(NamesInLanes):
                 self.line(f"    {view} = {names[0]}_{view}[group]")
                 self.line(f"    new_{view} = {names[1]}_{view}[group]")
 
-    @staticmethod
-    def _flips(piece: Piece, view: str) -> int:
-        return sum(STATE[name] == view for name in piece.doubles)
-
     # ---- a piece
 
     def _piece(self, piece: Piece) -> None:
@@ -145,62 +136,6 @@ class LanesWriter(NamesInLanes):
         if asks and piece.item == "particle" and not self.shown:
             self.line("show_solids(t, tables, state, solids, group, end)")
             self.shown = True
-
-    def _items(
-        self, kind: Item, body: Callable[[], Any], before: str = "", after: Callable[[], Any] | None = None
-    ) -> None:
-        """Write a loop over the items of all balloons."""
-        known = set(self.known)
-        self.item = "item" if kind == "particle" else kind
-        self.line("for balloon in range(tables.inflation_kind.shape[0]):")
-        with self.deeper():
-            lines, self.lines, self.of_balloon = self.lines, [], []
-            self.known |= {"balloon", self.item}
-            with self.deeper():
-                body()
-            of_items, self.lines = self.lines, lines
-            self.lines += self.of_balloon
-            if before:
-                self.line(before)
-            self.line(f"for {self.item} in range({OFFSETS[kind]}[balloon], {OFFSETS[kind]}[balloon + 1]):")
-            self.lines += of_items
-            self.known = known | {"balloon"}
-            if after:
-                after()
-        self.known = known
-
-    def _leave(self, piece: Piece) -> None:
-        """Write what an item has found to where it is kept."""
-        for name in piece.moves:
-            view = STATE[name]
-            target = self.place_of(view, self.flips[view] + self._flips(piece, view))
-            self.line(f"put_item({target}, {self.item}, {name})")
-        for name in piece.keeps:
-            self.line(f"put_{name}(t, kept_{name}, group, {self.item}, {name})")
-        for name in piece.leaves:
-            if self.step.owner(name) == "balloon":
-                continue
-            if name in self.seen:
-                self.line(f"put_item(all_{name}[{self.row}], {self.item}, {name})")
-            else:
-                self.line(f"all_{name}[{self.row}, {self.item}] = {name}")
-
-    def _sum(self, piece: Piece) -> None:
-        """Write what a balloon's items find, and what they add up."""
-        *others, phase = piece.phases
-        (value,) = phase.writes
-
-        def add() -> None:
-            self.calls(others)
-            self.calls((phase,))
-            pads = piece.item == "particle" and not self.layout.worlds
-            self.line(f"{value}_total += {f'scaled({value}, t.present[item])' if pads else value}")
-            self._leave(piece)
-
-        def end() -> None:
-            self.line(f"all_{value}[{self.row}, balloon] = totals_of({value}_total)")
-
-        self._items(piece.item, add, f"{value}_total = {value}_lanes()", end)
 
     def _singles(self, piece: Piece) -> None:
         """Write a loop over items that are gone through one by one, in each world."""

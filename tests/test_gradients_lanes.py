@@ -1,0 +1,80 @@
+"""Gradients of eight worlds, or eight particles of one, side by side on a CPU.
+
+They agree with launches, and a world has the same in a batch of any size and alone.
+"""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from gradient_scenes import CASES, N, far, scene, value_at
+
+import balloon_warp as bw
+
+OF = ["balloon.mass", "balloon.damping", "gravity", "balloon.velocity.0", "balloon.stiffness.structural"]
+SCENES: dict[str, tuple[bw.Scene, list[str]]] = {
+    "springs that vary, in a wind": (
+        scene(substeps=12, springs={"variation": 0.2}, drag_coefficient=0.5, atmosphere={"wind": (6.0, 0.0, 2.0)}),
+        [*OF, "balloon.drag_coefficient", "atmosphere.wind.2", "balloon.stiffness.flexion"],
+    ),
+    "triangles and a gas": (
+        scene("gas", substeps=8, mesh=CASES["triangles"][0].balloon[0].mesh),
+        [*OF, "balloon.inflation.start_pressure", "balloon.inflation.molar_mass"],
+    ),
+    "some fixed, on the ground": (scene(substeps=8, fixed=[0, 3], ground=True), [*OF, "ground.height"]),
+}
+"""Scenes of 26 particles, the last octet of which is not full, and what they are derived by"""
+
+
+def squares(moved: Any) -> tuple[Any, dict[str, Any]]:
+    """Return the loss: weighted squares of places and velocities of all frames, with derivatives."""
+    weights = np.random.default_rng(4).uniform(0.5, 1.5, (N, 3))
+    tracks = {name: getattr(moved, name)[0].astype(float) for name in ("points", "velocities")}
+    slopes = {name: [2.0 * weights * track] for name, track in tracks.items()}
+    return sum((weights * track**2).sum(axis=(-3, -2, -1)) for track in tracks.values()), slopes
+
+
+def varied(of: bw.Scene, worlds: int) -> dict[str, np.ndarray]:
+    """Return values that differ between worlds."""
+    return {
+        path: value_at(of, path) * np.linspace(1.0, 1.3, worlds)
+        for path in ("balloon.mass", "balloon.velocity.0", "balloon.stiffness.structural")
+    }
+
+
+@pytest.mark.parametrize("worlds", [1, 11])
+@pytest.mark.parametrize("case", SCENES)
+def test_side_by_side_they_find_what_launches_find(case: str, worlds: int):
+    """Derivatives agree to 1e-4, where parts cancel, or 1e-5: the same formulas, in another order, in float32."""
+    of, paths = SCENES[case]
+    asked: dict[str, Any] = {
+        "of": paths,
+        "loss": squares,
+        "world_count": worlds,
+        "vary": varied(of, worlds),
+        "device": "cpu",
+    }
+    told = bw.gradient(of, **asked, schedule="launched")
+    found = bw.gradient(of, **asked, schedule="lanes")
+    for path in paths:
+        np.testing.assert_allclose(found.gradients[path], told.gradients[path], rtol=1e-4, err_msg=path)
+        assert found.gradients[path].all()
+    for name in ("by_points", "by_velocities"):
+        one, other = getattr(found, name)[0], getattr(told, name)[0]
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-5 * np.abs(other).max())
+
+
+@pytest.mark.parametrize("case", ["frames", "gas"])
+def test_a_world_has_the_gradients_that_it_has_alone(case: str):
+    """Eight worlds add up in the order of eight particles of one."""
+    of, paths = CASES[case]
+    values = varied(of, 9)
+    together = bw.gradient(of, of=paths, loss=far, world_count=9, vary=values, device="cpu", schedule="lanes")
+    for world in (0, 8):
+        alone = {path: each[world : world + 1] for path, each in values.items()}
+        single = bw.gradient(of, of=paths, loss=far, vary=alone, device="cpu", schedule="lanes")
+        assert single.loss[0] == together.loss[world]
+        for path in paths:
+            assert single.gradients[path][0] == together.gradients[path][world], path
+        assert np.array_equal(single.by_points[0], together.by_points[0][world])
+    assert together.loss[0] != together.loss[8]
