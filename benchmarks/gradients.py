@@ -5,9 +5,9 @@ python -m balloon_warp.benchmarks.gradients horizon     how far they tell anythi
 """
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
-from time import perf_counter
+from time import perf_counter, process_time
 from typing import Any
 
 import numpy as np
@@ -20,10 +20,15 @@ from balloon_warp.model import Model, build_model, copy_of, overwrite
 from balloon_warp.scene import Inflation, Scene, Stiffness
 from balloon_warp.schedules.backward import BackwardFrames
 from balloon_warp.schedules.backward_block import fits_in_block_backwards
+from balloon_warp.schedules.backward_lanes import fits_in_lanes_backwards
+from balloon_warp.schedules.choose import fastest_schedule
 from balloon_warp.schedules.choose_backward import BACKWARDS, backwards_of, forward_of
 from balloon_warp.simulator import Simulator
 from balloon_warp.warp_logging import quiet_warp
 
+Turn = tuple[Callable[[], Any], Callable[[], Any]]
+"""Preparation, and what is timed"""
+BACK = "back"
 CELLS = 9
 """of a cube's edge, blown up to a ball of 488 particles"""
 TURNS = 15
@@ -48,6 +53,13 @@ CASES: dict[str, tuple[list[dict[str, Any]], dict[str, Any]]] = {
 }
 """Balloons of each case, and tables of its scene; contact acts in the first frame, the only one that is timed, but of
 the two apart, which may touch"""
+
+FITS: dict[str, Callable[[Model], bool]] = {
+    "launched": lambda model: True,
+    "block": fits_in_block_backwards,
+    "lanes": fits_in_lanes_backwards,
+}
+"""Ways back, and whether a model can go them"""
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -74,26 +86,24 @@ def model_of(name: str, cells: int, worlds: int, device: wp.Device) -> Model:
 
 
 def _lines(name: str, model: Model) -> Iterator[str]:
-    """Yield a line for each way backwards, after the run forward that `gradient` makes for it."""
-    forward = {}
-    for schedule in ("gather", forward_of(model, backwards_of(model)), "auto"):
+    """Yield a line for each way backwards, in turns with the runs forward: that which `gradient` makes, and others."""
+    ways = [how for how, fits in FITS.items() if fits(model)]
+    forwards = {how: forward_of(model, BACKWARDS[how]) for how in ways}
+    turns: dict[str, Turn] = {}
+    for schedule in dict.fromkeys(["gather", *forwards.values(), fastest_schedule(model, model.world_count)]):
         simulator = Simulator.of_model(model, schedule)
-        again = partial(overwrite, simulator.state, copy_of(simulator.state))
-        forward[simulator.schedule.name] = _seconds(simulator.advance, model.device, again)
-    simulator = Simulator.of_model(model, "gather")
+        turns[schedule] = partial(overwrite, simulator.state, copy_of(simulator.state)), simulator.advance
     work = model.world_count * model.particle_count * model.substeps
     yield f"{name}, {model.world_count} x {model.particle_count}: " + ", ".join(
-        f"{schedule} {work / seconds:.3g}" for schedule, seconds in forward.items()
+        f"{schedule} {work / seconds:.3g}" for schedule, seconds in _seconds(turns, model.device).items()
     )
-    for how in BACKWARDS:
-        if how == "block" and not fits_in_block_backwards(model):
-            continue
+    simulator = Simulator.of_model(model, "gather")
+    for how, schedule in forwards.items():
         backward = backwards_of(model, how)(model, simulator.state, ())
-        checkpoint = backward.checkpoint(simulator.state)
-        whole = forward[forward_of(model, BACKWARDS[how])] + _seconds(
-            partial(backward.turn_back, checkpoint), model.device, telling(backward)
-        )
-        over = ", ".join(f"{whole / seconds:.2f} of {schedule}" for schedule, seconds in forward.items())
+        turn_back = telling(backward), partial(backward.turn_back, backward.checkpoint(simulator.state))
+        taken = _seconds({**turns, BACK: turn_back}, model.device)
+        whole = taken[schedule] + taken.pop(BACK)
+        over = ", ".join(f"{whole / seconds:.2f} of {each}" for each, seconds in taken.items())
         yield f"    {how}: whole gradient {work / whole:.3g} particle-substeps/s, {over}"
 
 
@@ -110,17 +120,19 @@ def telling(backward: BackwardFrames) -> Callable[[], None]:
     return tell
 
 
-def _seconds(turn: Callable[[], Any], device: wp.Device, before: Callable[[], None]) -> float:
-    """Return the least time that a turn takes, each after the same preparation."""
-    times = []
+def _seconds(turns: Mapping[str, Turn], device: wp.Device) -> dict[str, float]:
+    """Return the least time of each, of the processors on a CPU; in turns, since all else slows them alike."""
+    clock = process_time if device.is_cpu else perf_counter
+    times: dict[str, list[float]] = {name: [] for name in turns}
     for _ in range(TURNS + 1):
-        before()
-        wp.synchronize_device(device)
-        begin = perf_counter()
-        turn()
-        wp.synchronize_device(device)
-        times.append(perf_counter() - begin)
-    return min(times[1:])  # other work of the machine takes the rest
+        for name, (prepare, turn) in turns.items():
+            prepare()
+            wp.synchronize_device(device)
+            begin = clock()
+            turn()
+            wp.synchronize_device(device)
+            times[name].append(clock() - begin)
+    return {name: min(each[1:]) for name, each in times.items()}
 
 
 if __name__ == "__main__":

@@ -64,6 +64,7 @@ def test_side_by_side_they_find_what_launches_find(case: str, worlds: int):
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-5 * np.abs(other).max())
 
 
+@pytest.mark.long  # as people run it: to the last bit
 @pytest.mark.parametrize("case", ["frames", "gas"])
 def test_a_world_has_the_gradients_that_it_has_alone(case: str):
     """Eight worlds add up in the order of eight particles of one."""

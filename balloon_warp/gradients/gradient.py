@@ -36,7 +36,8 @@ def gradient(
     """Simulate a scene, and differentiate a loss with respect to values of the scene.
 
     The frames are those of `simulate`, to the bit, in schedule "octets" on a CPU and "block" on a GPU; or "gather",
-    where frames run backwards as launches. Then they run backwards, from the last.
+    where frames run backwards as launches. Then they run backwards, from the last. On a CPU several worlds move side by
+    side, each as it does alone.
 
     Args:
         scene: Scene, name of a bundled one, scene file, or mesh, as a file or in memory.
@@ -55,8 +56,9 @@ def gradient(
         checkpoints: Number of frames from which others are simulated again on the way back. All are kept that there is
             room for, if not given.
         device: Warp device; the GPU, or else the CPU, if not given.
-        schedule: Schedule of frames that run backwards: "block", a block of threads a world; "launched", a launch for
-            each piece of a substep; or "auto", the faster one that can.
+        schedule: Schedule of frames that run backwards: "lanes", on a CPU eight worlds side by side, or eight
+            particles of one; "block", a block of threads a world; "launched", a launch for each piece of a substep; or
+            "auto", the fastest one that can.
         cluster: Workers that take some of the worlds each, as for `run_batch`: `Cluster(gpus=8)`. Each evaluates the
             loss of its own, whose numbers are `worlds` of the trajectories. The result is the same to the bit.
         laws: User-defined laws beside the built-in ones, which Warp differentiates; on a cluster, global names that
