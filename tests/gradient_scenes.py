@@ -71,7 +71,7 @@ PRESSED: list[dict[str, Any]] = [
 """A sphere that falls on a ball, and one that slides to it on the ground"""
 ALONE = (
     *("force", "atmosphere", "obstacle", "water", "change", "faces", "sphere", "normals", "correction", "contact"),
-    "string",
+    *("string", "solver"),
 )
 """Tables of a scene itself"""
 DRIVEN: list[dict[str, Any]] = [

@@ -42,12 +42,22 @@ def fits_in_lanes_backwards(model: Model) -> bool:
         return False
     features = model_features(model)
     left = features.gas_changes or features.in_water or features.inflation_directions or features.spheres
-    left = left or features.stands_on_fixtures
-    left = left or features.touches or features.meets_solids or features.driven or features.breathes_on
+    left = left or features.stands_on_fixtures or features.touches or features.meets_solids
+    left = left or features.driven or features.breathes_on
+    return not left and _goes_side_by_side(step_backwards(features, OCTETS))
+
+
+def _goes_side_by_side(step: Step) -> bool:
+    """Return whether all phases of a particle take eight, or are rare and look at no other; each moves once at most."""
     try:
-        return not left and bool(traces_of(step_backwards(features, OCTETS)))
+        entries = [entry for trace in traces_of(step) for entry in trace.entries if trace.item == "particle"]
     except NoAdjointError:
         return False
+    phases, asked = [entry.phase for entry in entries], (step.features, step.look)
+    moved = [name for piece in step.pieces for name in piece.moves]
+    return len(moved) == len(set(moved)) and all(
+        phase.takes_eight(*asked) or (phase.rare and not phase.views(*asked)) for phase in phases
+    )
 
 
 def step_backwards(features: Features, layout: Layout) -> Step:

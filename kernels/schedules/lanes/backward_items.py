@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Collection, Iterable
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from balloon_warp.kernels.adjoint import Adjoint
 from balloon_warp.kernels.phase import STATE
@@ -29,7 +29,7 @@ class TurnsInLanes(TurnsOneByOne):
 
     row: ClassVar[str] = "row"
 
-    def __init__(self, layout: Layout, seen: tuple[Collection[str], Collection[str]], sums: Sums, *of_turns):
+    def __init__(self, layout: Layout, seen: tuple[Collection[str], Collection[str]], sums: Sums, *of_turns: Any):
         super().__init__(*of_turns)
         self.layout, self._sums = layout, sums
         self._values_seen, self._bars_seen = seen
