@@ -4,6 +4,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+import pytest
 from float64_run import motion
 from meshes import mesh_of, quad_sphere
 
@@ -254,6 +255,12 @@ LAUNCHED = ("pump, leak and jet", "water", "ridges", "gas beside spheres", "fres
 """Cases that do not run backwards in blocks"""
 IN_LANES = ("pressure", "a substep", "frames", "changes", "triangles", "gas", "gas on the ground")
 """Cases that run backwards eight particles or worlds side by side, on a CPU"""
+
+
+def require_way(way: str, device: str) -> None:
+    """Skip a test of lanes on a GPU, which has none."""
+    if way == "lanes" and device != "cpu":
+        pytest.skip("lanes are a CPU's")
 
 
 def ways_of(case: str) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 import warp as wp
 from float64_run import motion
-from gradient_scenes import CASES, N, far, scene, told_loss, told_of, value_at, ways_of
+from gradient_scenes import CASES, N, far, require_way, scene, told_loss, told_of, value_at, ways_of
 
 import balloon_warp as bw
 from balloon_warp.trajectories import Trajectories
@@ -16,7 +16,7 @@ DOT = 1e-5
 """Of a sum over all places and velocities, whose rounding in float32 is a few 1e-7 each"""
 
 
-@pytest.fixture(params=["block", "launched"])
+@pytest.fixture(params=["block", "launched", "lanes"])
 def way(request: pytest.FixtureRequest) -> str:
     """Return the schedule of the backward pass."""
     return request.param
@@ -25,6 +25,7 @@ def way(request: pytest.FixtureRequest) -> str:
 @pytest.mark.parametrize(("case", "way"), [(case, way) for case in CASES for way in ways_of(case)])
 def test_gradients_are_the_slopes_of_a_run_in_double_precision(case: str, way: str, device: str):
     """Gradients agree to 2e-4: states are float32, and forces cancel. Springs at rest have none in a single substep."""
+    require_way(way, device)
     of, paths = CASES[case]
     found = bw.gradient(of, of=paths, loss=far, device=device, schedule=way)
     assert found.loss[0] == pytest.approx(told_loss(case), rel=1e-5)
@@ -51,6 +52,7 @@ forces. The jet is strong beside the springs"""
 @pytest.mark.parametrize(("case", "way"), [(case, way) for case in SHIFTED for way in ways_of(case)])
 def test_what_a_shift_of_the_start_does_to_the_end_is_what_the_end_says_of_the_start(case: str, way: str, device: str):
     """The adjoint identity u . (J w) = (u J) . w holds for all places and velocities, with J w by differences."""
+    require_way(way, device)
     of, rng = SHIFTED[case], np.random.default_rng(11)
     weights, shifts = ([rng.normal(size=(N, 3)), scale * rng.normal(size=(N, 3))] for scale in (0.05, 1.0))
 
@@ -107,6 +109,7 @@ AS_PEOPLE_RUN_THEM = {"gas on the ground": pytest.mark.long}
     [pytest.param(case, way, marks=AS_PEOPLE_RUN_THEM.get(case, ())) for case in IN_BATCHES for way in ways_of(case)],
 )
 def test_a_world_in_a_batch_has_the_gradients_that_it_has_alone(case: str, way: str, device: str):
+    require_way(way, device)
     together, paths = CASES[case]
     slower = value_at(together, "balloon.velocity.1") * np.array([1.0, 0.5])
     varied = {"balloon.mass": value_at(together, "balloon.mass") * np.array([1.0, 1.2]), "balloon.velocity.1": slower}
@@ -122,6 +125,7 @@ def test_a_world_in_a_batch_has_the_gradients_that_it_has_alone(case: str, way: 
 
 @pytest.mark.long  # to the last bit
 def test_frames_are_those_without_gradients(way: str, device: str):
+    require_way(way, device)
     of, paths = CASES["gas on the ground"]
     found = bw.gradient(of, of=paths, loss=far, device=device, schedule=way).trajectories
     schedule = "gather" if way == "launched" else "octets" if device == "cpu" else "block"

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from gradient_scenes import CHANGES, SPRINGS, N, scene
+from gradient_scenes import CHANGES, SPRINGS, N, require_way, scene
 
 import balloon_warp as bw
 from balloon_warp.gradients import refusals
@@ -86,9 +86,10 @@ def same(found: bw.Gradient, told: bw.Gradient) -> None:
         np.testing.assert_array_equal(getattr(found, name)[0], getattr(told, name)[0])
 
 
-@pytest.mark.parametrize("way", ["block", "launched"])
+@pytest.mark.parametrize("way", ["block", "launched", "lanes"])
 def test_few_checkpoints_give_the_same_bits(way: str, device: str):
     """Parameters change in frames 2 and 4, so that the way back goes through spans and returns to later ones."""
+    require_way(way, device)
     of = scene(frames=20, rate=240.0, substeps=4, change=CHANGES)
     asked: dict[str, Any] = {"of": PATHS, "loss": at_end, "device": device, "schedule": way}
     told = bw.gradient(of, **asked)

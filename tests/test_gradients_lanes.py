@@ -84,3 +84,17 @@ def test_a_world_has_the_gradients_that_it_has_alone(case: str):
             assert single.gradients[path][0] == together.gradients[path][world], path
         assert np.array_equal(single.by_points[0], together.by_points[0][world])
     assert together.loss[0] != together.loss[8]
+
+
+def test_threads_share_worlds_without_a_trace(monkeypatch: pytest.MonkeyPatch):
+    """As many threads as cores have groups of worlds each: their number leaves no trace in a bit."""
+    of, paths = SCENES["some fixed, on the ground"]
+    found = []
+    for cores in (1, 3):
+        monkeypatch.setattr("os.cpu_count", lambda cores=cores: cores)
+        found.append(
+            bw.gradient(of, of=paths, loss=squares, world_count=17, vary=varied(of, 17), device="cpu", schedule="lanes")
+        )
+    for path in paths:
+        assert np.array_equal(found[0].gradients[path], found[1].gradients[path])
+        assert len(set(found[0].gradients[path])) == 17
