@@ -87,7 +87,7 @@ def test_a_world_has_the_gradients_that_it_has_alone(case: str):
 
 
 def test_threads_share_worlds_without_a_trace(monkeypatch: pytest.MonkeyPatch):
-    """As many threads as cores have groups of worlds each: their number leaves no trace in a bit."""
+    """Threads have groups of worlds each, and their number leaves no trace in any bit."""
     of, paths = SCENES["some fixed, on the ground"]
     found = []
     for cores in (1, 3):

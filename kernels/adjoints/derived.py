@@ -71,11 +71,7 @@ def by_grad_but(*frozen: str) -> Adjoints:
         bars = [f"{name}_bar" for name in phase.writes]
         results = [f"{name}_result" for name in phase.writes]
         products = [
-            f"worth_of_eight({value}, {bar})"
-            if look.world
-            else f"{value} * {bar}"
-            if dtype is float
-            else f"wp.dot({value}, {bar})"
+            _product(value, bar, dtype, bool(look.world))
             for value, bar, dtype in zip(results, bars, phase.writes.values(), strict=True)
         ]
         arguments = [*reads, *bars]
@@ -101,3 +97,10 @@ def by_grad_but(*frozen: str) -> Adjoints:
         return (Adjoint(function_from(f"{phase.name}_adjoint", adjoint, names), of),)
 
     return factory
+
+
+def _product(value: str, bar: str, dtype: Any, of_eight: bool) -> str:
+    """Return the text of a value times its bar, added up over components and lanes."""
+    if of_eight:
+        return f"worth_of_eight({value}, {bar})"
+    return f"{value} * {bar}" if dtype is float else f"wp.dot({value}, {bar})"
