@@ -43,8 +43,7 @@ def fits_in_lanes_backwards(model: Model) -> bool:
     features = model_features(model)
     left = features.gas_changes or features.in_water or features.inflation_directions or features.spheres
     left = left or features.stands_on_fixtures or features.touches or features.meets_solids
-    left = left or features.driven or features.breathes_on
-    return not left and _goes_side_by_side(step_backwards(features, OCTETS))
+    return not (left or features.breathes_on) and _goes_side_by_side(step_backwards(features, OCTETS))
 
 
 def _goes_side_by_side(step: Step) -> bool:

@@ -125,6 +125,8 @@ class TurnsInLanes(TurnsOneByOne):
             return "tables"
         if entry is None or variable in self.known or self.of_balloon or self._takes_eight(entry):
             return super().have(variable)
+        if not entry.phase.light and entry.phase.writes.keys() <= set(self.step.kept):
+            return super().have(variable)  # as it was noted
         self._call_one_by_one(entry)
         return variable
 
