@@ -96,7 +96,7 @@ class Launches:
     def begin_loading(self) -> None:
         """Compile what a substep launches, all kernels beside each other."""
         for piece in self.step.pieces:
-            if piece.phases[0].name not in self._own:
+            if piece.item != "launches" and piece.phases[0].name not in self._own:
                 for part in ("part", "parts") if piece.name in self._parts else ("all",):
                     begin_loading(self.kernel(piece, part), self.model.device)
 
