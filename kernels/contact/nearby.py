@@ -151,44 +151,38 @@ class Search:
 
 
 @cache
-def filling_function(features: Features) -> Any:
-    """Return the function that goes on with a search until a queue is filled with triangles that may be near."""
-    may_touch, looks_into = may_touch_function(features), looks_function(features)
+def next_part_function(features: Features) -> Any:
+    """Return the function that goes on to the next part that has no others in it and may be near."""
+    looks_into = looks_function(features)
 
     @wp.func
-    def fill_queue(
+    def next_part(
         t: Tables, working: Working, world: wp.int32, particle: wp.int32, balloon: wp.int32, other: wp.int32,
-        points: wp.array[wp.vec3], velocities: wp.array[wp.vec3], search: Search,
+        point: wp.vec3, search: Search,
     ):  # fmt: skip
-        """Return the queue, its length, and where the search is then."""
-        point = vector_at(points, particle)
-        queue = Queue()
-        waiting = wp.int32(0)
+        """Return the part, without triangles where there is none, and where the search is then."""
+        node = wp.vec4i()
         at = search.at
-        while at < search.last and waiting <= ROOM:
-            node = wp.vec4i()
-            while at < search.last and node[2] == 0:  # to the next part that has no others in it
-                part = part_of_search(working, world, search.home, at, search.listed)
-                here = four_ints_at(t.touch.parts, part)
-                after = wp.where(search.listed >= 0, at + 1, here[0])
-                if looks_into(t, working, world, particle, balloon, other, part, point, search.of_parts):
-                    after = at + 1
-                    if here[0] == part + 1:
-                        node = here
-                at = after
-            for triangle in range(node[1], node[2]):
-                if may_touch(t, particle, balloon, other, triangle):  # not most of those near on its own skin
-                    if comes_near(t, points, velocities, particle, triangle, search.of_triangles, search.pad):
-                        queue[waiting] = triangle
-                        waiting += 1
-        return queue, waiting, at
+        while at < search.last and node[2] == 0:
+            part = part_of_search(working, world, search.home, at, search.listed)
+            here = four_ints_at(t.touch.parts, part)
+            after = wp.where(search.listed >= 0, at + 1, here[0])
+            if looks_into(t, working, world, particle, balloon, other, part, point, search.of_parts):
+                after = at + 1
+                if here[0] == part + 1:
+                    node = here
+            at = after
+        return node, at
 
-    return fill_queue
+    return next_part
 
 
 @cache
 def eight_filling_function(features: Features) -> Any:
-    """Return the function that does so by eight boxes at a time, see `contact.eight_boxes`: the same to the bit."""
+    """Return the function that goes on with a search until a queue is filled with triangles that may be near.
+
+    It compares eight boxes at a time, see `contact.eight_boxes`: with the same result to the bit.
+    """
     may_touch, looks_into = may_touch_function(features), looks_function(features)
 
     @wp.func
@@ -234,9 +228,11 @@ def nearby_function(features: Features, lists: bool, eight: bool = False) -> Any
 
     Args:
         lists: whether it puts them into the particle's list, of too many the nearest; else it finds the nearest.
-        eight: whether boxes are compared eight at a time, see `contact.eight_boxes`: with the same result to the bit.
+        eight: whether boxes are compared eight at a time.
     """
-    fill_queue = eight_filling_function(features) if eight else filling_function(features)
+    may_touch, next_part, fill_queue = (
+        make(features) for make in (may_touch_function, next_part_function, eight_filling_function)
+    )
     begin_of, end_of = (begin_of_leaves, end_of_leaves) if eight else (begin_of_parts, end_of_parts)
 
     @wp.func
@@ -268,11 +264,23 @@ def nearby_function(features: Features, lists: bool, eight: bool = False) -> Any
                 search.listed = working.near_part_counts[world, search.home]
         search.at = begin_of(t, other, search.listed)
         search.last = end_of(t, other, search.listed)
+        queue = Queue()
         while search.at < search.last:
             search.of_triangles = found.place.squared
             search.of_parts = wp.min(found.place.squared, reach * reach)
-            queue, waiting, at = fill_queue(t, working, world, particle, balloon, other, points, velocities, search)
-            search.at = at
+            waiting = wp.int32(0)
+            if wp.static(eight):
+                queue, waiting, at = fill_queue(t, working, world, particle, balloon, other, points, velocities, search)
+                search.at = at
+            else:
+                while search.at < search.last and waiting <= ROOM:
+                    node, at = next_part(t, working, world, particle, balloon, other, point, search)
+                    search.at = at
+                    for triangle in range(node[1], node[2]):
+                        if may_touch(t, particle, balloon, other, triangle):  # not most of those near on its own skin
+                            if comes_near(t, points, velocities, particle, triangle, search.of_triangles, search.pad):
+                                queue[waiting] = triangle
+                                waiting += 1
             for turn in range(waiting):
                 triangle = queue[turn]
                 if wp.static(eight):

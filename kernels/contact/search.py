@@ -96,7 +96,7 @@ def looking_kernel(features: Features, eight: bool = False) -> Any:
     Args:
         eight: whether one thread compares boxes eight at a time.
     """
-    next_neighbor = next_of_eight if eight else neighbor_function(features)
+    is_nearing = nearing_function(features)
     line_up_neighbors = lining_function(features)
     pad_between = pad_function(features)
 
@@ -115,11 +115,18 @@ def looking_kernel(features: Features, eight: bool = False) -> Any:
         if used and working.near_balloons[world, balloon] != ALONE:
             point = vector_at(points, particle)
             velocity = vector_at(velocities, particle)
-            place = wp.int32(0)
-            while place < working.neighbor_counts[world, balloon]:
-                other, place = next_neighbor(t, working, world, balloon, place, point, velocity)
-                if other >= 0 and not (is_clear and other == balloon):
-                    return True
+            if wp.static(eight):
+                place = wp.int32(0)
+                while place < working.neighbor_counts[world, balloon]:
+                    other, place = next_of_eight(t, working, world, balloon, place, point, velocity)
+                    if other >= 0 and not (is_clear and other == balloon):
+                        return True
+            else:
+                for place in range(working.neighbor_counts[world, balloon]):
+                    other = working.neighbors[world, balloon, place]
+                    if not (is_clear and other == balloon):
+                        if is_nearing(t, working, world, balloon, other, point, velocity):
+                            return True
         return state.holds[world, particle][3] != 0.0
 
     @wp.func
