@@ -21,7 +21,7 @@ from balloon_warp.kernels.laws.touch import TOUCH
 class Columns:
     """The parameters in order. Kernels have a balloon's numbers and then its world's in one row.
 
-    Those of the same parameters are one object, see `_interned`, since kernels of a scene's features are often looked up.
+    Those of the same parameters are one object, see `_interned`: kernels are looked up by them often.
     """
 
     balloon: tuple[Parameter, ...]
