@@ -21,12 +21,12 @@ from balloon_warp.kernels.working import Working
 
 
 @cache
-def finding_functions(features: Features) -> Any:
+def finding_functions(features: Features, eight: bool = False) -> Any:
     """Return the function that puts the triangles of a balloon that a particle may touch into its list."""
     pad_between = pad_function(features)
     thickness_between, _ = skin_functions(features)
-    nearest_of = nearby_function(features, lists=False)
-    list_those = nearby_function(features, lists=True)
+    nearest_of = nearby_function(features, lists=False, eight=eight)
+    list_those = nearby_function(features, lists=True, eight=eight)
 
     @wp.func
     def find_of_balloon(

@@ -6,6 +6,18 @@ from typing import Any
 import warp as wp
 
 from balloon_warp.kernels.contact.boxes import LOWER, UPPER, squared_distance_to_box
+from balloon_warp.kernels.contact.eight_boxes import (
+    begin_of_leaves,
+    box_triangles,
+    end_of_leaves,
+    first_of,
+    is_filled,
+    leaf_of_search,
+    next_near,
+    which_are_near,
+    without_first,
+)
+from balloon_warp.kernels.contact.eight_places import place_in_queue
 from balloon_warp.kernels.contact.near_parts import begin_of_parts, end_of_parts, part_of_search
 from balloon_warp.kernels.contact.parts import lower_of_part, upper_of_part
 from balloon_warp.kernels.contact.sides import is_behind
@@ -125,14 +137,107 @@ def comes_near(
     return squared <= most
 
 
+@wp.struct
+class Search:
+    """Place of a search among the parts of a balloon, and distances within which it looks."""
+
+    home: wp.int32  # leaf whose list of near leaves is searched
+    listed: wp.int32  # length of that list; negative where the tree is searched
+    at: wp.int32
+    last: wp.int32
+    of_parts: float  # squared distance of parts [m^2]
+    of_triangles: float  # squared distance of triangles [m^2]
+    pad: float  # see `Wanted`
+
+
 @cache
-def nearby_function(features: Features, lists: bool) -> Any:
+def filling_function(features: Features) -> Any:
+    """Return the function that goes on with a search until a queue is filled with triangles that may be near."""
+    may_touch, looks_into = may_touch_function(features), looks_function(features)
+
+    @wp.func
+    def fill_queue(
+        t: Tables, working: Working, world: wp.int32, particle: wp.int32, balloon: wp.int32, other: wp.int32,
+        points: wp.array[wp.vec3], velocities: wp.array[wp.vec3], search: Search,
+    ):  # fmt: skip
+        """Return the queue, its length, and where the search is then."""
+        point = vector_at(points, particle)
+        queue = Queue()
+        waiting = wp.int32(0)
+        at = search.at
+        while at < search.last and waiting <= ROOM:
+            node = wp.vec4i()
+            while at < search.last and node[2] == 0:  # to the next part that has no others in it
+                part = part_of_search(working, world, search.home, at, search.listed)
+                here = four_ints_at(t.touch.parts, part)
+                after = wp.where(search.listed >= 0, at + 1, here[0])
+                if looks_into(t, working, world, particle, balloon, other, part, point, search.of_parts):
+                    after = at + 1
+                    if here[0] == part + 1:
+                        node = here
+                at = after
+            for triangle in range(node[1], node[2]):
+                if may_touch(t, particle, balloon, other, triangle):  # not most of those near on its own skin
+                    if comes_near(t, points, velocities, particle, triangle, search.of_triangles, search.pad):
+                        queue[waiting] = triangle
+                        waiting += 1
+        return queue, waiting, at
+
+    return fill_queue
+
+
+@cache
+def eight_filling_function(features: Features) -> Any:
+    """Return the function that does so by eight boxes at a time, see `contact.eight_boxes`: the same to the bit."""
+    may_touch, looks_into = may_touch_function(features), looks_function(features)
+
+    @wp.func
+    def fill_queue(
+        t: Tables, working: Working, world: wp.int32, particle: wp.int32, balloon: wp.int32, other: wp.int32,
+        points: wp.array[wp.vec3], velocities: wp.array[wp.vec3], search: Search,
+    ):  # fmt: skip
+        """Return the queue, its length, and where the search is then."""
+        point = vector_at(points, particle)
+        boxes = working.eight_boxes[world]
+        queue = Queue()
+        waiting = wp.int32(0)
+        at = search.at
+        while at < search.last and waiting <= ROOM:
+            if search.listed < 0:
+                at = next_near(t, boxes, at, search.last, point, search.of_parts)
+            if at < search.last:
+                leaf = leaf_of_search(t, working, world, search.home, at, search.listed)
+                node = four_ints_at(t.touch.parts, leaf)
+                if is_filled(node) and looks_into(
+                    t, working, world, particle, balloon, other, leaf, point, search.of_parts
+                ):
+                    box_triangles(boxes, leaf, node[1], node[2], t.touch.triangles, points)
+                    near = which_are_near(boxes, leaf, point, search.of_triangles)
+                    while near != 0:
+                        triangle = node[1] + first_of(near)
+                        near = without_first(near)
+                        if may_touch(t, particle, balloon, other, triangle):
+                            if search.pad >= FAR or comes_near(
+                                t, points, velocities, particle, triangle, search.of_triangles, search.pad
+                            ):
+                                queue[waiting] = triangle
+                                waiting += 1
+            at += 1
+        return queue, waiting, at
+
+    return fill_queue
+
+
+@cache
+def nearby_function(features: Features, lists: bool, eight: bool = False) -> Any:
     """Return the function that loops over the triangles of a balloon that a particle may touch.
 
     Args:
         lists: whether it puts them into the particle's list, of too many the nearest; else it finds the nearest.
+        eight: whether boxes are compared eight at a time, see `contact.eight_boxes`: with the same result to the bit.
     """
-    may_touch, looks_into = may_touch_function(features), looks_function(features)
+    fill_queue = eight_filling_function(features) if eight else filling_function(features)
+    begin_of, end_of = (begin_of_leaves, end_of_leaves) if eight else (begin_of_parts, end_of_parts)
 
     @wp.func
     def nearby(
@@ -154,37 +259,26 @@ def nearby_function(features: Features, lists: bool) -> Any:
         found.count = first
         # boxes of parts are of all of their ways
         reach = wanted.pad + t.touch.seconds * wp.length(vector_at(velocities, particle))
-        home = wp.int32(0)
-        listed = wp.int32(-1)
+        search = Search()
+        search.listed = wp.int32(-1)
+        search.pad = wanted.pad
         if wp.static(features.touches_itself and not lists):
             if balloon == other:
-                home = int_at(t.touch.homes, particle)
-                listed = working.near_part_counts[world, home]
-        at = begin_of_parts(t, other, listed)
-        last = end_of_parts(t, other, listed)
-        queue = Queue()
-        while at < last:
-            waiting = wp.int32(0)
-            while at < last and waiting <= ROOM:
-                node = wp.vec4i()
-                while at < last and node[2] == 0:  # to the next part that has no others in it
-                    part = part_of_search(working, world, home, at, listed)
-                    here = four_ints_at(t.touch.parts, part)
-                    after = wp.where(listed >= 0, at + 1, here[0])
-                    nearest = wp.min(found.place.squared, reach * reach)
-                    if looks_into(t, working, world, particle, balloon, other, part, point, nearest):
-                        after = at + 1
-                        if here[0] == part + 1:
-                            node = here
-                    at = after
-                for triangle in range(node[1], node[2]):
-                    if may_touch(t, particle, balloon, other, triangle):  # not most of those near on its own skin
-                        if comes_near(t, points, velocities, particle, triangle, found.place.squared, wanted.pad):
-                            queue[waiting] = triangle
-                            waiting += 1
+                search.home = int_at(t.touch.homes, particle)
+                search.listed = working.near_part_counts[world, search.home]
+        search.at = begin_of(t, other, search.listed)
+        search.last = end_of(t, other, search.listed)
+        while search.at < search.last:
+            search.of_triangles = found.place.squared
+            search.of_parts = wp.min(found.place.squared, reach * reach)
+            queue, waiting, at = fill_queue(t, working, world, particle, balloon, other, points, velocities, search)
+            search.at = at
             for turn in range(waiting):
                 triangle = queue[turn]
-                place = triangle_beside(t, points, triangle, point)
+                if wp.static(eight):
+                    place = place_in_queue(t, working.eight_places[world], points, queue, turn, waiting, point)
+                else:
+                    place = triangle_beside(t, points, triangle, point)
                 if wp.static(lists):
                     if place.squared <= found.place.squared:
                         slot = slot_for(working, world, kept, place.squared, found.count - first, most)
