@@ -10,7 +10,8 @@ import warp as wp
 
 from balloon_warp.kernels.contact.boxes import pad_function
 from balloon_warp.kernels.contact.clearances import fastest_of, keep_clearance, lookout_of, pays_to_look_out
-from balloon_warp.kernels.contact.nearby import FAR, Nearby, Wanted, nearby_function
+from balloon_warp.kernels.contact.may_be_near import FAR
+from balloon_warp.kernels.contact.nearby import Nearby, Wanted, nearby_function
 from balloon_warp.kernels.contact.sides import keep_side
 from balloon_warp.kernels.contact.triangles import faced_triangle, relative_speed
 from balloon_warp.kernels.features import Features
