@@ -144,14 +144,14 @@ class Phase:
         """Return the names that the phase reads: those of its arguments."""
         if self.item == "launches":
             return self.also_reads
-        return tuple(inspect.signature(self.function(features, look).func).parameters)
+        return tuple(_arguments(self.function(features, look)))
 
     def takes_eight(self, features: Features, look: Look) -> bool:
         """Return whether the phase runs on eight items side by side: it names no type of one item.
 
         State of other items is visited one by one, but by quads.
         """
-        told = inspect.signature(self.function(features, look).func).parameters
+        told = _arguments(self.function(features, look))
         are_any = all(each.annotation is Any or name in TIMES for name, each in told.items())
         return are_any and (self.item == "quad" or features.kept_views.keys().isdisjoint(told))
 
@@ -180,6 +180,11 @@ Adjoints = Callable[[Phase, Features, Look], Sequence[Adjoint]]
 @cache
 def _made(phase: Phase, features: Features, look: Look) -> Any:
     return phase.make(features, look)
+
+
+@cache
+def _arguments(function: Any) -> Mapping[str, inspect.Parameter]:
+    return inspect.signature(function.func).parameters
 
 
 @cache

@@ -64,8 +64,12 @@ FACING: Instead = {measure: (spread,), extend: (), find_direction: (), pull: (pu
 """The loop over a particle's faces also finds the direction of normal forces"""
 FILMED: Instead = {pull: (clear, stretch, collect, pull)}
 """Each face of a membrane is measured once and stores its forces at its corners"""
-SHARED: Instead = {wear: (wear_out,), push_face: (), bear: (), pull: (bend, blow, share_out, pull)}
+SHARED_PULL = (bend, blow, share_out, pull)
+"""Phases that are `pull` where it is `SHARED`"""
+SHARED: Instead = {wear: (wear_out,), push_face: (), bear: (), pull: SHARED_PULL}
 """Hinges, faces and membranes have added their forces to particles; rubber wears eight quads at a time"""
+PULLED: Instead = {push_face: (), bear: ()}
+"""Phases of launches where `pull` executes what is `SHARED`, eight particles side by side"""
 SOAKED: Instead = {pull: (soak, pull)}
 """Phases of a step that runs backwards: the load of a liquid is a value of its own"""
 SETTLE = Phase("settle", "launches", lambda features, look: None, also_reads=("inflation",))

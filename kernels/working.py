@@ -5,6 +5,11 @@ import warp as wp
 from balloon_warp.kernels.contact.catch import Catch, EdgeCatch
 from balloon_warp.kernels.laws.grip import Grip
 
+EightBoxes = wp.types.matrix(shape=(6, 8), dtype=wp.float32)
+"""Lower and upper corners of eight boxes [m]"""
+EightPlaces = wp.types.matrix(shape=(10, 8), dtype=wp.float32)
+"""Weights, arm, squared distance and area vector of a particle beside each of eight triangles, see `meeting.Place`"""
+
 SphereBars = wp.types.vector(length=8, dtype=wp.float32)
 """Derivatives by a sphere's center, velocity, radius and penalty"""
 
@@ -94,6 +99,10 @@ class Working:
     `contact.clearances`; empty unless balloons touch themselves"""
     part_boxes: wp.array2d[wp.vec4]
     """Boxes around the parts of balloons' surfaces, without `PACE`: shape (world_count, 2 part_count)"""
+    eight_boxes: wp.array2d[EightBoxes]
+    """Boxes of triangles and of parts, eight side by side, see `contact.eight_boxes`; empty on a GPU"""
+    eight_places: wp.array2d[EightPlaces]
+    """Positions of the particle at hand relative to eight triangles: shape (world_count, 1); empty on a GPU"""
     near_parts: wp.array3d[wp.int32]
     """Leaves of the same balloon near each leaf, see `contact.near_parts`: shape (world_count, part_count, most); empty
     unless balloons touch themselves, as is the next"""

@@ -212,7 +212,10 @@ def test_mistakes_are_named(fields, said):
 
 
 def test_a_world_that_fits_in_no_block_goes_side_by_side_too():
-    """A world too large for a block advances by eight particles at a time on a CPU, with the contacts of `gather`."""
+    """A world too large for a block advances by eight particles at a time on a CPU, with the contacts of `gather`.
+
+    Its forces are summed in another order, as in `scatter`, so that a contact may begin a substep later.
+    """
     large = collision().model_copy(
         update={
             "balloon": [balloon.model_copy(update={"mesh": quad_sphere(32, 0.3)}) for balloon in collision().balloon]
@@ -224,7 +227,7 @@ def test_a_world_that_fits_in_no_block_goes_side_by_side_too():
         advance_both(large, schedule, "cpu", settled=15, frames=1) for schedule in ("octets", "gather")
     )
     assert (start["holds"][..., 3] != 0.0).any()
-    assert_close(found, expected, ROUNDING)
+    assert_close(found, expected, ROUNDING, outliers=0.02)
 
 
 def test_large_steps_are_refused():

@@ -14,6 +14,7 @@ from balloon_warp.kernels.contact.edge_search import (
     measuring_kernel,
     trees_kernel,
 )
+from balloon_warp.kernels.contact.eight_boxes import line_up_boxes, row_count
 from balloon_warp.kernels.contact.forces import take_counts
 from balloon_warp.kernels.contact.list_lengths import LENGTHS
 from balloon_warp.kernels.contact.near_parts import MOST_PARTS, near_parts_kernel
@@ -23,6 +24,7 @@ from balloon_warp.kernels.contact.response import response_kernel
 from balloon_warp.kernels.contact.search import find_kernel, looking_kernel
 from balloon_warp.kernels.contact.seeking_edges import seeking_kernel
 from balloon_warp.kernels.features import Features
+from balloon_warp.kernels.working import EightBoxes, EightPlaces
 from balloon_warp.launching import launch, launch_tiled
 from balloon_warp.model import Model, State
 from balloon_warp.model.meeting_edges import meeting_edges
@@ -52,6 +54,7 @@ class TouchLaunches:
     def __init__(self, model: Model, features: Features, tables: Any, working: Any, fast_math: bool = False):
         self.model, self._features, self._tables, self._working = model, features, tables, working
         self._interval, self._fast_math, self._worlds = substeps_of_search(model), fast_math, Worlds()
+        self._eight = compares_eight(model.device)
         working.near_balloons.fill_(int(ARE_NEAR))  # before the first search they may have been, in another schedule
         # a thread for each item on a GPU; on a CPU one goes through them, and is soon done where nothing is near
         self._part_threads = working.near_parts.shape[1] if model.device.is_cuda else 1
@@ -92,9 +95,12 @@ class TouchLaunches:
             self._seek_edges(points, velocities)
         place: dict[str, Any] = {"dim": (m.world_count, particles), "device": m.device, "block_dim": FEW_THREADS}
         moving = self._worlds.of(state), points, velocities, working
-        launch(looking_kernel(self._features), inputs=[t, particles, *moving], **place)
+        launch(looking_kernel(self._features, self._eight), inputs=[t, particles, *moving], **place)
         place["dim"] = m.world_count, self._list_threads
-        launch(find_kernel(self._features, self._fast_math), inputs=[t, self._list_threads, *moving], **place)
+        if self._eight:
+            launch(line_up_boxes, m.world_count, [t, working], device=m.device)
+        kernel = find_kernel(self._features, self._fast_math, self._eight)
+        launch(kernel, inputs=[t, self._list_threads, *moving], **place)
         if substep == 0:  # history is unknown where a run begins with a saved state
             wp.copy(working.forces_taken, working.force_quanta)
             for counted in (working.contacts, working.touched):
@@ -120,7 +126,13 @@ class TouchLaunches:
         m, threads = self.model, self._list_threads
         inputs = [self._tables, threads, int(only_counts), points, velocities, self._worlds.of(state), self._working]
         shape = (m.world_count, threads)
-        launch(response_kernel(self._features, self._fast_math), shape, inputs, block_dim=FEW_THREADS, device=m.device)
+        kernel = response_kernel(self._features, self._fast_math, self._eight)
+        launch(kernel, shape, inputs, block_dim=FEW_THREADS, device=m.device)
+
+
+def compares_eight(device: wp.Device) -> bool:
+    """Return whether a thread compares boxes, and measures triangles, eight at a time: in a CPU's vector registers."""
+    return device.is_cpu
 
 
 def threads_on(device: wp.Device, threads: int, turns: int) -> tuple[int, int]:
@@ -161,6 +173,7 @@ def touch_arrays(model: Model, features: Features, room: Room) -> dict[str, Any]
     worlds = model.world_count
     balloons, particles = (model.balloon_count, model.particle_count) if features.touches else (0, 0)
     parts = sum(part_count(shape.mesh) for shape in model.shapes) if features.touches else 0
+    rows = row_count(parts, (parts + balloons) // 2, balloons) if parts and compares_eight(model.device) else 0
     own_parts = parts if features.touches_itself else 0
     edges = edge_count(model, features)
     return {
@@ -168,6 +181,8 @@ def touch_arrays(model: Model, features: Features, room: Room) -> dict[str, Any]
         "sought": room.array((worlds, particles), wp.vec3),
         "clearances": room.array((worlds, particles if features.touches_itself else 0), wp.float32),
         "part_boxes": room.array((worlds, 2 * parts), wp.vec4),
+        "eight_boxes": room.array((worlds, rows), EightBoxes),
+        "eight_places": room.array((worlds, 1 if rows else 0), EightPlaces),
         "near_parts": room.array((worlds, own_parts, int(MOST_PARTS)), wp.int32),
         "near_part_counts": room.array((worlds, own_parts), wp.int32),
         "neighbors": room.array((worlds, balloons, balloons), wp.int32),

@@ -18,6 +18,7 @@ from balloon_warp.schedules.block_room import fits_in_block
 from balloon_warp.schedules.fixtures import forget_looks, place_obstacles
 from balloon_warp.schedules.gather import GatherSchedule
 from balloon_warp.schedules.launches import Launches
+from balloon_warp.schedules.octet_pull import PullingOctets
 from balloon_warp.schedules.outlook import Outlook, busy_features, outlook_arrays
 
 
@@ -43,7 +44,7 @@ class LaunchedFrames:
     """Launches that advance the busy worlds, in place: no other world is touched."""
 
     def __init__(self, model: Model, features: Features):
-        self._gather = GatherSchedule(model, features)
+        self._gather = launches_for(model)(model, features)
         self.tables, self.working = self._gather.tables, self._gather.launches.working
 
     @property
@@ -53,7 +54,7 @@ class LaunchedFrames:
 
     def begin_loading(self) -> None:
         """Compile kernels ahead."""
-        self._gather.launches.begin_loading()
+        self._gather.begin_loading()
 
     def advance(self, state: State) -> None:
         """Advance by a frame."""
@@ -87,7 +88,9 @@ class BusyWorlds:
         if busy_in_blocks(model, features):
             BlockFrames.allot(model, busy, room)
         else:
-            Launches.allot(model, GatherSchedule.step_of(model, busy), room)
+            launches = launches_for(model)
+            Launches.allot(model, launches.step_of(model, busy), room)
+            launches.allot(model, busy, room)
         outlook_arrays(model, features, room)
 
     @property
@@ -131,6 +134,11 @@ class BusyWorlds:
         self._frames.advance(state)
         if isinstance(self._frames, LaunchedFrames):
             self.outlook.keep_forces(state)
+
+
+def launches_for(model: Model) -> type[GatherSchedule]:
+    """Return the schedule whose launches advance busy worlds."""
+    return PullingOctets if model.device.is_cpu else GatherSchedule
 
 
 def busy_in_blocks(model: Model, features: Features) -> bool:

@@ -51,11 +51,15 @@ class GatherSchedule(LaunchedSchedule):
             return cut(first_phases(features), features, cls.look, shown=("inflation_direction",))
         return cut(phases_of(features), features, cls.look, apart=apart)
 
-    @staticmethod
-    def allot(model: Model, features: Features, room: Room) -> tuple[Any, ...]:
+    @classmethod
+    def allot(cls, model: Model, features: Features, room: Room) -> tuple[Any, ...]:
         """Allocate the memory of patches."""
         patches = cut_into_patches(model, features)
         return (PatchLaunch.arrays(model, features, patches, room),) if patches else ()
+
+    def begin_loading(self) -> None:
+        """Compile what a substep launches ahead."""
+        self.launches.begin_loading()
 
     def advance_frame(self, state: State) -> None:
         """Advance all worlds by a frame."""

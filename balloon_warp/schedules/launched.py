@@ -72,8 +72,8 @@ class LaunchedSchedule(ABC):
         with lock_of(self.model.device):
             return int(self.launches.working.overflow.numpy().sum())
 
-    @staticmethod
-    def allot(model: Model, features: Features, room: Room) -> tuple[Any, ...]:
+    @classmethod
+    def allot(cls, model: Model, features: Features, room: Room) -> tuple[Any, ...]:
         """Ask for its own memory, beside what launches share."""
         return ()
 

@@ -96,7 +96,7 @@ class Launches:
     def begin_loading(self) -> None:
         """Compile what a substep launches, all kernels beside each other."""
         for piece in self.step.pieces:
-            if piece.item != "launches":
+            if piece.item != "launches" and piece.phases[0].name not in self._own:
                 for part in ("part", "parts") if piece.name in self._parts else ("all",):
                     begin_loading(self.kernel(piece, part), self.model.device)
 
@@ -117,8 +117,8 @@ class Launches:
         for piece in self.step.pieces:
             if (piece.once and substep) or (only and piece.phases[0].name not in only):
                 continue
-            if piece.item == "launches":
-                self._own[piece.phases[0].name](state, substep, time_in_frame, now)
+            if own := self._own.get(piece.phases[0].name):
+                own(state, substep, time_in_frame, now)
             else:
                 now = self._launch(piece, state, time_in_frame, now)
         return now

@@ -29,8 +29,8 @@ class ScatterSchedule(LaunchedSchedule):
         vec3"""
         self.launches.working.forces, self.launches.working.area_vectors = self.forces, area_vectors
 
-    @staticmethod
-    def allot(model: Model, features: Features, room: Room) -> tuple[Any, ...]:
+    @classmethod
+    def allot(cls, model: Model, features: Features, room: Room) -> tuple[Any, ...]:
         """Return the forces, and area vectors where they are needed."""
         worlds, particles = model.world_count, model.particle_count
         areas = (worlds, particles if features.measures_areas else 0)

@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from balloon_warp.kernels.contact.nearby import ROOM
+from balloon_warp.kernels.contact.may_be_near import ROOM
 from balloon_warp.kernels.contact_tables import TouchTable
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.laws.law import FAR

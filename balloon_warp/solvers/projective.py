@@ -69,8 +69,8 @@ class ProjectiveSolver(LaunchedSchedule):
         """Parameters that the factors are made of."""
         return FACTORIZED
 
-    @staticmethod
-    def allot(model: Model, features: Features, room: Room) -> tuple[Any, ...]:
+    @classmethod
+    def allot(cls, model: Model, features: Features, room: Room) -> tuple[Any, ...]:
         """Allocate six vectors for each particle.
 
         They are displacements without springs, those tried, those reached, points tried, residuals, and increments of

@@ -10,7 +10,8 @@ import warp as wp
 
 from balloon_warp.kernels.contact.boxes import pad_function
 from balloon_warp.kernels.contact.clearances import fastest_of, keep_clearance, lookout_of, pays_to_look_out
-from balloon_warp.kernels.contact.nearby import FAR, Nearby, Wanted, nearby_function
+from balloon_warp.kernels.contact.may_be_near import FAR
+from balloon_warp.kernels.contact.nearby import Nearby, Wanted, nearby_function
 from balloon_warp.kernels.contact.sides import keep_side
 from balloon_warp.kernels.contact.triangles import faced_triangle, relative_speed
 from balloon_warp.kernels.features import Features
@@ -21,12 +22,12 @@ from balloon_warp.kernels.working import Working
 
 
 @cache
-def finding_functions(features: Features) -> Any:
+def finding_functions(features: Features, eight: bool = False) -> Any:
     """Return the function that puts the triangles of a balloon that a particle may touch into its list."""
     pad_between = pad_function(features)
     thickness_between, _ = skin_functions(features)
-    nearest_of = nearby_function(features, lists=False)
-    list_those = nearby_function(features, lists=True)
+    nearest_of = nearby_function(features, lists=False, eight=eight)
+    list_those = nearby_function(features, lists=True, eight=eight)
 
     @wp.func
     def find_of_balloon(

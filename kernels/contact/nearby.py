@@ -5,20 +5,23 @@ from typing import Any
 
 import warp as wp
 
-from balloon_warp.kernels.contact.boxes import LOWER, UPPER, squared_distance_to_box
-from balloon_warp.kernels.contact.near_parts import begin_of_parts, end_of_parts, part_of_search
-from balloon_warp.kernels.contact.parts import lower_of_part, upper_of_part
-from balloon_warp.kernels.contact.sides import is_behind
-from balloon_warp.kernels.contact.triangles import (
-    are_neighbors,
-    candidate_of,
-    relative_speed,
-    squared_distance_to_triangle,
-    triangle_beside,
+from balloon_warp.kernels.contact.eight_boxes import begin_of_leaves, end_of_leaves
+from balloon_warp.kernels.contact.eight_places import place_in_queue
+from balloon_warp.kernels.contact.may_be_near import (
+    ROOM,
+    Queue,
+    Search,
+    comes_near,
+    eight_filling_function,
+    may_touch_function,
+    next_part_function,
 )
+from balloon_warp.kernels.contact.near_parts import begin_of_parts, end_of_parts
+from balloon_warp.kernels.contact.sides import is_behind
+from balloon_warp.kernels.contact.triangles import candidate_of, triangle_beside
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.loops.meeting import Place, is_nearer
-from balloon_warp.kernels.memory import four_ints_at, int_at, triple_at, vector_at
+from balloon_warp.kernels.memory import int_at, vector_at
 from balloon_warp.kernels.tables import Tables
 from balloon_warp.kernels.working import Working
 
@@ -26,12 +29,7 @@ MOST_TRIANGLES = wp.constant(40)
 """Largest number of triangles that a particle keeps"""
 MOST_OF_BALLOON = wp.constant(24)
 """Largest number of triangles of one balloon that a particle keeps"""
-FAR = wp.constant(1.0e10)
-"""Distance beyond all others [m]"""
 Distances = wp.types.vector(length=24, dtype=wp.float32)
-ROOM = wp.constant(8)
-"""Buffer size for triangles that may be near, and for those of one more part, before they are tested"""
-Queue = wp.types.vector(length=16, dtype=wp.int32)
 
 
 @wp.func
@@ -70,69 +68,17 @@ class Nearby:
 
 
 @cache
-def may_touch_function(features: Features) -> Any:
-    """Return the function that tells whether a particle may touch a triangle of its own balloon."""
-
-    @wp.func
-    def may_touch(t: Tables, particle: wp.int32, balloon: wp.int32, other: wp.int32, triangle: wp.int32):
-        """Return whether a particle may touch a triangle of its own balloon: only if they were apart at the start."""
-        if wp.static(features.touches_itself):
-            if balloon == other:
-                corners = triple_at(t.touch.triangles, triangle)
-                for corner in range(3):
-                    if are_neighbors(t, balloon, particle, corners[corner]):
-                        return False
-        return True
-
-    return may_touch
-
-
-@cache
-def looks_function(features: Features) -> Any:
-    """Return the function that tells whether a part may have triangles that a particle may touch."""
-
-    @wp.func
-    def looks_into(
-        t: Tables, working: Working, world: wp.int32, particle: wp.int32, balloon: wp.int32, other: wp.int32,
-        part: wp.int32, point: wp.vec3, squared: float,
-    ):  # fmt: skip
-        """Return whether a part may have triangles within a squared distance [m^2] that the particle may touch."""
-        low = lower_of_part(working, world, part)
-        high = upper_of_part(working, world, part)
-        lower = wp.vec3(low[0], low[1], low[2])
-        upper = wp.vec3(high[0], high[1], high[2])
-        looks = squared_distance_to_box(point, lower, upper) <= squared
-        if wp.static(features.touches_itself):
-            if looks and balloon == other:
-                here = t.touch.rest_points[particle]
-                farthest = wp.max(here - t.touch.rest_boxes[part, LOWER], t.touch.rest_boxes[part, UPPER] - here)
-                looks = wp.length_sq(farthest) >= t.touch.apart[balloon] * t.touch.apart[balloon]
-        return looks
-
-    return looks_into
-
-
-@wp.func
-def comes_near(
-    t: Tables, points: wp.array[wp.vec3], velocities: wp.array[wp.vec3], particle: wp.int32, triangle: wp.int32,
-    most: float, pad: float,
-):  # fmt: skip
-    """Return whether a triangle may be within a squared distance [m^2], and come as near as has to be, see `Wanted`."""
-    squared = squared_distance_to_triangle(t, points, triangle, vector_at(points, particle))
-    if squared <= most and pad < FAR:
-        comes = pad + t.touch.seconds * relative_speed(t, velocities, triangle, vector_at(velocities, particle))
-        return squared < comes * comes
-    return squared <= most
-
-
-@cache
-def nearby_function(features: Features, lists: bool) -> Any:
+def nearby_function(features: Features, lists: bool, eight: bool = False) -> Any:
     """Return the function that loops over the triangles of a balloon that a particle may touch.
 
     Args:
         lists: whether it puts them into the particle's list, of too many the nearest; else it finds the nearest.
+        eight: whether boxes are compared eight at a time.
     """
-    may_touch, looks_into = may_touch_function(features), looks_function(features)
+    may_touch, next_part, fill_queue = (
+        make(features) for make in (may_touch_function, next_part_function, eight_filling_function)
+    )
+    begin_of, end_of = (begin_of_leaves, end_of_leaves) if eight else (begin_of_parts, end_of_parts)
 
     @wp.func
     def nearby(
@@ -154,37 +100,38 @@ def nearby_function(features: Features, lists: bool) -> Any:
         found.count = first
         # boxes of parts are of all of their ways
         reach = wanted.pad + t.touch.seconds * wp.length(vector_at(velocities, particle))
-        home = wp.int32(0)
-        listed = wp.int32(-1)
+        search = Search()
+        search.listed = wp.int32(-1)
+        search.pad = wanted.pad
         if wp.static(features.touches_itself and not lists):
             if balloon == other:
-                home = int_at(t.touch.homes, particle)
-                listed = working.near_part_counts[world, home]
-        at = begin_of_parts(t, other, listed)
-        last = end_of_parts(t, other, listed)
+                search.home = int_at(t.touch.homes, particle)
+                search.listed = working.near_part_counts[world, search.home]
+        search.at = begin_of(t, other, search.listed)
+        search.last = end_of(t, other, search.listed)
         queue = Queue()
-        while at < last:
+        while search.at < search.last:
+            search.of_triangles = found.place.squared
+            search.of_parts = wp.min(found.place.squared, reach * reach)
             waiting = wp.int32(0)
-            while at < last and waiting <= ROOM:
-                node = wp.vec4i()
-                while at < last and node[2] == 0:  # to the next part that has no others in it
-                    part = part_of_search(working, world, home, at, listed)
-                    here = four_ints_at(t.touch.parts, part)
-                    after = wp.where(listed >= 0, at + 1, here[0])
-                    nearest = wp.min(found.place.squared, reach * reach)
-                    if looks_into(t, working, world, particle, balloon, other, part, point, nearest):
-                        after = at + 1
-                        if here[0] == part + 1:
-                            node = here
-                    at = after
-                for triangle in range(node[1], node[2]):
-                    if may_touch(t, particle, balloon, other, triangle):  # not most of those near on its own skin
-                        if comes_near(t, points, velocities, particle, triangle, found.place.squared, wanted.pad):
-                            queue[waiting] = triangle
-                            waiting += 1
+            if wp.static(eight):
+                queue, waiting, at = fill_queue(t, working, world, particle, balloon, other, points, velocities, search)
+                search.at = at
+            else:
+                while search.at < search.last and waiting <= ROOM:
+                    node, at = next_part(t, working, world, particle, balloon, other, point, search)
+                    search.at = at
+                    for triangle in range(node[1], node[2]):
+                        if may_touch(t, particle, balloon, other, triangle):  # not most of those near on its own skin
+                            if comes_near(t, points, velocities, particle, triangle, search.of_triangles, search.pad):
+                                queue[waiting] = triangle
+                                waiting += 1
             for turn in range(waiting):
                 triangle = queue[turn]
-                place = triangle_beside(t, points, triangle, point)
+                if wp.static(eight):
+                    place = place_in_queue(t, working.eight_places[world], points, queue, turn, waiting, point)
+                else:
+                    place = triangle_beside(t, points, triangle, point)
                 if wp.static(lists):
                     if place.squared <= found.place.squared:
                         slot = slot_for(working, world, kept, place.squared, found.count - first, most)

@@ -5,6 +5,7 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.contact.eight_places import eight_of_list, find_places, place_of
 from balloon_warp.kernels.contact.forces import add_contact, add_contact_forces, record_impulse
 from balloon_warp.kernels.contact.list_lengths import TOUCHING
 from balloon_warp.kernels.contact.pairs import pair_functions
@@ -99,8 +100,12 @@ class Found:
 
 
 @cache
-def nearest_function(features: Features) -> Any:
-    """Return the function that finds the nearest triangle of the next balloon in a particle's list."""
+def nearest_function(features: Features, eight: bool = False) -> Any:
+    """Return the function that finds the nearest triangle of the next balloon in a particle's list.
+
+    Args:
+        eight: whether it measures eight triangles at a time, with the same result to the bit.
+    """
     sees_sides = features.touches_itself and features.edges_meet
 
     @wp.func
@@ -122,6 +127,9 @@ def nearest_function(features: Features) -> Any:
         four = four_on_page(working.candidates, world, particle, begin - begin % 4)
         at = begin
         beside = bool(True)
+        if wp.static(eight):
+            listed = working.candidates[world, particle]
+            places = working.eight_places[world]
         while at < count and beside:
             if at % 4 == 0:
                 four = four_on_page(working.candidates, world, particle, at)
@@ -129,8 +137,13 @@ def nearest_function(features: Features) -> Any:
             beside = at == begin or not is_first_of_balloon(candidate)
             if beside:
                 numbers = triple_at(t.touch.triangles, triangle_of(candidate))
-                corners = rows_at(points, numbers)
-                place = place_beside(point, corners[0], corners[1], corners[2])
+                if wp.static(eight):
+                    if (at - begin) % 8 == 0:
+                        find_places(points, t.touch.triangles, eight_of_list(listed, at, count), point, places)
+                    place = place_of(places, (at - begin) % 8)
+                else:
+                    corners = rows_at(points, numbers)
+                    place = place_beside(point, corners[0], corners[1], corners[2])
                 if wp.static(sees_sides):  # impulses see to it that none comes through, see `contact.edges`
                     if int_at(t.particles.balloon, numbers[0]) == own:
                         candidate = on_side(candidate, place)
@@ -145,10 +158,14 @@ def nearest_function(features: Features) -> Any:
 
 
 @cache
-def response_kernel(features: Features, fast_math: bool = False) -> Any:
-    """Return the kernel that presses particles against the triangles found near them."""
+def response_kernel(features: Features, fast_math: bool = False, eight: bool = False) -> Any:
+    """Return the kernel that presses particles against the triangles found near them.
+
+    Args:
+        eight: whether it measures eight triangles at a time, as on a CPU.
+    """
     respond = response_function(features)
-    nearest_from = nearest_function(features)
+    nearest_from = nearest_function(features, eight)
 
     @wp.func
     def respond_to_contacts(

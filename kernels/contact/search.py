@@ -18,6 +18,7 @@ from balloon_warp.kernels.contact.boxes import (
     pad_function,
 )
 from balloon_warp.kernels.contact.clearances import is_clear_of_own
+from balloon_warp.kernels.contact.eight_boxes import first_of, lining_function, nearing_ones
 from balloon_warp.kernels.contact.list_lengths import LOOKING, PAIRS, TOUCHING
 from balloon_warp.kernels.contact.lists import finding_functions
 from balloon_warp.kernels.features import Features
@@ -50,22 +51,60 @@ def list_beside_edges(working: Working, world: wp.int32, particle: wp.int32, cou
 
 
 @cache
-def looking_kernel(features: Features) -> Any:
-    """Return the kernel that finds the particles that search."""
+def neighbor_function(features: Features) -> Any:
+    """Return the function that goes on to the next balloon that a particle may touch."""
     is_nearing = nearing_function(features)
+
+    @wp.func
+    def next_neighbor(
+        t: Tables, working: Working, world: wp.int32, balloon: wp.int32, begin: wp.int32, point: wp.vec3,
+        velocity: wp.vec3,
+    ):  # fmt: skip
+        """Return the next balloon, or -1, and the place after it among the neighbors."""
+        place = begin
+        other = wp.int32(-1)
+        while place < working.neighbor_counts[world, balloon] and other < 0:
+            nearby = working.neighbors[world, balloon, place]
+            if is_nearing(t, working, world, balloon, nearby, point, velocity):
+                other = nearby
+            place += 1
+        return other, place
+
+    return next_neighbor
+
+
+@wp.func
+def next_of_eight(
+    t: Tables, working: Working, world: wp.int32, balloon: wp.int32, begin: wp.int32, point: wp.vec3, velocity: wp.vec3
+):  # fmt: skip
+    """Return the same by eight boxes at a time, see `contact.eight_boxes`."""
+    place = begin
+    count = working.neighbor_counts[world, balloon]
+    while place < count:
+        near = nearing_ones(t, working, world, place, point, velocity) >> (place & 7)
+        if near != 0:
+            place += first_of(near)
+            return working.neighbors[world, balloon, place], place + 1
+        place = ((place >> 3) + 1) << 3
+    return -1, count
+
+
+@cache
+def looking_kernel(features: Features, eight: bool = False) -> Any:
+    """Return the kernel that finds the particles that search.
+
+    Args:
+        eight: whether one thread compares boxes eight at a time.
+    """
+    is_nearing = nearing_function(features)
+    line_up_neighbors = lining_function(features)
     pad_between = pad_function(features)
 
     @wp.func
     def looks(
-        t: Tables,
-        state: WorldState,
-        working: Working,
-        world: wp.int32,
-        particle: wp.int32,
-        points: wp.array[wp.vec3],
-        velocities: wp.array[wp.vec3],
-        is_clear: bool,
-    ):
+        t: Tables, state: WorldState, working: Working, world: wp.int32, particle: wp.int32, points: wp.array[wp.vec3],
+        velocities: wp.array[wp.vec3], is_clear: bool,
+    ):  # fmt: skip
         """Return whether a particle may touch a balloon, or has touched one until now.
 
         Args:
@@ -76,23 +115,25 @@ def looking_kernel(features: Features) -> Any:
         if used and working.near_balloons[world, balloon] != ALONE:
             point = vector_at(points, particle)
             velocity = vector_at(velocities, particle)
-            for place in range(working.neighbor_counts[world, balloon]):
-                other = working.neighbors[world, balloon, place]
-                if not (is_clear and other == balloon):
-                    if is_nearing(t, working, world, balloon, other, point, velocity):
+            if wp.static(eight):
+                place = wp.int32(0)
+                while place < working.neighbor_counts[world, balloon]:
+                    other, place = next_of_eight(t, working, world, balloon, place, point, velocity)
+                    if other >= 0 and not (is_clear and other == balloon):
                         return True
+            else:
+                for place in range(working.neighbor_counts[world, balloon]):
+                    other = working.neighbors[world, balloon, place]
+                    if not (is_clear and other == balloon):
+                        if is_nearing(t, working, world, balloon, other, point, velocity):
+                            return True
         return state.holds[world, particle][3] != 0.0
 
     @wp.func
     def note_looking(
-        t: Tables,
-        state: WorldState,
-        working: Working,
-        world: wp.int32,
-        particle: wp.int32,
-        points: wp.array[wp.vec3],
+        t: Tables, state: WorldState, working: Working, world: wp.int32, particle: wp.int32, points: wp.array[wp.vec3],
         velocities: wp.array[wp.vec3],
-    ):
+    ):  # fmt: skip
         """Append a particle that searches to its list, and store its position if the last search is outdated."""
         balloon = t.particles.balloon[particle]
         is_clear = bool(False)
@@ -124,15 +165,23 @@ def looking_kernel(features: Features) -> Any:
         world, thread = wp.tid()
         if is_searched(working, world):
             for particle in range(thread, points.shape[1], threads):
+                if wp.static(eight):
+                    line_up_neighbors(t, working, world, particle, particle - 1)
                 note_looking(t, state, working, world, particle, points[world], velocities[world])
 
     return find_looking
 
 
 @cache
-def find_kernel(features: Features, fast_math: bool = False) -> Any:
-    """Return the kernel that finds the triangles that each searching particle may touch."""
-    find_of_balloon, is_nearing = finding_functions(features), nearing_function(features)
+def find_kernel(features: Features, fast_math: bool = False, eight: bool = False) -> Any:
+    """Return the kernel that finds the triangles that each searching particle may touch.
+
+    Args:
+        eight: whether one thread compares boxes eight at a time, which are lined up before.
+    """
+    find_of_balloon = finding_functions(features, eight)
+    next_neighbor = next_of_eight if eight else neighbor_function(features)
+    line_up_neighbors = lining_function(features)
 
     @wp.func
     def list_triangles(
@@ -159,12 +208,7 @@ def find_kernel(features: Features, fast_math: bool = False) -> Any:
             if working.near_balloons[world, balloon] == LOOKS:
                 place = wp.int32(0)
                 while place < working.neighbor_counts[world, balloon]:
-                    other = wp.int32(-1)
-                    while place < working.neighbor_counts[world, balloon] and other < 0:  # to the next that it may meet
-                        nearby = working.neighbors[world, balloon, place]
-                        if is_nearing(t, working, world, balloon, nearby, point, velocity):
-                            other = nearby
-                        place += 1
+                    other, place = next_neighbor(t, working, world, balloon, place, point, velocity)
                     if other >= 0:
                         count = find_of_balloon(
                             t, state, working, world, particle, balloon, other, points, velocities, may_be_deep, count
@@ -199,6 +243,9 @@ def find_kernel(features: Features, fast_math: bool = False) -> Any:
         if is_searched(working, world):
             for place in range(thread, working.list_lengths[world, LOOKING], threads):
                 particle = working.particle_lists[world, LOOKING, place]
+                if wp.static(eight):
+                    before = working.particle_lists[world, LOOKING, wp.max(place - 1, 0)]
+                    line_up_neighbors(t, working, world, particle, wp.where(place > 0, before, -1))
                 list_triangles(t, state, working, world, particle, points[world], velocities[world])
 
     return find_near_triangles

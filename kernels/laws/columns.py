@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import accumulate
 
 from balloon_warp.kernels.laws.added_mass import ADDED_MASS
@@ -17,9 +17,12 @@ from balloon_warp.kernels.laws.orifice import PARAMETERS as OPENINGS
 from balloon_warp.kernels.laws.touch import TOUCH
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Columns:
-    """The parameters in order. Kernels have a balloon's numbers and then its world's in one row."""
+    """The parameters in order. Kernels have a balloon's numbers and then its world's in one row.
+
+    Those of the same parameters are one object, see `_interned`: kernels are looked up by them often.
+    """
 
     balloon: tuple[Parameter, ...]
     world: tuple[Parameter, ...]
@@ -89,8 +92,13 @@ def columns_of(laws: Sequence[Law], others: Sequence[Parameter] = ()) -> Columns
     )
     by_name = {parameter.name: parameter for parameter in reversed(asked)}
     ordered = [by_name[name] for name in dict.fromkeys(parameter.name for parameter in asked)]
-    return Columns(
+    return _interned(
         tuple(parameter for parameter in ordered if parameter.of == "balloon"),
         tuple(parameter for parameter in ordered if parameter.of == "world"),
         tuple(parameter for parameter in ordered if parameter.of == "sphere"),
     )
+
+
+@cache
+def _interned(*rows: tuple[Parameter, ...]) -> Columns:
+    return Columns(*rows)

@@ -19,7 +19,7 @@ from balloon_warp.kernels.phase import STATE
 from balloon_warp.kernels.schedules.lanes.backward_items import TurnsInLanes
 from balloon_warp.kernels.schedules.lanes.bars import bar_functions, load_in, own_function
 from balloon_warp.kernels.schedules.lanes.layouts import Layout, places_of
-from balloon_warp.kernels.schedules.lanes.source import LanesWriter
+from balloon_warp.kernels.schedules.lanes.source import FrameWriter
 from balloon_warp.kernels.schedules.lanes.sums import OVER_ITEMS, Sums, sum_functions
 from balloon_warp.kernels.schedules.launched.backward import writers_backwards
 from balloon_warp.kernels.schedules.launched.trace import arguments_of, is_bar, traces_of
@@ -27,7 +27,7 @@ from balloon_warp.kernels.schedules.pieces import Piece, Step
 from balloon_warp.kernels.schedules.writer import head, named_in, written_types
 
 
-class BackwardLanesWriter(LanesWriter):
+class BackwardLanesWriter(FrameWriter):
     """Write the kernel of a frame backwards."""
 
     row, place = "row", "slot"

@@ -38,7 +38,7 @@ MOVERS: set[Item] = {"sphere", "world", "balloon", "team"}
 """Items whose phases may move spheres"""
 
 
-class LanesWriter(ItemsInLanes):
+class FrameWriter(ItemsInLanes):
     """Write the source of a frame."""
 
     @property
@@ -52,8 +52,12 @@ class LanesWriter(ItemsInLanes):
         """Return the text of the kernel."""
         if not self.lines:
             self._frame()
-        remark = f"A thread for each {'eight worlds' if self.layout.worlds else 'world'}: a frame."
-        return "\n".join([*head(self.name, self.arguments(), remark), *self.lines, ""])
+        return "\n".join([*head(self.name, self.arguments(), self.remark), *self.lines, ""])
+
+    @property
+    def remark(self) -> str:
+        """Return a sentence on what a thread does."""
+        return f"A thread for each {'eight worlds' if self.layout.worlds else 'world'}: a frame."
 
     def arguments(self) -> dict[str, str]:
         """Return the names of the kernel's arguments, as it needs them, and their types."""
@@ -208,26 +212,26 @@ class LanesWriter(ItemsInLanes):
 @cache
 def kernel_of(step: Step, layout: Layout) -> Any:
     """Make the kernel that advances groups of worlds, or worlds."""
-    writer = LanesWriter(step, layout)
+    writer = FrameWriter(step, layout)
     return kernel_from(writer.name, writer.source(), writer.names(), module_options=OPTIONS)
 
 
 @cache
 def arguments_of(step: Step, layout: Layout) -> dict[str, str]:
     """Return the names of what it takes, in order, and their types."""
-    writer = LanesWriter(step, layout)
+    writer = FrameWriter(step, layout)
     writer.source()
     return writer.arguments()
 
 
 def source_of(step: Step, layout: Layout) -> str:
     """Write the kernel of a list."""
-    return LanesWriter(step, layout).source()
+    return FrameWriter(step, layout).source()
 
 
 def kinds_of(step: Step, layout: Layout) -> dict[str, tuple[Item, Any]]:
     """Return whose the values are that are kept, and of what type."""
-    seen = LanesWriter(step, layout).seen
+    seen = FrameWriter(step, layout).seen
     return {
         value: (step.owner(value), layout.vector if value in seen else IN_LANES[kind])
         for value, kind in values_of(step).items()

@@ -10,13 +10,31 @@ from balloon_warp.kernels.clock import ramp_at
 from balloon_warp.kernels.contact.free_frames import FREE
 from balloon_warp.kernels.features import Features, Kept
 from balloon_warp.kernels.fixed_point import set_quanta, total_newtons
-from balloon_warp.kernels.lanes import IN_LANES, Lanes, Lanes2, Lanes3, of_lane, set_lane
+from balloon_warp.kernels.lanes import IN_LANES, LANE_COUNT, Lanes, Lanes2, Lanes3, of_lane, set_lane
 from balloon_warp.kernels.loops.near_solids import Solids, solid_function
-from balloon_warp.kernels.memory import two_in
-from balloon_warp.kernels.schedules.lanes.layouts import Layout, of_item, places_of, put_item
+from balloon_warp.kernels.memory import put_vector_in, two_in, vector_in
+from balloon_warp.kernels.schedules.lanes.layouts import Layout, column_at, of_item, places_of
 from balloon_warp.kernels.schedules.lanes.tables import lane_structs
 from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
 from balloon_warp.kernels.working import Working
+
+
+@wp.func_native(
+    """
+    auto& item = vectors.data[(unsigned int)index].data;
+    for (int axis = 0; axis < 3; ++axis)
+        item[axis][lane] = vector[axis];
+    """
+)
+def put_in_lane(vectors: wp.array[Lanes3], index: wp.int32, lane: wp.int32, vector: wp.vec3):
+    """Store the vector of one lane of an item, without the others' going through registers."""
+    ...
+
+
+@wp.func
+def put_in_lane(vectors: wp.array[wp.vec4], index: wp.int32, lane: wp.int32, vector: wp.vec3):  # noqa: F811 - an overload
+    """Store the vector of one particle of an octet."""
+    vectors[LANE_COUNT * index + lane] = wp.vec4(vector[0], vector[1], vector[2], 0.0)
 
 
 @cache
@@ -44,23 +62,10 @@ def kept_functions(kept: Kept, layout: Layout) -> dict[str, Any]:
 
 
 @cache
-def frame_functions(features: Features, layout: Layout) -> tuple[Any, Any]:
-    """Return the functions that read the state as a frame begins, and that write it as it ends."""
+def reading_functions(features: Features, layout: Layout) -> tuple[Any, Any]:
+    """Return the functions that read numbers, and where particles are and how fast."""
     LaneTables, places = lane_structs(layout).tables, places_of(layout)  # noqa: N806 - a type
     split = features.columns.balloon_width
-
-    @wp.func
-    def counts(working: Working, world: wp.int32):
-        """Return whether the results of a world count: not if its frame was not free, where only free frames count."""
-        if wp.static(features.watched):
-            return working.verdicts[world] == FREE
-        else:
-            return True
-
-    @wp.func
-    def end_of(t: LaneTables, group: wp.int32):
-        """Return the end of a group's worlds."""
-        return places.first_world(group) + places.worlds(group, t.world_count)
 
     @wp.func
     def read_numbers(t: LaneTables, group: wp.int32):
@@ -76,6 +81,57 @@ def frame_functions(features: Features, layout: Layout) -> tuple[Any, Any]:
                     t.numbers[group, balloon, split + column][lane] = t.all.world_numbers[of_world, column]
 
     @wp.func
+    def read_particles(
+        t: LaneTables, group: wp.int32, from_points: wp.array2d[wp.vec3], from_velocities: wp.array2d[wp.vec3],
+        points: Any, velocities: Any,
+    ):  # fmt: skip
+        """Read points and velocities."""
+        for item in range(t.item_offsets[t.all.inflation_kind.shape[0]]):
+            for lane in range(t.lane_count):
+                world = places.world(group, lane, t.world_count)
+                particle = places.particle(t, item, lane)
+                put_in_lane(points, item, lane, vector_in(from_points, world, particle))
+                put_in_lane(velocities, item, lane, vector_in(from_velocities, world, particle))
+
+    return read_numbers, read_particles
+
+
+@cache
+def writing_function(layout: Layout) -> Any:
+    """Return the function that writes vectors of particles to where each world has them."""
+    LaneTables, places = lane_structs(layout).tables, places_of(layout)  # noqa: N806 - a type
+
+    @wp.func
+    def write_vectors(t: LaneTables, group: wp.int32, vectors: wp.array[Lanes3], to: wp.array2d[wp.vec3]):
+        for item in range(t.item_offsets[t.all.inflation_kind.shape[0]]):
+            for lane in range(t.lane_count):
+                if places.is_there(t, group, item, lane):
+                    world = places.world(group, lane, t.world_count)
+                    put_vector_in(to, world, places.particle(t, item, lane), column_at(vectors, item, lane))
+
+    return write_vectors
+
+
+@cache
+def frame_functions(features: Features, layout: Layout) -> tuple[Any, Any]:
+    """Return the functions that read the state as a frame begins, and that write it as it ends."""
+    LaneTables, places = lane_structs(layout).tables, places_of(layout)  # noqa: N806 - a type
+    read_numbers, read_particles = reading_functions(features, layout)
+
+    @wp.func
+    def counts(working: Working, world: wp.int32):
+        """Return whether the results of a world count: not if its frame was not free, where only free frames count."""
+        if wp.static(features.watched):
+            return working.verdicts[world] == FREE
+        else:
+            return True
+
+    @wp.func
+    def end_of(t: LaneTables, group: wp.int32):
+        """Return the end of a group's worlds."""
+        return places.first_world(group) + places.worlds(group, t.world_count)
+
+    @wp.func
     def read_frame(t: LaneTables, state: WorldState, working: Working, group: wp.int32, points: Any, velocities: Any):
         """Read numbers, points and velocities, and the forces that the last frame left on spheres."""
         read_numbers(t, group)
@@ -83,16 +139,7 @@ def frame_functions(features: Features, layout: Layout) -> tuple[Any, Any]:
             for world in range(places.first_world(group), end_of(t, group)):
                 for sphere in range(state.sphere_forces.shape[1]):
                     set_quanta(working.sphere_quanta, world, sphere, state.sphere_forces[world, sphere])
-        for item in range(t.item_offsets[t.all.inflation_kind.shape[0]]):
-            point = Lanes3()
-            velocity = Lanes3()
-            for lane in range(t.lane_count):
-                world = places.world(group, lane, t.world_count)
-                particle = places.particle(t, item, lane)
-                point = set_lane(point, lane, state.points[world, particle])
-                velocity = set_lane(velocity, lane, state.velocities[world, particle])
-            put_item(points, item, point)
-            put_item(velocities, item, velocity)
+        read_particles(t, group, state.points, state.velocities, points, velocities)
 
     @wp.func
     def write_frame(
