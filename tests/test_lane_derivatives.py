@@ -1,4 +1,5 @@
 """Derivatives of what has eight numbers or vectors side by side: in each lane those of one alone."""
+# pyright: reportRedeclaration=false
 
 from typing import Any
 

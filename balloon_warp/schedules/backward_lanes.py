@@ -162,4 +162,4 @@ def rows_backwards(
     arrays |= {
         f"all_{name}_bars": room.array((threads, shape("particle", dtype)), dtype) for name, dtype in bars.items()
     }
-    return arrays | {"sums": room.array((threads, Sums(len(columns)).count, PARTS), Lanes)}
+    return arrays | {"sums": room.array((threads, Sums(len(columns)).total, PARTS), Lanes)}

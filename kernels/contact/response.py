@@ -127,9 +127,8 @@ def nearest_function(features: Features, eight: bool = False) -> Any:
         four = four_on_page(working.candidates, world, particle, begin - begin % 4)
         at = begin
         beside = bool(True)
-        if wp.static(eight):
-            listed = working.candidates[world, particle]
-            places = working.eight_places[world]
+        listed = working.candidates[world, particle]
+        places = working.eight_places[world]
         while at < count and beside:
             if at % 4 == 0:
                 four = four_on_page(working.candidates, world, particle, at)

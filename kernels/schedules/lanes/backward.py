@@ -135,7 +135,7 @@ class BackwardLanesWriter(FrameWriter):
         for name in self.bars:
             self.line(f"{name}_bars = all_{name}_bars[slot]")
         self.line("read_bars(t, group, all_point_bar, all_velocity_bar, point_bars, velocity_bars)")
-        self.line(f"for number in range({self.sums.count}):")
+        self.line(f"for number in range({self.sums.total}):")
         self.line("    clear_sum(sums, slot, number)")
         for name in self._of_balloon:
             self.line(f"found_{name}_bar = {name}_lanes()")
@@ -172,7 +172,7 @@ class BackwardLanesWriter(FrameWriter):
     def _end_back(self) -> None:
         """Write the bars of where the frame begins, and sums over the frame."""
         self.line("write_bars(t, group, all_point_bar, all_velocity_bar, point_bars, velocity_bars)")
-        for place in range(self.sums.count):
+        for place in range(self.sums.total):
             self.line(f"total_{place} = total_of(sums, slot, {place})")
         self.line("for place in range(worlds_of(group, t.world_count)):")
         with self.deeper():

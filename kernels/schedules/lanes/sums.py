@@ -23,7 +23,7 @@ class Sums(NamedTuple):
     numbers: int
 
     @property
-    def count(self) -> int:
+    def total(self) -> int:
         """Return how many there are."""
         return sum(OVER_ITEMS.values()) + self.numbers
 
