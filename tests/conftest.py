@@ -41,18 +41,9 @@ LEFT_TO_THE_MATRIX = ("gather", "lanes", "block")
 
 BRIEF = (
     *("atmosphere", "block_layouts", "collision", "contact", "diagnosis", "euler", "free_frames"),
-    *(
-        "gas",
-        "gas_heat",
-        "gradients",
-        "gradients_held",
-        "gradients_lanes",
-        "grazing",
-        "health",
-        "law_schedules",
-        "necks",
-    ),
-    *("obstacles", "odd_meshes", "own_phases", "restore", "setting", "sphere_friction", "times", "tubes", "water"),
+    *("gas", "gas_heat", "gradients", "gradients_held", "gradients_lanes", "grazing", "health", "law_schedules"),
+    *("necks", "obstacles", "odd_meshes", "own_phases", "restore", "setting", "sphere_friction", "times", "tubes"),
+    "water",
 )
 """files of tests that simulate for a shorter time than it takes to optimize their many kernels: these stay as they are
 written, which compiles in a quarter of the time. So do the scenes of methods in test_matrix.py; its bundled scenes, and

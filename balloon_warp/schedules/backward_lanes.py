@@ -1,11 +1,8 @@
 """Frames backwards on a CPU with eight worlds, or eight particles of a world, side by side in vector registers."""
 
-import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
-
-import numpy as np
 
 from balloon_warp.kernels.adjoint import NoAdjointError
 from balloon_warp.kernels.features import Features
@@ -26,7 +23,7 @@ from balloon_warp.model.memory import Allocating, Room
 from balloon_warp.schedules.backward import BackwardFrames
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.framing import Framing
-from balloon_warp.schedules.lane_memory import allot_lanes, group_count, rows_of
+from balloon_warp.schedules.lane_memory import allot_lanes, rows_of, shares_of
 from balloon_warp.schedules.lane_tables import items_of, make_lane_tables
 from balloon_warp.schedules.tables import make_tables, world_state
 
@@ -89,9 +86,8 @@ class LanesBackward(BackwardFrames):
         super().__init__(model, state, columns, step, tables, room, one_by_one=False)
         self.carries_loads = features.gas and features.obstacles
         self._framing = Framing(model, features, tables)
-        groups = group_count(model, self._layout)
-        threads = min(os.cpu_count() or 1, groups)
-        self._shares = np.array_split(np.arange(groups), threads)
+        self._shares = shares_of(model, self._layout)
+        threads = len(self._shares)
         self._threads = ThreadPoolExecutor(threads) if threads > 1 else None
         self.recorded = threads == 1
         self._given = {**self._tables(room, threads), **self.arrays}
@@ -116,7 +112,8 @@ class LanesBackward(BackwardFrames):
     def room_of_frame(model: Model, room: Room) -> None:
         """Ask for what the substeps of a frame note."""
         layout = layout_of(model)
-        rows_backwards(model, step_backwards(model_features(model), layout), layout, (), room, 1)
+        threads = len(shares_of(model, layout))
+        rows_backwards(model, step_backwards(model_features(model), layout), layout, (), room, threads)
 
     def frame(self) -> None:
         """Launch a frame: forward, and then its substeps backwards."""

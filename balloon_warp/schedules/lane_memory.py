@@ -1,8 +1,11 @@
 """The memory of worlds that are simulated eight lanes at a time, a row for each group of eight, or for each world."""
 
+import os
 from typing import Any, NamedTuple
 
+import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from balloon_warp.kernels.contact.near import mark_count
 from balloon_warp.kernels.features import Features
@@ -32,6 +35,12 @@ class LaneMemory(NamedTuple):
 def group_count(model: Model, layout: Layout) -> int:
     """Return the groups of worlds, or worlds."""
     return -(-model.world_count // LANES) if layout.worlds else model.world_count
+
+
+def shares_of(model: Model, layout: Layout, thread_count: int | None = None) -> list[NDArray[np.int64]]:
+    """Return the groups of each thread; a thread a core, if not given, and no more than there are groups."""
+    groups = group_count(model, layout)
+    return np.array_split(np.arange(groups), min(thread_count or os.cpu_count() or 1, groups))
 
 
 def allot_lanes(model: Model, step: Step, layout: Layout, room: Room) -> LaneMemory:

@@ -3,7 +3,6 @@
 Worlds are divided among threads of a CPU. Bit-reproducible, whatever the number of threads.
 """
 
-import os
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, ClassVar
@@ -24,7 +23,7 @@ from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Room
 from balloon_warp.schedules.framing import Framing
 from balloon_warp.schedules.free_frames import FreeFramesSchedule
-from balloon_warp.schedules.lane_memory import allot_lanes, group_count, put_far_away, rows_of
+from balloon_warp.schedules.lane_memory import allot_lanes, put_far_away, rows_of, shares_of
 from balloon_warp.schedules.lane_tables import make_lane_tables
 from balloon_warp.schedules.recorded_frame import FramePiece
 from balloon_warp.schedules.tables import kept_arguments, make_tables, world_state
@@ -86,12 +85,10 @@ class LanesSchedule(FreeFramesSchedule):
         return {name: has.get(name) for name in arguments_of(step, self.layout)}
 
     def _share_out(self, thread_count: int | None) -> None:
-        groups = group_count(self.model, self.layout)
-        thread_count = min(thread_count or os.cpu_count() or 1, groups)
-        self.capturable = thread_count == 1
-        self._shares = np.array_split(np.arange(groups), thread_count)
-        if thread_count > 1:
-            self._threads = ThreadPoolExecutor(thread_count)
+        self._shares = shares_of(self.model, self.layout, thread_count)
+        self.capturable = len(self._shares) == 1
+        if not self.capturable:
+            self._threads = ThreadPoolExecutor(len(self._shares))
 
     @classmethod
     def allot(cls, model: Model, features: Features, room: Room, shares_working: bool) -> None:
