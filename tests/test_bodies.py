@@ -15,6 +15,7 @@ from balloon_warp.errors import InputError
 from balloon_warp.model.bodies import shape_body
 from balloon_warp.scene import Balloon, Body, Ground, Obstacle, Scene, Sphere
 from balloon_warp.schedules.choose import schedule_named
+from balloon_warp.schedules.gather import GatherSchedule
 from balloon_warp.simulator import Simulator
 
 TOP = Body(size=(0.6, 0.3, 0.15), mass=2.0, angular_velocity=(1.5, 8.0, 0.5))
@@ -125,9 +126,13 @@ def test_what_is_far_away_or_beside_a_body_may_start(device):
     started(device, Body(position=(0, 2, 0)), sphere=spheres, ground=Ground(height=1.5))
 
 
-def test_auto_takes_launches(device):
-    """Launches are, with bodies, as fast as blocks on a CPU, and take worlds of any size."""
-    assert schedule_named("auto", started(device, Body()).model).name == "gather"
+@pytest.mark.parametrize("world_count", [1, 8])
+def test_auto_takes_launches(world_count, device):
+    """With bodies no frame is free: all are launches, which take worlds of any size, on a CPU with octets' forces."""
+    model = Simulator(scene_of(Body()), device, world_count).model
+    schedule = schedule_named("auto", model)
+    assert issubclass(schedule, GatherSchedule)
+    assert schedule.name == ("octets" if device == "cpu" else "gather")
 
 
 def test_worlds_differ_by_what_is_varied(device):

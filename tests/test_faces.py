@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from balloon_warp.errors import InputError
 from balloon_warp.scene import Atmosphere, Balloon, Ground, Inflation, Scene, Sphere, Touch
 from balloon_warp.schedules.choose import schedule_named
+from balloon_warp.schedules.gather import GatherSchedule
 from balloon_warp.schedules.touch_table import triangles_of
 from balloon_warp.simulator import Simulator
 
@@ -113,7 +114,7 @@ def test_it_lies_on_a_net_that_bears_its_weight(device):
     held = Balloon(mesh=net, scale=0.1, rotation=(-90, 0, 0), fixed=border, inflation=slack, mass=0.05, damping=0.5)
     ball = Sphere(position=(0.24, 0.1, -0.23), radius=0.01, mass=0.1)
     simulator = Simulator(Scene(balloon=[held], sphere=[ball], touch=Touch(), contact="impulse", substeps=48), device)
-    assert simulator.schedule.name == "gather"
+    assert isinstance(simulator.schedule, GatherSchedule)
     heights = []
     for _ in range(900):
         simulator.step()
@@ -153,7 +154,7 @@ def test_what_is_large_beside_faces_needs_no_more(device):
     ball = Sphere(position=(1.0, 0.0, 0.0), radius=0.2)
     assert schedule_named("block", Simulator(flight(ball), device).model).name == "block"
     beside_a_cube = flight(ball).model_copy(update={"balloon": [Balloon(mesh=cube())]})
-    assert schedule_named("auto", Simulator(beside_a_cube, device).model).name == "gather"
+    assert issubclass(schedule_named("auto", Simulator(beside_a_cube, device).model), GatherSchedule)
 
 
 def test_touch_says_that_spheres_may_be_left_alone(device):

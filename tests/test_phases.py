@@ -162,6 +162,16 @@ def test_a_source_has_its_phases_in_the_order_of_the_list():
         assert [place.start() for place in places if place] == sorted(place.start() for place in places if place)
 
 
+def test_octets_of_a_model_with_bodies_are_launches_and_their_forces_for_eight():
+    """All but the forces is what `gather` launches, in the same order."""
+    printed, launched = (kernel_source(load_scene("turtle_pillow"), schedule) for schedule in ("octets", "gather"))
+    kernels = re.findall(r"^def (\w+)\(", printed, re.M)
+    assert kernels.count("pull_octets") == 1
+    assert kernels.index("worlds_tumble") < kernels.index("pull_octets") < kernels.index("worlds_meet_bodies")
+    assert "pull_octets" not in launched
+    assert printed[printed.index("def worlds_meet_bodies(") :] in launched
+
+
 def test_who_has_no_kernels_is_refused():
     with pytest.raises(InputError, match="--schedule weave: no such schedule"):
         kernel_source(load_scene("latex_inflate"), "weave")

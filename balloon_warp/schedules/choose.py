@@ -64,6 +64,8 @@ OF_GRADIENTS = {AS_OCTETS: ("lanes", "LanesAsOctetsSchedule")}
 
 IN_FREE_PATCHES = ("patched", "PatchedSchedule")
 """Module and class of `gather` where only free frames are moved in patches"""
+NEVER_FREE = ("octet_pull", "PullingOctets")
+"""Module and class of `octets` where no frame is free"""
 
 LAUNCHED = ("scatter", "gather")
 """Schedules that launch a kernel for each piece of a substep: in these alone rubber tears"""
@@ -92,8 +94,11 @@ def schedule_named(name: str, model: Model) -> type[Schedule]:
         raise InputError(f"--schedule {name}: no such schedule; known are auto, {', '.join(SCHEDULES)}")
     if name not in LAUNCHED and (what := only_launched(model)):
         raise InputError(f"--schedule {name}: does not support {what}; auto, {' and '.join(LAUNCHED)} do")
-    free_alone = name == "gather" and (features := _in_patches(model)) and features.watched
-    module, schedule = IN_FREE_PATCHES if free_alone else (SCHEDULES | OF_GRADIENTS)[name]
+    module, schedule = (SCHEDULES | OF_GRADIENTS)[name]
+    if name == "gather" and (features := _in_patches(model)) and features.watched:
+        module, schedule = IN_FREE_PATCHES
+    elif name == "octets" and model.device.is_cpu and _never_free(model):
+        module, schedule = NEVER_FREE
     return getattr(import_module(f"balloon_warp.schedules.{module}"), schedule)
 
 
@@ -120,15 +125,16 @@ def fastest_schedule(model: Model, world_count: int) -> str:
     with fresh normals a third. Else, where they could not: with gas or corrections, when a substep would be many
     launches otherwise; and where it would be some, with spheres or fresh normals, which a block is done with sooner if
     it has few particles. Where the scene says how balloons touch, only where there are enough worlds, and not
-    where they touch themselves. On the CPU, eight worlds side by side, or eight particles of a world that is alone.
+    where they touch themselves. On the CPU, eight worlds side by side, or eight particles of a world that is alone or
+    that is free in no frame.
     `python -m balloon_warp.benchmarks.auto` measures whether that is right.
     """
-    if only_launched(model) or model.bodies or any(small_spheres(model)):
-        return "gather"
-    if model.scene.touches_itself and not _comes_free(model):
+    if only_launched(model):
         return "gather"
     if model.device.is_cpu:
-        return "lanes" if world_count > 1 else "octets"
+        return "octets" if world_count == 1 or _never_free(model) else "lanes"
+    if _never_free(model):
+        return "gather"
     if features := _in_patches(model):
         enough = model.device.sm_count // (3 if features.fresh_normals else 2)
         return "block" if world_count >= enough and fits_in_block(model) else "gather"
@@ -144,9 +150,16 @@ def fastest_schedule(model: Model, world_count: int) -> str:
     return "block" if pays else "gather"
 
 
-def _comes_free(model: Model) -> bool:
-    """Return whether balloons that touch themselves are free of it in some frames: where parts and no layers are."""
-    return looks_at_parts(model) and not any(is_in_layers(shape.mesh) for shape in model.shapes)
+def _never_free(model: Model) -> bool:
+    """Return whether something may touch in every frame.
+
+    So it is with bodies and small spheres, and with balloons that touch themselves, but for those of parts that no
+    layers are.
+    """
+    if model.bodies or any(small_spheres(model)):
+        return True
+    comes_free = looks_at_parts(model) and not any(is_in_layers(shape.mesh) for shape in model.shapes)
+    return bool(model.scene.touches_itself) and not comes_free
 
 
 def _in_patches(model: Model) -> Features | None:

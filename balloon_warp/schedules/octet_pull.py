@@ -1,4 +1,7 @@
-"""Launches of `gather` for busy worlds of a CPU, in which the forces of eight particles are found side by side."""
+"""Launches of `gather` for a CPU, in which the forces of eight particles are found side by side.
+
+For busy worlds, and for models of which no world is ever free.
+"""
 
 from collections.abc import Mapping
 from typing import Any
@@ -8,12 +11,14 @@ from balloon_warp.kernels.loops.near_solids import Solids
 from balloon_warp.kernels.phase import STATE
 from balloon_warp.kernels.schedules.lanes.layouts import OCTETS
 from balloon_warp.kernels.schedules.lanes.looks import LOOKS
-from balloon_warp.kernels.schedules.lanes.pulling import pulling_arguments, pulling_kernel
+from balloon_warp.kernels.schedules.lanes.pulling import pulling_arguments, pulling_kernel, pulling_source
+from balloon_warp.kernels.schedules.launched.source import source_of
 from balloon_warp.kernels.schedules.pieces import Step, cut
 from balloon_warp.kernels.substep import PULLED, SHARED_PULL, phases_of
 from balloon_warp.launching import begin_loading, launch
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Room
+from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.gather import GatherSchedule
 from balloon_warp.schedules.lane_memory import allot_lanes
 from balloon_warp.schedules.lane_tables import make_lane_tables
@@ -26,6 +31,8 @@ PULL = "pull"
 
 class PullingOctets(GatherSchedule):
     """Advances a state by whole frames, in place; the phase `pull` is a launch of its own, of octets."""
+
+    name = "octets"
 
     def __init__(self, model: Model, features: Features | None = None):
         super().__init__(model, features)
@@ -51,6 +58,12 @@ class PullingOctets(GatherSchedule):
     def allot(cls, model: Model, features: Features, room: Room) -> tuple[Any, ...]:
         """Allocate the memory of octets."""
         return (allot_lanes(model, _pulling_step(cls.step_of(model, features)), OCTETS, room),)
+
+    @classmethod
+    def source_of(cls, model: Model) -> str:
+        """Return the source of the kernels that a model gets."""
+        step = cls.step_of(model, model_features(model))
+        return source_of(step, {PULL: pulling_source(_pulling_step(step))})
 
     def own(self) -> Mapping[str, Own]:
         """Return the phases that the schedule executes itself, by name."""

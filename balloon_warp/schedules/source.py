@@ -8,6 +8,7 @@ from balloon_warp.schedules.choose import schedule_named
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.lanes import LanesSchedule
 from balloon_warp.schedules.launched import LaunchedSchedule
+from balloon_warp.schedules.octet_pull import PullingOctets
 
 
 def kernel_source(scene: Scene, schedule: str = "gather") -> str:
@@ -21,9 +22,7 @@ def kernel_source(scene: Scene, schedule: str = "gather") -> str:
     """
     model = build_model(scene, "cpu")
     named = schedule_named(schedule, model)
-    if issubclass(named, LanesSchedule):
-        return named.source_of(model)
-    if issubclass(named, BlockSchedule):
+    if issubclass(named, (LanesSchedule, BlockSchedule, PullingOctets)):
         return named.source_of(model)
     assert issubclass(named, LaunchedSchedule)
     return source_of(named.step_of(model, model_features(model)))

@@ -73,6 +73,11 @@ def pulling_kernel(step: Step) -> Any:
     return kernel_from(writer.name, writer.source(), writer.names(), module_options=OPTIONS)
 
 
+def pulling_source(step: Step) -> str:
+    """Write the kernel."""
+    return _Writer(step).source()
+
+
 @cache
 def pulling_arguments(step: Step) -> dict[str, str]:
     """Return the names of what it takes, in order, and their types."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from functools import cache
+from types import MappingProxyType
 from typing import Any, ClassVar, Literal
 
 import warp as wp
@@ -276,6 +277,11 @@ def arguments_of(step: Step, piece: Piece, part: Part = "all") -> tuple[str, ...
     return tuple(_Writer(step, piece, part).arguments())
 
 
-def source_of(step: Step) -> str:
-    """Write the kernels of a list, in the order of their launches."""
-    return "\n\n".join(_Writer(step, piece).source() for piece in step.pieces if piece.item != "launches")
+def source_of(step: Step, instead: Mapping[str, str] = MappingProxyType({})) -> str:
+    """Write the kernels of a list, in the order of their launches.
+
+    Args:
+        instead: sources of other kernels, by the name of the first phase of the piece that they execute.
+    """
+    pieces = [piece for piece in step.pieces if piece.item != "launches"]
+    return "\n\n".join(instead.get(piece.phases[0].name) or _Writer(step, piece).source() for piece in pieces)
