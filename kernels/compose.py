@@ -97,14 +97,37 @@ def choice_of_laws(laws: tuple[Law, ...], columns: Columns) -> Any:
     Its other arguments are all quantities that such laws take, and the row `n` of numbers, of one of eight lanes where
     it is of lanes.
     """
+    return _chosen(laws, columns, _number_in_lane, lambda: ["n: Any", "lane: wp.int32"])
+
+
+@cache
+def choice_of_laws_of_few(laws: tuple[Law, ...], columns: Columns) -> tuple[Any, tuple[int, ...]]:
+    """Return the function `choice_of_laws` for just the numbers that laws name, and their columns.
+
+    Each number is an argument of its own, after the material.
+    """
+    few: list[int] = []
+
+    def number(column: int, size: int) -> str:
+        few.extend(each for each in range(column, column + size) if each not in few)
+        parts = [f"n{few.index(each)}" for each in range(column, column + size)]
+        return parts[0] if size == 1 else f"wp.vec3({', '.join(parts)})"
+
+    return _chosen(laws, columns, number, lambda: [f"n{place}: float" for place in range(len(few))]), tuple(few)
+
+
+def _chosen(
+    laws: tuple[Law, ...], columns: Columns, number: Callable[[int, int], str], rest: Callable[[], list[str]]
+) -> Any:
+    """Return a function that calls the membrane law of a number, by its quantities, the number, and the rest."""
     given = [each.name for each in LAW_INPUTS["membrane"]]
     called = {f"law_{place}": law.force for place, law in enumerate(laws)}
-    calls = [call_of(force, each, given, columns, number=_number_in_lane) for each, force in called.items()]
+    calls = [call_of(force, each, given, columns, number=number) for each, force in called.items()]
     lines = [f"    by_trace, by_det = {calls[0]}"]
     for place, call in enumerate(calls[1:], 1):
         lines += [f"    if material == {place}:", f"        other_trace_{place}, other_det_{place} = {call}"]
         lines += [f"        by_trace = other_trace_{place}", f"        by_det = other_det_{place}"]
-    arguments = ", ".join([*(f"{each}: float" for each in given), "material: wp.int32, n: Any, lane: wp.int32"])
+    arguments = ", ".join([*(f"{each}: float" for each in given), "material: wp.int32", *rest()])
     source = "\n".join([f"def membrane_laws({arguments}):", *lines, "    return by_trace, by_det\n"])
     return function_from("membrane_laws", source, {"number_in": number_in, **called})
 

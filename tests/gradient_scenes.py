@@ -253,7 +253,7 @@ CASES = {
 
 LAUNCHED = ("pump, leak and jet", "water", "ridges", "gas beside spheres", "fresh normals", "cached normals")
 """Cases that do not run backwards in blocks"""
-IN_LANES = ("pressure", "a substep", "frames", "changes", "triangles", "gas", "ground", "gas on the ground")
+IN_LANES = ("pressure", "a substep", "frames", "changes", "triangles", "rubber", "gas", "ground", "gas on the ground")
 """Cases that run backwards eight particles or worlds side by side, on a CPU"""
 
 

@@ -128,7 +128,7 @@ def test_what_is_far_away_or_beside_a_body_may_start(device):
 
 @pytest.mark.parametrize("world_count", [1, 8])
 def test_auto_takes_launches(world_count, device):
-    """With bodies no frame is free: all are launches, which take worlds of any size, on a CPU with octets' forces."""
+    """Launches move all worlds with bodies, of any size, since no frame is free; on a CPU with the forces of octets."""
     model = Simulator(scene_of(Body()), device, world_count).model
     schedule = schedule_named("auto", model)
     assert issubclass(schedule, GatherSchedule)

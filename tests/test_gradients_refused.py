@@ -54,7 +54,7 @@ def test_a_phase_without_an_adjoint_is_refused_by_its_name():
 
 WAYS = {
     "gather": "schedule: expected auto, launched, block or lanes, which run backwards (got 'gather')",
-    "lanes": "schedule: lanes runs one balloon of springs backwards on a CPU",
+    "lanes": "schedule: lanes runs one balloon of springs or rubber backwards on a CPU",
     "block": "schedule: block runs one balloon backwards that fits in a block",
 }
 

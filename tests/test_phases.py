@@ -163,7 +163,7 @@ def test_a_source_has_its_phases_in_the_order_of_the_list():
 
 
 def test_octets_of_a_model_with_bodies_are_launches_and_their_forces_for_eight():
-    """All but the forces is what `gather` launches, in the same order."""
+    """Kernels are those that `gather` launches, in the same order, but for the forces."""
     printed, launched = (kernel_source(load_scene("turtle_pillow"), schedule) for schedule in ("octets", "gather"))
     kernels = re.findall(r"^def (\w+)\(", printed, re.M)
     assert kernels.count("pull_octets") == 1

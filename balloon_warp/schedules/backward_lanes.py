@@ -15,7 +15,7 @@ from balloon_warp.kernels.schedules.lanes.source import kinds_of
 from balloon_warp.kernels.schedules.lanes.sums import PARTS, Sums
 from balloon_warp.kernels.schedules.launched.trace import traces_of
 from balloon_warp.kernels.schedules.pieces import Step, cut
-from balloon_warp.kernels.substep import phases_of
+from balloon_warp.kernels.substep import SHARED, phases_of
 from balloon_warp.kernels.working import Working
 from balloon_warp.launching import launch
 from balloon_warp.model import Model, State
@@ -33,7 +33,7 @@ LANES = int(LANE_COUNT)
 def fits_in_lanes_backwards(model: Model) -> bool:
     """Return whether eight side by side can run a world backwards: one balloon, all of whose phases take eight.
 
-    Its laws on springs are Hooke's, and nothing but its particles and its gas moves.
+    It is of Hooke's springs or of a membrane, and nothing but its particles and its gas moves.
     """
     if not model.device.is_cpu or model.balloon_count != 1:
         return False
@@ -61,7 +61,7 @@ def step_backwards(features: Features, layout: Layout) -> Step:
 
     What particles see of each other, and what they add up, is kept.
     """
-    phases, look = phases_of(features), LOOKS[layout]
+    phases, look = phases_of(features, instead=SHARED), LOOKS[layout]
     looking = (
         phase for phase in phases if not phase.light and (phase.views(features, look) or phase.item == "balloon")
     )

@@ -30,8 +30,8 @@ def backwards_of(model: Model, name: str = "auto") -> Backward:
         raise InputError(f"schedule: expected auto, launched, block or lanes, which run backwards (got {name!r})")
     if name == "lanes" and not fits_in_lanes_backwards(model):
         raise InputError(
-            "schedule: lanes runs one balloon of springs backwards on a CPU, in the air or on the ground, with a "
-            "constant amount of gas; expected block or launched"
+            "schedule: lanes runs one balloon of springs or rubber backwards on a CPU, in the air or on the ground, "
+            "with a constant amount of gas, and rubber that is not viscous; expected block or launched"
         )
     if name == "block" and not fits:
         raise InputError(

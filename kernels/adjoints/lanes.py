@@ -34,7 +34,7 @@ def pull_of_eight(features: Features, at: Any) -> list[Adjoint]:
         NoAdjointError: something pulls that goes particle by particle.
     """
     others = ("string", "hinge", "face")
-    if features.of_kind("spring") != (HOOKE,) or features.membranes or any(map(features.has, others)):
+    if features.of_kind("spring") != (HOOKE,) or any(map(features.has, others)):
         raise NoAdjointError("forces that are not found for eight at a time")
     found = [laws_adjoint(features)] if features.of_kind("particle") else []
     found.append(spring_adjoint(features, at))

@@ -24,16 +24,21 @@ AT_REST = wp.constant(1.0e-4)
 
 
 @wp.func
-def is_at_rest(d1: wp.vec3, d2: wp.vec3, rest: wp.vec4):
-    """Return whether a triangle is at rest, without tension, so that its bars are 0.
+def is_unstretched(mixed: wp.vec4):
+    """Return whether a triangle of this G M is at rest, without tension, so that its bars are 0.
 
     There the law has a kink, and each corner, which measures the triangle by edges of its own, might see another side.
     """
-    mixed = mixed_stretch(wp.vec3(wp.dot(d1, d1), wp.dot(d1, d2), wp.dot(d2, d2)), rest)
     return (
         wp.max(wp.max(wp.abs(mixed[0] - 1.0), wp.abs(mixed[3] - 1.0)), wp.max(wp.abs(mixed[1]), wp.abs(mixed[2])))
         < AT_REST
     )
+
+
+@wp.func
+def is_at_rest(d1: wp.vec3, d2: wp.vec3, rest: wp.vec4):
+    """Return `is_unstretched` of a triangle with two edges."""
+    return is_unstretched(mixed_stretch(wp.vec3(wp.dot(d1, d1), wp.dot(d1, d2), wp.dot(d2, d2)), rest))
 
 
 @cache

@@ -79,7 +79,8 @@ def tension_function(features: Features) -> Any:
         """
         wrinkles = number_in(n, wrinkling, lane)
         mixed = mixed_stretch(metric, rest)
-        trace, area_squared, spread = invariants_of(mixed)
+        trace, area_squared = trace_and_det(metric, rest)  # as where it is surely taut, to the bit
+        _trace, _det, spread = invariants_of(mixed)
         det = wp.max(area_squared, LEAST_DET)
         major = 0.5 * (trace + spread)
         stretched = wp.max(major, 1.0)
@@ -109,7 +110,7 @@ def tension_function(features: Features) -> Any:
 def taut_tension_function(features: Features) -> Any:
     """Return a faster function for the tensions of a triangle that is surely taut, without damping.
 
-    See `how_surely_taut`.
+    It gives the same bits, so that it does not matter to a triangle what is beside it. See `how_surely_taut`.
     """
     slopes_of_law = choice_of_laws(features.membranes, features.columns)
     thickness = features.columns.places["thickness"]

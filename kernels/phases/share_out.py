@@ -7,6 +7,7 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.kernels.adjoints.quads import quads_backwards
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.lanes import entry_at
 from balloon_warp.kernels.loops.eight_quads import quad_pull, quad_wear
@@ -54,7 +55,7 @@ def wear_out(features: Features, look: Look) -> Any:
     return wear_out
 
 
-@phase("quad", when=lambda features: bool(features.membranes))
+@phase("quad", when=lambda features: bool(features.membranes), adjoint=quads_backwards)
 def share_out(features: Features, look: Look) -> Any:
     """Add what a quad or triangle of a membrane does to its corners, or eight of them [N]."""
     pull_of_quad, add = quad_pull(features, look.at, look.world), look.add

@@ -18,7 +18,8 @@ from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.phase import STATE
 from balloon_warp.kernels.schedules.lanes.backward_items import TurnsInLanes
 from balloon_warp.kernels.schedules.lanes.bars import bar_functions, load_in, own_function
-from balloon_warp.kernels.schedules.lanes.layouts import Layout, places_of
+from balloon_warp.kernels.schedules.lanes.layouts import Layout
+from balloon_warp.kernels.schedules.lanes.places import places_of
 from balloon_warp.kernels.schedules.lanes.source import FrameWriter
 from balloon_warp.kernels.schedules.lanes.sums import OVER_ITEMS, Sums, sum_functions
 from balloon_warp.kernels.schedules.launched.backward import writers_backwards

@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 from balloon_warp.kernels.adjoint import Adjoint
 from balloon_warp.kernels.phase import STATE
 from balloon_warp.kernels.schedules.lanes.backward_rare import ITEM, TurnsOneByOne
+from balloon_warp.kernels.schedules.lanes.items import OFFSETS
 from balloon_warp.kernels.schedules.lanes.layouts import Layout
 from balloon_warp.kernels.schedules.lanes.names import OF_BALLOON
 from balloon_warp.kernels.schedules.lanes.sums import Sums
@@ -46,12 +47,19 @@ class TurnsInLanes(TurnsOneByOne):
         """Return whether worlds go by, each with its balloon."""
         return self.trace.item == "balloon"
 
+    @property
+    def of_quad(self) -> bool:
+        """Return whether quads go by, each of which adds to the bars of its corners."""
+        return self.trace.item == "quad"
+
     def written(self) -> tuple[str, ...]:
         """Return the lines; what is of a world is named otherwise than what is of eight on the way forward."""
         lines = [*super().written(), *self._results_put()]
-        own = _assigned(lines) - {f"found_{name}_bar" for name in self.results} if self.of_balloon else {"params"}
+        own = {"params"} if self.trace.item == "particle" else set[str]()
+        if self.of_balloon:
+            own = _assigned(lines) - {f"found_{name}_bar" for name in self.results}
         words = re.compile(rf"(?<![.\w])({'|'.join(sorted(own))})\b")
-        return *self.before, *(line if "#" in line else words.sub(r"its_\1", line) for line in lines)
+        return *self.before, *(line if "#" in line or not own else words.sub(r"its_\1", line) for line in lines)
 
     def _results_put(self) -> list[str]:
         """Return the lines that put what a world's turns have found where items read it."""
@@ -70,7 +78,8 @@ class TurnsInLanes(TurnsOneByOne):
     def open(self) -> None:
         """Write a loop over items, or over the group's worlds."""
         if not self.of_balloon:
-            self.line(f"for {ITEM} in range(t.item_offsets[0], t.item_offsets[1]):")
+            offsets = OFFSETS["quad" if self.of_quad else "particle"]
+            self.line(f"for {ITEM} in range({offsets}[0], {offsets}[1]):")
             self.indent += "    "
             self.known.add(ITEM)
             return
@@ -110,7 +119,8 @@ class TurnsInLanes(TurnsOneByOne):
                 "pressure_bar": "wp.where(back == 0, all_pressure_bar[world, balloon], 0.0)",
             }
         else:
-            texts = {"params": f"own_of(t, group, balloon, {ITEM})"}
+            own = "params_of_quad" if self.of_quad else "own_of"
+            texts = {"params": f"{own}(t, group, balloon, {ITEM})"}
             texts |= {name: f"of_item({view}, {ITEM})" for name, view in STATE.items()}
             if name in self.step.features.columns.places:
                 return "numbers", f"numbers[{self.step.features.columns.places[name]}]"

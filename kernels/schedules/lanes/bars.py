@@ -7,7 +7,8 @@ import warp as wp
 
 from balloon_warp.kernels.algebra import times
 from balloon_warp.kernels.lanes import Lanes, Lanes2, Lanes3, Lanes4, of_lane, set_lane
-from balloon_warp.kernels.schedules.lanes.layouts import Layout, of_item, places_of, put_item
+from balloon_warp.kernels.schedules.lanes.layouts import Layout, of_item, put_item
+from balloon_warp.kernels.schedules.lanes.places import places_of
 from balloon_warp.kernels.schedules.lanes.tables import lane_structs
 
 

@@ -5,12 +5,11 @@ worlds, or an octet, eight particles of one world. The layouts differ in where n
 another item, or anywhere.
 """
 
-from functools import cache
 from typing import Any, NamedTuple
 
 import warp as wp
 
-from balloon_warp.kernels.lanes import LANE_COUNT, LaneNumbers, Lanes, Lanes3, Lanes4, total_in
+from balloon_warp.kernels.lanes import LANE_COUNT, LaneNumbers, Lanes, Lanes3, Lanes4
 from balloon_warp.kernels.memory import int_at
 
 
@@ -196,10 +195,29 @@ def add(vectors: wp.array[Lanes3], item: wp.int32, more: Lanes3):
 
 @wp.func_native(
     """
+    typedef float four __attribute__((ext_vector_type(4)));
+    typedef float eight __attribute__((ext_vector_type(8)));
+    eight x, y, z, none = 0.0f;
+    __builtin_memcpy(&x, more.data[0], sizeof(eight));
+    __builtin_memcpy(&y, more.data[1], sizeof(eight));
+    __builtin_memcpy(&z, more.data[2], sizeof(eight));
+    const eight halves[4] = {
+        __builtin_shufflevector(x, y, 0, 8, 1, 9, 2, 10, 3, 11),
+        __builtin_shufflevector(x, y, 4, 12, 5, 13, 6, 14, 7, 15),
+        __builtin_shufflevector(z, none, 0, 8, 1, 9, 2, 10, 3, 11),
+        __builtin_shufflevector(z, none, 4, 12, 5, 13, 6, 14, 7, 15)};
+    four of_lane[8];
+    for (int half = 0; half < 2; ++half) {
+        of_lane[4 * half] = __builtin_shufflevector(halves[half], halves[2 + half], 0, 1, 8, 9);
+        of_lane[4 * half + 1] = __builtin_shufflevector(halves[half], halves[2 + half], 2, 3, 10, 11);
+        of_lane[4 * half + 2] = __builtin_shufflevector(halves[half], halves[2 + half], 4, 5, 12, 13);
+        of_lane[4 * half + 3] = __builtin_shufflevector(halves[half], halves[2 + half], 6, 7, 14, 15);
+    }
     for (int lane = 0; lane < 8; ++lane) {
-        auto& vector = vectors.data[numbers[lane]];
-        for (int axis = 0; axis < 3; ++axis)
-            vector[axis] += more.data[axis][lane];
+        four vector;
+        __builtin_memcpy(&vector, &vectors.data[numbers[lane]], sizeof(four));
+        vector += of_lane[lane];
+        __builtin_memcpy(&vectors.data[numbers[lane]], &vector, sizeof(four));
     }
     """
 )
@@ -230,70 +248,3 @@ def view_of(vectors: wp.array[wp.vec4], lane: wp.int32, places: wp.array[wp.int3
     view.vectors = vectors
     view.places = places
     return view
-
-
-class Places(NamedTuple):
-    """World and particle that a lane holds."""
-
-    world: Any
-    """(group, lane, world_count) to the world in a lane; lanes that are left over copy the last world"""
-    worlds: Any
-    """(group, world_count) to how many worlds a group has"""
-    first_world: Any
-    """(group) to the first of them"""
-    is_there: Any
-    """(t, group, item, lane) to whether a lane holds what no other lane does"""
-    particle: Any
-    """(t, item, lane) to the particle in a lane; what fills up an octet copies the first there"""
-    totals: Any
-    """Function that reduces sums of lanes to sums of worlds"""
-
-
-@cache
-def places_of(layout: Layout) -> Places:
-    """Return the places of lanes in a layout."""
-
-    @wp.func
-    def world_in_lane(group: wp.int32, lane: wp.int32, world_count: wp.int32):
-        if wp.static(layout.worlds):
-            return wp.min(group * LANE_COUNT + lane, world_count - 1)
-        else:
-            return group
-
-    @wp.func
-    def first_world(group: wp.int32):
-        if wp.static(layout.worlds):
-            return group * LANE_COUNT
-        else:
-            return group
-
-    @wp.func
-    def worlds_of(group: wp.int32, world_count: wp.int32):
-        if wp.static(layout.worlds):
-            return wp.min(world_count - group * LANE_COUNT, LANE_COUNT)
-        else:
-            return 1
-
-    @wp.func
-    def is_there(t: Any, group: wp.int32, item: wp.int32, lane: wp.int32):
-        if wp.static(layout.worlds):
-            return group * LANE_COUNT + lane < t.world_count
-        else:
-            return t.particles[LANE_COUNT * item + lane] >= 0
-
-    @wp.func
-    def particle_in_lane(t: Any, item: wp.int32, lane: wp.int32):
-        if wp.static(layout.worlds):
-            return item
-        else:
-            number = t.particles[LANE_COUNT * item + lane]
-            return wp.where(number >= 0, number, t.particles[LANE_COUNT * item])
-
-    @wp.func
-    def totals_of(parts: Any):
-        if wp.static(layout.worlds):
-            return parts
-        else:
-            return total_in(parts)
-
-    return Places(world_in_lane, worlds_of, first_world, is_there, particle_in_lane, totals_of)

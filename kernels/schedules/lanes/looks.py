@@ -18,11 +18,11 @@ from balloon_warp.kernels.schedules.lanes.layouts import (
     add,
     near,
     of_item,
-    places_of,
     put,
     put_item,
     view_of,
 )
+from balloon_warp.kernels.schedules.lanes.places import places_of
 from balloon_warp.kernels.schedules.lanes.state import params_functions_of
 from balloon_warp.kernels.spheres import sphere_at
 

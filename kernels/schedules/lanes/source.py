@@ -16,7 +16,8 @@ from balloon_warp.kernels.loops.near_solids import Solids
 from balloon_warp.kernels.options import OPTIONS
 from balloon_warp.kernels.phase import STATE, Item
 from balloon_warp.kernels.schedules.lanes.items import ItemsInLanes
-from balloon_warp.kernels.schedules.lanes.layouts import Layout, of_item, of_particle, places_of, put_item, view_of
+from balloon_warp.kernels.schedules.lanes.layouts import Layout, of_item, of_particle, put_item, view_of
+from balloon_warp.kernels.schedules.lanes.places import places_of
 from balloon_warp.kernels.schedules.lanes.state import (
     balloon_functions,
     frame_functions,

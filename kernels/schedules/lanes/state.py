@@ -13,7 +13,8 @@ from balloon_warp.kernels.fixed_point import set_quanta, total_newtons
 from balloon_warp.kernels.lanes import IN_LANES, LANE_COUNT, Lanes, Lanes2, Lanes3, of_lane, set_lane
 from balloon_warp.kernels.loops.near_solids import Solids, solid_function
 from balloon_warp.kernels.memory import put_vector_in, two_in, vector_in
-from balloon_warp.kernels.schedules.lanes.layouts import Layout, column_at, of_item, places_of
+from balloon_warp.kernels.schedules.lanes.layouts import Layout, column_at, of_item
+from balloon_warp.kernels.schedules.lanes.places import places_of
 from balloon_warp.kernels.schedules.lanes.tables import lane_structs
 from balloon_warp.kernels.tables import Tables, WorldState, row_of_world
 from balloon_warp.kernels.working import Working
