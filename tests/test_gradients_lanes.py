@@ -121,8 +121,8 @@ def test_threads_share_worlds_without_a_trace(monkeypatch: pytest.MonkeyPatch):
 
 @pytest.mark.parametrize("law", RUBBERS)
 def test_quads_of_rubber_side_by_side_find_what_blocks_find(law: str):
-    """Derivatives agree with a block's, which derives each triangle by itself, to 3e-4, or where parts cancel, as some do
-    in one of three worlds, to 5e-5 of the largest: both runs are float32, and round otherwise."""
+    """Derivatives agree with a block's, which derives each triangle by itself, to 3e-4, or where parts cancel, as in
+    one of three worlds, to 5e-5 of the largest: both runs are float32, and round otherwise."""
     of, paths = rubber(law)
     vary = {"balloon.velocity.0": np.linspace(0.3, 0.5, 3), "balloon.material.thickness": np.linspace(2e-4, 3e-4, 3)}
     asked: dict[str, Any] = {"of": paths, "loss": squares, "world_count": 3, "vary": vary, "device": "cpu"}
