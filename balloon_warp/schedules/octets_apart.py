@@ -26,24 +26,28 @@ def octets_apart(corners: NDArray[np.int64]) -> NDArray[np.int64]:
     crowded = _crowded(corners, octets)
     if not len(crowded):
         return places
-    kept = np.delete(np.arange(count), crowded)
-    room = {octet: list(range(LANES)) for octet in range(octet_count)}
-    taken: dict[int, set[int]] = {octet: set() for octet in room}
-    for item in kept.tolist():
-        room[int(octets[item])].remove(int(lanes[item]))
-        taken[int(octets[item])].update(corners[item].tolist())
-    free = [octet for octet in room if room[octet]]
+    is_kept = np.ones(count, dtype=bool)
+    is_kept[crowded] = False
+    filled = np.zeros(LANES * octet_count, dtype=bool)
+    filled[places[is_kept]] = True
+    begun = octet_count
+    room = {octet: np.flatnonzero(~filled[LANES * octet :][:LANES]).tolist() for octet in _with_room(filled)}
+    taken = {octet: set(corners[is_kept & (octets == octet)].ravel().tolist()) for octet in room}
     for item in crowded.tolist():
         own = set(corners[item].tolist())
-        octet = next((each for each in free[-OCTETS_TRIED:] if taken[each].isdisjoint(own)), len(room))
-        if octet not in room:
-            room[octet], taken[octet] = list(range(LANES)), set()
-            free.append(octet)
+        octet = next((each for each in [*room][-OCTETS_TRIED:] if taken[each].isdisjoint(own)), begun)
+        if octet == begun:
+            room[octet], taken[octet], begun = list(range(LANES)), set(), begun + 1
         taken[octet] |= own
         places[item] = LANES * octet + room[octet].pop(0)
         if not room[octet]:
-            free.remove(octet)
+            del room[octet]
     return places
+
+
+def _with_room(filled: NDArray[np.bool_]) -> list[int]:
+    """Return the octets that are not full."""
+    return np.flatnonzero(~filled.reshape(-1, LANES).all(axis=1)).tolist()
 
 
 def _crowded(corners: NDArray[np.int64], octets: NDArray[np.int64]) -> NDArray[np.int64]:
