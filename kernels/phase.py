@@ -70,6 +70,8 @@ class Look(NamedTuple):
     """Functions that read and write a point or velocity, and that sum over threads, for phases of a whole block"""
     add: Any = add_at
     """Function that adds a force to those in a view"""
+    add_to_corners: Any = None
+    """Function that adds to the four corners of a quad, or of eight; None where faces leave forces for their corners"""
     world: Any = None
     """Function that returns the world of one of eight lanes, where eight run side by side; None elsewhere"""
     membrane_faces: Callable[[Features], Any] = lambda features: None

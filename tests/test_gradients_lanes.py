@@ -139,7 +139,7 @@ def test_quads_of_rubber_side_by_side_find_what_blocks_find(law: str):
 @pytest.mark.long  # to the last bit
 @pytest.mark.parametrize("law", ["mooney_rivlin", "gent"])
 def test_rubber_has_the_gradients_that_it_has_alone(law: str):
-    """Quads of an octet share no corner, so that their forces and bars add up as those of eight worlds do."""
+    """Eight quads add to their corners one after the other, as they do in eight worlds."""
     of, paths = rubber(law)
     values = {"balloon.velocity.0": np.linspace(0.3, 0.5, 9), "balloon.material.thickness": np.linspace(2e-4, 3e-4, 9)}
     together = bw.gradient(of, of=paths, loss=squares, world_count=9, vary=values, device="cpu", schedule="lanes")

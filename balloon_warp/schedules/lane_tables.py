@@ -14,7 +14,6 @@ from balloon_warp.kernels.schedules.lanes.layouts import Layout
 from balloon_warp.kernels.schedules.lanes.tables import lane_structs, part_structs
 from balloon_warp.model import Model
 from balloon_warp.schedules.membranes import MembraneQuads, membrane_quads
-from balloon_warp.schedules.octets_apart import octets_apart
 from balloon_warp.schedules.spring_ends import spring_ends
 from balloon_warp.schedules.tables import other_corners
 
@@ -157,23 +156,21 @@ def _add_springs(t: Any, model: Model, features: Features, items: Items, array: 
 def _quads_of(model: Model, layout: Layout) -> MembraneQuads:
     """Return quads and triangles, or eight alike of one balloon, with a last axis of lanes; padding has no area.
 
-    Eight have no corner in common, and eight worlds go through quads in the same order: what quads add to a particle
-    adds up alike in both.
+    Eight worlds go through quads in the same order, with the same padding, which there has no triangle: what quads add
+    up to is alike in both.
     """
     quads = membrane_quads(model)
     alike, counts = np.unique(np.stack([quads.balloons, -quads.triangles]), axis=1, return_counts=True)
-    ends = np.cumsum(counts)
-    placed = [octets_apart(quads.corners[end - count : end]) for end, count in zip(ends, counts, strict=True)]
-    octets = [int(places.max()) // LANES + 1 for places in placed]
+    octets, ends = -(-counts // LANES), np.cumsum(counts)
     begins = LANES * (np.cumsum(octets) - octets)
-    places = np.concatenate([begin + each for begin, each in zip(begins, placed, strict=True)])
+    places = np.repeat(begins - ends + counts, counts).astype(np.int64) + np.arange(len(quads.corners))
 
     def filled(values: NDArray, nothing: int) -> NDArray:
-        rows = np.full((LANES * sum(octets), *values.shape[1:]), nothing, dtype=values.dtype)
+        rows = np.full((LANES * int(octets.sum()), *values.shape[1:]), nothing, dtype=values.dtype)
         rows[places] = values
         return rows if layout.worlds else np.moveaxis(rows.reshape(-1, LANES, *values.shape[1:]), 1, -1)
 
-    rows = LANES * np.array(octets) if layout.worlds else octets
+    rows = LANES * octets if layout.worlds else octets
     return MembraneQuads(
         filled(quads.corners, -1),
         filled(quads.rests, 0),

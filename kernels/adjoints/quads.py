@@ -89,12 +89,12 @@ def changes_function(features: Features) -> Any:
 
 
 @cache
-def quad_adjoint(features: Features, at: Any, add: Any) -> Adjoint:
+def quad_adjoint(features: Features, at: Any, add_to_corners: Any) -> Adjoint:
     """Return the adjoint, which adds to the bars of the corners' places, and returns the numbers'.
 
     Args:
         at: the function that reads eight vectors.
-        add: the one that adds to eight.
+        add_to_corners: the one that adds to the corners of eight quads.
     """
     changes = changes_function(features)
 
@@ -126,10 +126,7 @@ def quad_adjoint(features: Features, at: Any, add: Any) -> Adjoint:
         by_a, by_b, by_c, by_d = pulls_on_corners(
             ab, bc, cd, da, found.along_change, found.mixed_change, found.back_change
         )
-        add(point_bars, first, on_a + by_a)
-        add(point_bars, second, on_b + by_b)
-        add(point_bars, third, on_c + by_c)
-        add(point_bars, fourth, on_d + by_d)
+        add_to_corners(point_bars, first, second, third, fourth, on_a + by_a, on_b + by_b, on_c + by_c, on_d + by_d)
         return -by_numbers
 
     return Adjoint(turn_quads, ("numbers",), columns=few_places(features))
@@ -143,4 +140,4 @@ def quads_backwards(phase: Phase, features: Features, look: Look) -> Sequence[Ad
     """
     if features.viscous or features.wears:
         raise NoAdjointError("a membrane that is viscous, softens or bursts, where eight go side by side")
-    return [quad_adjoint(features, look.at, look.add)]
+    return [quad_adjoint(features, look.at, look.add_to_corners)]

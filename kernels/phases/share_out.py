@@ -58,16 +58,16 @@ def wear_out(features: Features, look: Look) -> Any:
 @phase("quad", when=lambda features: bool(features.membranes), adjoint=quads_backwards)
 def share_out(features: Features, look: Look) -> Any:
     """Add what a quad or triangle of a membrane does to its corners, or eight of them [N]."""
-    pull_of_quad, add = quad_pull(features, look.at, look.world), look.add
+    pull_of_quad, add_to_corners = quad_pull(features, look.at, look.world), look.add_to_corners
 
     @wp.func
     def share_out_viscous(t: Any, points: Any, velocities: Any, forces: Any, params: Any):
         on_a, on_b, on_c, on_d = pull_of_quad(t, points, velocities, params)
         corners = 4 * params.number
-        add(forces, entry_at(t.quads, corners), on_a)
-        add(forces, entry_at(t.quads, corners + 1), on_b)
-        add(forces, entry_at(t.quads, corners + 2), on_c)
-        add(forces, entry_at(t.quads, corners + 3), on_d)
+        add_to_corners(
+            forces, entry_at(t.quads, corners), entry_at(t.quads, corners + 1), entry_at(t.quads, corners + 2),
+            entry_at(t.quads, corners + 3), on_a, on_b, on_c, on_d,
+        )  # fmt: skip
 
     @wp.func
     def share_out(t: Any, points: Any, forces: Any, params: Any):

@@ -195,29 +195,10 @@ def add(vectors: wp.array[Lanes3], item: wp.int32, more: Lanes3):
 
 @wp.func_native(
     """
-    typedef float four __attribute__((ext_vector_type(4)));
-    typedef float eight __attribute__((ext_vector_type(8)));
-    eight x, y, z, none = 0.0f;
-    __builtin_memcpy(&x, more.data[0], sizeof(eight));
-    __builtin_memcpy(&y, more.data[1], sizeof(eight));
-    __builtin_memcpy(&z, more.data[2], sizeof(eight));
-    const eight halves[4] = {
-        __builtin_shufflevector(x, y, 0, 8, 1, 9, 2, 10, 3, 11),
-        __builtin_shufflevector(x, y, 4, 12, 5, 13, 6, 14, 7, 15),
-        __builtin_shufflevector(z, none, 0, 8, 1, 9, 2, 10, 3, 11),
-        __builtin_shufflevector(z, none, 4, 12, 5, 13, 6, 14, 7, 15)};
-    four of_lane[8];
-    for (int half = 0; half < 2; ++half) {
-        of_lane[4 * half] = __builtin_shufflevector(halves[half], halves[2 + half], 0, 1, 8, 9);
-        of_lane[4 * half + 1] = __builtin_shufflevector(halves[half], halves[2 + half], 2, 3, 10, 11);
-        of_lane[4 * half + 2] = __builtin_shufflevector(halves[half], halves[2 + half], 4, 5, 12, 13);
-        of_lane[4 * half + 3] = __builtin_shufflevector(halves[half], halves[2 + half], 6, 7, 14, 15);
-    }
     for (int lane = 0; lane < 8; ++lane) {
-        four vector;
-        __builtin_memcpy(&vector, &vectors.data[numbers[lane]], sizeof(four));
-        vector += of_lane[lane];
-        __builtin_memcpy(&vectors.data[numbers[lane]], &vector, sizeof(four));
+        auto& vector = vectors.data[numbers[lane]];
+        for (int axis = 0; axis < 3; ++axis)
+            vector[axis] += more.data[axis][lane];
     }
     """
 )

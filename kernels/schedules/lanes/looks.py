@@ -10,6 +10,7 @@ from balloon_warp.kernels.lanes import Lanes3
 from balloon_warp.kernels.loops.eight import loops_of_eight
 from balloon_warp.kernels.loops.net_force import Loops
 from balloon_warp.kernels.phase import Look
+from balloon_warp.kernels.schedules.lanes.corners import add_to_corners
 from balloon_warp.kernels.schedules.lanes.layouts import (
     OCTETS,
     WORLDS,
@@ -57,7 +58,7 @@ def _look(layout: Layout) -> Look:
 
     return Look(
         near, sphere_at, loops, put=put, velocity_at=near, put_velocity=put,
-        in_team=(near, put, itself), add=add, world=world_of,
+        in_team=(near, put, itself), add=add, add_to_corners=add_to_corners, world=world_of,
     )  # fmt: skip
 
 
