@@ -16,7 +16,12 @@ EIGHT = int(LANE_COUNT)
 
 
 @wp.func
-def put_place(found: wp.array3d[float], way: wp.int32, triangle: wp.int32, place: Place):
+def put_place(
+    found: wp.array3d[float],
+    way: wp.int32,
+    triangle: wp.int32,
+    place: Place,  # pyright: ignore[reportGeneralTypeIssues] - a struct
+):
     """Store all numbers of a place."""
     for axis in range(3):
         found[way, triangle, axis] = place.weights[axis]

@@ -70,8 +70,8 @@ def kernels_of(features: Features) -> tuple[Any, Any]:
     ):  # fmt: skip
         lane = wp.tid()
         c = change[lane]
-        # bars of what is 2 dE/dM11, dE/dM12 and 2 dE/dM22, which change alike by symmetry
-        by_metric, _rest, by_n, tensions = wp.grad(work)(
+        # tensions are 2 dE/dM11, dE/dM12 and 2 dE/dM22 of an energy, whose second derivatives are symmetric
+        by_metric, _rest, by_n, tensions = wp.grad(work)(  # pyright: ignore[reportGeneralTypeIssues] - a tuple
             metric[lane], rest[lane], n, 0.5 * wp.vec3(c[0], 2.0 * c[1], c[2])
         )
         found[0, lane] = tensions[0]
