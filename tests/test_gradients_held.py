@@ -34,6 +34,9 @@ CASES: dict[str, tuple[bw.Scene, list[str]]] = {
     ),
 }
 """Scenes of 8 particles: the one thread keeps all, whose source is long"""
+CANCELS = {"balloon.material.shear_modulus": 3e-4}
+"""Tolerances where what triangles add nearly cancels: by a run in double precision it is 8.0768e-7, and both ways are
+within 2e-4 of that, on either side"""
 
 
 def layout_of_one_thread(model: Model) -> Layout:
@@ -54,14 +57,15 @@ def lengths(moved: Any) -> tuple[Any, dict[str, Any]]:
     [*((case, True) for case in CASES), ("springs that vary, torsion and a pressure", False)],
 )
 def test_a_thread_finds_what_launches_find(case: str, held_particles: bool, monkeypatch: pytest.MonkeyPatch):
-    """Derivatives agree to 1e-5: the same formulas, in another order, in float32."""
+    """Derivatives agree to 1e-5: the same formulas, in another order, in float32. Where parts cancel, see `CANCELS`."""
     of, paths = CASES[case]
     told = bw.gradient(of, of=paths, loss=lengths, world_count=2, device="cpu", schedule="launched")
     if held_particles:
         monkeypatch.setattr(backward_block, "layout_backwards", layout_of_one_thread)
     found = bw.gradient(of, of=paths, loss=lengths, world_count=2, device="cpu", schedule="block")
     for path in paths:
-        np.testing.assert_allclose(found.gradients[path], told.gradients[path], rtol=1e-5, err_msg=path)
+        rtol = CANCELS.get(path, 1e-5)
+        np.testing.assert_allclose(found.gradients[path], told.gradients[path], rtol=rtol, err_msg=path)
         assert found.gradients[path].all()
     by_points = told.by_points[0]
     np.testing.assert_allclose(found.by_points[0], by_points, rtol=0, atol=1e-5 * np.abs(by_points).max())
