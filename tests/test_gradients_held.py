@@ -34,9 +34,9 @@ CASES: dict[str, tuple[bw.Scene, list[str]]] = {
     ),
 }
 """Scenes of 8 particles: the one thread keeps all, whose source is long"""
-CANCELS = {"balloon.material.shear_modulus": 3e-4}
+CANCELS = {"balloon.material.shear_modulus": 1e-4}
 """Tolerances where what triangles add nearly cancels: by a run in double precision it is 8.0768e-7, and both ways are
-within 2e-4 of that, on either side"""
+some 1e-4 off that"""
 
 
 def layout_of_one_thread(model: Model) -> Layout:

@@ -56,8 +56,8 @@ _VECTORS = """
     const eight a_change = g0 * c0 + g1 * c1, b_change = g0 * c1 + g1 * c2;
     const eight c_change = g1 * c0 + g2 * c1, d_change = g1 * c1 + g2 * c2;
     const eight size = g0 * g2 - g1 * g1;
-    const eight full = g0 * m0 + 2.0f * g1 * m1 + g2 * m2, full_change = a_change + d_change;
-    const eight area = size * (m0 * m2 - m1 * m1), area_change = size * (c0 * m2 + m0 * c2 - 2.0f * m1 * c1);
+    const eight full = a + d, full_change = a_change + d_change;
+    const eight area = a * d - b * c, area_change = size * (c0 * m2 + m0 * c2 - 2.0f * m1 * c1);
     const eight between = root(larger((a - d) * (a - d) + 4.0f * b * c, none));
     const eight over = one / larger(between, none + {NEVER_ZERO}f);
     const eight away_change = over * ((a - d) * (a_change - d_change) + 2.0f * (b_change * c + b * c_change));

@@ -21,7 +21,6 @@ from balloon_warp.kernels.laws.tension_field import (
     is_taut,
     mixed_stretch,
     relaxed,
-    trace_and_det,
     viscous_tension,
 )
 from balloon_warp.kernels.memory import four_floats_at, int_pair_at
@@ -79,8 +78,7 @@ def tension_function(features: Features) -> Any:
         """
         wrinkles = number_in(n, wrinkling, lane)
         mixed = mixed_stretch(metric, rest)
-        trace, area_squared = trace_and_det(metric, rest)  # as where it is surely taut, to the bit
-        _trace, _det, spread = invariants_of(mixed)
+        trace, area_squared, spread = invariants_of(mixed)
         det = wp.max(area_squared, LEAST_DET)
         major = 0.5 * (trace + spread)
         stretched = wp.max(major, 1.0)
@@ -118,8 +116,7 @@ def taut_tension_function(features: Features) -> Any:
     @wp.func
     def taut_tension(metric: wp.vec3, rest: wp.vec4, material: wp.int32, n: Any, lane: wp.int32):
         """Return T11, T12 and T22 [N/m]."""
-        trace, det = trace_and_det(metric, rest)
-        _trace, _det, spread = invariants_of(mixed_stretch(metric, rest))  # left out where no law asks for it
+        trace, det, spread = invariants_of(mixed_stretch(metric, rest))  # the last is left out where no law asks for it
         by_trace, by_det = slopes_of_law(trace, det, spread, material, n, lane)
         double_volume = rest[3] * (2.0 * number_in(n, thickness, lane))
         return elastic_tension(metric, rest, by_trace, by_det, double_volume)
