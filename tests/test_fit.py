@@ -245,21 +245,21 @@ def test_starts_get_out_of_small_minima(seed: int):
     np.testing.assert_allclose(found.best.place, true, atol=1e-3)
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_a_flight_with_a_bounce_gives_back_its_rubber(seed: int):
-    """A fit to a flight with a bounce recovers its rubber, as in the benchmark, on a mesh of a quarter of the points.
+def test_a_flight_with_a_bounce_gives_back_its_rubber():
+    """A fit to a flight with a bounce recovers its rubber as well as FITTING.md says: this is a seed of its benchmark.
 
     The bounce makes the misfit rough: its small minima lie up to 10% off the modulus. The result is within three of the
-    reported standard deviations, and these are of the size that noise and jumps leave open."""
+    reported standard deviations, and these are of the size that noise and jumps leave open. A mesh of a quarter of the
+    points would not do: its jumps are larger, and 6 of 20 seeds are more than three deviations off."""
     from balloon_warp.benchmarks.fit import flight
 
-    row = flight(seed, cells=2)
+    row = flight(seed=0)
     for path, off in row.off.items():
         assert abs(off) < 3.0 * row.error(path)
     modulus, *others = row.off.values()
-    assert abs(modulus) < 0.01
+    assert abs(modulus) < 0.005
     assert max(map(abs, others)) < 0.002
-    assert max(map(row.error, row.off)) < 0.02
+    assert max(map(row.error, row.off)) < 0.002
     assert row.fit.misfit < 1.02
 
 

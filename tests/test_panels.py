@@ -212,18 +212,15 @@ def test_panels_that_cannot_be_are_refused(tmp_path: Path):
         flattened(panels, panels.mesh.points)
 
 
-@pytest.mark.parametrize(
-    ("mesh", "said", "frames", "most"), [(BALL, 24, 45, 0.05), (lids(), "groups", 30, 0.3)], ids=["gores", "lids"]
-)
-def test_stiff_film_comes_to_rest_at_the_step_of_auto(
-    mesh: PolygonMesh, said: int | str, frames: int, most: float, tmp_path: Path
-):
+@pytest.mark.parametrize(("mesh", "said", "most"), [(BALL, 24, 0.05), (lids(), "groups", 0.15)], ids=["gores", "lids"])
+def test_stiff_film_comes_to_rest_at_the_step_of_auto(mesh: PolygonMesh, said: int | str, most: float, tmp_path: Path):
     """Film comes to rest at the automatic step, though it hardly stretches, so that its triangles keep changing between
     taut and wrinkled.
 
     A spring that pulls and does not push gains energy in steps near the stable one of its taut side. At the narrow ends
     of gores all triangles are alike and gain it together: with 1.6 / omega they moved by 1.2 m/s, and did not stop.
-    Lids and sides of a cylinder moved by 2 m/s with 1.36 / omega, and stop with 1.29 / omega."""
+    Lids and sides of a cylinder moved by 2 m/s with 1.36 / omega, and stop with 1.29 / omega. Their last speeds depend
+    on rounding: after 45 frames 0.01 m/s for gores, 0.04 to 0.07 m/s for lids, where starts differ by a hundredth."""
     panels = panels_of(mesh, said, 0.3)
     write_obj(tmp_path / "panels.obj", panels.flat_mesh(flattened(panels, panels.mesh.points)))
     material = bw.Material(
@@ -234,5 +231,5 @@ def test_stiff_film_comes_to_rest_at_the_step_of_auto(
         mesh=replace(panels.mesh, points=0.9 * panels.mesh.points), material=material, damping=0.75, parts="free",
         inflation=bw.Inflation(pressure=[(0.0, 0.0), (0.2, 200.0)]),
     )  # fmt: skip
-    *_, last = bw.Simulator(bw.Scene(balloon=[balloon], gravity=0.0, frames=frames), "cpu").run()
+    *_, last = bw.Simulator(bw.Scene(balloon=[balloon], gravity=0.0, frames=45), "cpu").run()
     assert np.linalg.norm(last.velocities[0], axis=1).max() < most
