@@ -1,6 +1,6 @@
 """Cost of gradients: a frame forward, and backwards with its recomputation, over the same frame forward.
 
-python -m balloon_warp.benchmarks.gradients [DEVICE] [CELLS] [CASE ...]
+python -m balloon_warp.benchmarks.gradients [DEVICE] [CELLS[xWORLDS]] [CASE ...]
 python -m balloon_warp.benchmarks.gradients horizon     how far they tell anything
 """
 
@@ -70,10 +70,11 @@ def main(arguments: Sequence[str]) -> int:
             print(line, flush=True)
         return 0
     device = pick_device(arguments[0] if arguments else None)
-    cells = int(arguments[1]) if len(arguments) > 1 else CELLS
+    cells, _, worlds = (arguments[1] if len(arguments) > 1 else str(CELLS)).partition("x")
+    counts = (int(worlds),) if worlds else (1, 64) if device.is_cpu else (64, 4096)
     for name in arguments[2:] or CASES:
-        for worlds in (1, 64) if device.is_cpu else (64, 4096):
-            for line in _lines(name, model_of(name, cells, worlds, device)):
+        for count in counts:
+            for line in _lines(name, model_of(name, int(cells), count, device)):
                 print(line, flush=True)
     return 0
 

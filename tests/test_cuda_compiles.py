@@ -13,11 +13,13 @@ from balloon_warp.kernels.adjoints.exchange_back import exchange_back_kernel
 from balloon_warp.kernels.contact.free_frames import judge_kernel
 from balloon_warp.kernels.features import Features
 from balloon_warp.kernels.helpers_of_grad import derive_helpers
+from balloon_warp.kernels.schedules.block.backward_frames import kernel_again, kernel_backwards
 from balloon_warp.kernels.schedules.block.source import kernel_of_frame
 from balloon_warp.kernels.schedules.launched.source import kernel_of
 from balloon_warp.kernels.schedules.patches.source import kernel_of_patches
 from balloon_warp.model import Model, build_model
-from balloon_warp.scene import Balloon, Obstacle, Scene, load_scene
+from balloon_warp.scene import Balloon, Material, Obstacle, Scene, load_scene
+from balloon_warp.schedules.backward_block import backwards_of
 from balloon_warp.schedules.block_layout import layout_of, step_of
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.gather import GatherSchedule
@@ -65,6 +67,16 @@ def test_frames_in_blocks_compile(source: Any, frames: Any, tmp_path: Path):
     kernel = kernel_of_frame(step_of(features, layout), layout)
     assert layout.threads > 1
     assert "bar.sync" in compiled(kernel, layout.threads, tmp_path)
+
+
+def test_frames_backwards_in_blocks_compile(tmp_path: Path):
+    """A frame again, as it goes forward, and a frame backwards compile, with particles in registers."""
+    derive_helpers()
+    of = backwards_of(model_for_a_gpu(Scene(balloon=[Balloon(mesh=quad_sphere(3), material=Material(preset="latex"))])))
+    assert of.layout.held == 1
+    assert of.layout_again.held
+    for kernel, layout in ((kernel_backwards(of, ()), of.layout), (kernel_again(of), of.layout_again)):
+        assert "bar.sync" in compiled(kernel, layout.threads, tmp_path / kernel.key)
 
 
 def test_free_frames_in_patches_compile(tmp_path: Path):

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from block_layouts import held
+from block_layouts import held as held_layout
 from gradient_scenes import DRIVEN, scene
 from meshes import quad_sphere
 
@@ -40,7 +40,7 @@ some 1e-4 off that"""
 
 
 def layout_of_one_thread(model: Model) -> Layout:
-    layout = held(model, model_features(model))
+    layout = held_layout(model, model_features(model))
     return layout._replace(odd=False, registers=backward_block.REGISTERS)
 
 
@@ -53,15 +53,20 @@ def lengths(moved: Any) -> tuple[Any, dict[str, Any]]:
 
 
 @pytest.mark.parametrize(
-    ("case", "held_particles"),
-    [*((case, True) for case in CASES), ("springs that vary, torsion and a pressure", False)],
+    ("case", "held"),
+    [
+        *((case, ("layout_backwards", "layout_again")) for case in CASES),
+        ("springs and gas, on the ground, driven", ("layout_again",)),
+        ("springs that vary, torsion and a pressure", ()),
+    ],
+    ids=[*CASES, "held forward, looped backwards", "looped"],
 )
-def test_a_thread_finds_what_launches_find(case: str, held_particles: bool, monkeypatch: pytest.MonkeyPatch):
+def test_a_thread_finds_what_launches_find(case: str, held: tuple[str, ...], monkeypatch: pytest.MonkeyPatch):
     """Derivatives agree to 1e-5: the same formulas, in another order, in float32. Where parts cancel, see `CANCELS`."""
     of, paths = CASES[case]
     told = bw.gradient(of, of=paths, loss=lengths, world_count=2, device="cpu", schedule="launched")
-    if held_particles:
-        monkeypatch.setattr(backward_block, "layout_backwards", layout_of_one_thread)
+    for layout in held:
+        monkeypatch.setattr(backward_block, layout, layout_of_one_thread)
     found = bw.gradient(of, of=paths, loss=lengths, world_count=2, device="cpu", schedule="block")
     for path in paths:
         rtol = CANCELS.get(path, 1e-5)

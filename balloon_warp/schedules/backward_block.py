@@ -1,12 +1,19 @@
 """Frames backwards in blocks: a block of threads has a world of one balloon, and runs a frame in one launch."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import warp as wp
 
 from balloon_warp.kernels.features import Features
-from balloon_warp.kernels.schedules.block.backward_frames import arguments_backwards, kernel_backwards, widths_of_rows
+from balloon_warp.kernels.schedules.block.backward_frames import (
+    Backwards,
+    arguments_again,
+    arguments_backwards,
+    kernel_again,
+    kernel_backwards,
+    widths_of_rows,
+)
 from balloon_warp.kernels.schedules.block.layout import Layout
 from balloon_warp.kernels.schedules.block.looks import look_of
 from balloon_warp.kernels.schedules.pieces import Step, cut, values_of
@@ -16,6 +23,7 @@ from balloon_warp.launching import launch_tiled
 from balloon_warp.model import Model, State
 from balloon_warp.model.memory import Allocating, Room
 from balloon_warp.schedules.backward import BackwardFrames
+from balloon_warp.schedules.block_layout import held_layout_of
 from balloon_warp.schedules.block_room import CAPACITY_STEP, most_particles
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.framing import Framing
@@ -34,8 +42,9 @@ THREADS, REGISTERS = 512, 128
 """Threads of a block, and registers of each: with a particle each, if there are no more, or else in a loop"""
 FEW_THREADS = 256
 """Threads of a block that loop over so few particles that a multiprocessor has room for two blocks"""
-REGISTERS_OF_FACES = 64
-"""Registers of threads that loop over faces of membranes, too, which wait longer"""
+REGISTERS_OF_TWO = 64
+"""Registers of threads that loop, where two blocks on a multiprocessor are faster, though numbers then wait in memory:
+without a gas, over faces of membranes, and as a frame is computed again"""
 MOST_SLOTS = 14
 """Largest number of springs of a particle, with what fills up, for which there are registers"""
 WARP_THREADS = 32
@@ -76,96 +85,117 @@ def layout_backwards(model: Model) -> Layout:
         face = face._replace(capacity=capacity)
         return layout._replace(membrane_face=face._replace(tile=membrane_face_entries(model, face)))
     if looped:
-        return layout._replace(slots=(0, 0, 0), membrane_face=looped, registers=REGISTERS_OF_FACES)
+        return layout._replace(slots=(0, 0, 0), membrane_face=looped, registers=REGISTERS_OF_TWO)
+    if few and threads == THREADS and not (held or features.gas):
+        layout = layout._replace(registers=REGISTERS_OF_TWO)
     ring = quad_rings(model) if few and features.measures_areas else None
     return layout._replace(rings=least_valence(ring) if ring else 0)
 
 
-def steps_backwards(features: Features, layout: Layout) -> tuple[Step, Step]:
+def layout_again(model: Model) -> Layout:
+    """Return the layout of a frame that is computed again: that of frames forward, where threads keep particles."""
+    features, layout = model_features(model), layout_backwards(model)
+    if model.device.is_cpu:
+        return layout
+    sees_velocities = features.looks_at_velocities or features.needs("face", "velocity")
+    held = None if sees_velocities else held_layout_of(model, features)
+    return held or layout._replace(registers=REGISTERS_OF_TWO)
+
+
+def backwards_of(model: Model) -> Backwards:
     """Return the phases of a model in pieces, as they run backwards, and as they are computed again before.
 
     What particles see of each other, and what they add up, is kept.
     """
+    features, layout, forth = model_features(model), layout_backwards(model), layout_again(model)
     phases, look = phases_of(features), look_of(layout, features.spheres)
     looking = (
         phase for phase in phases if not phase.light and (phase.views(features, look) or phase.item == "balloon")
     )
     sums = (phase for phase in phases if phase.sums)
     shown = [name for phase in (*looking, *sums) for name in phase.writes]
-    again = phases_of(features, instead=FILMED) if layout.membrane_face else phases
-    turned, again = (
-        cut(each, features, look, doubles=not layout.held, sums_along=True, shown=shown) for each in (phases, again)
-    )
-    return turned, again
+
+    def pieces(layout: Layout, films: bool) -> Step:
+        of = phases_of(features, instead=FILMED) if films else phases
+        look = look_of(layout, features.spheres)
+        return cut(of, features, look, doubles=not layout.held, sums_along=True, shown=shown)
+
+    turned, kept = pieces(layout, films=False), pieces(layout, films=layout.membrane_face is not None)
+    return Backwards(turned, kept, layout, pieces(forth, films=forth.membrane_face is not None), forth)
 
 
 class BlockBackward(BackwardFrames):
     """Run frames backwards in blocks."""
 
     def __init__(self, model: Model, state: State, columns: Sequence[int]):
-        features, room = model_features(model), Allocating(model.device)
-        self._layout, slots, pairs = layout_backwards(model), None, None
-        self._steps = steps_backwards(features, self._layout)
-        tables = make_tables(model, features, in_block=True)
-        tables.membranes.membrane_faces = membrane_face_table(model, self._layout.membrane_face)
-        super().__init__(model, state, columns, self._steps[0], tables, room, one_by_one=False)
+        features, room, of = model_features(model), Allocating(model.device), backwards_of(model)
+        self._of, tables, tables_again = of, *(_tables(model, features, each) for each in (of.layout, of.layout_again))
+        super().__init__(model, state, columns, of.turned, tables, room, one_by_one=False)
         working = Working()
         for name, array in working_arrays(model, features, room).items():
             setattr(working, name, array)
         self._framing = Framing(model, features, tables, working)
-        if self._layout.held or any(self._layout.slots):
-            ring = quad_rings(model) if self._layout.rings else None
-            slots = slot_table(model, spring_ends(model), ring)
-            pairs = slot_pairs(slots)
-        self._given = {
-            "t": tables,
-            "slots": slots,
-            "slot_pairs": pairs,
-            "working": working,
-            **rows(model, self._steps, self._layout, room),
-            **self.arrays,
-        }
+        given = {"working": working, **rows(model, of, room), **self.arrays}
+        self._given = {"t": tables, **given, **_slots(model, of.layout)}
+        self._given_again = {"t": tables_again, **given, **_slots(model, of.layout_again)}
         self.carries_loads = features.gas and features.obstacles
-        self._kernel = kernel_backwards(*self._steps, self._layout, self.columns)
+        self._kernel, self._kernel_again = kernel_backwards(of, self.columns), kernel_again(of)
 
     @staticmethod
     def room_of_frame(model: Model, room: Room) -> None:
         """Ask for what the substeps of a frame note."""
-        layout = layout_backwards(model)
-        rows(model, steps_backwards(model_features(model), layout), layout, room)
+        rows(model, backwards_of(model), room)
 
     def frame(self) -> None:
         """Launch a frame: forward, and then its substeps backwards."""
         self._framing.begin(self.state)
-        given = {**self._given, "state": world_state(self.state)}
+        self._launch(self._kernel_again, arguments_again(self._of), self._given_again, self._of.layout_again)
+        self._launch(self._kernel, arguments_backwards(self._of, self.columns), self._given, self._of.layout)
+
+    def _launch(self, kernel: Any, names: Sequence[str], given: Mapping[str, Any], layout: Layout) -> None:
+        given = {**given, "state": world_state(self.state)}
         launch_tiled(
-            self._kernel,
+            kernel,
             dim=[self.model.world_count],
-            inputs=[given[name] for name in arguments_backwards(*self._steps, self._layout, self.columns)],
-            block_dim=self._layout.threads,
+            inputs=[given[name] for name in names],
+            block_dim=layout.threads,
             device=self.model.device,
         )
 
 
-def rows(model: Model, steps: tuple[Step, Step], layout: Layout, room: Room) -> dict[str, Any]:
+def _tables(model: Model, features: Features, layout: Layout) -> Any:
+    tables = make_tables(model, features, in_block=True)
+    tables.membranes.membrane_faces = membrane_face_table(model, layout.membrane_face)
+    return tables
+
+
+def _slots(model: Model, layout: Layout) -> dict[str, Any]:
+    """Return the springs of particles in slots, and in pairs of them, where a layout has such."""
+    if not (layout.held or any(layout.slots)):
+        return {}
+    slots = slot_table(model, spring_ends(model), quad_rings(model) if layout.rings else None)
+    return {"slots": slots, "slot_pairs": slot_pairs(slots)}
+
+
+def rows(model: Model, of: Backwards, room: Room) -> dict[str, Any]:
     """Allocate what each substep of a frame notes, a row each, and one more for where it ends."""
     count = model.world_count * (model.substeps + 1)
-    named = arguments_backwards(*steps, layout, ())
+    named = {*arguments_again(of), *arguments_backwards(of, ())}
     shapes = {
         "particle": (count, model.particle_count), "balloon": (count, model.balloon_count),
         "face": (model.world_count, model.face_count),  # which is found again
     }  # fmt: skip
-    step, rows_of = steps[1], {"notes": count, "bars_of_particles": model.world_count}
-    arrays = {
-        name: room.array((rows_of[name], width), wp.float32) for name, width in widths_of_rows(*steps, layout).items()
-    }
+    rows_of = {"notes": count, "bars_of_particles": model.world_count}
+    arrays = {name: room.array((rows_of[name], width), wp.float32) for name, width in widths_of_rows(of).items()}
     if "all_velocities" in named:
         arrays["all_velocities"] = room.array(shapes["particle"], wp.vec3)
-    if "membrane_face_pulls" in named and layout.membrane_face:
-        entries = membrane_face_entries(model, layout.membrane_face)
+    faces = [layout.membrane_face for layout in (of.layout, of.layout_again) if layout.membrane_face]
+    if "membrane_face_pulls" in named and faces:
+        entries = max(membrane_face_entries(model, face) for face in faces)
         arrays["membrane_face_pulls"] = room.array((model.world_count, entries), wp.vec3)
+    values = {value: (step, dtype) for step in (of.kept, of.again) for value, dtype in values_of(step).items()}
     return arrays | {
         f"all_{value}": room.array(shapes[step.owner(value)], wp.float32 if dtype is float else dtype)
-        for value, dtype in values_of(step).items()
+        for value, (step, dtype) in values.items()
         if f"all_{value}" in named
     }

@@ -62,10 +62,16 @@ def layout_of(model: Model, features: Features) -> Layout:
     """
     if _small_ones_leave_fixtures(model, features):
         return _looped(model, features)
+    return held_layout_of(model, features) or _looped(model, features)
+
+
+def held_layout_of(model: Model, features: Features) -> Layout | None:
+    """Return the layout with threads that keep particles, or none."""
     single, double = (_held(model, features, count) for count in (1, 2))
     if single and double:
         return double[0] if double[1] >= max(single[1], 2) else single[0]
-    return (single or double or (_looped(model, features), 0))[0]
+    found = single or double
+    return found[0] if found else None
 
 
 def _small_ones_leave_fixtures(model: Model, features: Features) -> bool:

@@ -18,7 +18,6 @@ from balloon_warp.kernels.schedules.block.backward_items import TurnsInBlock
 from balloon_warp.kernels.schedules.block.backward_turns import Turns
 from balloon_warp.kernels.schedules.launched.backward import writers_backwards
 from balloon_warp.kernels.schedules.launched.trace import arguments_of, looks_around
-from balloon_warp.kernels.schedules.pieces import Piece
 from balloon_warp.kernels.schedules.writer import written_types
 
 OF_PARTICLE = ("particle", "place", "is_there", "params", "springs", "kept", *STATE)
@@ -90,26 +89,6 @@ class HeldBackwardWriter(BackwardBlockWriter):
         held = "a particle" if self.layout.held == 1 else f"{self.layout.held} particles"
         return f"A block for each world, for a frame backwards; each of {self.layout.threads} threads has {held}."
 
-    def _note_beginning(self) -> None:
-        """Write nothing: each substep notes where it begins."""
-
-    def _begin_substep(self) -> None:
-        for place in self.places:
-            with self.about(place):
-                self._note_its(STATE)
-
-    def _show_held(self, piece: Piece) -> None:
-        super()._show_held(piece)
-        if noted := [name for name in piece.leaves if name in self._read_back]:
-            self._note_its(noted)
-
-    def _note_its(self, names: Iterable[str]) -> None:
-        """Write how the particle at hand notes what it has."""
-        b = self.bound
-        self.line(f"if {b('is_there')}:")
-        for name in names:
-            self.line(f"    {self.noted.write(name, 'row', b(name), b('particle'))}")
-
     @property
     def _found_again(self) -> tuple[Phase, ...]:
         """Return the phases whose values follow from what a particle has noted: they are found again, not noted.
@@ -127,14 +106,10 @@ class HeldBackwardWriter(BackwardBlockWriter):
         )
 
     @property
-    def _read_back(self) -> list[str]:
+    def read_back(self) -> list[str]:
         """Return the values of a particle that are noted, besides its state."""
         again = {name for phase in self._found_again for name in phase.writes}
         return [name for name in self._kept_of("particle") if name not in again]
-
-    def _noted_types(self) -> dict[str, Any]:
-        types = super()._noted_types()
-        return {name: dtype for name, dtype in types.items() if name in (*STATE, *self._read_back)}
 
     # ---- backwards
 
@@ -164,7 +139,7 @@ class HeldBackwardWriter(BackwardBlockWriter):
         self.line("time_in_frame = float(t.substeps - 1 - back) * t.step_seconds")
         for place in self.places:
             with self.about(place):
-                for name in (*STATE, *self._read_back):
+                for name in (*STATE, *self.read_back):
                     self.line(f"{self.bound(name)} = {self.noted.read(name, 'row', self.bound('particle'))}")
                     self.known.add(self.bound(name))
         for name in self._kept_of("balloon"):

@@ -2,27 +2,21 @@
 
 from collections.abc import Sequence
 
-from balloon_warp.kernels.phase import Item
 from balloon_warp.kernels.schedules.block.backward_items import OVER_FRAME
-from balloon_warp.kernels.schedules.block.source import BlockWriter
+from balloon_warp.kernels.schedules.block.rows import RowsWriter
 
 FIVE = 5
 """Numbers that threads add up together"""
 
 
-class SumsOfFrame(BlockWriter):
+class SumsOfFrame(RowsWriter):
     """Write sums of bars over a frame."""
 
     columns: tuple[int, ...] = ()
     """Columns of the numbers that are derived by"""
 
-    def _kept_of(self, item: Item) -> list[str]:
-        """Return the values of particles, or of the balloon, that each substep notes."""
-        return [value for value in self.step.kept if self.step.owner(value) == item]
-
     def _begin_sums(self) -> None:
         """Write where what adds up begins, in each thread."""
-        self.line("block_barrier()")  # one thread has noted what the balloon was last
         self.line("# Substeps run backwards.")
         for place in range(len(self.columns)):
             self.line(f"number_{place} = float(0.0)")
