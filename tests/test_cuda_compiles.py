@@ -19,7 +19,7 @@ from balloon_warp.kernels.schedules.launched.source import kernel_of
 from balloon_warp.kernels.schedules.patches.source import kernel_of_patches
 from balloon_warp.model import Model, build_model
 from balloon_warp.scene import Balloon, Material, Obstacle, Scene, load_scene
-from balloon_warp.schedules.backward_block import backwards_of
+from balloon_warp.schedules.backward_block import plan_backwards
 from balloon_warp.schedules.block_layout import layout_of, step_of
 from balloon_warp.schedules.features import model_features
 from balloon_warp.schedules.gather import GatherSchedule
@@ -72,7 +72,9 @@ def test_frames_in_blocks_compile(source: Any, frames: Any, tmp_path: Path):
 def test_frames_backwards_in_blocks_compile(tmp_path: Path):
     """A frame again, as it goes forward, and a frame backwards compile, with particles in registers."""
     derive_helpers()
-    of = backwards_of(model_for_a_gpu(Scene(balloon=[Balloon(mesh=quad_sphere(3), material=Material(preset="latex"))])))
+    of = plan_backwards(
+        model_for_a_gpu(Scene(balloon=[Balloon(mesh=quad_sphere(3), material=Material(preset="latex"))]))
+    )
     assert of.layout.held == 1
     assert of.layout_again.held
     for kernel, layout in ((kernel_backwards(of, ()), of.layout), (kernel_again(of), of.layout_again)):

@@ -102,7 +102,7 @@ def layout_again(model: Model) -> Layout:
     return held or layout._replace(registers=REGISTERS_OF_TWO)
 
 
-def backwards_of(model: Model) -> Backwards:
+def plan_backwards(model: Model) -> Backwards:
     """Return the phases of a model in pieces, as they run backwards, and as they are computed again before.
 
     What particles see of each other, and what they add up, is kept.
@@ -128,7 +128,7 @@ class BlockBackward(BackwardFrames):
     """Run frames backwards in blocks."""
 
     def __init__(self, model: Model, state: State, columns: Sequence[int]):
-        features, room, of = model_features(model), Allocating(model.device), backwards_of(model)
+        features, room, of = model_features(model), Allocating(model.device), plan_backwards(model)
         self._of, tables, tables_again = of, *(_tables(model, features, each) for each in (of.layout, of.layout_again))
         super().__init__(model, state, columns, of.turned, tables, room, one_by_one=False)
         working = Working()
@@ -144,7 +144,7 @@ class BlockBackward(BackwardFrames):
     @staticmethod
     def room_of_frame(model: Model, room: Room) -> None:
         """Ask for what the substeps of a frame note."""
-        rows(model, backwards_of(model), room)
+        rows(model, plan_backwards(model), room)
 
     def frame(self) -> None:
         """Launch a frame: forward, and then its substeps backwards."""

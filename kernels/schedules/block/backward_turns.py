@@ -19,8 +19,8 @@ Turns = Sequence[tuple[TurnsInBlock, tuple[str, ...]]]
 class TurnsBesideParticles(SumsOfFrame):
     """Write turns of the balloon and of faces."""
 
-    def __init__(self, again: Step, layout: Layout):
-        super().__init__(again, layout)
+    def __init__(self, kept: Step, layout: Layout):
+        super().__init__(kept, layout)
         self.called: dict[str, Any] = {}
         """Functions that turns call, by their names"""
         self.of_kinds = False
