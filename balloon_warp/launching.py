@@ -12,6 +12,8 @@ from typing import Any
 
 import warp as wp
 
+from balloon_warp.warp_lock import running_tiles
+
 MOST_THREADS = 4
 _FIRST = ThreadPoolExecutor(1, thread_name_prefix="compiler")
 _OTHERS = ThreadPoolExecutor(max(1, min(os.cpu_count() or 1, MOST_THREADS) - 1), thread_name_prefix="compiler beside")
@@ -65,7 +67,8 @@ def launch_tiled(
 ) -> None:
     """Launch a tiled kernel, as `wp.launch_tiled` does."""
     _load(kernel, device)
-    wp.launch_tiled(kernel, dim=dim, inputs=inputs, outputs=outputs, device=device, block_dim=block_dim)
+    with running_tiles(device):
+        wp.launch_tiled(kernel, dim=dim, inputs=inputs, outputs=outputs, device=device, block_dim=block_dim)
 
 
 def _load(kernel: Any, device: wp.Device) -> None:

@@ -13,7 +13,7 @@ from balloon_warp.frame import Frame
 from balloon_warp.kernels.laws.law import FAR
 from balloon_warp.model import Model
 from balloon_warp.model.obstacle_motion import obstacle_poses
-from balloon_warp.warp_lock import lock_of, recording
+from balloon_warp.warp_lock import lock_of, recording, replay
 
 
 class Recorded:
@@ -45,7 +45,7 @@ class Recorded:
             if self._graph is None:
                 self._do()
             else:
-                wp.capture_launch(self._graph, stream=self._stream)
+                replay(self._graph, stream=self._stream)
 
 
 class HostBuffer:

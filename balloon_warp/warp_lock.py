@@ -4,6 +4,9 @@ While Warp records a graph for a CPU, its native half takes down what the record
 keeps the graph that is recorded for the process, and so takes down, or refuses, what every other thread does meanwhile.
 `record_by_thread` makes that one's own affair, too. So simulators on a CPU step in parallel.
 
+Tiles are the exception: Warp compiles one place for them into each module for a CPU, which threads would take from each
+other. So one thread at a time runs kernels with tiles, in launches or in replays of graphs that hold some.
+
 A GPU's work is queued in streams that all threads share: there, `lock_of` lets one thread queue or record at a time.
 """
 
@@ -13,6 +16,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import wraps
 from threading import RLock, local
 from typing import Any, ParamSpec, TypeVar
+from weakref import WeakSet
 
 import warp as wp
 
@@ -20,6 +24,10 @@ P = ParamSpec("P")
 T = TypeVar("T")
 PROCESS_LOCK = RLock()
 """Lock held by the thread that makes a simulator or records a graph"""
+_TILES = RLock()
+_tiles_of_thread = local()
+_with_tiles: WeakSet[Any] = WeakSet()
+"""Graphs of a CPU that launch kernels with tiles"""
 OF_RECORDING = ("_apic_capture", "_apic_graph")
 """Attributes of Warp's runtime that hold the graph being recorded, or None"""
 
@@ -42,6 +50,23 @@ def locked(method: Callable[P, T]) -> Callable[P, T]:
 
 
 @contextmanager
+def running_tiles(device: wp.Device) -> Iterator[None]:
+    """Launch a kernel with tiles: on a CPU while no other thread does."""
+    if not device.is_cpu:
+        yield
+        return
+    _tiles_of_thread.launched = True
+    with _TILES:
+        yield
+
+
+def replay(graph: Any, stream: wp.Stream | None = None) -> None:
+    """Launch a recorded graph, as `wp.capture_launch` does; on a CPU one with tiles while no other thread runs any."""
+    with _TILES if graph in _with_tiles else nullcontext():
+        wp.capture_launch(graph, stream=stream)
+
+
+@contextmanager
 def recording(device: wp.Device, stream: wp.Stream | None = None) -> Iterator[wp.ScopedCapture]:
     """Record what is queued on a device, or in one of its streams, as a graph; no other thread records meanwhile.
 
@@ -52,12 +77,15 @@ def recording(device: wp.Device, stream: wp.Stream | None = None) -> Iterator[wp
     with PROCESS_LOCK, wp.ScopedDevice(device):
         was_enabled = gc.isenabled()
         gc.disable()
+        _tiles_of_thread.launched = False
         try:
             with wp.ScopedCapture(**captured) as capture, _remembering_pointers():
                 yield capture
         finally:
             if was_enabled:
                 gc.enable()
+        if _tiles_of_thread.launched:
+            _with_tiles.add(capture.graph)
 
 
 @contextmanager

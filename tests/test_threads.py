@@ -2,6 +2,7 @@
 
 import gc
 import sys
+import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -45,6 +46,41 @@ def test_simulators_in_threads_give_the_bytes_of_one_after_the_other(device: str
     for _ in range(2):
         with ThreadPoolExecutor(THREADS) as threads:
             assert list(threads.map(simulated, range(8), [device] * 8)) == expected
+
+
+def test_one_thread_at_a_time_runs_kernels_with_tiles(monkeypatch: pytest.MonkeyPatch):
+    """No two threads launch kernels with tiles, or replay graphs of such, at once on a CPU: it has one place for tiles.
+
+    They crashed in one of three runs of 8 simulators over 300 frames."""
+    inside: list[str] = []
+    beside: set[int] = set()
+
+    def watched(name: str) -> Any:
+        original = getattr(wp, name)
+
+        def launched(*arguments: Any, **named: Any) -> Any:
+            inside.append(name)
+            time.sleep(1e-3)  # others come meanwhile
+            beside.add(len(inside))
+            try:
+                return original(*arguments, **named)
+            finally:
+                inside.pop()
+
+        return launched
+
+    def advanced(number: int) -> bytes:
+        simulator = Simulator(scene(4), "cpu", schedule="gather")
+        for _ in range(FRAMES):  # the last of them are replayed
+            simulator.advance()
+        return simulator.state.points.numpy().tobytes()
+
+    expected = advanced(0)
+    for name in ("launch_tiled", "capture_launch"):
+        monkeypatch.setattr(wp, name, watched(name))
+    with ThreadPoolExecutor(THREADS) as threads:
+        assert set(threads.map(advanced, range(THREADS))) == {expected}
+    assert beside == {1}
 
 
 def test_simulators_made_before_step_beside_each_other(device: str):

@@ -23,7 +23,7 @@ from balloon_warp.schedules.backward_touch import STATE_OF_TOUCH, TouchBackward
 from balloon_warp.schedules.backward_tubes import TubesBackward
 from balloon_warp.schedules.launches import team_threads
 from balloon_warp.schedules.tables import world_state
-from balloon_warp.warp_lock import recording
+from balloon_warp.warp_lock import recording, replay
 
 KEPT = (
     *("frame", "points", "velocities", "inflation_loads", "pressures", "gas_amounts", "free_volumes", "air_along"),
@@ -110,7 +110,7 @@ class BackwardFrames(ABC):
                 self.frame()
                 self._add_up()
             self._graph = capture.graph
-        wp.capture_launch(self._graph)
+        replay(self._graph)
 
     def _add_up(self) -> None:
         inputs = [self.tables, world_state(self.state), self._first_pressures, self.bars]

@@ -4,11 +4,9 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-import warp as wp
-
 from balloon_warp.model import Model, State
 from balloon_warp.schedules.late_spheres import LateSpheres
-from balloon_warp.warp_lock import recording
+from balloon_warp.warp_lock import recording, replay
 
 RARE = 16
 """Number of times that a piece which is not always wanted is launched, before it is worth recording"""
@@ -69,7 +67,7 @@ class RecordedFrame:
             with recording(self._device) as capture:
                 piece.launch(state)
             self._graphs[number] = capture.graph
-        wp.capture_launch(self._graphs[number])
+        replay(self._graphs[number])
 
     def _pieces(self, schedule: Any) -> Sequence[FramePiece]:
         own = list(getattr(schedule, "pieces", None) or [FramePiece(schedule.advance_frame)])

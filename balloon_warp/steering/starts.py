@@ -21,7 +21,7 @@ from balloon_warp.steering.observations import Observations
 from balloon_warp.steering.row_copies import RowCopies
 from balloon_warp.steering.start_values import Shifts, start_value
 from balloon_warp.steering.timetable import Begun, Timetable, begun_of, has_times, require_timeless
-from balloon_warp.warp_lock import recording
+from balloon_warp.warp_lock import recording, replay
 
 SAVED, AGES = "starts", "starts_ages"
 """Prefix of the names of what is saved, and name of the saved time of each world"""
@@ -164,7 +164,7 @@ class Starts(Shown):
             with recording(model.device) as capture:
                 self._launch(*self._copies)
             self._graph = capture.graph
-        wp.capture_launch(self._graph)
+        replay(self._graph)
 
     def _follow_worlds(self) -> None:
         """Let what is planned follow the time of each world from here on, if there is anything.

@@ -20,7 +20,7 @@ from balloon_warp.scene import Box, Scene
 from balloon_warp.simulator import Simulator
 from balloon_warp.sweep.contacts import COLUMNS, contacts_shape
 from balloon_warp.sweep.world_files.tracks import Tracker
-from balloon_warp.warp_lock import lock_of, recording
+from balloon_warp.warp_lock import lock_of, recording, replay
 
 LANES, MANY_LANES, LARGE = 32, 128, 1024
 """Numbers of threads that sum a balloon, and number of particles above which the largest one takes many: that follows
@@ -149,7 +149,7 @@ class Recorder:
         """Send the frame that the simulator is at on its way to the host; return what waits for it. Two may be."""
         number = self.simulator.frame_number
         with lock_of(self.simulator.model.device):
-            wp.capture_launch(self._graph)
+            replay(self._graph)
             buffer = self._buffers[number % len(self._buffers)]
             buffer.fill()
             tracks = self._tracker.read() if self._tracker else None
