@@ -18,8 +18,8 @@ from balloon_warp.simulator import Simulator
 LAYERS = (
     ("garbage", "temporaries"),
     ("warp_headers",),
-    ("kernels", "errors", "warp_logging", "driver", "shown"),
-    ("files", "warp_lock", "launching", "interrupts", "laws", "suggestions"),
+    ("kernels", "errors", "warp_logging", "warp_lock", "driver", "shown"),
+    ("files", "launching", "interrupts", "laws", "suggestions"),
     ("device",),
     ("mesh",),
     ("springs", "scene", "foil"),

@@ -23,10 +23,10 @@ class Backwards(NamedTuple):
     turned: Step
     """Phases that run backwards"""
     kept: Step
-    """The same forward, with what the others ask for kept"""
+    """Phases forward, with what the others ask for kept"""
     layout: Layout
     again: Step
-    """The same on the layout of a frame that is computed again"""
+    """Phases of a frame that is computed again, on its own layout"""
     layout_again: Layout
 
 
