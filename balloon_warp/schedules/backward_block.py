@@ -1,4 +1,7 @@
-"""Frames backwards in blocks: a block of threads has a world of one balloon, and runs a frame in one launch."""
+"""Frames backwards in blocks: a block of threads has a world of one balloon.
+
+One launch computes a frame again, and another runs it backwards.
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
