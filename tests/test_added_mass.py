@@ -13,6 +13,8 @@ from balloon_warp.scene import Atmosphere, Balloon, Change, Inflation, Material,
 from balloon_warp.schedules.features import model_features
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 PARTY = with_volume(quad_sphere(3), np.pi / 6.0 * 0.28**3)
 """28 cm"""
 SHORT = {"frames_per_second": 200.0, "substeps": 8}
@@ -73,6 +75,7 @@ def test_it_weighs_nothing(device: str):
     assert abs(accelerations(Simulator(scene, device), 3)[0]) < 1e-3 * 9.81
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("made_of", [{"mass": 0.5}, {"material": Material(preset="latex")}], ids=["springs", "rubber"])
 def test_a_block_weighs_air_at_the_height_that_all_do(device: str, made_of: dict[str, Any]):
     """Air thins by 1e-4 of itself in a meter. A block may order particles differently, and weighs it as `gather`."""

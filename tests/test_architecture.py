@@ -178,6 +178,7 @@ def test_nothing_is_too_long_to_be_read() -> None:
     assert not excesses, "\n".join(excesses)
 
 
+@pytest.mark.full
 def test_who_executes_a_list_of_phases_knows_none() -> None:
     known = [
         f"{path} imports {module}"

@@ -10,6 +10,8 @@ from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.scene import Atmosphere, Balloon, Change, Inflation, Scene, Tube
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 HEIGHTS = [0.0, -400.0, 3000.0, 9000.0]
 LAPSES = [0.0, 0.0065, 0.0065, 0.0]
 GRAVITY, GAS_CONSTANT, AIR_MASS = 9.80665, 8.314462618, 0.0289652
@@ -76,6 +78,7 @@ def test_a_gas_that_is_carried_up_presses_more(gamma: float, device: str):
     assert simulator.state.pressures.numpy()[0, 0] == pytest.approx(expected, abs=4.0 * quantized)
 
 
+@pytest.mark.full
 def test_drag_follows_the_density(device: str):
     """Drag on a cube in a wind of 10 m/s falls with the density from the ground to 3,000 m."""
     box = Balloon(mesh=cube(), drag_coefficient=1.0, damping=0.0, inflation=Inflation(pressure=0.0))

@@ -67,6 +67,7 @@ def test_accepted_without_fuss(case: MeshCase, tmp_path: Path) -> None:
     assert plan_model(load_scene(tmp_path / "mesh.obj")).shapes[0].mesh.warnings == ()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("case", WARNED, ids=names(WARNED))
 def test_accepted_with_a_warning(case: MeshCase, tmp_path: Path) -> None:
     path = written(case, tmp_path)

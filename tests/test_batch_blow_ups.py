@@ -109,6 +109,7 @@ def way(request: pytest.FixtureRequest, device: str) -> tuple[Scene, str]:
     return WAYS[request.param]
 
 
+@pytest.mark.full
 def test_a_frozen_world_is_marked_and_the_others_are_as_if_it_were_not_there(way, device: str, tmp_path: Path):
     """Freezing a world leaves the table and the stage of the others bit-identical."""
     scene, schedule = way
@@ -175,6 +176,7 @@ def test_restarted_worlds_are_those_of_a_batch_in_shorter_steps(schedule: str, d
     assert health[-1].tolist() == [1, 2, 1, 2, 2, 0]
 
 
+@pytest.mark.full
 def test_the_manifest_says_what_blew_up_and_repeats_it(tmp_path: Path):
     write_obj(tmp_path / "cube.obj", cube())
     balloon = GAINS_ENERGY.balloon[0].model_copy(update={"mesh": tmp_path / "cube.obj"})
@@ -191,6 +193,7 @@ def test_the_manifest_says_what_blew_up_and_repeats_it(tmp_path: Path):
         assert (tmp_path / "first" / name).read_bytes() == (tmp_path / "again" / name).read_bytes()
 
 
+@pytest.mark.full
 def test_a_batch_that_is_stopped_while_worlds_begin_again_goes_on_to_the_same_files(tmp_path: Path):
     """A resumed batch is bit-identical, with a checkpoint after every frame: worlds that restarted do so again."""
     notes: list[str] = []
@@ -223,6 +226,7 @@ def test_another_policy_is_refused(tmp_path: Path):
     assert not (tmp_path / "prayed").exists()
 
 
+@pytest.mark.full
 def test_a_cluster_restarts_what_one_process_does(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     monkeypatch.setitem(shares.GRAIN, "cpu", shares.Grain(1, 1))  # a share for each world
     alone = batch(tmp_path / "alone", "restart", device="cpu")

@@ -102,6 +102,7 @@ def test_a_mistake_in_what_differs_names_the_option(
     assert capsys.readouterr().err == f"error: --vary {vary.partition('=')[0]}: {complaint}\n"
 
 
+@pytest.mark.full
 def test_what_blew_up_is_told(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     assert batch(monkeypatch, "--worlds", "3", "--vary", "balloon.inflation.k_normal=0,9e11,0") == 0
     captured = capsys.readouterr()

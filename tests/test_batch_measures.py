@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 import warp as wp
 from meshes import cube, open_cube, quad_sphere
 
@@ -131,6 +132,7 @@ def test_measures_have_the_same_bits_every_time_and_in_any_batch(device):
     np.testing.assert_array_equal(rows[0], np.repeat(record(alone).measures, 40, axis=0))
 
 
+@pytest.mark.full
 def test_a_world_that_blows_up_stays_at_its_last_good_frame_and_the_others_go_on(device):
     scene = Scene(balloon=[Balloon(mesh=cube())], sphere=[Sphere(position=(0, 4, 0))], frames=4)
     simulator, healthy = Simulator(scene, device, 3), Simulator(scene, device, 3)
@@ -169,6 +171,7 @@ def test_a_world_whose_speeds_overflow_is_bad_before_its_places_are(device):
     assert np.isfinite(after.measures).all()
 
 
+@pytest.mark.full
 def test_pressure_is_the_mean_by_area(device):
     """The pressure is averaged over area: a cube of 6 m^2 under 10 Pa, one of 24 m^2 whose gas starts at 40 Pa, and 100
     k_normal over the 6 m^2 of a third; at the start, and after all keyframes."""

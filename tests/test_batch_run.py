@@ -272,6 +272,7 @@ def test_no_export_no_stage(tmp_path: Path):
     assert not (tmp_path / "worlds.usdc").exists()
 
 
+@pytest.mark.full
 def test_a_world_that_blows_up_is_marked_and_never_written(tmp_path: Path):
     """A pull that no step is small enough for marks its world; the other world is as it is alone."""
     vary = {"balloon.inflation.k_normal": [0.2, 9e11]}

@@ -76,6 +76,7 @@ def test_terminal_rise_goes_by_each_worlds_helium_and_damping(device):
         np.testing.assert_allclose(rising, 0.05 * (helium[world] - 9.81) / damping[world], rtol=1e-5, atol=1e-6)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("path", "values"),
     [

@@ -18,6 +18,8 @@ from balloon_warp.schedules.choose import schedule_named
 from balloon_warp.schedules.gather import GatherSchedule
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 TOP = Body(size=(0.6, 0.3, 0.15), mass=2.0, angular_velocity=(1.5, 8.0, 0.5))
 """one that turns about its middle axis, and so tumbles"""
 
@@ -47,6 +49,7 @@ def exact_turn(seconds: float) -> Rotation:
     return Rotation.from_quat(solved.y[:, -1])
 
 
+@pytest.mark.full
 def test_an_asymmetric_top_tumbles_and_keeps_angular_momentum_and_energy(device):
     """The midpoint rule converges at second order: half the step makes a quarter of the error, of the orientation and
     of the energy. The top turns about its middle axis, which is unstable: it has turned over by then."""

@@ -31,6 +31,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.full
 def test_table_and_stage_say_where_bodies_are(written):
     stage = Usd.Stage.Open(str(written / "worlds.usdc"))
     with np.load(written / "table.npz") as table:

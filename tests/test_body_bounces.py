@@ -11,6 +11,8 @@ from balloon_warp.model.plan import plan_model
 from balloon_warp.scene import Balloon, Body, Ground, Obstacle, Scene, Sphere
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 FALL = 0.9
 """[m]"""
 
@@ -41,6 +43,7 @@ def bouncing(device: str, floor: str, restitution: float, **fields: Any) -> Simu
     return started(device, ball, ground=Ground(restitution=restitution), **setting | fields)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("substeps", ["auto", 1, 13, 64])
 @pytest.mark.parametrize("restitution", [0.3, 0.7, 1.0])
 @pytest.mark.parametrize("floor", ["ground", "obstacle"])

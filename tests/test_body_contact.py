@@ -11,12 +11,15 @@ from rigid import EPSILON, SPACE, after, body_state, kinetic, scene_of, started,
 from balloon_warp.scene import Balloon, Body, Ground, Inflation, Obstacle, Scene, Sphere
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 
 @pytest.fixture(params=["scatter", "gather", "block"])
 def laid_out(request: pytest.FixtureRequest) -> str:
     return request.param
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("restitution", [0.0, 0.5, 1.0])
 def test_a_ball_bounces_on_the_ground_by_its_restitution(restitution, device):
     """A ball bounces to e^2 of its drop height; a step adds an error of order g h T."""
@@ -74,6 +77,7 @@ def test_two_that_meet_keep_momentum_and_angular_momentum(device):
     assert kinetic(simulator) < energy * (1.0 + 1e-4)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("speed", [2.0, 500.0])
 def test_a_sphere_and_a_body_keep_momentum_and_none_goes_through(speed, device):
     """Momentum is conserved without tunneling, where a step takes the sphere ten times the box's thickness."""
@@ -119,6 +123,7 @@ def test_balloon_and_body_together_keep_what_physics_keeps(mass, laid_out, devic
     assert np.abs(motion(simulator)[1]).max() > 0.1
 
 
+@pytest.mark.full
 def test_a_ball_that_is_a_body_does_what_a_sphere_does(device):
     """A ball as a body moves like a sphere: both are the same to the impulse rule, but for rounding."""
     ball = Balloon(mesh=quad_sphere(6, 0.5), mass=0.5, damping=0.0, inflation=Inflation(pressure=0.0))

@@ -12,6 +12,8 @@ from rigid import SPACE, after, body_energy, body_state, kinetic, moved, started
 from balloon_warp.scene import Body, Ground, Obstacle
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 MOST_WAY, MOST_TURN = 1.0e-3, 0.5
 """[m] and [degrees]: what nobody sees. They stay to some micrometers; `kernels.laws.grip` leaves overlaps of a
 hundred-thousandth of their size"""
@@ -55,11 +57,13 @@ def stack(*masses: float, **fields: Any) -> list[Body]:
     return [box(0.0, 0.1 + 0.2 * number, mass=mass, **fields) for number, mass in enumerate(masses)]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("count", [1, 2, 5, 8])
 def test_a_stack_stands(count, device):
     require_rest(watched(device, *stack(*[1.0] * count)))
 
 
+@pytest.mark.full
 def test_a_stack_stands_for_a_minute(device):
     require_rest(watched(device, *stack(*[1.0] * 5), seconds=60.0))
 
@@ -111,6 +115,7 @@ SCENES: dict[str, list[Body]] = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", SCENES)
 def test_what_stands_stays(name, device):
     found = watched(device, *SCENES[name], seconds=5.0)
@@ -119,6 +124,7 @@ def test_what_stands_stays(name, device):
     assert found.way < MOST_WAY + (0.15 if name == "meshes" else 0.0)  # a mesh is put where its origin is
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("width", [0.1, 0.2])
 def test_a_plank_lies_on_supports_that_no_point_of_it_meets(width, device):
     """Edges of the supports carry a plank whose own contact points are half a meter apart."""
@@ -147,6 +153,7 @@ def test_two_on_a_slope_stay_or_slide_together(degrees, device):
     np.testing.assert_allclose(body_state(found.simulator, "positions") @ along, expected, rtol=0.01)
 
 
+@pytest.mark.full
 def test_a_stack_rides_on_a_lift(device):
     """A stack stays on a lift that moves by half a meter in two seconds, with less than half of gravity."""
     times = np.arange(0.0, 4.01, 1.0 / 30.0)

@@ -37,6 +37,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("up_axis", ["Y", "Z"])
 def test_every_validator_passes(tmp_path: Path, up_axis: str):
     path = tmp_path / "stage.usda"

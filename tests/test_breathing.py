@@ -9,6 +9,8 @@ from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.scene import Scene
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 RADIUS, MASS, GAMMA = 0.1, 0.01, 1.4
 MESH = octahedron(RADIUS)
 VOLUME = signed_volume(MESH)
@@ -62,6 +64,7 @@ def test_an_undamped_balloon_breathes_on(schedule: str, device: str):
     np.testing.assert_allclose(last, first, rtol=0.01)
 
 
+@pytest.mark.full
 def test_a_balloon_breathes_on_in_steps_as_long_as_its_breath():
     """The swing at omega h = 8 flips from step to step and stays bounded: from rest, half a step after the velocity
     that it gets at once, it reaches root(1 + (omega h)^2 / 4) of where it began."""

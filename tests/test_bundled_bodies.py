@@ -1,15 +1,19 @@
 """Bundled scene with a free body: the pillow lifts the turtle, and neither is in the other."""
 
 import numpy as np
+import pytest
 from played import played
 from scipy.spatial.transform import Rotation
 
 from balloon_warp.mesh.mesh_distance import MeshDistance
 
+pytestmark = pytest.mark.physics
+
 FULL = 150
 """frame in which the pillow has its pressure"""
 
 
+@pytest.mark.full
 def test_turtle_pillow_lifts_the_turtle_level():
     """The turtle rests on the ground through the flat pillow, and then a tenth of a meter higher. It tips by less than
     ten degrees, and no particle penetrates it by more than a hundredth of its height."""

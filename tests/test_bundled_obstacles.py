@@ -10,6 +10,8 @@ from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.mesh_distance import MeshDistance
 from balloon_warp.model import Model
 
+pytestmark = pytest.mark.physics
+
 ROUNDING = 2e-5
 """float32's, of points on a surface a meter from the origin [m]"""
 
@@ -25,6 +27,7 @@ def box_distances(model: Model, frame: Frame, number: int) -> np.ndarray:
     return np.linalg.norm(np.maximum(beyond, 0.0), axis=1) + np.minimum(beyond.max(axis=1), 0.0)
 
 
+@pytest.mark.full
 def test_no_balloon_goes_through_the_table():
     model, frames = played("table")
     table = model.obstacles[0]
@@ -51,6 +54,7 @@ def test_balloons_roll_off_the_table():
         assert -turn[2] * radius == pytest.approx(way, rel=1 / 3)
 
 
+@pytest.mark.full
 def test_the_press_squeezes_and_lets_go():
     """The squirrel is pressed as low as the plates let it be, and grows deeper; then it rises again."""
     model, frames = played("press")

@@ -12,6 +12,8 @@ from balloon_warp.mesh.geometry import signed_volume, total_area
 from balloon_warp.model import Model
 from balloon_warp.outcomes import bad_endings
 
+pytestmark = pytest.mark.physics
+
 
 def thickness(points: np.ndarray, part: np.ndarray) -> float:
     """Return the root-mean-square distance of a part's particles from the line through them: the radius of a limb."""
@@ -56,6 +58,7 @@ def test_turtle_inflate_fills_neck_and_belly():
     assert girth[1] > 1.1 * girth[0]
 
 
+@pytest.mark.full
 def test_turtle_provot_keeps_every_spring_within_a_hundredth_of_its_limit():
     """No spring exceeds its limit by a hundredth in any frame (figure 12). Without correction some do by a half."""
     model, frames = played("turtle_provot")
@@ -86,6 +89,7 @@ def test_turtle_provot_keeps_neck_and_belly_closer_to_the_rest_shape():
     assert 0.0 < growth["turtle_provot"][1] < 0.5 * growth["turtle_inflate"][1]
 
 
+@pytest.mark.full
 def test_squirrel_squish_dents_the_squirrel():
     """A patch of the surface wraps more than a third of the radius; no particle is inside (figures 13 to 15)."""
     model, frames = played("squirrel_squish")
@@ -127,6 +131,7 @@ def rise(mass: float) -> float:
     return max(heights) - heights[0]
 
 
+@pytest.mark.full
 def test_sphere_launch_throws_the_lighter_sphere_higher():
     """Masses 1, 100, 1000 fly in that order; the last barely rises, by less than its diameter (figures 16 to 18)."""
     light, heavy, heaviest = rise(1.0), rise(100.0), rise(1000.0)
@@ -182,6 +187,7 @@ def test_net_forces_point_outward_at_first_and_nearly_balance_in_the_end():
     assert size[1] < 0.3 * size[0]
 
 
+@pytest.mark.full
 def test_pillow_on_water_displaces_its_weight():
     """The floating pillow displaces its own weight of water (Archimedes). After four seconds what is left is its last
     heaving, some 1e-4 m of its half a square meter."""
@@ -193,6 +199,7 @@ def test_pillow_on_water_displaces_its_weight():
     assert max(np.linalg.norm(frame.velocities[0], axis=1).max() for frame in frames[-60:]) < 0.02
 
 
+@pytest.mark.full
 def test_helium_rise_reaches_terminal_velocity():
     """The terminal velocity is sqrt(2 F / (rho C_d A)), F the lift less the weight, A a disk's as wide as the balloon.
     Air sinks with its rubber, and the heavy gas falls faster."""
@@ -208,6 +215,7 @@ def test_helium_rise_reaches_terminal_velocity():
     assert 0.0 > air > 2.0 * air > heavy
 
 
+@pytest.mark.full
 def test_two_balloons_the_smaller_empties_into_the_larger():
     """The smaller balloon has the higher pressure past the peak of the pressure curve; it shrinks until its pressure on
     the other side of the peak is that of the larger."""
@@ -232,6 +240,7 @@ def test_two_balloons_the_smaller_empties_into_the_larger():
     np.testing.assert_allclose(curve[0], curve[1], rtol=0.02)
 
 
+@pytest.mark.full
 def test_balloon_bunch_pushes_apart_and_comes_to_rest():
     """Each balloon touches another at the end, none penetrates by a hundredth of its radius, and strings are taut."""
     model, frames = played("balloon_bunch")
@@ -258,6 +267,7 @@ def test_scenes_do_not_flutter(name: str):
     assert np.percentile(change, 90) < 0.33
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", bundled_scenes())
 def test_none_ends_badly(name: str):
     model, frames = played(name)

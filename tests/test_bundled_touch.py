@@ -18,6 +18,8 @@ from balloon_warp.scenes.model_knot import CELL
 from balloon_warp.scenes.model_knot import RADIUS as TUBE
 from balloon_warp.scenes.pit import HALF, main, scene
 
+pytestmark = pytest.mark.physics
+
 ROUNDING = 2e-5
 """float32's, of points on a surface a meter from the origin [m]"""
 
@@ -67,6 +69,7 @@ def test_a_hundred_balloons_keep_out_of_each_other_and_of_the_box():
     assert heights[160] > 0.2 - ROUNDING  # or on the floor, to which it sinks at about that time
 
 
+@pytest.mark.full
 def test_a_batch_counts_what_stays_in_the_box(tmp_path: Path):
     """The count differs by one between two worlds, in one of which a balloon starts a meter higher, above the box."""
     short = load_scene("balloon_pit", {"frames": 3})
@@ -77,6 +80,7 @@ def test_a_batch_counts_what_stays_in_the_box(tmp_path: Path):
     assert (counts == [[low, low - 1]] * 4).all()
 
 
+@pytest.mark.full
 def test_a_long_balloon_ties_itself_and_keeps_out_of_itself():
     """Self-penetration stays below a fiftieth of the radius, at the elbows, too, where the skin folds; a strand that
     tunneled through another would untie the knot."""

@@ -1,11 +1,14 @@
 """Buoyancy and weight of gas in the air around it."""
 
 import numpy as np
+import pytest
 from gas_balloons import advanced, gas_balloon, with_volume
 from meshes import quad_sphere
 
 from balloon_warp.scene import Scene
 from balloon_warp.simulator import Simulator
+
+pytestmark = pytest.mark.physics
 
 
 def test_helium_lifts_by_the_difference_of_densities(device: str):

@@ -19,6 +19,8 @@ from balloon_warp.schedules.choose import LAUNCHED
 from balloon_warp.schedules.tears import neighbors_of
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 NEO = ENERGIES["neo_hookean"]
 GAS = Inflation(kind="gas", start_pressure=0.0)
 each_schedule = pytest.mark.parametrize("schedule", LAUNCHED)
@@ -161,6 +163,7 @@ def test_it_bursts_to_pieces_above_a_stress(device: str):
     assert pieces == [2, 3]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("parts", [12, 24])
 def test_pieces_keep_the_skin_whatever_the_mesh(parts: int, device: str):
     """The torn area is that of a line one face wide, whatever the resolution: nine tenths of the skin are left of 864

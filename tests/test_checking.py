@@ -163,6 +163,7 @@ def test_the_ground_is_as_deep_as_it_is(stage: Stage) -> None:
     assert crossing.depth == pytest.approx(0.1, abs=1e-6)
 
 
+@pytest.mark.full
 def test_a_run_passes_or_does_not(tmp_path: Path) -> None:
     """Two balls that fly at each other pass with contact and fail without."""
     ball = {"mesh": str(_ball(tmp_path)), "mass": 0.05}
@@ -204,6 +205,7 @@ def test_an_empty_stage_gets_a_sentence(stage: Stage) -> None:
         check_stage(stage.path.with_name("none.usda"))
 
 
+@pytest.mark.full
 def test_the_command_says_where_and_ends_with_one(stage: Stage) -> None:
     stage.balloon("one", BALL, (0, 0, 0)).balloon("two", BALL, (0.9, 0, 0))
     path = stage.save()

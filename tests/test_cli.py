@@ -92,6 +92,7 @@ def ball(tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.full
 def test_run_writes_stage_and_picture_and_says_where(ball: Path):
     done = balloon_warp(ball, "run", "ball.obj", "--picture", "--set", "frames=3", "--device", "cpu")
     assert done.returncode == 0, done.stderr
@@ -107,6 +108,7 @@ def test_run_writes_stage_and_picture_and_says_where(ball: Path):
     assert Image.open(ball / "ball.png").size == (960, 540)
 
 
+@pytest.mark.full
 def test_one_is_one(ball: Path):
     options = ["--frames", "1", "--fps", "24", "--device", "cpu"]
     done = balloon_warp(ball, "run", "ball.obj", "-o", "[red].usda", *options)
@@ -114,6 +116,7 @@ def test_one_is_one(ball: Path):
     assert done.stdout.splitlines()[1] == "wrote [red].usda: 0.0417 s at 24 frames/s"
 
 
+@pytest.mark.full
 def test_run_json_is_one_object_with_the_promised_keys(ball: Path):
     done = balloon_warp(ball, "run", "ball.obj", "-o", "out.usda", "--json", "--set", "frames=2", "--device", "cpu")
     summary = json.loads(done.stdout)
@@ -142,6 +145,7 @@ def test_a_scene_of_ones_own_begins_with_that_of_a_mesh(ball: Path):
     assert '\nmesh = "ball.obj"\n' in printed  # where it is seen from here
 
 
+@pytest.mark.full
 def test_remesh_writes_quads_that_run_can_inflate(ball: Path):
     done = balloon_warp(ball, "remesh", "ball.obj", "-o", "quads.obj", "--cells", "8")
     assert done.returncode == 0, done.stderr
@@ -218,6 +222,7 @@ def test_a_mistake_ends_a_process_of_its_own_with_one_sentence_and_status_2(ball
     assert len(done.stderr.splitlines()) == 1
 
 
+@pytest.mark.full
 def test_a_blow_up_gets_one_sentence_and_status_1(tmp_path: Path):
     """A blow-up beyond float32 prints one sentence: springs are stable, but nothing holds the balloon."""
     write_obj(tmp_path / "box.obj", cube())
@@ -230,6 +235,7 @@ def test_a_blow_up_gets_one_sentence_and_status_1(tmp_path: Path):
     assert [path.name for path in tmp_path.iterdir()] == ["box.obj"]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("command", "number", "status"),
     [("run", signal.SIGINT, 130), ("run", signal.SIGTERM, 143), ("batch", signal.SIGINT, 130)],
@@ -282,6 +288,7 @@ def test_a_command_does_not_look_for_garbage_in_what_it_loaded(tmp_path: Path):
     assert done.stderr.strip() == "False True"
 
 
+@pytest.mark.full
 def test_a_batch_of_one_process_that_exports_nothing_loads_no_usd_and_no_event_loop(tmp_path: Path):
     write_obj(tmp_path / "ball.obj", quad_sphere(2))
     program = (

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 from balloon_warp.scene import Balloon, Ground, Inflation, Obstacle, Scene, Sphere, Stiffness
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 EPSILON = float(np.finfo(np.float32).eps)
 NO_SPRINGS = Stiffness(structural=0.0, shear=0.0, flexion=0.0)
 
@@ -48,6 +50,7 @@ def pair(
     ]
 
 
+@pytest.mark.full
 def test_equal_spheres_exchange_their_velocities(layout, device):
     """Equal spheres exchange their velocities in a head-on elastic collision, from where they met."""
     simulator = billiard(device, pair(), **layout)
@@ -104,6 +107,7 @@ def cloud(seed: int, count: int = 12, restitution: float = 1.0) -> list[Sphere]:
     ]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("restitution", [1.0, 0.5, 0.0])
 def test_a_cloud_of_them_keeps_momentum_and_angular_momentum_and_gains_no_energy(restitution, device):
     simulator = billiard(device, cloud(3, restitution=restitution))
@@ -125,6 +129,7 @@ def test_a_cloud_of_them_keeps_momentum_and_angular_momentum_and_gains_no_energy
         np.testing.assert_allclose(energy, sphere_energies(billiard(device, cloud(3))).sum(), rtol=60 * EPSILON)
 
 
+@pytest.mark.full
 def test_none_is_in_another_after_a_crowd_has_met(device):
     """No spheres overlap after a crowd has met: an unresolved overlap falls by a tenth in a hundredth of a second."""
     spheres = cloud(7, count=27, restitution=0.3)

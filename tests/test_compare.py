@@ -97,6 +97,7 @@ def test_the_figures_are_those_of_the_frame_that_is_shown(tmp_path: Path):
     assert compared(tmp_path, {K_NORMAL: [0.5]}, frame=6).runs[0].figures["volume"] > figures["volume"]
 
 
+@pytest.mark.full
 def test_only_one_closed_balloon_is_round(tmp_path: Path):
     """Roundness is reported for a single closed balloon only: summed volumes and areas have no shape."""
     alone = compared(tmp_path, {K_NORMAL: [0.0]}).runs[0].figures
@@ -115,6 +116,7 @@ def test_each_of_several_frames_is_shown_and_one_past_the_end_is_refused(tmp_pat
     assert result.runs[2].sentence == "frame: 7 is not in the scene; expected 0 to 6"
 
 
+@pytest.mark.full
 def test_refused_and_exploded_runs_stand_beside_the_others(tmp_path: Path):
     result = compared(tmp_path, {K_NORMAL: [0.1, 9e11, "much"]}, table=tmp_path / "out.csv")
     assert [run.outcome for run in result.runs] == ["done", "blew up", "refused"]

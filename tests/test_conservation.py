@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 from balloon_warp.scene import Atmosphere, Balloon, Inflation, Scene, Stiffness
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 NO_INFLATION = Inflation(k_normal=0.0)
 BALLOONS = {
     "springs": {"inflation": NO_INFLATION, "stiffness": Stiffness(variation=0.3)},
@@ -87,6 +89,7 @@ def test_forward_euler_keeps_momentum_and_not_angular_momentum(device):
     assert drift[1] > 1e2 * rounding[1]
 
 
+@pytest.mark.full
 def test_projective_keeps_momentum_and_loses_angular_momentum_at_first_order(device):
     """Backward Euler loses h^2 v x F of angular momentum each step, so half with half the step; its linear system,
     solved in float32, leaves less than an epsilon of the momentum every substep."""

@@ -8,6 +8,8 @@ from meshes import cube, quad_sphere
 from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Sphere, Stiffness, String
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 NO_SPRINGS = Stiffness(structural=0.0, shear=0.0, flexion=0.0)
 
 
@@ -23,6 +25,7 @@ def still_cube(**fields) -> Balloon:
     return Balloon(mesh=cube(), **fields)
 
 
+@pytest.mark.full
 def test_a_particle_inside_a_sphere_moves_out_along_the_ray_from_its_center(device):
     corner = cube().points[6]
     center = corner + [0.06, 0.03, -0.02]
@@ -69,6 +72,7 @@ def test_penalty_force_is_the_touching_particles_inflation(device):
     np.testing.assert_allclose(velocity[1], expected, rtol=0.01)  # the corner has moved by some micrometers
 
 
+@pytest.mark.full
 def test_spheres_bounce_on_the_ground_by_their_restitution(device):
     """A sphere bounces from height H above contact to e^2 H; the step adds an error of order g h T."""
     scene = Scene(
@@ -107,6 +111,7 @@ def test_a_balloon_rests_on_the_ground_and_friction_stops_it(device):
     np.testing.assert_allclose(slid[0], 1.0 / (2 * 0.4 * 9.81), rtol=0.1)
 
 
+@pytest.mark.full
 def test_a_slack_string_does_nothing_and_a_taut_one_holds(device):
     """Helium lift F on a string of stiffness k ends at length L + F / k, as damping leaves no motion."""
     lift = 0.2 * (20.0 - 9.81)

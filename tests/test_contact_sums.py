@@ -56,6 +56,7 @@ def added_up(simulator: Simulator, world: int, balloon: int, thing: int) -> tupl
     return force, torque
 
 
+@pytest.mark.full
 def test_the_device_has_the_net_force_of_each_pair_in_every_world():
     """Net forces on the device equal those of frames; each world is a row, with no copy to the host."""
     simulator = Simulator(pile(), "cpu", WORLDS, MASSES)
@@ -145,6 +146,7 @@ def test_shares_of_a_cluster_tell_the_same(folder: Path):
     assert all(record.contacts is None for record in result.records[:-1])
 
 
+@pytest.mark.full
 def test_a_world_that_began_again_has_what_it_pressed_then(tmp_path: Path):
     """A restarted world reports the forces of its new episode, and the others are unchanged."""
     vary = {"balloon.1.inflation.pressure": [30.0, 5e6]}

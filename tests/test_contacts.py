@@ -13,6 +13,8 @@ from balloon_warp.job import animate
 from balloon_warp.scene import Balloon, Body, Ground, Inflation, Obstacle, Scene, Sphere, Touch, load_scene
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 GRAVITY = 9.81
 
 
@@ -58,6 +60,7 @@ def test_what_lies_on_something_presses_it_by_its_weight(floor: str) -> None:
     assert contact.pressure >= contact.force[1] / contact.area * 0.99
 
 
+@pytest.mark.full
 def test_what_is_held_by_ridges_counts() -> None:
     """Contact forces include those by ridges: a ball on two rods, which bear it between its particles, too."""
     frame = at_rest(Scene(balloon=[ball(0.49, friction=0.0)], faces=True, **FLOORS["rod"]))
@@ -66,6 +69,7 @@ def test_what_is_held_by_ridges_counts() -> None:
     assert {each.other for each in frame.contacts} == {"rod"}
 
 
+@pytest.mark.full
 def test_a_body_presses_by_its_weight_and_what_carries_it_by_both() -> None:
     tray = Body(name="tray", size=(0.8, 0.3, 0.8), position=(0.0, 1.3, 0.0), mass=0.2)
     frame = at_rest(Scene(balloon=[ball(0.5)], body=[tray], ground=Ground(), faces=False), 120)
@@ -73,6 +77,7 @@ def test_a_body_presses_by_its_weight_and_what_carries_it_by_both() -> None:
     assert on(frame, "ground").force[1] == pytest.approx(0.5 * GRAVITY, rel=0.05)
 
 
+@pytest.mark.full
 def test_balloons_press_each_other_alike() -> None:
     """Forces between two balloons are equal and opposite: the upper lies on the lower, in a pit of four walls."""
     walls = [
@@ -111,6 +116,7 @@ def test_the_press_presses_by_pressure_times_area() -> None:
     assert -upper.force[1] == pytest.approx(10.0 * upper.area, rel=0.15)
 
 
+@pytest.mark.full
 def test_the_bundled_press_tells_force_as_pressure_times_area() -> None:
     """The bed bears F = dp A while the plate holds still, with dp the paper's push over the area of the skin."""
     simulator = Simulator(load_scene("press", {"contacts": True}), device="cpu")
@@ -135,6 +141,7 @@ def test_the_stage_has_a_channel_for_each_pair(tmp_path: Path) -> None:
     assert prim.GetAttribute("userProperties:contacts:floor:area").GetNumTimeSamples() == 21
 
 
+@pytest.mark.full
 def test_a_sphere_presses() -> None:
     sphere = Sphere(radius=0.3, mass=0.1, position=(0.0, 1.3, 0.0))
     frame = at_rest(Scene(balloon=[ball(0.5)], sphere=[sphere], ground=Ground(), contact="impulse"), 90)

@@ -35,6 +35,7 @@ def followed(simulator: Simulator) -> list[np.ndarray]:
     return [simulator.state.points.numpy().copy(), places, simulator.controls.faults.numpy().copy()]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("where", ["in itself", "in another", "in another with those controls", "from a file"])
 def test_a_saved_simulator_goes_on_with_its_controls(where: str, tmp_path) -> None:
     first = controlled()

@@ -65,6 +65,7 @@ def values_of(frame: int, world_count: int) -> dict[str, np.ndarray]:
     return {path: drawn[:, n] if path in vectors else drawn[:, n, 0] for n, path in enumerate(BOUNDED)}
 
 
+@pytest.mark.full
 def test_a_control_is_what_set_sets_bit_for_bit(schedule: str) -> None:
     """A control is bit-identical to `set`, for laws that did not act until then, too."""
     controlled, told = opened(3, schedule=schedule), Simulator(SCENE, "cpu", 3, schedule=schedule)
@@ -216,6 +217,7 @@ def test_laws_act_only_where_bounds_let_them() -> None:
     assert acting_laws(replace(simulator.model, reach={})) == before
 
 
+@pytest.mark.full
 def test_a_blow_up_is_explained_by_the_frame_that_it_came_in() -> None:
     """The report of a blow-up names the values of its own frame, none written before."""
     from balloon_warp import BlowUpError

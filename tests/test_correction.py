@@ -19,6 +19,8 @@ from balloon_warp.simulator import Simulator
 from balloon_warp.springs import build_springs
 from balloon_warp.springs.coloring import color_springs
 
+pytestmark = pytest.mark.physics
+
 NO_INFLATION = Inflation(k_normal=0.0)
 SLACK = Stiffness(structural=0.0, shear=0.0, flexion=0.0)
 """springs that pull at nothing: only their correction is left"""
@@ -113,6 +115,7 @@ def test_springs_of_a_color_share_no_particle():
         np.testing.assert_array_equal(color_springs(pairs[shuffled, ::-1], mesh.points), colors[shuffled])
 
 
+@pytest.mark.full
 def test_the_order_of_springs_in_memory_does_not_matter(device):
     """The order of springs leaves the result bit-identical, in a schedule that sums forces in a fixed order."""
     stiffness = Stiffness(variation=0.2)
@@ -149,6 +152,7 @@ def pressed_ball(mesh: PolygonMesh, device: str) -> np.ndarray:
     return simulator.read_frame().points[0].astype(np.float64)
 
 
+@pytest.mark.full
 def test_the_numbers_of_particles_do_not_matter_and_how_the_mesh_is_turned_hardly(device):
     """Renumbered vertices change the result by rounding alone, on a ball of radius 1 m. A quarter turn corrects springs
     in another order, which changes it by less than a hundredth of the radius."""
@@ -204,6 +208,7 @@ def uneven_ball(count: int = 300, radius: float = 0.5) -> PolygonMesh:
     return mesh_of(radius * points, [triangle.tolist() for triangle in triangles])
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("limit", [0.1, 0.25])
 def test_rounding_does_not_decide_which_springs_at_the_limit_pull(limit: float):
     """Uneven springs, many at their limit, are at the same places after half a second of other sums, up to growth of

@@ -12,6 +12,8 @@ from balloon_warp.mesh.triangles import triangles_of
 from balloon_warp.model.plan import plan_model
 from balloon_warp.scene import Balloon, Inflation, Scene, Stiffness, Touch
 
+pytestmark = pytest.mark.physics
+
 LIMP = Stiffness(structural=50.0, shear=25.0, flexion=0.0)
 
 

@@ -46,6 +46,7 @@ def arrays(path: Path) -> dict[str, np.ndarray]:
     return found
 
 
+@pytest.mark.full
 def test_h5py_reads_all_that_moved(written: Path, tmp_path: Path):
     h5py = pytest.importorskip("h5py")
     export_stage(written, tmp_path / "out.h5")
@@ -87,6 +88,7 @@ def page_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "points.h5"
 
 
+@pytest.mark.full
 def test_a_file_has_what_its_page_says(page_file: Path):
     """The file has each dataset of the table and no other, in shapes whose letters agree, and the attributes."""
     h5py = pytest.importorskip("h5py")

@@ -95,6 +95,7 @@ def test_the_smallest_scene_falls_as_a_round_ball():
         assert abs(points.mean(axis=0)[1]) > 1.0
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["ball", "bowl", "pillow", "squirrel", "turtle"])
 def test_undamped_in_empty_space_no_bundled_mesh_heats_itself_or_goes_away(name: str):
     """Momentum and energy are conserved for 20 s: the center stays in place, and once the pressure is constant, the

@@ -19,6 +19,7 @@ def after_frames(name: str, frames: int) -> tuple[np.ndarray, np.ndarray]:
     return state.points.numpy(), state.velocities.numpy()
 
 
+@pytest.mark.full
 def test_particles_that_are_put_off_do_the_same(monkeypatch):
     at_once = after_frames("table", 8)
     monkeypatch.setattr("balloon_warp.schedules.gather.has_many", lambda model: True)

@@ -72,6 +72,7 @@ def boxy() -> PolygonMesh:
     return replace(BALL, points=points / (np.sum(points**4, axis=1) ** 0.15)[:, None], name="box")
 
 
+@pytest.mark.full
 def test_rubber_that_varies_in_thickness_comes_nearer(tmp_path: Path):
     """A designed thickness comes nearer to a box than the mould alone in half the steps; a resumed design agrees."""
 
@@ -220,6 +221,7 @@ def test_command(tmp_path: Path):
 CIRCLE = '<svg xmlns="http://www.w3.org/2000/svg" width="90" height="90"><circle cx="45" cy="45" r="40"/></svg>'
 
 
+@pytest.mark.full
 def test_foil_gets_an_outline_that_shrinks_to_the_wanted_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """A circle's foil pattern is larger by 1 / 0.7627, as theory says, and its drawing in millimeters has that size."""
     pytest.importorskip("shapely")

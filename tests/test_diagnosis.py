@@ -57,6 +57,7 @@ def end_of_the_spring(stiffness: float, begin: float, step: float) -> tuple[int,
     return count, abs(before)
 
 
+@pytest.mark.full
 def test_a_spring_too_stiff_for_the_step_is_named_with_the_substep_its_stretch_and_a_step_that_is_not(device):
     """A spring stiffened after the scene's check is named in the report. The step amplifies the motion tenfold a
     substep, so that rounding does not move the last one."""
@@ -80,6 +81,7 @@ def test_a_spring_too_stiff_for_the_step_is_named_with_the_substep_its_stretch_a
     assert "substeps a frame, more damping or softer springs help" in str(report)
 
 
+@pytest.mark.full
 def test_of_two_springs_the_one_that_pulled_harder_is_named(device):
     """The report names the spring that pulled harder: the second goes sideways to particle 2, half as stiff."""
     points = np.array([[0.0, 0.0, 0.0], [0.0, -1.0, 0.0], [5.0, -1.0, 0.0]])
@@ -94,6 +96,7 @@ def test_of_two_springs_the_one_that_pulled_harder_is_named(device):
     assert report.spring.by == "the structural spring to particle 0"
 
 
+@pytest.mark.full
 def test_the_stable_step_counts_drag_at_the_speed_of_the_moment(device):
     """The stable step includes drag at the current speed: a cube at a hundred thousand kilometers a second."""
     box = Balloon(mesh=cube(), mass=1.0, damping=0.0, drag_coefficient=0.5, stiffness=SLACK, inflation=NO_INFLATION)
@@ -129,6 +132,7 @@ def test_what_changes_on_the_way_changes_in_the_replay(device):
     assert report.body == "particle 1"
 
 
+@pytest.mark.full
 def test_inflation_that_is_too_strong_is_named_and_the_step_is_not(device):
     report = blow_up(Simulator(Scene(balloon=[Balloon(mesh=cube(), inflation=TOO_MUCH)]), device))
     assert (report.frame, report.substep) == (1, 1)
@@ -140,6 +144,7 @@ def test_inflation_that_is_too_strong_is_named_and_the_step_is_not(device):
     assert "less force helps" in str(report)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("pressure", [5e8, -5e8])
 def test_a_pressure_that_no_step_can_follow_is_the_cause(pressure: float, device):
     """An enormous pressure is named as the cause; a modest one is not, where something else is."""
@@ -171,6 +176,7 @@ def test_a_push_that_no_step_can_follow_is_the_cause(rises: bool, device):
     assert (other.k_normal, other.pressure) == (None, None)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("obstacles", "touched"),
     [
@@ -215,6 +221,7 @@ def test_only_the_frames_since_the_last_kept_state_are_simulated_again(device, m
     assert frames == [*range(1, 22), *range(17, 21)]
 
 
+@pytest.mark.full
 def test_a_string_that_pulls_too_hard_is_named(device):
     """A string is named that is too short by the distance from its anchor, and too stiff for the step."""
     scene = on_a_spring(string=[String(anchor=(0.0, -4.0, 0.0), particle=1, length=1.0, stiffness=2.0)])
@@ -226,6 +233,7 @@ def test_a_string_that_pulls_too_hard_is_named(device):
     assert report.other.newtons > 1e5
 
 
+@pytest.mark.full
 def test_a_sphere_that_flies_off_is_named_with_the_particle_that_pushed_it(device):
     """A sphere of next to no mass that flies off is named with the particle that pushed it."""
     place = tuple(cube().points[2] + np.array([0.3, 0.3, 0.3]))
@@ -239,6 +247,7 @@ def test_a_sphere_that_flies_off_is_named_with_the_particle_that_pushed_it(devic
     assert report.other.newtons == pytest.approx(100.0 / 6.0, rel=0.01)
 
 
+@pytest.mark.full
 def test_of_several_balloons_the_one_is_named(device):
     bad = Balloon(mesh=cube(), name="box", inflation=TOO_MUCH)
     report = blow_up(Simulator(Scene(balloon=[BESIDE, bad]), device))

@@ -59,6 +59,7 @@ def test_commands_are_ones_that_there_are(page: Path):
                 pytest.fail(f"{page.name}: {line}: {error}")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "page",
     [page for page in PAGES if code(page, "python") and page.name not in RUN_ELSEWHERE],
@@ -89,6 +90,7 @@ TRIED = ("README.md", "START.md", "OUTPUTS.md")
 """pages whose commands are run; those of the others go on for long, or on machines that are not here"""
 
 
+@pytest.mark.full
 def test_commands_of_the_first_pages_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Commands of the first pages succeed one after the other in one folder, as a reader runs them; each once, with few
     frames and small pictures. `view` and `batch` have other tests."""

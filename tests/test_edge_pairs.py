@@ -3,12 +3,15 @@
 from collections.abc import Iterator
 
 import numpy as np
+import pytest
 from test_folded import folding_tube, gaps
 
 from balloon_warp.kernels.contact.list_lengths import PAIRS, SUBSTEPS
 from balloon_warp.kernels.laws.edges import KEPT
 from balloon_warp.scene import Touch
 from balloon_warp.simulator import Simulator
+
+pytestmark = pytest.mark.physics
 
 FRAMES = 14
 
@@ -27,6 +30,7 @@ def substeps_of(simulator: Simulator) -> Iterator[np.ndarray]:
         schedule.framing.end(state)
 
 
+@pytest.mark.full
 def test_no_pair_is_left_out_that_could_touch():
     """While a tube folds at 8 m/s, two edges that are not measured in a substep stay farther apart than they keep.
 

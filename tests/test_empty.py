@@ -13,6 +13,8 @@ from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.scene import Balloon, Ground, Inflation, Material, Scene, Tube
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 MESH = quad_sphere(4, 0.05)
 FULL = AIR * signed_volume(MESH) / (8.314462618 * KELVIN)
 """of the air's pressure in the mesh's volume [mol]"""

@@ -43,6 +43,7 @@ def steps(env: BalloonVectorEnv, count: int, seed: int = 0) -> list[Any]:
     return told
 
 
+@pytest.mark.full
 def test_gymnasium_finds_nothing_wrong() -> None:
     """Gymnasium's checker passes one task, whose code all share."""
     check_env(gymnasium.make("BalloonWarp/Target-v0", device="cpu").unwrapped, skip_render_check=True)
@@ -211,6 +212,7 @@ def returns(name: str, policy: Any) -> float:
     return float(total.mean())
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", SHORT)
 def test_a_simple_policy_earns_more_than_a_random_one(name: str) -> None:
     least, most = RETURNS[name]
@@ -234,6 +236,7 @@ def test_the_envelope_is_that_of_the_balloon_learning_environment() -> None:
     assert low - 200.0 * slope == pytest.approx(VOLUME, rel=0.003)
 
 
+@pytest.mark.full
 def test_a_balloon_sinks_with_air_pumped_in_and_rises_without() -> None:
     env = make_vec("Altitude", 3, device="cpu")
     env.reset(seed=0)

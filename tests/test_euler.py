@@ -13,6 +13,8 @@ from balloon_warp.model import build_model
 from balloon_warp.scene import Balloon, Inflation, Scene, Stiffness
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 Solver = Literal["symplectic_euler", "forward_euler"]
 SOLVERS: list[Solver] = ["symplectic_euler", "forward_euler"]
 NO_INFLATION = Inflation(k_normal=0.0)
@@ -49,6 +51,7 @@ def energies(simulator: Simulator, frames: int) -> np.ndarray:
     return np.array(found)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_the_spring_keeps_to_its_analytic_motion_at_first_order(solver: Solver, device: str):
     def error(substeps: int) -> float:
@@ -84,6 +87,7 @@ def test_symplectic_eulers_energy_swings_and_does_not_drift(device):
     assert abs(swing[-120:].mean() - swing[:120].mean()) < 0.1 * h * OMEGA / 2.0
 
 
+@pytest.mark.full
 def test_a_balloon_gains_energy_by_forward_euler_alone(device):
     """Only forward Euler gains energy on an undamped balloon, stretched by a tenth and let go, in half a second."""
     ends = {}
@@ -126,6 +130,7 @@ def test_auto_takes_the_step_at_which_damping_makes_up_for_forward_euler():
         Simulator(Scene(balloon=[balloon.model_copy(update={"damping": 0.0})], solver="forward_euler"), "cpu")
 
 
+@pytest.mark.full
 def test_forward_euler_with_autos_substeps_loses_energy(device):
     """The automatic step of forward Euler loses energy, and with a tenth of the substeps it gains energy, though
     damped: the bound is right within its margins."""

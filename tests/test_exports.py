@@ -96,6 +96,7 @@ def test_a_package_passes_every_validator(written: Path, tmp_path: Path):
         np.testing.assert_array_equal(mesh.GetPointsAttr().Get(frame), original.GetPointsAttr().Get(frame))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("kind", ["glb", "usdz", "usda"])
 def test_run_writes_what_convert_makes_of_its_stage(tmp_path: Path, kind: str):
     """A run writes what `convert` makes of its stage, and no other file but the requested picture."""
@@ -111,6 +112,7 @@ def test_run_writes_what_convert_makes_of_its_stage(tmp_path: Path, kind: str):
         assert (tmp_path / "out.glb").read_bytes() == (folder / "out.glb").read_bytes()
 
 
+@pytest.mark.full
 def test_a_run_that_is_stopped_goes_on_to_the_same_glb(tmp_path: Path):
     whole, output = tmp_path / "whole.glb", tmp_path / "out.glb"
     animate(RESUMED_SCENE, whole, device="cpu")

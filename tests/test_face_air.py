@@ -12,6 +12,8 @@ from balloon_warp.mesh import PolygonMesh
 from balloon_warp.scene import Atmosphere, Balloon, Inflation, Scene
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 STILL = {"stiffness": NO_SPRINGS, "damping": 0.0, "inflation": Inflation(kind="pressure", pressure=0.0)}
 
 
@@ -64,6 +66,7 @@ def lift(up: wp.vec3, lift: float):
     return lift * up
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("mesh", "revisits"), [(quad_sphere(8, 0.5), False), (finned(), True)], ids=["ball", "fin"])
 def test_corners_bear_the_whole_force_on_a_face(mesh: PolygonMesh, revisits: bool, device: str):
     """Faces of a fin run along their corners and back again, so that they pass some particles twice."""

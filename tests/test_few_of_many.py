@@ -21,6 +21,7 @@ def between_planes(**changed) -> Scene:
     return Scene(balloon=[ball], obstacle=[box, lid], **changed)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("changed", "is_told"), [({}, True), ({"correction": "provot"}, False)], ids=["told", "asked"])
 def test_a_list_of_those_that_leave_obstacles_changes_nothing(changed, is_told, device, monkeypatch):
     """Whoever moves a particle notes it, or where others move it after that, the list asks for itself."""

@@ -11,6 +11,8 @@ from balloon_warp.scene import Atmosphere, Balloon, Inflation, Material, Scene
 from balloon_warp.scene.overrides import override_scene
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 BALL = with_volume(quad_sphere(4), 0.02)
 OF_A_LITRE = AIR_PRESSURE * 1e-3 / (GAS_CONSTANT * TEMPERATURE)
 """[mol]"""

@@ -9,7 +9,10 @@ from balloon_warp.mesh import PolygonMesh
 from balloon_warp.schedules.readout import ForceReader
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
 
+
+@pytest.mark.full
 @pytest.mark.parametrize("mesh", [QUADS, TRIANGLES], ids=["quads", "triangles"])
 def test_viscous_faces_read_velocities_of_their_own_corners(mesh: PolygonMesh) -> None:
     """Viscous faces add to the forces what the force reader, which goes by particles, reports."""

@@ -14,7 +14,10 @@ from balloon_warp.scene import Balloon, Material, Scene
 from balloon_warp.schedules.membrane_faces import sums_of
 from balloon_warp.schedules.membranes import membrane_quads
 
+pytestmark = pytest.mark.physics
 
+
+@pytest.mark.full
 @pytest.mark.parametrize(("mesh", "held"), [(QUADS, 0), (QUADS, 1), (QUADS, 2), (TRIANGLES, 0)])
 def test_area_vectors_are_the_gradient_of_the_volume(mesh: PolygonMesh, held: int) -> None:
     """Area vectors equal central differences of the volume, exact but for rounding: it is cubic in each place."""

@@ -28,6 +28,7 @@ bw.Simulator(([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3
 """
 
 
+@pytest.mark.full
 def test_names_are_there_before_they_load_and_warp_is_silent(tmp_path: Path):
     """Names are listed before they load and Warp prints nothing, even if it was imported before."""
     done = subprocess.run(

@@ -63,6 +63,7 @@ def test_the_radius_is_found_where_nobody_says_it():
     assert fit.values["radius"] == pytest.approx(RADIUS, rel=1e-3)
 
 
+@pytest.mark.full
 def test_a_curve_of_a_mesh_is_that_of_what_is_simulated(tmp_path: Path):
     """A fit by statics recovers the rubber of an egg that the simulation inflates."""
     egg = replace(quad_sphere(2), points=0.05 * quad_sphere(2).points * [1.0, 1.0, 1.5])
@@ -245,6 +246,7 @@ def test_starts_get_out_of_small_minima(seed: int):
     np.testing.assert_allclose(found.best.place, true, atol=1e-3)
 
 
+@pytest.mark.full
 def test_a_flight_with_a_bounce_gives_back_its_rubber():
     """A fit to a flight with a bounce recovers its rubber as well as FITTING.md says: this is a seed of its benchmark.
 

@@ -19,6 +19,7 @@ FALLEN = 9.81 * STEP**2 * COUNT * (COUNT + 1) / 2
 THROW = {"balloon.velocity.0": (-3.0, 4.0), "balloon.velocity.1": (-2.0, 6.0)}
 
 
+@pytest.mark.full
 def test_a_throw_hits_its_target():
     """A fitted throw hits its target along symplectic Euler's parabola: v = (way + fall) / time."""
     target = np.array([0.3, 0.2, 0.0])
@@ -47,6 +48,7 @@ def test_a_start_that_blows_up_leaves_the_others_alone():
     assert found.starts[3] < 1e-9
 
 
+@pytest.mark.full
 def test_a_value_without_influence_is_named_and_left_where_it_began():
     """A parameter without influence is named and keeps its start: nothing pushes the ball along z."""
     said: list[str] = []

@@ -36,6 +36,7 @@ def test_a_fit_that_was_stopped_goes_on(tmp_path: Path):
     assert not kept.exists()
 
 
+@pytest.mark.full
 def test_ctrl_c_says_how_to_go_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     np.savez(tmp_path / "volumes.npz", times=[0.1], volumes=[1.0])
     words = ["fit", str(tmp_path / "volumes.npz"), "knot", "--free", "balloon.damping=0.1:2", "--device", "cpu"]

@@ -145,6 +145,7 @@ def test_a_drawing_stands_upright(tmp_path: Path):
     assert np.ptp(low[:, 0]) > 2.5 * np.ptp(high[:, 0])
 
 
+@pytest.mark.full
 def test_a_round_one_swells_to_nearly_what_foil_would(tmp_path: Path):
     """Two discs of radius a that bend freely and do not stretch inflate to a volume of 1.2185 a^3, a thickness of
     0.9139 a and a radius of 0.7627 a (Paulsen 1994). Springs resist where foil wrinkles finer than their length, so the
@@ -180,6 +181,7 @@ def test_what_is_too_narrow_names_an_edge_that_is_not():
     assert is_closed_surface(foil_mesh("E", edge=fits))
 
 
+@pytest.mark.full
 def test_a_scene_of_foil_fills_alike_at_any_height(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Pressure and stretch are equal at any height, and the shape to a twentieth after four seconds."""
     monkeypatch.chdir(tmp_path)

@@ -23,6 +23,8 @@ from balloon_warp.schedules import balloon_contact
 from balloon_warp.schedules.touch_table import substeps_of_search
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 LIMP = Stiffness(structural=50.0, shear=25.0, flexion=0.0)
 
 
@@ -77,6 +79,7 @@ def test_foil_is_searched_less_often_than_a_packet():
     assert interval(zigzag(3, 0.002)) == 4
 
 
+@pytest.mark.full
 def test_layers_of_a_folded_strip_keep_apart(device: str):
     """Layers of a folded strip, pressed together from both sides at 0.5 m/s, do not cross."""
     mesh = zigzag(4, 0.004)
@@ -99,6 +102,7 @@ def test_layers_of_a_folded_strip_keep_apart(device: str):
     assert thinnest < 0.7 * np.ptp(mesh.points[:, 2])
 
 
+@pytest.mark.full
 def test_layers_that_fall_on_the_ground_keep_apart(device: str):
     """Layers of a folded strip that falls flat on the ground at 4 m/s do not cross, and none is pushed into the ground.
 
@@ -169,6 +173,7 @@ def folding_tube(touch: Touch | bool | None, schedule: str = "auto") -> tuple[Si
     return simulator, mesh
 
 
+@pytest.mark.full
 def test_a_long_tube_that_folds_fast_is_nowhere_in_itself():
     """A tube whose halves fold until their ends meet at 8 m/s does not cross itself; it would at 96 places."""
     simulator, mesh = folding_tube(Touch(itself=True))
@@ -194,6 +199,7 @@ def gaps(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.ndarr
     return np.where(crossing, np.abs(((c - a) * normal).sum(-1)) / np.sqrt(squared), ends)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("threads", "room"), [(1, 12), (24, 12), (2, 0)], ids=["alone", "shared", "without room"])
 def test_edges_that_may_touch_are_on_the_list(threads: int, room: int, monkeypatch):
     """Pairs that come within the skin and the slack until the next search are listed, whoever shares the search."""
@@ -227,6 +233,7 @@ def test_edges_that_may_touch_are_on_the_list(threads: int, room: int, monkeypat
     assert max(found) > 20
 
 
+@pytest.mark.full
 def test_letters_of_foil_that_meet_fast_come_apart_again():
     """A V and an L of foil that meet at 2 m/s separate again, in a scene that says nothing of touching; without edges,
     or where they do not touch themselves, they are 10 cm deep in each other."""

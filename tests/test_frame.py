@@ -10,6 +10,8 @@ from PIL import Image
 
 from balloon_warp import Balloon, BlowUpError, Change, InputError, Scene, Simulator, Sphere, String
 
+pytestmark = pytest.mark.physics
+
 TWO = Scene(
     normals="cached",
     balloon=[

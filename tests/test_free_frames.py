@@ -28,6 +28,7 @@ def free_particles(height: float) -> Balloon:
     )
 
 
+@pytest.mark.full
 def test_frames_are_free_until_a_balloon_may_meet_an_obstacle(device: str):
     """A ball that falls from 1.5 m is advanced by the kernel without obstacles, then by the one with them."""
     ball = Balloon(mesh=quad_sphere(3, 0.2), position=(0.0, 1.5, 0.0), inflation={"k_normal": 0.5})
@@ -58,6 +59,7 @@ def test_what_goes_further_than_was_free_is_stopped_all_the_same(device: str):
     assert verdicts(simulator) == [BUSY]
 
 
+@pytest.mark.full
 def test_a_frame_that_is_simulated_again_leaves_nothing_of_the_first_time(device: str):
     """A repeated frame pumps no gas twice, moves no sphere twice and counts once, as in a schedule that does not
     speculate."""
@@ -79,6 +81,7 @@ def test_a_frame_that_is_simulated_again_leaves_nothing_of_the_first_time(device
     np.testing.assert_allclose(simulator.state.points.numpy(), peer.state.points.numpy(), atol=1e-5)
 
 
+@pytest.mark.full
 def test_rubber_remembers_nothing_of_a_frame_that_is_simulated_again(device: str):
     """Softening is not kept from a frame that is simulated again: a ball hangs by its top, and falls so fast that a
     plate stops it; without the plate it is stretched further."""

@@ -10,6 +10,8 @@ from balloon_warp.errors import InputError
 from balloon_warp.scene import Balloon, Ground, Obstacle, Scene, load_scene
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 SURFACES = {
     "ground": {"ground": Ground(friction=0.5)},
     "obstacle": {"obstacle": [Obstacle(shape="plane", friction=0.5)]},

@@ -110,6 +110,7 @@ exit $status
 """
 
 
+@pytest.mark.full
 def test_a_full_disk_leaves_the_good_file(scene: Scene, tmp_path: Path):
     """A full disk of 128 KiB leaves the good file, where the system allows a mount."""
     names = ["unshare", "-rm"]

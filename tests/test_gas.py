@@ -31,6 +31,8 @@ from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Sphere, Stiffness
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 wp.set_module_options(OPTIONS)
 
 
@@ -47,6 +49,7 @@ def test_a_frame_whose_forces_nobody_asks_for_computes_none(monkeypatch):
     assert not frame.inflation_forces
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "mesh", [jittered(prism(5)), jittered(quad_sphere(3)), octahedron()], ids=["prism", "ball", "octahedron"]
 )
@@ -68,6 +71,7 @@ def test_pressure_force_is_the_gradient_of_the_volume(mesh: PolygonMesh, device:
     np.testing.assert_allclose(forces, expected, atol=1e-5 * np.abs(expected).max())
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("mesh", [jittered(torus(9, 6)), jittered(prism(7))], ids=["torus", "prism"])
 def test_net_pressure_force_and_torque_vanish_on_a_closed_mesh(mesh: PolygonMesh, device: str):
     """Net force and torque of pressure vanish to float32's rounding; the paper's normal forces miss by a hundredth."""
@@ -245,6 +249,7 @@ def test_breathing_converges_to_the_gas_law(device: str):
     np.testing.assert_allclose(errors[:-1] / errors[1:], 2.0, atol=0.3)
 
 
+@pytest.mark.full
 def test_a_balloon_of_many_particles_swells_as_the_sum_of_its_parts(device: str):
     """Sums of more than 2,048 particles agree to rounding: `gather` makes them in parts, `block` does not."""
     sealed = Balloon(mesh=quad_sphere(20, 0.5), inflation={"kind": "gas", "start_pressure": 200.0})

@@ -18,6 +18,8 @@ from meshes import cube, quad_sphere
 from balloon_warp.scene import Balloon, Change, Scene, Stiffness, Tube
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 GAMMA = 1.4
 AT_ONCE = 1 / 60
 """a frame after the start [s]"""

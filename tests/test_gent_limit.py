@@ -18,6 +18,8 @@ from balloon_warp.scene.overrides import override_scene
 from balloon_warp.simulator import Simulator
 from balloon_warp.sweep.batch import run_batch
 
+pytestmark = pytest.mark.physics
+
 MU, LIMIT, THICKNESS, RADIUS = 3.9e5, 30.0, 2e-4, 0.05
 LOCK = (0.5 * (LIMIT + 3.0)) ** 0.5
 """both ways, but for the fourth power of a quarter"""

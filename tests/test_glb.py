@@ -21,6 +21,7 @@ def written(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     return path
 
 
+@pytest.mark.full
 def test_morph_targets_are_the_frames(written: Path, tmp_path: Path):
     """The weights of each keyframe give that frame's points; the root turns them so that Y is up."""
     export_stage(written, tmp_path / "out.glb")

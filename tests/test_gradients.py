@@ -22,6 +22,7 @@ def way(request: pytest.FixtureRequest) -> str:
     return request.param
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("case", "way"), [(case, way) for case in CASES for way in ways_of(case)])
 def test_gradients_are_the_slopes_of_a_run_in_double_precision(case: str, way: str, device: str):
     """Gradients agree to 2e-4: states are float32, and forces cancel. Springs at rest have none in a single substep."""
@@ -49,6 +50,7 @@ SHIFTED["pump, leak and jet"] = bw.load_scene(CASES["pump, leak and jet"][0], {"
 forces. The jet is strong beside the springs"""
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("case", "way"), [(case, way) for case in SHIFTED for way in ways_of(case)])
 def test_what_a_shift_of_the_start_does_to_the_end_is_what_the_end_says_of_the_start(case: str, way: str, device: str):
     """The adjoint identity u . (J w) = (u J) . w holds for all places and velocities, with J w by differences."""
@@ -78,6 +80,7 @@ def center(moved: Trajectories) -> tuple[Any, dict[str, Any]]:
     return moved.points[0][..., -1, :, 0].mean(axis=-1), {"points": [slopes]}
 
 
+@pytest.mark.full
 def test_the_center_of_what_flies_goes_on_as_it_began():
     """Internal forces do not move the center of a free balloon: only damping slows it."""
     of = ["balloon.velocity.0", "balloon.position.0"]
@@ -100,13 +103,9 @@ IN_BATCHES = (
 )
 
 
-AS_PEOPLE_RUN_THEM = {"gas on the ground": pytest.mark.long}
-"""cases whose kernels are optimized, where results are compared to the last bit"""
-
-
 @pytest.mark.parametrize(
     ("case", "way"),
-    [pytest.param(case, way, marks=AS_PEOPLE_RUN_THEM.get(case, ())) for case in IN_BATCHES for way in ways_of(case)],
+    [(case, way) for case in IN_BATCHES for way in ways_of(case)],
 )
 def test_a_world_in_a_batch_has_the_gradients_that_it_has_alone(case: str, way: str, device: str):
     require_way(way, device)
@@ -123,7 +122,6 @@ def test_a_world_in_a_batch_has_the_gradients_that_it_has_alone(case: str, way: 
     assert found.loss[0] != found.loss[1]
 
 
-@pytest.mark.long  # to the last bit
 def test_frames_are_those_without_gradients(way: str, device: str):
     require_way(way, device)
     of, paths = CASES["gas on the ground"]
@@ -159,6 +157,7 @@ def float32_slope(of: bw.Scene, path: str, value: float, laws: tuple = ()) -> fl
     return float(total / (2.0 * h))
 
 
+@pytest.mark.full
 def test_laws_that_the_run_in_double_precision_does_not_know():
     """Gradients by viscosity, drag, strings and a user's law agree to 1%, the rounding error of float32 differences.
 

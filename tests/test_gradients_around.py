@@ -99,6 +99,7 @@ CASES_AROUND: dict[str, tuple[bw.Scene, list[str], type[Motion]]] = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("case", CASES_AROUND)
 def test_gradients_are_the_slopes_of_a_run_in_double_precision(case: str, device: str):
     """Gradients agree to 2e-4, as in `test_gradients`: states are float32."""
@@ -153,6 +154,7 @@ def test_obstacles_that_more_than_particles_meet_are_refused(path: str):
         bw.gradient(of.model_copy(update={"sphere": [], "faces": True}), of=[path], loss=far, device="cpu")
 
 
+@pytest.mark.full
 def test_the_friction_of_an_obstacle_on_which_a_ball_rolls_is_derived():
     """A sphere goes less far by the friction of a plane, by as much as runs in single precision say.
 
@@ -176,6 +178,7 @@ def test_the_friction_of_an_obstacle_on_which_a_ball_rolls_is_derived():
     assert found.gradients[path][0] == pytest.approx(slope, rel=0.02)
 
 
+@pytest.mark.full
 def test_particles_that_are_fixed_leave_derivatives_numbers(device: str):
     """The derivative by the mass, by which others' forces are divided, is the difference of runs, to their rounding."""
     low, of, high = (scene("gas", fixed=[0, 5], mass=mass) for mass in (0.045, 0.05, 0.055))
@@ -185,6 +188,7 @@ def test_particles_that_are_fixed_leave_derivatives_numbers(device: str):
     assert all(np.isfinite(array).all() for array in (*found.by_points, *found.by_velocities))
 
 
+@pytest.mark.full
 def test_a_sphere_that_has_yet_to_begin_changes_no_derivative(device: str):
     of = scene(ground=True)
     late = bw.Sphere(position=(0.0, 2.0, 0.0), radius=0.2, mass=0.5, velocity=(2.0, 0.0, 0.0), start=1.0)

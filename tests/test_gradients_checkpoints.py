@@ -86,6 +86,7 @@ def same(found: bw.Gradient, told: bw.Gradient) -> None:
         np.testing.assert_array_equal(getattr(found, name)[0], getattr(told, name)[0])
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("way", ["block", "launched", "lanes"])
 def test_few_checkpoints_give_the_same_bits(way: str, device: str):
     """Parameters change in frames 2 and 4, so that the way back goes through spans and returns to later ones."""
@@ -101,12 +102,14 @@ def test_few_checkpoints_give_the_same_bits(way: str, device: str):
     np.testing.assert_allclose(seldom.trajectories.times, [0.0, 10.0 / 240.0, 20.0 / 240.0])
 
 
+@pytest.mark.full
 def test_gas_is_restored(device: str):
     of = scene("gas", frames=6, substeps=4, rate=240.0, ground=True)
     asked: dict[str, Any] = {"of": ["balloon.inflation.start_pressure"], "loss": at_end, "device": device}
     same(bw.gradient(of, checkpoints=2, **asked), bw.gradient(of, **asked))
 
 
+@pytest.mark.full
 def test_as_many_are_kept_as_there_is_room_for(monkeypatch: pytest.MonkeyPatch):
     """Trajectories of all frames do not fit here; of each tenth they do, with few beginnings beside."""
     of = scene(frames=20, rate=240.0, substeps=4)

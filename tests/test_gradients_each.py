@@ -47,6 +47,7 @@ def rubber(tmp_path_factory: pytest.TempPathFactory) -> bw.Scene:
     return scene(frames=6, material={"kind": "mooney_rivlin", "rest_mesh": Path(file)})
 
 
+@pytest.mark.full
 def test_of_each_spring(device: str):
     """Gradients along random directions of all lengths, constants and rest points are within 1e-4 of differences."""
     of = CASES["pressure"][0]
@@ -75,6 +76,7 @@ def test_of_each_spring(device: str):
     assert kinds == pytest.approx([found.gradients[path][0] for path in SPRINGS], rel=1e-5)
 
 
+@pytest.mark.full
 def test_of_each_face(rubber: bw.Scene, device: str):
     found = bw.gradient(rubber, each=["thicknesses", "rest_points"], loss=far, device=device).by_each
     membrane = Motion(rubber, {}, 0).shape.membrane

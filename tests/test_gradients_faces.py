@@ -46,6 +46,7 @@ def paths_of(of: bw.Scene) -> list[str]:
     return [*OF_BALL, *(f"sphere.{number}.{name}" for number in range(len(of.sphere)) for name in OF_SPHERE)]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("case", CASES)
 def test_contacts_are_those_of_the_run_in_double_precision(case: str):
     of, contacts = CASES[case]
@@ -58,6 +59,7 @@ def test_contacts_are_those_of_the_run_in_double_precision(case: str):
     np.testing.assert_allclose(moved.sphere_positions, positions, atol=5e-6)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("case", CASES)
 def test_what_a_shift_of_the_start_does_to_the_end_is_what_the_end_says_of_the_start(case: str, device: str):
     """Random directions of all particles' places and velocities, and of all values."""
@@ -72,6 +74,7 @@ def test_what_a_shift_of_the_start_does_to_the_end_is_what_the_end_says_of_the_s
     require_adjoint(of, at_end, {path: value_at(of, path) for path in paths_of(of)}, device)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("case", ["a substep", "fast"])
 def test_gradients_are_those_of_a_run_in_double_precision(case: str, device: str):
     """Each value's part in the loss is that of central differences, to 1e-4 of it and 1e-5 of the largest."""

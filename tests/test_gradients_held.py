@@ -52,6 +52,7 @@ def lengths(moved: Any) -> tuple[Any, dict[str, Any]]:
     return sum((weights * track**2).sum(axis=(-3, -2, -1)) for track in tracks.values()), slopes
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("case", "held"),
     [

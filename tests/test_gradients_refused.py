@@ -71,12 +71,14 @@ def test_a_way_backwards_that_cannot_be_is_refused(way: str):
     assert not found.by_points[0].any()  # which the second's height knows nothing of
 
 
+@pytest.mark.full
 def test_what_has_no_effect_is_refused():
     """A parameter without effect is refused: the balloon is far above the ground."""
     with pytest.raises(bw.InputError, match=r"ground\.height: no path leads from it to the loss"):
         bw.gradient(scene(ground=True, position=(0.0, 9.0, 0.0)), of=CASES["ground"][1], loss=far, device="cpu")
 
 
+@pytest.mark.full
 def test_a_loss_without_slopes_has_gradients_of_zero():
     found = bw.gradient(scene(), of=CASES["pressure"][1], loss=nothing, device="cpu")
     assert all((values == 0.0).all() for values in found.gradients.values())

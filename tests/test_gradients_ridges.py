@@ -12,6 +12,7 @@ from balloon_warp.model import lay_out, plan_model
 from balloon_warp.trajectories import Trajectories
 
 
+@pytest.mark.full
 def test_frames_are_those_without_gradients(device: str):
     of, paths = CASES["ridges"]
     found = bw.gradient(of, of=paths, loss=far, device=device).trajectories

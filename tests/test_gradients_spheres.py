@@ -145,6 +145,7 @@ def require_slopes(of: bw.Scene, paths: list[str], found: bw.Gradient, told: bw.
         assert signs.sum() == pytest.approx((more - less) / 2e-7, abs=2e-4 * np.sqrt(len(paths)))
 
 
+@pytest.mark.full
 def test_spheres_that_push_and_bounce_have_the_slopes_of_a_run_in_double_precision(device: str):
     """Two spheres meet on the ground, a box, a plane that is a mesh's side, and a capsule; one presses the ball."""
     of = meeting(contact="penalty", obstacle=[BETWEEN[0], SLAB, BETWEEN[2]])
@@ -152,6 +153,7 @@ def test_spheres_that_push_and_bounce_have_the_slopes_of_a_run_in_double_precisi
     require_slopes(of, paths, bw.gradient(of, of=paths, loss=ends, device=device), meeting(contact="penalty"))
 
 
+@pytest.mark.full
 def test_gradients_by_friction_and_restitution_of_spheres(device: str):
     """Two smooth spheres slip where they meet; one bounces off a box. States are float32, hence 1e-4."""
     smooth = [MEETING[0], MEETING[1], {**MEETING[2], "friction": 0.05}]
@@ -184,6 +186,7 @@ def far_and_high(moved: Trajectories) -> tuple[Any, dict[str, Any]]:
     return loss + moved.sphere_positions[-1, 0, 1] + moved.sphere_velocities[-1, 0, 1], by_ball | slopes
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("case", ["penalty", "impulse"])
 def test_what_a_shift_of_the_start_does_to_the_end_is_what_the_end_says_of_the_start(case: str, device: str):
     of, paths = (BESIDE, PATHS) if case == "penalty" else (exchange(), OF_EXCHANGE)
@@ -204,6 +207,7 @@ def test_a_sphere_that_flies_alone_goes_on_as_it_began():
     assert found["sphere.0.velocity.1"][0] == pytest.approx(1.0 + of.frames / 60.0, rel=1e-5)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("case", CASES_OF_SPHERES)
 def test_spheres_that_exchange_momentum_have_the_slopes_of_a_run_in_double_precision(case: str, device: str):
     """A ball presses a sphere to the ground that lands beneath it, and rubs on that and on another."""
@@ -225,6 +229,7 @@ def test_an_exchange_in_a_batch_has_the_gradients_and_frames_that_it_has_alone(c
     np.testing.assert_array_equal(found.trajectories.sphere_positions, told.sphere_positions)
 
 
+@pytest.mark.full
 def test_gradients_by_friction_of_spheres_that_exchange_momentum(device: str):
     """The first sphere rubs on the ball and the ground, the second on the ball alone."""
     of, paths = exchange(), ["sphere.0.friction", "sphere.1.friction"]

@@ -131,6 +131,7 @@ def value_at(of: bw.Scene, path: str) -> float:
     return float(value)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("case", CASES)
 def test_gradients_are_the_slopes_of_a_run_in_double_precision(case: str, device: str):
     """Gradients agree to 1e-4 of themselves, or to 1e-5 of what the largest says by its own value: a small one is the
@@ -150,6 +151,7 @@ def test_gradients_are_the_slopes_of_a_run_in_double_precision(case: str, device
         assert found.gradients[path][0] == pytest.approx(told[path], rel=1e-4, abs=1e-5 * most / sizes[path]), path
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("case", ["as said", "edges"])
 def test_what_a_shift_of_the_start_does_to_the_end_is_what_the_end_says_of_the_start(case: str, device: str):
     of, paths = CASES[case]
@@ -177,6 +179,7 @@ def test_a_world_in_a_batch_has_the_gradients_that_it_has_alone(device: str):
         np.testing.assert_array_equal(ours, theirs)
 
 
+@pytest.mark.full
 def test_balloons_that_touch_by_default_are_derived():
     """Balloons of a scene without the table `touch` touch, as their derivatives show."""
     of = pair(1, 1, apart=0.94).model_copy(update={"touch": None})

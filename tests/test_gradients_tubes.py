@@ -69,6 +69,7 @@ def value_at(of: bw.Scene, path: str) -> float:
     return float(value)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("count", "width", "leak"), [(1, 1.0, 0.0), (2, 1.0, 0.0), (1, 400.0, 0.0), (2, 1.0, 2e-3)])
 def test_gas_through_tubes_has_the_slopes_of_a_run_in_double_precision(
     count: int, width: float, leak: float, device: str

@@ -8,6 +8,8 @@ from balloon_warp.mesh import PolygonMesh
 from balloon_warp.scene import Balloon, Body, Ground, Inflation, Obstacle, Scene, Sphere, Stiffness
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 HALF = 1.5
 """of a wall's edge [m]"""
 FRAME = 1.0 / 60.0

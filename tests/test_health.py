@@ -97,6 +97,7 @@ def test_a_frame_that_is_not_finite_says_so_whatever_of_it_is_bad(name: str, bad
     assert not frame.is_finite
 
 
+@pytest.mark.full
 def test_free_fall_for_ten_minutes_is_good(device: str):
     """Free fall for 177 km is healthy, for balloons of a meter and a centimeter and a sphere."""
     falling = {

@@ -13,6 +13,8 @@ from balloon_warp.blow_ups import Pulls
 from balloon_warp.scene import Atmosphere, Balloon, Change, Ground, Inflation, Scene, Sphere, Stiffness
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 NO_SPRINGS = Stiffness(structural=0.0, shear=0.0, flexion=0.0)
 NO_INFLATION = Inflation(k_normal=0.0)
 EPSILON = float(np.finfo(np.float32).eps)
@@ -44,6 +46,7 @@ def whole_angular_momentum(simulator: Simulator) -> NDArray[np.float64]:
     return angular_momentum(simulator) + np.cross(centers, sphere_momenta(simulator)).sum(axis=0)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("mass", [0.02, 0.5, 20.0])
 def test_balloon_and_sphere_together_keep_their_momentum(mass, layout, device):
     """Momentum is conserved to rounding: a substep rounds velocities of particles and sphere by up to half an epsilon;
@@ -156,6 +159,7 @@ def test_balloons_that_touch_all_over_stick_to_the_sphere(sphere_mass, device):
     np.testing.assert_allclose(sphere_momenta(simulator)[0] / sphere_mass, [together, 0.0, 0.0], atol=2.0 * 0.025**2)
 
 
+@pytest.mark.full
 def test_a_balloon_carries_a_sphere(device):
     """A balloon bears a sphere's weight to a thousandth once it has come to rest; by the paper's penalty it gives way
     to a sphere so heavy for the inflation."""

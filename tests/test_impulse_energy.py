@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 from balloon_warp.scene import Atmosphere, Balloon, Ground, Inflation, Scene, Sphere, Stiffness
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 NO_INFLATION = Inflation(k_normal=0.0)
 EPSILON = float(np.finfo(np.float32).eps)
 RATIOS = [0.001, 0.04, 1.0, 40.0, 1000.0]
@@ -168,6 +170,7 @@ def test_a_light_sphere_rebounds_no_higher_than_it_fell_and_alike_at_any_step(de
     np.testing.assert_allclose(rebounds[0], rebounds[1], rtol=0.02)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("restitution", [0.8, 1.0])
 def test_a_sphere_bounces_on_the_ground_and_gains_nothing(restitution, device):
     """A sphere rebounds from H to e^2 H, less a step's error of order g h T; never above, however long the step."""

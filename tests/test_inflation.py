@@ -9,6 +9,8 @@ from balloon_warp.mesh.geometry import face_areas, face_centers, triangulate, ve
 from balloon_warp.scene import Balloon, Inflation, Scene, Stiffness
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 NO_SPRINGS = Stiffness(structural=0.0, shear=0.0, flexion=0.0)
 
 
@@ -94,6 +96,7 @@ def push(mesh: PolygonMesh, inflation: Inflation, device: str) -> float:
     return float((forces * mesh.points).sum())
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("cells", [4, 12])
 def test_k_normal_means_half_as_much_on_triangles_and_a_pressure_the_same(cells, device):
     """A particle is pushed by the area of its nearest face: there are as many quads as particles, so that together they

@@ -150,6 +150,7 @@ def test_numbers_in_sentences_have_thousands_separators() -> None:
     assert "1,002 edges are on open borders" in inspect_mesh(grid(500, 1)).warnings[0]
 
 
+@pytest.mark.full
 def test_command_prints_json_alone(tmp_path: Path) -> None:
     write_obj(tmp_path / "sphere.obj", quad_sphere(9))
     result = command(tmp_path / "sphere.obj", "--json")
@@ -161,6 +162,7 @@ def test_command_prints_json_alone(tmp_path: Path) -> None:
     assert step["limiting_place"] == pytest.approx(quad_sphere(9).points[step["limiting_particle"]].tolist())
 
 
+@pytest.mark.full
 def test_command_prints_a_table_and_warnings(tmp_path: Path) -> None:
     write_obj(tmp_path / "grid[1].obj", grid(40, 40))
     result = command(tmp_path / "grid[1].obj")
@@ -183,6 +185,7 @@ def test_command_refuses_a_bad_mesh_with_status_2(tmp_path: Path) -> None:
     assert result.stderr == f"error: {tmp_path / 'bad.obj'}, line 4: there is no vertex 4, the file has 3\n"
 
 
+@pytest.mark.full
 def test_inspecting_an_obj_loads_neither_usd_nor_trimesh(tmp_path: Path) -> None:
     write_obj(tmp_path / "cube.obj", cube())
     program = (
@@ -194,6 +197,7 @@ def test_inspecting_an_obj_loads_neither_usd_nor_trimesh(tmp_path: Path) -> None
     assert (result.returncode, result.stderr) == (0, "\n")
 
 
+@pytest.mark.full
 def test_a_solver_that_is_stable_at_any_step_is_said_to_be():
     report = json.loads(command("squirrel_inflate", "--set", "solver=projective", "--json").stdout)["step"]
     explicit = json.loads(command("squirrel_inflate", "--json").stdout)["step"]
@@ -204,6 +208,7 @@ def test_a_solver_that_is_stable_at_any_step_is_said_to_be():
     assert explicitly.split()[:4] == ["explicit", "stable", "up", "to"]
 
 
+@pytest.mark.full
 def test_command_reports_a_scene_and_its_step(tmp_path: Path) -> None:
     result = command("sphere_launch", "--set", "balloon.stiffness.structural=100", "--json")
     assert (result.returncode, result.stderr) == (0, "")

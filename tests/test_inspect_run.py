@@ -12,6 +12,7 @@ from meshes import cube, joined, quad_sphere
 from balloon_warp.mesh.obj import write_obj
 
 
+@pytest.mark.full
 def test_what_is_simulated_is_reported_and_what_is_otherwise_in_the_file(tmp_path: Path) -> None:
     """Counts and measures are those of a run, with the file's beside them: all faces are twice and inward."""
     faces = inside_out(cube()).face_vertex_indices.reshape(-1, 4)
@@ -29,6 +30,7 @@ def test_what_is_simulated_is_reported_and_what_is_otherwise_in_the_file(tmp_pat
     assert "12 m²" in command(tmp_path / "twice.toml").stdout
 
 
+@pytest.mark.full
 def test_a_report_has_the_seams_holes_and_parts_of_the_scene(tmp_path: Path) -> None:
     """The report is of the scene's mesh, welded and closed, or as in the file; and of springs between parts."""
     loose = quad_sphere(9)

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pytest
 from meshes import quad_sphere
 from pxr import Usd
 
@@ -29,6 +30,7 @@ def test_what_blew_up_in_a_share_is_kept_with_it():
     assert FAILURES.validate_python(json.loads(json.dumps(FAILURES.dump_python(failures)))) == failures
 
 
+@pytest.mark.full
 def test_shares_that_are_done_are_taken_up_with_what_became_of_them(device: str, tmp_path: Path, monkeypatch):
     """Finished shares are restored with their rows, schedules and reports of blow-ups, and their stages join."""
     monkeypatch.setitem(shares.GRAIN, "cpu", shares.Grain(1, 1))

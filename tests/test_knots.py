@@ -20,6 +20,8 @@ from balloon_warp.outputs.render.surface import SmoothSurface
 from balloon_warp.outputs.render.view import View
 from balloon_warp.scene import Balloon, String
 
+pytestmark = pytest.mark.physics
+
 FRAMES = 3
 BALL = quad_sphere(6)
 LOWEST = int(BALL.points[:, 1].argmin())

@@ -126,6 +126,7 @@ def derivatives(function: Any, kinds: tuple[str, ...], given: list[np.ndarray]) 
     return [[each.numpy()[0] for each in some] for some in found]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("case", CASES)
 def test_eight_side_by_side_have_the_derivatives_of_each(case: str):
     """Derivatives agree to rounding: products add up in another order."""

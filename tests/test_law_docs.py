@@ -47,12 +47,14 @@ def code(tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
     return module
 
 
+@pytest.mark.full
 def test_the_code_runs(code: ModuleType):
     assert code.frame.number == 4
     assert [law.name for law in code.laws] == ["magnet", "stiffening", "gust"]
     assert (Path(code.__file__ or "").parent / "out" / "table.csv").exists()
 
 
+@pytest.mark.full
 def test_each_law_acts(code: ModuleType):
     """Worlds with a law and without it differ after a frame of the batch."""
     vary = {

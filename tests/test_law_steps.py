@@ -90,6 +90,7 @@ def fastest(law: Law, step: float, count: int, points: float, velocities: float)
     return float(highest)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("law", BOUND, ids=lambda law: law.name)
 def test_just_under_the_step_a_law_stays_as_calm_as_with_half_of_it(law: Law):
     """The speed over 2,000 steps at 0.9 of the stable step stays near that at half of it; a swing of symplectic Euler
@@ -99,6 +100,7 @@ def test_just_under_the_step_a_law_stays_as_calm_as_with_half_of_it(law: Law):
     assert under < 4.0 * half
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("law", BOUND, ids=lambda law: law.name)
 def test_the_step_is_not_longer_than_what_forces_really_allow(law: Law):
     assert stable_step(law) <= 1.001 * true_limit(law)  # see `throws_back`

@@ -101,6 +101,7 @@ def test_values_are_drawn_from_a_parameter_s_own_row(law: Law):
         assert row.domain is None or row.least <= row.domain[0] < row.domain[1] <= row.most
 
 
+@pytest.mark.full
 @with_energy
 def test_the_force_is_the_slope_of_the_energy(law: Law):
     samples = samples_of(law)
@@ -165,6 +166,7 @@ def test_a_pair_is_no_stiffer_than_its_bound(law: Law):
         assert (drag <= bound_of(law, "drag", samples) + kept).mean() >= 0.9
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("law", "which", "by"),
     [

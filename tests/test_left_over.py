@@ -194,6 +194,7 @@ def test_a_lock_that_is_cleared_away_before_it_is_held_is_made_again(tmp_path: P
         assert locks == [f"{path.name}.lock"]
 
 
+@pytest.mark.full
 def test_headers_that_warp_compiles_go_with_a_kill(tmp_path: Path, system_folder: Path):
     """Precompiled headers of a killed process, megabytes in the system's temporary folder, are removed."""
     compile_one = """

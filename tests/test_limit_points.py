@@ -11,6 +11,8 @@ from balloon_warp.model.limit_points import borne_pressures
 from balloon_warp.scene import Balloon, Inflation, Material, Scene
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 MU, THICKNESS = 3.0e5, 2.0e-4
 MESH = quad_sphere(4, radius=0.05)
 RADIUS = np.sqrt(total_area(MESH) / (4.0 * np.pi))
@@ -47,6 +49,7 @@ def test_the_limit_points_are_those_of_the_laws():
             assert pressures.max() == pytest.approx(MOST, rel=0.01)  # quads of a ball are not flat
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("part", [1.1, 2.0])
 def test_rubber_past_its_limit_point_is_told_of_before_and_after(part: float):
     simulator = Simulator(ball(NEO_HOOKEAN, part * MOST), "cpu")

@@ -69,6 +69,7 @@ def test_a_job_that_asks_for_all_of_a_node_has_no_limit(tmp_path: Path):
     assert least_limit(tmp_path, {"SLURM_MEM_PER_NODE": "0"}) is None
 
 
+@pytest.mark.full
 @pytest.mark.skipif(sys.platform == "win32", reason="has no ulimit")
 def test_ulimit_is_said_and_refuses_what_does_not_fit():
     """`ulimit` is reported and refuses a million worlds of rubber in 6 GiB of addresses."""

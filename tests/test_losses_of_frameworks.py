@@ -60,6 +60,7 @@ def told_of(loss: Any, worlds: int) -> Told:
     return told_by(loss, moved_at_random(worlds), plan_model(scene()).shapes, worlds)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("worlds", [1, 2])
 @pytest.mark.parametrize("kind", ["kernel", "torch", "jax"])
 def test_a_loss_is_that_of_numpy(kind: str, worlds: int):

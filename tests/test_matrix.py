@@ -72,6 +72,7 @@ def model_with(method: str) -> Model:
     return next(line for line in METHODS if line.name == method).model()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", bundled_scenes())
 def test_a_schedule_gives_scatters_trajectory_of_a_bundled_scene(name, schedule, device):
     """Schedules agree over a frame in the thick of the action. On a CPU, to save time, a scene with no feature of its
@@ -146,6 +147,7 @@ def test_every_law_and_every_trait_is_run_on_and_off():
     assert simulated() | ASKED_BY_CONTROLS >= names | switched | {f"phase {phase.name}" for phase in asking_phases()}
 
 
+@pytest.mark.full
 def test_the_table_in_the_docs_is_what_schedules_say():
     (table,) = re.findall(r"<!-- matrix -->\n\n(.*?)\n\n<!-- end -->", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     assert table == as_markdown(), "python -m balloon_warp.benchmarks.matrix makes it anew"

@@ -113,6 +113,7 @@ def test_powers_are_those_of_the_library():
     np.testing.assert_allclose(slopes["exponent"], expected * np.log(samples["base"]), rtol=1e-5)
 
 
+@pytest.mark.full
 @each_law
 def test_energies_are_those_of_textbooks(kind: str):
     random, told = np.random.default_rng(1), told_of(kind)
@@ -152,6 +153,7 @@ def triangles_of(mesh: PolygonMesh) -> PolygonMesh:
     return mesh_of(mesh.points, np.concatenate([quads[:, :3], quads[:, [0, 2, 3]]]).tolist())
 
 
+@pytest.mark.full
 @each_law
 @pytest.mark.parametrize("wrinkling", [True, False])
 @pytest.mark.parametrize("shape", ["quads", "triangles"])
@@ -262,6 +264,7 @@ def test_no_state_is_stiffer_than_the_bound(kind: str, wrinkling: bool):
     assert stiffness.max() >= 0.7 * bound
 
 
+@pytest.mark.full
 def test_each_balloon_of_a_scene_has_its_own_law(device: str):
     """Forces of each balloon are those of the balloon alone, to rounding."""
     mesh = quad_sphere(2)

@@ -15,6 +15,8 @@ from balloon_warp.scene import Atmosphere, Balloon, Inflation, Material, Scene
 from balloon_warp.schedules.readout import ForceReader
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 AIR, KELVIN = 101325.0, 293.15
 THICKNESS, DENSITY = 2.5e-4, 950.0
 VACUUM = Atmosphere(density=0.0)
@@ -54,6 +56,7 @@ def energy_of(simulator: Simulator, kind: str) -> float:
     return THICKNESS * quad_energy(in_wrinkles, mesh.points, points, faces) + gas + moving
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("kind", ["neo_hookean", "mooney_rivlin"])
 def test_energy_of_gas_and_rubber_and_motion_stays_within_bounds_for_twenty_seconds(kind: str, device: str):
     """Energy of a dented balloon that swings, breathes and wrinkles undamped at half the stable step is bounded:

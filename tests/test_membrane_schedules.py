@@ -58,6 +58,7 @@ def moved(schedule: str, device: str, viscosity: float, gas: bool) -> tuple[NDAr
     return simulator.state.points.numpy().astype(np.float64), simulator.state.velocities.numpy().astype(np.float64)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("gas", [False, True], ids=["pressure", "gas"])
 @pytest.mark.parametrize("viscosity", [0.0, 1.0], ids=["elastic", "viscous"])
 def test_schedules_agree(schedule: str, device: str, viscosity: float, gas: bool):

@@ -67,6 +67,7 @@ def longest_step(model: Model, stretch: float) -> float:
     return 2.0 / np.sqrt(squared)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("mesh", MESHES)
 @pytest.mark.parametrize("name", STIFFEST)
 def test_the_step_is_what_the_stiffest_state_allows(name: str, mesh: str):

@@ -17,6 +17,8 @@ from balloon_warp.scene import Balloon, Inflation, Material, Scene
 from balloon_warp.schedules.readout import ForceReader
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 AIR, KELVIN = 101325.0, 293.15
 BALL = quad_sphere(9, 0.1)
 """488 particles"""
@@ -58,6 +60,7 @@ def volumes(simulator: Simulator) -> NDArray[np.float64]:
 STRETCHES = np.array([1.05, 1.2, 1.38, 1.6, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.2, 6.0])
 
 
+@pytest.mark.full
 @each_law
 def test_a_sealed_balloon_has_the_pressure_of_the_analytic_curve(kind: str, device: str):
     """A sealed balloon is on the analytic curve at twelve stretches from 1 to 6, each a world, also past the peak,
@@ -76,6 +79,7 @@ def test_a_sealed_balloon_has_the_pressure_of_the_analytic_curve(kind: str, devi
     np.testing.assert_allclose(own, expected, rtol=0.01)
 
 
+@pytest.mark.full
 @each_law
 def test_the_curve_s_extrema_are_the_analytic_ones(kind: str, device: str):
     """The pressure curve's extrema are analytic, by virtual work of evenly stretched worlds: p = -F . x / 3 V."""
@@ -100,6 +104,7 @@ def test_the_curve_s_extrema_are_the_analytic_ones(kind: str, device: str):
         assert peak < lowest < len(stretches) - 1
 
 
+@pytest.mark.full
 @each_law
 def test_a_given_pressure_stretches_as_the_analytic_curve_says(kind: str, device: str):
     """A given pressure stretches rubber by the analytic curve, up to its peak and on a later rising branch."""
@@ -173,6 +178,7 @@ def analytic_frequency(mesh: PolygonMesh, amount: float) -> float:
     return float(np.sqrt(stiffness / inertia) / (2.0 * np.pi))
 
 
+@pytest.mark.full
 def test_it_breathes_at_the_analytic_frequency_on_any_mesh(device: str):
     """The breathing frequency is analytic: a mesh four times as fine has the same volume and pressure."""
     amount = float(amount_at(same_volume(9), 984.375, 2.0))

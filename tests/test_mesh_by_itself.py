@@ -52,6 +52,7 @@ def test_a_ball_stays_a_ball_however_it_is_meshed(name: str):
     assert wide == pytest.approx(1.1, abs=0.02)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", solid_shapes.SHAPES)
 def test_a_closed_mesh_of_any_shape_swells_alike_and_keeps_its_features(name: str):
     """The volume grows by 1.2 to 1.8, and the size by less than a ball's of 1.8 times its volume. A film alone made it

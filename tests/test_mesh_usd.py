@@ -159,6 +159,7 @@ def test_parts_of_one_name_are_told_apart(tmp_path: Path) -> None:
     assert sorted(read_usd(tmp_path / "stage.usda").groups) == ["/left/mesh", "/right/mesh"]
 
 
+@pytest.mark.full
 def test_a_prim_is_named_in_a_scene_and_on_the_command_line(tmp_path: Path) -> None:
     path = tmp_path / "stage.usda"
     stage = stage_at(path)

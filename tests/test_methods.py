@@ -15,6 +15,7 @@ from balloon_warp.schedules.choose import schedule_named
 PAGE = (Path(__file__).parent.parent / "docs" / "METHODS.md").read_text(encoding="utf-8")
 
 
+@pytest.mark.full
 def test_methods_are_measured():
     """Methods are measured: one of each solver, and one schedule by name; test_matrix.py runs all their features."""
     some = [method for method in METHODS if method.name in ("the paper's step", "projective", "schedule `scatter`")]

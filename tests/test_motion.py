@@ -10,6 +10,8 @@ from balloon_warp.scene import Balloon, Inflation, Scene, Sphere, Stiffness, Str
 from balloon_warp.schedules.scatter import ScatterSchedule
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 NO_INFLATION = Inflation(k_normal=0.0)
 FLOAT32 = 1.2e-7
 """relative rounding of float32"""

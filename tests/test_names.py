@@ -53,6 +53,7 @@ def test_only_what_usd_does_not_take_is_replaced(name: str, kept: str):
     assert Sdf.Path.IsValidIdentifier(kept)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("suffix", [".usda", ".usdc"])
 def test_balloons_obstacles_and_bodies_are_called_as_they_are(suffix: str, tmp_path: Path):
     things = {"obstacle": [Obstacle(shape="box", name="стена 1", position=(0, -5, 0))]}
@@ -86,6 +87,7 @@ def test_a_file_s_name_stays(name: str, tmp_path: Path):
     assert (prim.GetDisplayName() or prim.GetName()) == name
 
 
+@pytest.mark.full
 def test_the_worlds_of_a_batch_have_the_names(tmp_path: Path):
     named = scene("気球", "Ballon rouge é").model_copy(update={"obstacle": [Obstacle(shape="box", name="стена 1")]})
     named = named.model_copy(update={"obstacle": [named.obstacle[0].model_copy(update={"position": (0, -9, 0)})]})

@@ -13,6 +13,8 @@ from balloon_warp.mesh.sides import wrong_sides
 from balloon_warp.model import plan_model
 from balloon_warp.scene import Balloon, Ground, Stiffness, Touch
 
+pytestmark = pytest.mark.physics
+
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
 def test_what_faces_itself_across_a_small_gap_is_near(scale: float):
@@ -76,6 +78,7 @@ def test_a_scene_may_say_that_a_balloon_passes_through_itself(touch: Touch | boo
     assert not touches_itself(Scene(balloon=[Balloon(mesh=hook(0.05))], touch=touch))
 
 
+@pytest.mark.full
 def test_strands_that_sag_into_each_other_are_kept_apart():
     """Strands of a knot with soft default springs sag and are kept apart by self-contact."""
     mesh, enclosed = load_mesh(bundled_scenes()["knot"].parent / "knot.obj"), dict[bool, float]()

@@ -31,6 +31,8 @@ from balloon_warp.scene.overrides import override_scene
 from balloon_warp.simulator import Simulator
 from balloon_warp.sweep.recorder import Recorder, columns_of
 
+pytestmark = pytest.mark.physics
+
 OF_AIR = 0.0289652
 """[kg/mol]"""
 BALL = with_volume(quad_sphere(4), 0.02)

@@ -12,6 +12,8 @@ from balloon_warp import Balloon, InputError, Obstacle, Scene, Simulator
 from balloon_warp.model import plan_model
 from balloon_warp.model.obstacle_motion import obstacle_motion
 
+pytestmark = pytest.mark.physics
+
 
 def stage_of(path: Path, up_axis: str = "Z", scales: bool = False) -> Path:
     """Write a cube of a meter in a stage of centimeters, under a parent: in a second it goes by a meter along x, while

@@ -155,6 +155,7 @@ def test_sheets_and_fixed_particles_have_nothing_inside():
     starts(Obstacle(), balloon=[held])
 
 
+@pytest.mark.full
 def test_a_mesh_that_winds_inward_is_a_room(device: str):
     """A mesh that winds inward is a room, and holds a ball; one that winds outward excludes it."""
     walls = cube()

@@ -111,6 +111,7 @@ def test_a_plane_is_drawn_below_the_balloons(stage: Usd.Stage):
     assert middle @ normal == pytest.approx(-3.0 * normal[1], rel=1e-6)
 
 
+@pytest.mark.full
 def test_a_change_moves_an_obstacle(tmp_path: Path):
     """A planned change moves an obstacle at once, and one that stays gets no samples."""
     change = [Change(time=2 / 30, set={"obstacle.0.position": (0.0, -2.5, 0.0)})]

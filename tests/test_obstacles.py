@@ -8,6 +8,8 @@ from balloon_warp.mesh import PolygonMesh
 from balloon_warp.scene import Balloon, Ground, Inflation, Obstacle, Scene, Sphere, Stiffness
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 NO_SPRINGS = Stiffness(structural=0.0, shear=0.0, flexion=0.0)
 GRAVITY = 9.81
 FRICTION = 0.5
@@ -71,6 +73,7 @@ def way_down(kind: str, degrees: float, device: str, schedule: str, balloon: Bal
     return float(-moved @ along(degrees))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("kind", SLOPES)
 def test_a_particle_slides_down_a_slope_as_coulomb_says(kind: str, device: str):
     """A particle slides from atan(friction) on, with g (sin - friction cos), to a step's 1/300 of the distance."""
@@ -83,6 +86,7 @@ def test_a_particle_slides_down_a_slope_as_coulomb_says(kind: str, device: str):
     assert way_down(kind, steepest + 0.5, device, "gather", on_it, 10) > 0.005
 
 
+@pytest.mark.full
 def test_a_block_slides_down_a_slope_as_coulomb_says(schedule: str, device: str):
     """A stiff cube on its four lower corners begins to slide within a degree of atan(friction)."""
     steepest = np.degrees(np.arctan(FRICTION))
@@ -101,6 +105,7 @@ THIN = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("kind", THIN)
 @pytest.mark.parametrize("speed", [1.0, 30.0, 1000.0])
 def test_nothing_comes_through_however_fast(kind: str, speed: float, device: str):
@@ -128,6 +133,7 @@ def test_a_particle_inside_comes_out_along_the_normal(device: str):
     np.testing.assert_allclose(last.points[0], expected, atol=2e-6)
 
 
+@pytest.mark.full
 def test_a_lift_carries_what_stands_on_it(schedule: str, device: str):
     """A plate that rises by a meter in a second, and then rests, carries its particles at its speed."""
     lift = Obstacle(size=(1.0, 0.2, 1.0), position=(0, -0.1, 0), motion=[(0.0, (0, 0, 0)), (1.0, (0, 1.0, 0))])
@@ -152,6 +158,7 @@ def test_a_turntable_takes_along_what_rubs_on_it(device: str):
     np.testing.assert_allclose(speeds, 0.5 * np.pi / 2, rtol=5e-3)
 
 
+@pytest.mark.full
 def test_a_plane_is_as_the_ground_is(schedule: str, device: str):
     """A plane agrees with the ground: a balloon with gas falls on both, and the gas sees both bounds."""
     ball = Balloon(mesh=quad_sphere(4, 0.5), position=(0, 0.6, 0), mass=5.0, inflation={"start_pressure": 50.0})
@@ -164,6 +171,7 @@ def test_a_plane_is_as_the_ground_is(schedule: str, device: str):
     assert found[0].points[0][:, 1].min() == pytest.approx(0.0, abs=1e-6)
 
 
+@pytest.mark.full
 def test_a_box_is_as_its_mesh_is(device: str):
     """A box agrees with its mesh: the closest point on triangles is that on the box's faces, edges and corners."""
     ball = Balloon(mesh=quad_sphere(4, 0.5), position=(0.1, 1.2, 0.1), inflation={"pressure": 2.0})
@@ -208,6 +216,7 @@ def test_contact_gives_no_energy(device: str):
         assert energies[-1] < 0.95 * energies[0]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("contact", ["penalty", "impulse"])
 def test_a_sphere_bounces_on_an_obstacle_and_rests(contact: str, schedule: str, device: str):
     """A sphere bounces to restitution^2 of its height, and slides on a slope without friction as g sin says. Its
@@ -238,6 +247,7 @@ def test_a_sphere_bounces_on_an_obstacle_and_rests(contact: str, schedule: str, 
     assert slid @ up == pytest.approx(0.0, abs=1e-4)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("friction", [0.0, 0.5])
 def test_a_ball_goes_over_an_edge_without_a_kick(friction: float, device: str):
     """A ball rolls off a tilted table: no particle moves faster, relative to the ball, than the ball fell."""
@@ -272,7 +282,7 @@ def test_what_slides_on_one_is_stopped_by_the_next_within_a_frame(schedule: str,
     np.testing.assert_allclose(last.velocities[0], 0.0, atol=1e-4)
 
 
-@pytest.mark.long
+@pytest.mark.full
 @pytest.mark.parametrize("schedule", ["octets", "block"])
 def test_looking_at_the_nearest_alone_is_enough(schedule: str, device: str):
     """Checking only the nearest obstacle suffices. Duplicated obstacles tie, so that all are checked, and the result

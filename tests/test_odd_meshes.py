@@ -10,6 +10,8 @@ from balloon_warp.scene import load_scene
 from balloon_warp.simulator import Simulator
 from balloon_warp.sweep.batch import run_batch
 
+pytestmark = pytest.mark.physics
+
 PRESSURE = {"kind": "pressure", "pressure": 12.0}
 
 

@@ -39,6 +39,7 @@ def samples(layer: Sdf.Layer) -> dict[tuple[str, float], np.ndarray]:
     return found
 
 
+@pytest.mark.full
 def test_frozen_the_stage_ends_at_the_last_good_frame(device: str, tmp_path: Path):
     warnings: list[str] = []
     how = {"device": device, "schedule": "gather", "checkpoint_seconds": 1e-9}
@@ -59,6 +60,7 @@ def test_frozen_the_stage_ends_at_the_last_good_frame(device: str, tmp_path: Pat
         np.testing.assert_array_equal(found[key], value)
 
 
+@pytest.mark.full
 def test_restarted_it_is_the_run_with_as_many_substeps_byte_by_byte(device: str, tmp_path: Path):
     def run(name: str, scene: Scene, on_blowup: str, warnings: list[str]) -> Summary:
         """Run by a deterministic schedule."""
@@ -78,6 +80,7 @@ def test_restarted_it_is_the_run_with_as_many_substeps_byte_by_byte(device: str,
         run("longer.usdc", scene.model_copy(update={"substeps": summary.substeps // 2}), "stop", [])
 
 
+@pytest.mark.full
 def test_stopped_in_shorter_steps_it_goes_on_in_these(device: str, tmp_path: Path):
     """A run resumed in shorter steps writes the same bytes; checkpoints of the longer steps are gone."""
 

@@ -78,6 +78,7 @@ def test_a_balloon_that_was_to_stand_and_does_not_has_collapsed():
         assert kinds(points, **presses) == kinds(points, **plate) == kinds(points, **under(1.0)) == []
 
 
+@pytest.mark.full
 def test_a_balloon_that_swallowed_a_part_of_itself_or_shows_its_inside_says_so():
     """Self-penetration and inverted surfaces are reported: a hook whose end went into its beginning; a ball whose top
     went through its bottom. Defects of the mesh itself are not."""

@@ -11,6 +11,8 @@ from balloon_warp import InputError, Simulator
 from balloon_warp.scene import Balloon, Change, Force, Inflation, Scene
 from balloon_warp.scene.overrides import override_scene
 
+pytestmark = pytest.mark.physics
+
 MASS = 0.1
 BALL = replace(quad_sphere(3, 0.5), groups={"nose": np.array([0, 4, 9]), "tail": np.array([20, 21])})
 FLOATING = Balloon(mesh=BALL, mass=MASS, damping=0.0, inflation=Inflation(k_normal=0.0))
@@ -100,6 +102,7 @@ def test_a_group_shares_a_force_by_mass_but_for_what_is_fixed() -> None:
     np.testing.assert_array_equal(simulator.step().points[0][4], before)
 
 
+@pytest.mark.full
 def test_what_is_driven_too_hard_says_so() -> None:
     simulator = Simulator(SCENE, "cpu")
     simulator.controls[NOSE] = [[1e9, 0.0, 0.0]]

@@ -87,6 +87,7 @@ APPEARING = ALONE.model_copy(
 )
 
 
+@pytest.mark.full
 def test_things_appear_and_end_in_a_worlds_own_time(schedule: str) -> None:
     """Bit for bit as in a world that begins, while the other goes on; also once it is saved and restored."""
     whole, masked = (Simulator(APPEARING, "cpu", 2, schedule=schedule) for _ in range(2))

@@ -14,6 +14,8 @@ from balloon_warp.model.friction import FRICTION, SAID
 from balloon_warp.scene import Balloon, Body, Change, Ground, Inflation, Obstacle, Scene, Sphere, Touch
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 GROUND, WALL, BALL, BOX, SILENT, SAYING = range(6)
 """things by their numbers; of the balloons one does not say its friction"""
 TABLE = {

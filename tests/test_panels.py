@@ -19,6 +19,8 @@ from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.obj import write_obj
 
+pytestmark = pytest.mark.physics
+
 BALL = quad_sphere(6)
 SIDES = 16
 
@@ -212,6 +214,7 @@ def test_panels_that_cannot_be_are_refused(tmp_path: Path):
         flattened(panels, panels.mesh.points)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("mesh", "said", "most"), [(BALL, 24, 0.05), (lids(), "groups", 0.15)], ids=["gores", "lids"])
 def test_stiff_film_comes_to_rest_at_the_step_of_auto(mesh: PolygonMesh, said: int | str, most: float, tmp_path: Path):
     """Film comes to rest at the automatic step, though it hardly stretches, so that its triangles keep changing between

@@ -70,6 +70,7 @@ def assert_done(
         np.testing.assert_allclose(found.numpy(), have[name], atol=4e-6 * size)  # float32, sums of thousands among them
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("doubles", [True, False], ids=["two places", "barriers"])
 @pytest.mark.parametrize("phases", LISTS, ids=lambda phases: " ".join(each.name for each in phases))
 def test_a_list_does_what_its_phases_do_one_after_the_other(phases, doubles, model):
@@ -84,6 +85,7 @@ def test_a_list_does_what_its_phases_do_one_after_the_other(phases, doubles, mod
     assert_done(phases, model, have, now, state.kept)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("schedule", [LanesSchedule, OctetsSchedule], ids=["lanes", "octets"])
 @pytest.mark.parametrize("phases", LISTS, ids=lambda phases: " ".join(each.name for each in phases))
 def test_eight_side_by_side_do_the_same(phases, schedule, model):

@@ -11,6 +11,8 @@ from balloon_warp.mesh.topology import mesh_edges
 from balloon_warp.scene import Balloon, Obstacle, Scene, Stiffness
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 PRESSURE = 10.0
 RADIUS = 0.5
 

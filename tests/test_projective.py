@@ -14,6 +14,7 @@ from balloon_warp.solvers.dense_inverse import MOST_PARTICLES, DenseInverse
 from balloon_warp.solvers.projective import ProjectiveSolver
 
 
+@pytest.mark.full
 def test_every_iteration_lowers_the_energy(device):
     """Each iteration reduces the objective at a step of 1/60 s, as long as float32 resolves it."""
     steps = [one_step(iterations, device) for iterations in range(1, 17)]
@@ -83,6 +84,7 @@ def test_springs_far_too_stiff_for_the_explicit_steps_stay_stable(device):
     np.testing.assert_allclose(lengths / simulator.model.spring_rest_length.numpy(), 1.0, atol=0.05)
 
 
+@pytest.mark.full
 def test_small_steps_approach_scatters_trajectory_at_first_order(device):
     """The difference to a refined explicit run halves with the step, with contacts, strings, inflation, damping and
     fixed particles; on average, as a particle between two faces may take the area of either."""
@@ -95,6 +97,7 @@ def test_small_steps_approach_scatters_trajectory_at_first_order(device):
     np.testing.assert_allclose(np.log2(np.divide(errors[:-1], errors[1:])), 1.0, atol=0.2)  # and the next order
 
 
+@pytest.mark.full
 def test_a_sphere_is_pushed_as_by_scatter(device):
     """The push on a sphere agrees with `scatter` at the same step, though particles touch it in some steps only."""
     fallen = -0.5 - 9.81 * 4 / 60

@@ -16,6 +16,7 @@ from balloon_warp.solvers.sparse_factor import SparseFactor
 from balloon_warp.solvers.step_matrices import StepMatrices
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("vary", [{}, {"balloon.0.mass": np.linspace(0.1, 0.3, 3)}])
 def test_the_inverse_and_the_factor_give_the_same_trajectory(vary, device):
     """The dense inverse and the sparse factor, which is for the CPU, agree to float32's rounding."""

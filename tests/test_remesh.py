@@ -53,6 +53,7 @@ def ball(radius: float = 1.0, center: tuple[float, float, float] = (0.0, 0.0, 0.
     return triangles_mesh(surface)
 
 
+@pytest.mark.full
 def test_remeshed_ball(device: str) -> None:
     with wp.ScopedDevice(device):
         mesh = remesh(ball(), CELLS)
@@ -64,6 +65,7 @@ def test_remeshed_ball(device: str) -> None:
     assert signed_volume(mesh) == pytest.approx(4.0 / 3.0 * np.pi, rel=1e-2)
 
 
+@pytest.mark.full
 def test_cells_are_the_quads_along_the_longest_side() -> None:
     ellipsoid = ball()
     ellipsoid = replace(ellipsoid, points=ellipsoid.points * [3.0, 1.0, 1.0])
@@ -72,6 +74,7 @@ def test_cells_are_the_quads_along_the_longest_side() -> None:
         assert np.median(edge_lengths(remesh(ellipsoid, cells))) == pytest.approx(0.85 * 6.0 / cells, rel=0.1)
 
 
+@pytest.mark.full
 def test_hole_is_closed_by_a_membrane() -> None:
     whole = ball()
     centers = whole.points[whole.face_vertex_indices.reshape(-1, 3)].mean(axis=1)
@@ -86,6 +89,7 @@ def test_hole_is_closed_by_a_membrane() -> None:
     assert (np.linalg.norm(top, axis=1) < 1.0 + 1e-3).all()
 
 
+@pytest.mark.full
 def test_loose_and_flipped_triangles_make_one_skin() -> None:
     whole = ball()
     # Each triangle with three vertices of its own, as in an STL file, and shrunk by 1 %, so that each edge is a crack.
@@ -129,6 +133,7 @@ def test_wedge_keeps_its_edge_thin() -> None:
     assert (mesh.points.max(axis=0) < prism.bounds[1] + 1e-4).all()
 
 
+@pytest.mark.full
 def test_crumbs_are_left_out_and_parts_are_kept() -> None:
     cluster = joined(ball(), ball(0.6, (2.5, 0.0, 0.0)), ball(0.2, (0.0, 2.0, 0.0)), ball(0.04, (0.0, 0.0, 1.5)))
     mesh = remesh(cluster, 40)

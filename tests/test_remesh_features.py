@@ -32,6 +32,7 @@ def test_a_blade_keeps_its_volume() -> None:
     assert signed_volume(made) == pytest.approx(signed_volume(sword()), rel=0.1)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("thickness", [0.05, 0.5, 1.2])
 def test_a_plate_keeps_its_volume(thickness: float) -> None:
     """A plate so many cells thick keeps its volume."""
@@ -49,6 +50,7 @@ def test_a_thin_rod_keeps_its_volume() -> None:
     assert signed_volume(made) == pytest.approx(signed_volume(rod), rel=0.1)
 
 
+@pytest.mark.full
 def test_ears_and_nose_stay() -> None:
     """Ears and nose keep their length, where thin ears lost a cell of theirs."""
     made = remesh(head(), 32)

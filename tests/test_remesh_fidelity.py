@@ -54,6 +54,7 @@ def test_sheets_one_behind_the_other_are_closed() -> None:
     assert (mesh_edges(made).face_counts == 2).all()
 
 
+@pytest.mark.full
 def test_more_cells_are_taken_where_a_part_would_be_lost_and_it_is_said() -> None:
     mesh = remesh(joined(BALL, at(BALL, (1.8, 0.0, 0.0), 0.14)), 15)
     assert_closed_quads(mesh, parts=2)

@@ -8,6 +8,8 @@ import pytest
 from balloon_warp.errors import InputError
 from balloon_warp.resting import relax
 
+pytestmark = pytest.mark.physics
+
 RATE, SUBSTEPS = 60, 1000
 PLACE = float(np.spacing(np.float32(0.2)))
 

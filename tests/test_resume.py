@@ -62,6 +62,7 @@ def stop(scene: Scene, output: Path, how: Callable[[int], None] = crash, **optio
     return output.with_name(f"{output.name}.partial")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", SCENES)
 @pytest.mark.parametrize("save_bytes", [0, 2**26])
 @pytest.mark.parametrize("suffix", [".usdc", ".usda"])
@@ -149,6 +150,7 @@ def test_another_scene_is_refused(tmp_path: Path):
     assert folder.exists()
 
 
+@pytest.mark.full
 def test_another_mesh_is_refused(tmp_path: Path):
     mesh, output = tmp_path / "ball.obj", tmp_path / "out.usdc"
     scene = SCENE.model_copy(update={"balloon": [Balloon(mesh=mesh, position=(0.0, 1.2, 0.0))]})

@@ -37,6 +37,7 @@ def vary(tmp_path: Path) -> dict:
     }
 
 
+@pytest.mark.full
 def test_it_goes_on_to_the_same_bytes(
     vary: dict, schedule: str, device: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

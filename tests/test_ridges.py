@@ -20,6 +20,8 @@ from balloon_warp.model.ridges import ridges_of
 from balloon_warp.scene import Balloon, Body, Ground, Inflation, Obstacle, Scene, Sphere
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 UP = np.array([0.0, 1.0, 0.0])
 BLADE = PolygonMesh(
     np.array([(-1.0, -0.6, 0.0), (1.0, -0.6, 0.0), (1.0, 0.0, 0.0), (-1.0, 0.0, 0.0)]),
@@ -53,6 +55,7 @@ def ball(cells: int, speed: float = 3.0, height: float = 0.52, **given: Any) -> 
     )  # fmt: skip
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("cells", [5, 9], ids=["coarse", "fine"])
 @pytest.mark.parametrize("thing", THINGS)
 def test_nothing_comes_in_between_particles(thing: str, cells: int, tmp_path: Path) -> None:
@@ -83,6 +86,7 @@ def test_a_symmetric_drop_stays_symmetric(thing: str) -> None:
     np.testing.assert_allclose(speed[[0, 2]], 0.0, atol=0.05)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("friction", [0.0, 0.6])
 @pytest.mark.parametrize("thing", ["blade", "net", "corner"])
 def test_energy_never_grows(thing: str, friction: float) -> None:
@@ -208,6 +212,7 @@ def carpet(degrees: float) -> Balloon:
     )  # fmt: skip
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("degrees", [0.0, 5.0, -8.0])
 def test_nothing_catches_at_a_seam(degrees: float, device: str) -> None:
     """Cloth slides over a floor of boxes as over one without faces: bit-identical, and without losing speed."""

@@ -16,6 +16,8 @@ from balloon_warp.model.touch import edge_length
 from balloon_warp.scene import Atmosphere, Balloon, Inflation, Obstacle, Scene, Sphere
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 COARSE = quad_sphere(3, 0.5)
 EDGE = edge_length(COARSE)
 
@@ -29,6 +31,7 @@ def thrown(radius: float = 2.0 * EDGE, friction: float = 0.0, pressure: float = 
     return Scene(balloon=[ball], sphere=[sphere], **space | given)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("faces", [True, False])
 def test_flat_faces_do_not_dip_into_a_sphere(faces: bool, tmp_path: Path) -> None:
     animate(thrown(pressure=15.0, faces=faces, frames=40), tmp_path / "stage.usdc", device="cpu")
@@ -38,6 +41,7 @@ def test_flat_faces_do_not_dip_into_a_sphere(faces: bool, tmp_path: Path) -> Non
     assert bool(crossings) is not faces, "\n".join(str(crossing) for crossing in crossings[:5])
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("friction", [0.0, 0.6])
 def test_both_keep_momentum_and_angular_momentum_and_gain_no_energy(friction: float) -> None:
     simulator = Simulator(thrown(friction=friction), "cpu")
@@ -64,6 +68,7 @@ def test_both_keep_momentum_and_angular_momentum_and_gain_no_energy(friction: fl
     assert least < 0.95 * first
 
 
+@pytest.mark.full
 def test_it_repeats_to_the_bit_and_worlds_stay_apart() -> None:
     places = [0.16, 0.16, 0.3]
 

@@ -16,6 +16,8 @@ from balloon_warp.schedules.readout import ForceReader
 from balloon_warp.schedules.scatter import ScatterSchedule
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 NO_INFLATION = Inflation(k_normal=0.0)
 
 
@@ -56,6 +58,7 @@ def test_a_viscous_spring_rings_down_as_the_analytic_solution_says(device):
     assert decay * 24 / 60.0 > 1.0  # there was something to decay
 
 
+@pytest.mark.full
 def test_viscosity_conserves_momentum_and_angular_momentum(device):
     scene = Scene(balloon=[balloon_of(Stiffness(viscosity=0.05))], gravity=0.0)
     random = np.random.default_rng(5)

@@ -62,6 +62,7 @@ def test_the_numbers_of_its_scene_are_short_and_the_floor_is_below_it_anywhere(t
         assert len(repr(scene.ground.height)) <= 12
 
 
+@pytest.mark.full
 def test_a_mesh_by_itself_gets_half_as_much_gas_again_unless_it_is_said_how_much(tmp_path: Path):
     write_obj(tmp_path / "ball.obj", quad_sphere(3))
 

@@ -52,6 +52,7 @@ def test_a_fixed_particle_feels_neither_sphere_nor_ground(schedule, device):
     assert others[:, 1].min() > -1e-6
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["everything", "fresh", "in air", "tarantino", "impulse"])
 def test_a_run_repeats_to_the_last_bit(name, schedule, device):
     first, second = (arrays(after_frames(SCENES[name], schedule, device, worlds=9)) for _ in range(2))

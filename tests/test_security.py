@@ -102,6 +102,7 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, dict
     return folder, dict(zip(COMMANDS, run_watched(folder, [words for words, _, _ in COMMANDS.values()]), strict=True))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_command_opens_and_writes_what_it_is_given_alone(command: str, told: tuple[Path, dict]):
     """A command opens and writes its given files alone, in its folder, and leaves no hidden ones."""
@@ -140,6 +141,7 @@ def test_nothing_is_fetched_listened_to_or_started(command: str, told: tuple[Pat
     assert [call for call in told[1][command]["called"] if not call.startswith(STARTED)] == []
 
 
+@pytest.mark.full
 def test_what_is_watched_is_seen(tmp_path: Path):
     """The watch sees files elsewhere, those that native code opens, and connections."""
     (tmp_path / "work").mkdir()

@@ -14,6 +14,8 @@ from balloon_warp.scene import Balloon, Inflation, Scene, Stiffness
 from balloon_warp.simulator import Simulator
 from balloon_warp.sweep.batch import run_batch
 
+pytestmark = pytest.mark.physics
+
 MESH = quad_sphere(6, radius=0.3)
 
 

@@ -17,6 +17,8 @@ from balloon_warp.model.shape import BalloonShape, shape_balloon
 from balloon_warp.scene import Balloon, Inflation, Material, Scene, load_scene
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 
 def shape_of(mesh: PolygonMesh, **fields: object) -> BalloonShape:
     balloon = Balloon(mesh=mesh, **fields)
@@ -128,6 +130,7 @@ def test_schedules_push_the_same_faces(make, kind: str, schedule: str, device: s
 CALM = [chair, finned, klein, band, lambda: hair(40), haired, car, lambda: ODD["t_junction"]()]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("make", CALM)
 def test_an_odd_mesh_by_itself_calms_down(make, device: str) -> None:
     """An odd mesh by itself comes to rest within 4 s; a push without a potential drove hair at 90 m/s."""

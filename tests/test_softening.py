@@ -20,6 +20,8 @@ from balloon_warp.schedules.choose import LAUNCHED
 from balloon_warp.schedules.readout import ForceReader
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 SPHERE = quad_sphere(3, 0.1)
 QUADS = SPHERE.face_vertex_indices.reshape(-1, 4).tolist()
 MIXED = mesh_of(SPHERE.points, [*(part for q in QUADS[:5] for part in (q[:3], [q[0], *q[2:]])), *QUADS[5:]])
@@ -105,6 +107,7 @@ def test_a_closed_way_costs_energy_and_the_same_way_again_costs_none(schedule: s
     assert lost > 0.2 * up
 
 
+@pytest.mark.full
 def test_energy_is_only_lost(device: str):
     """Energy of a free ball only decreases: of motion, and what the rubber can still give. Peaks only rise. Steps are a
     24th of what is stable, for symplectic Euler lets energy swing: four times as much in four times the step."""

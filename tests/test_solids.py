@@ -41,6 +41,7 @@ def test_a_box_has_the_inertia_of_textbooks(device):
     np.testing.assert_allclose(found.inertia[0, 0], np.diag(6.0 * (14.0 - sides**2) / 12.0), atol=1e-12)
 
 
+@pytest.mark.full
 def test_every_balloon_of_every_world_is_measured_while_it_moves(device):
     """Mass properties are bit-identical in each world and from run to run; the open cube is reported as open."""
     closed = Balloon(mesh=quad_sphere(5), helium=20.0, inflation=Inflation(k_normal=0.2))

@@ -63,6 +63,7 @@ OF_SPRINGS = [name for name in bundled_scenes() if is_of_springs(name)]
 """rubber has a bound of its own, see test_membrane_step"""
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", OF_SPRINGS)
 def test_bundled_scenes_are_within_the_margin(name: str):
     """The margin covers Lanczos's underestimate of the largest eigenvalue on all bundled networks; the reference takes
@@ -91,6 +92,7 @@ def test_bundled_scenes_are_within_the_margin(name: str):
     assert (1.0 - rounding) * expected <= found <= 1.001 * MARGIN * expected
 
 
+@pytest.mark.full
 def test_it_lets_bundled_scenes_take_a_fifth_to_a_third_more_than_gershgorins_bound():
     """The step is a fifth to a third longer than Gershgorin's 2 / omega, omega^2 twice the largest sum of constants at
     a particle over its mass, as docs/PHYSICS.md says."""

@@ -23,6 +23,8 @@ from balloon_warp.scene import (
 )
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 EPSILON = float(np.finfo(np.float32).eps)
 G = 9.81
 
@@ -60,6 +62,7 @@ WAYS = {
 ANGLE = 0.5
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("way", WAYS)
 def test_it_slides_slower_until_it_rolls(way, device):
     """A sphere slides until it rolls. On the ground with 0.2, the root of 0.1 and 0.4, it slows down by 0.2 g, while
@@ -95,6 +98,7 @@ def test_it_slides_slower_until_it_rolls(way, device):
     np.testing.assert_allclose(spins(simulator)[:3, 2], (-50 / 7, 0.0, 30 / 7), rtol=2e-4)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("way", ["gather", "octets", "block", "projective"])
 def test_two_that_meet_turn_each_other(way, device):
     """Friction of two equal inelastic spheres that collide at an angle changes each by a seventh of the sliding speed,
@@ -121,6 +125,7 @@ def test_two_that_meet_turn_each_other(way, device):
     np.testing.assert_allclose(turning(simulator), turn, atol=60 * atol)  # five meters from the origin
 
 
+@pytest.mark.full
 def test_a_cloud_keeps_momentum_and_angular_momentum_and_gains_no_energy(device):
     balls = [ball.model_copy(update={"friction": 0.5}) for ball in cloud(3)]
     simulator = billiard(device, balls)
@@ -148,7 +153,6 @@ TOUCHING = {
 }
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("friction", [0.3, 5.0])
 @pytest.mark.parametrize(
     ("what", "schedule"),
@@ -182,6 +186,7 @@ def test_a_balloon_turns_it_and_both_keep_momentum_and_angular_momentum(friction
     assert np.abs(sphere_momenta(simulator)[0] / ball.mass - ball.velocity).max() > 0.1
 
 
+@pytest.mark.full
 def test_many_that_rub_at_once_give_no_energy(device):
     """Friction of many contacts at once adds no energy: a swarm of particles, 30 times the mass of the sphere, comes
     down on it from all around and turns about it; each by itself would turn it many times too fast."""
@@ -198,6 +203,7 @@ def test_many_that_rub_at_once_give_no_energy(device):
     np.testing.assert_allclose(sphere_momenta(simulator)[0], 0.0, atol=1e-4)
 
 
+@pytest.mark.full
 def test_a_free_body_turns_it(device):
     """Momentum and angular momentum are conserved as a sphere lands on the end of a free box; energy falls."""
     box = Body(shape="box", size=(0.4, 0.1, 0.3), mass=0.5, friction=0.8)
@@ -225,6 +231,7 @@ def test_a_free_body_turns_it(device):
     assert np.abs(spins(simulator)).max() > 1.0
 
 
+@pytest.mark.full
 def test_it_may_differ_between_worlds_change_and_must_not_be_negative(device):
     ball = Sphere(position=(0, 0.1, 0), radius=0.1, velocity=(1.0, 0.0, 0.0))
     scene = billiard(

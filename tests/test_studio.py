@@ -15,6 +15,7 @@ from balloon_warp.outputs.render.stage_reader import RenderStage
 from balloon_warp.scene import Balloon
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("up_axis", ["Y", "Z"])
 def test_the_camera_has_all_that_moves_in_view(tmp_path: Path, up_axis: str):
     """The camera sees every point of balloons and every sphere, in every frame; they fill half of the view."""
@@ -72,6 +73,7 @@ def test_lights_and_ground_can_be_left_out(tmp_path: Path):
     assert not UsdValidation.ValidationContext(validators).Validate(few)
 
 
+@pytest.mark.full
 def test_a_run_without_ground_goes_on_without_it(tmp_path: Path):
     """A run without ground resumes without it, as its ground would move. With ground it is another run."""
     whole, output = tmp_path / "whole.usdc", tmp_path / "out.usdc"

@@ -48,6 +48,7 @@ def meets(origin: np.ndarray, direction: np.ndarray, triangles: np.ndarray) -> n
         return (u >= -1e-6) & (v >= -1e-6) & (u + v <= 1.0 + 1e-6) & (t > 0.0)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("up_axis", ["Y", "Z"])
 @pytest.mark.parametrize("side", SIDES)
 @pytest.mark.parametrize("ground", [None, Ground(height=-3.0)])
@@ -161,6 +162,7 @@ def test_our_pictures_and_exports_bring_their_own_backdrop(tmp_path: Path):
     assert "Backdrop" not in {part.name for part in Animation(tmp_path / "out.usdc").parts}
 
 
+@pytest.mark.full
 def test_a_picture_zooms_into_all_that_is_shown(tmp_path: Path):
     """A picture's zoom is relative to all that is shown; without a picture the camera is near what moves."""
     sees, far = [], Obstacle(name="box", position=(-12.0, 1.0, 0.0))

@@ -20,6 +20,7 @@ VARY = {"gravity": [1.0, 5.0, 9.0], "balloon.inflation.k_normal": [0.2, 9e11, 0.
 pytest.importorskip("pyarrow", reason="needs the extra `data`")
 
 
+@pytest.mark.full
 def test_parquet_has_the_numbers_of_the_npz(tmp_path: Path) -> None:
     run_batch(scene(), tmp_path, 3, VARY, device="cpu", table="parquet")
     found = pd.read_parquet(tmp_path / "table.parquet")

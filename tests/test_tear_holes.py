@@ -12,6 +12,8 @@ from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.scene import Atmosphere, Inflation
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 
 @each_schedule
 def test_a_hole_lets_out_what_its_area_does(schedule: str):

@@ -101,6 +101,7 @@ def triangles(stretches: tuple[float, float], wrinkled: bool, draw: np.random.Ge
     return np.array(metrics), 1e-3 * draw.normal(size=(8, 3)), np.array(rests)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("state", STRETCHES)
 @pytest.mark.parametrize("law", LAWS)
 def test_they_are_what_warp_derives_of_one(law: str, state: str):

@@ -41,6 +41,7 @@ def test_a_process_of_its_own_runs_the_package_under_test(tmp_path: Path):
     assert Path(done.stdout.strip()) == Path(balloon_warp.__path__[0]).resolve()
 
 
+@pytest.mark.full
 def test_a_run_on_a_terminal_shows_frames_a_second(tmp_path: Path):
     """A terminal shows frames a second on standard error; standard output is that of a pipe."""
     pty = pytest.importorskip("pty", reason="needs pseudo-terminals")
@@ -179,6 +180,7 @@ def test_a_run_that_begins_again_is_estimated_anew():
     assert [each for each in again if each] == ["about 3 min (96 frames at 0.5 frames/s)"]
 
 
+@pytest.mark.full
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere names are no bytes")
 def test_names_and_logs_that_are_not_utf8_cost_no_work(tmp_path: Path):
     """A mesh with a Latin-1 name is simulated under a valid USD name, and reported in a log of any encoding."""

@@ -8,6 +8,8 @@ from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.scene import load_scene
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 
 def turned_by(rest: np.ndarray, points: np.ndarray, up: tuple[float, float, float]) -> float:
     """Return the angle [degrees] by which the best-fitting rotation (Kabsch 1976) turns the up axis."""
@@ -46,6 +48,7 @@ PAPERS_TETHER = (
 """the paper's inflation, and the string at the very end of the tail"""
 
 
+@pytest.mark.full
 def test_squirrel_tether_turns_from_upright_to_upside_down():
     """The squirrel turns over in the frames of figures 19 to 21."""
     model, frames = played("squirrel_tether", PAPERS_TETHER)

@@ -11,6 +11,8 @@ from balloon_warp.model import plan_model
 from balloon_warp.scene import Balloon, Scene, Stiffness
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 AROUND = 16
 """corners of each ring"""
 
@@ -89,6 +91,7 @@ def growth(thin: str) -> tuple[float, float]:
     return float(ball), float(handle)
 
 
+@pytest.mark.full
 def test_a_thin_handle_stretches_like_the_ball_it_is_on_where_its_springs_are_softer():
     """A handle with softer springs stretches by 0.6 to 1.6 times as much as the ball. With equal springs it is less
     than a third: the tension around a tube is p r, around a ball p R / 2."""

@@ -40,6 +40,7 @@ def simulated(number: int, device: str) -> bytes:
     return b"".join(np.concatenate(frame.points).tobytes() for frame in simulator.run())
 
 
+@pytest.mark.full
 def test_simulators_in_threads_give_the_bytes_of_one_after_the_other(device: str):
     """Simulators made in their threads, while others record and step, give the bytes of one after the other."""
     expected = [simulated(number, device) for number in range(8)]
@@ -83,6 +84,7 @@ def test_one_thread_at_a_time_runs_kernels_with_tiles(monkeypatch: pytest.Monkey
     assert beside == {1}
 
 
+@pytest.mark.full
 def test_simulators_made_before_step_beside_each_other(device: str):
     """First steps record at about the same time, and give the same bytes."""
     expected = [simulated(number, device) for number in range(6)]

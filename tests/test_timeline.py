@@ -128,6 +128,7 @@ METHODS = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", METHODS)
 def test_another_method_takes_over(name, device, schedule):
     """A method takes over from its frame on, as in `scatter`."""

@@ -8,6 +8,8 @@ import scipy.sparse as sparse
 
 from balloon_warp.statics.toppling import rigid_motions, toppling_mode
 
+pytestmark = pytest.mark.physics
+
 POINTS = np.random.default_rng(0).standard_normal((8, 3))
 SOFT = 5
 """Coordinate of the least stiffness"""

@@ -13,6 +13,8 @@ from balloon_warp.scene import Balloon, Ground, Inflation, Material, Scene, Stif
 from balloon_warp.schedules.choose import LAUNCHED
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 BALL = quad_sphere(6, 0.035)
 PIERCED = 0.07
 KINDS = ["structural", "shear", "flexion"]
@@ -60,6 +62,7 @@ def settled() -> Simulator:
     return simulator
 
 
+@pytest.mark.full
 def test_pieces_stay_skin_and_lie_still(settled: Simulator):
     """Pieces are as large as at rest, on the ground and not in it, no flatter than skin bends, and motionless."""
     frame = settled.read_frame()
@@ -75,6 +78,7 @@ def test_pieces_stay_skin_and_lie_still(settled: Simulator):
     assert np.linalg.norm(later.points[0] - frame.points[0], axis=1).max() < 1e-3, "within a hundredth of a second"
 
 
+@pytest.mark.full
 def test_struts_do_not_hold_the_balloon_or_its_tear():
     """Struts change neither the balloon before it is pierced nor the tear."""
     tears = []
@@ -90,6 +94,7 @@ def test_struts_do_not_hold_the_balloon_or_its_tear():
     assert torn_too == pytest.approx(torn, rel=0.15)
 
 
+@pytest.mark.full
 def test_schedules_agree_on_struts(device: str):
     """Schedules agree on struts, pumped, and until the tear is some faces long."""
     results = []

@@ -16,6 +16,8 @@ from balloon_warp.schedules.scatter import ScatterSchedule
 from balloon_warp.simulator import Simulator
 from balloon_warp.springs.hinges import build_hinges
 
+pytestmark = pytest.mark.physics
+
 NO_INFLATION = Inflation(k_normal=0.0)
 TORSION = Stiffness(structural=0.0, shear=0.0, flexion=0.0, torsion=0.7)
 """torsion springs alone"""
@@ -59,6 +61,7 @@ def test_hinges_are_the_edges_of_two_faces():
     np.testing.assert_allclose(np.abs(build_hinges(cube()).angles(cube().points)), np.pi / 2.0)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("mesh", MESHES.values(), ids=MESHES)
 def test_forces_are_the_slope_of_the_energy(mesh: PolygonMesh, device: str):
     points, step = shaken(mesh), 1e-6
@@ -120,6 +123,7 @@ def test_autos_step_is_stable_and_six_times_that_is_not(device):
     assert not speeds[1] < 1e-1
 
 
+@pytest.mark.full
 def test_torsion_springs_hardly_change_a_balloon(device):
     """Torsion springs change the volume of the squirrel by about a hundredth where they are stiff enough to shorten the
     time step, as the paper finds."""

@@ -31,6 +31,8 @@ from balloon_warp.schedules import SCHEDULES
 from balloon_warp.schedules.touch_table import part_count, surface_of
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 EPSILON = float(np.finfo(np.float32).eps)
 
 
@@ -77,6 +79,7 @@ def test_contact_gives_no_energy(way, device):
     assert 0.5 * start < energy(simulator) < 0.99 * start
 
 
+@pytest.mark.full
 def test_what_lies_on_another_is_hardly_in_it(way, device):
     """Penetration is below 2 % of the radius while a ball bounces and when it lies, with default thickness and
     stiffness; and no gap is visible."""
@@ -94,6 +97,7 @@ def test_what_lies_on_another_is_hardly_in_it(way, device):
     assert gaps < 0.1 * RADIUS
 
 
+@pytest.mark.full
 def test_fast_balloons_do_not_come_through_each_other(way, device):
     simulator = Simulator(fast(), device, schedule=way)
     for _ in range(30):
@@ -211,6 +215,7 @@ def test_mistakes_are_named(fields, said):
         load_scene(collision(), {f"touch.{name}": value for name, value in fields.items()})
 
 
+@pytest.mark.full
 def test_a_world_that_fits_in_no_block_goes_side_by_side_too():
     """A world too large for a block advances by eight particles at a time on a CPU, with the contacts of `gather`.
 
@@ -236,6 +241,7 @@ def test_large_steps_are_refused():
         Simulator(load_scene(collision(), {"solver": "projective"}), "cpu")
 
 
+@pytest.mark.full
 def test_a_blow_up_names_what_touched(device):
     """The report names a touching particle, any of two plates so thin that all of theirs lie on the other."""
     box = cube()
@@ -272,6 +278,7 @@ def test_stiff_contacts_ask_for_shorter_steps():
         Simulator(collision(touch=Touch(stiffness=1e5), substeps=12), "cpu")
 
 
+@pytest.mark.full
 def test_a_world_that_blows_up_leaves_the_others_alone(way, device):
     """A world that blows up leaves the others unchanged: no triangle is near points that are not numbers, where a
     regression read one before the first. `scatter` adds in any order on a GPU, and so agrees to rounding."""

@@ -15,6 +15,8 @@ from balloon_warp.scene import Atmosphere, Balloon, Ground, Scene, Stiffness, To
 from balloon_warp.schedules import SCHEDULES
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 
 @pytest.fixture(params=SCHEDULES)
 def way(request: pytest.FixtureRequest, device: str) -> str:
@@ -31,6 +33,7 @@ def sheet() -> Balloon:
     return Balloon(mesh=flat, fixed=list(range(169)), inflation=SLACK)
 
 
+@pytest.mark.full
 def test_many_contacts_on_a_particle_give_no_energy(way, device):
     """Energy does not grow as a ball bounces from eight sheets in one place, each as stiff as the step allows for one,
     but for the swing of explicit steps."""
@@ -57,6 +60,7 @@ def heap(count: int, fineness: int, softness: float) -> Scene:
     return Scene(balloon=balls, ground=Ground(), touch=Touch(itself=True), atmosphere=air)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("count", "fineness", "softness", "frames"),
     [(1, 12, 0.1, 80), (2, 8, 1.0, 120), (6, 4, 0.1, 110)],

@@ -13,6 +13,8 @@ from balloon_warp.scene import Inflation, Scene, Touch
 from balloon_warp.schedules import SCHEDULES
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 
 @pytest.fixture(params=SCHEDULES)
 def way(request: pytest.FixtureRequest, device: str) -> str:
@@ -52,6 +54,7 @@ def test_what_starts_deep_is_not_forgotten(way, device):
     assert seen > 50
 
 
+@pytest.mark.full
 def test_what_is_pressed_in_deep_comes_out_where_it_came_in(way, device):
     """Two balls with a soft skin sink deeper than the search for neighbors reaches, and bounce back."""
     filled = Inflation(kind="pressure", pressure=20.0)

@@ -17,6 +17,8 @@ from balloon_warp.model.sharp_edges import sharp_edges
 from balloon_warp.scene import Balloon, Inflation, Scene, Stiffness, Touch
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 FRAMES = 24
 SHEET = replace(grid(4, 4), points=0.125 * (grid(4, 4).points - np.array([2.0, 2.0, 0.0])))
 """half a meter wide"""
@@ -63,6 +65,7 @@ def flown_on(device: str) -> list[Simulator]:
     return simulators
 
 
+@pytest.mark.full
 def test_flat_sheets_that_cross_edge_on_stop_each_other(flown):
     simulator = flown[1]
     points, velocities = motion(simulator)

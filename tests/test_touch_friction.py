@@ -8,6 +8,8 @@ from balloon_warp.scene import Change
 from balloon_warp.schedules import SCHEDULES
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 
 @pytest.fixture(params=SCHEDULES)
 def way(request: pytest.FixtureRequest, device: str) -> str:

@@ -10,6 +10,8 @@ from balloon_warp.scene import Balloon, Inflation, Scene, Touch
 from balloon_warp.schedules.touch_table import triangles_of
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_an_open_surface_stops_what_comes_from_either_side(side, device):
@@ -28,6 +30,7 @@ def test_an_open_surface_stops_what_comes_from_either_side(side, device):
     assert side * centers(simulator)[1, 2] > 0.6
 
 
+@pytest.mark.full
 def test_a_chain_lies_on_a_ball(device):
     """A chain lies on a ball: its particles touch, and nothing touches its edges, which have no surface."""
     chain = mesh_of([(x, 0.0, 0.0) for x in np.linspace(-0.2, 0.2, 9)], [[n, n + 1] for n in range(8)])
@@ -38,6 +41,7 @@ def test_a_chain_lies_on_a_ball(device):
     assert np.linalg.norm(points - centers(simulator)[1], axis=1).min() > 0.95 * RADIUS
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("mesh", [moebius(12), prism(7), torus(12, 6)], ids=["moebius", "prism", "torus"])
 def test_what_surfaces_there_are_stay_finite_and_slow(mesh, device):
     """Two of each open surface thrown at each other stay finite, and nothing gets faster than both were."""

@@ -39,6 +39,7 @@ def test_only_what_moves_is_looked_for_again(speed, does):
     assert schedule.launches.working.near_balloons.numpy()[0, -1] == int(does)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("speed", [0.3, 4.0])
 def test_whatever_is_touched_is_on_the_list(speed):
     """Every particle nearer to another balloon than surfaces begin to push is on the list, in some substeps."""

@@ -1,13 +1,17 @@
 """Stack of balloons that stands."""
 
 import numpy as np
+import pytest
 from conserved import motion
 from touching import centers
 
 from balloon_warp.benchmarks.standing import stack
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
 
+
+@pytest.mark.full
 def test_a_stack_of_five_stands_still(schedule, device):
     """Boxes of soft rubber, dropped on each other a little askew, stand two seconds later; none has slipped off, and
     the highest moves by an invisible thousandth of its size a second."""

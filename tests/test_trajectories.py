@@ -15,6 +15,7 @@ TWO = Scene(
 )
 
 
+@pytest.mark.full
 def test_arrays_hold_what_the_frames_hold():
     found = simulate(TWO, device="cpu")
     np.testing.assert_allclose(found.times, [0.0, 0.02, 0.04, 0.06, 0.08, 0.1], rtol=1e-12)
@@ -55,6 +56,7 @@ def test_what_differs_by_its_model_keeps_its_world():
         np.testing.assert_array_equal(found.points[0][world], alone.points[0])
 
 
+@pytest.mark.full
 def test_what_cannot_be_told_is_refused():
     with pytest.raises(InputError, match=r"^vary: meshes of different sizes need separate trajectories"):
         simulate(TWO, world_count=2, vary={"balloon.0.mesh": [cube(), quad_sphere(3)]}, device="cpu")

@@ -8,6 +8,8 @@ from meshes import cube, quad_sphere
 from balloon_warp.scene import Scene, Stiffness, Tube
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 
 def test_gas_is_pumped_by_its_keyframes_and_let_out_to_the_last(device: str):
     """The amount is the integral of the pump's linear keyframes; a fiftieth of the initial air is left in the end."""

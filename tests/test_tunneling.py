@@ -15,6 +15,8 @@ from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Sphere
 from balloon_warp.scene.load import bundled_scenes, load_scene
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 
 def test_openings_of_a_cube_and_a_triangle():
     assert widest_opening(cube()) == pytest.approx(np.sqrt(0.5))
@@ -79,6 +81,7 @@ def test_a_sphere_that_meets_faces_is_not_named():
     assert plan_model(Scene(balloon=[Balloon(mesh=cube())], sphere=[sphere], gravity=0.0)).warnings == []
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", bundled_scenes())
 def test_bundled_scenes_hold_their_spheres(name):
     assert plan_model(load_scene(name)).warnings == []

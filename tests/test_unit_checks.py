@@ -28,6 +28,7 @@ def test_nothing_is_asked_about_ordinary_ones(size: float, said: dict) -> None:
     assert asked(size, **said) == []
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", bundled_scenes())
 def test_nothing_is_asked_about_bundled_scenes(name: str) -> None:
     assert not [warning for warning in plan_model(load_scene(name)).warnings if "?" in warning]

@@ -49,6 +49,7 @@ def stage(written: Path) -> Usd.Stage:
     return Usd.Stage.Open(str(written))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("suffix", [".usdc", ".usda", ".usd"])
 @pytest.mark.parametrize("up_axis", ["Y", "Z"])
 def test_every_validator_passes(tmp_path: Path, suffix: str, up_axis: str):

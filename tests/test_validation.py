@@ -31,6 +31,7 @@ def test_curves_are_near_their_formulas(name: str):
         assert np.ptp(each["simulated"]) > 0.3 * np.abs(each["simulated"]).max()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["gas", "drag"])
 def test_the_kept_curves_are_simulated_again(name: str):
     """The stored curves are reproduced within rounding of other compilers and processors."""

@@ -12,6 +12,8 @@ from balloon_warp.mesh.placement import place_mesh
 from balloon_warp.scene import Balloon, Inflation, Scene, Stiffness, Water
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 G, RHO = 9.81, 1000.0
 LIMP = {
     "stiffness": Stiffness(structural=0.0, shear=0.0, flexion=0.0),

@@ -16,6 +16,8 @@ from balloon_warp.model import plan_model
 from balloon_warp.scene import Atmosphere, Balloon, Inflation, Scene
 from balloon_warp.simulator import Simulator
 
+pytestmark = pytest.mark.physics
+
 wp.set_module_options(OPTIONS)
 
 WIND, LENGTH, INTENSITY = (6.0, 0.0, 2.0), 5.0, 0.3

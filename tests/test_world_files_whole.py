@@ -36,6 +36,7 @@ GAINS_ENERGY = Scene(
 """with a stiff spring, in such steps"""
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("format_", ["h5", "npz"])
 def test_a_batch_that_was_stopped_goes_on_to_the_same_bytes(
     format_: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -61,6 +62,7 @@ def test_a_batch_that_was_stopped_goes_on_to_the_same_bytes(
     assert files_of(data) == files_of(whole)
 
 
+@pytest.mark.full
 def test_shares_in_any_order_give_the_same_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Shares in any order, as workers deliver them, give the same bytes; one world restarts there."""
     monkeypatch.setitem(shares.GRAIN, "cpu", shares.Grain(1, 1))

@@ -40,6 +40,7 @@ def tables(written: Path) -> dict[str, dict[str, np.ndarray]]:
     return {name: dict(np.load(written / f"{name}.npz")) for name in ("table", "worlds")}
 
 
+@pytest.mark.full
 def test_each_world_has_a_row_of_ends_and_extremes(tables: dict[str, dict[str, np.ndarray]]):
     table, worlds = tables["table"], tables["worlds"]
     measures = columns_of(scene())

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-EXAMPLES = Path(__file__).parent.parent / "docs" / "examples"
+EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
 SMALL: dict[str, dict[str, Any]] = {
     "01_sweep": {"WORLDS": 3, "FRAMES": 3},
     "02_pressure_curve": {"FRAMES": 6},

@@ -11,7 +11,7 @@ import pytest
 from balloon_warp.cli import main
 from balloon_warp.scene import bundled_scenes
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "FIGURES.md").read_text(encoding="utf-8")
 ROWS = [line for line in PAGE.splitlines() if re.match(r"\| .*`balloon-warp", line)]
 COMMANDS = [shlex.split(command) for row in ROWS for command in re.findall(r"`balloon-warp (.*?)`", row)]

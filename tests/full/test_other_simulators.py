@@ -11,7 +11,7 @@ from pxr import Usd, UsdGeom, UsdPhysics, UsdShade, UsdValidation
 from balloon_warp import animate
 from balloon_warp.mesh.geometry import triangulate
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")

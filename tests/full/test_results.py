@@ -10,7 +10,7 @@ from balloon_warp.benchmarks import results
 from balloon_warp.benchmarks.results import FOLDER, PAGE, again, as_markdown, as_toml, files, main, read
 from balloon_warp.errors import InputError
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 RECORDS = ROOT / "docs" / "design"
 
 

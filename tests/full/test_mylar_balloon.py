@@ -1,6 +1,7 @@
 """Mylar balloon: two flat discs of foil, sewn at the rim and inflated (Paulsen 1994)."""
 
 import numpy as np
+import pytest
 from meshes import mesh_of
 from scipy.integrate import quad
 
@@ -8,6 +9,8 @@ from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.scene import Balloon, Inflation, Material, Scene
 from balloon_warp.simulator import Simulator
+
+pytestmark = pytest.mark.physics
 
 RADIUS, PRESSURE = 0.3, 40.0
 FOIL = Material(kind="neo_hookean", shear_modulus=1.0e7, thickness=2.0e-4, density=1000.0, most_stretch=1.1)

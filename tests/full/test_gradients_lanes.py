@@ -88,7 +88,6 @@ def test_side_by_side_they_find_what_launches_find(case: str, worlds: int):
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-5 * np.abs(other).max())
 
 
-@pytest.mark.long  # as people run it: to the last bit
 @pytest.mark.parametrize("case", ["frames", "gas"])
 def test_a_world_has_the_gradients_that_it_has_alone(case: str):
     """Eight worlds add up in the order of eight particles of one."""
@@ -136,7 +135,6 @@ def test_quads_of_rubber_side_by_side_find_what_blocks_find(law: str):
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-5 * np.abs(other).max())
 
 
-@pytest.mark.long  # to the last bit
 @pytest.mark.parametrize("law", ["mooney_rivlin", "gent"])
 def test_rubber_has_the_gradients_that_it_has_alone(law: str):
     """Eight quads add to their corners one after the other, as they do in eight worlds."""
@@ -154,7 +152,6 @@ def test_rubber_has_the_gradients_that_it_has_alone(law: str):
     assert np.array_equal(without.points[0], together.trajectories.points[0][8])
 
 
-@pytest.mark.long  # to the last bit
 def test_what_is_beside_rubber_leaves_no_trace():
     """Eight worlds of which some are slack are computed otherwise than taut ones alone, with the same bits."""
     of = scene(frames=6, substeps=24, material={"kind": "mooney_rivlin"})

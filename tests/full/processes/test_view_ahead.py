@@ -43,7 +43,7 @@ ahead.end()
 
 def page(folder: Path, script: str) -> subprocess.Popen:
     """Start a process with a kernel cache of its own, in a folder."""
-    found = {**os.environ, "WARP_CACHE_PATH": str(folder), "PYTHONPATH": str(Path(__file__).parent)}
+    found = {**os.environ, "WARP_CACHE_PATH": str(folder), "PYTHONPATH": str(Path(__file__).parents[2])}
     command = [sys.executable, "-c", script, str(folder)]
     return subprocess.Popen(command, env=found, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
