@@ -1,0 +1,119 @@
+"""Do the tests notice? The source with one fault at a time, drawn by a seed, and the tests that execute the place.
+
+    python -m balloon_warp.benchmarks.mutation [--count 60] [--seed N] [--processes P] [--full] [--seconds S]
+        [--list] [--traced FILE] [--write FILE]
+
+First all tests run once, and which functions each executes is noted, see `traced_tests`; `--traced` keeps that, and
+takes it from there the next time. Then each mutant, in a copy of the tree of its own, faces the tests that execute the
+mutated function, the quickest and most particular first, until one fails or S seconds of the processor are over. A
+mutant that cannot be imported, crashes or hangs is found, too. `--full` runs `pytest --full` instead of the default
+suite. Prints a table and the survivors, and ends with status 1 if fewer are found than `LEAST`, those that change
+nothing apart (`EQUIVALENT`). `--write` keeps results as they come, and goes on from there.
+
+Kernels run on the CPU. All processes share Warp's kernel cache, which a mutant enters under names of its own.
+"""
+
+import argparse
+import json
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+from balloon_warp.benchmarks.mutant_tests import ROOT, Verdict, judge_all, trace
+from balloon_warp.benchmarks.mutants import Stratum, draw
+from balloon_warp.benchmarks.traced_tests import Traced
+
+STRATA = (
+    Stratum("laws", 0.20, ("kernels/laws/*.py",)),
+    Stratum("phases", 0.15, ("kernels/phases/*.py",)),
+    Stratum("loops", 0.15, ("kernels/loops/*.py",)),
+    Stratum("contact", 0.15, ("kernels/contact/*.py",)),
+    Stratum("algebra", 0.05, ("kernels/algebra.py",)),
+    Stratum("frames", 0.05, ("kernels/frames/*.py",)),
+    Stratum("springs", 0.08, ("balloon_warp/springs/*.py",)),
+    Stratum("model", 0.10, ("balloon_warp/model/*.py",)),
+    Stratum(
+        "tables", 0.07,
+        tuple(f"balloon_warp/schedules/{name}.py" for name in (
+            "fixtures", "lane_tables", "membrane_faces", "membranes", "outer", "own_parts", "particles", "ridges",
+            "rings", "slices", "slots", "solids", "spring_ends", "tables", "tears", "touch_table",
+        )),
+    ),
+)  # fmt: skip
+"""What is mutated"""
+LEAST = {"default": 0.90, "full": 0.97}
+"""Share of the mutants that each suite has to find"""
+EQUIVALENT: Mapping[str, str] = {}
+"""Mutants that change nothing that anyone could notice, by `Mutant.key`, and why"""
+
+
+def table(verdicts: Sequence[Verdict]) -> str:
+    """Return a table of mutants, and the survivors with what they change."""
+    lines = ["| place | operator | before | after | found by | seconds |", "|---|---|---|---|---|---|"]
+    for each in sorted(verdicts, key=lambda each: each.place):
+        by = each.by if each.found else f"nothing: {EQUIVALENT.get(each.key, each.by)}"
+        cells = (each.place, each.operator, f"`{_short(each.old)}`", f"`{_short(each.new)}`", by, f"{each.seconds:.0f}")
+        lines.append(f"| {' | '.join(cell.replace('|', '/') for cell in cells)} |")
+    for each in verdicts:
+        if not each.found:
+            lines.append(f"\n{each.key}\n{each.difference}\n  {EQUIVALENT.get(each.key, each.by)}")
+    return "\n".join(lines)
+
+
+def _short(text: str, most: int = 60) -> str:
+    return text if len(text) <= most else f"{text[: most - 3]}..."
+
+
+def share_found(verdicts: Sequence[Verdict]) -> float:
+    """Return the share of the mutants that change anything which are found."""
+    found = sum(each.found for each in verdicts)
+    return found / max(1, sum(each.found or each.key not in EQUIVALENT for each in verdicts))
+
+
+def main() -> int:
+    """Print the table; return 1 if too many survive."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--count", type=int, default=60, help="of mutants")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--full", action="store_true", help="the whole suite, as pytest --full")
+    parser.add_argument("--seconds", type=float, default=100.0, help="of the processor for a mutant")
+    parser.add_argument("--list", action="store_true", help="the mutants alone")
+    parser.add_argument("--traced", type=Path, help="file of what the tests execute, written if it is not there")
+    parser.add_argument("--write", type=Path, help="file of JSON for the results; what it has is not judged again")
+    asked = parser.parse_args()
+    if min(asked.count, asked.processes, asked.seconds) < 1:
+        parser.error("--count, --processes and --seconds must be at least 1")
+    if not (ROOT / "tests").is_dir():
+        parser.error(f"needs a checkout, with its tests (got {ROOT})")
+    mutants = draw(ROOT, STRATA, asked.count, asked.seed)
+    if asked.list:
+        print("\n".join(f"{each.path}:{each.line} {each.operator}: {each.key}" for each in mutants))
+        return 0
+    options = ["--full"] if asked.full else []
+    if asked.traced and asked.traced.exists():
+        traced = [Traced(**each) for each in json.loads(asked.traced.read_text())]
+    else:
+        traced = trace(ROOT, asked.processes, options)
+        if asked.traced:
+            asked.traced.write_text(json.dumps([asdict(each) for each in traced]))
+    known = json.loads(asked.write.read_text()) if asked.write and asked.write.exists() else []
+    keys = {each.key for each in mutants}
+    verdicts = [Verdict(**each) for each in known if each["key"] in keys]
+    left = [each for each in mutants if each.key not in {verdict.key for verdict in verdicts}]
+    for verdict in judge_all(ROOT, left, traced, asked.processes, asked.seconds, options):
+        verdicts.append(verdict)
+        print(f"[{len(verdicts)}/{len(mutants)}] {'found' if verdict.found else 'SURVIVES'} {verdict.place} "
+              f"{verdict.operator}: {verdict.by}, {verdict.seconds:.0f} s", flush=True)  # fmt: skip
+        if asked.write:
+            asked.write.write_text(json.dumps([asdict(each) for each in verdicts], indent=1))
+    share, least = share_found(verdicts), LEAST["full" if asked.full else "default"]
+    print(f"\n{table(verdicts)}\n\n{sum(each.found for each in verdicts)} of {len(verdicts)} mutants found, "
+          f"{share:.0%} of those that change anything; at least {least:.0%} must be")  # fmt: skip
+    return 0 if share >= least else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
