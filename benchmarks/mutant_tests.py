@@ -14,7 +14,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from balloon_warp.benchmarks.mutants import Mutant
@@ -92,10 +92,20 @@ def trace(root: Path, processes: int, options: Sequence[str] = ()) -> list[Trace
         _, printed = pytest_in(tree, "traced_tests", ["-n", str(processes), *places, *options])
         traced = [Traced(**json.loads(line)) for file in sorted(folder.iterdir()) for line in file.open()]
     if not traced:
-        raise InputError(f"mutation: no test in {root} passes\n{printed}")
+        raise InputError(f"no test in {root} passes\n{printed}")
     print("\n".join([*(line for line in printed.splitlines() if line.startswith(("FAILED", "ERROR"))),
                      f"{len(traced):,} tests pass"]), flush=True)  # fmt: skip
     return traced
+
+
+def executing(mutant: Mutant, traced: Sequence[Traced]) -> list[Traced]:
+    """Return the tests that execute the function around a mutant's place."""
+    return _within(mutant, traced, mutant.spans[0]) if mutant.spans else []
+
+
+def _within(mutant: Mutant, traced: Sequence[Traced], span: tuple[int, int]) -> list[Traced]:
+    first, last = span
+    return [test for test in traced if any(first <= line <= last for line in test.functions.get(mutant.path, ()))]
 
 
 def candidates(mutant: Mutant, traced: Sequence[Traced], root: Path) -> list[Traced]:
@@ -105,15 +115,14 @@ def candidates(mutant: Mutant, traced: Sequence[Traced], root: Path) -> list[Tra
     imports it.
     """
     found = []
-    for first, last in [*mutant.spans, (0, sys.maxsize)]:
-        found = found or [test for test in traced
-                          if any(first <= line <= last for line in test.functions.get(mutant.path, ()))]  # fmt: skip
+    for span in [*mutant.spans, (0, sys.maxsize)]:
+        found = found or _within(mutant, traced, span)
     if not found:
         name = mutant.path.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
         importers = {path for path in {path for test in traced for path in test.functions}
                      if name in (root / path).read_text()}  # fmt: skip
         found = [test for test in traced if not importers.isdisjoint(test.functions)]
-    found.sort(key=lambda test: test.seconds * sum(map(len, test.functions.values())))
+    found.sort(key=lambda test: (0.1 + test.seconds) * sum(map(len, test.functions.values())))
     times: Counter[str] = Counter()
     turns = {}
     for test in found:
@@ -133,7 +142,7 @@ def judge(mutant: Mutant, tree: Path, tests: Sequence[Traced], seconds: float, o
         if expected < ENOUGH * seconds:
             chosen.append(test.test)
             expected += test.seconds
-    begin, found, by, last = time.monotonic(), False, "no test executes it", ""
+    begin, found, by, last = time.monotonic(), False, "no tests", ""
     with _mutated(tree / mutant.path, mutant) as difference:
         if chosen:
             found, by, last = _run(tree, chosen, seconds, options)
@@ -204,7 +213,9 @@ def judge_all(
             tree = trees.get()
             try:
                 tests = candidates(mutant, traced, tree)
-                return judge(mutant, tree, tests, seconds, options)
+                verdict = judge(mutant, tree, tests, seconds, options)
+                executed = verdict.found or executing(mutant, traced) or not mutant.spans
+                return verdict if executed else replace(verdict, by=f"{verdict.by}; none executes its function")
             finally:
                 trees.put(tree)
 

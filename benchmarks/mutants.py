@@ -53,7 +53,7 @@ class Stratum:
     """Patterns of its files, from the root of the tree"""
 
     def files(self, root: Path) -> list[Path]:
-        """Return its files, sorted.
+        """Return the files, sorted.
 
         Raises:
             FileNotFoundError: a pattern finds none.

@@ -1,4 +1,4 @@
-"""Do the tests notice? The source with one fault at a time, drawn by a seed, and the tests that execute the place.
+"""Mutation test: the source with one fault at a time, drawn by a seed, and the tests that execute the place.
 
     python -m balloon_warp.benchmarks.mutation [--count 60] [--seed N] [--processes P] [--full] [--seconds S]
         [--list] [--traced FILE] [--write FILE]
@@ -6,9 +6,11 @@
 First all tests run once, and which functions each executes is noted, see `traced_tests`; `--traced` keeps that, and
 takes it from there the next time. Then each mutant, in a copy of the tree of its own, faces the tests that execute the
 mutated function, the quickest and most particular first, until one fails or S seconds of the processor are over. A
-mutant that cannot be imported, crashes or hangs is found, too. `--full` runs `pytest --full` instead of the default
-suite. Prints a table and the survivors, and ends with status 1 if fewer are found than `LEAST`, those that change
-nothing apart (`EQUIVALENT`). `--write` keeps results as they come, and goes on from there.
+mutant that cannot be imported, crashes or hangs is found, too; one is not whose test fails without it as well. `--full`
+runs `pytest --full` instead of the default suite. `--write` keeps results as they come, and goes on from there.
+
+Prints a table and the survivors. Ends with status 1 if fewer are found than `LEAST`, those left out that change nothing
+(`EQUIVALENT`).
 
 Kernels run on the CPU. All processes share Warp's kernel cache, which a mutant enters under names of its own.
 """
@@ -24,6 +26,7 @@ from pathlib import Path
 from balloon_warp.benchmarks.mutant_tests import ROOT, Verdict, judge_all, trace
 from balloon_warp.benchmarks.mutants import Stratum, draw
 from balloon_warp.benchmarks.traced_tests import Traced
+from balloon_warp.errors import InputError
 
 STRATA = (
     Stratum("laws", 0.20, ("kernels/laws/*.py",)),
@@ -72,7 +75,7 @@ def share_found(verdicts: Sequence[Verdict]) -> float:
     return found / max(1, sum(each.found or each.key not in EQUIVALENT for each in verdicts))
 
 
-def main() -> int:
+def main(arguments: Sequence[str]) -> int:
     """Print the table; return 1 if too many survive."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--count", type=int, default=60, help="of mutants")
@@ -83,20 +86,26 @@ def main() -> int:
     parser.add_argument("--list", action="store_true", help="the mutants alone")
     parser.add_argument("--traced", type=Path, help="file of what the tests execute, written if it is not there")
     parser.add_argument("--write", type=Path, help="file of JSON for the results; what it has is not judged again")
-    asked = parser.parse_args()
+    asked = parser.parse_args(arguments)
     if min(asked.count, asked.processes, asked.seconds) < 1:
         parser.error("--count, --processes and --seconds must be at least 1")
+    for path in filter(None, (asked.traced, asked.write)):
+        if not path.absolute().parent.is_dir():
+            parser.error(f"{path}: its folder is not there")
     if not (ROOT / "tests").is_dir():
         parser.error(f"needs a checkout, with its tests (got {ROOT})")
     mutants = draw(ROOT, STRATA, asked.count, asked.seed)
     if asked.list:
-        print("\n".join(f"{each.path}:{each.line} {each.operator}: {each.key}" for each in mutants))
+        print("\n".join(f"{each.path}:{each.line} {each.operator}: {each.old} -> {each.new}" for each in mutants))
         return 0
     options = ["--full"] if asked.full else []
     if asked.traced and asked.traced.exists():
         traced = [Traced(**each) for each in json.loads(asked.traced.read_text())]
     else:
-        traced = trace(ROOT, asked.processes, options)
+        try:
+            traced = trace(ROOT, asked.processes, options)
+        except InputError as mistake:
+            parser.error(str(mistake))
         if asked.traced:
             asked.traced.write_text(json.dumps([asdict(each) for each in traced]))
     known = json.loads(asked.write.read_text()) if asked.write and asked.write.exists() else []
@@ -116,4 +125,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(sys.argv[1:]))

@@ -137,7 +137,7 @@ def mutant_at(text: str, new: str) -> Mutant:
 
 
 def test_the_quickest_and_most_particular_tests_come_first(tmp_path: Path) -> None:
-    """Those of the function around the place alone; of each test with parameters one, before others of any."""
+    """Tests of the function around the place alone; one of each with parameters, before others of any."""
     text = "def outer():\n    def inner():\n        return a + b\n    return inner\n\ndef other():\n    return a * b\n"
     traced = [
         Traced("a.py::wide", 1.0, {"toy.py": [1, 2], "more.py": [1, 2, 3]}),
@@ -158,6 +158,20 @@ def test_an_answered_survivor_does_not_count(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(mutation, "EQUIVALENT", {"c": "a guard that never holds"})
     assert mutation.share_found(verdicts) == pytest.approx(2 / 3)
     assert "nothing: a guard that never holds" in mutation.table(verdicts)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--count", "0"], "--count, --processes and --seconds must be at least 1"),
+        (["--seconds", "-1"], "--count, --processes and --seconds must be at least 1"),
+        (["--write", "gone/mutants.json"], "gone/mutants.json: its folder is not there"),
+    ],
+)
+def test_bad_arguments_get_a_sentence(arguments: list[str], sentence: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        mutation.main(arguments)
+    assert capsys.readouterr().err.splitlines()[-1].endswith(f"error: {sentence}")
 
 
 LAW = """
