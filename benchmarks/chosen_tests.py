@@ -30,7 +30,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def _bound(what: int, most: int) -> None:
-    """Bound what this process and its children may take each."""
+    """Limit a resource of this process and of each of its children."""
     hard = resource.getrlimit(what)[1]
     resource.setrlimit(what, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
 

@@ -101,7 +101,7 @@ def _on_a_line(text: bytes) -> str:
 
 
 def _changeable(node: ast.AST) -> Iterator[ast.AST]:
-    """Return a node's children, without annotations, f-strings and what is raised."""
+    """Return a node's children, without annotations, f-strings, words of sentences and what is raised."""
     skipped: list[ast.AST | None] = []
     if isinstance(node, ast.FunctionDef):
         skipped = [node.returns]
@@ -110,8 +110,15 @@ def _changeable(node: ast.AST) -> Iterator[ast.AST]:
     elif isinstance(node, ast.Assert):
         skipped = [node.msg]
     for child in ast.iter_child_nodes(node):
-        if child not in skipped and not isinstance(child, ast.Raise | ast.JoinedStr):
+        if child not in skipped and not isinstance(child, ast.Raise | ast.JoinedStr) and not _is_wording(child):
             yield child
+
+
+def _is_wording(node: ast.AST) -> bool:
+    """Return whether a node chooses between words of a sentence."""
+    sides = [node.body, node.orelse] if isinstance(node, ast.IfExp) else []
+    texts = [side.value for side in sides if isinstance(side, ast.Constant) and isinstance(side.value, str)]
+    return any(isinstance(side, ast.JoinedStr) for side in sides) or any(" " in text for text in texts)
 
 
 def signatures_of(texts: Sequence[bytes]) -> Signatures:

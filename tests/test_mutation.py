@@ -76,6 +76,7 @@ def test_an_operator_changes_one_place(operator: str, before: str, after: list[s
         "raise ValueError(a + 1.0)",
         "x = f'{1.0 + a}'",
         "assert a, b + 1.0",
+        "x = 'a number' if a == 1 else b",
     ],
 )
 def test_what_no_test_should_notice_stays(text: str) -> None:
