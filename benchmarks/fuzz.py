@@ -24,7 +24,7 @@ import numpy as np
 from hypothesis import HealthCheck, Phase, given, seed, settings
 
 from balloon_warp.benchmarks.bad_meshes import CUBE, MESH_CASES, MeshCase
-from balloon_warp.benchmarks.mutation import MESH_PIECES, SCENE_PIECES, mesh_seeds, mutated, scene_seeds
+from balloon_warp.benchmarks.changed_files import MESH_PIECES, SCENE_PIECES, mesh_seeds, mutated, scene_seeds
 from balloon_warp.errors import InputError
 from balloon_warp.inspection import inspect_mesh
 from balloon_warp.mesh.load import load_mesh

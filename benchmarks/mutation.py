@@ -1,73 +1,128 @@
-"""Files that nobody thought of: those that somebody did, with parts of them changed, as Hypothesis draws them."""
+"""Mutation test: the source with one fault at a time, drawn by a seed, and the tests that execute the place.
 
-import re
-from collections.abc import Sequence
+    python -m balloon_warp.benchmarks.mutation [--count 60] [--seed N] [--processes P] [--full] [--seconds S]
+        [--list] [--traced FILE] [--write FILE]
 
-from hypothesis import strategies as st
+First all tests run once, and which functions each executes is noted, see `traced_tests`; `--traced` keeps that, and
+takes it from there the next time. Then each mutant, in a copy of the tree of its own, faces the tests that execute the
+mutated function, the quickest and most particular first, until one fails or S seconds of the processor are over. A
+mutant that cannot be imported, crashes or hangs is found, too; one is not whose test fails without it as well. `--full`
+runs `pytest --full` instead of the default suite. `--write` keeps results as they come, and goes on from there.
 
-from balloon_warp.benchmarks.bad_meshes import MESH_CASES
-from balloon_warp.scene import bundled_scenes
+Prints a table and the survivors. Ends with status 1 if fewer are found than `LEAST`, those left out that change nothing
+(`EQUIVALENT`).
 
-LARGEST_SEED = 4096
-"""bytes; in a small file most changes meet something that counts"""
-MESH_PIECES = [
-    *b"v f # \\ / - . , e \n \r \t \0 \xff 0 1 9 nan inf 1e400 1e-400 -0 1e18 1e-18 _ +".split(b" "),
-    *[b" ", b"\r\n", b"\\\n", b"v 0 0 0\n", b"f 1 2 3\n", b"f -1 -2 -3\n", b"f 1/1/1 2//2 3/3 4\n", b"\xef\xbb\xbf"],
-    *[b"4294967297", b"mtllib a\n", b"vn 0 0 1\n", b"l 1 2\n", b"9" * 400, b"\xd9\xa3"],
-]
-SCENE_PIECES = [
-    *b"[ ] { } \" ' = . , # \n \0 \xff 0 1 -1 9 nan inf -inf 1e400 1e-300 1e11 true false 0x10 1979-05-27 _".split(
-        b" "
+Kernels run on the CPU. All processes share Warp's kernel cache, which a mutant enters under names of its own.
+"""
+
+import argparse
+import json
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+from balloon_warp.benchmarks.mutant_tests import ROOT, Verdict, judge_all, trace
+from balloon_warp.benchmarks.mutants import Stratum, draw
+from balloon_warp.benchmarks.traced_tests import Traced
+from balloon_warp.errors import InputError
+
+STRATA = (
+    Stratum("laws", 0.20, ("kernels/laws/*.py",)),
+    Stratum("phases", 0.15, ("kernels/phases/*.py",)),
+    Stratum("loops", 0.15, ("kernels/loops/*.py",)),
+    Stratum("contact", 0.15, ("kernels/contact/*.py",)),
+    Stratum("algebra", 0.05, ("kernels/algebra.py",)),
+    Stratum("frames", 0.05, ("kernels/frames/*.py",)),
+    Stratum("springs", 0.08, ("balloon_warp/springs/*.py",)),
+    Stratum("model", 0.10, ("balloon_warp/model/*.py",)),
+    Stratum(
+        "tables", 0.07,
+        tuple(f"balloon_warp/schedules/{name}.py" for name in (
+            "fixtures", "lane_tables", "membrane_faces", "membranes", "outer", "own_parts", "particles", "ridges",
+            "rings", "slices", "slots", "solids", "spring_ends", "tables", "tears", "touch_table",
+        )),
     ),
-    *[b"[[balloon]]\n", b"[water]\n", b"[[tube]]\nballoons = [0, 0]\nconductance = 1.0\n", b"9" * 30, b"[" * 2000],
-    *[b"balloon.", b"[[change]]\ntime = 0.1\n", b'set = { "balloon.mass" = 0.5 }\n', b"[0.0, 1.0]", b'"gas"', b"[]"],
-    *[b'mesh = "/dev/zero"\n', b'mesh = "."\n', b"weld = true\n", b"fixed = [0, 1, 2]\n", b'"projective"', b"{}"],
-]
+)  # fmt: skip
+"""What is mutated"""
+LEAST = {"default": 0.90, "full": 0.97}
+"""Share of the mutants that each suite has to find"""
+EQUIVALENT: Mapping[str, str] = {}
+"""Mutants that change nothing that anyone could notice, by `Mutant.key`, and why"""
 
 
-def mesh_seeds() -> list[bytes]:
-    """Return the small OBJ files of the table."""
-    contents = [case.content() for case in MESH_CASES]
-    return [content for content in contents if len(content) <= LARGEST_SEED]
+def table(verdicts: Sequence[Verdict]) -> str:
+    """Return a table of mutants, and the survivors with what they change."""
+    lines = ["| place | operator | before | after | found by | seconds |", "|---|---|---|---|---|---|"]
+    for each in sorted(verdicts, key=lambda each: each.place):
+        by = each.by if each.found else f"nothing: {EQUIVALENT.get(each.key, each.by)}"
+        cells = (each.place, each.operator, f"`{_short(each.old)}`", f"`{_short(each.new)}`", by, f"{each.seconds:.0f}")
+        lines.append(f"| {' | '.join(cell.replace('|', '/') for cell in cells)} |")
+    for each in verdicts:
+        if not each.found:
+            lines.append(f"\n{each.key}\n{each.difference}\n  {EQUIVALENT.get(each.key, each.by)}")
+    return "\n".join(lines)
 
 
-def scene_seeds() -> list[bytes]:
-    """Return the bundled scenes, with `cube.obj` for their meshes."""
-    contents = [path.read_bytes() for path in bundled_scenes().values()]
-    return [re.sub(rb'mesh = "[^"]*"', b'mesh = "cube.obj"', content) for content in contents]
+def _short(text: str, most: int = 60) -> str:
+    return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
-NUMBER = re.compile(rb"(?<![\w.])-?\d+(?:\.\d+)?(?:e-?\d+)?(?![\w.])")
-NUMBERS = b"0 1 2 3 -1 -2 5 8 1e-3 0.5 1e-9 1e-18 1e3 1e9 1e11 1e18 1e38 3.5e38 1e300 100000 2147483648".split(b" ")
+def share_found(verdicts: Sequence[Verdict]) -> float:
+    """Return the share of the mutants that change anything which are found."""
+    found = sum(each.found for each in verdicts)
+    return found / max(1, sum(each.found or each.key not in EQUIVALENT for each in verdicts))
 
 
-@st.composite
-def mutated(draw: st.DrawFn, seeds: Sequence[bytes], pieces: Sequence[bytes]) -> bytes:
-    """Return a random seed file with a few changes, of its numbers or of anything."""
-    content = draw(st.sampled_from(seeds))
-    for _ in range(draw(st.integers(1, 4))):
-        change = draw(st.sampled_from([_other_number, _other_number, _other_parts]))
-        content = change(draw, content, pieces)
-    return content
+def main(arguments: Sequence[str]) -> int:
+    """Print the table; return 1 if too many survive."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--count", type=int, default=60, help="of mutants")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--full", action="store_true", help="the whole suite, as pytest --full")
+    parser.add_argument("--seconds", type=float, default=100.0, help="of the processor for a mutant")
+    parser.add_argument("--list", action="store_true", help="the mutants alone")
+    parser.add_argument("--traced", type=Path, help="file of what the tests execute, written if it is not there")
+    parser.add_argument("--write", type=Path, help="file of JSON for the results; what it has is not judged again")
+    asked = parser.parse_args(arguments)
+    if min(asked.count, asked.processes, asked.seconds) < 1:
+        parser.error("--count, --processes and --seconds must be at least 1")
+    for path in filter(None, (asked.traced, asked.write)):
+        if not path.absolute().parent.is_dir():
+            parser.error(f"{path}: its folder is not there")
+    if not (ROOT / "tests").is_dir():
+        parser.error(f"needs a checkout, with its tests (got {ROOT})")
+    mutants = draw(ROOT, STRATA, asked.count, asked.seed)
+    if asked.list:
+        print("\n".join(f"{each.path}:{each.line} {each.operator}: {each.old} -> {each.new}" for each in mutants))
+        return 0
+    options = ["--full"] if asked.full else []
+    if asked.traced and asked.traced.exists():
+        traced = [Traced(**each) for each in json.loads(asked.traced.read_text())]
+    else:
+        try:
+            traced = trace(ROOT, asked.processes, options)
+        except InputError as mistake:
+            parser.error(str(mistake))
+        if asked.traced:
+            asked.traced.write_text(json.dumps([asdict(each) for each in traced]))
+    known = json.loads(asked.write.read_text()) if asked.write and asked.write.exists() else []
+    keys = {each.key for each in mutants}
+    verdicts = [Verdict(**each) for each in known if each["key"] in keys]
+    left = [each for each in mutants if each.key not in {verdict.key for verdict in verdicts}]
+    for verdict in judge_all(ROOT, left, traced, asked.processes, asked.seconds, options):
+        verdicts.append(verdict)
+        print(f"[{len(verdicts)}/{len(mutants)}] {'found' if verdict.found else 'SURVIVES'} {verdict.place} "
+              f"{verdict.operator}: {verdict.by}, {verdict.seconds:.0f} s", flush=True)  # fmt: skip
+        if asked.write:
+            asked.write.write_text(json.dumps([asdict(each) for each in verdicts], indent=1))
+    share, least = share_found(verdicts), LEAST["full" if asked.full else "default"]
+    print(f"\n{table(verdicts)}\n\n{sum(each.found for each in verdicts)} of {len(verdicts)} mutants found, "
+          f"{share:.0%} of those that change anything; at least {least:.0%} must be")  # fmt: skip
+    return 0 if share >= least else 1
 
 
-def _other_number(draw: st.DrawFn, content: bytes, pieces: Sequence[bytes]) -> bytes:
-    found = list(NUMBER.finditer(content))
-    if not found:
-        return _other_parts(draw, content, pieces)
-    old = found[draw(st.integers(0, len(found) - 1))]
-    return content[: old.start()] + draw(st.sampled_from(NUMBERS)) + content[old.end() :]
-
-
-def _other_parts(draw: st.DrawFn, content: bytes, pieces: Sequence[bytes]) -> bytes:
-    """Words, lines or characters taken out, put in, moved or repeated."""
-    separator = draw(st.sampled_from([b"", b" ", b"\n", b"\n"]))
-    parts = content.split(separator) if separator else [content[n : n + 1] for n in range(len(content))]
-    place = draw(st.integers(0, len(parts)))
-    kept = parts[place : place + draw(st.sampled_from([0, 1, 1, 2, 20]))]
-    new = draw(st.one_of(st.sampled_from(pieces), st.just(separator.join(kept)), st.binary(max_size=4)))
-    times = draw(st.sampled_from([0, 1, 1, 1, 2, 20, 3000]))
-    parts[place : place + len(kept)] = [new] * (times if times * len(new) < 200_000 else 1)
-    if draw(st.booleans()):
-        parts.insert(draw(st.integers(0, len(parts))), separator.join(kept))
-    return separator.join(parts)
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
