@@ -11,7 +11,9 @@ from balloon_warp.model.meeting_edges import edges_meet, meeting_edges
 from balloon_warp.model.ridges import NO_RIDGES, Ridges, kept_distance
 from balloon_warp.model.touch import APART, STIFFNESSES, THICKNESS, crowd_of, edge_length
 from balloon_warp.model.tunneling import held_within, widest_opening
-from balloon_warp.reference import contact
+from balloon_warp.reference.balls import SmallSpheres
+from balloon_warp.reference.meeting import Edges
+from balloon_warp.reference.meeting import Ridges as MeetingRidges
 from balloon_warp.reference.touch import Touch
 from balloon_warp.schedules.touch_table import ITSELF
 
@@ -34,14 +36,14 @@ class Contacts:
         sizes = [widest_opening(shape.mesh) for shape in self.shapes]
         most = held_within(scene) * max(sizes) if scene.touches_spheres else 0.0
         is_small, faces = [ball.radius < most for ball in scene.sphere], np.concatenate(triangles)
-        self.small = contact.SmallSpheres(np.flatnonzero(is_small), None, owner, faces) if any(is_small) else None
+        self.small = SmallSpheres(np.flatnonzero(is_small), None, owner, faces) if any(is_small) else None
         solids = len(plan.obstacles) + len(plan.bodies)
         meets = scene.touches_spheres and scene.contact == "impulse" and (plan.ridges or scene.faces is True)
         balls = [CENTER if meets and not small else NO_RIDGES for small in is_small]
         ridges = [*(plan.ridges or [NO_RIDGES] * solids), *balls]
         kept = [kept_distance(self.shapes)] * solids + [0.0] * len(balls) + [kept_distance(self.shapes)]
         some = any(len(each.ends) for each in ridges)
-        self.ridges = contact.Ridges(ridges, kept, None, owner, faces) if some else None
+        self.ridges = MeetingRidges(ridges, kept, None, owner, faces) if some else None
 
     def settle(self, parameters):
         """Take parameters, which change over time."""
@@ -76,7 +78,7 @@ class Contacts:
         of_edges = [_pairs(edges[i], edges[j]) for i in balloons for j in balloons[i:]]
         of_points = [_pairs(own[i], triangles[j]) for i, j in product(balloons, repeat=2)]
         pairs = self._far(np.concatenate(of_edges), 2), self._far(np.concatenate(of_points), 1)
-        return contact.Edges(*pairs, self.owner, None)
+        return Edges(*pairs, self.owner, None)
 
     def _far(self, pairs, count):
         """Return pairs of features, of which the first has so many particles, that may touch."""

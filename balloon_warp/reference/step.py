@@ -12,7 +12,7 @@ import numpy as np
 
 from balloon_warp.reference import gas as gases
 from balloon_warp.reference import laws, of_scene, solids
-from balloon_warp.reference.contact import collide
+from balloon_warp.reference.balls import collide
 from balloon_warp.reference.contacts import Contacts
 from balloon_warp.scene import Scene
 from balloon_warp.scene.timeline import frame_at

@@ -76,13 +76,13 @@ class Touch:
         weights.
         """
         at = x[ends]
-        w, sides = point_triangle(at), np.roll(at[:, 1:], -1, axis=1) - at[:, 1:]
+        w, sides = point_triangle(at), at[:, [2, 3, 1]] - at[:, 1:]
         arm, area = (w * at).sum(axis=1), cross(sides[:, 0], sides[:, 1])
         inside = (w[:, 1:] < 0.0).all(axis=1) | (dot(arm, arm) <= 1e-6 * size(area))
         normal = np.where(inside, area / size(area), np.where(dot(arm, area) < 0.0, -arm, arm) / size(arm))
         gap, along = dot(arm, normal), dot(normal, area)
         flat = along > 0.3 * size(area)
-        reach = cross(normal[:, None], np.roll(sides, -1, axis=1)) * (flat / np.where(flat, along, 1.0))[:, None]
+        reach = cross(normal[:, None], sides[:, [1, 2, 0]]) * (flat / np.where(flat, along, 1.0))[:, None]
         more = dot(reach, across(arm, normal)[:, None])  # beside an edge, but so near that it is taken along the normal
         w[:, 1:] -= more * ((more**2).sum(axis=1, keepdims=True) < 1e-4)
         reach = reach * (gap**2 * dot(reach, reach).max(axis=1) < 1.0)[:, None]
