@@ -47,7 +47,8 @@ def surface(solid, x, radius):
 
 
 def way_through(solid, start, end, radius):
-    """Return the ends of ways past a convex solid, the normals where it holds them back or 0, and what is left to slide.
+    """Return the ends of ways past a convex solid, the normals where it holds them back or 0, what is left to slide, and
+    the distance of the end.
 
     Along a line the distance is convex: Newton's method comes to where a way enters, and never past it.
     """
@@ -68,7 +69,7 @@ def way_through(solid, start, end, radius):
     slid = end + np.maximum(dot(place - end, out), 0.0) * out
     held = slides | (distance < 0.0)
     let = np.where(slides, slid, np.where(held, end - distance * normal, end))
-    return let, np.where(slides, out, normal) * held, np.where(slides, 1.0 - gone / way, 1.0)
+    return let, np.where(slides, out, normal) * held, np.where(slides, 1.0 - gone / way, 1.0), distance
 
 
 def beside_obstacle(obstacle, poses, start, x, radius=0.0):
@@ -78,26 +79,27 @@ def beside_obstacle(obstacle, poses, start, x, radius=0.0):
         poses: Its `pose` at the beginning and at the end of the step.
     """
     (before, earlier, *_), (place, turn, velocity, spin) = poses
-    let, normal, left = way_through(obstacle, (start - before) @ earlier, (x - place) @ turn, radius)
-    arm = let @ turn.T
-    return np.where(normal.any(axis=1, keepdims=True), place + arm, x), normal @ turn.T, left, velocity + np.cross(spin, arm)
+    let, normal, left, distance = way_through(obstacle, (start - before) @ earlier, (x - place) @ turn, radius)
+    let, moving = np.where(normal.any(axis=1, keepdims=True), place + let @ turn.T, x), velocity + np.cross(spin, let @ turn.T)
+    return let, normal @ turn.T, left, moving, distance
 
 
 def stand(around, start, x, v, h, foreseen=False):
     """Return places and velocities beside obstacles and the ground, and the normals of the last contacts.
 
     Coulomb's friction takes at most its coefficient times the speed that is stopped; the way is that of the slower
-    velocity. As one may push into another, all take turns.
+    velocity. Where two are near, one may push into the other, and both take turns.
 
     Args:
         around: Functions from starts and ends of ways to `beside_obstacle`, each with its friction by particle.
         foreseen: whether only places are wanted, of particles that keep their velocities.
     """
-    normals, first = np.zeros_like(x), x
-    for turn in range(1 if foreseen else 4):
-        end = x
+    normals, takes = np.zeros_like(x), np.ones((len(x), 1), dtype=bool)
+    for _ in range(1 if foreseen else 4):
+        end, distances = x, []
         for let_through, friction in around:
-            let, normal, left, moving = let_through(start, x)
+            let, normal, left, moving, distance = let_through(start, x)
+            normal, distances = np.where(takes, normal, 0.0), [*distances, distance]
             held, beside = normal.any(axis=1, keepdims=True), v - moving
             rise = dot(beside, normal)
             along, stopped = beside - rise * normal, np.maximum(-rise, 0.0)
@@ -105,8 +107,9 @@ def stand(around, start, x, v, h, foreseen=False):
             x, normals = np.where(held, let - h * left * lost * along, x), np.where(held, normal, normals)
             if not foreseen:
                 v = np.where(held, v - lost * along + stopped * normal, v)
-        unsettled = size(x - end) > 1e-3 * size(end - start) + 2e-6 * size(x)
-        if not unsettled.any():
+        near = sum(distance < size(end - start) + size(x - end) for distance in distances)
+        takes = (size(x - end) > 1e-3 * size(end - start) + 2e-6 * size(x)) & (near > 1)
+        if not np.any(takes):
             break
     return x, v, normals
 
@@ -171,7 +174,7 @@ def leave_obstacles(ball, start, around, h):
     for turn in range(4):
         end = ball["position"]
         for let_through, restitution, friction in around:
-            let, normal, left, moving = let_through(start[None], ball["position"][None], ball["radius"])
+            let, normal, left, moving, _ = let_through(start[None], ball["position"][None], ball["radius"])
             if normal.any():
                 ball["position"] = let[0]
                 bounce(ball, moving[0], normal[0], restitution, friction, h * left[0, 0])

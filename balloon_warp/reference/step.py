@@ -37,6 +37,7 @@ class Reference:
         starts = [of_scene.start_of_balloon(self.plan, self.parameters, number) for number in range(count)]
         self.x, self.v = (np.concatenate(each) + shift for each, shift in zip(zip(*starts, strict=True), shifts, strict=True))
         """Places and velocities of all particles, shape (particles, 3)"""
+        self.v[np.concatenate([balloon.share for balloon in self.balloons]) == 0.0] = 0.0
         self.owner = np.repeat(np.arange(count), [len(x) for x, _ in starts])
         self.parts = [np.flatnonzero(self.owner == number) for number in range(count)]
         self.up, self.bodies = np.array(self.scene.up), []
@@ -307,9 +308,10 @@ class Reference:
             for each in self.obstacles
         ]
 
-    def _on_ground(self, start: Array, x: Array) -> tuple[Array, Array, float, Array]:
+    def _on_ground(self, start: Array, x: Array) -> tuple[Array, Array, float, Array, Array]:
         depth = self.p[0].ground_height - laws.dot(x, self.up)
-        return x + np.maximum(depth, 0.0) * self.up, (depth > 0.0) * self.up, 1.0, np.zeros(3)
+        low = depth > 0.0
+        return x + low * depth * self.up, low * self.up, 1.0, np.zeros(3), np.where(low, 0.0, np.inf)
 
     def _move_spheres(self) -> None:
         """Move spheres beside the ground and obstacles, and let them meet each other."""
