@@ -12,6 +12,8 @@ import numpy as np
 
 from balloon_warp.reference import gas as gases
 from balloon_warp.reference import laws, of_scene, solids
+from balloon_warp.reference.balls import collide
+from balloon_warp.reference.contacts import Contacts
 from balloon_warp.scene import Scene
 from balloon_warp.scene.timeline import frame_at
 
@@ -45,6 +47,7 @@ class Reference:
             SimpleNamespace(amount=n, free_volume=free, pressure=p, load=load[0], rise=load[1], along=0.0, vent=0.0)
             for n, free, p, load in zip(*given, strict=True)
         ]
+        self.contacts = Contacts(self.plan, self.owner)
         self._take_parameters()
 
     points = property(lambda self: [self.x[part] for part in self.parts])
@@ -98,13 +101,17 @@ class Reference:
         each = [self._forces(number) for number in range(len(self.balloons))]
         force, area = (np.concatenate(parts) for parts in zip(*each, strict=True))
         self._drive(force)
+        if self.contacts.touch:
+            force += self.contacts.touch.forces(self.x, self.v, h)
         self._find_pressures(self.v + gain * force, area, gain)
         inflation = self._inflate(area)
         old, self.v = self.v, self.v + gain * (force + inflation)
         self.x = self.x + h * (old if self.scene.solver == "forward_euler" else self.v)
         if self.scene.correction != "none":
             self._correct()
+        self._meet_ridges()
         self._meet_solids(start, inflation)
+        self._meet_faces_and_edges(start)
         self.substep_number += 1
         if self.substep_number == self.substeps:
             self.frame_number, self.substep_number = self.frame_number + 1, 0
@@ -117,10 +124,14 @@ class Reference:
         for balloon, p in zip(self.balloons, self.p, strict=True):
             constants = np.array([p.structural, p.shear, p.flexion])[balloon.kinds] * balloon.scales
             balloon.springs.constants = constants[:, None]
+        self.contacts.settle(self.parameters)
         self.waves = of_scene.waves_of(int(self.p[0].gust_seed))
         for name in ("mass", "radius", "penalty", "restitution"):
             for ball, value in zip(self.spheres, self.parameters[f"sphere_{name}"][0], strict=True):
                 ball[name] = float(value)
+        for ball in self.spheres:
+            stiff = 2.5 / (ball["mass"] * ball["radius"] ** 2) if ball["radius"] > 0.0 else 0.0
+            ball |= {"turn": np.eye(3), "turning": stiff * np.eye(3)}
         for obstacle, position in zip(self.obstacles, self.parameters["obstacle_position"][0], strict=True):
             obstacle.position = position
 
@@ -139,6 +150,8 @@ class Reference:
                 gas.along = p.added_mass * gas.density * gases.there(gas.free_volume, gas.temperature, p)
                 gas.along *= inside ** (1.0 / p.gamma)
             gas.least = gases.EMPTY * balloon.volume * gas.outside / (gases.R * gas.temperature)
+        if self.contacts.touch:
+            self.contacts.touch.begin_frame(self.x, self.v, self.h)
 
     def _given(self, number: int, part: float) -> float:
         """Interpolate keyframes over a frame, between their values at its ends."""
@@ -301,16 +314,52 @@ class Reference:
         return x + low * depth * self.up, low * self.up, 1.0, np.zeros(3), np.where(low, 0.0, np.inf)
 
     def _move_spheres(self) -> None:
-        """Move spheres beside the ground and obstacles."""
+        """Move spheres beside the ground and obstacles, and let them meet each other."""
         p, first = self.p[0], 1 + len(self.obstacles)
-        obstacles = self._obstacles_now()
+        frictions = self.friction[first : first + len(self.spheres)]
+        grounds = [(p.ground_height, p.ground_restitution, friction[0]) for friction in frictions]
+        obstacles, restitutions = self._obstacles_now(), self.parameters["obstacle_restitution"][0]
+
+        def leave_obstacles(number: int) -> None:
+            ball, friction = self.spheres[number], frictions[number, 1:first]
+            around = list(zip(obstacles, restitutions, friction, strict=True))
+            solids.leave_obstacles(ball, ball["start"], around, self.h)
+
+        def put_beside(number: int) -> None:
+            solids.leave_ground(self.spheres[number], self.h, self.up, grounds[number])
+            leave_obstacles(number)
+
         for number, ball in enumerate(self.spheres):
-            friction, start = self.friction[first + number], ball["position"]
-            ground = p.ground_height, p.ground_restitution, friction[0]
-            solids.roll(ball, self.h, self.up, p.gravity, ground, self.scene.contact == "impulse")
-            restitutions = self.parameters["obstacle_restitution"][0]
-            around = list(zip(obstacles, restitutions, friction[1:first], strict=True))
-            solids.leave_obstacles(ball, start, around, self.h)
+            ball["start"] = ball["position"]
+            solids.roll(ball, self.h, self.up, p.gravity, grounds[number], self.scene.contact == "impulse")
+            leave_obstacles(number)
+        collide(self.spheres, frictions[:, first:], 2.0 * self.h * abs(p.gravity), self.h, put_beside)
+
+    def _ease(self) -> Array:
+        """Return the inverse masses of particles, 0 of fixed ones."""
+        return np.where(self.mass > 0.0, 1.0 / np.where(self.mass > 0.0, self.mass, 1.0), 0.0)[:, None]
+
+    def _meet_ridges(self) -> None:
+        """Let faces meet ridges of obstacles and spheres."""
+        part, seconds = self.substep_number / self.substeps, 1.0 / self.scene.frames_per_second
+        poses = [solids.pose(each, self.frame_number, part, seconds) for each in self.obstacles]
+        still = {"mass": np.inf, "turning": np.zeros((3, 3)), "radius": 0.0}
+        around = [
+            {"position": place, "start": place, "turn": turn, "velocity": velocity, "spin": spin, **still}
+            for place, turn, velocity, spin in poses
+        ]
+        if self.contacts.ridges:
+            around += self.spheres
+            self.x, self.v = self.contacts.ridges.sweep(self.x, self.v, self._ease(), self.h, around)
+
+    def _meet_faces_and_edges(self, start: Array) -> None:
+        """Let small spheres meet faces, and then edges each other."""
+        x, v, ease, ground = self.x, self.v, self._ease(), (self.p[0].ground_height, self.up)
+        if self.contacts.small:
+            x, v = self.contacts.small.sweep(start, x, v, ease, self.h, self.spheres)
+        if self.contacts.edges:
+            x, v = self.contacts.edges.sweep(x, v, ease, self.h, ground if self.scene.ground is not None else None)
+        self.x, self.v = x, v
 
     def _meet_solids(self, start: Array, inflation: Array) -> None:
         """Leave spheres, obstacles and the ground, or exchange momentum with spheres once the others have left these."""
