@@ -1,10 +1,14 @@
 """Contacts of a scene, which are empty where nothing meets: what `contact` and `touch` take, from the host's plan."""
 
 from itertools import product
+from types import SimpleNamespace
 
 import numpy as np
 
+from balloon_warp.mesh.placement import rotation_matrix
 from balloon_warp.mesh.triangles import triangles_of
+from balloon_warp.model.bodies import initial_centers
+from balloon_warp.model.body_samples import sample
 from balloon_warp.model.folded import is_folded
 from balloon_warp.model.friction import FRICTION
 from balloon_warp.model.meeting_edges import edges_meet, meeting_edges
@@ -40,10 +44,19 @@ class Contacts:
         solids = len(plan.obstacles) + len(plan.bodies)
         meets = scene.touches_spheres and scene.contact == "impulse" and (plan.ridges or scene.faces is True)
         balls = [CENTER if meets and not small else NO_RIDGES for small in is_small]
-        ridges = [*(plan.ridges or [NO_RIDGES] * solids), *balls]
-        kept = [kept_distance(self.shapes)] * solids + [0.0] * len(balls) + [kept_distance(self.shapes)]
+        first, of_solids = len(plan.obstacles), plan.ridges or [NO_RIDGES] * solids
+        ridges = [*of_solids[:first], *balls, *of_solids[first:]]
+        kept = kept_distance(self.shapes) * np.insert(np.ones(solids + 1), [first] * len(balls), 0.0)
         some = any(len(each.ends) for each in ridges)
         self.ridges = MeetingRidges(ridges, kept, None, owner, faces) if some else None
+
+        up, still = np.array(scene.up), {"velocity": np.zeros(3), "spin": np.zeros(3), "turn": np.eye(3), "reach": 0.0}
+        ground = SimpleNamespace(shape="plane", size=np.zeros(3), thickness=0.0, up=up)
+        self.around = [{"solid": ground, **still}]
+        """The ground and obstacles, on which bodies stand"""
+        for shape in plan.obstacles:
+            reach = min(shape.reach, 1e30)
+            self.around.append({"solid": solid_of(shape, up), "samples": sample(shape, up), "reach": reach})
 
     def settle(self, parameters):
         """Take parameters, which change over time."""
@@ -97,6 +110,27 @@ class Contacts:
             mean = 0.5 * (own[i] + own[j]) if thickness < 0.0 else thickness
             skins[i, j] = mean, 2.0 * a * b / (a + b) if stiffness < 0.0 else stiffness, friction[i, j]
         return skins
+
+
+def solid_of(shape, up):
+    """Return what `solids.surface` takes of an obstacle's or a body's shape."""
+    return SimpleNamespace(shape=shape.kind, size=shape.size, thickness=shape.thickness, up=up)
+
+
+def bodies_of(plan, parameters):
+    """Return the free bodies at the start."""
+    found, up = [], np.array(plan.scene.up)
+    centers = initial_centers(plan.scene, plan.bodies, parameters["initial_body_positions"])[0]
+    for number, (body, shape) in enumerate(zip(plan.scene.body, plan.bodies, strict=True)):
+        turn, ease = rotation_matrix(body.rotation), np.linalg.inv(shape.inertia)
+        mass = float(parameters["body_mass"][0, number])
+        velocity, spin = (parameters[f"initial_body_{name}"][0, number] for name in ("velocities", "spins"))
+        found.append(
+            {"position": centers[number], "start": centers[number], "velocity": velocity, "spin": spin, "turn": turn,
+             "mass": mass, "radius": 0.0, "ease": ease, "turning": turn @ ease @ turn.T / mass,
+             "samples": shape.samples, "solid": solid_of(shape.solid, up), "reach": shape.solid.reach}
+        )  # fmt: skip
+    return found
 
 
 def _pairs(one, other):

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from balloon_warp.reference import gas as gases
-from balloon_warp.reference import laws, of_scene, solids
+from balloon_warp.reference import bodies, laws, of_scene, solids
 from balloon_warp.reference.balls import collide
-from balloon_warp.reference.contacts import Contacts
+from balloon_warp.reference.contacts import Contacts, bodies_of
 from balloon_warp.scene import Scene
 from balloon_warp.scene.timeline import frame_at
 
@@ -40,7 +40,7 @@ class Reference:
         self.v[np.concatenate([balloon.share for balloon in self.balloons]) == 0.0] = 0.0
         self.owner = np.repeat(np.arange(count), [len(x) for x, _ in starts])
         self.parts = [np.flatnonzero(self.owner == number) for number in range(count)]
-        self.up, self.bodies = np.array(self.scene.up), []
+        self.up, self.bodies, self.kept = np.array(self.scene.up), bodies_of(self.plan, self.parameters), {}
         self.frame_number, self.substep_number = 0, 0
         given = (self.parameters[f"initial_{name}"][0] for name in ("gas_amounts", "free_volumes", "pressures", "loads"))
         self.gases = [
@@ -95,6 +95,8 @@ class Reference:
             self._begin_frame()
         h, start = self.h, self.x
         self._move_spheres()
+        if self.bodies:
+            self._move_bodies()
         self._pump()
         self.mass = self._masses()
         gain = np.where(self.mass > 0.0, h / np.where(self.mass > 0.0, self.mass, 1.0), 0.0)[:, None]
@@ -109,9 +111,10 @@ class Reference:
         self.x = self.x + h * (old if self.scene.solver == "forward_euler" else self.v)
         if self.scene.correction != "none":
             self._correct()
-        self._meet_ridges()
+        if self.contacts.ridges:
+            self.x, self.v = self.contacts.ridges.sweep(self.x, self.v, self._ease(), h, self._solids())
         self._meet_solids(start, inflation)
-        self._meet_faces_and_edges(start)
+        self._meet_last(start)
         self.substep_number += 1
         if self.substep_number == self.substeps:
             self.frame_number, self.substep_number = self.frame_number + 1, 0
@@ -132,6 +135,8 @@ class Reference:
         for ball in self.spheres:
             stiff = 2.5 / (ball["mass"] * ball["radius"] ** 2) if ball["radius"] > 0.0 else 0.0
             ball |= {"turn": np.eye(3), "turning": stiff * np.eye(3)}
+        for body, restitution in zip(self.bodies, self.parameters["body_restitution"][0], strict=True):
+            body["restitution"] = float(restitution)
         for obstacle, position in zip(self.obstacles, self.parameters["obstacle_position"][0], strict=True):
             obstacle.position = position
 
@@ -339,27 +344,44 @@ class Reference:
         """Return the inverse masses of particles, 0 of fixed ones."""
         return np.where(self.mass > 0.0, 1.0 / np.where(self.mass > 0.0, self.mass, 1.0), 0.0)[:, None]
 
-    def _meet_ridges(self) -> None:
-        """Let faces meet ridges of obstacles and spheres."""
+    def _solids(self) -> list[dict[str, Any]]:
+        """Return obstacles as the step begins, of which none moves for contact, then spheres and bodies."""
         part, seconds = self.substep_number / self.substeps, 1.0 / self.scene.frames_per_second
-        poses = [solids.pose(each, self.frame_number, part, seconds) for each in self.obstacles]
         still = {"mass": np.inf, "turning": np.zeros((3, 3)), "radius": 0.0}
-        around = [
-            {"position": place, "start": place, "turn": turn, "velocity": velocity, "spin": spin, **still}
-            for place, turn, velocity, spin in poses
-        ]
-        if self.contacts.ridges:
-            around += self.spheres
-            self.x, self.v = self.contacts.ridges.sweep(self.x, self.v, self._ease(), self.h, around)
+        poses = [solids.pose(each, self.frame_number, part, seconds) for each in self.obstacles]
+        names = "position", "turn", "velocity", "spin"
+        around = [still | {"start": pose[0]} | dict(zip(names, pose, strict=True)) for pose in poses]
+        return [*around, *self.spheres, *self.bodies]
 
-    def _meet_faces_and_edges(self, start: Array) -> None:
-        """Let small spheres meet faces, and then edges each other."""
-        x, v, ease, ground = self.x, self.v, self._ease(), (self.p[0].ground_height, self.up)
+    def _meet_last(self, start: Array) -> None:
+        """Let bodies and particles exchange momentum, small spheres meet faces, and then edges each other."""
+        for number, body in enumerate(self.bodies, len(self.friction) - len(self.balloons) - len(self.bodies)):
+            friction = self.friction[number, -len(self.balloons) :][self.owner][:, None]
+            self.x, self.v = bodies.exchange(body, self.x, self.v, self.mass[:, None], friction, self.h)
         if self.contacts.small:
-            x, v = self.contacts.small.sweep(start, x, v, ease, self.h, self.spheres)
+            self.x, self.v = self.contacts.small.sweep(start, self.x, self.v, self._ease(), self.h, self.spheres)
         if self.contacts.edges:
-            x, v = self.contacts.edges.sweep(x, v, ease, self.h, ground if self.scene.ground is not None else None)
-        self.x, self.v = x, v
+            ground = (self.p[0].ground_height, self.up) if self.scene.ground is not None else None
+            self.x, self.v = self.contacts.edges.sweep(self.x, self.v, self._ease(), self.h, ground)
+        for body in self.bodies:
+            bodies.take_turn(body, bodies.turned(body, self.h))
+
+    def _move_bodies(self) -> None:
+        """Move bodies beside the ground, obstacles and each other, and let them meet spheres."""
+        p, solid, count = self.p[0], self._solids(), len(self.bodies)
+        first, last = 1 + len(self.obstacles), len(self.friction) - len(self.balloons)
+        ground = {"position": p.ground_height * self.up, "restitution": p.ground_restitution}
+        around = [ground | each for each in self.contacts.around]
+        for each, more, restitution in zip(around[1:], solid, self.parameters["obstacle_restitution"][0], strict=False):
+            each |= more | {"restitution": restitution}
+        things = [*around, *self.bodies]
+        friction = self.friction[last - count : last]
+        between = np.delete(friction[:, :last], np.s_[first : last - count], axis=1)
+        self.kept = bodies.move(self.bodies, things, between, self.kept, self.h, p.gravity, self.up)
+        for number, ball in enumerate(self.spheres):
+            for body, of_spheres in zip(self.bodies, friction[:, first:], strict=True):
+                if ball["radius"] > 0.0:
+                    bodies.meet_sphere(body, ball, of_spheres[number], self.h, p.gravity, self.up)
 
     def _meet_solids(self, start: Array, inflation: Array) -> None:
         """Leave spheres, obstacles and the ground, or exchange momentum with spheres once the others have left these."""
