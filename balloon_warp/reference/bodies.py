@@ -95,6 +95,7 @@ def settle(a, b, n, least, friction, impulse, allowed, most):
     ease = [n[i] @ a[i, :, i] @ n[i] for i in range(len(n))]
     ahead, age, before = np.zeros_like(impulse), 0.0, np.inf
     for _ in range(most):
+        impulse = impulse + ahead
         last = impulse.copy()
         for i in range(len(n)):
             u, pushed = b[i] + np.tensordot(a[i], impulse), impulse[i] @ n[i]
@@ -109,7 +110,6 @@ def settle(a, b, n, least, friction, impulse, allowed, most):
         turns_back, changed = ease @ dot(added, ahead + added) < 0.0, float((ease @ dot(added, added))[0])
         age, before = 0.0 if turns_back or changed > 2.0 * before else age + 1.0, changed
         ahead = max(age - 1.0, 0.0) / (age + 2.0) * (ahead + added)
-        impulse += ahead
     return impulse
 
 
