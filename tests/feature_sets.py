@@ -101,7 +101,7 @@ SETS: dict[str, dict[str, Any]] = {
         "obstacle": [
             {"size": (1.0, 1.0, 3.0), "rotation": (0.0, 0.0, 40.0), "position": (0.0, -1.15, 0.0), "friction": 0.3,
              "thickness": 0.01, "motion": [(0.0, (0.0, 0.0, 0.0)), (1.0, (0.5, 1.5, 0.0), (0.0, 60.0, 90.0))]},
-            {"shape": "capsule", "radius": 0.5, "length": 0.4, "rotation": (80.0, 0.0, 0.0), "position": (1.0, 0.0, 0.1)},
+            {"radius": 0.5, "length": 0.4, "rotation": (80.0, 0.0, 0.0), "position": (1.0, 0.0, 0.1)},
             {"shape": "plane", "rotation": (-80.0, 0.0, 10.0), "position": (0.0, 0.6, 0.6), "friction": 0.2},
         ],
         "ground": {"height": -0.49, "friction": 0.3},
