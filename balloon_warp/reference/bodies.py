@@ -1,8 +1,8 @@
 """Free rigid bodies: their contact with each other, the ground and obstacles, and with spheres and particles.
 
 A body is a dictionary: position of its center of mass, velocity, turn and spin as a step begins, mass, ease and
-turning, its inverse inertia tensors of 1 kg in its axes and as a whole in the world's, solid, reach, samples and restitution.
-See `laws.rigid` and `laws.grip`. Impulses act as a step begins, from where its angular momentum stays.
+turning, its inverse inertia tensors of 1 kg in its axes and as a whole in the world's, solid, reach, samples and
+restitution. See `laws.rigid` and `laws.grip`. Impulses act as a step begins, from where its angular momentum stays.
 """
 
 import numpy as np
