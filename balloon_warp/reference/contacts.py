@@ -74,7 +74,8 @@ class Contacts:
             apart = sizes * [ITSELF if is_folded(shape.mesh) else APART for shape in self.shapes]
             far = np.linalg.norm(rest[:, None] - rest, axis=-1) >= apart[self.owner][:, None]
         crowds = [crowd_of(self.shapes, number, scene.touches_itself) for number in range(len(self.shapes))]
-        return Touch(triangles, self.owner, far, np.array(crowds), 0.5 * sizes)
+        closed = np.array([shape.closed for shape in self.shapes])
+        return Touch(triangles, self.owner, far, np.array(crowds), 0.5 * sizes, closed)
 
     def _edges(self, edges, triangles):
         """Return all pairs of edges, and of particles and triangles, of balloons, or far from each other in one."""
