@@ -50,7 +50,7 @@ def paths_of(of: bw.Scene) -> list[str]:
 def test_contacts_are_those_of_the_run_in_double_precision(case: str):
     of, contacts = CASES[case]
     told = run(of)
-    small = told.reference.contacts.small
+    small = told.reference.around.contacts.small
     assert (small.contacts, small.lumped) == contacts
     moved = bw.simulate(of, device="cpu", schedule="gather")
     np.testing.assert_allclose(moved.points[0], told.points[0], atol=2e-6)

@@ -1,8 +1,8 @@
 """Free rigid bodies: their contact with each other, the ground and obstacles, and with spheres and particles.
 
 A body is a dictionary: position of its center of mass, velocity, turn and spin as a step begins, mass, ease and
-turning, its inverse inertia tensors of 1 kg in its axes and as a whole in the world's, solid, reach, samples and restitution.
-See `laws.rigid` and `laws.grip`. Impulses act as a step begins, from where its angular momentum stays.
+turning, its inverse inertia tensors of 1 kg in its axes and as a whole in the world's, solid, reach, samples and
+restitution. See `laws.rigid` and `laws.grip`. Impulses act as a step begins, from where its angular momentum stays.
 """
 
 import numpy as np
@@ -95,6 +95,7 @@ def settle(a, b, n, least, friction, impulse, allowed, most):
     ease = [n[i] @ a[i, :, i] @ n[i] for i in range(len(n))]
     ahead, age, before = np.zeros_like(impulse), 0.0, np.inf
     for _ in range(most):
+        impulse = impulse + ahead
         last = impulse.copy()
         for i in range(len(n)):
             u, pushed = b[i] + np.tensordot(a[i], impulse), impulse[i] @ n[i]
@@ -109,7 +110,6 @@ def settle(a, b, n, least, friction, impulse, allowed, most):
         turns_back, changed = ease @ dot(added, ahead + added) < 0.0, float((ease @ dot(added, added))[0])
         age, before = 0.0 if turns_back or changed > 2.0 * before else age + 1.0, changed
         ahead = max(age - 1.0, 0.0) / (age + 2.0) * (ahead + added)
-        impulse += ahead
     return impulse
 
 

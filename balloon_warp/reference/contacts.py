@@ -50,14 +50,6 @@ class Contacts:
         some = any(len(each.ends) for each in ridges)
         self.ridges = MeetingRidges(ridges, kept, None, owner, faces) if some else None
 
-        up, still = np.array(scene.up), {"velocity": np.zeros(3), "spin": np.zeros(3), "turn": np.eye(3), "reach": 0.0}
-        ground = SimpleNamespace(shape="plane", size=np.zeros(3), thickness=0.0, up=up)
-        self.around = [{"solid": ground, **still}]
-        """The ground and obstacles, on which bodies stand"""
-        for shape in plan.obstacles:
-            reach = min(shape.reach, 1e30)
-            self.around.append({"solid": solid_of(shape, up), "samples": sample(shape, up), "reach": reach})
-
     def settle(self, parameters):
         """Take parameters, which change over time."""
         friction, count = parameters[FRICTION][0], len(self.shapes)
@@ -82,7 +74,8 @@ class Contacts:
             apart = sizes * [ITSELF if is_folded(shape.mesh) else APART for shape in self.shapes]
             far = np.linalg.norm(rest[:, None] - rest, axis=-1) >= apart[self.owner][:, None]
         crowds = [crowd_of(self.shapes, number, scene.touches_itself) for number in range(len(self.shapes))]
-        return Touch(triangles, self.owner, far, np.array(crowds), 0.5 * sizes)
+        closed = np.array([shape.closed for shape in self.shapes])
+        return Touch(triangles, self.owner, far, np.array(crowds), 0.5 * sizes, closed)
 
     def _edges(self, edges, triangles):
         """Return all pairs of edges, and of particles and triangles, of balloons, or far from each other in one."""
@@ -115,6 +108,19 @@ class Contacts:
 def solid_of(shape, up):
     """Return what `solids.surface` takes of an obstacle's or a body's shape."""
     return SimpleNamespace(shape=shape.kind, size=shape.size, thickness=shape.thickness, up=up)
+
+
+def things_of(plan):
+    """Return the ground and obstacles, which nothing moves."""
+    up, none = np.array(plan.scene.up), np.zeros(3)
+    still = {"mass": np.inf, "turning": np.zeros((3, 3)), "radius": 0.0, "reach": 0.0}
+    still |= {"velocity": none, "spin": none, "turn": np.eye(3)}
+    ground = SimpleNamespace(shape="plane", size=none, thickness=0.0, up=up)
+    obstacles = [
+        {"solid": solid_of(shape, up), "samples": sample(shape, up), "reach": min(shape.reach, 1e30)}
+        for shape in plan.obstacles
+    ]
+    return [still | thing for thing in [{"solid": ground}, *obstacles]]
 
 
 def bodies_of(plan, parameters):
