@@ -187,8 +187,7 @@ class Reference:
         if p.face_drag or p.face_friction:
             force = force + laws.face_air(x, v, balloon.faces, wind_at, density_at, p.face_drag, p.face_friction)
         if self.scene.water is not None:
-            moving = self.mass[self.parts[number]][:, None]
-            force = force + laws.water(x, v, balloon.faces, self.h / np.where(moving > 0.0, moving, np.inf), up, p)
+            force = force + laws.water(x, v, balloon.faces, self.h / np.where(mass > 0.0, mass, np.inf), up, p)
         if opening := self._opening(number):
             edges, gas = balloon.neck.edges, self.gases[number]
             out = np.cross(x[edges[:, 0]], x[edges[:, 1]]).sum(axis=0)
