@@ -73,15 +73,13 @@ class Reference:
     @staticmethod
     def lacks(scene: Scene) -> list[str]:
         """Name what a scene asks for that the reference does not have."""
-        return [
-            name
-            for name, asked in {
-                "projective": scene.solver == "projective",
-                "tears": any(balloon.material.strength is not None for balloon in scene.balloon),
-                "mesh obstacles": any(obstacle.shape == "mesh" for obstacle in scene.obstacle),
-            }.items()
-            if asked
-        ]
+        asked = {
+            "projective": scene.solver == "projective",
+            "tears": any(balloon.material.strength is not None for balloon in scene.balloon),
+            "solids of meshes": any(solid.shape == "mesh" for solid in (*scene.obstacle, *scene.body)),
+            "changes of gamma": any(path.endswith("gamma") for change in scene.change for path in change.set),
+        }
+        return [name for name, is_asked in asked.items() if is_asked]
 
     def frame(self) -> None:
         """Advance by the substeps that are left of a frame."""
