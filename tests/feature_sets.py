@@ -137,6 +137,25 @@ SETS: dict[str, dict[str, Any]] = {
             {"radius": 0.02, "length": 2.0, "position": (-0.53, 0.11, 0.0), "rotation": (80.0, 0.0, -10.0)},
         ],
     },
+    "bodies": {
+        "balloon": [FALLS | {"mesh": FINE, "inflation": GAS}], "faces": False,
+        "body": [
+            {"size": (0.6, 0.3, 0.5), "mass": 0.4, "position": (0.1, -0.68, 0.0), "velocity": (0.0, 1.0, 0.0),
+             "rotation": (5.0, 20.0, 0.0), "angular_velocity": (1.0, 2.0, 0.5)},
+            {"shape": "capsule", "radius": 0.15, "length": 0.4, "mass": 0.3, "position": (0.68, 0.1, 0.0),
+             "velocity": (-3.0, 0.0, 0.0), "rotation": (0.0, 0.0, 10.0), "friction": 0.3},
+            {"size": (0.3, 0.3, 0.3), "mass": 0.4, "position": (0.1, -1.0, 0.9), "velocity": (1.0, -2.0, 0.0),
+             "rotation": (20.0, 20.0, 0.0), "angular_velocity": (1.0, 0.0, 0.5)},
+        ],
+        "ground": {"height": -1.2, "friction": 0.3},
+    },
+    "bursting": {
+        "balloon": [
+            {"mesh": FINE, "damping": 0.05, "inflation": GAS | {"start_pressure": 3000.0}, **MOVES,
+             "material": {"preset": "latex", "strength": 2e6, "needle_time": 0.008}},
+        ],
+        "ground": GROUND,
+    },
     "all": {
         "balloon": [
             FALLS | {"mesh": FINE, "mass": 0.1, "inflation": GAS | {"leak": 1e-4}, "drag_coefficient": 0.5},
