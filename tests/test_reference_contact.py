@@ -8,6 +8,7 @@ import pytest
 from meshes import quad_sphere
 from rigid import body_state, scene_of
 
+from balloon_warp.model.ridges import Ridges as Lines
 from balloon_warp.reference import Reference
 from balloon_warp.reference.balls import collide
 from balloon_warp.reference.contact import Movers, edge_edge, momenta, point_triangle, resolve, sweep
@@ -27,7 +28,7 @@ SHAPE = [(-1.0, 0.1, 0.2), (0.9, -0.2, 0.3), (0.2, 0.4, 0.25), (0.1, 0.6, 0.4),
 
 
 def require_nearest(x: np.ndarray, weights: np.ndarray, first: int) -> None:
-    """Check what tells the nearest places y of two convex features: (y of the other - y) . (corner - y) <= 0.
+    """Check the condition of the nearest places y of two convex features: (y of the other - y) . (corner - y) <= 0.
 
     Args: first: number of points of the first feature."""
     way = (weights * x).sum(axis=1, keepdims=True)
@@ -55,11 +56,8 @@ def box() -> dict[str, Any]:
     return moves | {"turn": np.eye(3), "turning": turning, "mass": 0.7, "radius": 0.02}
 
 
-def ridge() -> Ridges:
-    line = type("Line", (tuple,), {"tips": np.array([3]), "radius": 0.01})
-    ends = np.array([[(-0.9, 0.5, 0.25), (0.9, 0.5, 0.3)]])
-    none = line((ends, np.zeros((1, 2, 3))))
-    return Ridges([none], [0.5, 0.5], np.array([[0.3], [0.3]]), OWNER, FACES)
+RIDGE = Lines(np.array([[(-0.9, 0.5, 0.25), (0.9, 0.5, 0.3)]]), np.zeros((1, 2, 3)), 0.01, np.array([3], np.int32))
+"""Ridge of that"""
 
 
 def edges_of(x: np.ndarray) -> np.ndarray:
@@ -72,14 +70,16 @@ def points_of(x: np.ndarray) -> np.ndarray:
 
 
 def ridges_of(x: np.ndarray) -> np.ndarray:
-    of, solid = ridge(), box()
-    found = np.concatenate(of._near(0, solid, *(each[0] for each in of.ridges[0]), 3, x))
+    of = Ridges([RIDGE], [0.5, 0.5], OWNER, FACES, np.array([[0.3], [0.3]]))
+    found = np.concatenate(of._near(0, box(), RIDGE.ends[0], RIDGE.inward[0], 3, x))
     return found[np.isfinite(found["gap"][:, 0])]
 
 
 def touch_of(x: np.ndarray) -> np.ndarray:
-    touch = Touch([FACES[:0], FACES], OWNER, None, np.array([2.0, 2.0]), np.ones(2), np.array([True, True]))
-    touch.skins, own = SKIN, np.arange(4)
+    touch, own = (
+        Touch([FACES[:0], FACES], OWNER, None, np.ones(8), np.ones(2), np.array([True, True]), SKIN),
+        np.arange(4),
+    )
     return touch._beside(x, np.insert(FACES[touch._nearest(x, own, FACES, False)], 0, own, axis=1))[0]
 
 
@@ -134,7 +134,7 @@ def ball(x: tuple[float, float, float], v: tuple[float, float, float], **more: A
 
 
 def test_elastic_spheres_exchange_their_velocities_on_the_way():
-    """They start 1.2 m apart at 4 m/s, touch after 0.05 s of 0.1 s, and part for as long."""
+    """Spheres start 1.2 m apart at 4 m/s, touch after 0.05 s of 0.1 s, and part for as long."""
     one, other = ball((-0.3, 0.0, 0.0), (3.0, 0.0, 0.0)), ball((0.5, 0.0, 0.0), (-1.0, 0.0, 0.0))
     collide([one, other], np.zeros((2, 2)), 0.0, 0.1, lambda number: None)
     np.testing.assert_allclose([one["velocity"][0], other["velocity"][0]], [-1.0, 3.0], rtol=1e-12)
@@ -142,7 +142,7 @@ def test_elastic_spheres_exchange_their_velocities_on_the_way():
 
 
 def test_spheres_that_grip_each_other_roll_off():
-    """What slides at s is stopped by the impulse s m / 7, as 1 + M R^2 / I = 7/2 of each; each gets the same spin."""
+    """Sliding at s is stopped by the impulse s m / 7, as 1 + M R^2 / I = 7/2 of each; each gets the same spin."""
     one, other = ball((-0.45, 0.0, 0.0), (1.0, 0.7, 0.0)), ball((0.45, 0.0, 0.0), (-1.0, -0.7, 0.0))
     for each, y in ((one, 0.0), (other, 0.0)):
         each["position"][1] = y
@@ -168,12 +168,12 @@ def on_a_slope(friction: float, degrees: float) -> np.ndarray:
 
 
 def test_a_brick_stays_on_a_slope_below_the_angle_of_friction():
-    """It may creep by what sweeps leave, 3e-5 of a step of gravity, in 200 steps of 2.5 ms."""
+    """A creep is allowed that sweeps leave: 3e-5 of a step of gravity, in 200 steps of 2.5 ms."""
     assert np.linalg.norm(on_a_slope(0.5, 25.0)) < 3e-5 * 10.0 * 2.5e-3 * 0.5 * 10.0
 
 
 def test_a_brick_slides_down_a_slope_by_the_rest_of_gravity():
-    """Its acceleration is g (sin - friction cos), the way that of symplectic Euler, h longer."""
+    """Acceleration is g (sin - friction cos), the way that of symplectic Euler, h longer."""
     angle, seconds, h = np.radians(40.0), 0.5, 2.5e-3
     way = 0.5 * 10.0 * (np.sin(angle) - 0.3 * np.cos(angle)) * seconds * (seconds + h)
     assert np.linalg.norm(on_a_slope(0.3, 40.0)) == pytest.approx(way, rel=1e-3)

@@ -146,7 +146,7 @@ class Around:
 
     def _stands(self):
         """Return obstacles and the ground as `solids.stand` takes them."""
-        around = [(let, self.of_particles[:, [number]]) for number, let in enumerate(self.let_through, 1)]
+        around: list = [(let, self.of_particles[:, [number]]) for number, let in enumerate(self.let_through, 1)]
         if self.scene.ground is not None:
             around.append((self._on_ground, self.of_particles[:, :1]))
         return around

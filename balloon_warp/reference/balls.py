@@ -1,5 +1,8 @@
 """Spheres that meet in a step, wherever on their ways: small ones faces of balloons, and all of them each other."""
 
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
 
 from balloon_warp.reference.contact import Movers, contacts, point_triangle, resolve
@@ -17,17 +20,16 @@ def impact(m, c, gain, shift, seconds):
     m.push(c, shift * resolve(m, c, 1.0)[0] + seconds * rub, 1.0, 0.0)
 
 
+@dataclass
 class SmallSpheres:
-    """Small spheres that meet faces, the soonest first, see `laws.face_contact`.
+    """Small spheres that meet faces, the soonest first, see `laws.face_contact`."""
 
-    Args:
-        small: Their numbers.
-        friction: Between balloons and spheres, shape (balloons, spheres).
-    """
-
-    def __init__(self, small, friction, owner, triangles):
-        self.small, self.friction, self.owner, self.triangles = small, friction, owner, triangles
-        self.contacts, self.lumped = 0, 0
+    small: Any  # their numbers
+    owner: Any  # balloon of each particle
+    triangles: Any
+    friction: Any = None  # between balloons and spheres, shape (balloons, spheres)
+    contacts: int = 0
+    lumped: int = 0  # contacts in which a sphere has moved on with faces as one
 
     def sweep(self, starts, x, v, ease, h, spheres):
         """Return places and velocities after contact, of particles that were at `starts`; spheres change."""

@@ -173,6 +173,7 @@ def exchange(body, x, v, mass, friction, h):
     """Let a body and particles exchange momentum: to the nearest velocities that are allowed, then by friction."""
     n, arm, excess, out = stop(body, x - h * v, x, v, 0.0, h)
     c, m, change = np.hstack([n, cross(arm, n)]), np.where(n.any(axis=1, keepdims=True), mass, 0.0), np.zeros(6)
+    pressed = pressing = 0.0 * m
     inertia = np.zeros((6, 6))
     inertia[:3, :3], inertia[3:, 3:] = body["mass"] * np.eye(3), np.linalg.inv(body["turning"])
     for _ in range(16):

@@ -2,6 +2,7 @@
 
 from itertools import product
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 
@@ -32,28 +33,28 @@ class Contacts:
         scene, self.shapes, self.owner = plan.scene, plan.shapes, owner
         firsts = np.searchsorted(owner, np.arange(len(self.shapes)))
         triangles = [triangles_of(shape.mesh) + first for shape, first in zip(self.shapes, firsts, strict=True)]
-        self.touch = self._touch(scene, triangles) if scene.touches else None
-        self.edges = None
+        self.touch: Any = self._touch(scene, triangles) if scene.touches else None
+        self.edges: Any = None
         if edges_meet(scene, self.shapes):
             edges = [own + first for own, first in zip(meeting_edges(scene, self.shapes), firsts, strict=True)]
             self.edges = self._edges(edges, triangles)
         sizes = [widest_opening(shape.mesh) for shape in self.shapes]
         most = held_within(scene) * max(sizes) if scene.touches_spheres else 0.0
         is_small, faces = [ball.radius < most for ball in scene.sphere], np.concatenate(triangles)
-        self.small = SmallSpheres(np.flatnonzero(is_small), None, owner, faces) if any(is_small) else None
-        solids = len(plan.obstacles) + len(plan.bodies)
+        self.small = SmallSpheres(np.flatnonzero(is_small), owner, faces) if any(is_small) else None
+        self.first, solids = len(plan.obstacles), len(plan.obstacles) + len(plan.bodies)
         meets = scene.touches_spheres and scene.contact == "impulse" and (plan.ridges or scene.faces is True)
         balls = [CENTER if meets and not small else NO_RIDGES for small in is_small]
-        first, of_solids = len(plan.obstacles), plan.ridges or [NO_RIDGES] * solids
-        ridges = [*of_solids[:first], *balls, *of_solids[first:]]
-        kept = kept_distance(self.shapes) * np.insert(np.ones(solids + 1), [first] * len(balls), 0.0)
+        of_solids = plan.ridges or [NO_RIDGES] * solids
+        ridges = [*of_solids[: self.first], *balls, *of_solids[self.first :]]
+        kept = kept_distance(self.shapes) * np.insert(np.ones(solids + 1), [self.first] * len(balls), 0.0)
         some = any(len(each.ends) for each in ridges)
-        self.ridges = MeetingRidges(ridges, kept, None, owner, faces) if some else None
+        self.ridges = MeetingRidges(ridges, kept, owner, faces) if some else None
 
     def settle(self, parameters):
         """Take parameters, which change over time."""
         friction, count = parameters[FRICTION][0], len(self.shapes)
-        of_solids, spheres = friction[-count:, 1:-count], parameters["sphere_radius"].shape[-1]
+        of_solids = friction[-count:, 1:-count]
         if self.touch:
             share = np.concatenate([shape.mass_share for shape in self.shapes])
             mass = (share * parameters["mass"][0, self.owner])[:, None]
@@ -62,8 +63,7 @@ class Contacts:
         if self.edges:
             self.edges.skins = self.touch.skins
         if self.small:
-            first = of_solids.shape[1] - spheres - parameters["body_mass"].shape[-1]
-            self.small.friction = of_solids[:, first : first + spheres]
+            self.small.friction = of_solids[:, self.first :]
         if self.ridges:
             self.ridges.friction = of_solids
 
@@ -75,7 +75,7 @@ class Contacts:
             far = np.linalg.norm(rest[:, None] - rest, axis=-1) >= apart[self.owner][:, None]
         crowds = [crowd_of(self.shapes, number, scene.touches_itself) for number in range(len(self.shapes))]
         closed = np.array([shape.closed for shape in self.shapes])
-        return Touch(triangles, self.owner, far, np.array(crowds), 0.5 * sizes, closed)
+        return Touch(triangles, self.owner, far, np.array(crowds)[self.owner], 0.5 * sizes, closed)
 
     def _edges(self, edges, triangles):
         """Return all pairs of edges, and of particles and triangles, of balloons, or far from each other in one."""
@@ -84,7 +84,7 @@ class Contacts:
         of_edges = [_pairs(edges[i], edges[j]) for i in balloons for j in balloons[i:]]
         of_points = [_pairs(own[i], triangles[j]) for i, j in product(balloons, repeat=2)]
         pairs = self._far(np.concatenate(of_edges), 2), self._far(np.concatenate(of_points), 1)
-        return Edges(*pairs, self.owner, None)
+        return Edges(*pairs, self.owner)
 
     def _far(self, pairs, count):
         """Return pairs of features, of which the first has so many particles, that may touch."""

@@ -1,23 +1,23 @@
 """Edges of balloons that meet, and faces that meet ridges of solids: contacts from where features are nearest."""
 
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
 import numpy as np
 
 from balloon_warp.reference.contact import CONTACT, Movers, contacts, cross, edge_edge, point_triangle, sweep
 from balloon_warp.reference.laws import dot, size
 
 
+@dataclass
 class Edges:
-    """Edges of balloons that meet, and particles that a spring would let through a triangle, see `laws.edges`.
+    """Edges of balloons that meet, and particles that a spring would let through a triangle, see `laws.edges`."""
 
-    Args:
-        edges: All pairs of two edges, shape (n, 4).
-        points: All pairs of a particle and a triangle, shape (m, 4).
-        owner: Balloon of each particle.
-        skins: Thickness, stiffness and friction between balloons, shape (balloons, balloons, 3).
-    """
-
-    def __init__(self, edges, points, owner, skins):
-        self.edges, self.points, self.owner, self.skins = edges, points, owner, skins
+    edges: Any  # all pairs of two edges, shape (n, 4)
+    points: Any  # all pairs of a particle and a triangle, shape (m, 4)
+    owner: Any  # balloon of each particle
+    skins: Any = None  # thickness, stiffness and friction between balloons, shape (balloons, balloons, 3)
 
     def sweep(self, x, v, ease, h, ground=None):
         """Return places and velocities after contact."""
@@ -55,26 +55,29 @@ class Edges:
         return c[front | (own[:, 0] == own[:, 1])]
 
 
+@dataclass
 class Ridges:
-    """Faces of balloons that meet ridges of solids, see `laws.ridges`; a sphere is a ridge of one place.
+    """Faces of balloons that meet ridges of solids, see `laws.ridges`; a sphere is a ridge of one place."""
 
-    Args:
-        ridges: Those of each solid, as seen from that.
-        kept: Gap that faces keep of each solid, and of ridges.
-        friction: Between balloons and solids, shape (balloons, solids).
-    """
+    ridges: Any  # of each solid, as seen from that
+    kept: Any  # gaps that faces keep of each solid, and last of any ridge [m]
+    owner: Any
+    triangles: Any
+    friction: Any = None  # between balloons and solids, shape (balloons, solids)
 
-    def __init__(self, ridges, kept, friction, owner, triangles):
-        self.ridges, self.kept, self.friction, self.owner, self.triangles = ridges, kept, friction, owner, triangles
-        sides = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
-        self.edges = np.unique(sides, axis=0)
+    @cached_property
+    def edges(self):
+        """Ends of all sides of triangles."""
+        sides = self.triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+        return np.unique(np.sort(sides, axis=1), axis=0)
 
     def sweep(self, x, v, ease, h, solids):
         """Return places and velocities after contact; solids change, which have their start, turn and radius, too."""
         m, found = Movers(x, v, ease, solids), [np.zeros(0, CONTACT)]
         for number, solid in enumerate(solids):
-            for ridge in zip(*self.ridges[number][:2], self.ridges[number].tips, strict=True):
-                found += self._near(number, solid, *ridge, x - h * v)
+            ridges = self.ridges[number]
+            for ends, inward, tips in zip(ridges.ends, ridges.inward, ridges.tips, strict=True):
+                found += self._near(number, solid, ends, inward, tips, x - h * v)
         c = np.concatenate(found)
         c = c[(c["gap"] < c["kept"] + h * (size(v).max() + size(m.v[len(x) :]).max(initial=0.0)))[:, 0]]
         if len(c):
@@ -84,8 +87,12 @@ class Ridges:
     def _near(self, number, solid, ends, inward, tips, start):
         """Contacts of a ridge with edges, and with faces at the nearer of its tips."""
         line, inward, far = solid["start"] + ends @ solid["turn"].T, inward @ solid["turn"].T, np.zeros(3)
-        of_tips = [(line[[tip]], point_triangle, self.triangles, line[1 - tip] - line[tip]) for tip in (0, 1)]
-        faces = [self._rows(number, solid, start, inward, *of_tips[tip]) for tip in (0, 1) if tips >> tip & 1]
+        own = [
+            (line[[tip]], point_triangle, self.triangles, line[1 - tip] - line[tip])
+            for tip in (0, 1)
+            if tips >> tip & 1
+        ]
+        faces = [self._rows(number, solid, start, inward, *each) for each in own]
         nearest = np.argmin([c["gap"][:, 0] for c in faces], axis=0) if len(faces) == 2 else 0
         nearer = [np.stack(faces)[nearest, np.arange(len(self.triangles))]] if faces else []
         return [self._rows(number, solid, start, inward, line, edge_edge, self.edges, far), *nearer]
@@ -101,6 +108,8 @@ class Ridges:
         c["weights"][:, :own, 0] = [-1.0, 0.0][:own]
         c["arms"][:, 0] = (w * x)[:, own:].sum(axis=1) - solid["start"]
         within = (w[:, :own] < 0.0).all(axis=1) & (w.max(axis=1) <= 1.0 - 1e-4)
-        outside = (c["normal"] @ np.vstack([inward, away]).T <= 0.6 * np.append([1.0, 1.0], size(away))).all(axis=1)
-        c["gap"] += np.where(within & outside[:, None], -self.ridges[number].radius - solid["radius"], np.inf)
+        above = c["normal"] @ np.vstack([inward, away]).T > 0.6 * np.append([1.0, 1.0], size(away))
+        c["gap"] += np.where(
+            within & ~above.any(axis=1, keepdims=True), -self.ridges[number].radius - solid["radius"], np.inf
+        )
         return c

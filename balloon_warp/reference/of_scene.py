@@ -1,4 +1,4 @@
-"""What the reference takes from a scene: tables of the host's plan, and parameters in float64 without rounding."""
+"""Tables of the host's plan that the reference takes from a scene, and parameters in float64 without rounding."""
 
 from types import SimpleNamespace
 from typing import Any

@@ -4,31 +4,32 @@ Every particle looks at all triangles of the others, or of its own balloon that 
 to closed balloons from outside; open ones have two sides, as parts of one's own have across a gap.
 """
 
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
 
 from balloon_warp.reference.contact import across, contacts, cross, momenta, point_triangle, relative, summed_at
 from balloon_warp.reference.laws import dot, size
 
 
+@dataclass
 class Touch:
-    """Contacts of particles that overlap the skins of triangles.
+    """Contacts of particles that overlap the skins of triangles."""
 
-    Args:
-        triangles: Those of each balloon.
-        owner: Balloon of each particle.
-        far: Of each two particles, whether they were so far apart at the start that one balloon's touch; None if no
-            balloon touches itself.
-        crowds: Contacts on a particle that the step allows for, of each balloon.
-        reach: How far from a balloon particles look at it; those beyond do not count as behind its triangles [m].
-        closed: Whether each balloon is.
-    """
+    triangles: Any  # of each balloon
+    owner: Any  # balloon of each particle
+    far: Any  # of two particles, whether they were so far apart that their own balloon's touch; None if no balloon's do
+    crowds: Any  # contacts on each particle that the step allows for
+    reach: Any  # how far from each balloon particles look at it [m]
+    closed: Any  # whether each balloon is
+    skins: Any = None  # thickness, stiffness and friction between balloons, shape (balloons, balloons, 3)
+    ease: Any = None  # inverse masses of particles, shape (n, 1)
 
-    def __init__(self, triangles, owner, far, crowds, reach, closed):
-        self.triangles, self.owner, self.far, self.closed = triangles, owner, far, closed
-        self.crowds, self.reach = crowds[owner], reach
-        self.holds = np.zeros((len(owner), 4))
+    def __post_init__(self):
+        self.holds = np.zeros((len(self.owner), 4))
         """Of each particle's contact the slip, and the overlap that pushes, with its side; by the root of its share"""
-        self.counts = np.zeros((len(owner), 1))
+        self.counts = np.zeros((len(self.owner), 1))
         """Contacts of each particle in the step before"""
 
     def begin_frame(self, x, v, h):
