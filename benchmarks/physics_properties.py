@@ -1,0 +1,294 @@
+"""Properties that hold for any scene: each a function with its formula, tolerance and reason in its docstring.
+
+A property takes a case, and returns what it found beside what is allowed, or None where it says nothing about the scene.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from balloon_warp.benchmarks.physics_energy import Energies
+from balloon_warp.benchmarks.physics_runs import NUDGE, Array, Case, Run, farthest, relisted, scaled, turned
+from balloon_warp.mesh.topology import is_closed, mesh_edges
+from balloon_warp.statics.volume import Volume
+
+EPSILON = float(np.finfo(np.float32).eps)
+SIGMAS = 4.0
+"""Rounding of many substeps over that of one, times their root: several particles round at once, and the nudges that
+measured the growth of an error were but two of all directions"""
+CHAOTIC = 1.0e-3
+"""Spread over the size from which on two runs of a chaotic scene are not compared"""
+MOST_GROWTH = 1000.0
+"""Volume over that at the start that no balloon reaches without a blow-up"""
+
+
+class Measure(NamedTuple):
+    """Outcome of a property: it holds where `found` is at most `allowed`."""
+
+    found: float
+    allowed: float
+    note: str = ""
+
+    @property
+    def holds(self) -> bool:
+        return self.found <= self.allowed  # and so not where it is NaN
+
+
+Property = Callable[[Case], Measure | None]
+
+
+def stays_finite(case: Case) -> Measure:
+    """All numbers stay finite, or a blow-up names a true cause: `found` counts what is neither.
+
+    A pressure that alone blows a balloon up, or a limit point, does so with four times the substeps, too. Where more
+    substeps help, four times as many do, or 16 times.
+    """
+    blow_up = case.run.blow_up
+    if blow_up is None:
+        wild = sum(int((~np.isfinite(state)).sum()) for state in case.run.states.values())
+        return Measure(wild, 0, "numbers that are not finite")
+    finer = case.finer(4).blow_up
+    if blow_up.limit_point or blow_up.pressure or blow_up.k_normal:
+        return Measure(finer is None, 0, f"{blow_up}, but not with four times the substeps")
+    still = finer is not None and case.finer(16).blow_up is not None
+    return Measure(still, 0, f"{blow_up}, but 16 times the substeps blow up, too")
+
+
+def keeps_volume(case: Case) -> Measure | None:
+    """A gas balloon's volume stays positive, as p grows without bound, and none grows a thousandfold.
+
+    A given pressure bears no collapse: its balloon may turn inside out, since it does not touch itself. A mesh's
+    volume may be below zero by what its blur may fold, a hundredth of that at the start.
+    """
+    found, model = 0.0, case.run.model
+    if case.run.blow_up or model.bursts:
+        return None
+    for number, shape in enumerate(model.shapes):
+        if is_closed(mesh_edges(shape.skin)):
+            volumes = volumes_of(case.run, number) / volumes_of(case.run, number)[0]
+            is_gas = case.scene.balloon[number].inflation.kind == "gas"
+            found = max(found, volumes.max() / MOST_GROWTH - 1.0, -volumes.min() if is_gas else 0.0)
+    return Measure(float(found), 0.01, "volume over that at the start, negative or beyond a thousand")
+
+
+def gains_no_energy(case: Case) -> Measure | None:
+    """Energy never exceeds that at the start: H = T + V + (h/2) v . F.
+
+    H is the quantity that symplectic Euler keeps of a linear oscillator; T + V alone swings by h w / 2. Of others it is
+    off by (h w)^2 / 4 of what moves; contact acts between two substeps, and is off by h w / 2. At four times the
+    substeps of `auto` h w is at most 0.4.
+    """
+    if not Energies.knows(case.scene):
+        return None
+    run = case.finer(4)
+    if run.blow_up:
+        return None
+    energies = Energies(run)
+    total = energies.total()
+    smooth = energies.is_smooth
+    return Measure(float((total - total[0]).max()), (0.04 if smooth else 0.2) * energies.scale() + energies.rounding())
+
+
+def keeps_momentum(case: Case) -> Measure | None:
+    """Momentum is M g t and what it was: P(t) - P(0) = M g t.
+
+    Each substep rounds each velocity by half an epsilon of itself, to either side; after n substeps that is sqrt(n) of
+    it, times a few as of any sum of random signs.
+    """
+    if not acts_inside(case):
+        return None
+    energies = Energies(case.run)
+    found = energies.momenta() - energies.momenta()[0] - energies.weight_impulses()
+    return Measure(float(np.linalg.norm(found, axis=1).max()), 4.0 * energies.momentum_rounding())
+
+
+def keeps_angular_momentum(case: Case) -> Measure | None:
+    """Angular momentum about the center of mass stays: sum m (x - c) x (v - V) + R J R^T w.
+
+    Rounding as of momentum, times the distance from the center.
+    """
+    if not acts_inside(case):
+        return None
+    energies = Energies(case.run)
+    found = energies.angular_momenta()
+    allowed = 4.0 * energies.momentum_rounding() * energies.reach()
+    return Measure(float(np.linalg.norm(found - found[0], axis=1).max()), allowed)
+
+
+def keeps_gas(case: Case) -> Measure | None:
+    """Gas is neither made nor lost where no pump, leak or tear lets any through: n(t) = n(0), which is never written."""
+    scene = case.scene
+    gas = [number for number, balloon in enumerate(scene.balloon) if balloon.inflation.kind == "gas"]
+    if not gas or case.run.model.bursts or any(scene.balloon[number].inflation.pump for number in gas):
+        return None
+    amounts = case.run.states["gas_amounts"][:, gas]
+    return Measure(float(np.abs(amounts / amounts[0] - 1.0).max()), 0.0)
+
+
+def follows_boyle(case: Case) -> Measure | None:
+    """A sealed gas follows p V^gamma = const. at the end of each substep, to first order in the change of volume.
+
+    Without contact the last substep began at x - h v, so that P = p(V') + p'(V') h dV/dx . v is known there; the rest
+    is rounding, of the volume by sums over faces, and of places.
+    """
+    if keeps_gas(case) is None or not Energies(case.run).is_smooth or case.scene.atmosphere.density:
+        return None
+    worst, run = None, case.run
+    for number, balloon in enumerate(case.scene.balloon):
+        begin, end = run.model.particle_offsets[number : number + 2]
+        points, velocities = (run.states[name][1:, begin:end] for name in ("points", "velocities"))
+        volume, step = Volume(run.model.shapes[number].skin), run.model.step_seconds
+        air, gamma = case.scene.atmosphere.pressure, balloon.inflation.gamma
+        before = points - step * velocities
+        volumes = np.array([volume.of(places) for places in before])
+        growth = np.array([(volume.slopes(there) * by).sum() for there, by in zip(before, step * velocities, strict=True)])
+        pressures = (air + balloon.inflation.start_pressure) * (volumes_of(run, number)[0] / volumes) ** gamma
+        expected = pressures * (1.0 - gamma * growth / volumes)
+        extent = np.abs(points).max() / case.size
+        allowed = pressures * 64.0 * EPSILON * extent + 1e-4 * np.abs(expected - air)
+        ratio = np.abs(run.states["pressures"][1:, number] + air - expected) / allowed
+        worst = worse(worst, Measure(float(ratio.max()), 1.0, f"pressure of balloon {number} over its tolerance"))
+    return worst
+
+
+def stays_outside(case: Case) -> Measure | None:
+    """No particle is in the ground or an obstacle, by more than rounding of places [m]: x . up >= height, d(x) >= 0."""
+    scene, model = case.scene, case.run.model
+    places, deepest = case.run.states["points"], -np.inf
+    if scene.ground:
+        deepest = scene.ground.height - (places @ np.array(scene.up)).min()
+    for number, obstacle in enumerate(model.obstacles):
+        for frame, points in enumerate(places):
+            pose = obstacle_pose(case, number, frame)
+            deepest = max(deepest, depth_in(obstacle.kind, obstacle.size, np.array(scene.up), pose, points))
+    if not np.isfinite(deepest):
+        return None
+    return Measure(float(deepest), 16.0 * EPSILON * float(np.abs(places).max()), "depth [m]")
+
+
+def repeats(case: Case) -> Measure:
+    """The same run again gives the same bits, as GUARANTEES.md says of all schedules but `scatter`."""
+    again = Case(case.tables, case.device).run
+    return Measure(float(np.abs(again.points - case.run.points).max()), 0.0)
+
+
+def is_alike_in_schedules(case: Case) -> Measure | None:
+    """Every schedule gives the same trajectory, within rounding times what the scene amplifies."""
+    worst = None
+    for schedule in SCHEDULES:
+        other = case.in_schedule(schedule)
+        worst = worse(worst, compared(case, other, other.points, schedule))
+    return worst
+
+
+SCHEDULES = ["gather"]
+"""Schedules that are compared with the one of `auto`"""
+
+
+def is_alike_turned(case: Case) -> Measure | None:
+    """A scene that is turned about the up axis, and has Z up instead of Y, moves alike."""
+    angle = Rotation.from_euler("y", 0.7).as_matrix()
+    matrix = np.roll(np.eye(3), 1, axis=0) @ angle
+    return compared(case, *case.as_twin("turned", lambda tables: turned(tables, matrix)), "turned")
+
+
+def is_alike_mirrored(case: Case) -> Measure | None:
+    """A scene in a mirror moves as its image."""
+    return compared(case, *case.as_twin("mirrored", lambda tables: turned(tables, np.diag((-1.0, 1.0, 1.0)))), "mirrored")
+
+
+def is_alike_moved(case: Case) -> Measure | None:
+    """A scene that is moved by 100 of its sizes moves alike, within the rounding of those places."""
+    shift = np.array([80.0, 0.0, -60.0]) * case.size
+    return compared(case, *case.as_twin("moved", lambda tables: turned(tables, np.eye(3), shift)), "moved")
+
+
+def is_alike_scaled(case: Case) -> Measure | None:
+    """Similarity: lengths, masses and times by powers of two leave the motion as it was."""
+    steady = case.scene.sphere or case.scene.body  # need 480 steps a second
+    units = (0.25, 8.0, 1.0 if steady else 2.0)
+    return compared(case, *case.as_twin("scaled", lambda tables: scaled(tables, *units)), "scaled")
+
+
+def is_alike_relisted(case: Case) -> Measure | None:
+    """The order of vertices, faces and balloons does not matter."""
+    return compared(case, *case.as_twin("relisted", relisted), "relisted")
+
+
+PROPERTIES: tuple[Property, ...] = (
+    stays_finite, keeps_volume, gains_no_energy, keeps_momentum, keeps_angular_momentum, keeps_gas, follows_boyle,
+    stays_outside, repeats, is_alike_in_schedules, is_alike_turned, is_alike_mirrored, is_alike_moved, is_alike_scaled,
+    is_alike_relisted,
+)  # fmt: skip
+
+
+def compared(case: Case, other: Run, places: Array, name: str) -> Measure | None:
+    """Compare places with those of the scene as it is, as long as it is not chaotic.
+
+    Each substep rounds each coordinate by half an epsilon of itself. From there on it grows as starts that are 1e-6
+    apart have grown, at most: after n substeps the errors' sum is sqrt(n) of one, by `SIGMAS`.
+    """
+    if case.run.blow_up or other.blow_up:
+        return None
+    spread = case.spread
+    extent = max(float(np.abs(run.points).max()) for run in (case.run, other)) / (case.size * NUDGE)
+    substeps = np.sqrt(1.0 + case.substeps * np.arange(len(spread)))
+    amplified = np.maximum(spread, NUDGE * case.size)
+    allowed = SIGMAS * 0.5 * EPSILON * extent * substeps * amplified
+    found = farthest(places, case.run.points)[: len(spread)]
+    calm = np.maximum(allowed, spread) < CHAOTIC * case.size
+    if not calm[: len(found)].any():
+        return None
+    worst = int(np.argmax((found / allowed[: len(found)]) * calm[: len(found)]))
+    return Measure(float(found[worst]), float(allowed[worst]), f"{name}: apart [m] in frame {worst}")
+
+
+def worse(first: Measure | None, second: Measure | None) -> Measure | None:
+    """Return the one of two that is farther beyond what is allowed."""
+    measures = [each for each in (first, second) if each]
+    return max(measures, key=lambda each: each.found / max(each.allowed, 1e-300), default=None)
+
+
+def acts_inside(case: Case) -> bool:
+    """Return whether nothing outside acts on the things of a scene but their weight."""
+    scene = case.scene
+    fixed = scene.obstacle or scene.string or scene.ground or scene.water or any(b.fixed for b in scene.balloon)
+    air = scene.atmosphere.density != 0.0 or any(balloon.damping for balloon in scene.balloon)
+    opened = any(not is_closed(mesh_edges(shape.skin)) for shape in case.run.model.shapes)
+    return not (fixed or air or scene.change or opened or case.run.blow_up or case.run.model.bursts)
+
+
+def volumes_of(run: Run, number: int) -> Array:
+    """Return the volumes of a balloon [m^3], shape (frames + 1,)."""
+    begin, end = run.model.particle_offsets[number : number + 2]
+    volume = Volume(run.model.shapes[number].skin)
+    return np.array([volume.of(points) for points in run.states["points"][:, begin:end]])
+
+
+def obstacle_pose(case: Case, number: int, frame: int) -> tuple[Array, Array]:
+    """Return the place and the rotation matrix of an obstacle, by its keyframes."""
+    obstacle, time = case.scene.obstacle[number], frame * case.run.model.frame_seconds
+    place, turn = np.array(obstacle.position), Rotation.from_euler("xyz", obstacle.rotation, degrees=True)
+    if obstacle.motion:
+        times = [key[0] for key in obstacle.motion]
+        shift, turns = (
+            np.array([np.interp(time, times, [key[part][axis] for key in obstacle.motion]) for axis in range(3)])
+            for part in (1, 2)
+        )
+        place, turn = place + shift, Rotation.from_euler("xyz", turns, degrees=True) * turn
+    return place, turn.as_matrix()
+
+
+def depth_in(kind: str, size: Array, up: Array, pose: tuple[Array, Array], points: Array) -> float:
+    """Return the largest depth of points in a box or capsule [m]; negative outside.
+
+    Args:
+        size: half edges of a box; radius and half length of a capsule, which stands along the up axis.
+    """
+    own = (points - pose[0]) @ pose[1]
+    if kind == "box":
+        return float((np.array(size) - np.abs(own)).min(axis=1).max())
+    along = np.clip(own @ up, -size[1], size[1])
+    return float((size[0] - np.linalg.norm(own - along[:, None] * up, axis=1)).max())
