@@ -31,6 +31,8 @@ class Energies:
     def knows(scene: Scene) -> bool:
         """Return whether all that acts has an energy here, or only takes some."""
         air = scene.atmosphere.density != 0.0 or scene.water
+        weighs = any(balloon.inflation.kind == "gas" and balloon.inflation.molar_mass for balloon in scene.balloon)
+        air = air or (weighs and scene.gravity != 0.0)  # a gas's weight acts at the center of its volume
         given = any(balloon.stiffness.torsion or balloon.material.strength for balloon in scene.balloon)
         return not (air or given or scene.change or scene.string or any(each.motion for each in scene.obstacle))
 
@@ -76,7 +78,11 @@ class Energies:
         places = self.run.points - (share @ self.run.points)[:, None]
         speeds = self._velocities - (share @ self._velocities)[:, None]
         orbits = (self._all_masses[:, None] * np.cross(places, speeds)).sum(axis=1)
-        return orbits + self.run.states["body_momenta"].sum(axis=1) + self._sphere_inertias @ self.run.states["sphere_spins"]
+        return (
+            orbits
+            + self.run.states["body_momenta"].sum(axis=1)
+            + self._sphere_inertias @ self.run.states["sphere_spins"]
+        )
 
     @property
     def _sphere_inertias(self) -> Array:
@@ -91,13 +97,25 @@ class Energies:
     def momentum_rounding(self) -> float:
         """Return the rounding of all velocities in all substeps [kg m/s]."""
         substeps = self.model.substeps * (len(self.run.points) - 1)
-        return 0.5 * EPSILON * substeps**0.5 * float((self._all_masses * np.abs(self._velocities).max(axis=(0, 2))).sum())
+        return (
+            0.5 * EPSILON * substeps**0.5 * float((self._all_masses * np.abs(self._velocities).max(axis=(0, 2))).sum())
+        )
 
     def rounding(self) -> float:
-        """Return the rounding of the potential energies [J]: forces times the rounding of places."""
+        """Return the rounding of the potential energies [J]: forces times that of places, and that of a gas's pressure."""
         forces = np.abs(np.array([self._forces(frame) for frame in range(len(self.run.points))])).sum(axis=(1, 2)).max()
         weight = self.scene.gravity * self._all_masses.sum()
-        return 4.0 * EPSILON * (forces + weight) * self.reach()
+        swelling = sum(
+            np.abs(np.diff(self._volumes(number))).sum() * self.scene.atmosphere.pressure
+            for number, balloon in enumerate(self.scene.balloon)
+            if balloon.inflation.kind == "gas"
+        )
+        return 4.0 * EPSILON * ((forces + weight) * self.reach() + swelling)
+
+    def _volumes(self, number: int) -> Array:
+        begin, end = self.model.particle_offsets[number : number + 2]
+        volume = Volume(self.model.shapes[number].skin)
+        return np.array([volume.of(points) for points in self.run.states["points"][:, begin:end]])
 
     def scale(self) -> float:
         """Return the energy that moves [J]: the largest of the motion's and of the changes of all others."""
@@ -105,7 +123,9 @@ class Energies:
 
     def total(self) -> Array:
         """Return T + V + (h/2) v . F [J], shape (frames + 1,); at the start both halves are one."""
-        work = [(self._forces(frame) * self.run.states["velocities"][frame]).sum() for frame in range(len(self.run.points))]
+        work = [
+            (self._forces(frame) * self.run.states["velocities"][frame]).sum() for frame in range(len(self.run.points))
+        ]
         shadow = 0.5 * self.model.step_seconds * np.array(work)
         falling = self._velocities @ self.up @ self._all_masses * self.scene.gravity
         return self.kinetic() + self.weights() + self.elastic() + shadow - 0.5 * self.model.step_seconds * falling
@@ -132,15 +152,15 @@ class Energies:
             begin, end = self.model.particle_offsets[number : number + 2]
             places = self.run.states["points"][:, begin:end]
             total += [sum(skin.energy(points) for skin in skins) for points in places]
-            total += self._inflation(number, places)
+            total += self._inflation(number)
         return total
 
-    def _inflation(self, number: int, places: Array) -> Array:
+    def _inflation(self, number: int) -> Array:
         """Return the energy of a given pressure, -p V, or of a gas beside the air's [J]."""
-        told, volume = self.scene.balloon[number].inflation, Volume(self.model.shapes[number].skin)
-        if not is_closed(mesh_edges(volume.mesh)):
-            return np.zeros(len(places))
-        volumes = np.maximum([volume.of(points) for points in places], 1e-30)
+        told = self.scene.balloon[number].inflation
+        if not is_closed(mesh_edges(self.model.shapes[number].skin)):
+            return np.zeros(len(self.run.points))
+        volumes = np.maximum(self._volumes(number), 1e-30)
         if told.kind == "pressure":
             return -float(self.run.states["pressures"][0, number]) * volumes
         air = self.scene.atmosphere.pressure

@@ -112,11 +112,14 @@ def kinds_of(number: int) -> Iterator[tuple[str, Kind]]:
     while True:
         name = draws.choice(list(KINDS))
         kind = KINDS[name]
-        yield name, kind._replace(
-            mesh=draws.choice(("quads", "triangles")) if kind.mesh != "sheet" else kind.mesh,
-            balloons=draws.randint(1, 4),
-            ground=kind.ground or draws.random() < 0.3,
-            touch=draws.random() < 0.5,
+        yield (
+            name,
+            kind._replace(
+                mesh=draws.choice(("quads", "triangles")) if kind.mesh != "sheet" else kind.mesh,
+                balloons=draws.randint(1, 4),
+                ground=kind.ground or draws.random() < 0.3,
+                touch=draws.random() < 0.5,
+            ),
         )
 
 

@@ -29,7 +29,7 @@ NUDGE = 1.0e-6
 """Displacement of a nudged twin's particles, over the scene's size"""
 VECTORS = ("position", "velocity", "anchor", "newtons", "wind")
 AXIAL = ("angular_velocity",)
-MOST_SUBSTEPS = 6000
+MOST_SUBSTEPS = 2000
 """Substeps of a run: longer ones are left out"""
 
 
@@ -267,7 +267,9 @@ def _scaled(table: BaseModel, units: tuple[float, float, float]) -> Tables:
         value, exponents = getattr(table, name), dimension(meaning_of(type(table), name))
         factor = 1.0 if exponents is None else float(np.prod(np.array(units) ** exponents))
         if name in ("motion", "pressure", "pump") and isinstance(value, list):  # keyframes: times, and what is then
-            value = [[row[0] * units[2], _times(row[1], units[0] if name == "motion" else factor), *row[2:]] for row in value]
+            value = [
+                [row[0] * units[2], _times(row[1], units[0] if name == "motion" else factor), *row[2:]] for row in value
+            ]
         elif name == "set":
             value = {path: each * units[0] / units[2] ** 2 for path, each in value.items()}  # gravity alone
         elif isinstance(value, BaseModel):

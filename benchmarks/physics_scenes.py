@@ -128,7 +128,10 @@ def scenes(draw: Draw, kind: Kind) -> dict[str, Any]:
         "contact": "impulse",
         "faces": False,
         "touch": {"friction": draw(st.sampled_from((0.3, 0.0)))} if kind.touch else False,
-        "atmosphere": {"pressure": AIR_PRESSURE, "density": draw(decades(-4, 0)) * units.mass / length**3 if kind.air or kind.water else 0.0},
+        "atmosphere": {
+            "pressure": AIR_PRESSURE,
+            "density": draw(decades(-4, 0)) * units.mass / length**3 if kind.air or kind.water else 0.0,
+        },
         "balloon": [_balloon(draw, kind, units, number) for number in range(kind.balloons)],
         "sphere": [_sphere(draw, units, number) for number in range(kind.spheres)],
         "obstacle": [_obstacle(draw, kind, units, shape, n) for n, shape in enumerate(kind.obstacles)],
@@ -140,7 +143,10 @@ def scenes(draw: Draw, kind: Kind) -> dict[str, Any]:
     if kind.ground:
         tables["ground"] = {"height": -0.8 * length, "friction": draw(st.sampled_from((0.5, 0.0)))}
     if kind.water:
-        tables["water"] = {"level": draw(signed(1.0)) * length, "density": draw(decades(-2, 2)) * units.mass / length**3}
+        tables["water"] = {
+            "level": draw(signed(1.0)) * length,
+            "density": draw(decades(-2, 2)) * units.mass / length**3,
+        }
     if kind.changes:
         when = frames // 2 * 1.0 / tables["frames_per_second"]
         tables["change"] = [{"time": when, "set": {"gravity": 0.1 * length / time**2}}]
@@ -194,7 +200,7 @@ def _balloon(draw: Draw, kind: Kind, units: Units, number: int) -> dict[str, Any
     if kind.inflation == "gas":
         balloon["inflation"] = {
             "kind": "gas", "start_pressure": pressure, "gamma": draw(st.sampled_from((1.0, 1.4))),
-            "molar_mass": draw(decades(-3, 0)) * mass / _moles(units),
+            "molar_mass": draw(st.sampled_from((0.0, 0.1, 1.0))) * mass / _moles(units),
         }  # fmt: skip
         if kind.changes:
             flow = draw(st.sampled_from((0.03, -0.03))) * _moles(units) / units.time
@@ -252,7 +258,11 @@ def _body(draw: Draw, units: Units, shape: str, number: int) -> dict[str, Any]:
 
 def _obstacle(draw: Draw, kind: Kind, units: Units, shape: str, number: int) -> dict[str, Any]:
     x, y, z = _apart(draw, units, 1 + number)
-    obstacle = {**_solid(draw, units, shape), "position": (x, y - 1.5 * units.length, z), "rotation": draw(vectors(180.0))}
+    obstacle = {
+        **_solid(draw, units, shape),
+        "position": (x, y - 1.5 * units.length, z),
+        "rotation": draw(vectors(180.0)),
+    }
     if kind.moves:
         shift = tuple(units.length * each for each in draw(vectors(0.5)))
         turn = (0.0, draw(signed(90.0)), 0.0)
@@ -276,7 +286,9 @@ def meshes(draw: Draw, family: str) -> PolygonMesh:
     if family == "quads":
         mesh = quad_sphere(draw(st.sampled_from((1, 2, 4))), 0.5)
     elif family == "triangles":
-        mesh = draw(st.sampled_from((octahedron(), in_triangles(quad_sphere(2, 0.5)), in_triangles(quad_sphere(3, 0.5)))))
+        mesh = draw(
+            st.sampled_from((octahedron(), in_triangles(quad_sphere(2, 0.5)), in_triangles(quad_sphere(3, 0.5))))
+        )
     else:
         mesh = sheet(draw(st.integers(2, 6)))
     blur = draw(st.sampled_from((0.02, 0.0, MOST_BLUR)))
