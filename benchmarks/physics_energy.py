@@ -102,7 +102,7 @@ class Energies:
         )
 
     def rounding(self) -> float:
-        """Return the rounding of the potential energies [J]: forces times that of places, and that of a gas's pressure."""
+        """Return the rounding of the energies [J]: forces times that of places, and that of a gas's pressure."""
         forces = np.abs(np.array([self._forces(frame) for frame in range(len(self.run.points))])).sum(axis=(1, 2)).max()
         weight = self.scene.gravity * self._all_masses.sum()
         swelling = sum(

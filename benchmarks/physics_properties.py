@@ -1,6 +1,7 @@
 """Properties that hold for any scene: each a function with its formula, tolerance and reason in its docstring.
 
-A property takes a case, and returns what it found beside what is allowed, or None where it says nothing about the scene.
+A property takes a case. It returns the number that it found and the largest that is allowed, or None where it says
+nothing about the scene.
 """
 
 from collections.abc import Callable
@@ -57,7 +58,7 @@ def stays_finite(case: Case) -> Measure:
 
 
 def keeps_volume(case: Case) -> Measure | None:
-    """A gas balloon's volume stays positive, as p grows without bound, and none grows a thousandfold.
+    """Keep the volume of a gas balloon positive, as p grows without bound, and of all below a thousandfold.
 
     A given pressure bears no collapse: its balloon may turn inside out, since it does not touch itself. A mesh's
     volume may be below zero by what its blur may fold, a hundredth of that at the start.
@@ -119,7 +120,7 @@ def keeps_angular_momentum(case: Case) -> Measure | None:
 
 
 def keeps_gas(case: Case) -> Measure | None:
-    """Gas is neither made nor lost where no pump, leak or tear lets any through: n(t) = n(0), which is never written."""
+    """Gas is neither made nor lost without pump, leak or tear: n(t) = n(0), which nothing writes."""
     scene = case.scene
     gas = [number for number, balloon in enumerate(scene.balloon) if balloon.inflation.kind == "gas"]
     if not gas or case.run.model.bursts or any(scene.balloon[number].inflation.pump for number in gas):
@@ -129,7 +130,7 @@ def keeps_gas(case: Case) -> Measure | None:
 
 
 def follows_boyle(case: Case) -> Measure | None:
-    """A sealed gas follows p V^gamma = const. at the end of each substep, to first order in the change of volume.
+    """Keep p V^gamma of a sealed gas at the end of each substep, to first order in the change of volume.
 
     Without contact the last substep began at x - h v, so that P = p(V') + p'(V') h dV/dx . v is known there; the rest
     is rounding, of the volume by sums over faces, and of places.
@@ -172,7 +173,7 @@ def stays_outside(case: Case) -> Measure | None:
 
 
 def repeats(case: Case) -> Measure:
-    """The same run again gives the same bits, as GUARANTEES.md says of all schedules but `scatter`."""
+    """Give the same bits again, as GUARANTEES.md says of all schedules but `scatter`."""
     again = Case(case.tables, case.device).run
     return Measure(float(np.abs(again.points - case.run.points).max()), 0.0)
 
@@ -191,21 +192,21 @@ SCHEDULES = ["gather"]
 
 
 def is_alike_turned(case: Case) -> Measure | None:
-    """A scene that is turned about the up axis, and has Z up instead of Y, moves alike."""
+    """Move alike when turned about the up axis, with Z up instead of Y."""
     angle = Rotation.from_euler("y", 0.7).as_matrix()
     matrix = np.roll(np.eye(3), 1, axis=0) @ angle
     return compared(case, *case.as_twin("turned", lambda tables: turned(tables, matrix)), "turned")
 
 
 def is_alike_mirrored(case: Case) -> Measure | None:
-    """A scene in a mirror moves as its image."""
+    """Move as the image in a mirror."""
     return compared(
         case, *case.as_twin("mirrored", lambda tables: turned(tables, np.diag((-1.0, 1.0, 1.0)))), "mirrored"
     )
 
 
 def is_alike_moved(case: Case) -> Measure | None:
-    """A scene that is moved by 100 of its sizes moves alike, within the rounding of those places."""
+    """Move alike 100 sizes away, within the rounding of those places."""
     shift = np.array([80.0, 0.0, -60.0]) * case.size
     return compared(case, *case.as_twin("moved", lambda tables: turned(tables, np.eye(3), shift)), "moved")
 
@@ -218,7 +219,7 @@ def is_alike_scaled(case: Case) -> Measure | None:
 
 
 def is_alike_relisted(case: Case) -> Measure | None:
-    """The order of vertices, faces and balloons does not matter."""
+    """Move alike with vertices, faces and balloons in another order."""
     return compared(case, *case.as_twin("relisted", relisted), "relisted")
 
 
@@ -233,8 +234,8 @@ def compared(case: Case, other: Run, places: Array, name: str) -> Measure | None
     """Compare places with those of the scene as it is, as long as it is not chaotic.
 
     Each substep rounds each coordinate by half an epsilon of itself. From there on it grows as starts that are 1e-6
-    apart have grown, at most. After n substeps the errors' sum is sqrt(n) of one, by `SIGMAS`; and n where all round the
-    same way, as in steady flight.
+    apart have grown, at most. After n substeps the errors' sum is sqrt(n) of one, by `SIGMAS`; and n where all round the same
+    way, as in steady flight.
     """
     if case.run.blow_up or other.blow_up:
         return None

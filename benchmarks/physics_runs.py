@@ -98,20 +98,20 @@ class Case:
         return max(float(np.ptp(shape.mesh.points, axis=0).max()) for shape in self.run.model.shapes)
 
     def in_schedule(self, schedule: str) -> Run:
-        """The scene in another schedule."""
+        """Return the scene in another schedule."""
         if schedule not in self._runs:
             self._runs[schedule] = simulated(self._with_substeps(self.tables, 1), self.device, schedule)
         return self._runs[schedule]
 
     def finer(self, times: int) -> Run:
-        """The scene with a multiple of its substeps."""
+        """Return the scene with a multiple of its substeps."""
         name = f"{times} times the substeps"
         if name not in self._runs:
             self._runs[name] = simulated(self._with_substeps(self.tables, times), self.device)
         return self._runs[name]
 
     def as_twin(self, name: str, make: Callable[[Tables], Twin]) -> tuple[Run, Array]:
-        """A twin's run, and its places as the scene has them, shape (frames + 1, n, 3)."""
+        """Return a twin's run, and its places as the scene has them, shape (frames + 1, n, 3)."""
         if name not in self._runs:
             self._twins[name] = make(copy.deepcopy(self.tables))
             self._runs[name] = simulated(self._with_substeps(self._twins[name].tables, 1), self.device)

@@ -1,7 +1,7 @@
 """Random legal scenes: hypothesis strategies, by a kind that fixes what kernels are compiled for.
 
-A scene is drawn in units of its own: a length, a mass and a stiffness over six decades, and so a time. All else is drawn
-as a multiple of these, so that what is tiny or huge in meters is as lively as a ball of one meter.
+A scene is drawn in units of its own: a length, a mass and a stiffness over six decades, and so a time. All else is
+drawn as a multiple of these, so that what is tiny or huge in meters is as lively as a ball of one meter.
 """
 
 import itertools
