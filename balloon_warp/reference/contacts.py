@@ -1,0 +1,105 @@
+"""Contacts of a scene, which are empty where nothing meets: what `contact` and `touch` take, from the host's plan."""
+
+from itertools import product
+
+import numpy as np
+
+from balloon_warp.mesh.triangles import triangles_of
+from balloon_warp.model.folded import is_folded
+from balloon_warp.model.friction import FRICTION
+from balloon_warp.model.meeting_edges import edges_meet, meeting_edges
+from balloon_warp.model.ridges import NO_RIDGES, Ridges, kept_distance
+from balloon_warp.model.touch import APART, STIFFNESSES, THICKNESS, crowd_of, edge_length
+from balloon_warp.model.tunneling import held_within, widest_opening
+from balloon_warp.reference.balls import SmallSpheres
+from balloon_warp.reference.meeting import Edges
+from balloon_warp.reference.meeting import Ridges as MeetingRidges
+from balloon_warp.reference.touch import Touch
+from balloon_warp.schedules.touch_table import ITSELF
+
+CENTER = Ridges(np.zeros((1, 2, 3)), np.zeros((1, 2, 3)), 0.0, np.ones(1, np.int32))
+"""Ridge of a sphere, which has its radius"""
+
+
+class Contacts:
+    """Contacts of a scene: `touch`, `edges`, `ridges` and `small`, each None where nothing meets so."""
+
+    def __init__(self, plan, owner):
+        scene, self.shapes, self.owner = plan.scene, plan.shapes, owner
+        firsts = np.searchsorted(owner, np.arange(len(self.shapes)))
+        triangles = [triangles_of(shape.mesh) + first for shape, first in zip(self.shapes, firsts, strict=True)]
+        self.touch = self._touch(scene, triangles) if scene.touches else None
+        self.edges = None
+        if edges_meet(scene, self.shapes):
+            edges = [own + first for own, first in zip(meeting_edges(scene, self.shapes), firsts, strict=True)]
+            self.edges = self._edges(edges, triangles)
+        sizes = [widest_opening(shape.mesh) for shape in self.shapes]
+        most = held_within(scene) * max(sizes) if scene.touches_spheres else 0.0
+        is_small, faces = [ball.radius < most for ball in scene.sphere], np.concatenate(triangles)
+        self.small = SmallSpheres(np.flatnonzero(is_small), None, owner, faces) if any(is_small) else None
+        solids = len(plan.obstacles) + len(plan.bodies)
+        meets = scene.touches_spheres and scene.contact == "impulse" and (plan.ridges or scene.faces is True)
+        balls = [CENTER if meets and not small else NO_RIDGES for small in is_small]
+        ridges = [*(plan.ridges or [NO_RIDGES] * solids), *balls]
+        kept = [kept_distance(self.shapes)] * solids + [0.0] * len(balls) + [kept_distance(self.shapes)]
+        some = any(len(each.ends) for each in ridges)
+        self.ridges = MeetingRidges(ridges, kept, None, owner, faces) if some else None
+
+    def settle(self, parameters):
+        """Take parameters, which change over time."""
+        friction, count = parameters[FRICTION][0], len(self.shapes)
+        of_solids, spheres = friction[-count:, 1:-count], parameters["sphere_radius"].shape[-1]
+        if self.touch:
+            share = np.concatenate([shape.mass_share for shape in self.shapes])
+            mass = (share * parameters["mass"][0, self.owner])[:, None]
+            self.touch.ease = np.where(mass > 0.0, 1.0 / np.where(mass > 0.0, mass, 1.0), 0.0)
+            self.touch.skins = self._skins(parameters, friction[-count:, -count:])
+        if self.edges:
+            self.edges.skins = self.touch.skins
+        if self.small:
+            first = of_solids.shape[1] - spheres - parameters["body_mass"].shape[-1]
+            self.small.friction = of_solids[:, first : first + spheres]
+        if self.ridges:
+            self.ridges.friction = of_solids
+
+    def _touch(self, scene, triangles):
+        far, sizes = None, np.array([edge_length(shape.mesh) for shape in self.shapes])
+        if scene.touches_itself:
+            rest = np.concatenate([shape.mesh.points for shape in self.shapes])
+            apart = sizes * [ITSELF if is_folded(shape.mesh) else APART for shape in self.shapes]
+            far = np.linalg.norm(rest[:, None] - rest, axis=-1) >= apart[self.owner][:, None]
+        crowds = [crowd_of(self.shapes, number, scene.touches_itself) for number in range(len(self.shapes))]
+        return Touch(triangles, self.owner, far, np.array(crowds), 0.5 * sizes)
+
+    def _edges(self, edges, triangles):
+        """Return all pairs of edges, and of particles and triangles, of balloons, or far from each other in one."""
+        balloons = range(len(edges))
+        own = [np.flatnonzero(self.owner == number)[:, None] for number in balloons]
+        of_edges = [_pairs(edges[i], edges[j]) for i in balloons for j in balloons[i:]]
+        of_points = [_pairs(own[i], triangles[j]) for i, j in product(balloons, repeat=2)]
+        pairs = self._far(np.concatenate(of_edges), 2), self._far(np.concatenate(of_points), 1)
+        return Edges(*pairs, self.owner, None)
+
+    def _far(self, pairs, count):
+        """Return pairs of features, of which the first has so many particles, that may touch."""
+        may = self.owner[pairs[:, 0]] != self.owner[pairs[:, -1]]
+        if self.touch.far is not None:
+            may |= self.touch.far[pairs[:, :count, None], pairs[:, None, count:]].all(axis=(1, 2))
+        return pairs[may]
+
+    def _skins(self, parameters, friction):
+        """Return thickness, stiffness and friction between balloons."""
+        skins = np.zeros((*friction.shape, 3))
+        own = [float(np.float32(THICKNESS * edge_length(shape.mesh))) for shape in self.shapes]
+        thickness, stiffness = (float(np.ravel(parameters[f"touch_{name}"])[0]) for name in ("thickness", "stiffness"))
+        for i, j in product(range(len(own)), repeat=2):
+            a, b = parameters[STIFFNESSES][0, [i, j]]
+            mean = 0.5 * (own[i] + own[j]) if thickness < 0.0 else thickness
+            skins[i, j] = mean, 2.0 * a * b / (a + b) if stiffness < 0.0 else stiffness, friction[i, j]
+        return skins
+
+
+def _pairs(one, other):
+    """Return all pairs of rows, one after the other."""
+    i, j = np.divmod(np.arange(len(one) * len(other)), max(len(other), 1))
+    return np.concatenate([one[i], other[j]], axis=1)
