@@ -21,6 +21,7 @@ import numpy as np
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from pydantic import ValidationError
 
+from balloon_warp.benchmarks.physics_newton import compared_with_newton
 from balloon_warp.benchmarks.physics_properties import PROPERTIES, Measure, Property
 from balloon_warp.benchmarks.physics_runs import MOST_SUBSTEPS, Case, Tables
 from balloon_warp.benchmarks.physics_scenes import KINDS, Kind, listed, scenes
@@ -167,6 +168,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--seconds", type=_seconds, default=600.0, help="time to look for failures; at least 1")
     parser.add_argument("--seed", type=int, help="seed of the scenes; another one each time when missing")
     parser.add_argument("--device", help="Warp device, such as cpu or cuda:0")
+    parser.add_argument("--newton", action="store_true", help="count what holds here and in Newton's cloth instead")
     asked = parser.parse_args(arguments)
     quiet_warp()
     try:
@@ -176,6 +178,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     number = secrets.randbelow(1 << 32) if asked.seed is None else asked.seed
     end, counts = time.monotonic() + asked.seconds, Counter()
     print(f"seed {number}, {device}", flush=True)
+    if asked.newton:
+        print(compared_with_newton(asked.seconds, number, device))
+        return
     for round_number, (name, kind) in zip(count(), kinds_of(number)):
         if time.monotonic() > end:
             break

@@ -4,40 +4,32 @@ A property takes a case. It returns the number that it found and the largest tha
 nothing about the scene.
 """
 
-from collections.abc import Callable
-from typing import NamedTuple
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from balloon_warp.benchmarks.physics_alike import (
+    EPSILON,
+    Measure,
+    Property,
+    converges,
+    is_alike_among_worlds,
+    is_alike_in_schedules,
+    is_alike_mirrored,
+    is_alike_moved,
+    is_alike_relisted,
+    is_alike_scaled,
+    is_alike_turned,
+    is_as_in_reference,
+    slopes_are_differences,
+    worse,
+)
 from balloon_warp.benchmarks.physics_energy import Energies
-from balloon_warp.benchmarks.physics_runs import NUDGE, Array, Case, Run, farthest, relisted, scaled, turned
+from balloon_warp.benchmarks.physics_runs import Array, Case, Run, simulated
 from balloon_warp.mesh.topology import is_closed, mesh_edges
 from balloon_warp.statics.volume import Volume
 
-EPSILON = float(np.finfo(np.float32).eps)
-SIGMAS = 4.0
-"""Rounding of many substeps over that of one, times their root: several particles round at once, and the nudges that
-measured the growth of an error were but two of all directions"""
-CHAOTIC = 1.0e-3
-"""Spread over the size from which on two runs of a chaotic scene are not compared"""
 MOST_GROWTH = 1000.0
 """Volume over that at the start that no balloon reaches without a blow-up"""
-
-
-class Measure(NamedTuple):
-    """Outcome of a property: it holds where `found` is at most `allowed`."""
-
-    found: float
-    allowed: float
-    note: str = ""
-
-    @property
-    def holds(self) -> bool:
-        return self.found <= self.allowed  # and so not where it is NaN
-
-
-Property = Callable[[Case], Measure | None]
 
 
 def stays_finite(case: Case) -> Measure:
@@ -174,88 +166,30 @@ def stays_outside(case: Case) -> Measure | None:
 
 def repeats(case: Case) -> Measure:
     """Give the same bits again, as GUARANTEES.md says of all schedules but `scatter`."""
-    again = Case(case.tables, case.device).run
-    return Measure(float(np.abs(again.points - case.run.points).max()), 0.0)
+    return Measure(float(np.abs(case.again().points - case.run.points).max()), 0.0)
 
 
-def is_alike_in_schedules(case: Case) -> Measure | None:
-    """Every schedule gives the same trajectory, within rounding times what the scene amplifies."""
-    worst = None
-    for schedule in SCHEDULES:
-        other = case.in_schedule(schedule)
-        worst = worse(worst, compared(case, other, other.points, schedule))
-    return worst
+def tells_contact_forces(case: Case) -> Measure | None:
+    """Contact forces of the ground, obstacles, spheres and bodies are what moves the balloons: F = dP/dt + M g.
 
-
-SCHEDULES = ["gather"]
-"""Schedules that are compared with the one of `auto`"""
-
-
-def is_alike_turned(case: Case) -> Measure | None:
-    """Move alike when turned about the up axis, with Z up instead of Y."""
-    angle = Rotation.from_euler("y", 0.7).as_matrix()
-    matrix = np.roll(np.eye(3), 1, axis=0) @ angle
-    return compared(case, *case.as_twin("turned", lambda tables: turned(tables, matrix)), "turned")
-
-
-def is_alike_mirrored(case: Case) -> Measure | None:
-    """Move as the image in a mirror."""
-    return compared(
-        case, *case.as_twin("mirrored", lambda tables: turned(tables, np.diag((-1.0, 1.0, 1.0)))), "mirrored"
-    )
-
-
-def is_alike_moved(case: Case) -> Measure | None:
-    """Move alike 100 sizes away, within the rounding of those places."""
-    shift = np.array([80.0, 0.0, -60.0]) * case.size
-    return compared(case, *case.as_twin("moved", lambda tables: turned(tables, np.eye(3), shift)), "moved")
-
-
-def is_alike_scaled(case: Case) -> Measure | None:
-    """Similarity: lengths, masses and times by powers of two leave the motion as it was."""
-    steady = case.scene.sphere or case.scene.body  # need 480 steps a second
-    units = (0.25, 8.0, 1.0 if steady else 2.0)
-    return compared(case, *case.as_twin("scaled", lambda tables: scaled(tables, *units)), "scaled")
-
-
-def is_alike_relisted(case: Case) -> Measure | None:
-    """Move alike with vertices, faces and balloons in another order."""
-    return compared(case, *case.as_twin("relisted", relisted), "relisted")
-
-
-PROPERTIES: tuple[Property, ...] = (
-    stays_finite, keeps_volume, gains_no_energy, keeps_momentum, keeps_angular_momentum, keeps_gas, follows_boyle,
-    stays_outside, repeats, is_alike_in_schedules, is_alike_turned, is_alike_mirrored, is_alike_moved, is_alike_scaled,
-    is_alike_relisted,
-)  # fmt: skip
-
-
-def compared(case: Case, other: Run, places: Array, name: str) -> Measure | None:
-    """Compare places with those of the scene as it is, as long as it is not chaotic.
-
-    Each substep rounds each coordinate by half an epsilon of itself. From there on it grows as starts that are 1e-6
-    apart have grown, at most. After n substeps the errors' sum is sqrt(n) of one, by `SIGMAS`; and n where all round the same
-    way, as in steady flight.
+    At rest they sum to the weight. F is the mean over a frame, P the momentum of the balloons, moved by
+    nothing else. Rounding is that of momentum in each substep.
     """
-    if case.run.blow_up or other.blow_up:
+    scene = case.scene
+    met = scene.ground or scene.sphere or scene.obstacle or scene.body
+    others = Energies.knows(scene) and case.run.blow_up is None and not case.run.model.bursts
+    if not met or not others or any(not is_closed(mesh_edges(shape.skin)) for shape in case.run.model.shapes):
         return None
-    spread = case.spread
-    extent = max(float(np.abs(run.points).max()) for run in (case.run, other)) / (case.size * NUDGE)
-    substeps = 1.0 + case.substeps * np.arange(len(spread))
-    amplified = np.maximum(spread, NUDGE * case.size)
-    allowed = 0.5 * EPSILON * extent * (substeps + SIGMAS * np.sqrt(substeps)) * amplified
-    found = farthest(places, case.run.points)[: len(spread)]
-    calm = np.maximum(allowed, spread) < CHAOTIC * case.size
-    if not calm[: len(found)].any():
+    run = simulated(case.with_substeps(1).model_copy(update={"contacts": True}), case.device)
+    if run.blow_up:
         return None
-    worst = int(np.argmax((found / allowed[: len(found)]) * calm[: len(found)]))
-    return Measure(float(found[worst]), float(allowed[worst]), f"{name}: apart [m] in frame {worst}")
-
-
-def worse(first: Measure | None, second: Measure | None) -> Measure | None:
-    """Return the one of two that is farther beyond what is allowed."""
-    measures = [each for each in (first, second) if each]
-    return max(measures, key=lambda each: each.found / max(each.allowed, 1e-300), default=None)
+    energies = Energies(run)
+    balloons = run.states["velocities"].transpose(0, 2, 1) @ energies.masses
+    weight = scene.gravity * energies.masses.sum() * energies.up
+    forces = run.states["contact_forces"][1:].sum(axis=(1, 2))
+    found = forces - weight - np.diff(balloons, axis=0) / run.model.frame_seconds
+    allowed = 8.0 * energies.momentum_rounding() / run.model.frame_seconds + 1e-5 * np.abs(forces).max()
+    return Measure(float(np.linalg.norm(found, axis=1).max()), float(allowed), "force [N] that no contact tells")
 
 
 def acts_inside(case: Case) -> bool:
@@ -299,3 +233,11 @@ def depth_in(kind: str, size: Array, up: Array, pose: tuple[Array, Array], point
         return float((np.array(size) - np.abs(own)).min(axis=1).max())
     along = np.clip(own @ up, -size[1], size[1])
     return float((size[0] - np.linalg.norm(own - along[:, None] * up, axis=1)).max())
+
+
+PROPERTIES: tuple[Property, ...] = (
+    stays_finite, keeps_volume, gains_no_energy, keeps_momentum, keeps_angular_momentum, keeps_gas, follows_boyle,
+    stays_outside, tells_contact_forces, repeats, is_alike_in_schedules, is_alike_among_worlds, is_alike_turned,
+    is_alike_mirrored, is_alike_moved, is_alike_scaled, is_alike_relisted, is_as_in_reference, converges,
+    slopes_are_differences,
+)  # fmt: skip

@@ -16,7 +16,7 @@ from balloon_warp.benchmarks.physics_scenes import listed
 from balloon_warp.blow_ups import BlowUp
 from balloon_warp.errors import BlowUpError
 from balloon_warp.mesh import PolygonMesh
-from balloon_warp.model import Model
+from balloon_warp.model import Model, Vary
 from balloon_warp.scene import Scene
 from balloon_warp.scene.schema.field_help import meaning_of
 from balloon_warp.simulator import Simulator
@@ -24,7 +24,7 @@ from balloon_warp.simulator import Simulator
 Tables = dict[str, Any]
 Array = NDArray[np.float64]
 STATES = ("points", "velocities", "pressures", "gas_amounts", "sphere_positions", "sphere_velocities", "sphere_spins")
-STATES += ("body_positions", "body_turns", "body_velocities", "body_momenta")
+STATES += ("body_positions", "body_turns", "body_velocities", "body_momenta", "contact_forces")
 NUDGE = 1.0e-6
 """Displacement of a nudged twin's particles, over the scene's size"""
 VECTORS = ("position", "velocity", "anchor", "newtons", "wind")
@@ -72,8 +72,8 @@ class Twin:
 class Case:
     """A scene to be held to the properties; each of its runs is simulated once."""
 
-    def __init__(self, tables: Tables, device: str = "cpu"):
-        self.tables, self.device = tables, device
+    def __init__(self, tables: Tables, device: str = "cpu", simulate: Callable[..., Run] | None = None):
+        self.tables, self.device, self.simulate = tables, device, simulate or simulated
         self.scene = Scene.model_validate(tables)
         self._runs: dict[str, Run] = {}
         self._twins: dict[str, Twin] = {}
@@ -85,7 +85,11 @@ class Case:
         Raises:
             InputError: the scene is refused.
         """
-        return simulated(self.scene, self.device)
+        return self.simulate(self.scene, self.device)
+
+    def again(self) -> Run:
+        """Simulate the scene once more."""
+        return self.simulate(self.scene, self.device)
 
     @property
     def substeps(self) -> int:
@@ -100,21 +104,21 @@ class Case:
     def in_schedule(self, schedule: str) -> Run:
         """Return the scene in another schedule."""
         if schedule not in self._runs:
-            self._runs[schedule] = simulated(self._with_substeps(self.tables, 1), self.device, schedule)
+            self._runs[schedule] = self.simulate(self.with_substeps(1), self.device, schedule)
         return self._runs[schedule]
 
     def finer(self, times: int) -> Run:
         """Return the scene with a multiple of its substeps."""
         name = f"{times} times the substeps"
         if name not in self._runs:
-            self._runs[name] = simulated(self._with_substeps(self.tables, times), self.device)
+            self._runs[name] = self.simulate(self.with_substeps(times), self.device)
         return self._runs[name]
 
     def as_twin(self, name: str, make: Callable[[Tables], Twin]) -> tuple[Run, Array]:
         """Return a twin's run, and its places as the scene has them, shape (frames + 1, n, 3)."""
         if name not in self._runs:
             self._twins[name] = make(copy.deepcopy(self.tables))
-            self._runs[name] = simulated(self._with_substeps(self._twins[name].tables, 1), self.device)
+            self._runs[name] = self.simulate(self.with_substeps(1, self._twins[name].tables), self.device)
         return self._runs[name], self._twins[name].back(self._runs[name].points)
 
     @cached_property
@@ -127,17 +131,25 @@ class Case:
         shortest = min(map(len, apart))
         return np.maximum.accumulate(np.maximum(*[each[:shortest] for each in apart]))
 
-    def _with_substeps(self, tables: Tables, times: int) -> Scene:
+    @property
+    def is_calm(self) -> bool:
+        """Return whether starts that are 1e-6 of the size apart stay within a thousandth of it."""
+        return bool(self.spread[-1] < 1.0e-3 * self.size)
+
+    def with_substeps(self, times: int, tables: Tables | None = None) -> Scene:
+        """Return the scene, or a twin of it, with a multiple of the substeps that `auto` chose."""
+        tables = self.tables if tables is None else tables
         return Scene.model_validate({**tables, "substeps": times * self.substeps})
 
 
-def simulated(scene: Scene, device: str, schedule: str = "auto") -> Run:
+def simulated(scene: Scene, device: str, schedule: str = "auto", vary: Vary | None = None) -> Run:
     """Simulate all frames of a scene.
 
     Raises:
         InputError: it is refused.
     """
-    simulator = Simulator(scene, device, schedule=schedule)
+    worlds = len(next(iter(vary.values()))) if vary else 1
+    simulator = Simulator(scene, device, worlds, vary, schedule)
     states: dict[str, list[Array]] = {name: [] for name in STATES}
     blow_up = None
 
