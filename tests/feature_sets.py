@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
-from meshes import mesh_of, prism, quad_sphere
+from meshes import cube, mesh_of, prism, quad_sphere
 
 from balloon_warp.errors import InputError
 from balloon_warp.kernels.laws import LAWS
@@ -101,7 +101,7 @@ SETS: dict[str, dict[str, Any]] = {
         "obstacle": [
             {"size": (1.0, 1.0, 3.0), "rotation": (0.0, 0.0, 40.0), "position": (0.0, -1.15, 0.0), "friction": 0.3,
              "thickness": 0.01, "motion": [(0.0, (0.0, 0.0, 0.0)), (1.0, (0.5, 1.5, 0.0), (0.0, 60.0, 90.0))]},
-            {"shape": "capsule", "radius": 0.5, "length": 0.4, "rotation": (80.0, 0.0, 0.0), "position": (1.0, 0.0, 0.1)},
+            {"radius": 0.5, "length": 0.4, "rotation": (80.0, 0.0, 0.0), "position": (1.0, 0.0, 0.1)},
             {"shape": "plane", "rotation": (-80.0, 0.0, 10.0), "position": (0.0, 0.6, 0.6), "friction": 0.2},
         ],
         "ground": {"height": -0.49, "friction": 0.3},
@@ -114,6 +114,40 @@ SETS: dict[str, dict[str, Any]] = {
         "up_axis": "Z", "water": {"level": 0.0, "density": 900.0, "drag": 0.8},
         "atmosphere": {"wind": (6.0, 2.0, 0.0), "shear": 0.3, "wind_height": 2.0, "gusts": 0.2, "gust_length": 4.0,
                        "gust_seed": 3},
+    },
+    "touch": {
+        "balloon": [
+            FALLS | {"mesh": BALL, "velocity": (0.0, -3.0, 0.2), "position": (0.1, 0.51, 0.05), "friction": 0.4},
+            FALLS | {"mesh": BALL, "velocity": (0.3, 2.0, 0.0), "position": (0.0, -0.4, 0.0), "inflation": GAS},
+            FALLS | {"mesh": cube(), "position": (-0.5, 0.5, 0.5), "velocity": (0.5, 0.0, -1.0)},
+        ],
+        "touch": {"friction": 0.3, "edges": True, "itself": False}, "ground": {"height": -0.88, "friction": 0.3},
+    },
+    "faces": {
+        "balloon": [FALLS | {"mesh": FINE, "inflation": GAS}],
+        "contact": "impulse", "faces": True,
+        "sphere": [
+            {"position": (0.05, 0.56, 0.1), "radius": 0.06, "mass": 0.02, "velocity": (0.0, -6.0, 0.0), "friction": 0.3},
+            {"position": (0.7, 0.1, 0.0), "radius": 0.25, "mass": 0.3, "velocity": (-4.0, 0.0, 0.0), "friction": 0.4},
+        ],
+        "obstacle": [
+            {"size": (0.4, 0.4, 0.4), "rotation": (45.0, 0.0, 35.26), "position": (0.02, -0.86, 0.03), "friction": 0.4},
+            {"radius": 0.02, "length": 2.0, "position": (-0.53, 0.11, 0.0), "rotation": (80.0, 0.0, -10.0)},
+        ],
+    },
+    "all": {
+        "balloon": [
+            FALLS | {"mesh": FINE, "mass": 0.1, "inflation": GAS | {"leak": 1e-4}, "drag_coefficient": 0.5},
+            FALLS | {"mesh": BALL, "mass": 0.1, "position": (0.1, 0.93, 0.0), "face_drag": 1.0, "inflation": {"k_normal": 0.2}},
+            {"mesh": BALL, "position": (1.2, 0.0, 0.0), "inflation": {"pressure": 600.0},
+             "material": {"kind": "mooney_rivlin", "thickness": 1e-3, "viscosity": 10.0}, **MOVES},
+        ],
+        "touch": None, "contact": "impulse", "faces": False,
+        "sphere": [{"position": (0.65, -0.4, 0.3), "radius": 0.33, "mass": 0.2, "velocity": (-2.0, 1.0, -1.0)}],
+        "obstacle": [{"size": (3.0, 0.2, 3.0), "rotation": (0.0, 0.0, 20.0), "position": (-1.3, -1.1, 0.0)}],
+        "string": [{"anchor": (0.0, 3.0, 0.0), "balloon": 1, "particle": "highest", "length": 1.5}],
+        "force": [{"balloon": 2, "newtons": (0.3, 0.2, 0.1)}], "ground": {"height": -1.06, "friction": 0.3},
+        "water": {"level": -0.3}, "atmosphere": {"wind": (3.0, 0.0, 1.0), "gusts": 0.1},
     },
 }  # fmt: skip
 """Sets by name"""

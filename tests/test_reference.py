@@ -51,6 +51,7 @@ def told(name: str, length: str) -> tuple[dict[str, np.ndarray], dict[str, float
     for field, values in end.items():
         amplified = max(np.abs(other[field] - values).max(initial=0.0) for other in others)
         most[field] = 2.0 * amplified + roundings * ULP * np.abs(values).max(initial=0.0)
+    most["sphere_positions"] += most["sphere_velocities"] * frames / scene.frames_per_second  # which they follow
     if scene.correction != "none":  # by how much a place is corrected over the substep, of which that is known to a ULP
         step = 1.0 / scene.frames_per_second / scene.substeps
         most["velocities"] += roundings * ULP * np.abs(end["points"]).max() / step

@@ -1,10 +1,14 @@
 """Contacts of a scene, which are empty where nothing meets: what `contact` and `touch` take, from the host's plan."""
 
 from itertools import product
+from types import SimpleNamespace
 
 import numpy as np
 
+from balloon_warp.mesh.placement import rotation_matrix
 from balloon_warp.mesh.triangles import triangles_of
+from balloon_warp.model.bodies import initial_centers
+from balloon_warp.model.body_samples import sample
 from balloon_warp.model.folded import is_folded
 from balloon_warp.model.friction import FRICTION
 from balloon_warp.model.meeting_edges import edges_meet, meeting_edges
@@ -40,8 +44,9 @@ class Contacts:
         solids = len(plan.obstacles) + len(plan.bodies)
         meets = scene.touches_spheres and scene.contact == "impulse" and (plan.ridges or scene.faces is True)
         balls = [CENTER if meets and not small else NO_RIDGES for small in is_small]
-        ridges = [*(plan.ridges or [NO_RIDGES] * solids), *balls]
-        kept = [kept_distance(self.shapes)] * solids + [0.0] * len(balls) + [kept_distance(self.shapes)]
+        first, of_solids = len(plan.obstacles), plan.ridges or [NO_RIDGES] * solids
+        ridges = [*of_solids[:first], *balls, *of_solids[first:]]
+        kept = kept_distance(self.shapes) * np.insert(np.ones(solids + 1), [first] * len(balls), 0.0)
         some = any(len(each.ends) for each in ridges)
         self.ridges = MeetingRidges(ridges, kept, None, owner, faces) if some else None
 
@@ -69,7 +74,8 @@ class Contacts:
             apart = sizes * [ITSELF if is_folded(shape.mesh) else APART for shape in self.shapes]
             far = np.linalg.norm(rest[:, None] - rest, axis=-1) >= apart[self.owner][:, None]
         crowds = [crowd_of(self.shapes, number, scene.touches_itself) for number in range(len(self.shapes))]
-        return Touch(triangles, self.owner, far, np.array(crowds), 0.5 * sizes)
+        closed = np.array([shape.closed for shape in self.shapes])
+        return Touch(triangles, self.owner, far, np.array(crowds), 0.5 * sizes, closed)
 
     def _edges(self, edges, triangles):
         """Return all pairs of edges, and of particles and triangles, of balloons, or far from each other in one."""
@@ -97,6 +103,40 @@ class Contacts:
             mean = 0.5 * (own[i] + own[j]) if thickness < 0.0 else thickness
             skins[i, j] = mean, 2.0 * a * b / (a + b) if stiffness < 0.0 else stiffness, friction[i, j]
         return skins
+
+
+def solid_of(shape, up):
+    """Return what `solids.surface` takes of an obstacle's or a body's shape."""
+    return SimpleNamespace(shape=shape.kind, size=shape.size, thickness=shape.thickness, up=up)
+
+
+def things_of(plan):
+    """Return the ground and obstacles, which nothing moves."""
+    up, none = np.array(plan.scene.up), np.zeros(3)
+    still = {"mass": np.inf, "turning": np.zeros((3, 3)), "radius": 0.0, "reach": 0.0}
+    still |= {"velocity": none, "spin": none, "turn": np.eye(3)}
+    ground = SimpleNamespace(shape="plane", size=none, thickness=0.0, up=up)
+    obstacles = [
+        {"solid": solid_of(shape, up), "samples": sample(shape, up), "reach": min(shape.reach, 1e30)}
+        for shape in plan.obstacles
+    ]
+    return [still | thing for thing in [{"solid": ground}, *obstacles]]
+
+
+def bodies_of(plan, parameters):
+    """Return the free bodies at the start."""
+    found, up = [], np.array(plan.scene.up)
+    centers = initial_centers(plan.scene, plan.bodies, parameters["initial_body_positions"])[0]
+    for number, (body, shape) in enumerate(zip(plan.scene.body, plan.bodies, strict=True)):
+        turn, ease = rotation_matrix(body.rotation), np.linalg.inv(shape.inertia)
+        mass = float(parameters["body_mass"][0, number])
+        velocity, spin = (parameters[f"initial_body_{name}"][0, number] for name in ("velocities", "spins"))
+        found.append(
+            {"position": centers[number], "start": centers[number], "velocity": velocity, "spin": spin, "turn": turn,
+             "mass": mass, "radius": 0.0, "ease": ease, "turning": turn @ ease @ turn.T / mass,
+             "samples": shape.samples, "solid": solid_of(shape.solid, up), "reach": shape.solid.reach}
+        )  # fmt: skip
+    return found
 
 
 def _pairs(one, other):

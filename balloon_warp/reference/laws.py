@@ -225,7 +225,7 @@ def wet_means(depths):
 
 
 def water(x, v, faces, gain, up, p):
-    """Hydrostatic pressure and drag on the wetted part of all fans (Kim et al. 2006); `gain` is h / m."""
+    """Hydrostatic pressure and drag on the wetted part of all fans (Kim et al. 2006); `gain` is h / m, without gas."""
     a, b, c = fans(x, faces)
     area = 0.5 * np.cross(a - c, b - c)
     moments, parts = wet_means(p.water_level - np.hstack([dot(each, up) for each in (a, b, c)]))

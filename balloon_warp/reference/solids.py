@@ -178,7 +178,8 @@ def leave_obstacles(ball, start, around, h):
             if normal.any():
                 ball["position"] = let[0]
                 bounce(ball, moving[0], normal[0], restitution, friction, h * left[0, 0])
-        if np.linalg.norm(ball["position"] - end) <= 1e-3 * np.linalg.norm(end - start):
+        moved, way = np.linalg.norm(ball["position"] - end), np.linalg.norm(end - start)
+        if len(around) == 1 or moved <= 1e-3 * way + 2e-6 * np.linalg.norm(ball["position"]):
             break
 
 

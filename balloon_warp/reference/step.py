@@ -4,18 +4,15 @@ It is written to be read, and the arbiter of all schedules: NumPy in float64, no
 """
 
 from collections.abc import Mapping
-from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 from balloon_warp.reference import gas as gases
-from balloon_warp.reference import laws, of_scene, solids
-from balloon_warp.reference.balls import collide
-from balloon_warp.reference.contacts import Contacts
+from balloon_warp.reference import laws, of_scene
+from balloon_warp.reference.around import Around
 from balloon_warp.scene import Scene
-from balloon_warp.scene.timeline import frame_at
 
 Array = np.ndarray
 
@@ -33,23 +30,23 @@ class Reference:
         self.scene, self.substeps = self.plan.scene, self.plan.substeps
         count = len(self.plan.shapes)
         self.balloons = [of_scene.balloon_of(self.plan, number) for number in range(count)]
-        self.obstacles, self.spheres = of_scene.obstacles_of(self.plan), of_scene.spheres_of(self.parameters)
         starts = [of_scene.start_of_balloon(self.plan, self.parameters, number) for number in range(count)]
         self.x, self.v = (np.concatenate(each) + shift for each, shift in zip(zip(*starts, strict=True), shifts, strict=True))
         """Places and velocities of all particles, shape (particles, 3)"""
         self.v[np.concatenate([balloon.share for balloon in self.balloons]) == 0.0] = 0.0
         self.owner = np.repeat(np.arange(count), [len(x) for x, _ in starts])
         self.parts = [np.flatnonzero(self.owner == number) for number in range(count)]
-        self.up, self.bodies = np.array(self.scene.up), []
-        self.frame_number, self.substep_number = 0, 0
+        self.up, self.frame_number, self.substep_number = np.array(self.scene.up), 0, 0
         given = (self.parameters[f"initial_{name}"][0] for name in ("gas_amounts", "free_volumes", "pressures", "loads"))
         self.gases = [
             SimpleNamespace(amount=n, free_volume=free, pressure=p, load=load[0], rise=load[1], along=0.0, vent=0.0)
             for n, free, p, load in zip(*given, strict=True)
         ]
-        self.contacts = Contacts(self.plan, self.owner)
+        self.around = Around(self.plan, self.parameters, self.owner)
         self._take_parameters()
 
+    spheres = property(lambda self: self.around.spheres)
+    bodies = property(lambda self: self.around.bodies)
     points = property(lambda self: [self.x[part] for part in self.parts])
     velocities = property(lambda self: [self.v[part] for part in self.parts])
     pressures = property(lambda self: np.array([gas.pressure for gas in self.gases]))
@@ -94,46 +91,35 @@ class Reference:
         if self.substep_number == 0:
             self._begin_frame()
         h, start = self.h, self.x
-        self._move_spheres()
+        self.around.move(h, self.frame_number, [(self.substep_number + end) / self.substeps for end in (0, 1)])
         self._pump()
         self.mass = self._masses()
         gain = np.where(self.mass > 0.0, h / np.where(self.mass > 0.0, self.mass, 1.0), 0.0)[:, None]
         each = [self._forces(number) for number in range(len(self.balloons))]
         force, area = (np.concatenate(parts) for parts in zip(*each, strict=True))
         self._drive(force)
-        if self.contacts.touch:
-            force += self.contacts.touch.forces(self.x, self.v, h)
+        force += self.around.touch(self.x, self.v)
         self._find_pressures(self.v + gain * force, area, gain)
         inflation = self._inflate(area)
         old, self.v = self.v, self.v + gain * (force + inflation)
         self.x = self.x + h * (old if self.scene.solver == "forward_euler" else self.v)
         if self.scene.correction != "none":
             self._correct()
-        self._meet_ridges()
-        self._meet_solids(start, inflation)
-        self._meet_faces_and_edges(start)
+        x, v = self.around.meet(start, self.x, self.v, self.mass, inflation)
+        self.x, self.v = np.where(gain > 0.0, x, self.x), np.where(gain > 0.0, v, self.v)
         self.substep_number += 1
         if self.substep_number == self.substeps:
             self.frame_number, self.substep_number = self.frame_number + 1, 0
-            self._hold_late_spheres()
+            self.around.hold_late_spheres(self.frame_number)
 
     def _take_parameters(self) -> None:
         """Take parameters from the scene's, which change over time."""
         self.p = [of_scene.numbers(self.plan, self.parameters, number) for number in range(len(self.balloons))]
-        self.friction = self.parameters[of_scene.FRICTION][0]
         for balloon, p in zip(self.balloons, self.p, strict=True):
             constants = np.array([p.structural, p.shear, p.flexion])[balloon.kinds] * balloon.scales
             balloon.springs.constants = constants[:, None]
-        self.contacts.settle(self.parameters)
+        self.around.settle(self.scene, self.parameters, self.p[0])
         self.waves = of_scene.waves_of(int(self.p[0].gust_seed))
-        for name in ("mass", "radius", "penalty", "restitution"):
-            for ball, value in zip(self.spheres, self.parameters[f"sphere_{name}"][0], strict=True):
-                ball[name] = float(value)
-        for ball in self.spheres:
-            stiff = 2.5 / (ball["mass"] * ball["radius"] ** 2) if ball["radius"] > 0.0 else 0.0
-            ball |= {"turn": np.eye(3), "turning": stiff * np.eye(3)}
-        for obstacle, position in zip(self.obstacles, self.parameters["obstacle_position"][0], strict=True):
-            obstacle.position = position
 
     def _begin_frame(self) -> None:
         """Make the changes that the scene plans, and find the air around balloons."""
@@ -150,8 +136,7 @@ class Reference:
                 gas.along = p.added_mass * gas.density * gases.there(gas.free_volume, gas.temperature, p)
                 gas.along *= inside ** (1.0 / p.gamma)
             gas.least = gases.EMPTY * balloon.volume * gas.outside / (gases.R * gas.temperature)
-        if self.contacts.touch:
-            self.contacts.touch.begin_frame(self.x, self.v, self.h)
+        self.around.begin_frame(self.x, self.v, self.h)
 
     def _given(self, number: int, part: float) -> float:
         """Interpolate keyframes over a frame, between their values at its ends."""
@@ -202,8 +187,7 @@ class Reference:
         if p.face_drag or p.face_friction:
             force = force + laws.face_air(x, v, balloon.faces, wind_at, density_at, p.face_drag, p.face_friction)
         if self.scene.water is not None:
-            moving = self.mass[self.parts[number]][:, None]
-            force = force + laws.water(x, v, balloon.faces, self.h / np.where(moving > 0.0, moving, np.inf), up, p)
+            force = force + laws.water(x, v, balloon.faces, self.h / np.where(mass > 0.0, mass, np.inf), up, p)
         if opening := self._opening(number):
             edges, gas = balloon.neck.edges, self.gases[number]
             out = np.cross(x[edges[:, 0]], x[edges[:, 1]]).sum(axis=0)
@@ -241,12 +225,7 @@ class Reference:
         before = (loads[self.owner] + rises[self.owner] * heights)[:, None]
         course = free + gain * before * area
         end = self.x + self.h * course
-        stood, normals = end, np.zeros_like(end)
-        for ball in self.spheres:
-            stood, _, normal = solids.leave_sphere(ball, stood, course)
-            normals = np.where(normal.any(axis=1, keepdims=True), normal, normals)
-        stood, _, normal = solids.stand(self._around(), self.x, stood, course, self.h, foreseen=True)
-        normals = np.where(normal.any(axis=1, keepdims=True), normal, normals)
+        stood, normals = self.around.foresee(self.x, end, course)
         detour = np.where(gain > 0.0, (stood - end) / self.h, 0.0)
         along = area - laws.dot(area, normals) * normals
         swings = (gain * laws.dot(along, along))[:, 0]
@@ -289,103 +268,3 @@ class Reference:
             for _ in range(self.scene.correction_sweeps):
                 given = self.x[part], self.v[part], balloon.springs, balloon.share, p.correction_limit, self.h
                 self.x[part], self.v[part] = laws.shortened(*given)
-
-    def _around(self) -> list[Any]:
-        """Return the obstacles and the ground as `solids.stand` takes them."""
-        of_balloons = self.friction[len(self.friction) - len(self.balloons) :][self.owner]
-        around = [
-            (let_through, of_balloons[:, 1 + number, None]) for number, let_through in enumerate(self._obstacles_now())
-        ]
-        if self.scene.ground is not None:
-            around.append((self._on_ground, of_balloons[:, :1]))
-        return around
-
-    def _obstacles_now(self) -> list[Any]:
-        parts = [(self.substep_number + step) / self.substeps for step in (0, 1)]
-        seconds = 1.0 / self.scene.frames_per_second
-        return [
-            partial(solids.beside_obstacle, each, [solids.pose(each, self.frame_number, part, seconds) for part in parts])
-            for each in self.obstacles
-        ]
-
-    def _on_ground(self, start: Array, x: Array) -> tuple[Array, Array, float, Array, Array]:
-        depth = self.p[0].ground_height - laws.dot(x, self.up)
-        low = depth > 0.0
-        return x + low * depth * self.up, low * self.up, 1.0, np.zeros(3), np.where(low, 0.0, np.inf)
-
-    def _move_spheres(self) -> None:
-        """Move spheres beside the ground and obstacles, and let them meet each other."""
-        p, first = self.p[0], 1 + len(self.obstacles)
-        frictions = self.friction[first : first + len(self.spheres)]
-        grounds = [(p.ground_height, p.ground_restitution, friction[0]) for friction in frictions]
-        obstacles, restitutions = self._obstacles_now(), self.parameters["obstacle_restitution"][0]
-
-        def leave_obstacles(number: int) -> None:
-            ball, friction = self.spheres[number], frictions[number, 1:first]
-            around = list(zip(obstacles, restitutions, friction, strict=True))
-            solids.leave_obstacles(ball, ball["start"], around, self.h)
-
-        def put_beside(number: int) -> None:
-            solids.leave_ground(self.spheres[number], self.h, self.up, grounds[number])
-            leave_obstacles(number)
-
-        for number, ball in enumerate(self.spheres):
-            ball["start"] = ball["position"]
-            solids.roll(ball, self.h, self.up, p.gravity, grounds[number], self.scene.contact == "impulse")
-            leave_obstacles(number)
-        collide(self.spheres, frictions[:, first:], 2.0 * self.h * abs(p.gravity), self.h, put_beside)
-
-    def _ease(self) -> Array:
-        """Return the inverse masses of particles, 0 of fixed ones."""
-        return np.where(self.mass > 0.0, 1.0 / np.where(self.mass > 0.0, self.mass, 1.0), 0.0)[:, None]
-
-    def _meet_ridges(self) -> None:
-        """Let faces meet ridges of obstacles and spheres."""
-        part, seconds = self.substep_number / self.substeps, 1.0 / self.scene.frames_per_second
-        poses = [solids.pose(each, self.frame_number, part, seconds) for each in self.obstacles]
-        still = {"mass": np.inf, "turning": np.zeros((3, 3)), "radius": 0.0}
-        around = [
-            {"position": place, "start": place, "turn": turn, "velocity": velocity, "spin": spin, **still}
-            for place, turn, velocity, spin in poses
-        ]
-        if self.contacts.ridges:
-            around += self.spheres
-            self.x, self.v = self.contacts.ridges.sweep(self.x, self.v, self._ease(), self.h, around)
-
-    def _meet_faces_and_edges(self, start: Array) -> None:
-        """Let small spheres meet faces, and then edges each other."""
-        x, v, ease, ground = self.x, self.v, self._ease(), (self.p[0].ground_height, self.up)
-        if self.contacts.small:
-            x, v = self.contacts.small.sweep(start, x, v, ease, self.h, self.spheres)
-        if self.contacts.edges:
-            x, v = self.contacts.edges.sweep(x, v, ease, self.h, ground if self.scene.ground is not None else None)
-        self.x, self.v = x, v
-
-    def _meet_solids(self, start: Array, inflation: Array) -> None:
-        """Leave spheres, obstacles and the ground, or exchange momentum with spheres once the others have left these."""
-        x, v, moves = self.x, self.v, (self.mass > 0.0)[:, None]
-        near = np.zeros(len(x), dtype=bool)
-        if self.scene.contact == "penalty":
-            for ball in self.spheres:
-                x, v, normal = solids.leave_sphere(ball, x, v)
-                ball["force"] = ball["force"] - ball["penalty"] * (laws.size(inflation) * normal * moves).sum(axis=0)
-        else:
-            near = np.any([near, *(solids.may_meet(ball, x, v, self.h) for ball in self.spheres)], axis=0)
-        waits = near[:, None]
-        out, after, _ = solids.stand(self._around(), x - self.h * v, x, v, self.h)
-        x, v = np.where(waits, x, out), np.where(waits, v, after)
-        if near.any():
-            first = 1 + len(self.obstacles)
-            for number, ball in enumerate(self.spheres):
-                friction = self.friction[first + number][-len(self.balloons) :][self.owner][:, None]
-                ground = self.p[0].ground_height, 0.0, self.friction[first + number, 0]
-                x, v = solids.exchange(ball, x, v, self.mass, friction, self.h, self.up, ground)
-            out, after, _ = solids.stand(self._around(), x - self.h * v, x, v, self.h)
-            x, v = np.where(waits, out, x), np.where(waits, after, v)
-        self.x, self.v = np.where(moves, x, self.x), np.where(moves, v, self.v)
-
-    def _hold_late_spheres(self) -> None:
-        """Put spheres that have not appeared back to their start."""
-        for ball, sphere, start in zip(self.spheres, self.scene.sphere, of_scene.spheres_of(self.parameters), strict=True):
-            if self.frame_number <= frame_at(self.scene, sphere.start) > 0:
-                ball.update(start)

@@ -1,7 +1,7 @@
 """Springs of contact between balloons, with damping and static friction, see `laws.touch`.
 
-Every particle looks at all triangles of the others, or of its own balloon that are far from it at the start. Balloons
-are closed and come from outside, or their parts face each other across a gap.
+Every particle looks at all triangles of the others, or of its own balloon that are far from it at the start. It comes
+to closed balloons from outside; open ones have two sides, as parts of one's own have across a gap.
 """
 
 import numpy as np
@@ -20,10 +20,12 @@ class Touch:
             balloon touches itself.
         crowds: Contacts on a particle that the step allows for, of each balloon.
         reach: How far from a balloon particles look at it; those beyond do not count as behind its triangles [m].
+        closed: Whether each balloon is.
     """
 
-    def __init__(self, triangles, owner, far, crowds, reach):
-        self.triangles, self.owner, self.far, self.crowds, self.reach = triangles, owner, far, crowds[owner], reach
+    def __init__(self, triangles, owner, far, crowds, reach, closed):
+        self.triangles, self.owner, self.far, self.closed = triangles, owner, far, closed
+        self.crowds, self.reach = crowds[owner], reach
         self.holds = np.zeros((len(owner), 4))
         """Of each particle's contact the slip, and the overlap that pushes, with its side; by the root of its share"""
         self.counts = np.zeros((len(owner), 1))
@@ -70,7 +72,7 @@ class Touch:
         return np.where(squares <= squares.min(axis=1, keepdims=True) * (1.0 + 1e-5), steep, -1.0).argmax(axis=1)
 
     def _beside(self, x, ends):
-        """Return contacts, and the side, -1 behind one's own triangles, through which no particle comes.
+        """Return contacts, and the side: -1 behind triangles with two sides, through which no particle comes.
 
         Friction acts on a triangle as if it reached to the particle: the couples are the gap times the gradients of the
         weights.
@@ -87,12 +89,15 @@ class Touch:
         w[:, 1:] -= more * ((more**2).sum(axis=1, keepdims=True) < 1e-4)
         reach = reach * (gap**2 * dot(reach, reach).max(axis=1) < 1.0)[:, None]
         first, second = self.owner[ends[:, 0]], self.owner[ends[:, 1]]
-        side = np.where((gap < 0.0) & (first == second)[:, None], -1.0, 1.0)
+        itself, closed, hold = (first == second)[:, None], self.closed[second][:, None], self.holds[ends[:, 0], 3:]
+        behind = np.where((hold == 0.0) | itself, gap, hold) < 0.0
+        side = np.where(behind & (itself | ~closed), -1.0, 1.0)
         thickness, _, friction = self.skins[first, second].T[..., None]
         c = contacts(ends, w, at, kept=thickness, friction=friction * reach.any(axis=2).any(axis=1, keepdims=True))
         c["normal"], c["gap"] = side * normal, side * gap
         c["couples"][:, 1:] = c["gap"][:, None] * reach
-        return c, side
+        meets = ((side * gap > -thickness) | itself | closed)[:, 0]
+        return c[meets], side[meets]
 
     def _press(self, c, side, v, h, holds):
         """Return the forces of contacts, and store holds; where more meet than the step allows for, each is softer."""
