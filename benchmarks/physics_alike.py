@@ -7,10 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from balloon_warp.benchmarks.physics_runs import NUDGE, Array, Case, Run, farthest, relisted, scaled, simulated, turned
+from balloon_warp.benchmarks.physics_runs import NUDGE, Array, Case, Run, farthest, relisted, scaled, turned
 from balloon_warp.errors import InputError
 from balloon_warp.gradients.gradient import gradient
 from balloon_warp.reference import Reference
+from balloon_warp.scene import Scene
 from balloon_warp.trajectories import Trajectories
 
 EPSILON = float(np.finfo(np.float32).eps)
@@ -55,20 +56,18 @@ def is_alike_turned(case: Case) -> Measure | None:
     """Move alike when turned about the up axis, with Z up instead of Y."""
     angle = Rotation.from_euler("y", 0.7).as_matrix()
     matrix = np.roll(np.eye(3), 1, axis=0) @ angle
-    return compared(case, *case.as_twin("turned", lambda tables: turned(tables, matrix)), "turned")
+    return compared(case, *case.as_twin("turned", lambda tables: turned(tables, matrix)))
 
 
 def is_alike_mirrored(case: Case) -> Measure | None:
     """Move as the image in a mirror."""
-    return compared(
-        case, *case.as_twin("mirrored", lambda tables: turned(tables, np.diag((-1.0, 1.0, 1.0)))), "mirrored"
-    )
+    return compared(case, *case.as_twin("mirrored", lambda tables: turned(tables, np.diag((-1.0, 1.0, 1.0)))))
 
 
 def is_alike_moved(case: Case) -> Measure | None:
     """Move alike 100 sizes away, within the rounding of those places."""
     shift = np.array([80.0, 0.0, -60.0]) * case.size
-    return compared(case, *case.as_twin("moved", lambda tables: turned(tables, np.eye(3), shift)), "moved")
+    return compared(case, *case.as_twin("moved", lambda tables: turned(tables, np.eye(3), shift)))
 
 
 def is_alike_scaled(case: Case) -> Measure | None:
@@ -78,12 +77,12 @@ def is_alike_scaled(case: Case) -> Measure | None:
     """
     steady = case.scene.sphere or case.scene.body or case.scene.touches
     units = (0.25, 8.0, 1.0 if steady else 2.0)
-    return compared(case, *case.as_twin("scaled", lambda tables: scaled(tables, *units)), "scaled")
+    return compared(case, *case.as_twin("scaled", lambda tables: scaled(tables, *units)))
 
 
 def is_alike_relisted(case: Case) -> Measure | None:
     """Move alike with vertices, faces and balloons in another order."""
-    return compared(case, *case.as_twin("relisted", relisted), "relisted")
+    return compared(case, *case.as_twin("relisted", relisted))
 
 
 def is_as_in_reference(case: Case) -> Measure | None:
@@ -106,8 +105,8 @@ def is_alike_among_worlds(case: Case) -> Measure | None:
         return None
     alone = case.in_schedule("lanes")
     scene = case.with_substeps(1)
-    masses = scene.balloon[0].mass * np.array([1.0, 3.0, 2.0])
-    beside = simulated(scene, case.device, "lanes", {"balloon.0.mass": masses})
+    path, value = stiffness_of(scene)
+    beside = case.simulate(scene, case.device, "lanes", {path: value * np.array([1.0, 0.5, 0.7])})
     if alone.blow_up or beside.blow_up:
         return None
     return Measure(float(np.abs(beside.points - alone.points).max()), 0.0, "apart beside other worlds [m]")
@@ -151,8 +150,7 @@ def slopes_are_differences(case: Case) -> Measure | None:
     scene = case.with_substeps(1)
     if case.run.blow_up or case.substeps * scene.frames > FEW_SUBSTEPS or Reference.lacks(scene) or not case.is_calm:
         return None
-    path = "balloon.0.mass" if not scene.balloon[0].material.is_membrane else "balloon.0.material.shear_modulus"
-    value = scene.balloon[0].mass if path.endswith("mass") else scene.balloon[0].material.shear_modulus
+    path, value = stiffness_of(scene)
     weights = np.random.default_rng(5).normal(size=(case.run.model.particle_count, 3))
     parts = np.split(weights, case.run.model.particle_offsets[1:-1])
 
@@ -181,7 +179,7 @@ def slopes_are_differences(case: Case) -> Measure | None:
     )
 
 
-def compared(case: Case, other: Run, places: Array, name: str) -> Measure | None:
+def compared(case: Case, other: Run, places: Array, name: str = "twin") -> Measure | None:
     """Compare places with those of the scene as it is, within `rounding`, as long as it is not chaotic."""
     if case.run.blow_up or other.blow_up:
         return None
@@ -205,6 +203,14 @@ def rounding(case: Case, other: Run) -> Array:
     substeps = 1.0 + other.model.substeps * np.arange(len(case.spread))
     amplified = np.maximum(case.spread, NUDGE * case.size)
     return 0.5 * EPSILON * extent * (substeps + SIGMAS * np.sqrt(substeps)) * amplified
+
+
+def stiffness_of(scene: Scene) -> tuple[str, float]:
+    """Return the path of the first balloon's stiffness, and its value."""
+    balloon = scene.balloon[0]
+    if balloon.material.shear_modulus:
+        return "balloon.0.material.shear_modulus", balloon.material.shear_modulus
+    return "balloon.0.stiffness.structural", balloon.stiffness.structural
 
 
 def worse(first: Measure | None, second: Measure | None) -> Measure | None:

@@ -18,13 +18,12 @@ from itertools import count
 from typing import Any
 
 import numpy as np
-from hypothesis import HealthCheck, Phase, given, seed, settings
 from pydantic import ValidationError
 
 from balloon_warp.benchmarks.physics_newton import compared_with_newton
 from balloon_warp.benchmarks.physics_properties import PROPERTIES, Measure, Property
 from balloon_warp.benchmarks.physics_runs import MOST_SUBSTEPS, Case, Tables
-from balloon_warp.benchmarks.physics_scenes import KINDS, Kind, listed, scenes
+from balloon_warp.benchmarks.physics_scenes import KINDS, Kind, drawn, listed
 from balloon_warp.device import pick_device
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh
@@ -84,16 +83,6 @@ def fuzz(
     """
     failed: list[Property] = []  # the first one is shrunk, and no other
 
-    @settings(
-        max_examples=examples,
-        database=None,
-        deadline=None,
-        report_multiple_bugs=False,
-        suppress_health_check=tuple(HealthCheck),
-        phases=(Phase.generate, Phase.shrink),
-    )
-    @seed(number)
-    @given(scenes(kind))
     def hold(tables: Tables) -> None:
         if failed or not is_over():
             try:
@@ -102,7 +91,7 @@ def fuzz(
                 failed[:] = [each for each in PROPERTIES if each.__name__ == error.name]
                 raise
 
-    hold()
+    drawn(kind, examples, number, hold)
 
 
 def kinds_of(number: int) -> Iterator[tuple[str, Kind]]:
@@ -116,8 +105,12 @@ def kinds_of(number: int) -> Iterator[tuple[str, Kind]]:
             name,
             kind._replace(
                 mesh=draws.choice(("quads", "triangles")) if kind.mesh != "sheet" else kind.mesh,
-                balloons=draws.randint(1, 4),
-                ground=kind.ground or draws.random() < 0.3,
+                balloons=draws.choice((1, 2, 4)),
+                inflation=draws.choice(("pressure", "gas")) if kind.mesh != "sheet" else kind.inflation,
+                material=draws.choice(("springs", "neo_hookean", "mooney_rivlin"))
+                if not kind.bursts
+                else kind.material,
+                ground=kind.obstacles == ("lid",) or draws.random() < 0.5,
                 touch=draws.random() < 0.5,
             ),
         )

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import warp as wp
-from hypothesis import HealthCheck, Phase, given, seed, settings
 
 from balloon_warp.benchmarks.newton_peer import add_balloons, import_newton
 from balloon_warp.benchmarks.physics_properties import (
@@ -23,7 +22,7 @@ from balloon_warp.benchmarks.physics_properties import (
     stays_finite,
 )
 from balloon_warp.benchmarks.physics_runs import STATES, Case, Run, Tables, simulated
-from balloon_warp.benchmarks.physics_scenes import KINDS, scenes
+from balloon_warp.benchmarks.physics_scenes import KINDS, drawn
 from balloon_warp.errors import InputError
 from balloon_warp.model import Vary, build_model
 from balloon_warp.model.state import initial_state
@@ -44,15 +43,7 @@ def compared_with_newton(seconds: float, number: int, device: str) -> str:
     runners |= {solver: partial(simulated_by_newton, solver) for solver in SOLVERS}
     end = time.monotonic() + seconds
 
-    @settings(
-        max_examples=100_000, database=None, deadline=None, suppress_health_check=tuple(HealthCheck),
-        phases=(Phase.generate,),
-    )  # fmt: skip
-    @seed(number)
-    @given(scenes(KINDS["springs"]))
     def count(tables: Tables) -> None:
-        if time.monotonic() > end:
-            return
         for balloon in tables["balloon"]:  # which Newton has not
             balloon["inflation"]["pressure"] = balloon["stiffness"]["viscosity"] = 0.0
         for name, simulate in runners.items():
@@ -66,7 +57,9 @@ def compared_with_newton(seconds: float, number: int, device: str) -> str:
                     asked[name, holds.__name__] += 1
                     held[name, holds.__name__] += measure.holds
 
-    count()
+    while time.monotonic() < end:
+        drawn(KINDS["springs"], 5, number, count)
+        number += 1
     rows = [["property", *runners], ["---"] * (1 + len(runners))]
     for holds in SHARED:
         keys = [(name, holds.__name__) for name in runners]

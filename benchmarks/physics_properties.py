@@ -24,7 +24,7 @@ from balloon_warp.benchmarks.physics_alike import (
     worse,
 )
 from balloon_warp.benchmarks.physics_energy import Energies
-from balloon_warp.benchmarks.physics_runs import Array, Case, Run, simulated
+from balloon_warp.benchmarks.physics_runs import Array, Case, Run
 from balloon_warp.mesh.topology import is_closed, mesh_edges
 from balloon_warp.statics.volume import Volume
 
@@ -180,7 +180,7 @@ def tells_contact_forces(case: Case) -> Measure | None:
     others = Energies.knows(scene) and case.run.blow_up is None and not case.run.model.bursts
     if not met or not others or any(not is_closed(mesh_edges(shape.skin)) for shape in case.run.model.shapes):
         return None
-    run = simulated(case.with_substeps(1).model_copy(update={"contacts": True}), case.device)
+    run = case.simulate(case.with_substeps(1).model_copy(update={"contacts": True}), case.device)
     if run.blow_up:
         return None
     energies = Energies(run)
@@ -213,12 +213,9 @@ def obstacle_pose(case: Case, number: int, frame: int) -> tuple[Array, Array]:
     obstacle, time = case.scene.obstacle[number], frame * case.run.model.frame_seconds
     place, turn = np.array(obstacle.position), Rotation.from_euler("xyz", obstacle.rotation, degrees=True)
     if obstacle.motion:
-        times = [key[0] for key in obstacle.motion]
-        shift, turns = (
-            np.array([np.interp(time, times, [key[part][axis] for key in obstacle.motion]) for axis in range(3)])
-            for part in (1, 2)
-        )
-        place, turn = place + shift, Rotation.from_euler("xyz", turns, degrees=True) * turn
+        keys = np.array([[key[0], *key[1], *(key[2] if len(key) > 2 else (0.0,) * 3)] for key in obstacle.motion])
+        now = np.array([np.interp(time, keys[:, 0], column) for column in keys[:, 1:].T])
+        place, turn = place + now[:3], Rotation.from_euler("xyz", now[3:], degrees=True) * turn
     return place, turn.as_matrix()
 
 

@@ -5,7 +5,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -148,7 +148,7 @@ def simulated(scene: Scene, device: str, schedule: str = "auto", vary: Vary | No
     Raises:
         InputError: it is refused.
     """
-    worlds = len(next(iter(vary.values()))) if vary else 1
+    worlds = np.size(next(iter(vary.values()))) if vary else 1
     simulator = Simulator(scene, device, worlds, vary, schedule)
     states: dict[str, list[Array]] = {name: [] for name in STATES}
     blow_up = None
@@ -163,7 +163,7 @@ def simulated(scene: Scene, device: str, schedule: str = "auto", vary: Vary | No
             simulator.step_unread()
             note()
     except BlowUpError as error:
-        blow_up = error.report
+        blow_up = cast(BlowUp, error.report)
     return Run(simulator.model, {name: np.array(kept) for name, kept in states.items()}, blow_up)
 
 
@@ -215,8 +215,9 @@ def turned(tables: Tables, matrix: Array, shift: Array | None = None) -> Twin:
                 thing["rotation"] = tuple(Rotation.from_matrix(own).as_euler("xyz", degrees=True).tolist())
             if "motion" in thing:  # turns about the up axis alone
                 thing["motion"] = [
-                    [time, tuple((matrix @ np.array(by)).tolist()), tuple((parity * matrix @ np.array(turns)).tolist())]
-                    for time, by, turns in thing["motion"]
+                    [time, tuple((matrix @ np.array(by)).tolist())]
+                    + [tuple((parity * matrix @ np.array(each)).tolist()) for each in turns]
+                    for time, by, *turns in thing["motion"]
                 ]
     turn(tables["atmosphere"])
     height = float((matrix @ shift)[1]) if up == "Y" else 0.0
