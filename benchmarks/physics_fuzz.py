@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
+from balloon_warp.benchmarks.physics_known import known
 from balloon_warp.benchmarks.physics_newton import compared_with_newton
 from balloon_warp.benchmarks.physics_properties import PROPERTIES, Measure, Property
 from balloon_warp.benchmarks.physics_runs import MOST_SUBSTEPS, Case, Tables
@@ -65,6 +66,9 @@ def check(tables: Tables, properties: Sequence[Property], device: str, counts: C
         if measure is None:
             continue
         counts["properties"] += 1
+        if not measure.holds and (line := known(case, holds.__name__)):
+            counts[f"known: {line}"] += 1
+            break  # others may fail for it, too
         if not measure.holds:
             raise PropertyError(holds.__name__, measure, tables)
 

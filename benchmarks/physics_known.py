@@ -1,0 +1,59 @@
+"""Failures that docs/LIMITS.md lists under "Found by the fuzzer, not mended yet", each by a narrow condition.
+
+The fuzzer counts them, and goes on. Whoever mends one removes its line there and here, and keeps its scene in
+tests/found/.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from balloon_warp.benchmarks.physics_properties import volumes_of
+from balloon_warp.benchmarks.physics_runs import Case
+
+FLAT = 0.3
+"""Volume over that at the start, below which a gas balloon is pressed flat"""
+
+
+class Known(NamedTuple):
+    """A failure that is known."""
+
+    line: str
+    """Beginning of its line in docs/LIMITS.md"""
+    properties: tuple[str, ...]
+    """Names of the properties that fail"""
+    meets: Callable[[Case], bool]
+    """Condition that a scene meets"""
+
+
+def is_pressed_flat(case: Case) -> bool:
+    """Return whether something that moves has pressed a gas balloon flat."""
+    if not any(obstacle.motion for obstacle in case.scene.obstacle):
+        return False
+    gases = [number for number, balloon in enumerate(case.scene.balloon) if balloon.inflation.kind == "gas"]
+    return any((volumes := volumes_of(case.run, number)).min() < FLAT * volumes[0] for number in gases)
+
+
+def is_below_water(case: Case) -> bool:
+    """Return whether water presses on a given pressure with more than that."""
+    water, gravity = case.scene.water, case.scene.gravity
+    if not water:
+        return False
+    for number, balloon in enumerate(case.scene.balloon):
+        begin, end = case.run.model.particle_offsets[number : number + 2]
+        lowest = (case.run.states["points"][:, begin:end] @ case.scene.up).min()
+        if balloon.inflation.kind == "pressure" and water.density * gravity * (water.level - lowest) > max(
+            case.run.states["pressures"][:, number].min(), 0.0
+        ):
+            return True
+    return False
+
+
+KNOWN = (
+    Known("A gas balloon that is pressed flat", ("stays_finite", "keeps_volume"), is_pressed_flat),
+    Known("A given pressure below that of the water", ("stays_finite", "keeps_volume"), is_below_water),
+)
+
+
+def known(case: Case, name: str) -> str | None:
+    """Return the line of a failure that is known, or None."""
+    return next((each.line for each in KNOWN if name in each.properties and each.meets(case)), None)
