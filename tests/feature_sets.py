@@ -119,15 +119,17 @@ SETS: dict[str, dict[str, Any]] = {
         "balloon": [
             FALLS | {"mesh": BALL, "velocity": (0.0, -3.0, 0.2), "position": (0.1, 0.51, 0.05), "friction": 0.4},
             FALLS | {"mesh": BALL, "velocity": (0.3, 2.0, 0.0), "position": (0.0, -0.4, 0.0), "inflation": GAS},
-            FALLS | {"mesh": cube(), "position": (-0.5, 0.5, 0.5), "velocity": (0.5, 0.0, -1.0)},
+            FALLS | {"mesh": cube(), "position": (-1.0, 0.5, 0.4), "velocity": (0.5, 0.0, -1.0)},
+            FALLS | {"mesh": PRISM, "position": (-1.0, 1.6, 0.4), "rotation": (40.0, 0.0, 20.0),
+                     "velocity": (0.5, -2.0, 0.0)},
         ],
-        "touch": {"friction": 0.3, "edges": True, "itself": False}, "ground": {"height": -0.88, "friction": 0.3},
+        "touch": {"friction": 0.3, "itself": False}, "ground": {"height": -0.88, "friction": 0.3},
     },
     "faces": {
         "balloon": [FALLS | {"mesh": FINE, "inflation": GAS}],
         "contact": "impulse", "faces": True,
         "sphere": [
-            {"position": (0.05, 0.56, 0.1), "radius": 0.06, "mass": 0.02, "velocity": (0.0, -6.0, 0.0), "friction": 0.3},
+            {"position": (0.05, 0.56, 0.1), "radius": 0.06, "mass": 0.02, "velocity": (0.0, -6.0, 0.0)},
             {"position": (0.7, 0.1, 0.0), "radius": 0.25, "mass": 0.3, "velocity": (-4.0, 0.0, 0.0), "friction": 0.4},
         ],
         "obstacle": [
@@ -135,10 +137,30 @@ SETS: dict[str, dict[str, Any]] = {
             {"radius": 0.02, "length": 2.0, "position": (-0.53, 0.11, 0.0), "rotation": (80.0, 0.0, -10.0)},
         ],
     },
+    "bodies": {
+        "balloon": [FALLS | {"mesh": FINE, "inflation": GAS}], "faces": False,
+        "body": [
+            {"size": (0.6, 0.3, 0.5), "mass": 0.4, "position": (0.1, -0.68, 0.0), "velocity": (0.0, 1.0, 0.0),
+             "rotation": (5.0, 20.0, 0.0), "angular_velocity": (1.0, 2.0, 0.5)},
+            {"shape": "capsule", "radius": 0.15, "length": 0.4, "mass": 0.3, "position": (0.68, 0.1, 0.0),
+             "velocity": (-3.0, 0.0, 0.0), "rotation": (0.0, 0.0, 10.0), "friction": 0.3},
+            {"size": (0.3, 0.3, 0.3), "mass": 0.4, "position": (0.1, -1.0, 0.9), "velocity": (1.0, -2.0, 0.0),
+             "rotation": (20.0, 20.0, 0.0), "angular_velocity": (1.0, 0.0, 0.5)},
+        ],
+        "ground": {"height": -1.2, "friction": 0.3},
+    },
+    "bursting": {
+        "balloon": [
+            {"mesh": FINE, "damping": 0.05, "inflation": GAS | {"start_pressure": 3000.0}, **MOVES,
+             "material": {"preset": "latex", "strength": 2e6, "needle_time": 0.008}},
+        ],
+        "ground": GROUND,
+    },
     "all": {
         "balloon": [
             FALLS | {"mesh": FINE, "mass": 0.1, "inflation": GAS | {"leak": 1e-4}, "drag_coefficient": 0.5},
-            FALLS | {"mesh": BALL, "mass": 0.1, "position": (0.1, 0.93, 0.0), "face_drag": 1.0, "inflation": {"k_normal": 0.2}},
+            FALLS | {"mesh": BALL, "mass": 0.1, "position": (0.1, 0.93, 0.0), "face_drag": 1.0,
+                     "inflation": {"k_normal": 0.2}},
             {"mesh": BALL, "position": (1.2, 0.0, 0.0), "inflation": {"pressure": 600.0},
              "material": {"kind": "mooney_rivlin", "thickness": 1e-3, "viscosity": 10.0}, **MOVES},
         ],

@@ -7,7 +7,7 @@ import numpy as np
 
 from balloon_warp.mesh.placement import rotation_matrix
 from balloon_warp.mesh.triangles import triangles_of
-from balloon_warp.model.bodies import initial_centers
+from balloon_warp.model.bodies import initial_centers, settle_bodies
 from balloon_warp.model.body_samples import sample
 from balloon_warp.model.folded import is_folded
 from balloon_warp.model.friction import FRICTION
@@ -126,10 +126,11 @@ def things_of(plan):
 def bodies_of(plan, parameters):
     """Return the free bodies at the start."""
     found, up = [], np.array(plan.scene.up)
+    masses = settle_bodies(plan.scene, plan.bodies, parameters)["body_mass"][0]
     centers = initial_centers(plan.scene, plan.bodies, parameters["initial_body_positions"])[0]
     for number, (body, shape) in enumerate(zip(plan.scene.body, plan.bodies, strict=True)):
         turn, ease = rotation_matrix(body.rotation), np.linalg.inv(shape.inertia)
-        mass = float(parameters["body_mass"][0, number])
+        mass = float(masses[number])
         velocity, spin = (parameters[f"initial_body_{name}"][0, number] for name in ("velocities", "spins"))
         found.append(
             {"position": centers[number], "start": centers[number], "velocity": velocity, "spin": spin, "turn": turn,

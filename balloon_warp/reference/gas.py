@@ -6,7 +6,7 @@ A gas has an amount n [mol], a free volume V0 [m^3] and a gauge pressure [Pa], s
 import numpy as np
 
 R, ATMOSPHERE, DRY_AIR, EMPTY = 8.314462618, 101325.0, 0.0289652, 0.02
-"""Gas constant [J/(mol K)]; standard pressure [Pa]; molar mass of dry air [kg/mol]; part of a mesh's volume that stays"""
+"""Gas constant [J/(mol K)]; one atmosphere [Pa]; molar mass of dry air [kg/mol]; part of a mesh's volume that stays"""
 
 
 def air(height, p):
@@ -46,8 +46,10 @@ def implicit_pressure(gas, p, h, volume, response, rate, height, response_height
     gas.slope = p.gamma * (outside + explicit) / free / (1.0 + pull * response)
     without, added = volume + h * rate, h * response
     if without + added * gas.pressure < 0.5 * volume:
-        held, half = added * outside * free * (ATMOSPHERE / outside) ** (1.0 / p.gamma), 0.5 * (without - added * outside)
-        end = half + np.hypot(half, np.sqrt(held)) if half > 0.0 else held / (np.hypot(half, np.sqrt(held)) - half)
+        held = added * outside * free * (ATMOSPHERE / outside) ** (1.0 / p.gamma)
+        half = 0.5 * (without - added * outside)
+        root = np.hypot(half, np.sqrt(held))
+        end = half + root if half > 0.0 else held / (root - half)
         gas.pressure, gas.slope = (end - without) / added, end * outside / (end**2 + held)
     gas.load = gas.pressure - gas.rise * height
 
@@ -133,7 +135,8 @@ def flow(gases, tubes, openings, ps, h):
         taken = source.free_volume / max(source.amount, 1e-20)
         inside = source.outside + source.pressure, sink.outside + sink.pressure
         source.amount, source.free_volume = source.amount - moles, max(source.free_volume - moles * taken, 0.0)
-        sink.amount, sink.free_volume = sink.amount + moles, sink.free_volume + moles * throttled(taken, *inside, ps[first].gamma)
+        sink.amount += moles
+        sink.free_volume += moles * throttled(taken, *inside, ps[first].gamma)
     for gas, p in zip(gases, ps, strict=True):
         if gas.vent:
             take(gas, -h * gas.vent, p, gas.temperature)

@@ -1,4 +1,4 @@
-"""Laws as formulas of NumPy arrays in float64: forces [N] on n particles at x [m] with velocities v [m/s], shape (n, 3).
+"""Laws as formulas of NumPy arrays: forces [N] on n particles at x [m] with velocities v [m/s], shape (n, 3).
 
 A table that a law takes, such as `springs`, has the fields that it names; docs/PHYSICS.md has the formulas and sources.
 """
@@ -96,7 +96,8 @@ def gent(a, b, p):
     last = p.gent_limit + 3.0 - room
     s = np.sqrt(larger(first / last, 1.0))
     beyond = 2.0 * last / room * ((s - 1.0) + (1.0 + 2.0 * last / room) * 0.5 * (s - 1.0) ** 2)
-    return 0.5 * p.shear_modulus * p.gent_limit * (beyond - np.log(larger(p.gent_limit + 3.0 - first, room) / p.gent_limit))
+    left = larger(p.gent_limit + 3.0 - first, room) / p.gent_limit
+    return 0.5 * p.shear_modulus * p.gent_limit * (beyond - np.log(left))
 
 
 MEMBRANES = {law.__name__: law for law in (neo_hookean, mooney_rivlin, ogden, gent)}
@@ -120,13 +121,14 @@ def membrane(x, v, film, peak, p):
 
     F = U diag(a, b) V^T is the deformation gradient, and F = volume dW/dF; viscosity is that of a fluid (Kelvin-Voigt).
     """
-    gradients = [np.einsum("tex,tef->txf", (of[film.corners[:, 1:]] - of[film.corners[:, :1]]), film.inverse) for of in (x, v)]
-    frames, stretches, turns = np.linalg.svd(gradients[0], full_matrices=False)
+    edges = [of[film.corners[:, 1:]] - of[film.corners[:, :1]] for of in (x, v)]
+    gradient, change = (np.einsum("tex,tef->txf", each, film.inverse) for each in edges)
+    frames, stretches, turns = np.linalg.svd(gradient, full_matrices=False)
     a, b = stretches.T
     stress = np.zeros((len(a), 2, 2))
     stress[:, 0, 0] = relaxed(film.energy, a + 1j * STEP, b, p).imag / STEP
     stress[:, 1, 1] = relaxed(film.energy, a, b + 1j * STEP, p).imag / STEP
-    rate = np.einsum("txi,txf,tjf->tij", frames, gradients[1], turns) / stretches[:, None]
+    rate = np.einsum("txi,txf,tjf->tij", frames, change, turns) / stretches[:, None]
     rate = 0.5 * (rate + rate.transpose(0, 2, 1))
     flow = 2.0 * (rate + np.trace(rate, axis1=1, axis2=2)[:, None, None] * np.eye(2))
     if p.wrinkling:  # where it wrinkles only the tension's direction flows, and where it is slack nothing

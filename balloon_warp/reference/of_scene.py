@@ -9,7 +9,6 @@ from balloon_warp.kernels.laws.gusts import hashed, waves
 from balloon_warp.mesh.corners import corner_faces, next_corners
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.model.following import follow_changes
-from balloon_warp.model.friction import FRICTION
 from balloon_warp.model.obstacle_motion import obstacle_motion
 from balloon_warp.model.plan import ModelPlan, plan_model, settled_parameters
 from balloon_warp.model.rows import rows_of
@@ -43,7 +42,8 @@ def changed(plan: ModelPlan, change: Any, before: dict[str, Array]) -> dict[str,
 def numbers(plan: ModelPlan, parameters: dict[str, Array], balloon: int) -> SimpleNamespace:
     """Return the parameters that a balloon sees by name: its own, and those of the world."""
     rows = [row for row in rows_of(plan.laws) if row.of in ("balloon", "world") and row.name in parameters]
-    seen = {row.name: parameters[row.name][0][balloon] if row.of == "balloon" else parameters[row.name][0] for row in rows}
+    seen = {row.name: parameters[row.name][0] for row in rows}
+    seen |= {row.name: seen[row.name][balloon] for row in rows if row.of == "balloon"}
     named = {name: float(np.ravel(value)[0]) if np.size(value) == 1 else value for name, value in seen.items()}
     return SimpleNamespace(**named | {"mass": float(parameters["mass"][0, balloon])})
 
@@ -118,9 +118,7 @@ def obstacles_of(plan: ModelPlan) -> list[SimpleNamespace]:
 def spheres_of(parameters: dict[str, Array]) -> list[dict[str, Any]]:
     """Return the spheres at the start."""
     starts = [parameters[f"initial_sphere_{name}"][0] for name in ("positions", "velocities", "spins")]
-    return [
-        {"position": x, "velocity": v, "spin": w, "force": np.zeros(3)} for x, v, w in zip(*starts, strict=True)
-    ]
+    return [{"position": x, "velocity": v, "spin": w, "force": np.zeros(3)} for x, v, w in zip(*starts, strict=True)]
 
 
 def start_of_balloon(plan: ModelPlan, parameters: dict[str, Array], number: int) -> tuple[Array, Array]:

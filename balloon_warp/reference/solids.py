@@ -26,7 +26,8 @@ def vector_of(turn):
 def pose(obstacle, frame, part, frame_seconds):
     """Return an obstacle's place, turn, velocity and spin at a part of a frame, between those at its ends."""
     first, last = (min(number, len(obstacle.shifts) - 1) for number in (frame, frame + 1))
-    way, turning = obstacle.shifts[last] - obstacle.shifts[first], vector_of(obstacle.turns[last] @ obstacle.turns[first].T)
+    way = obstacle.shifts[last] - obstacle.shifts[first]
+    turning = vector_of(obstacle.turns[last] @ obstacle.turns[first].T)
     place = obstacle.position + obstacle.shifts[first] + part * way
     return place, turn_by(part * turning) @ obstacle.turns[first], way / frame_seconds, turning / frame_seconds
 
@@ -47,23 +48,25 @@ def surface(solid, x, radius):
 
 
 def way_through(solid, start, end, radius):
-    """Return the ends of ways past a convex solid, the normals where it holds them back or 0, what is left to slide, and
-    the distance of the end.
+    """Return the ends of ways past a convex solid, the normals where it holds them or 0, what is left, and distances.
 
     Along a line the distance is convex: Newton's method comes to where a way enters, and never past it.
     """
     way, (distance, normal) = size(end - start), surface(solid, end, radius)
     ahead, near = (end - start) / way, 2e-6 * (way + size(start))
     straight = (distance < 0.0) & (dot(start - end, normal) + distance >= -near)
-    gone = np.zeros_like(way)
-    for _ in range(64):
+
+    def look(gone):
         here, out = surface(solid, start + gone * ahead, radius)
         falling = -dot(out, ahead)
         enters = here - falling * (way - gone) < -1e-12 * way  # or else all the rest is outside
-        step = np.where(enters & (here > 1e-13 * way), here / np.where(enters, falling, 1.0), 0.0)
-        if not (step > 0.0).any():
-            break
+        return here, out, enters, np.where(enters & (here > 1e-7 * near), here / np.where(enters, falling, 1.0), 0.0)
+
+    gone = np.zeros_like(way)
+    here, out, enters, step = look(gone)
+    while step.any():
         gone = gone + step
+        here, out, enters, step = look(gone)
     place = start + gone * ahead - here * out
     slides = enters & ~straight
     slid = end + np.maximum(dot(place - end, out), 0.0) * out
@@ -80,8 +83,9 @@ def beside_obstacle(obstacle, poses, start, x, radius=0.0):
     """
     (before, earlier, *_), (place, turn, velocity, spin) = poses
     let, normal, left, distance = way_through(obstacle, (start - before) @ earlier, (x - place) @ turn, radius)
-    let, moving = np.where(normal.any(axis=1, keepdims=True), place + let @ turn.T, x), velocity + np.cross(spin, let @ turn.T)
-    return let, normal @ turn.T, left, moving, distance
+    arm = let @ turn.T
+    let = np.where(normal.any(axis=1, keepdims=True), place + arm, x)
+    return let, normal @ turn.T, left, velocity + np.cross(spin, arm), distance
 
 
 def stand(around, start, x, v, h, foreseen=False):
@@ -144,8 +148,8 @@ def roll(ball, h, up, gravity, ground, momentum):
     """
     height, restitution, friction = ground
     gap, rise = ball["position"] @ up - ball["radius"] - height, ball["velocity"] @ up
-    ball["velocity"] = ball["velocity"] + h * (-gravity * up if momentum else ball["force"] / ball["mass"] - gravity * up)
-    ball["force"] = np.zeros(3)
+    pushed = np.zeros(3) if momentum else ball["force"] / ball["mass"]
+    ball["velocity"], ball["force"] = ball["velocity"] + h * (pushed - gravity * up), np.zeros(3)
     if momentum:  # it turns with the speed that it had before
         excess = h * gravity - rise - max(gap, 0.0) / h
         stopped = max(excess, -restitution * rise - ball["velocity"] @ up) if excess > 0.0 else 0.0
@@ -159,10 +163,11 @@ def roll(ball, h, up, gravity, ground, momentum):
 
 def leave_ground(ball, h, up, ground):
     """Lift a sphere out of the ground, from which it bounces."""
-    depth = ground[0] + ball["radius"] - ball["position"] @ up
+    height, restitution, friction = ground
+    depth = height + ball["radius"] - ball["position"] @ up
     if depth > 0.0:
         ball["position"] = ball["position"] + depth * up
-        bounce(ball, np.zeros(3), up, *ground[1:], h)
+        bounce(ball, np.zeros(3), up, restitution, friction, h)
 
 
 def leave_obstacles(ball, start, around, h):
@@ -171,7 +176,7 @@ def leave_obstacles(ball, start, around, h):
     Args:
         around: `beside_obstacle` of each, with the restitution and the friction.
     """
-    for turn in range(4):
+    for _ in range(4):
         end = ball["position"]
         for let_through, restitution, friction in around:
             let, normal, left, moving, _ = let_through(start[None], ball["position"][None], ball["radius"])
@@ -213,16 +218,16 @@ def exchange(ball, x, v, mass, friction, h, up, ground):
     near = may_meet(ball, x, v, h) & (mass > 0.0)
     out = np.where(near, apart(gap, h), 0.0)
     sinking = -(before @ up) - max(center @ up - radius - ground[0], 0.0) / h
-    change, pressed, last = np.zeros(3), near & (excess > 0.0), None
+    pressed, grounded, change = near & (excess > 0.0), sinking > 0.0, np.zeros(3)
     for _ in range(16):
-        state = near & (n @ change + excess > 0.0), sinking - up @ change > 0.0
-        if last and (state[0] == last[0]).all() and state[1] == last[1]:
-            break
-        (pressed, grounded), last = state, state
-        m = mass * pressed
-        earth = 1e6 * (heavy + m.sum()) * grounded
+        m, earth = mass * pressed, 1e6 * (heavy + (mass * pressed).sum()) * grounded
         inertia = heavy * np.eye(3) + (n * m[:, None]).T @ n + earth * np.outer(up, up)
         change = -np.linalg.solve(inertia, (m * excess) @ n - earth * sinking * up)
+        before_that, pressed = pressed, near & (n @ change + excess > 0.0)
+        stood, grounded = grounded, sinking - up @ change > 0.0
+        if (pressed == before_that).all() and grounded == stood:
+            break
+    m = mass * pressed
     over = mass * (out > 0.0)
     if not (pressed.any() or over.any()):
         return x, v

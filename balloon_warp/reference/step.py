@@ -1,4 +1,4 @@
-"""The step of the reference: a scene's balloons, spheres and gases through one substep, in the order of docs/PHYSICS.md.
+"""Step of the reference: a scene's balloons, gases and spheres through one substep, in the order of the product's list.
 
 It is written to be read, and the arbiter of all schedules: NumPy in float64, no Warp, and no thought of speed.
 """
@@ -27,17 +27,20 @@ class Reference:
 
     def __init__(self, scene: Scene, values: Mapping[str, float] | None = None, shifts: tuple[Any, Any] = (0.0, 0.0)):
         self.plan, self.parameters = of_scene.planned(scene, dict(values or {}))
-        self.scene, self.substeps = self.plan.scene, self.plan.substeps
+        self.scene = self.plan.scene
+        self.substeps: Any = self.plan.substeps
         count = len(self.plan.shapes)
         self.balloons = [of_scene.balloon_of(self.plan, number) for number in range(count)]
         starts = [of_scene.start_of_balloon(self.plan, self.parameters, number) for number in range(count)]
-        self.x, self.v = (np.concatenate(each) + shift for each, shift in zip(zip(*starts, strict=True), shifts, strict=True))
+        self.x, self.v = (np.concatenate(each) for each in zip(*starts, strict=True))
+        self.x, self.v = self.x + shifts[0], self.v + shifts[1]
         """Places and velocities of all particles, shape (particles, 3)"""
         self.v[np.concatenate([balloon.share for balloon in self.balloons]) == 0.0] = 0.0
         self.owner = np.repeat(np.arange(count), [len(x) for x, _ in starts])
         self.parts = [np.flatnonzero(self.owner == number) for number in range(count)]
         self.up, self.frame_number, self.substep_number = np.array(self.scene.up), 0, 0
-        given = (self.parameters[f"initial_{name}"][0] for name in ("gas_amounts", "free_volumes", "pressures", "loads"))
+        names = "initial_gas_amounts", "initial_free_volumes", "initial_pressures", "initial_loads"
+        given = (self.parameters[name][0] for name in names)
         self.gases = [
             SimpleNamespace(amount=n, free_volume=free, pressure=p, load=load[0], rise=load[1], along=0.0, vent=0.0)
             for n, free, p, load in zip(*given, strict=True)
@@ -205,7 +208,8 @@ class Reference:
         """Add strings and outer forces."""
         first = np.searchsorted(self.owner, [string.balloon for string in self.scene.string])
         held = (first + self.plan.held).astype(int)
-        anchors, lengths, constants = (self.parameters[f"string_{name}"][0] for name in ("anchor", "length", "stiffness"))
+        names = "string_anchor", "string_length", "string_stiffness"
+        anchors, lengths, constants = (self.parameters[name][0] for name in names)
         force += laws.strings(self.x, held, anchors, lengths[:, None], constants[:, None])
         driven = self.plan.driven
         newtons = driven.shares[:, None] * self.parameters["force_newtons"][0][driven.forces]
