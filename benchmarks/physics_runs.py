@@ -124,12 +124,23 @@ class Case:
     @cached_property
     def spread(self) -> Array:
         """Largest distance that starts 1e-6 of the size apart have come to, by frame [m], shape (frames + 1,)."""
-        apart = []
-        for seed in (1, 2):
-            _, places = self.as_twin(f"nudged {seed}", lambda tables, seed=seed: nudged(tables, self.size, seed))
+        return self.spread_by(NUDGE, 2)
+
+    def spread_by(self, nudge: float, count: int) -> Array:
+        """Return the largest distance that some starts have come to, by frame [m], shape (frames + 1,).
+
+        Args:
+            nudge: displacement of their particles, over the size.
+            count: how many.
+        """
+        apart = [np.zeros(len(self.run.points))]
+        for number in range(count):
+            _, places = self.as_twin(
+                f"{nudge} {number}", lambda tables, seed=number: nudged(tables, nudge * self.size, seed)
+            )
             apart.append(farthest(places, self.run.points))
         shortest = min(map(len, apart))
-        return np.maximum.accumulate(np.maximum(*[each[:shortest] for each in apart]))
+        return np.maximum.accumulate(np.max([each[:shortest] for each in apart], axis=0))
 
     @property
     def is_calm(self) -> bool:
@@ -173,14 +184,14 @@ def farthest(places: Array, others: Array) -> Array:
     return np.linalg.norm(places[:frames] - others[:frames], axis=2).max(axis=1)
 
 
-def nudged(tables: Tables, size: float, seed: int) -> Twin:
-    """Displace each particle by a millionth of the size."""
+def nudged(tables: Tables, distance: float, seed: int) -> Twin:
+    """Displace each particle by a distance [m]."""
     random = np.random.default_rng(seed)
     for balloon in tables["balloon"]:
-        mesh, scale = balloon["mesh"], balloon["scale"]
+        mesh = balloon["mesh"]
         noise = random.normal(size=mesh.points.shape)
-        noise /= np.linalg.norm(noise, axis=1, keepdims=True)
-        balloon["mesh"] = with_points(mesh, mesh.points + noise * NUDGE * size / scale)
+        noise *= distance / balloon["scale"] / np.linalg.norm(noise, axis=1, keepdims=True)
+        balloon["mesh"] = with_points(mesh, mesh.points + noise)
     return Twin(tables)
 
 

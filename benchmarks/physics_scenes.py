@@ -117,7 +117,7 @@ def scenes(draw: Draw, kind: Kind) -> dict[str, Any]:
     units = Units(draw(decades(-DECADES, DECADES)), draw(decades(-DECADES, DECADES)), 1.0)
     units = units._replace(stiffness=float(f"{units.mass * draw(decades(-most, most)):.4g}"))
     length, time = units.length, units.time
-    frames = draw(st.integers(2, 20))
+    frames = draw(st.integers(2, 60))
     tables: dict[str, Any] = {
         "gravity": draw(st.sampled_from((0.0, 0.3, 2.0))) * length / time**2,
         "frames": frames,

@@ -110,7 +110,7 @@ def test_a_wrong_motion_is_found(holds: Property, monkeypatch: pytest.MonkeyPatc
     assert measure.holds
 
     def off(*asked: Any) -> Run:
-        run, shift = simulated(*asked), 1.0e-3 * case.size * next(numbers)
+        run, shift = simulated(*asked), 1.0e-3 * case.size * next(numbers) ** 2
         points = run.states["points"].copy()
         points[1:, 0] += shift
         return replace(run, states={**run.states, "points": points})
