@@ -5,7 +5,8 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from balloon_warp.benchmarks.physics_runs import Array, Run
+from balloon_warp.benchmarks.physics_runs import Run
+from balloon_warp.benchmarks.physics_twins import Array
 from balloon_warp.kernels.laws.hooke import KINDS
 from balloon_warp.mesh.topology import is_closed, mesh_edges
 from balloon_warp.scene import Scene

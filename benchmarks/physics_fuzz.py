@@ -21,10 +21,12 @@ import numpy as np
 from pydantic import ValidationError
 
 from balloon_warp.benchmarks.physics_known import known
+from balloon_warp.benchmarks.physics_meshes import listed
 from balloon_warp.benchmarks.physics_newton import compared_with_newton
 from balloon_warp.benchmarks.physics_properties import PROPERTIES, Measure, Property
-from balloon_warp.benchmarks.physics_runs import MOST_SUBSTEPS, Case, Tables
-from balloon_warp.benchmarks.physics_scenes import KINDS, Kind, drawn, listed
+from balloon_warp.benchmarks.physics_runs import MOST_SUBSTEPS, Case
+from balloon_warp.benchmarks.physics_scenes import KINDS, Kind, drawn
+from balloon_warp.benchmarks.physics_twins import Tables
 from balloon_warp.device import pick_device
 from balloon_warp.errors import InputError
 from balloon_warp.mesh import PolygonMesh

@@ -33,24 +33,14 @@ def is_pressed_flat(case: Case) -> bool:
     return any((volumes := volumes_of(case.run, number)).min() < FLAT * volumes[0] for number in gases)
 
 
-def is_below_water(case: Case) -> bool:
-    """Return whether water presses on a given pressure with more than that."""
-    water, gravity = case.scene.water, case.scene.gravity
-    if not water:
-        return False
-    for number, balloon in enumerate(case.scene.balloon):
-        begin, end = case.run.model.particle_offsets[number : number + 2]
-        lowest = (case.run.states["points"][:, begin:end] @ case.scene.up).min()
-        if balloon.inflation.kind == "pressure" and water.density * gravity * (water.level - lowest) > max(
-            case.run.states["pressures"][:, number].min(), 0.0
-        ):
-            return True
-    return False
+def balloons_touch(case: Case) -> bool:
+    """Return whether balloons may have touched."""
+    return case.scene.touches
 
 
 KNOWN = (
     Known("A gas balloon that is pressed flat", ("stays_finite", "keeps_volume"), is_pressed_flat),
-    Known("A given pressure below that of the water", ("stays_finite", "keeps_volume"), is_below_water),
+    Known("Coarse balloons that touch", ("is_as_in_reference",), balloons_touch),
 )
 
 

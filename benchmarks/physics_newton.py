@@ -21,8 +21,9 @@ from balloon_warp.benchmarks.physics_properties import (
     repeats,
     stays_finite,
 )
-from balloon_warp.benchmarks.physics_runs import STATES, Case, Run, Tables, simulated
+from balloon_warp.benchmarks.physics_runs import STATES, Case, Run, simulated
 from balloon_warp.benchmarks.physics_scenes import KINDS, drawn
+from balloon_warp.benchmarks.physics_twins import Tables
 from balloon_warp.errors import InputError
 from balloon_warp.model import Vary, build_model
 from balloon_warp.model.state import initial_state

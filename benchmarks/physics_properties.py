@@ -24,7 +24,8 @@ from balloon_warp.benchmarks.physics_alike import (
     worse,
 )
 from balloon_warp.benchmarks.physics_energy import Energies
-from balloon_warp.benchmarks.physics_runs import Array, Case, Run
+from balloon_warp.benchmarks.physics_runs import Case, Run
+from balloon_warp.benchmarks.physics_twins import Array
 from balloon_warp.mesh.topology import is_closed, mesh_edges
 from balloon_warp.statics.volume import Volume
 

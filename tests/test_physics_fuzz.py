@@ -13,9 +13,11 @@ import pytest
 from balloon_warp.benchmarks import physics_fuzz
 from balloon_warp.benchmarks.physics_alike import Property
 from balloon_warp.benchmarks.physics_fuzz import PropertyError, check, fuzz, read_scene, scene_file
+from balloon_warp.benchmarks.physics_known import KNOWN
 from balloon_warp.benchmarks.physics_properties import PROPERTIES, slopes_are_differences, tells_contact_forces
-from balloon_warp.benchmarks.physics_runs import Case, Run, Tables, simulated
+from balloon_warp.benchmarks.physics_runs import Case, Run, simulated
 from balloon_warp.benchmarks.physics_scenes import KINDS, drawn
+from balloon_warp.benchmarks.physics_twins import Tables
 from balloon_warp.gradients import gradient as gradients
 from balloon_warp.scene import load_scene
 
@@ -37,6 +39,22 @@ def cheap(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("path", FOUND, ids=lambda path: path.stem)
 def test_what_was_found_stays_mended(path: Path):
     check(read_scene(path.read_text("utf-8")), PROPERTIES, "cpu", Counter())
+
+
+@pytest.mark.parametrize(
+    "path", sorted((Path(__file__).parent / "found" / "known").glob("*.toml")), ids=lambda path: path.stem
+)
+def test_what_is_known_is_not_mended_yet(path: Path):
+    """Move a scene that passes here to tests/found/, and remove its lines in LIMITS.md and `physics_known`."""
+    counts: Counter[str] = Counter()
+    check(read_scene(path.read_text("utf-8")), PROPERTIES, "cpu", counts)
+    assert any(name.startswith("known: ") for name in counts)
+
+
+def test_limits_has_what_is_known():
+    limits = (Path(__file__).parent.parent / "docs" / "LIMITS.md").read_text("utf-8")
+    for each in KNOWN:
+        assert f"- **{each.line}**" in limits
 
 
 @pytest.mark.usefixtures("cheap")
