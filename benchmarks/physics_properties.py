@@ -51,20 +51,23 @@ def stays_finite(case: Case) -> Measure:
 
 
 def keeps_volume(case: Case) -> Measure | None:
-    """Keep the volume of a gas balloon positive, as p grows without bound, and of all below a thousandfold.
+    """Keep the volume of a gas balloon positive, and below a thousandfold: 0 < V / V0 < 1000.
 
-    A given pressure bears no collapse: its balloon may turn inside out, since it does not touch itself. A mesh's
-    volume may be below zero by what its blur may fold, a hundredth of that at the start.
+    Its pressure grows without bound in a small volume, and nothing draws it to a large one. A given pressure bears no
+    collapse, and past its limit point swells a balloon without end, as LIMITS.md says. A volume may be below zero by
+    what the blur of a mesh may fold, a hundredth of that at the start.
     """
-    found, model = 0.0, case.run.model
+    found, model = None, case.run.model
     if case.run.blow_up or model.bursts:
         return None
     for number, shape in enumerate(model.shapes):
-        if is_closed(mesh_edges(shape.skin)):
+        if case.scene.balloon[number].inflation.kind == "gas" and is_closed(mesh_edges(shape.skin)):
             volumes = volumes_of(case.run, number) / volumes_of(case.run, number)[0]
-            is_gas = case.scene.balloon[number].inflation.kind == "gas"
-            found = max(found, volumes.max() / MOST_GROWTH - 1.0, -volumes.min() if is_gas else 0.0)
-    return Measure(float(found), 0.01, "volume over that at the start, negative or beyond a thousand")
+            off = max(volumes.max() / MOST_GROWTH - 1.0, -volumes.min())
+            found = worse(
+                found, Measure(float(off), 0.01, "volume over that at the start, below zero or beyond a thousand")
+            )
+    return found
 
 
 def gains_no_energy(case: Case) -> Measure | None:
