@@ -159,8 +159,8 @@ def shared(faces, at_corner, at_next, at_center):
 def volume(x, faces):
     """Return the enclosed volume [m^3], and its gradient by the particles' places, their area vectors [m^2]."""
     a, b, c = fans(x - x.mean(axis=0), faces)
-    slopes = np.cross(b, c), np.cross(c, a), np.cross(a, b)
-    return dot(a, slopes[0]).sum() / 6.0, shared(faces, *(each / 6.0 for each in slopes))
+    area = np.cross(b - a, c - a) / 6.0  # at each corner a third; of an open mesh, too
+    return dot(a, np.cross(b, c)).sum() / 6.0, shared(faces, area, area, area)
 
 
 def face_areas(x, faces):
