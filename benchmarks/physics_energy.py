@@ -103,20 +103,36 @@ class Energies:
         )
 
     def rounding(self) -> float:
-        """Return the rounding of the energies [J]: forces times that of places, and that of a gas's pressure."""
+        """Return the rounding of the energies [J]: forces times that of places, and that of a gas's pressure.
+
+        A gas's pressure is rounded as the volume is: by the products of a face, and by the partial sums over F faces,
+        to either side, of sqrt(F) halves of an epsilon. Both count twice, as a sum of random signs may. It works along
+        the path of the volume, which swings within a frame at the rate that is seen at its ends.
+        """
         forces = np.abs(np.array([self._forces(frame) for frame in range(len(self.run.points))])).sum(axis=(1, 2)).max()
         weight = self.scene.gravity * self._all_masses.sum()
-        swelling = sum(
-            (4.0 * EPSILON * np.abs(np.diff(volumes)).sum() + 1.0e-15 * volumes.max()) * self.scene.atmosphere.pressure
-            for number, balloon in enumerate(self.scene.balloon)
-            if balloon.inflation.kind == "gas" and np.size(volumes := self._volumes(number))
-        )  # and of the air's work, a difference of float64
+        swelling = 0.0
+        for number, balloon in enumerate(self.scene.balloon):
+            if balloon.inflation.kind == "gas":
+                volumes = self._volumes(number)
+                rounded = (4.0 + len(self.model.shapes[number].skin.face_vertex_counts) ** 0.5) * EPSILON
+                path = max(np.abs(np.diff(volumes)).sum(), self._swinging(number))
+                float64 = 1.0e-15 * volumes.max()  # of the air's work
+                swelling += self.scene.atmosphere.pressure * (rounded * path + float64)
         return 4.0 * EPSILON * (forces + weight) * self.reach() + swelling
 
     def _volumes(self, number: int) -> Array:
         begin, end = self.model.particle_offsets[number : number + 2]
         volume = Volume(self.model.shapes[number].skin)
         return np.array([volume.of(points) for points in self.run.states["points"][:, begin:end]])
+
+    def _swinging(self, number: int) -> float:
+        """Return how far the volume of a balloon goes at its largest rate dV/dx . v [m^3]."""
+        begin, end = self.model.particle_offsets[number : number + 2]
+        volume = Volume(self.model.shapes[number].skin)
+        states = zip(self.run.states["points"], self.run.states["velocities"], strict=True)
+        rates = [abs((volume.slopes(points[begin:end]) * speeds[begin:end]).sum()) for points, speeds in states]
+        return max(rates) * (len(rates) - 1) * self.model.frame_seconds
 
     def scale(self) -> float:
         """Return the energy that moves [J]: the largest of the motion's and of the changes of all others."""
