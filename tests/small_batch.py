@@ -16,11 +16,7 @@ def scene(**fields) -> Scene:
     balloons = [
         Balloon(mesh=quad_sphere(3), name="ball", position=(0, 2, 0), helium=20.0, inflation=Inflation(k_normal=0.2)),
         Balloon(
-            mesh=cube(),
-            name="Sphere_0",
-            position=(3, 0.5, 0),
-            color=(0.1, 0.2, 0.3),
-            inflation=Inflation(k_normal=0.2),
+            mesh=cube(), name="Sphere_0", position=(3, 0.5, 0), color=(0.1, 0.2, 0.3), inflation=Inflation(k_normal=0.2)
         ),
     ]
     fields = {

@@ -100,7 +100,7 @@ def assert_finite(folder: Path, exported: int) -> None:
 
 
 @pytest.fixture(params=WAYS)
-def way(request: pytest.FixtureRequest, device: str) -> tuple[Scene, str]:
+def way(request, device: str) -> tuple[Scene, str]:
     """Return a scene, and the schedule that simulates it."""
     if device != "cpu" and request.param in ("octets", "lanes"):
         pytest.skip("simulates on the CPU")
@@ -110,7 +110,7 @@ def way(request: pytest.FixtureRequest, device: str) -> tuple[Scene, str]:
 
 
 @pytest.mark.full
-def test_a_frozen_world_is_marked_and_the_others_are_as_if_it_were_not_there(way, device: str, tmp_path: Path):
+def test_a_frozen_world_is_marked_and_the_others_are_as_if_it_were_not_there(way, device: str, tmp_path):
     """Freezing a world leaves the table and the stage of the others bit-identical."""
     scene, schedule = way
     lifts = np.insert(LIFTS, BAD, ASTRAY)
@@ -148,7 +148,7 @@ def batch(folder: Path, on_blowup: str, **options: Any) -> BatchSummary:
 
 
 @pytest.mark.parametrize("schedule", ["gather", "lanes", "block"])
-def test_restarted_worlds_are_those_of_a_batch_in_shorter_steps(schedule: str, device: str, tmp_path: Path):
+def test_restarted_worlds_are_those_of_a_batch_in_shorter_steps(schedule: str, device: str, tmp_path):
     if device != "cpu" and schedule == "lanes":
         pytest.skip("simulates on the CPU")
     options = {"device": device, "schedule": schedule}
@@ -177,7 +177,7 @@ def test_restarted_worlds_are_those_of_a_batch_in_shorter_steps(schedule: str, d
 
 
 @pytest.mark.full
-def test_the_manifest_says_what_blew_up_and_repeats_it(tmp_path: Path):
+def test_the_manifest_says_what_blew_up_and_repeats_it(tmp_path):
     write_obj(tmp_path / "cube.obj", cube())
     balloon = GAINS_ENERGY.balloon[0].model_copy(update={"mesh": tmp_path / "cube.obj"})
     scene = GAINS_ENERGY.model_copy(update={"balloon": [balloon]})
@@ -194,7 +194,7 @@ def test_the_manifest_says_what_blew_up_and_repeats_it(tmp_path: Path):
 
 
 @pytest.mark.full
-def test_a_batch_that_is_stopped_while_worlds_begin_again_goes_on_to_the_same_files(tmp_path: Path):
+def test_a_batch_that_is_stopped_while_worlds_begin_again_goes_on_to_the_same_files(tmp_path):
     """A resumed batch is bit-identical, with a checkpoint after every frame: worlds that restarted do so again."""
     notes: list[str] = []
 
@@ -213,21 +213,21 @@ def test_a_batch_that_is_stopped_while_worlds_begin_again_goes_on_to_the_same_fi
 
 
 @pytest.mark.parametrize("workers", [None, 2])
-def test_to_stop_leaves_nothing(workers: int | None, tmp_path: Path):
+def test_to_stop_leaves_nothing(workers: int | None, tmp_path):
     where: dict[str, Any] = {"cluster": Cluster(workers=workers)} if workers else {"device": "cpu"}
     with pytest.raises(BlowUpError, match=r"blew up in frame \d+, world [1345], "):
         batch(tmp_path / "stopped", "stop", **where)
     assert list((tmp_path / "stopped").iterdir()) == []
 
 
-def test_another_policy_is_refused(tmp_path: Path):
+def test_another_policy_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"^--on-blowup pray: expected freeze, stop, restart$"):
         batch(tmp_path / "prayed", "pray")
     assert not (tmp_path / "prayed").exists()
 
 
 @pytest.mark.full
-def test_a_cluster_restarts_what_one_process_does(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+def test_a_cluster_restarts_what_one_process_does(monkeypatch, tmp_path):
     monkeypatch.setitem(shares.GRAIN, "cpu", shares.Grain(1, 1))  # a share for each world
     alone = batch(tmp_path / "alone", "restart", device="cpu")
     together = batch(tmp_path / "together", "restart", cluster=Cluster(workers=2))

@@ -27,7 +27,7 @@ TABLES = ("table.npz", "table.csv", "worlds.npz", "worlds.csv")
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path, monkeypatch) -> Path:
     (tmp_path / "scenes").mkdir()
     (tmp_path / "scenes" / "ball.toml").write_text(SCENE)
     write_obj(tmp_path / "scenes" / "ball.obj", quad_sphere(2))
@@ -44,9 +44,7 @@ def batch(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
     return int(ended.value.code or 0)
 
 
-def test_a_batch_in_which_nothing_varies_says_so(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_a_batch_in_which_nothing_varies_says_so(folder: Path, monkeypatch, capsys):
     assert batch(monkeypatch, "--worlds", "2") == 0
     assert "\nnote: all worlds are alike; --vary PATH=LOW:HIGH" in capsys.readouterr().err
     assert batch(monkeypatch, "--worlds", "2", "--vary", "sphere.0.mass=10,10") == 0
@@ -55,9 +53,7 @@ def test_a_batch_in_which_nothing_varies_says_so(
     assert "note: " not in capsys.readouterr().err
 
 
-def test_the_summary_is_one_object_and_the_files_are_where_it_says(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_the_summary_is_one_object_and_the_files_are_where_it_says(folder: Path, monkeypatch, capsys):
     varied = ["--vary", "balloon.inflation.k_normal=0:8", "--vary", "sphere.0.mass=1,10,100", "--grid"]
     assert batch(monkeypatch, "--worlds", "9", *varied, "--export", "0,5", "-o", "out", "--json") == 0
     captured = capsys.readouterr()
@@ -77,7 +73,7 @@ def test_the_summary_is_one_object_and_the_files_are_where_it_says(
     assert [name for name in names if name.startswith("World_")] == ["World_0", "World_5"]
 
 
-def test_meshes_differ_and_the_same_seed_gives_the_same_table(folder: Path, monkeypatch: pytest.MonkeyPatch):
+def test_meshes_differ_and_the_same_seed_gives_the_same_table(folder: Path, monkeypatch):
     varied = ["--worlds", "4", "--vary", "balloon.mesh=ball.obj,other.obj", "--vary", "gravity=1:9"]
     for seed, out in (("0", "a"), ("0", "b"), ("1", "c")):
         assert batch(monkeypatch, *varied, "--seed", seed, "-o", out) == 0
@@ -95,15 +91,13 @@ def test_meshes_differ_and_the_same_seed_gives_the_same_table(folder: Path, monk
         ("water.level=0:1", "cannot differ between worlds, the scene has no water"),
     ],
 )
-def test_a_mistake_in_what_differs_names_the_option(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], vary: str, complaint: str
-):
+def test_a_mistake_in_what_differs_names_the_option(folder: Path, monkeypatch, capsys, vary: str, complaint: str):
     assert batch(monkeypatch, "--worlds", "3", "--vary", vary) == 2
     assert capsys.readouterr().err == f"error: --vary {vary.partition('=')[0]}: {complaint}\n"
 
 
 @pytest.mark.full
-def test_what_blew_up_is_told(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+def test_what_blew_up_is_told(folder: Path, monkeypatch, capsys):
     assert batch(monkeypatch, "--worlds", "3", "--vary", "balloon.inflation.k_normal=0,9e11,0") == 0
     captured = capsys.readouterr()
     said, warned = captured.out.splitlines(), captured.err.splitlines()[1:]
@@ -113,9 +107,7 @@ def test_what_blew_up_is_told(folder: Path, monkeypatch: pytest.MonkeyPatch, cap
     assert said[1:] == [f"wrote ball_batch/{name}" for name in (*TABLES, "manifest.json")]
 
 
-def test_the_stage_of_an_earlier_batch_does_not_stay_beside_a_later_table(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_the_stage_of_an_earlier_batch_does_not_stay_beside_a_later_table(folder: Path, monkeypatch, capsys):
     assert batch(monkeypatch, "--worlds", "2", "--export", "all") == 0
     assert (
         "wrote ball_batch/worlds.usdc: 0.05 s at 60 frames/s; in Blender, set the frame rate to 60, "
@@ -132,9 +124,7 @@ def test_the_stage_of_an_earlier_batch_does_not_stay_beside_a_later_table(
     assert "removed" not in capsys.readouterr().out
 
 
-def test_one_is_one_and_names_are_as_they_are(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_one_is_one_and_names_are_as_they_are(folder: Path, monkeypatch, capsys):
     assert batch(monkeypatch, "--worlds", "1", "--set", "frames=1", "--set", "substeps=10", "-o", "a [bold] one") == 0
     said = capsys.readouterr().out.splitlines()
     assert said[0].startswith("ball: 1 world, 26 particles, 1 frame of 10 substeps in ")
@@ -150,23 +140,14 @@ def test_one_is_one_and_names_are_as_they_are(
             ["--vary", "frames=1,2"],
             "--vary frames: cannot differ between worlds, only between runs of `compare`; what can: ",
         ),
-        (
-            ["--vary", "substeps=1:9"],
-            "--vary substeps: cannot differ between worlds, only between runs of `compare`; ",
-        ),
+        (["--vary", "substeps=1:9"], "--vary substeps: cannot differ between worlds, only between runs of `compare`; "),
         (["--vary", "normals=cached,fresh"], "--vary normals=cached,fresh: expected PATH=LOW:HIGH with LOW below HIGH"),
         (["--export", "64"], "--export 64: no world 64, the batch has worlds 0 to 63"),
         (["--worlds", "0", "--vary", "gravity=1,2"], "--worlds 0: expected at least 1"),
         (["--worlds", "-2", "--vary", "gravity=1:2", "--grid"], "--worlds -2: expected at least 1"),
     ],
 )
-def test_a_mistake_gets_one_sentence_and_status_2(
-    folder: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    arguments: list[str],
-    sentence: str,
-):
+def test_a_mistake_gets_one_sentence_and_status_2(folder, monkeypatch, capsys, arguments, sentence):
     assert batch(monkeypatch, *arguments) == 2
     captured = capsys.readouterr()
     assert captured.out == ""

@@ -18,11 +18,11 @@ from balloon_warp.sweep.groups import Group, plan_groups
 
 
 @pytest.fixture(scope="module")
-def meshes(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+def meshes(tmp_path_factory) -> list[Path]:
     return write_meshes(tmp_path_factory.mktemp("meshes"))
 
 
-def test_a_failed_batch_leaves_the_good_files(tmp_path: Path):
+def test_a_failed_batch_leaves_the_good_files(tmp_path):
     run_batch(scene(frames=1), tmp_path, 2, export=[0], device="cpu")
     good = {path: path.read_bytes() for path in tmp_path.iterdir()}
 
@@ -47,7 +47,7 @@ def test_a_failed_batch_leaves_the_good_files(tmp_path: Path):
         ({"folder": "file"}, r"file: is a file; expected a folder$"),
     ],
 )
-def test_mistakes_are_told_before_the_run(tmp_path: Path, change: dict, complaint: str):
+def test_mistakes_are_told_before_the_run(tmp_path, change: dict, complaint: str):
     (tmp_path / "file").touch()
     arguments = {"folder": "out", "world_count": 5, "vary": {}} | change
     arguments["folder"] = tmp_path / arguments["folder"]
@@ -57,9 +57,7 @@ def test_mistakes_are_told_before_the_run(tmp_path: Path, change: dict, complain
 
 
 @pytest.mark.parametrize("cluster", [None, Cluster(workers=2)])
-def test_far_too_many_worlds_are_refused_before_they_get_values(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cluster: Cluster | None
-):
+def test_far_too_many_worlds_are_refused_before_they_get_values(tmp_path, monkeypatch, cluster: Cluster | None):
     """The size is checked before values are drawn: a hundred million of anything do not fit into memory."""
     monkeypatch.setattr(batch_module, "plan_groups", never)
     with pytest.raises(InputError, match=r"^100000000 worlds do not fit: they need .* GiB, and cpu has "):
@@ -67,7 +65,7 @@ def test_far_too_many_worlds_are_refused_before_they_get_values(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_is_refused_early_would_be_refused_late(monkeypatch: pytest.MonkeyPatch):
+def test_what_is_refused_early_would_be_refused_late(monkeypatch):
     """The early check of memory refuses no batch that would fit by the bytes of its table and worlds."""
     monkeypatch.setattr(memory, "free_memory", lambda device: 2**30)
     monkeypatch.setattr(sweep_memory, "MANY", 1)
@@ -79,7 +77,7 @@ def test_what_is_refused_early_would_be_refused_late(monkeypatch: pytest.MonkeyP
             sweep_memory.require_room(scene(), 4096, ["balloon.mass"], "cpu")
 
 
-def test_far_too_many_worlds_are_refused_without_finding_what_is_thin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_far_too_many_worlds_are_refused_without_finding_what_is_thin(tmp_path, monkeypatch):
     """The early check of memory skips the search for thin parts, which takes longest and adds no memory."""
     monkeypatch.setattr(shape, "relative_thickness", never)
     thin = {"balloon.stiffness.thin": "softer"}
@@ -87,7 +85,7 @@ def test_far_too_many_worlds_are_refused_without_finding_what_is_thin(tmp_path: 
         run_batch(load_scene(scene(), thin), tmp_path, 10**8, device="cpu")
 
 
-def test_a_step_that_only_soft_thin_parts_allow_is_no_reason_for_an_early_refusal(monkeypatch: pytest.MonkeyPatch):
+def test_a_step_that_only_soft_thin_parts_allow_is_no_reason_for_an_early_refusal(monkeypatch):
     monkeypatch.setattr(sweep_memory, "MANY", 1)
     stable = plan_groups(load_scene("squirrel_tether"), 1, {})[0].plan.substeps
     stiffer = plan_groups(load_scene("squirrel_tether", {"balloon.stiffness.thin": "alike"}), 1, {})[0].plan.substeps
@@ -99,7 +97,7 @@ def never(*_: Any) -> None:
     raise AssertionError("is not to be called")
 
 
-def test_a_varied_value_is_told_with_its_world_in_the_whole_batch(meshes: list[Path], tmp_path: Path):
+def test_a_varied_value_is_told_with_its_world_in_the_whole_batch(meshes: list[Path], tmp_path):
     vary = {"balloon.0.mesh": [meshes[n % 2] for n in range(5)], "balloon.mass": [1.0, 1.0, 1.0, -1.0, 1.0]}
     with pytest.raises(InputError, match=r"^balloon\.0\.mass: must be greater than 0 \(got -1\.0\), in world 3$"):
         run_batch(scene(), tmp_path, 5, vary, device="cpu")
@@ -122,9 +120,7 @@ def simulated_bytes(groups: list[Group]) -> int:
     return sum(model.world_count * (world_bytes(model) + LanesSchedule.world_bytes(model)) for model in models)
 
 
-def test_a_batch_that_does_not_fit_is_refused_before_anything_is_made(
-    tmp_path: Path, meshes: list[Path], monkeypatch: pytest.MonkeyPatch
-):
+def test_a_batch_that_does_not_fit_is_refused_before_anything_is_made(tmp_path, meshes: list[Path], monkeypatch):
     """The memory check counts all groups, the exported worlds and the table: in each case the rest alone would fit."""
     varied = {"balloon.0.mesh": meshes * 20}
     one_mesh = simulated_bytes(plan_groups(scene(), 40, {}))

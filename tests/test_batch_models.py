@@ -1,7 +1,5 @@
 """Worlds that differ in what makes a model: how large a balloon is, and how its springs differ from each other."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from meshes import quad_sphere
@@ -36,7 +34,7 @@ def test_worlds_of_one_model_stay_together():
     assert groups[0].plan.parameters["gravity"].tolist() == [1.0, 3.0, 4.0]
 
 
-def test_the_command_line_s_lists_do(tmp_path: Path):
+def test_the_command_line_s_lists_do(tmp_path):
     """Lists of the command line, whose numbers are all floats, vary integers such as a seed."""
     vary = spread(dict([parse_vary("balloon.stiffness.seed=1,2"), parse_vary("balloon.stiffness.variation=0.5")]), 3)
     run_batch(SCENE, tmp_path, 3, vary, export=range(3), device="cpu")

@@ -22,7 +22,7 @@ RADII = np.array([0.1, 0.2, 0.3, 0.4, 0.5])
 
 
 @pytest.fixture(scope="module")
-def meshes(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+def meshes(tmp_path_factory) -> list[Path]:
     return write_meshes(tmp_path_factory.mktemp("meshes"))
 
 
@@ -43,7 +43,7 @@ def alone(vary: dict, world: int) -> Simulator:
 
 
 @pytest.fixture(scope="module")
-def written(tmp_path_factory: pytest.TempPathFactory, vary: dict) -> Path:
+def written(tmp_path_factory, vary: dict) -> Path:
     folder = tmp_path_factory.mktemp("batch") / "out"
     summary = run_batch(scene(), folder, WORLDS, vary, export=[4, 1, 2], device="cpu", name="small")
     assert summary.worlds == WORLDS
@@ -212,7 +212,7 @@ def test_strings_hang_by_their_own_lengths_from_anchor_to_particle(stage: Usd.St
             np.testing.assert_allclose(place, expected[-1], atol=1e-6)
 
 
-def test_where_grounds_and_anchors_differ_each_world_has_its_own(tmp_path: Path):
+def test_where_grounds_and_anchors_differ_each_world_has_its_own(tmp_path):
     heights, anchors = np.array([-1.0, 0.25]), np.array([0.5, 2.0])
     vary = {"ground.height": heights, "string.1.anchor.1": anchors}
     run_batch(scene(), tmp_path / "out", 2, vary, export=[0, 1], device="cpu")
@@ -232,7 +232,7 @@ def test_where_grounds_and_anchors_differ_each_world_has_its_own(tmp_path: Path)
     assert not stage.GetPrimAtPath("/World/World_0/Floor")
 
 
-def test_where_water_differs_each_world_has_its_own(tmp_path: Path):
+def test_where_water_differs_each_world_has_its_own(tmp_path):
     levels = np.array([-1.0, 0.25])
     afloat = scene(water=Water(density=1.0))
     run_batch(afloat, tmp_path / "out", 2, {"water.level": levels}, export=[0, 1], device="cpu")
@@ -255,9 +255,7 @@ def test_the_grid_is_square_and_centered(up_axis: str, flat: int):
     )
 
 
-def test_saving_often_gives_the_same_samples(
-    written: Path, vary: dict, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_saving_often_gives_the_same_samples(written: Path, vary: dict, tmp_path, monkeypatch):
     """A file that is appended to after each frame has the samples of one that is written once."""
     monkeypatch.setattr(growing, "SAVE_BYTES", 0)
     run_batch(scene(), tmp_path / "out", WORLDS, vary, export=[4, 1, 2], device="cpu")
@@ -265,7 +263,7 @@ def test_saving_often_gives_the_same_samples(
     assert often.ExportToString() == once.ExportToString()
 
 
-def test_no_export_no_stage(tmp_path: Path):
+def test_no_export_no_stage(tmp_path):
     summary = run_batch(scene(frames=1), tmp_path, 2, device="cpu")
     assert summary.stage is None
     assert {path.stem for path in tmp_path.iterdir()} == {"manifest", "table", "worlds"}
@@ -273,7 +271,7 @@ def test_no_export_no_stage(tmp_path: Path):
 
 
 @pytest.mark.full
-def test_a_world_that_blows_up_is_marked_and_never_written(tmp_path: Path):
+def test_a_world_that_blows_up_is_marked_and_never_written(tmp_path):
     """A pull that no step is small enough for marks its world; the other world is as it is alone."""
     vary = {"balloon.inflation.k_normal": [0.2, 9e11]}
     summary = run_batch(scene(), tmp_path, 2, vary, export=[0, 1], device="cpu")

@@ -34,7 +34,7 @@ def test_what_is_no_number_is_told(text: str):
         parse_vary(text)
 
 
-def test_meshes_are_sought_here_and_beside_the_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_meshes_are_sought_here_and_beside_the_scene(tmp_path, monkeypatch):
     (tmp_path / "here").mkdir()
     (tmp_path / "here" / "a.obj").touch()
     monkeypatch.chdir(tmp_path / "here")

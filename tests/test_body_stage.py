@@ -31,7 +31,7 @@ def everything(**fields) -> Scene:
 
 
 @pytest.fixture(scope="module")
-def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def written(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("stage") / "bodies.usdc"
     animate(everything(), path, device="cpu")
     return path
@@ -39,7 +39,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.full
 @pytest.mark.parametrize("up_axis", ["Y", "Z"])
-def test_every_validator_passes(tmp_path: Path, up_axis: str):
+def test_every_validator_passes(tmp_path, up_axis: str):
     path = tmp_path / "stage.usda"
     animate(everything(up_axis=up_axis), path, device="cpu")
     validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
@@ -90,7 +90,7 @@ def test_pictures_have_them_at_their_places(written: Path):
         simulator.step()
 
 
-def test_a_scene_with_bodies_is_written_and_read_again(tmp_path: Path):
+def test_a_scene_with_bodies_is_written_and_read_again(tmp_path):
     scene = everything(body=[Body(size=(0.2, 0.3, 0.4), position=(2, 1, 0), mass=2.5, friction=0.1)])
     balloon = scene.balloon[0].model_copy(update={"mesh": Path("ball.obj")})
     path = tmp_path / "scene.toml"

@@ -1,7 +1,6 @@
 """Outputs of balloons that burst: stages, pictures, tables, and the scene that shows them."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,7 +22,7 @@ from balloon_warp.sweep.recorder import Recorder, columns_of
 
 
 @pytest.mark.full
-def test_the_stage_loses_the_faces_that_tear(tmp_path: Path, device: str):
+def test_the_stage_loses_the_faces_that_tear(tmp_path, device: str):
     """Torn faces collapse to one vertex: validators accept the stage, areas exclude them, volumes are of what holds
     gas, and pictures do not draw them."""
     scene = scene_of(quad_sphere(4, 0.1), needle_time=1e-3, tear_strength=1e6)
@@ -63,7 +62,7 @@ def test_the_stage_loses_the_faces_that_tear(tmp_path: Path, device: str):
     assert last.mean() == pytest.approx(gone[-1].mean())
 
 
-def test_what_a_tear_cut_off_is_not_framed(tmp_path: Path):
+def test_what_a_tear_cut_off_is_not_framed(tmp_path):
     """A particle without faces flies far, and neither the extent nor the stage's camera includes it."""
     simulator = Simulator(scene_of(quad_sphere(4, 0.1)), "cpu")
     frame = simulator.read_frame()
@@ -95,7 +94,7 @@ def test_the_table_of_a_batch_says_which_worlds_burst(device: str):
 
 
 @pytest.mark.full
-def test_a_batch_exports_worlds_that_burst(tmp_path: Path):
+def test_a_batch_exports_worlds_that_burst(tmp_path):
     """A needle in one of two worlds bursts it: that goes on, and is in stage and tables as a run alone is, without torn
     faces, and at last without volume. A resumed batch agrees."""
     balloon = scene_of(quad_sphere(4, 0.1), needle_time=1e9, tear_strength=1e5).balloon[0]

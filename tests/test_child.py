@@ -7,7 +7,6 @@ from multiprocessing import forkserver
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-import pytest
 import warp as wp
 
 from balloon_warp import Cluster
@@ -15,7 +14,7 @@ from balloon_warp.sweep.child import begin_children, start_child
 from balloon_warp.sweep.cluster import worker_environments
 
 
-def test_each_gpu_has_a_worker_that_sees_it_alone(monkeypatch: pytest.MonkeyPatch):
+def test_each_gpu_has_a_worker_that_sees_it_alone(monkeypatch):
     """Each process sees one GPU of those that are visible to this one."""
     monkeypatch.setattr(wp, "get_cuda_device_count", lambda: 3)
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "5,6,7")

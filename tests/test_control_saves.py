@@ -37,7 +37,7 @@ def followed(simulator: Simulator) -> list[np.ndarray]:
 
 @pytest.mark.full
 @pytest.mark.parametrize("where", ["in itself", "in another", "in another with those controls", "from a file"])
-def test_a_saved_simulator_goes_on_with_its_controls(where: str, tmp_path) -> None:
+def test_a_saved_simulator_goes_on_with_its_controls(where: str, tmp_path):
     first = controlled()
     saved = first.save()
     np.savez(tmp_path / "here.npz", **saved)
@@ -51,7 +51,7 @@ def test_a_saved_simulator_goes_on_with_its_controls(where: str, tmp_path) -> No
 
 
 @pytest.mark.parametrize("flat", [False, True])
-def test_turns_are_those_by_which_points_were_turned(flat: bool) -> None:
+def test_turns_are_those_by_which_points_were_turned(flat: bool):
     """The best-fit rotations of a round and a flat balloon are the applied ones, unchanged by stretch and shift."""
     mesh = foil_mesh("o", height=0.3) if flat else quad_sphere(4, 0.5)
     scene = Scene(balloon=[Balloon(mesh=mesh, inflation=Inflation(pressure=5.0))])

@@ -66,7 +66,7 @@ def values_of(frame: int, world_count: int) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.full
-def test_a_control_is_what_set_sets_bit_for_bit(schedule: str) -> None:
+def test_a_control_is_what_set_sets_bit_for_bit(schedule: str):
     """A control is bit-identical to `set`, for laws that did not act until then, too."""
     controlled, told = opened(3, schedule=schedule), Simulator(SCENE, "cpu", 3, schedule=schedule)
     for frame in range(3):
@@ -79,7 +79,7 @@ def test_a_control_is_what_set_sets_bit_for_bit(schedule: str) -> None:
     assert np.ptp(points(controlled), axis=0).max() > 1e-4
 
 
-def test_an_obstacle_that_is_steered_goes_as_one_that_moves_by_keyframes(schedule: str, device: str) -> None:
+def test_an_obstacle_that_is_steered_goes_as_one_that_moves_by_keyframes(schedule: str, device: str):
     """A steered obstacle agrees with one moved by keyframes, askew and up into a ball that it drags by friction."""
     ball = BALL.model_copy(update={"position": (0.0, 0.52, 0.0), "velocity": (0.0, -0.5, 0.0)})
     plate = Obstacle(
@@ -102,7 +102,7 @@ def test_an_obstacle_that_is_steered_goes_as_one_that_moves_by_keyframes(schedul
     assert np.abs(points(alone) - points(told))[..., 0].max() > 0.01, "it is taken along"
 
 
-def test_a_control_is_what_the_scene_plans_bit_for_bit(device: str) -> None:
+def test_a_control_is_what_the_scene_plans_bit_for_bit(device: str):
     change = Change(time=2 / 60, set={"balloon.inflation.pressure": 9.0, "gravity": 3.0})
     planned = Simulator(SCENE.model_copy(update={"change": [change]}), device)
     controlled = Simulator(SCENE, device)
@@ -116,7 +116,7 @@ def test_a_control_is_what_the_scene_plans_bit_for_bit(device: str) -> None:
     np.testing.assert_array_equal(points(controlled), points(planned))
 
 
-def test_a_batch_is_what_each_world_is_alone() -> None:
+def test_a_batch_is_what_each_world_is_alone():
     batch, alone = opened(3), opened(1)
     for frame in range(2):
         for path, values in values_of(frame, 3).items():
@@ -127,7 +127,7 @@ def test_a_batch_is_what_each_world_is_alone() -> None:
     np.testing.assert_array_equal(points(batch)[2:], points(alone))
 
 
-def test_an_array_begins_with_what_the_scene_has_and_stays(device: str) -> None:
+def test_an_array_begins_with_what_the_scene_has_and_stays(device: str):
     simulator = Simulator(SCENE, device, 2, {PRESSURE: [1.0, 2.0]})
     pressure = simulator.controls[PRESSURE]
     assert pressure.numpy().tolist() == [1.0, 2.0]
@@ -142,7 +142,7 @@ def test_an_array_begins_with_what_the_scene_has_and_stays(device: str) -> None:
     np.testing.assert_array_equal(simulator.step().points[0], again.step().points[0])
 
 
-def test_what_is_beyond_the_bounds_is_clipped(device: str) -> None:
+def test_what_is_beyond_the_bounds_is_clipped(device: str):
     clipped, within = (Simulator(SCENE, device) for _ in range(2))
     clipped.controls.open("gravity", 0.0, 5.0).fill_(1e9)
     within.controls.open("gravity", 0.0, 5.0).fill_(5.0)
@@ -150,7 +150,7 @@ def test_what_is_beyond_the_bounds_is_clipped(device: str) -> None:
 
 
 @pytest.mark.parametrize(("value", "beyond"), [(np.nan, "clip"), (np.inf, "clip"), (9.0, "end")])
-def test_a_world_ends_and_the_others_go_on(value: float, beyond: str) -> None:
+def test_a_world_ends_and_the_others_go_on(value: float, beyond: str):
     simulator, sound = (Simulator(SCENE, "cpu", 3) for _ in range(2))
     simulator.controls.open("gravity", 0.0, 5.0, beyond).assign([1.0, value, 2.0])
     sound.controls.open("gravity", 0.0, 5.0).assign([1.0, 9.8, 2.0])
@@ -164,7 +164,7 @@ def test_a_world_ends_and_the_others_go_on(value: float, beyond: str) -> None:
 
 
 @pytest.mark.parametrize("case", MISTAKES)
-def test_what_cannot_be_a_control_is_refused(case: str) -> None:
+def test_what_cannot_be_a_control_is_refused(case: str):
     path, bounds, sentence = MISTAKES[case]
     simulator = Simulator(SCENE.model_copy(update={"ground": Ground()}), "cpu", 2)
     with pytest.raises(InputError, match=sentence):
@@ -173,20 +173,20 @@ def test_what_cannot_be_a_control_is_refused(case: str) -> None:
 
 
 @pytest.mark.parametrize("values", [[1.0], [[1.0, 2.0]], "much", [1.0, "b"]])
-def test_values_of_another_shape_are_refused(values: object) -> None:
+def test_values_of_another_shape_are_refused(values: object):
     simulator = Simulator(SCENE, "cpu", 2)
     with pytest.raises(InputError, match=r"inflation\.pressure: expected a (value|number) for each world"):
         simulator.controls[PRESSURE] = values
 
 
-def test_a_number_has_one_control() -> None:
+def test_a_number_has_one_control():
     simulator = Simulator(SCENE, "cpu", 2)
     simulator.controls.open("balloon.damping", 0.0, 1.0)
     with pytest.raises(InputError, match=r"balloon\.0\.damping: is already written by the control balloon\.damping"):
         simulator.controls.open("balloon.0.damping", 0.0, 1.0)
 
 
-def test_the_step_allows_for_the_stiffest_values_within_the_bounds() -> None:
+def test_the_step_allows_for_the_stiffest_values_within_the_bounds():
     scene = SCENE.model_copy(update={"substeps": "auto"})
     stiff = Simulator(scene.model_copy(update={"balloon": [replace_mass(0.01)]}), "cpu")
     controlled = Simulator(scene, "cpu")
@@ -198,7 +198,7 @@ def replace_mass(mass: float) -> Balloon:
     return BALL.model_copy(update={"mass": mass})
 
 
-def test_arrays_of_others_are_taken() -> None:
+def test_arrays_of_others_are_taken():
     simulator = Simulator(SCENE, "cpu", 2)
     pressure = simulator.controls[PRESSURE]
     for given in (wp.array([1.0, 2.0], dtype=float, device="cpu"), np.array([1, 2]), [1.0, 2.0]):
@@ -209,7 +209,7 @@ def test_arrays_of_others_are_taken() -> None:
     assert pressure.numpy().tolist() == [4.0, 4.0]
 
 
-def test_laws_act_only_where_bounds_let_them() -> None:
+def test_laws_act_only_where_bounds_let_them():
     simulator = Simulator(SCENE, "cpu")
     before = acting_laws(simulator.model)
     simulator.controls.open("balloon.drag_coefficient", 0.0, 1.0)
@@ -218,7 +218,7 @@ def test_laws_act_only_where_bounds_let_them() -> None:
 
 
 @pytest.mark.full
-def test_a_blow_up_is_explained_by_the_frame_that_it_came_in() -> None:
+def test_a_blow_up_is_explained_by_the_frame_that_it_came_in():
     """The report of a blow-up names the values of its own frame, none written before."""
     from balloon_warp import BlowUpError
 

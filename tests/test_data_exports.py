@@ -22,7 +22,7 @@ TYPES = {"Float32": np.float32, "Int64": np.int64, "UInt8": np.uint8}
 
 
 @pytest.fixture(scope="module", params=["Y", "Z"])
-def written(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def written(request, tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("exports") / "stage.usdc"
     animate(scene(up_axis=request.param), path, device="cpu")
     return path
@@ -47,7 +47,7 @@ def arrays(path: Path) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.full
-def test_h5py_reads_all_that_moved(written: Path, tmp_path: Path):
+def test_h5py_reads_all_that_moved(written: Path, tmp_path):
     h5py = pytest.importorskip("h5py")
     export_stage(written, tmp_path / "out.h5")
     stage = Usd.Stage.Open(str(written))
@@ -68,7 +68,7 @@ def test_h5py_reads_all_that_moved(written: Path, tmp_path: Path):
         np.testing.assert_allclose(file["Sphere_0"]["pose"][3], np.array(sphere), rtol=1e-6)
 
 
-def test_xarray_knows_the_dimensions(written: Path, tmp_path: Path):
+def test_xarray_knows_the_dimensions(written: Path, tmp_path):
     export_stage(written, tmp_path / "out.h5")
     with xarray.open_dataset(tmp_path / "out.h5", group="ball", engine="h5netcdf") as found:
         assert found["mesh_pos"].dims == found["velocity"].dims == ("time", "particle", "axis")
@@ -78,7 +78,7 @@ def test_xarray_knows_the_dimensions(written: Path, tmp_path: Path):
 
 
 @pytest.fixture(scope="module")
-def page_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def page_file(tmp_path_factory) -> Path:
     """Write points.h5 of a balloon called "squirrel", as in docs/OUTPUTS.md."""
     h5py = pytest.importorskip("h5py")
     folder = tmp_path_factory.mktemp("page")
@@ -113,7 +113,7 @@ def test_a_file_has_what_its_page_says(page_file: Path):
             assert (count > 0, three, pose) == (True, 3, (FRAMES + 1, 4, 4))
 
 
-def test_xarray_opens_it_as_its_page_says(page_file: Path, monkeypatch: pytest.MonkeyPatch):
+def test_xarray_opens_it_as_its_page_says(page_file: Path, monkeypatch):
     monkeypatch.chdir(page_file.parent)
     (line,) = re.findall(r"^(found = xarray\..*)$", PAGE, re.MULTILINE)
     said: dict[str, xarray.Dataset] = {}
@@ -122,7 +122,7 @@ def test_xarray_opens_it_as_its_page_says(page_file: Path, monkeypatch: pytest.M
         assert found["mesh_pos"].dims == ("time", "particle", "axis")
 
 
-def test_xarray_makes_a_zarr_store_of_it_as_its_page_says(page_file: Path, monkeypatch: pytest.MonkeyPatch):
+def test_xarray_makes_a_zarr_store_of_it_as_its_page_says(page_file: Path, monkeypatch):
     pytest.importorskip("zarr")
     monkeypatch.chdir(page_file.parent)
     (line,) = re.findall(r"^(found\.to_zarr.*)$", PAGE, re.MULTILINE)
@@ -138,7 +138,7 @@ def test_edges_are_the_sides_of_faces():
     assert len(np.unique(pairs, axis=0)) == len(pairs) == 2 * BALL.face_count  # closed, of quads
 
 
-def test_a_grid_for_each_frame_and_a_list_of_their_times(written: Path, tmp_path: Path):
+def test_a_grid_for_each_frame_and_a_list_of_their_times(written: Path, tmp_path):
     export_stage(written, tmp_path / "out.pvd")
     listed = list(ElementTree.parse(tmp_path / "out.pvd").getroot().iter("DataSet"))
     assert [entry.get("file") for entry in listed] == [f"out.{frame:04d}.vtu" for frame in range(FRAMES + 1)]
@@ -162,7 +162,7 @@ def test_a_grid_for_each_frame_and_a_list_of_their_times(written: Path, tmp_path
     assert fastest > 0.0
 
 
-def test_meshio_reads_the_grids(written: Path, tmp_path: Path):
+def test_meshio_reads_the_grids(written: Path, tmp_path):
     meshio = pytest.importorskip("meshio")
     export_stage(written, tmp_path / "out.pvd")
     found = meshio.read(tmp_path / "out.0003.vtu")
@@ -171,7 +171,7 @@ def test_meshio_reads_the_grids(written: Path, tmp_path: Path):
     assert set(found.cell_data) == {"part", "pressure"}
 
 
-def test_points_are_saved_beside_the_stage(tmp_path: Path):
+def test_points_are_saved_beside_the_stage(tmp_path):
     pytest.importorskip("h5py")
     small = scene(frames=2)
     summary = animate(small, tmp_path / "out.usdc", save_points=tmp_path / "points.h5", device="cpu")
@@ -180,7 +180,7 @@ def test_points_are_saved_beside_the_stage(tmp_path: Path):
     assert (tmp_path / "same.h5").read_bytes() == (tmp_path / "points.h5").read_bytes()
 
 
-def test_mistakes_are_told_before_any_work(written: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_mistakes_are_told_before_any_work(written: Path, tmp_path, monkeypatch):
     told: list[int] = []
     with pytest.raises(InputError, match=r"points\.npy: cannot hold points; expected \.h5 or \.hdf5"):
         animate(scene(), tmp_path / "out.usdc", save_points=tmp_path / "points.npy", on_frame=told.append)

@@ -35,7 +35,7 @@ def waisted() -> PolygonMesh:
 
 
 @pytest.fixture(autouse=True)
-def small_pictures(monkeypatch: pytest.MonkeyPatch):
+def small_pictures(monkeypatch):
     monkeypatch.setattr(picture, "SIZE", (96, 84))
     monkeypatch.setattr(picture, "SAMPLES", 1)
 
@@ -43,7 +43,7 @@ def small_pictures(monkeypatch: pytest.MonkeyPatch):
 @pytest.mark.parametrize(
     ("of", "stretch", "steps", "most"), [("springs", 1.2, 5, 2e-4), ("latex", 1.5, 8, 2e-3)], ids=["springs", "latex"]
 )
-def test_a_design_becomes_the_shape_from_rest(of: str, stretch: float, steps: int, most: float, tmp_path: Path):
+def test_a_design_becomes_the_shape_from_rest(of: str, stretch: float, steps: int, most: float, tmp_path):
     """A design simulated from rest is nearer to the shape than its rival, also by its scene file."""
     design = bw.design(pear(), of=of, stretch=stretch, size=0.2, folder=tmp_path, steps=steps, device="cpu")
     assert design.error.mean < most
@@ -73,7 +73,7 @@ def boxy() -> PolygonMesh:
 
 
 @pytest.mark.full
-def test_rubber_that_varies_in_thickness_comes_nearer(tmp_path: Path):
+def test_rubber_that_varies_in_thickness_comes_nearer(tmp_path):
     """A designed thickness comes nearer to a box than the mould alone in half the steps; a resumed design agrees."""
 
     def stop(stage: str) -> None:
@@ -98,7 +98,7 @@ def test_rubber_that_varies_in_thickness_comes_nearer(tmp_path: Path):
     assert report["thickness_to"] == pytest.approx(2e-4 * max(weights), rel=1e-3)  # as the scene has it, in four digits
 
 
-def test_springs_that_may_push_hold_what_tension_does_not(tmp_path: Path):
+def test_springs_that_may_push_hold_what_tension_does_not(tmp_path):
     """Springs that may push hold a shape that tension does not; springs that only pull are nowhere too long."""
     found = {
         hold: bw.design(waisted(), hold=hold, size=0.2, folder=tmp_path / hold, steps=4, device="cpu")
@@ -111,7 +111,7 @@ def test_springs_that_may_push_hold_what_tension_does_not(tmp_path: Path):
     assert (springs["rest_lengths"] <= lengths * (1.0 + 1e-9)).all()
 
 
-def test_a_design_that_was_stopped_goes_on(tmp_path: Path):
+def test_a_design_that_was_stopped_goes_on(tmp_path):
     """A resumed design takes the same steps as an uninterrupted one."""
 
     def stop(stage: str) -> None:
@@ -161,7 +161,7 @@ def opened() -> PolygonMesh:
     ],
     ids=["open", "parts", "flat", "crossing"],
 )
-def test_shapes_that_no_balloon_becomes_are_refused(mesh: PolygonMesh, sentence: str, tmp_path: Path):
+def test_shapes_that_no_balloon_becomes_are_refused(mesh: PolygonMesh, sentence: str, tmp_path):
     with pytest.raises(InputError, match=sentence):
         bw.design(mesh, folder=tmp_path)
     assert list(tmp_path.iterdir()) == []
@@ -187,7 +187,7 @@ def test_what_touches_itself_along_edges_does_not_cross():
         ({"thickness": (2e-4, 4e-4)}, r"thickness: only latex varies by place; expected one number for springs"),
     ],
 )
-def test_numbers_that_cannot_be_are_refused(asked: dict, sentence: str, tmp_path: Path):
+def test_numbers_that_cannot_be_are_refused(asked: dict, sentence: str, tmp_path):
     with pytest.raises(InputError, match=sentence):
         bw.design(pear(), folder=tmp_path, **asked)
 
@@ -204,7 +204,7 @@ def test_where_a_shape_is_off_is_said():
     assert sentence.endswith("% of the size; push")
 
 
-def test_command(tmp_path: Path):
+def test_command(tmp_path):
     """The command writes the folder, and reports the error reached and how to run it."""
     from typer.testing import CliRunner
 
@@ -222,7 +222,7 @@ CIRCLE = '<svg xmlns="http://www.w3.org/2000/svg" width="90" height="90"><circle
 
 
 @pytest.mark.full
-def test_foil_gets_an_outline_that_shrinks_to_the_wanted_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_foil_gets_an_outline_that_shrinks_to_the_wanted_one(tmp_path, monkeypatch):
     """A circle's foil pattern is larger by 1 / 0.7627, as theory says, and its drawing in millimeters has that size."""
     pytest.importorskip("shapely")
     from balloon_warp.designing import of_foil
@@ -245,7 +245,7 @@ def test_foil_gets_an_outline_that_shrinks_to_the_wanted_one(tmp_path: Path, mon
     assert np.ptp(frames[-1].points[0][:, 0]) == pytest.approx(0.3, rel=0.03)
 
 
-def test_parts_of_a_pattern_do_not_overlap(tmp_path: Path):
+def test_parts_of_a_pattern_do_not_overlap(tmp_path):
     """Parts of a pattern, which are larger flat than inflated, lie side by side."""
     pytest.importorskip("shapely")
     from balloon_warp.designing.pattern import write_pattern
@@ -260,7 +260,7 @@ def test_parts_of_a_pattern_do_not_overlap(tmp_path: Path):
     assert max(across[1]) < min(across[2])
 
 
-def test_foil_of_an_inflated_size_is_drawn_larger(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_foil_of_an_inflated_size_is_drawn_larger(tmp_path, monkeypatch):
     """A circle by `foil --inflated-size` is larger flat by 1 / 0.7627; its scene brings it to the size."""
     pytest.importorskip("shapely")
     from typer.testing import CliRunner
@@ -281,6 +281,6 @@ def test_foil_of_an_inflated_size_is_drawn_larger(tmp_path: Path, monkeypatch: p
     assert "--inflated-size, --height: " in str(said.exception)
 
 
-def test_foil_of_a_mesh_is_refused(tmp_path: Path):
+def test_foil_of_a_mesh_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"target: foil without panels needs letters or a drawing"):
         bw.design(pear(), of="foil", folder=tmp_path)

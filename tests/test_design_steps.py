@@ -1,7 +1,6 @@
 """Steps of designs: smooth, and such that moulds keep their gaps."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from meshes import quad_sphere
@@ -74,7 +73,7 @@ def test_a_step_does_not_close_a_gap():
     assert (gaps.widths + gaps.widening @ closed)[facing].min() < 0.05 * EDGE
 
 
-def test_a_smooth_step_is_that_of_dense_least_squares(tmp_path: Path):
+def test_a_smooth_step_is_that_of_dense_least_squares(tmp_path):
     """The step leaves as much of the error as dense solutions, with the damping's unit known within a factor of 4."""
     target = target_of(replace(BALL, points=BALL.points * [1.0, 1.0, 1.3]), 0.2)
     job = Job(target, "latex", 1.5, "tension", 2e-4, tmp_path, 1, "cpu", False, print)
@@ -127,7 +126,7 @@ def test_the_damping_is_not_eased_at_once_after_a_step_that_failed():
     np.testing.assert_allclose(seen, [8.0, 8.0, 8.0 / 3.0, 64.0 / 3.0])
 
 
-def test_a_stalled_mould_begins_anew_with_a_larger_one(tmp_path: Path):
+def test_a_stalled_mould_begins_anew_with_a_larger_one(tmp_path):
     """A waist at a stretch of 2 stalls where one half swells more, and from a larger mould comes much nearer.
 
     In 18 steps: after how many it stalls depends on how a processor rounds.

@@ -45,13 +45,13 @@ def last_seen(told: Any) -> np.ndarray:
     return np.where(told[4]["_final_obs"][:, None], told[4]["final_obs"], told[0])
 
 
-def test_the_mode_is_told_as_gymnasium_s_own_environments_tell_it() -> None:
+def test_the_mode_is_told_as_gymnasium_s_own_environments_tell_it():
     assert make_vec("Target", device="cpu").autoreset_mode is AutoresetMode.NEXT_STEP
 
 
 @pytest.mark.parametrize("mode", ["SameStep", "Disabled"])
 @pytest.mark.parametrize("output", ["numpy", "torch"])
-def test_torchrl_s_wrapper_sees_the_same(mode: str, output: str, plain: tuple[list[Any], list[Any]]) -> None:
+def test_torchrl_s_wrapper_sees_the_same(mode: str, output: str, plain: tuple[list[Any], list[Any]]):
     """TorchRL gives observations before and after a step; it resets all worlds once more if all are over at once."""
     torchrl, torch = pytest.importorskip("torchrl.envs"), pytest.importorskip("torch")
     env = torchrl.GymWrapper(brief(mode, output=output))
@@ -74,7 +74,7 @@ def test_torchrl_s_wrapper_sees_the_same(mode: str, output: str, plain: tuple[li
 
 @pytest.mark.filterwarnings("ignore:To copy construct from a tensor")
 @pytest.mark.parametrize("output", ["numpy", "torch"])
-def test_skrl_s_wrapper_sees_the_same(output: str, plain: tuple[list[Any], list[Any]]) -> None:
+def test_skrl_s_wrapper_sees_the_same(output: str, plain: tuple[list[Any], list[Any]]):
     wrappers, torch = pytest.importorskip("skrl.envs.wrappers.torch"), pytest.importorskip("torch")
     inner = brief("SameStep", output=output)
     env = wrappers.wrap_env(inner, wrapper="gymnasium")
@@ -87,7 +87,7 @@ def test_skrl_s_wrapper_sees_the_same(output: str, plain: tuple[list[Any], list[
             np.testing.assert_array_equal(found, wanted.reshape(found.shape))
 
 
-def test_stable_baselines_sees_the_same(plain: tuple[list[Any], list[Any]]) -> None:
+def test_stable_baselines_sees_the_same(plain: tuple[list[Any], list[Any]]):
     pytest.importorskip("stable_baselines3")
     from balloon_warp.envs.stable_baselines import StableBaselinesEnv
 
@@ -108,7 +108,7 @@ def test_stable_baselines_sees_the_same(plain: tuple[list[Any], list[Any]]) -> N
     assert env.env_is_wrapped(object) == [False] * WORLDS
 
 
-def test_stable_baselines_learns_a_little() -> None:
+def test_stable_baselines_learns_a_little():
     """PPO of that library takes the environment, with its monitor around it."""
     library, vectors = (pytest.importorskip(f"stable_baselines3{part}") for part in ("", ".common.vec_env"))
     from balloon_warp.envs.stable_baselines import StableBaselinesEnv
@@ -120,7 +120,7 @@ def test_stable_baselines_learns_a_little() -> None:
     assert {episode["l"] for episode in learner.ep_info_buffer} == {4}
 
 
-def test_stable_baselines_needs_worlds_that_begin_anew_at_once() -> None:
+def test_stable_baselines_needs_worlds_that_begin_anew_at_once():
     pytest.importorskip("stable_baselines3")
     from balloon_warp.envs.stable_baselines import StableBaselinesEnv
 
@@ -128,7 +128,7 @@ def test_stable_baselines_needs_worlds_that_begin_anew_at_once() -> None:
         StableBaselinesEnv(brief("NextStep"))
 
 
-def test_stable_baselines_is_asked_for_where_it_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_stable_baselines_is_asked_for_where_it_is_missing(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     monkeypatch.delitem(sys.modules, "balloon_warp.envs.stable_baselines", raising=False)
     with pytest.raises(MissingExtraError, match="needs Stable-Baselines3: pip install stable-baselines3"):

@@ -44,17 +44,17 @@ def steps(env: BalloonVectorEnv, count: int, seed: int = 0) -> list[Any]:
 
 
 @pytest.mark.full
-def test_gymnasium_finds_nothing_wrong() -> None:
+def test_gymnasium_finds_nothing_wrong():
     """Gymnasium's checker passes one task, whose code all share."""
     check_env(gymnasium.make("BalloonWarp/Target-v0", device="cpu").unwrapped, skip_render_check=True)
 
 
-def test_gymnasium_knows_all_tasks() -> None:
+def test_gymnasium_knows_all_tasks():
     assert set(TASKS) == {*SHORT, "Altitude"}
     assert all(f"BalloonWarp/{name}-v0" in gymnasium.registry for name in TASKS)
 
 
-def test_many_worlds_are_made_by_name() -> None:
+def test_many_worlds_are_made_by_name():
     env = gymnasium.make_vec("BalloonWarp/Target-v0", num_envs=3, device="cpu", autoreset_mode="SameStep")
     assert isinstance(env, BalloonVectorEnv)
     assert env.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
@@ -67,7 +67,7 @@ def test_many_worlds_are_made_by_name() -> None:
     assert rewards.shape == terminated.shape == truncated.shape == info["cause"].shape == (3,)
 
 
-def test_episodes_repeat_whatever_the_number_of_worlds() -> None:
+def test_episodes_repeat_whatever_the_number_of_worlds():
     """Episodes follow from the seed, after other episodes, too."""
     few, many = BalloonVectorEnv(Brief(), 2, device="cpu"), BalloonVectorEnv(Brief(), 9, device="cpu")
     once = steps(many, 7)
@@ -79,7 +79,7 @@ def test_episodes_repeat_whatever_the_number_of_worlds() -> None:
     assert not np.array_equal(steps(few, 1, seed=5)[0], once[0][:2])
 
 
-def test_worlds_that_are_over_begin_anew_as_asked() -> None:
+def test_worlds_that_are_over_begin_anew_as_asked():
     modes = {mode: BalloonVectorEnv(Brief(), 3, device="cpu", autoreset_mode=mode) for mode in AutoresetMode}
     told = {mode: steps(env, 6) for mode, env in modes.items()}
     later, same, never = (told[mode] for mode in AutoresetMode)
@@ -98,7 +98,7 @@ def test_worlds_that_are_over_begin_anew_as_asked() -> None:
     assert not same[5][3].any()
 
 
-def test_a_mask_says_which_worlds_begin_anew() -> None:
+def test_a_mask_says_which_worlds_begin_anew():
     env = BalloonVectorEnv(Brief(), 3, device="cpu", autoreset_mode="Disabled")
     before = steps(env, 4)[-1][0]
     observations, _ = env.reset(options={"reset_mask": np.array([False, True, False])})
@@ -110,7 +110,7 @@ def test_a_mask_says_which_worlds_begin_anew() -> None:
         env.reset(options={"reset_mask": np.array([True, False])})
 
 
-def test_worlds_that_a_mask_leaves_out_begin_anew_in_the_next_step() -> None:
+def test_worlds_that_a_mask_leaves_out_begin_anew_in_the_next_step():
     """A mask resets one of the worlds that are over; the others are reset as they would have been without."""
     envs = [BalloonVectorEnv(Brief(), 3, device="cpu") for _ in range(2)]
     for env in envs:
@@ -123,7 +123,7 @@ def test_worlds_that_a_mask_leaves_out_begin_anew_in_the_next_step() -> None:
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_an_action_that_is_not_finite_ends_its_world(bad: float) -> None:
+def test_an_action_that_is_not_finite_ends_its_world(bad: float):
     envs = [BalloonVectorEnv(Target(), 3, device="cpu") for _ in range(2)]
     for env in envs:
         env.reset(seed=0)
@@ -155,7 +155,7 @@ class Bursting(Target):
         simulator.controls.open("balloon.inflation.pressure")
 
 
-def test_a_world_that_blows_up_ends_and_the_other_goes_on() -> None:
+def test_a_world_that_blows_up_ends_and_the_other_goes_on():
     env = BalloonVectorEnv(Bursting(), 2, device="cpu", autoreset_mode="SameStep")
     for observations, rewards, terminated, _, info in steps(env, 6)[1:]:
         assert np.isfinite(observations).all()
@@ -169,7 +169,7 @@ def test_a_world_that_blows_up_ends_and_the_other_goes_on() -> None:
 
 
 @pytest.mark.parametrize("case", MISTAKES)
-def test_actions_that_cannot_be_are_refused(case: str) -> None:
+def test_actions_that_cannot_be_are_refused(case: str):
     actions, sentence = MISTAKES[case]
     env = make_vec("Target", 3, device="cpu")
     env.reset(seed=0)
@@ -187,12 +187,12 @@ def test_actions_that_cannot_be_are_refused(case: str) -> None:
         ({"task": "Fly"}, r"Fly: no such task; known are Altitude, Inflate, Juggle, Press, Target"),
     ],
 )
-def test_what_cannot_be_made_is_refused(options: dict[str, Any], sentence: str) -> None:
+def test_what_cannot_be_made_is_refused(options: dict[str, Any], sentence: str):
     with pytest.raises(InputError, match=sentence):
         make_vec(**{"task": "Target", "device": "cpu", **options})
 
 
-def test_torch_is_asked_for_where_it_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_torch_is_asked_for_where_it_is_missing(monkeypatch):
     monkeypatch.setattr("balloon_warp.envs.arrays.find_spec", lambda name: None)
     with pytest.raises(MissingExtraError, match="needs torch: pip install torch"):
         make_vec("Target", device="cpu", output="torch")
@@ -214,14 +214,14 @@ def returns(name: str, policy: Any) -> float:
 
 @pytest.mark.full
 @pytest.mark.parametrize("name", SHORT)
-def test_a_simple_policy_earns_more_than_a_random_one(name: str) -> None:
+def test_a_simple_policy_earns_more_than_a_random_one(name: str):
     least, most = RETURNS[name]
     task, chance = task_named(name), np.random.default_rng(0)
     assert returns(name, task.policy) > least
     assert returns(name, lambda seen: chance.uniform(-1.0, 1.0, (len(seen), task.actions))) < most
 
 
-def test_the_envelope_is_that_of_the_balloon_learning_environment() -> None:
+def test_the_envelope_is_that_of_the_balloon_learning_environment():
     """The volume follows V = 1804 m^3 + 0.0199 m^3/Pa, within 3%: the film thins by 1% in area to 1,000 Pa."""
     scene = Altitude().scene()
     film = scene.balloon[0].model_copy(update={"inflation": Inflation(pressure=0.0), "damping": 1000.0})
@@ -237,7 +237,7 @@ def test_the_envelope_is_that_of_the_balloon_learning_environment() -> None:
 
 
 @pytest.mark.full
-def test_a_balloon_sinks_with_air_pumped_in_and_rises_without() -> None:
+def test_a_balloon_sinks_with_air_pumped_in_and_rises_without():
     env = make_vec("Altitude", 3, device="cpu")
     env.reset(seed=0)
     for _ in range(24):
@@ -250,7 +250,7 @@ def test_a_balloon_sinks_with_air_pumped_in_and_rises_without() -> None:
     assert abs(still) < 0.01
 
 
-def test_a_world_is_seen() -> None:
+def test_a_world_is_seen():
     env = make("Target", device="cpu", render_mode="rgb_array")
     env.reset(seed=0)
     picture = env.render()

@@ -34,14 +34,14 @@ numpy.save(sys.argv[2], [ball.matrix_world @ vertex.co for vertex in ball.data.v
 
 
 @pytest.fixture(scope="module", params=["Y", "Z"])
-def written(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def written(request, tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("exports") / "stage.usdc"
     animate(scene(up_axis=request.param), path, device="cpu")
     return path
 
 
 @pytest.mark.parametrize("suffix", [".obj", ".ply"])
-def test_a_file_for_each_frame_in_meters_with_y_up(written: Path, tmp_path: Path, suffix: str):
+def test_a_file_for_each_frame_in_meters_with_y_up(written: Path, tmp_path, suffix: str):
     export_stage(written, tmp_path / f"out.####{suffix}")
     names = sorted(path.name for path in tmp_path.iterdir())
     assert names == [f"out.{frame:04d}{suffix}" for frame in range(FRAMES + 1)]
@@ -60,7 +60,7 @@ def test_a_file_for_each_frame_in_meters_with_y_up(written: Path, tmp_path: Path
         assert len(here.faces) == 2 * (54 + 6 + obstacle + string + knot + spheres * (14 * 32 + 2 * 16))
 
 
-def test_a_ply_has_normals_and_colors(written: Path, tmp_path: Path):
+def test_a_ply_has_normals_and_colors(written: Path, tmp_path):
     export_stage(written, tmp_path / "out.##.ply")
     found = trimesh.load(tmp_path / "out.00.ply", process=False)
     ball = points(written, "/World/ball", 0)
@@ -73,7 +73,7 @@ def test_a_ply_has_normals_and_colors(written: Path, tmp_path: Path):
     np.testing.assert_allclose(found.visual.vertex_colors[box][0, :3], 255 * linear ** (1 / 2.2), atol=4.0)
 
 
-def test_what_is_left_of_a_longer_sequence_is_named(written: Path, tmp_path: Path):
+def test_what_is_left_of_a_longer_sequence_is_named(written: Path, tmp_path):
     (tmp_path / "out.0099.ply").write_text("old")
     told: list[str] = []
     export_stage(written, tmp_path / "out.####.ply", on_note=told.append)
@@ -81,7 +81,7 @@ def test_what_is_left_of_a_longer_sequence_is_named(written: Path, tmp_path: Pat
     assert (tmp_path / "out.0099.ply").read_text() == "old"
 
 
-def test_a_package_passes_every_validator(written: Path, tmp_path: Path):
+def test_a_package_passes_every_validator(written: Path, tmp_path):
     export_stage(written, tmp_path / "out.usdz")
     stage = Usd.Stage.Open(str(tmp_path / "out.usdz"))
     validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
@@ -98,7 +98,7 @@ def test_a_package_passes_every_validator(written: Path, tmp_path: Path):
 
 @pytest.mark.full
 @pytest.mark.parametrize("kind", ["glb", "usdz", "usda"])
-def test_run_writes_what_convert_makes_of_its_stage(tmp_path: Path, kind: str):
+def test_run_writes_what_convert_makes_of_its_stage(tmp_path, kind: str):
     """A run writes what `convert` makes of its stage, and no other file but the requested picture."""
     small = scene(frames=2)
     animate(small, tmp_path / "stage.usdc", device="cpu")
@@ -113,7 +113,7 @@ def test_run_writes_what_convert_makes_of_its_stage(tmp_path: Path, kind: str):
 
 
 @pytest.mark.full
-def test_a_run_that_is_stopped_goes_on_to_the_same_glb(tmp_path: Path):
+def test_a_run_that_is_stopped_goes_on_to_the_same_glb(tmp_path):
     whole, output = tmp_path / "whole.glb", tmp_path / "out.glb"
     animate(RESUMED_SCENE, whole, device="cpu")
     output.write_bytes(b"good")
@@ -126,7 +126,7 @@ def test_a_run_that_is_stopped_goes_on_to_the_same_glb(tmp_path: Path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out.glb", "whole.glb"]
 
 
-def test_a_failure_keeps_what_was_there_and_the_checkpoints(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_failure_keeps_what_was_there_and_the_checkpoints(tmp_path, monkeypatch):
     """A failed write, such as on a full disk, keeps the old file and the checkpoints: hours of a run are safe."""
 
     def fail(*_: object) -> None:
@@ -156,7 +156,7 @@ def test_a_failure_keeps_what_was_there_and_the_checkpoints(tmp_path: Path, monk
         ("stage.usdc", "is the input stage"),
     ],
 )
-def test_mistakes_are_told_before_any_work(written: Path, tmp_path: Path, name: str, complaint: str):
+def test_mistakes_are_told_before_any_work(written: Path, tmp_path, name: str, complaint: str):
     (tmp_path / "stage.usdc").write_bytes(written.read_bytes())
     with pytest.raises(InputError, match=complaint):
         export_stage(tmp_path / "stage.usdc", tmp_path / name)
@@ -167,13 +167,13 @@ def test_mistakes_are_told_before_any_work(written: Path, tmp_path: Path, name: 
     assert told == []
 
 
-def test_an_empty_stage_has_nothing_to_export(tmp_path: Path):
+def test_an_empty_stage_has_nothing_to_export(tmp_path):
     (tmp_path / "empty.usda").write_text("#usda 1.0\n")
     with pytest.raises(InputError, match=r"empty\.usda: has no mesh, cube, sphere, capsule or linear curves to export"):
         export_stage(tmp_path / "empty.usda", tmp_path / "out.glb")
 
 
-def test_alembic_needs_blenders_module(written: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_alembic_needs_blenders_module(written: Path, tmp_path, monkeypatch):
     from balloon_warp.outputs.exports import alembic
 
     monkeypatch.setattr(alembic, "find_spec", lambda name: None)
@@ -181,7 +181,7 @@ def test_alembic_needs_blenders_module(written: Path, tmp_path: Path, monkeypatc
         export_stage(written, tmp_path / "out.abc")
 
 
-def test_blender_writes_alembic(written: Path, tmp_path: Path):
+def test_blender_writes_alembic(written: Path, tmp_path):
     pytest.importorskip("bpy")
     """And reads it back: the ball in the last frame, with Blender's Z up."""
     export_stage(written, tmp_path / "out.abc")

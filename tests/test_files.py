@@ -1,7 +1,6 @@
 """Files that appear whole or not at all, even after a power failure."""
 
 import os
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -23,9 +22,7 @@ def write_arrays(path: Path) -> None:
 
 
 @pytest.mark.parametrize("write", [write_text, write_arrays, lambda path: write_obj(path, cube())])
-def test_a_file_is_on_the_disk_before_it_has_its_name_and_its_name_follows(
-    write: Callable[[Path], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_file_is_on_the_disk_before_it_has_its_name_and_its_name_follows(write, tmp_path, monkeypatch):
     """A file is flushed to disk before its rename, and its folder after: otherwise a crash of the machine, which no
     test can have, leaves an empty file in the place of a good one."""
     path = tmp_path / "file"

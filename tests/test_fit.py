@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -64,7 +63,7 @@ def test_the_radius_is_found_where_nobody_says_it():
 
 
 @pytest.mark.full
-def test_a_curve_of_a_mesh_is_that_of_what_is_simulated(tmp_path: Path):
+def test_a_curve_of_a_mesh_is_that_of_what_is_simulated(tmp_path):
     """A fit by statics recovers the rubber of an egg that the simulation inflates."""
     egg = replace(quad_sphere(2), points=0.05 * quad_sphere(2).points * [1.0, 1.0, 1.5])
     write_obj(tmp_path / "egg.obj", egg)
@@ -89,7 +88,7 @@ def falling() -> bw.Scene:
 FREE = {"balloon.mass": (0.005, 0.08), "balloon.inflation.pressure": (5.0, 60.0)}
 
 
-def test_points_give_back_what_moved_them(tmp_path: Path):
+def test_points_give_back_what_moved_them(tmp_path):
     """A fit recovers the parameters of a motion from noisy, partly hidden points, between frames, too."""
     scene = bw.load_scene(falling(), {"balloon.mass": 0.03, "balloon.inflation.pressure": 25.0})
     moved = bw.simulate(scene, device="cpu")
@@ -124,17 +123,11 @@ def test_what_is_not_seen_is_told():
     ("data", "sentence"),
     [
         ({}, "data: expected times, and points"),
-        (
-            {"times": [0.0], "points": np.zeros((1, 3, 3))},
-            r"points: expected shape \(1, 26, 3\) \(got \(1, 3, 3\)\)",
-        ),
+        ({"times": [0.0], "points": np.zeros((1, 3, 3))}, r"points: expected shape \(1, 26, 3\) \(got \(1, 3, 3\)\)"),
         ({"times": [9.0], "volumes": [1.0]}, "data: times: expected from 0 to 0.2 s"),
         ({"times": [0.1], "volumes": [np.nan]}, "data: volumes: holds no number"),
         ({"times": [0.1], "volumes": [1.0], "pressures": [1.0]}, "volume_noise and pressure_noise: is missing"),
-        (
-            {"times": [0.1], "volumes": [1.0], "volume_noise": 0.0},
-            "noise: expected one standard deviation above 0",
-        ),
+        ({"times": [0.1], "volumes": [1.0], "volume_noise": 0.0}, "noise: expected one standard deviation above 0"),
         ({"times": [0.1], "volumes": [1.0], "volume_noise": "low"}, "volume_noise: expected numbers"),
         ({"times": ["soon"], "volumes": [1.0]}, "data: times: expected numbers"),
         ({"times": [0.1], "points": np.zeros((1, 1, 3)), "particles": ["x"]}, "data: particles: expected numbers"),
@@ -160,7 +153,7 @@ def test_what_cannot_be_free_is_refused(free: dict, sentence: str):
         bw.fit(falling(), seen, free=free, device="cpu", starts=1)
 
 
-def test_command_of_a_curve(tmp_path: Path):
+def test_command_of_a_curve(tmp_path):
     curve = curve_of("mooney_rivlin", 0.005)
     rows = [f"{p:.3f},{v:.9g}" for v, p in zip(curve.volumes, curve.pressures, strict=True)]
     (tmp_path / "curve.csv").write_text("\n".join(["pressure [Pa],volume [m3]", *rows]))
@@ -190,14 +183,14 @@ def test_command_of_a_curve(tmp_path: Path):
         (["--resume"], "1,2\n" * 6, "a fit to a curve takes seconds; expected no --resume"),
     ],
 )
-def test_curves_that_cannot_be_get_a_sentence(words: list[str], rows: str, sentence: str, tmp_path: Path):
+def test_curves_that_cannot_be_get_a_sentence(words: list[str], rows: str, sentence: str, tmp_path):
     (tmp_path / "curve.csv").write_text(rows)
     said = CliRunner().invoke(app, ["fit", str(tmp_path / "curve.csv"), *words])
     assert isinstance(said.exception, InputError)
     assert sentence in str(said.exception)
 
 
-def test_columns_may_be_separated_by_semicolons(tmp_path: Path):
+def test_columns_may_be_separated_by_semicolons(tmp_path):
     """Columns may be separated by semicolons, as spreadsheets write them where decimals have commas."""
     (tmp_path / "curve.csv").write_text("Pressure [Pa];Volume [m3]\n" + "".join(f"1,5;0,{k}\n" for k in range(1, 7)))
     curve = read_curve(tmp_path / "curve.csv")
@@ -219,7 +212,7 @@ def test_a_value_at_its_bound_is_told():
     assert any("balloon.mass lies at its bound, 0.01" in doubt for doubt in fit.doubts)
 
 
-def test_words_on_a_terminal_stay_as_they_are(capsys: pytest.CaptureFixture[str]):
+def test_words_on_a_terminal_stay_as_they_are(capsys):
     """Colons in a message are not turned into emoji."""
     from balloon_warp.cli.warn import note, warn
 

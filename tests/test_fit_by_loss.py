@@ -135,10 +135,7 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     "no bounds": ({"loss": bw.losses.height(1.0)}, "of: expected at least one path"),
     "wrong bounds": ({"loss": bw.losses.height(1.0), "of": {"gravity": (2.0, 1.0)}}, "of: gravity: expected a lowest"),
     "unknown": ({"loss": bw.losses.height(1.0), "of": {"balloon.mas": (1.0, 2.0)}}, "unknown field"),
-    "a balloon": (
-        {"loss": bw.losses.height(1.0, balloon=2), "of": THROW},
-        "balloon: expected a number below 1",
-    ),
+    "a balloon": ({"loss": bw.losses.height(1.0, balloon=2), "of": THROW}, "balloon: expected a number below 1"),
     "a frame": ({"loss": bw.losses.height(1.0, frame=99), "of": THROW}, "frame: expected a number from -13 to 12"),
 }
 

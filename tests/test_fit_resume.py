@@ -1,7 +1,5 @@
 """Fits that are stopped and resumed."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from test_fit import FREE, falling
@@ -12,7 +10,7 @@ from balloon_warp.cli.app import app
 from balloon_warp.errors import InputError, StoppedError
 
 
-def test_a_fit_that_was_stopped_goes_on(tmp_path: Path):
+def test_a_fit_that_was_stopped_goes_on(tmp_path):
     """A resumed fit finds the same values without repeating simulations, and drops a record that a kill cut short."""
     moved = bw.simulate(falling(), device="cpu")
     seen = {"times": moved.times[1:], "points": moved.points[0][1:], "noise": 1e-3}
@@ -37,7 +35,7 @@ def test_a_fit_that_was_stopped_goes_on(tmp_path: Path):
 
 
 @pytest.mark.full
-def test_ctrl_c_says_how_to_go_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_ctrl_c_says_how_to_go_on(tmp_path, monkeypatch):
     np.savez(tmp_path / "volumes.npz", times=[0.1], volumes=[1.0])
     words = ["fit", str(tmp_path / "volumes.npz"), "knot", "--free", "balloon.damping=0.1:2", "--device", "cpu"]
 

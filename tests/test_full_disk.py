@@ -25,7 +25,7 @@ WORLDS = 40
 
 
 @pytest.fixture
-def scene(tmp_path: Path) -> Scene:
+def scene(tmp_path) -> Scene:
     write_obj(tmp_path / "ball.obj", quad_sphere(6))
     return load_scene(tmp_path / "ball.obj", [("frames", 12)])
 
@@ -59,7 +59,7 @@ def write(kind: str, scene: Scene, folder: Path, on_frame: Callable[[int], None]
 
 
 @pytest.mark.parametrize("kind", [".usdc", ".usda", "table", "worlds", "picture", "mesh"])
-def test_a_file_that_reaches_a_limit_leaves_the_good_one(kind: str, scene: Scene, tmp_path: Path):
+def test_a_file_that_reaches_a_limit_leaves_the_good_one(kind: str, scene: Scene, tmp_path):
     if kind == "picture":
         write(".usdc", scene, tmp_path)
     write(kind, scene, tmp_path)
@@ -72,7 +72,7 @@ def test_a_file_that_reaches_a_limit_leaves_the_good_one(kind: str, scene: Scene
 
 
 @pytest.mark.parametrize("kind", [".usdc", "table", "worlds"])
-def test_a_folder_that_vanishes_is_told(kind: str, scene: Scene, tmp_path: Path):
+def test_a_folder_that_vanishes_is_told(kind: str, scene: Scene, tmp_path):
     folder = tmp_path / "gone"
     folder.mkdir()
 
@@ -111,7 +111,7 @@ exit $status
 
 
 @pytest.mark.full
-def test_a_full_disk_leaves_the_good_file(scene: Scene, tmp_path: Path):
+def test_a_full_disk_leaves_the_good_file(scene: Scene, tmp_path):
     """A full disk of 128 KiB leaves the good file, where the system allows a mount."""
     names = ["unshare", "-rm"]
     if shutil.which("unshare") is None or subprocess.run([*names, "mount", "-t", "tmpfs", "none", "/mnt"]).returncode:

@@ -1,7 +1,6 @@
 """Journal of a batch's finished shares: no workers are needed for that."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -31,7 +30,7 @@ def test_what_blew_up_in_a_share_is_kept_with_it():
 
 
 @pytest.mark.full
-def test_shares_that_are_done_are_taken_up_with_what_became_of_them(device: str, tmp_path: Path, monkeypatch):
+def test_shares_that_are_done_are_taken_up_with_what_became_of_them(device: str, tmp_path, monkeypatch):
     """Finished shares are restored with their rows, schedules and reports of blow-ups, and their stages join."""
     monkeypatch.setitem(shares.GRAIN, "cpu", shares.Grain(1, 1))
     vary = {"balloon.inflation.k_normal": [9e11, 0.2, 0.3, 0.4]}

@@ -82,7 +82,7 @@ def test_color_deepens_with_the_way_through_and_fades_with_stretch():
     assert (np.diff(stretched[:, 0]) > 0.0).all(), "clearer, the thinner"
 
 
-def test_a_stretched_balloon_is_paler_in_the_middle_than_at_its_rim_and_than_before(tmp_path: Path):
+def test_a_stretched_balloon_is_paler_in_the_middle_than_at_its_rim_and_than_before(tmp_path):
     stage = new_stage(tmp_path / "stage.usda", frames=2)
     points, counts, indices = quad_sphere(8, 0.5)
     ball = add_mesh(stage, "Balloon", points, counts, indices, RED, **LATEX)
@@ -96,7 +96,7 @@ def test_a_stretched_balloon_is_paler_in_the_middle_than_at_its_rim_and_than_bef
     assert saturation(after[79:81, 42:44]) > saturation(after[middle, middle]) + 0.05
 
 
-def test_rubber_tints_its_shadow_and_an_opaque_ball_does_not(tmp_path: Path):
+def test_rubber_tints_its_shadow_and_an_opaque_ball_does_not(tmp_path):
     tints = []
     for opacity in (0.92, 1.0):
         stage = new_stage(tmp_path / f"{opacity}.usda")
@@ -113,7 +113,7 @@ def test_rubber_tints_its_shadow_and_an_opaque_ball_does_not(tmp_path: Path):
     assert abs(tints[1]) < 20
 
 
-def test_foil_mirrors_what_is_beside_it_and_lets_nothing_through(tmp_path: Path):
+def test_foil_mirrors_what_is_beside_it_and_lets_nothing_through(tmp_path):
     seen = {}
     for beside in (GREEN, None):
         for behind in (RED, None):

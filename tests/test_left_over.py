@@ -39,7 +39,7 @@ with ExitStack() as files:
 
 
 @pytest.fixture(autouse=True)
-def system_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def system_folder(tmp_path, monkeypatch) -> Path:
     """Return a temporary folder in place of /tmp."""
     folder = tmp_path / "system"
     folder.mkdir()
@@ -64,7 +64,7 @@ def names(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
 
 
-def test_what_a_killed_process_left_goes_and_what_a_living_one_has_stays(tmp_path: Path, system_folder: Path):
+def test_what_a_killed_process_left_goes_and_what_a_living_one_has_stays(tmp_path, system_folder: Path):
     place = tmp_path / "place"
     place.mkdir()
     (place / ".mine").write_text("not ours")
@@ -87,7 +87,7 @@ def test_what_a_killed_process_left_goes_and_what_a_living_one_has_stays(tmp_pat
     assert names(system_folder) == []
 
 
-def test_another_thread_or_file_of_the_same_process_is_a_living_one(tmp_path: Path):
+def test_another_thread_or_file_of_the_same_process_is_a_living_one(tmp_path):
     with whole_file(tmp_path / "a.txt") as one, folder_beside(tmp_path / "a.txt") as other:
         one.write_text("part")
         clear_left_over(tmp_path)
@@ -97,7 +97,7 @@ def test_another_thread_or_file_of_the_same_process_is_a_living_one(tmp_path: Pa
 
 
 @pytest.mark.parametrize("write", ["run", "run to .glb", "batch", "convert", "checkpoints"])
-def test_the_next_that_writes_there_clears_it_away(write: str, tmp_path: Path):
+def test_the_next_that_writes_there_clears_it_away(write: str, tmp_path):
     place = tmp_path / "place"
     place.mkdir()
     animate(SCENE, place / "in.usdc", device="cpu")
@@ -118,7 +118,7 @@ def test_the_next_that_writes_there_clears_it_away(write: str, tmp_path: Path):
 
 
 @pytest.mark.parametrize("left", ["nothing yet", "no checkpoint", "a checkpoint"])
-def test_a_folder_of_checkpoints_stays_only_if_it_has_one(left: str, tmp_path: Path):
+def test_a_folder_of_checkpoints_stays_only_if_it_has_one(left: str, tmp_path):
     folder = tmp_path / "out.usdc.partial"
     if left == "nothing yet":
         folder.mkdir()
@@ -141,7 +141,7 @@ def stop_at_3(frame: int) -> None:
         raise RuntimeError("stopped")
 
 
-def test_a_folder_that_a_living_run_has_begun_stays(tmp_path: Path):
+def test_a_folder_that_a_living_run_has_begun_stays(tmp_path):
     """The folder of a running process stays, before its first checkpoint, too."""
     begun = """
 import sys, time
@@ -163,7 +163,7 @@ time.sleep(600)
     assert names(tmp_path) == ["out.usdc", "system"]
 
 
-def test_without_locks_only_what_is_old_goes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_without_locks_only_what_is_old_goes(tmp_path, monkeypatch):
     kill(begin(tmp_path / "out.usdc"))
     monkeypatch.setattr(temporaries, "fcntl", None)
     left = names(tmp_path)
@@ -179,7 +179,7 @@ def test_without_locks_only_what_is_old_goes(tmp_path: Path, monkeypatch: pytest
     assert names(tmp_path) == ["fine.txt", "system"]
 
 
-def test_a_lock_that_is_cleared_away_before_it_is_held_is_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_lock_that_is_cleared_away_before_it_is_held_is_made_again(tmp_path, monkeypatch):
     held, taken = temporaries._is_held_elsewhere, []
 
     def come_between(descriptor: int) -> bool:
@@ -195,7 +195,7 @@ def test_a_lock_that_is_cleared_away_before_it_is_held_is_made_again(tmp_path: P
 
 
 @pytest.mark.full
-def test_headers_that_warp_compiles_go_with_a_kill(tmp_path: Path, system_folder: Path):
+def test_headers_that_warp_compiles_go_with_a_kill(tmp_path, system_folder: Path):
     """Precompiled headers of a killed process, megabytes in the system's temporary folder, are removed."""
     compile_one = """
 import time

@@ -35,7 +35,7 @@ def edge_width(row: np.ndarray) -> float:
     return float((half < 0.1).argmax() - (half < 0.9).argmax())
 
 
-def test_a_lens_blurs_what_is_out_of_focus_by_as_much_as_geometry_says(tmp_path: Path):
+def test_a_lens_blurs_what_is_out_of_focus_by_as_much_as_geometry_says(tmp_path):
     """A point of a ball 10 away, with the lens focused at 5, is blurred to a disc of the lens's diameter times (10 - 5)
     / 5, as seen at 10. Of a disc's shadow over an edge nine tenths lie within 0.68 of its diameter."""
     stage = new_stage(tmp_path / "stage.usda")
@@ -50,7 +50,7 @@ def test_a_lens_blurs_what_is_out_of_focus_by_as_much_as_geometry_says(tmp_path:
     assert widths[5.0] == pytest.approx(0.68 * 20.0, abs=2.5)
 
 
-def test_an_open_shutter_smears_what_moves_along_its_way(tmp_path: Path):
+def test_an_open_shutter_smears_what_moves_along_its_way(tmp_path):
     stage = new_stage(tmp_path / "stage.usda", frames=3)
     add_camera(stage, distance=10.0, focal_length=60.0, aperture=24.0)
     add_sphere(stage, "Ball", [(-1.0, 0, 0), (0.0, 0, 0), (1.0, 0, 0)], 0.2, BLACK, roughness=1.0)
@@ -77,7 +77,7 @@ def test_moments_add_up_as_light_does():
     np.testing.assert_array_equal(one_over_the_other([clear, red]), [[[200, 0, 0, 128]]])
 
 
-def test_a_transparent_picture_lies_over_its_backdrop_as_if_taken_before_it(tmp_path: Path):
+def test_a_transparent_picture_lies_over_its_backdrop_as_if_taken_before_it(tmp_path):
     """A dark ball and a transparent balloon with alpha, over the backdrop, equal the picture taken before it."""
     stage = new_stage(tmp_path / "stage.usda")
     add_camera(stage, distance=10.0, focal_length=60.0, aperture=24.0)
@@ -96,7 +96,7 @@ def test_a_transparent_picture_lies_over_its_backdrop_as_if_taken_before_it(tmp_
     assert np.abs(together - (whole / 255.0) ** 2.2)[65:135].mean() < 0.02
 
 
-def test_a_transparent_picture_keeps_the_shadow_on_the_ground(tmp_path: Path):
+def test_a_transparent_picture_keeps_the_shadow_on_the_ground(tmp_path):
     """A transparent picture over the ground's color equals the picture with the ground, with the red light below the
     balloon. The ground is not visible through the balloon."""
     stage = new_stage(tmp_path / "stage.usda")
@@ -121,7 +121,7 @@ def test_a_transparent_picture_keeps_the_shadow_on_the_ground(tmp_path: Path):
     np.testing.assert_allclose(over[100, 130:140], without[100, 130:140], atol=2)  # there the ground sends up no light
 
 
-def test_there_is_no_shadow_at_the_bottom_of_water_that_is_left_out(tmp_path: Path):
+def test_there_is_no_shadow_at_the_bottom_of_water_that_is_left_out(tmp_path):
     stage = new_stage(tmp_path / "stage.usda")
     add_sphere(stage, "Ball", (0.0, 0.0, 0.0), 0.5, BLACK, roughness=1.0)
     add_ground(stage, -0.6)

@@ -36,7 +36,7 @@ def assert_painted(mesh: PolygonMesh) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_an_image_lies_on_each_side_as_its_file_says(kind: str, tmp_path: Path):
+def test_an_image_lies_on_each_side_as_its_file_says(kind: str, tmp_path):
     mesh = load_mesh(write_painted(tmp_path, kind))
     assert_painted(mesh)
     assert mesh.warnings == ()
@@ -63,13 +63,13 @@ def torn_up(mesh: PolygonMesh) -> PolygonMesh:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_seams_and_turned_faces_keep_their_places_in_the_image(kind: str, tmp_path: Path):
+def test_seams_and_turned_faces_keep_their_places_in_the_image(kind: str, tmp_path):
     mesh = prepared(torn_up(load_mesh(write_painted(tmp_path, kind))), "cube", Treatment())
     assert_painted(mesh)
     assert len(np.unique(mesh.face_vertex_indices)) == 8
 
 
-def test_a_lid_has_the_material_of_what_is_around_it(tmp_path: Path):
+def test_a_lid_has_the_material_of_what_is_around_it(tmp_path):
     ball = trimesh.creation.icosphere(2)
     upper = ball.triangles_center[:, 1] > 0.0
     top = int(ball.triangles_center[:, 1].argmax())
@@ -85,7 +85,7 @@ def test_a_lid_has_the_material_of_what_is_around_it(tmp_path: Path):
     assert (colors[-1] == (1, 0, 0)).all()
 
 
-def test_materials_of_an_obj_stay_on_their_faces(tmp_path: Path):
+def test_materials_of_an_obj_stay_on_their_faces(tmp_path):
     path = write_obj_cube(tmp_path, PLAIN.replace("newmtl 3\nKd 0.3 0.5 0.25", "newmtl 3\nmap_Kd images/the atlas.png"))
     for mesh in (load_mesh(path), prepared(torn_up(load_mesh(path)), "cube", Treatment())):
         for side, color in seen_sides(mesh):
@@ -93,7 +93,7 @@ def test_materials_of_an_obj_stay_on_their_faces(tmp_path: Path):
             np.testing.assert_allclose(color, expected, atol=1e-6)
 
 
-def test_faces_without_places_stand_beside_some_with_an_image(tmp_path: Path):
+def test_faces_without_places_stand_beside_some_with_an_image(tmp_path):
     """Faces without texture coordinates stand beside some with an image, as exporters write materials without one."""
     path = write_obj_cube(
         tmp_path, PLAIN.replace("newmtl 0\n", "newmtl paint\nmap_Kd images/the atlas.png\nnewmtl no\n")
@@ -109,7 +109,7 @@ def test_faces_without_places_stand_beside_some_with_an_image(tmp_path: Path):
     assert dict(seen_sides(mesh))[0] == SIDES[0]
 
 
-def test_without_places_a_material_has_its_color(tmp_path: Path):
+def test_without_places_a_material_has_its_color(tmp_path):
     path = write_obj_cube(tmp_path, "newmtl paint\nKd 0.5 0.25 0.125\nmap_Kd images/the atlas.png\n")
     path.write_text(path.read_text().replace("vt 0", "vt nan", 1))
     mesh = load_mesh(path)
@@ -120,14 +120,14 @@ def test_without_places_a_material_has_its_color(tmp_path: Path):
 @pytest.mark.parametrize(
     "line", ["images\\the atlas.png", "-s 1 1 1 -clamp on images/the atlas.png", "C:\\mine\\images\\other.png"]
 )
-def test_names_of_images_are_understood(line: str, tmp_path: Path):
+def test_names_of_images_are_understood(line: str, tmp_path):
     atlas().save(tmp_path / "other.png")
     assert_painted(load_mesh(write_obj_cube(tmp_path, f"newmtl paint\nmap_Kd {line}\n")))
 
 
 @pytest.mark.parametrize(("data", "said"), [(None, "is missing"), (b"hello", "cannot be read as an image")])
 @pytest.mark.parametrize("kind", ["gltf", "obj", "usda"])
-def test_an_image_that_cannot_be_had_is_one_sentence(kind: str, data: bytes | None, said: str, tmp_path: Path):
+def test_an_image_that_cannot_be_had_is_one_sentence(kind: str, data: bytes | None, said: str, tmp_path):
     path = write_painted(tmp_path, kind)
     for image in tmp_path.rglob("*.png"):
         image.unlink() if data is None else image.write_bytes(data)
@@ -138,7 +138,7 @@ def test_an_image_that_cannot_be_had_is_one_sentence(kind: str, data: bytes | No
     assert mesh.looks is None or not mesh.looks.pictures
 
 
-def test_a_cut_off_image_is_no_image(tmp_path: Path):
+def test_a_cut_off_image_is_no_image(tmp_path):
     path = write_painted(tmp_path, "obj")
     image = tmp_path / "images/the atlas.png"
     big = np.random.default_rng(0).integers(0, 255, (64, 64, 3), dtype=np.uint8)
@@ -147,7 +147,7 @@ def test_a_cut_off_image_is_no_image(tmp_path: Path):
     assert load_mesh(path).warnings[0].endswith("cannot be read as an image; it is left out.")
 
 
-def test_parts_of_a_glb_keep_their_colors(tmp_path: Path):
+def test_parts_of_a_glb_keep_their_colors(tmp_path):
     """Parts with vertex colors, with a factor, and with none keep their colors."""
     ball = trimesh.creation.icosphere(0)
     parts = []
@@ -169,7 +169,7 @@ def test_parts_of_a_glb_keep_their_colors(tmp_path: Path):
         np.testing.assert_allclose(colors[part == number], np.tile(color, ((part == number).sum(), 1)), atol=1e-6)
 
 
-def test_a_texture_transform_moves_the_places(tmp_path: Path):
+def test_a_texture_transform_moves_the_places(tmp_path):
     """A texture transform moves the coordinates to a quarter of an image of twice the size."""
     path = write_painted(tmp_path, "glb")
     data = path.read_bytes()
@@ -198,7 +198,7 @@ PLACES = ["materials", "textures", "images", "attributes", "TEXCOORD_0", "baseCo
 
 @pytest.mark.parametrize("place", PLACES)
 @pytest.mark.parametrize("wrong", [None, -1, 99, "x", [], {}, [None, None, None]])
-def test_a_gltf_that_says_nonsense_of_its_looks_is_a_mesh_or_a_sentence(place: str, wrong: object, tmp_path: Path):
+def test_a_gltf_that_says_nonsense_of_its_looks_is_a_mesh_or_a_sentence(place: str, wrong: object, tmp_path):
     path = write_painted(tmp_path, "gltf")
     tree = json.loads(path.read_text())
     primitive = tree["meshes"][0]["primitives"][0]
@@ -211,7 +211,7 @@ def test_a_gltf_that_says_nonsense_of_its_looks_is_a_mesh_or_a_sentence(place: s
 
 
 @pytest.mark.parametrize("kind", ["ply", "obj"])
-def test_colors_of_vertices_are_taken(kind: str, tmp_path: Path):
+def test_colors_of_vertices_are_taken(kind: str, tmp_path):
     ball = trimesh.creation.icosphere(1)
     ball.visual.vertex_colors = np.tile([[200, 100, 0, 255]], (len(ball.vertices), 1))
     ball.export(tmp_path / f"ball.{kind}")
@@ -221,12 +221,12 @@ def test_colors_of_vertices_are_taken(kind: str, tmp_path: Path):
 
 
 @pytest.mark.parametrize("kind", ["stl", "ply", "off", "glb", "obj"])
-def test_a_file_that_says_no_color_has_no_looks(kind: str, tmp_path: Path):
+def test_a_file_that_says_no_color_has_no_looks(kind: str, tmp_path):
     trimesh.creation.icosphere(1).export(tmp_path / f"ball.{kind}")
     assert load_mesh(tmp_path / f"ball.{kind}").looks is None
 
 
-def test_a_mesh_of_trimesh_keeps_its_looks(tmp_path: Path):
+def test_a_mesh_of_trimesh_keeps_its_looks(tmp_path):
     assert_painted(load_mesh(trimesh.load(write_painted(tmp_path, "glb"), process=False).to_mesh()))
     ball = trimesh.creation.icosphere(1)
     assert load_mesh(ball).looks is None
@@ -246,7 +246,7 @@ def usd_cube(folder: Path, interpolation: str = "", colors=()) -> tuple[Usd.Stag
     return stage, mesh
 
 
-def test_display_colors_are_taken(tmp_path: Path):
+def test_display_colors_are_taken(tmp_path):
     sides = np.array(SIDES) / 255.0
     for interpolation, colors in (("constant", sides[:1]), ("uniform", sides), ("vertex", CORNERS / 2.0 + 0.5)):
         (tmp_path / interpolation).mkdir()
@@ -257,7 +257,7 @@ def test_display_colors_are_taken(tmp_path: Path):
         np.testing.assert_allclose(mesh.looks.color_at_corners((0, 0, 0)), expected, atol=1e-6)
 
 
-def test_subsets_of_usd_keep_their_materials(tmp_path: Path):
+def test_subsets_of_usd_keep_their_materials(tmp_path):
     stage, cube = usd_cube(tmp_path, "constant", [(0.3, 0.4, 0.5)])
     for name, faces, color in (("a", [1, 4], (0.9, 0.1, 0.1)), ("b", [2], (0.1, 0.9, 0.1))):
         material = UsdShade.Material.Define(stage, f"/{name}")

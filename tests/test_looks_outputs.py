@@ -63,7 +63,7 @@ def assert_sides(path: Path, prim: str | None = None) -> None:
 
 
 @pytest.mark.parametrize("kind", ["glb", "obj", "usda"])
-def test_the_stage_has_the_image_and_where_it_lies(kind: str, tmp_path: Path):
+def test_the_stage_has_the_image_and_where_it_lies(kind: str, tmp_path):
     path = moved(written(write_painted(tmp_path, kind)))
     stage = Usd.Stage.Open(str(path))
     cube = stage.GetPrimAtPath("/World/cube")
@@ -87,7 +87,7 @@ def seen_from(path: Path, azimuth: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("kind", ["glb", "obj"])
-def test_pictures_show_each_side_in_its_color(kind: str, tmp_path: Path):
+def test_pictures_show_each_side_in_its_color(kind: str, tmp_path):
     path = written(write_painted(tmp_path, kind))
     for azimuth, side in ((0.0, 5), (90.0, 1), (180.0, 4), (270.0, 0)):
         seen, color = seen_from(path, azimuth), np.array(SIDES[side])
@@ -95,7 +95,7 @@ def test_pictures_show_each_side_in_its_color(kind: str, tmp_path: Path):
         assert seen[color > 150].min() > 1.5 * seen[color < 80].max()
 
 
-def test_a_glb_has_the_image_and_where_it_lies(tmp_path: Path):
+def test_a_glb_has_the_image_and_where_it_lies(tmp_path):
     stage = written(write_painted(tmp_path, "obj"))
     export_stage(stage, tmp_path / "out.glb")
     [cube] = trimesh.load(tmp_path / "out.glb", process=False).geometry.values()
@@ -105,7 +105,7 @@ def test_a_glb_has_the_image_and_where_it_lies(tmp_path: Path):
     assert_sides(tmp_path / "out.glb")
 
 
-def test_a_package_has_its_image_in_it(tmp_path: Path):
+def test_a_package_has_its_image_in_it(tmp_path):
     export_stage(written(write_painted(tmp_path, "glb")), tmp_path / "cube.usdz")
     assert sum(name.endswith(".png") for name in zipfile.ZipFile(tmp_path / "cube.usdz").namelist()) == 1
     (tmp_path / "alone").mkdir()
@@ -113,7 +113,7 @@ def test_a_package_has_its_image_in_it(tmp_path: Path):
     assert_sides(path)
 
 
-def test_a_stage_made_of_another_has_its_image_beside_it(tmp_path: Path):
+def test_a_stage_made_of_another_has_its_image_beside_it(tmp_path):
     stage = written(write_painted(tmp_path, "obj"))
     (tmp_path / "there").mkdir()
     export_stage(stage, tmp_path / "there/other.usda")
@@ -125,7 +125,7 @@ def test_a_stage_made_of_another_has_its_image_beside_it(tmp_path: Path):
     ]
 
 
-def test_several_materials_are_subsets_that_share_out_the_faces(tmp_path: Path):
+def test_several_materials_are_subsets_that_share_out_the_faces(tmp_path):
     path = written(write_obj_cube(tmp_path, MATERIALS))
     stage = Usd.Stage.Open(str(path))
     subsets = UsdShade.MaterialBindingAPI(stage.GetPrimAtPath("/World/cube")).GetMaterialBindSubsets()
@@ -142,7 +142,7 @@ def test_several_materials_are_subsets_that_share_out_the_faces(tmp_path: Path):
     assert cyan.argmin() == 0
 
 
-def test_colors_of_vertices_are_in_all_outputs(tmp_path: Path):
+def test_colors_of_vertices_are_in_all_outputs(tmp_path):
     ball = trimesh.creation.icosphere(2)
     ball.visual.vertex_colors = np.where(ball.vertices[:, :1] > 1e-6, [[230, 20, 20, 255]], [[20, 20, 230, 255]])
     ball.export(tmp_path / "ball.ply")
@@ -158,14 +158,14 @@ def test_colors_of_vertices_are_in_all_outputs(tmp_path: Path):
         assert (colors.argmax(axis=1) == np.where(right, 0, 2)).all()
 
 
-def test_what_the_scene_says_counts_for_more(tmp_path: Path):
+def test_what_the_scene_says_counts_for_more(tmp_path):
     path = written(write_painted(tmp_path, "obj"), "color = [0.1, 0.2, 0.3]\n")
     assert not (path.parent / "textures").exists()
     looks = load_mesh(path).looks
     np.testing.assert_allclose(looks.color_at_corners((0, 0, 0)), np.tile([(0.1, 0.2, 0.3)], (24, 1)), atol=1e-6)
 
 
-def test_a_file_in_the_place_of_the_folder_is_found_before_the_work(tmp_path: Path):
+def test_a_file_in_the_place_of_the_folder_is_found_before_the_work(tmp_path):
     mesh = write_painted(tmp_path, "obj")
     (tmp_path / "out").mkdir()
     (tmp_path / "out/textures").write_text("mine")
@@ -189,14 +189,14 @@ color = [0.5, 0.5, 0.5]
 """
 
 
-def test_obstacles_and_bodies_keep_their_looks(tmp_path: Path):
+def test_obstacles_and_bodies_keep_their_looks(tmp_path):
     path = written(write_painted(tmp_path, "obj"), SOLIDS)
     assert_sides(path, "/World/Obstacles/mesh")
     assert_sides(path, "/World/Bodies/mesh")
     assert not load_mesh(path, "/World/Bodies/mesh_1").looks.pictures
 
 
-def test_a_batch_keeps_them(tmp_path: Path):
+def test_a_batch_keeps_them(tmp_path):
     mesh = write_painted(tmp_path, "obj")
     written(mesh)
     plan = plan_model(load_scene(tmp_path / "scene.toml"))
@@ -211,7 +211,7 @@ def test_a_batch_keeps_them(tmp_path: Path):
     assert [file.suffix for file in (tmp_path / "batch/textures").iterdir()] == [".png"]
 
 
-def test_without_looks_each_balloon_has_another_color_and_one_is_red(tmp_path: Path):
+def test_without_looks_each_balloon_has_another_color_and_one_is_red(tmp_path):
     colors = np.array([palette_color(number) for number in range(20)])
     apart = np.abs(colors[:, None] - colors).max(axis=2) + np.eye(20)
     assert apart.min() > 0.02

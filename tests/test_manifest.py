@@ -31,7 +31,7 @@ COMMAND += ["--vary", "balloon.inflation.k_normal=0:8", "--vary", "balloon.mesh=
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path, monkeypatch) -> Path:
     """Return a folder where the command has just simulated a batch, into `first`."""
     (tmp_path / "ball.toml").write_text(SCENE)
     write_obj(tmp_path / "ball.obj", quad_sphere(2))
@@ -79,7 +79,7 @@ def test_a_batch_repeated_from_it_has_the_same_hashes(folder: Path):
     assert manifest(folder / "third")["outputs"] == said["outputs"]
 
 
-def test_its_command_has_the_same_hashes(folder: Path, monkeypatch: pytest.MonkeyPatch):
+def test_its_command_has_the_same_hashes(folder: Path, monkeypatch):
     said = manifest(folder / "first")
     (folder / "first").rename(folder / "moved")
     run_command(monkeypatch, said["command"])
@@ -111,7 +111,7 @@ def test_what_cannot_be_repeated_is_told(folder: Path):
     assert not (folder / "again").exists()
 
 
-def test_a_mesh_from_python_is_named_and_hashed(tmp_path: Path):
+def test_a_mesh_from_python_is_named_and_hashed(tmp_path):
     hashes = []
     for cells in (2, 2, 3):
         run_batch(Scene(frames=1, balloon=[Balloon(mesh=quad_sphere(cells))]), tmp_path / "out", 2, device="cpu")

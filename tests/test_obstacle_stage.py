@@ -46,7 +46,7 @@ def expected_matrix(pose: np.ndarray) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def written(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("stage") / "obstacles.usdc"
     animate(everything(), path, device="cpu", schedule="gather")
     return path
@@ -58,7 +58,7 @@ def stage(written: Path) -> Usd.Stage:
 
 
 @pytest.mark.parametrize("up_axis", ["Y", "Z"])
-def test_every_validator_passes(tmp_path: Path, up_axis: str):
+def test_every_validator_passes(tmp_path, up_axis: str):
     path = tmp_path / "stage.usda"
     simulator = Simulator(everything(up_axis=up_axis, obstacle=everything().obstacle[:2]), "cpu", schedule="gather")
     with StageWriter(path, simulator.model) as writer:
@@ -112,7 +112,7 @@ def test_a_plane_is_drawn_below_the_balloons(stage: Usd.Stage):
 
 
 @pytest.mark.full
-def test_a_change_moves_an_obstacle(tmp_path: Path):
+def test_a_change_moves_an_obstacle(tmp_path):
     """A planned change moves an obstacle at once, and one that stays gets no samples."""
     change = [Change(time=2 / 30, set={"obstacle.0.position": (0.0, -2.5, 0.0)})]
     scene = everything(change=change, obstacle=[everything().obstacle[0], everything().obstacle[3]])
@@ -124,7 +124,7 @@ def test_a_change_moves_an_obstacle(tmp_path: Path):
     assert (box.TransformMightBeTimeVarying(), tile.TransformMightBeTimeVarying()) == (True, False)
 
 
-def test_worlds_of_a_batch_share_shapes_and_have_places_of_their_own(tmp_path: Path):
+def test_worlds_of_a_batch_share_shapes_and_have_places_of_their_own(tmp_path):
     heights = [-2.0, -2.5, -3.0]
     vary = {"obstacle.0.position.1": heights, "obstacle.1.position.0": [1.5, 1.75, 2.0]}
     run_batch(everything(), tmp_path, 3, vary, export=[0, 2], device="cpu", schedule="gather")
@@ -179,7 +179,7 @@ def test_the_camera_frames_the_balloons_and_not_a_plane(written: Path):
     assert max(np.ptp(points, axis=0).max() for points in reader.points(0)) > 30.0
 
 
-def test_a_recorded_frame_alone_has_them(tmp_path: Path):
+def test_a_recorded_frame_alone_has_them(tmp_path):
     """A stage of a single late frame, as a snapshot is, has the obstacles' poses."""
     simulator = Simulator(everything(), "cpu", schedule="gather")
     for _ in range(3):

@@ -1,7 +1,5 @@
 """Outputs of a run that blows up."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from meshes import cube
@@ -40,7 +38,7 @@ def samples(layer: Sdf.Layer) -> dict[tuple[str, float], np.ndarray]:
 
 
 @pytest.mark.full
-def test_frozen_the_stage_ends_at_the_last_good_frame(device: str, tmp_path: Path):
+def test_frozen_the_stage_ends_at_the_last_good_frame(device: str, tmp_path):
     warnings: list[str] = []
     how = {"device": device, "schedule": "gather", "checkpoint_seconds": 1e-9}
     summary = animate(HOPELESS, tmp_path / "a.usdc", on_blowup="freeze", on_warning=warnings.append, **how)
@@ -61,7 +59,7 @@ def test_frozen_the_stage_ends_at_the_last_good_frame(device: str, tmp_path: Pat
 
 
 @pytest.mark.full
-def test_restarted_it_is_the_run_with_as_many_substeps_byte_by_byte(device: str, tmp_path: Path):
+def test_restarted_it_is_the_run_with_as_many_substeps_byte_by_byte(device: str, tmp_path):
     def run(name: str, scene: Scene, on_blowup: str, warnings: list[str]) -> Summary:
         """Run by a deterministic schedule."""
         options = {"device": device, "schedule": "gather", "on_blowup": on_blowup, "on_warning": warnings.append}
@@ -81,7 +79,7 @@ def test_restarted_it_is_the_run_with_as_many_substeps_byte_by_byte(device: str,
 
 
 @pytest.mark.full
-def test_stopped_in_shorter_steps_it_goes_on_in_these(device: str, tmp_path: Path):
+def test_stopped_in_shorter_steps_it_goes_on_in_these(device: str, tmp_path):
     """A run resumed in shorter steps writes the same bytes; checkpoints of the longer steps are gone."""
 
     class StopError(Exception):
@@ -105,7 +103,7 @@ def test_stopped_in_shorter_steps_it_goes_on_in_these(device: str, tmp_path: Pat
 
 
 @pytest.mark.parametrize("on_blowup", ["stop", "restart"])
-def test_where_it_ends_in_a_blow_up_the_old_stage_stays(on_blowup: str, tmp_path: Path):
+def test_where_it_ends_in_a_blow_up_the_old_stage_stays(on_blowup: str, tmp_path):
     (tmp_path / "a.usdc").write_text("old")
     with pytest.raises(
         BlowUpError, match="The 4 longer steps blew up as well" if on_blowup == "restart" else "less force helps"
@@ -115,7 +113,7 @@ def test_where_it_ends_in_a_blow_up_the_old_stage_stays(on_blowup: str, tmp_path
     assert (tmp_path / "a.usdc").read_text() == "old"
 
 
-def test_another_policy_is_refused_before_anything_runs(tmp_path: Path):
+def test_another_policy_is_refused_before_anything_runs(tmp_path):
     with pytest.raises(InputError, match=r"^--on-blowup pray: expected freeze, stop, restart$"):
         animate(HOPELESS, tmp_path / "a.usdc", on_blowup="pray")
 

@@ -151,10 +151,7 @@ def test_a_balloon_above_an_obstacle_lands():
         (Obstacle(position=(0.0, -3.0 * size, 0.0)), ["falling"]),
         (Obstacle(shape="plane", position=(0.0, -9.0 * size, 0.0), rotation=(30.0, 0.0, 0.0)), []),
         (Obstacle(shape="plane", position=(0.0, 2.0 * size, 0.0), rotation=(180.0, 0.0, 0.0)), ["falling"]),
-        (
-            Obstacle(position=(0.0, -3.0 * size, 0.0), motion=[(0.0, (0.0, -4.0 * size, 0.0))]),
-            [],
-        ),
+        (Obstacle(position=(0.0, -3.0 * size, 0.0), motion=[(0.0, (0.0, -4.0 * size, 0.0))]), []),
     ]:
         assert kinds(low, speed=1.0, ground=None, obstacle=[obstacle]) == expected
 

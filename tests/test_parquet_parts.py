@@ -1,7 +1,5 @@
 """Parquet joined of parts: the bytes of one writer, without anything decoded."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -15,9 +13,7 @@ COLUMNS = ("world", "frame", "time", "mesh", "mass", "height", "health")
 VARIED = {"mesh": np.array([f"mesh {world % 7}" for world in range(WORLDS)]), "mass": np.linspace(0.1, 0.2, WORLDS)}
 
 
-def test_row_groups_that_are_encoded_side_by_side_are_those_of_one_writer(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_row_groups_that_are_encoded_side_by_side_are_those_of_one_writer(tmp_path, monkeypatch):
     """Twenty row groups, which is a long list in Thrift, have the bytes that Arrow itself writes in turn."""
     monkeypatch.setattr(table_parquet, "ROWS", 2 * WORLDS)
     heights = np.random.default_rng(0).normal(size=(FRAMES, 1, WORLDS)).astype(np.float32)

@@ -37,9 +37,7 @@ def stage(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureF
     return json.loads(capsys.readouterr().out)
 
 
-def test_a_stage_says_what_it_takes_to_make_it_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
-):
+def test_a_stage_says_what_it_takes_to_make_it_again(tmp_path, monkeypatch, capsys):
     summary = stage(tmp_path, monkeypatch, capsys, "-o", "ball.usda")
     opened = Usd.Stage.Open(summary["output"])
     said = opened.GetRootLayer().customLayerData["balloonWarp"]
@@ -55,9 +53,7 @@ def test_a_stage_says_what_it_takes_to_make_it_again(
     assert (scene.frames, scene.balloon[0].mesh, scene.balloon[0].mass) == (2, Path("ball.obj"), 0.5)
 
 
-def test_where_the_files_are_is_not_in_the_bytes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
-):
+def test_where_the_files_are_is_not_in_the_bytes(tmp_path, monkeypatch, capsys):
     first = stage(tmp_path / "here", monkeypatch, capsys, "-o", "one.usdc")
     bytes_here = (tmp_path / "here" / first["output"]).read_bytes()
     stage(tmp_path / "there", monkeypatch, capsys, "--output", "../two.usdc", "--checkpoint", "9", "--resume")

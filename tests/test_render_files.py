@@ -20,7 +20,7 @@ SMALL: dict[str, Any] = {"size": (64, 36), "samples": 1, "device": "cpu"}
 
 
 @pytest.fixture
-def stage(tmp_path: Path) -> Path:
+def stage(tmp_path) -> Path:
     """Return a stage of a ball that crosses the picture in 48 frames, 2 s."""
     path = tmp_path / "stage.usda"
     made = new_stage(path, frames=48)
@@ -29,13 +29,13 @@ def stage(tmp_path: Path) -> Path:
     return path
 
 
-def test_png_has_the_size_asked_for(stage: Path, tmp_path: Path):
+def test_png_has_the_size_asked_for(stage: Path, tmp_path):
     assert render_stage(stage, tmp_path / "a.png", **SMALL) == [47]
     with Image.open(tmp_path / "a.png") as picture:
         assert (picture.format, picture.size, picture.mode) == ("PNG", (64, 36), "RGB")
 
 
-def test_the_stage_names_its_picture(stage: Path, tmp_path: Path):
+def test_the_stage_names_its_picture(stage: Path, tmp_path):
     opened = Usd.Stage.Open(str(stage))
     opened.GetRootLayer().customLayerData = {"balloonWarp": {"pictureFrame": 12}}
     opened.GetRootLayer().Save()
@@ -43,7 +43,7 @@ def test_the_stage_names_its_picture(stage: Path, tmp_path: Path):
     assert render_stage(stage, tmp_path / "a.png", frame=3, **SMALL) == [3]
 
 
-def test_gif_takes_as_long_as_the_stage(stage: Path, tmp_path: Path):
+def test_gif_takes_as_long_as_the_stage(stage: Path, tmp_path):
     done = []
     frames = render_stage(
         stage, tmp_path / "a.gif", on_frame=lambda number, count: done.append((number, count)), **SMALL
@@ -65,20 +65,20 @@ def test_gif_takes_as_long_as_the_stage(stage: Path, tmp_path: Path):
     assert (np.diff(places) > 0.0).all(), "the ball goes one way"
 
 
-def test_mp4_has_every_frame(stage: Path, tmp_path: Path):
+def test_mp4_has_every_frame(stage: Path, tmp_path):
     ffmpeg = pytest.importorskip("imageio_ffmpeg", reason="needs the extra `video`")
     render_stage(stage, tmp_path / "a.mp4", **SMALL)
     count, seconds = ffmpeg.count_frames_and_secs(str(tmp_path / "a.mp4"))
     assert (count, seconds) == (48, pytest.approx(2.0, abs=0.05))
 
 
-def test_mp4_without_ffmpeg_names_the_extra(stage: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_mp4_without_ffmpeg_names_the_extra(stage: Path, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     with pytest.raises(MissingExtraError, match=r"pip install 'balloon-warp\[video\]'"):
         render_stage(stage, tmp_path / "a.mp4", **SMALL)
 
 
-def test_a_write_that_fails_leaves_the_old_file(stage: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_write_that_fails_leaves_the_old_file(stage: Path, tmp_path, monkeypatch):
     output = tmp_path / "a.png"
     output.write_bytes(b"old")
 
@@ -102,7 +102,7 @@ def usd_failure(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("fail", [full_disk, usd_failure])
-def test_a_write_that_fails_gets_a_sentence(fail: Callable[[Path], None], tmp_path: Path):
+def test_a_write_that_fails_gets_a_sentence(fail: Callable[[Path], None], tmp_path):
     def write_half() -> None:
         with whole_file(tmp_path / "a.usda") as temporary:
             temporary.write_text("half a st")
@@ -113,12 +113,12 @@ def test_a_write_that_fails_gets_a_sentence(fail: Callable[[Path], None], tmp_pa
     assert list(tmp_path.iterdir()) == []
 
 
-def test_another_files_error_is_not_blamed_on_the_output(tmp_path: Path):
+def test_another_files_error_is_not_blamed_on_the_output(tmp_path):
     with pytest.raises(FileNotFoundError), whole_file(tmp_path / "a.png"):
         (tmp_path / "none").read_bytes()
 
 
-def test_the_longest_names_can_be_written(stage: Path, tmp_path: Path):
+def test_the_longest_names_can_be_written(stage: Path, tmp_path):
     output = tmp_path / ("x" * 251 + ".png")  # 255 bytes, the most that file systems take
     render_stage(stage, output, **SMALL)
     assert output.stat().st_size > 0
@@ -149,13 +149,13 @@ def test_a_folder_that_takes_no_files_is_refused_before_any_work(stage: Path):
         ("a.png", {"device": "cuda:99"}, "cuda:99: no such device; this machine has cpu"),
     ],
 )
-def test_bad_requests_get_a_sentence(stage: Path, tmp_path: Path, output: str, options: dict, sentence: str):
+def test_bad_requests_get_a_sentence(stage: Path, tmp_path, output: str, options: dict, sentence: str):
     with pytest.raises(InputError, match=sentence):
         render_stage(stage, tmp_path / output, **SMALL | options)
     assert [path.name for path in tmp_path.iterdir()] == ["stage.usda"]
 
 
-def test_no_stage_gets_a_sentence(tmp_path: Path):
+def test_no_stage_gets_a_sentence(tmp_path):
     with pytest.raises(InputError, match=r"none\.usdc: no such file; expected a USD stage"):
         render_stage(tmp_path / "none.usdc", tmp_path / "a.png", **SMALL)
     (tmp_path / "text.usda").write_text("hello")
@@ -163,7 +163,7 @@ def test_no_stage_gets_a_sentence(tmp_path: Path):
         render_stage(tmp_path / "text.usda", tmp_path / "a.png", **SMALL)
 
 
-def test_bad_stages_get_a_sentence(tmp_path: Path):
+def test_bad_stages_get_a_sentence(tmp_path):
     def fails(sentence: str, made: Usd.Stage) -> None:
         made.GetRootLayer().Save()
         with pytest.raises(InputError, match=sentence):
@@ -191,7 +191,7 @@ def test_bad_stages_get_a_sentence(tmp_path: Path):
         render_stage(tmp_path / "growing.usda", tmp_path / "a.gif", **SMALL)
 
 
-def test_other_peoples_stages(tmp_path: Path):
+def test_other_peoples_stages(tmp_path):
     """Stages of other programs render without times, colors or materials; unused points do not affect the framing."""
     corners = [(0, 0, 0), (2, 0, 0), (2, 0, 2), (0, 0, 2), (1, 2, 1)]
     seen = []
@@ -216,7 +216,7 @@ def test_other_peoples_stages(tmp_path: Path):
         ("endTimeCode = -3", "a.png", "time codes go from 0 to -3; expected finite ones, in order"),
     ],
 )
-def test_impossible_times_get_a_sentence(setting: str, output: str, sentence: str, tmp_path: Path):
+def test_impossible_times_get_a_sentence(setting: str, output: str, sentence: str, tmp_path):
     name = setting.split()[0]
     text = _ball_and(tmp_path).read_text().splitlines()
     (tmp_path / "b.usda").write_text("\n".join(f"    {setting}" if name in line else line for line in text))
@@ -224,7 +224,7 @@ def test_impossible_times_get_a_sentence(setting: str, output: str, sentence: st
         render_stage(tmp_path / "b.usda", tmp_path / output, **SMALL)
 
 
-def test_a_range_without_a_whole_frame_shows_the_next(tmp_path: Path):
+def test_a_range_without_a_whole_frame_shows_the_next(tmp_path):
     path = _ball_and(tmp_path)
     path.write_text(path.read_text().replace("startTimeCode = 0", "startTimeCode = 0.2"))
     path.write_text(path.read_text().replace("endTimeCode = 0", "endTimeCode = 0.7"))
@@ -232,7 +232,7 @@ def test_a_range_without_a_whole_frame_shows_the_next(tmp_path: Path):
 
 
 @pytest.mark.parametrize("data", ["text", {"pictureFrame": "soon"}, {"pictureFrame": 0.5}, {"pictureFrame": 48}])
-def test_what_names_no_picture_frame_that_is_there_is_passed_over(stage: Path, data: object, tmp_path: Path):
+def test_what_names_no_picture_frame_that_is_there_is_passed_over(stage: Path, data: object, tmp_path):
     opened = Usd.Stage.Open(str(stage))
     opened.GetRootLayer().customLayerData = {"balloonWarp": data}
     opened.GetRootLayer().Save()
@@ -258,20 +258,20 @@ def test_what_names_no_picture_frame_that_is_there_is_passed_over(stage: Path, d
         (lambda made: add_mesh(made, "Bad", np.eye(3), [4, -1], [0, 1, 2], (1, 0, 0)), "its faces do not match its 3"),
     ],
 )
-def test_impossible_prims_get_a_sentence(break_it: Callable[[Usd.Stage], object], sentence: str, tmp_path: Path):
+def test_impossible_prims_get_a_sentence(break_it: Callable[[Usd.Stage], object], sentence: str, tmp_path):
     path = _ball_and(tmp_path, break_it)
     with pytest.raises(InputError, match=sentence):
         render_stage(path, tmp_path / "a.png", **SMALL)
 
 
-def test_usd_keeps_its_warnings_to_itself(tmp_path: Path, capfd: pytest.CaptureFixture[str]):
+def test_usd_keeps_its_warnings_to_itself(tmp_path, capfd):
     path = _ball_and(tmp_path, lambda made: made.DefinePrim("/World/Gone").GetReferences().AddReference("./gone.usda"))
     capfd.readouterr()
     render_stage(path, tmp_path / "a.png", **SMALL)
     assert "gone" not in capfd.readouterr().err
 
 
-def test_a_long_gif_has_at_most_120_pictures(tmp_path: Path):
+def test_a_long_gif_has_at_most_120_pictures(tmp_path):
     path = tmp_path / "long.usda"
     made = new_stage(path, frames=1000)
     made.SetTimeCodesPerSecond(10)

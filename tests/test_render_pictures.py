@@ -37,7 +37,7 @@ def pixel_of(camera: Camera, point, size: tuple[int, int]) -> tuple[int, int]:
 
 
 @pytest.mark.parametrize("shape", ["sphere", "mesh"])
-def test_a_sphere_covers_the_area_that_a_pinhole_sees(shape: str, tmp_path: Path):
+def test_a_sphere_covers_the_area_that_a_pinhole_sees(shape: str, tmp_path):
     stage = new_stage(tmp_path / "stage.usda")
     add_camera(stage, distance=5.0, focal_length=40.0, aperture=24.0)
     if shape == "sphere":
@@ -51,7 +51,7 @@ def test_a_sphere_covers_the_area_that_a_pinhole_sees(shape: str, tmp_path: Path
     assert (seen.max(axis=2) < HALF_COVERED).sum() == pytest.approx(np.pi * radius**2, rel=0.01)
 
 
-def test_a_moving_sphere_is_seen_where_it_is(tmp_path: Path):
+def test_a_moving_sphere_is_seen_where_it_is(tmp_path):
     centers = [(-0.8, 0.3, 0.0), (0.0, 0.0, 0.0), (0.6, -0.9, 0.0)]
     stage = new_stage(tmp_path / "stage.usda", frames=3)
     add_camera(stage, distance=10.0, focal_length=60.0, aperture=24.0)
@@ -63,7 +63,7 @@ def test_a_moving_sphere_is_seen_where_it_is(tmp_path: Path):
         assert [columns.mean() + 0.5, rows.mean() + 0.5] == pytest.approx(expected.tolist(), abs=0.5)
 
 
-def test_the_same_bytes_whatever_the_number_of_threads(tmp_path: Path):
+def test_the_same_bytes_whatever_the_number_of_threads(tmp_path):
     path = tmp_path / "stage.usda"
     small_world = _small_world(path, "Y")
     small_world.GetRootLayer().Save()
@@ -78,19 +78,19 @@ def test_the_same_bytes_whatever_the_number_of_threads(tmp_path: Path):
     assert len(set(pictures)) == 1
 
 
-def test_each_device_makes_the_same_picture(device: str, tmp_path: Path):
+def test_each_device_makes_the_same_picture(device: str, tmp_path):
     stage = _small_world(tmp_path / "stage.usda", "Y")
     seen = [picture(stage, tmp_path, device=each).astype(int) for each in ("cpu", device)]
     # Round-off may move a sample across an edge; nothing else may change.
     assert np.abs(seen[0] - seen[1]).mean() < 0.1
 
 
-def test_which_axis_is_up_does_not_show(tmp_path: Path):
+def test_which_axis_is_up_does_not_show(tmp_path):
     seen = [picture(_small_world(tmp_path / f"{up}.usda", up), tmp_path) for up in ("Y", "Z")]
     assert (seen[0] == seen[1]).all()
 
 
-def test_units_do_not_show(tmp_path: Path):
+def test_units_do_not_show(tmp_path):
     seen = []
     for factor in (1.0, 1000.0):
         stage = _small_world(tmp_path / f"{factor}.usda", "Y")
@@ -105,7 +105,7 @@ def test_units_do_not_show(tmp_path: Path):
     ("azimuth", "elevation", "nearest"),
     [(0.0, 0.0, RED), (180.0, 0.0, GREEN), (90.0, 0.0, BLUE), (40.0, 90.0, WHITE), (0.0, None, RED)],
 )
-def test_one_looks_from_where_one_asks(up_axis: str, azimuth: float, elevation: float, nearest, tmp_path: Path):
+def test_one_looks_from_where_one_asks(up_axis: str, azimuth: float, elevation: float, nearest, tmp_path):
     """A given view replaces the stage's camera: of balls in front, behind, to the right and above, the middle of the
     picture shows the nearest."""
     stage = new_stage(tmp_path / "stage.usda", up_axis)
@@ -118,7 +118,7 @@ def test_one_looks_from_where_one_asks(up_axis: str, azimuth: float, elevation: 
     np.testing.assert_array_equal(seen > 0.7 * seen.max(), expected > 0.7 * expected.max())
 
 
-def test_a_ball_shades_the_ground_away_from_the_key_light(tmp_path: Path):
+def test_a_ball_shades_the_ground_away_from_the_key_light(tmp_path):
     stage = new_stage(tmp_path / "stage.usda")
     add_ground(stage)
     add_sphere(stage, "Ball", (0.0, 1.5, 0.0), 1.0, BLACK, roughness=1.0)
@@ -139,7 +139,7 @@ def test_a_ball_shades_the_ground_away_from_the_key_light(tmp_path: Path):
     assert seen[pixel_of(camera, (0.0, 0.0, 0.0), size)] < lit - 10
 
 
-def test_water_tints_what_is_below_it_and_leaves_what_is_above(tmp_path: Path):
+def test_water_tints_what_is_below_it_and_leaves_what_is_above(tmp_path):
     """Water tints a gray ball below its surface alone, and does not change the camera."""
     seen = []
     for name in ("Water", None):
@@ -161,7 +161,7 @@ def test_water_tints_what_is_below_it_and_leaves_what_is_above(tmp_path: Path):
     assert blueness[0] > blueness[1] + 20
 
 
-def test_curves_have_their_colors_and_stay_visible_when_thin(tmp_path: Path):
+def test_curves_have_their_colors_and_stay_visible_when_thin(tmp_path):
     stage = new_stage(tmp_path / "stage.usda")
     add_camera(stage, distance=10.0, focal_length=60.0, aperture=24.0)
     lines = [(-1.0, 1.0, 0.0), (1.0, 1.0, 0.0), (-1.0, -1.0, 0.0), (0.0, -1.0, 0.0), (1.0, -1.0, 0.0)]
@@ -177,7 +177,7 @@ def test_curves_have_their_colors_and_stay_visible_when_thin(tmp_path: Path):
         assert (columns.min(), columns.max()) == pytest.approx((50, 149), abs=1)
 
 
-def test_latex_shows_what_is_inside_and_an_opaque_wall_does_not(tmp_path: Path):
+def test_latex_shows_what_is_inside_and_an_opaque_wall_does_not(tmp_path):
     differences = []
     for opacity in (0.92, 1.0):
         seen = []
@@ -191,7 +191,7 @@ def test_latex_shows_what_is_inside_and_an_opaque_wall_does_not(tmp_path: Path):
     assert differences[1] == 0.0
 
 
-def test_what_is_hidden_is_not_drawn(tmp_path: Path):
+def test_what_is_hidden_is_not_drawn(tmp_path):
     stage = new_stage(tmp_path / "stage.usda")
     add_camera(stage, distance=10.0, focal_length=60.0, aperture=24.0)
     add_sphere(stage, "Ball", (-0.8, 0.0, 0.0), 0.4, RED, roughness=1.0)
@@ -204,7 +204,7 @@ def test_what_is_hidden_is_not_drawn(tmp_path: Path):
     assert not (seen[..., 1] - seen[..., 0] > 20).any()
 
 
-def test_a_mesh_that_moves_looks_the_same_in_an_animation_as_alone(tmp_path: Path):
+def test_a_mesh_that_moves_looks_the_same_in_an_animation_as_alone(tmp_path):
     path = tmp_path / "stage.usda"
     stage = new_stage(path, frames=3)
     points, counts, indices = quad_sphere(6)
@@ -225,7 +225,7 @@ def test_a_mesh_that_moves_looks_the_same_in_an_animation_as_alone(tmp_path: Pat
     assert np.abs(caster.picture(camera).astype(int) - alone).mean() < 0.05
 
 
-def test_a_cube_is_flat_to_its_edges_whether_it_moves_or_not(tmp_path: Path):
+def test_a_cube_is_flat_to_its_edges_whether_it_moves_or_not(tmp_path):
     spreads = []
     for name, frames in (("still", 0), ("moving", 1)):
         stage = new_stage(tmp_path / f"{name}.usda")
@@ -243,7 +243,7 @@ def test_a_cube_is_flat_to_its_edges_whether_it_moves_or_not(tmp_path: Path):
 
 
 @pytest.mark.parametrize("interpolation", [UsdGeom.Tokens.uniform, UsdGeom.Tokens.faceVarying, UsdGeom.Tokens.vertex])
-def test_display_colors_lie_where_their_interpolation_says(interpolation: str, tmp_path: Path):
+def test_display_colors_lie_where_their_interpolation_says(interpolation: str, tmp_path):
     """Display colors are interpolated over two squares side by side, red on the left and green on the right."""
     stage = new_stage(tmp_path / "stage.usda")
     mesh = UsdGeom.Mesh.Define(stage, "/World/Squares")

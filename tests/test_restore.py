@@ -1,7 +1,5 @@
 """Restored simulations, bit-identical to uninterrupted ones."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from meshes import cube, quad_sphere
@@ -68,7 +66,7 @@ def contents(simulator: Simulator) -> dict[str, bytes]:
 
 
 @pytest.mark.parametrize("way", WAYS, ids="-".join)
-def test_the_same_bits_follow(way: tuple[str, str], device: str, tmp_path: Path):
+def test_the_same_bits_follow(way: tuple[str, str], device: str, tmp_path):
     left, restored = simulators(way, device)
     for _ in range(SAVED_AT):
         left.step()

@@ -19,14 +19,14 @@ from balloon_warp.sweep.output import BatchOutput
 
 
 @pytest.fixture(params=["gather", "lanes", "block", "octets"])
-def schedule(request: pytest.FixtureRequest, device: str) -> str:
+def schedule(request, device: str) -> str:
     if device != "cpu" and request.param in ("octets", "lanes"):
         pytest.skip("simulates on the CPU")
     return request.param
 
 
 @pytest.fixture
-def vary(tmp_path: Path) -> dict:
+def vary(tmp_path) -> dict:
     """Return two meshes, which make two groups, and a push under which the last world blows up."""
     paths = [tmp_path / "coarse.obj", tmp_path / "fine.obj"]
     for path, mesh in zip(paths, (quad_sphere(2), quad_sphere(3)), strict=True):
@@ -38,9 +38,7 @@ def vary(tmp_path: Path) -> dict:
 
 
 @pytest.mark.full
-def test_it_goes_on_to_the_same_bytes(
-    vary: dict, schedule: str, device: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_it_goes_on_to_the_same_bytes(vary: dict, schedule: str, device: str, tmp_path, monkeypatch):
     """A batch stopped twice resumes to the same bytes, before and after the last world blew up."""
     monkeypatch.setattr(growing, "SAVE_BYTES", 10_000)
     how = {"export": [1, 4], "device": device, "schedule": schedule}
@@ -70,7 +68,7 @@ def test_it_goes_on_to_the_same_bytes(
     assert sorted(path.name for path in (tmp_path / "parts").iterdir()) == sorted([*NAMES, "manifest.json"])
 
 
-def test_what_was_saved_opens(tmp_path: Path):
+def test_what_was_saved_opens(tmp_path):
     """Saved parts open: rows in NumPy, worlds as a stage, with the frames that they promise; and all together."""
     with pytest.raises(RuntimeError):
         run_batch(
@@ -110,7 +108,7 @@ def test_what_was_saved_opens(tmp_path: Path):
     assert [path.name for path in (tmp_path / "partial").glob("state_*")] == ["state_000003_0000.npz"]
 
 
-def test_a_batch_that_is_soon_done_writes_no_checkpoint(tmp_path: Path):
+def test_a_batch_that_is_soon_done_writes_no_checkpoint(tmp_path):
     def look(frame: int) -> None:
         assert not (tmp_path / "partial").exists()
 
@@ -119,11 +117,11 @@ def test_a_batch_that_is_soon_done_writes_no_checkpoint(tmp_path: Path):
 
 
 @pytest.fixture
-def stopped(tmp_path: Path) -> Path:
+def stopped(tmp_path) -> Path:
     return stop_batch(tmp_path / "stopped")
 
 
-def test_rows_without_their_stage_are_never_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_rows_without_their_stage_are_never_there(tmp_path, monkeypatch):
     """A stage's part without its rows does not count, as a kill between the two leaves it."""
     how = {"vary": {"gravity": [1, 9]}, "export": [1], "device": "cpu"}
 
@@ -146,7 +144,7 @@ def test_rows_without_their_stage_are_never_there(tmp_path: Path, monkeypatch: p
     assert contents(tmp_path / "out") == contents(tmp_path / "whole")
 
 
-def test_rows_without_their_state_are_never_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_rows_without_their_state_are_never_there(tmp_path, monkeypatch):
     """Rows without their state do not count, as a kill between the two leaves them."""
     save_state = Checkpoints.save_state
 
@@ -161,7 +159,7 @@ def test_rows_without_their_state_are_never_there(tmp_path: Path, monkeypatch: p
     assert sorted(path.name for path in (tmp_path / "partial").glob("rows_*")) == ["rows_000000.npz", "rows_000001.npz"]
 
 
-def test_each_file_of_a_checkpoint_appears_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_each_file_of_a_checkpoint_appears_whole(tmp_path, monkeypatch):
     """Files of a checkpoint are renamed into place once they are whole."""
     whole = watch_names(monkeypatch)
     with pytest.raises(RuntimeError):
@@ -184,7 +182,7 @@ def test_what_an_earlier_batch_left_is_told_and_stays_until_the_first_checkpoint
 
 
 @pytest.mark.parametrize("name", ["partial", "partial.old"])
-def test_something_else_of_that_name_is_told_before_the_batch(name: str, tmp_path: Path):
+def test_something_else_of_that_name_is_told_before_the_batch(name: str, tmp_path):
     (tmp_path / name).mkdir()
     (tmp_path / name / "thesis.txt").write_text("not ours")
     with pytest.raises(InputError, match=rf"{name}: is where checkpoints go; expected no file of that name$"):
@@ -192,7 +190,7 @@ def test_something_else_of_that_name_is_told_before_the_batch(name: str, tmp_pat
     assert (tmp_path / name / "thesis.txt").read_text() == "not ours"
 
 
-def test_a_checkpoint_that_cannot_be_written_leaves_what_was_there(stopped: Path, tmp_path: Path):
+def test_a_checkpoint_that_cannot_be_written_leaves_what_was_there(stopped: Path, tmp_path):
     """A checkpoint that cannot be written gives one sentence, and the run resumes from the last good one."""
     with pytest.raises(InputError, match=r"partial/.*: cannot be written: ") as refusal:
         run_batch(
@@ -219,14 +217,14 @@ def test_a_checkpoint_that_cannot_be_written_leaves_what_was_there(stopped: Path
     assert contents(stopped) == contents(tmp_path / "whole")
 
 
-def test_nothing_to_resume_begins_at_the_start(tmp_path: Path):
+def test_nothing_to_resume_begins_at_the_start(tmp_path):
     notes: list[str] = []
     summary = run_batch(scene(), tmp_path, 2, device="cpu", resume=True, on_note=notes.append)
     assert notes == [f"no checkpoint in {tmp_path / 'partial'} to resume from: starting from the beginning"]
     assert summary.resumed == 0.0
 
 
-def test_ctrl_c_saves_the_frame_that_it_finds(tmp_path: Path):
+def test_ctrl_c_saves_the_frame_that_it_finds(tmp_path):
     """Ctrl-C saves the current frame, without an earlier checkpoint, and no later frame is simulated."""
     frames: list[int] = []
     press = press_ctrl_c_once(lambda frame: frame == 3)

@@ -13,7 +13,7 @@ from balloon_warp.scene import Balloon
 
 
 @pytest.fixture
-def stopped(tmp_path: Path) -> Path:
+def stopped(tmp_path) -> Path:
     return stop_batch(tmp_path / "stopped")
 
 
@@ -65,9 +65,7 @@ def test_a_damaged_checkpoint_is_told(stopped: Path, name: str):
 
 
 @pytest.mark.parametrize(("name", "array"), [("rows_000000.npz", "values"), ("state_000002_0000.npz", "points")])
-def test_nothing_in_a_checkpoint_is_run(
-    stopped: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, array: str
-):
+def test_nothing_in_a_checkpoint_is_run(stopped: Path, tmp_path, monkeypatch, name: str, array: str):
     monkeypatch.chdir(tmp_path)
     plant_spy(stopped / "partial" / name, array)
     with pytest.raises(InputError, match=rf"{name}: cannot be read: "):
@@ -75,7 +73,7 @@ def test_nothing_in_a_checkpoint_is_run(
     assert not (tmp_path / "run").exists()
 
 
-def test_a_state_without_its_rows_is_not_gone_on_from(stopped: Path, tmp_path: Path):
+def test_a_state_without_its_rows_is_not_gone_on_from(stopped: Path, tmp_path):
     """A state without its rows, as a kill between the two leaves it, is not resumed from."""
     partial = stopped / "partial"
     (partial / "state_000003_0000.npz").write_bytes(b"of a frame whose rows are not there")

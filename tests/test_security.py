@@ -83,7 +83,7 @@ STARTED = ("subprocess.Popen ('uname', ",)
 
 
 @pytest.fixture(scope="module")
-def told(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, dict]]:
+def told(tmp_path_factory) -> tuple[Path, dict[str, dict]]:
     """Return the actions of each command, in one process: see watched.py."""
     if not sys.platform.startswith("linux"):
         pytest.skip("needs inotify")
@@ -142,7 +142,7 @@ def test_nothing_is_fetched_listened_to_or_started(command: str, told: tuple[Pat
 
 
 @pytest.mark.full
-def test_what_is_watched_is_seen(tmp_path: Path):
+def test_what_is_watched_is_seen(tmp_path):
     """The watch sees files elsewhere, those that native code opens, and connections."""
     (tmp_path / "work").mkdir()
     write_obj(tmp_path / "away.obj", quad_sphere(2))

@@ -20,7 +20,7 @@ from balloon_warp.sweep.shares import cut_into_shares
         (65, [13] * 5),  # more than eight times eight: the next power of two, 16, makes five shares
     ],
 )
-def test_the_cut_depends_on_the_batch_alone(worlds: int, sizes: list[int], monkeypatch: pytest.MonkeyPatch):
+def test_the_cut_depends_on_the_batch_alone(worlds: int, sizes: list[int], monkeypatch):
     """The cut has at most eight shares of at least eight cubes; each has its own part of the varied values."""
     monkeypatch.setitem(shares.GRAIN, "cpu", shares.Grain(1, 64))
     monkeypatch.setattr(shares, "SHARES", 8)
@@ -42,7 +42,7 @@ def test_a_share_fills_the_lanes_of_a_cpu():
 
 
 @pytest.mark.parametrize(("frames", "count"), [(1, 2), (100, 4), (1000, 32)])
-def test_a_share_is_worth_its_beginning(frames: int, count: int, monkeypatch: pytest.MonkeyPatch):
+def test_a_share_is_worth_its_beginning(frames: int, count: int, monkeypatch):
     """A short batch is cut into fewer shares, as each has a start-up cost, which still fit into a small memory."""
     monkeypatch.setattr(shares, "MOST_PARTICLES", 8 * 128)
     monkeypatch.setitem(shares.GRAIN, "cuda", shares.Grain(1, 8, 8 * 64 * 100 * 10))

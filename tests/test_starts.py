@@ -26,7 +26,7 @@ MISTAKES = {
 }
 
 
-def test_a_world_that_begins_anew_is_as_one_that_begins(schedule: str) -> None:
+def test_a_world_that_begins_anew_is_as_one_that_begins(schedule: str):
     """A restarted world is bit-identical to a new one, with all state of schedules, while the others go on."""
     scene = TOUCHING if schedule == "gather" else TOUCHING.model_copy(update={"contacts": False, "body": []})
     whole, masked = (Simulator(scene, "cpu", 2, schedule=schedule) for _ in range(2))
@@ -40,7 +40,7 @@ def test_a_world_that_begins_anew_is_as_one_that_begins(schedule: str) -> None:
         np.testing.assert_array_equal(array[:1], gone_on[name][:1], err_msg=name)
 
 
-def test_what_varies_between_worlds_begins_as_it_began() -> None:
+def test_what_varies_between_worlds_begins_as_it_began():
     vary = {"balloon.0.velocity.1": [-1.0, -2.0, -3.0], "balloon.1.inflation.start_pressure": [0.0, 50.0, 90.0]}
     simulator = Simulator(TOUCHING, "cpu", 3, vary)
     began = arrays(simulator)
@@ -68,7 +68,7 @@ def drawn(simulator: Simulator) -> dict[str, np.ndarray]:
     }
 
 
-def test_values_follow_from_the_seed_the_world_and_the_episode() -> None:
+def test_values_follow_from_the_seed_the_world_and_the_episode():
     many, few, other = drawing(64), drawing(3), drawing(3, seed=1)
     episodes = []
     for _ in range(2):
@@ -82,7 +82,7 @@ def test_values_follow_from_the_seed_the_world_and_the_episode() -> None:
     assert few.starts.episodes.numpy().tolist() == [2, 2, 2]
 
 
-def test_values_have_the_distribution_that_is_asked() -> None:
+def test_values_have_the_distribution_that_is_asked():
     """Drawn values have the requested distribution: means within four of their standard errors, 256 worlds."""
     simulator = drawing(256)
     simulator.reset(np.ones(256))
@@ -97,7 +97,7 @@ def test_values_have_the_distribution_that_is_asked() -> None:
     assert abs(np.corrcoef(found["center"].T)[0, 1]) < error
 
 
-def test_worlds_are_what_the_values_say() -> None:
+def test_worlds_are_what_the_values_say():
     simulator = drawing(4)
     simulator.reset(np.ones(4))
     found = drawn(simulator)
@@ -114,13 +114,13 @@ def test_worlds_are_what_the_values_say() -> None:
 
 
 @pytest.mark.parametrize("mask", [[1], [[0, 1]], "all", [0, 1, 0]])
-def test_a_mask_of_another_length_is_refused(mask: Any) -> None:
+def test_a_mask_of_another_length_is_refused(mask: Any):
     with pytest.raises(InputError, match=r"reset: expected a (value|number) for each world"):
         Simulator(ALONE, "cpu", 2).reset(mask)
 
 
 @pytest.mark.parametrize("case", MISTAKES)
-def test_what_cannot_be_drawn_is_refused(case: str) -> None:
+def test_what_cannot_be_drawn_is_refused(case: str):
     told, sentence = MISTAKES[case]
     late = Sphere(position=(3.0, 0.0, 0.0), radius=0.1, start=0.5)
     simulator = Simulator(TOUCHING.model_copy(update={"sphere": [*TOUCHING.sphere, late]}), "cpu", 2)
@@ -128,7 +128,7 @@ def test_what_cannot_be_drawn_is_refused(case: str) -> None:
         simulator.starts.draw(*told)
 
 
-def test_observations_are_what_frames_say() -> None:
+def test_observations_are_what_frames_say():
     simulator = Simulator(TOUCHING, "cpu", 2, {"balloon.0.mass": [0.1, 0.2]})
     names = ("centers", "velocities", "volumes", "pressures", "contact_forces", "sphere_positions", "body_positions")
     seen = {name: simulator.observations[name] for name in names}
@@ -151,7 +151,7 @@ def test_observations_are_what_frames_say() -> None:
             stepped(simulator, 3)
 
 
-def test_contact_forces_on_particles_add_up_to_those_on_the_balloon() -> None:
+def test_contact_forces_on_particles_add_up_to_those_on_the_balloon():
     """Contact forces on the particles of a ball in a corner sum to the balloon's, to rounding; others have none."""
     wall = Obstacle(shape="plane", position=(-0.5, 0.0, 0.0), rotation=(0.0, 0.0, -90.0))
     ball = BALL.model_copy(update={"position": (0.0, 0.5, 0.0), "velocity": (-1.0, -1.0, 0.0)})
@@ -183,18 +183,18 @@ def shape_of(simulator: Simulator, number: int, points: np.ndarray) -> Any:
         ("contact_forces", r"contact_forces: needs contacts = true in the scene"),
     ],
 )
-def test_what_is_not_there_cannot_be_observed(name: str, sentence: str) -> None:
+def test_what_is_not_there_cannot_be_observed(name: str, sentence: str):
     with pytest.raises(InputError, match=sentence):
         _ = Simulator(ALONE, "cpu").observations[name]
 
 
 @pytest.mark.parametrize("numbers", [[-1], [56], [], [0.5], [[1]]])
-def test_particles_that_are_not_there_cannot_be_observed(numbers: Any) -> None:
+def test_particles_that_are_not_there_cannot_be_observed(numbers: Any):
     with pytest.raises(InputError, match=r"particles: must be numbers from 0 to 55"):
         Simulator(ALONE, "cpu").observations.particles(numbers)
 
 
-def test_a_cube_has_its_volume() -> None:
+def test_a_cube_has_its_volume():
     """The observed volume of a cube is exact far from the origin, too."""
     still = Balloon(mesh=cube(), position=(100.0, 0.0, 0.0), inflation=Inflation(pressure=0.0))
     simulator = Simulator(Scene(balloon=[still], touch=False), "cpu")
@@ -202,7 +202,7 @@ def test_a_cube_has_its_volume() -> None:
     np.testing.assert_allclose(simulator.observations["volumes"].numpy(), [[expected]], rtol=1e-5)
 
 
-def test_only_worlds_that_begin_anew_are_observed_again(device: str) -> None:
+def test_only_worlds_that_begin_anew_are_observed_again(device: str):
     """Observations of restarted worlds are those of the first frame; others' stay, whatever stands there."""
     simulator = Simulator(TOUCHING, device, 3)
     names = ("centers", "velocities", "volumes", "stretches", "turns", "pressures", "points", "particle_contact_forces")

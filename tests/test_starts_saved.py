@@ -10,7 +10,7 @@ from balloon_warp.scene import Balloon, Inflation, Scene
 ALONE = Scene(balloon=[Balloon(mesh=quad_sphere(3, 0.5), inflation=Inflation(pressure=5.0))], substeps=24)
 
 
-def test_a_saved_simulator_draws_next_what_it_would_have_drawn() -> None:
+def test_a_saved_simulator_draws_next_what_it_would_have_drawn():
     """Values of the next episodes follow from the saved seed and episodes, in another simulator and in itself."""
 
     def drawn(simulator: Simulator) -> wp.array:

@@ -16,13 +16,7 @@ from balloon_warp.outputs import render
 
 
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_a_command_that_is_stopped_says_so(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    number: signal.Signals,
-    status: int,
-):
+def test_a_command_that_is_stopped_says_so(tmp_path, monkeypatch, capsys, number: signal.Signals, status: int):
     """A command stopped while it writes a file says so, and removes the file."""
 
     def interrupted(_: Path, copy: Path) -> None:
@@ -41,7 +35,7 @@ def test_a_command_that_is_stopped_says_so(
     assert signal.getsignal(number) == before
 
 
-def test_ctrl_c_while_the_program_loads_is_a_word_too(tmp_path: Path):
+def test_ctrl_c_while_the_program_loads_is_a_word_too(tmp_path):
     """Ctrl-C during the program's import gives the message, too; a module that is imported first sends it, as a real
     one would have to meet a few tenths of a second."""
     (tmp_path / "typer.py").write_text("import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n")
@@ -52,7 +46,7 @@ def test_ctrl_c_while_the_program_loads_is_a_word_too(tmp_path: Path):
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "error: interrupted before the start\n")
 
 
-def test_what_is_ignored_stays_ignored(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+def test_what_is_ignored_stays_ignored(monkeypatch, capsys):
     """An ignored signal stays ignored, as Ctrl-C is by a process that a shell started in the background."""
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
@@ -67,7 +61,7 @@ def test_what_is_ignored_stays_ignored(monkeypatch: pytest.MonkeyPatch, capsys: 
         signal.signal(signal.SIGINT, before)
 
 
-def test_a_picture_that_is_stopped_leaves_the_stage_and_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_picture_that_is_stopped_leaves_the_stage_and_says_so(tmp_path, monkeypatch):
     write_obj(tmp_path / "ball.obj", quad_sphere(2))
     scene = load_scene(tmp_path / "ball.obj", {"frames": 1})
 

@@ -1,7 +1,5 @@
 """Lights and a camera in the stage, in a group that can be omitted, and a subdivision surface without facets."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from exported import FRAMES, scene
@@ -17,7 +15,7 @@ from balloon_warp.scene import Balloon
 
 @pytest.mark.full
 @pytest.mark.parametrize("up_axis", ["Y", "Z"])
-def test_the_camera_has_all_that_moves_in_view(tmp_path: Path, up_axis: str):
+def test_the_camera_has_all_that_moves_in_view(tmp_path, up_axis: str):
     """The camera sees every point of balloons and every sphere, in every frame; they fill half of the view."""
     animate(scene(up_axis=up_axis), tmp_path / "out.usdc", device="cpu")
     stage = Usd.Stage.Open(str(tmp_path / "out.usdc"))
@@ -42,7 +40,7 @@ def test_the_camera_has_all_that_moves_in_view(tmp_path: Path, up_axis: str):
     assert up["XYZ".index(up_axis)] > 0.9
 
 
-def test_pictures_find_their_own_camera(tmp_path: Path):
+def test_pictures_find_their_own_camera(tmp_path):
     """Pictures ignore the stage's own camera, which takes in all of the run, and use one of the user's."""
     animate(scene(frames=2), tmp_path / "out.usda", device="cpu")
     stage = RenderStage(tmp_path / "out.usda")
@@ -56,7 +54,7 @@ def test_pictures_find_their_own_camera(tmp_path: Path):
     assert stage.camera(0, 16 / 9) is not None
 
 
-def test_lights_and_ground_can_be_left_out(tmp_path: Path):
+def test_lights_and_ground_can_be_left_out(tmp_path):
     animate(scene(frames=2), tmp_path / "all.usda", device="cpu")
     animate(scene(frames=2), tmp_path / "few.usda", device="cpu", lights=False, ground=False)
     everything, few = (Usd.Stage.Open(str(tmp_path / name)) for name in ("all.usda", "few.usda"))
@@ -74,7 +72,7 @@ def test_lights_and_ground_can_be_left_out(tmp_path: Path):
 
 
 @pytest.mark.full
-def test_a_run_without_ground_goes_on_without_it(tmp_path: Path):
+def test_a_run_without_ground_goes_on_without_it(tmp_path):
     """A run without ground resumes without it, as its ground would move. With ground it is another run."""
     whole, output = tmp_path / "whole.usdc", tmp_path / "out.usdc"
     animate(RESUMED_SCENE, whole, device="cpu", ground=False)
@@ -87,7 +85,7 @@ def test_a_run_without_ground_goes_on_without_it(tmp_path: Path):
     assert not Usd.Stage.Open(str(output)).GetPrimAtPath("/World/Ground")
 
 
-def test_triangles_are_refined_smoothly(tmp_path: Path):
+def test_triangles_are_refined_smoothly(tmp_path):
     few = Scene(balloon=[Balloon(mesh=tetrahedron())], frames=1)
     animate(few, tmp_path / "out.usda", device="cpu")
     stage = Usd.Stage.Open(str(tmp_path / "out.usda"))

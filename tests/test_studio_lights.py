@@ -52,7 +52,7 @@ def meets(origin: np.ndarray, direction: np.ndarray, triangles: np.ndarray) -> n
 @pytest.mark.parametrize("up_axis", ["Y", "Z"])
 @pytest.mark.parametrize("side", SIDES)
 @pytest.mark.parametrize("ground", [None, Ground(height=-3.0)])
-def test_the_backdrop_is_all_that_is_behind(up_axis: str, side: Picture | None, ground: Ground | None, tmp_path: Path):
+def test_the_backdrop_is_all_that_is_behind(up_axis: str, side: Picture | None, ground: Ground | None, tmp_path):
     """Rays from the picture's corners and the middles of its edges hit the backdrop's inside."""
     stage = staged(tmp_path, up_axis=up_axis, picture=side, ground=ground)
     triangles, normals = backdrop_of(stage)
@@ -67,7 +67,7 @@ def test_the_backdrop_is_all_that_is_behind(up_axis: str, side: Picture | None, 
 
 
 @pytest.mark.parametrize("up_axis", ["Y", "Z"])
-def test_the_ground_lies_on_the_backdrop_and_gives_as_much_light(up_axis: str, tmp_path: Path):
+def test_the_ground_lies_on_the_backdrop_and_gives_as_much_light(up_axis: str, tmp_path):
     stage = staged(tmp_path, up_axis=up_axis, ground=Ground(height=-3.0))
     up = "XYZ".index(up_axis)
     lowest = backdrop_of(stage)[0][:, :, up].min()
@@ -89,7 +89,7 @@ def test_the_ground_lies_on_the_backdrop_and_gives_as_much_light(up_axis: str, t
 
 @pytest.mark.parametrize("up_axis", ["Y", "Z"])
 @pytest.mark.parametrize("side", SIDES)
-def test_softboxes_shine_at_the_subject_and_are_not_seen(up_axis: str, side: Picture | None, tmp_path: Path):
+def test_softboxes_shine_at_the_subject_and_are_not_seen(up_axis: str, side: Picture | None, tmp_path):
     """Softboxes face the subject, out of view: the key on the camera's left, the rim on its right, the top above."""
     stage = staged(tmp_path, up_axis=up_axis, picture=side)
     cache, up = UsdGeom.XformCache(0), np.eye(3)["XYZ".index(up_axis)]
@@ -112,7 +112,7 @@ def test_softboxes_shine_at_the_subject_and_are_not_seen(up_axis: str, side: Pic
     assert all(place @ up > 0.0 for place in places.values())
 
 
-def test_a_large_subject_is_as_bright_as_a_small_one(tmp_path: Path):
+def test_a_large_subject_is_as_bright_as_a_small_one(tmp_path):
     """Power over distance squared is that of a small subject."""
     shares = []
     for scale in (1.0, 30.0):
@@ -130,7 +130,7 @@ def test_a_large_subject_is_as_bright_as_a_small_one(tmp_path: Path):
 
 
 @pytest.mark.parametrize("up_axis", ["Y", "Z"])
-def test_the_camera_looks_from_where_the_scene_says(up_axis: str, tmp_path: Path):
+def test_the_camera_looks_from_where_the_scene_says(up_axis: str, tmp_path):
     """A camera at 90 degrees azimuth and 30 elevation looks along -X, and down."""
     stage = staged(tmp_path, up_axis=up_axis, picture=Picture(azimuth=90.0, elevation=30.0))
     direction = UsdGeom.Camera(stage.GetPrimAtPath("/World/Studio/Camera")).GetCamera(0).frustum.ComputeViewDirection()
@@ -139,7 +139,7 @@ def test_the_camera_looks_from_where_the_scene_says(up_axis: str, tmp_path: Path
     assert np.allclose(direction, expected, atol=1e-6)
 
 
-def test_the_scene_may_look_nearer(tmp_path: Path):
+def test_the_scene_may_look_nearer(tmp_path):
     """A zoom of 2 halves the field of view, around a target of its own, as in the scene's picture."""
     at = (0.5, 0.25, -0.125)
     far, near = (staged(tmp_path, f"{zoom}.usdc", picture=Picture(zoom=zoom, look_at=at)) for zoom in (1.0, 2.0))
@@ -151,7 +151,7 @@ def test_the_scene_may_look_nearer(tmp_path: Path):
     assert np.allclose(middle[:2], 0.0, atol=1e-6)
 
 
-def test_our_pictures_and_exports_bring_their_own_backdrop(tmp_path: Path):
+def test_our_pictures_and_exports_bring_their_own_backdrop(tmp_path):
     """Our pictures and exports replace the studio: a picture with one is the picture without."""
     staged(tmp_path)
     animate(scene(frames=2), tmp_path / "plain.usdc", device="cpu", lights=False)
@@ -163,7 +163,7 @@ def test_our_pictures_and_exports_bring_their_own_backdrop(tmp_path: Path):
 
 
 @pytest.mark.full
-def test_a_picture_zooms_into_all_that_is_shown(tmp_path: Path):
+def test_a_picture_zooms_into_all_that_is_shown(tmp_path):
     """A picture's zoom is relative to all that is shown; without a picture the camera is near what moves."""
     sees, far = [], Obstacle(name="box", position=(-12.0, 1.0, 0.0))
     for picture in (None, Picture()):

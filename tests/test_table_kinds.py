@@ -3,7 +3,6 @@
 import json
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -21,7 +20,7 @@ pytest.importorskip("pyarrow", reason="needs the extra `data`")
 
 
 @pytest.mark.full
-def test_parquet_has_the_numbers_of_the_npz(tmp_path: Path) -> None:
+def test_parquet_has_the_numbers_of_the_npz(tmp_path):
     run_batch(scene(), tmp_path, 3, VARY, device="cpu", table="parquet")
     found = pd.read_parquet(tmp_path / "table.parquet")
     with np.load(tmp_path / "table.npz") as columns:
@@ -35,7 +34,7 @@ def test_parquet_has_the_numbers_of_the_npz(tmp_path: Path) -> None:
     assert not (tmp_path / "table.csv").exists()
 
 
-def test_a_batch_that_was_stopped_goes_on_to_the_same_parquet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_batch_that_was_stopped_goes_on_to_the_same_parquet(tmp_path, monkeypatch):
     """A resumed batch writes the same Parquet, with a row group for each frame; so does one that replaces a .csv."""
     monkeypatch.setattr(table_parquet, "ROWS", 1)
     run_batch(scene(), tmp_path / "whole", 3, VARY, device="cpu", table="parquet")
@@ -50,7 +49,7 @@ def test_a_batch_that_was_stopped_goes_on_to_the_same_parquet(tmp_path: Path, mo
     assert not (tmp_path / "parts" / "table.csv").exists()
 
 
-def test_what_is_replaced_is_written_again(tmp_path: Path) -> None:
+def test_what_is_replaced_is_written_again(tmp_path):
     columns = (tmp_path, 3, 60.0, {"mesh": np.array(["a", "b"])}, ["height"], 2, "parquet")
     with table.TableWriter(*columns) as rows:
         for _ in range(3):
@@ -62,7 +61,7 @@ def test_what_is_replaced_is_written_again(tmp_path: Path) -> None:
     assert found["mesh"].tolist() == ["a", "b"] * 3
 
 
-def test_many_rows_are_parquet_and_few_are_text(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_many_rows_are_parquet_and_few_are_text(monkeypatch):
     few, many = table.MOST_CSV_ROWS, table.MOST_CSV_ROWS + 1
     assert [table.settled_table("auto", rows) for rows in (few, many)] == ["csv", "parquet"]
     assert table.settled_table("csv", many) == "csv"
@@ -70,7 +69,7 @@ def test_many_rows_are_parquet_and_few_are_text(monkeypatch: pytest.MonkeyPatch)
     assert table.settled_table("auto", many) == "csv"
 
 
-def test_mistakes_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_mistakes_are_told(tmp_path, monkeypatch):
     with pytest.raises(InputError, match=r"^--table xlsx: expected auto, csv, parquet$"):
         run_batch(scene(), tmp_path, 2, device="cpu", table="xlsx")
 
@@ -82,7 +81,7 @@ def test_mistakes_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
         run_batch(scene(), tmp_path, 2, device="cpu", table="parquet")
 
 
-def test_numbers_load_no_pandas(tmp_path: Path) -> None:
+def test_numbers_load_no_pandas(tmp_path):
     """Write numbers without pandas, which pyarrow would load, for a second; they are as they were."""
     script = f"""
 import sys, pathlib, numpy as np

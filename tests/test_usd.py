@@ -38,7 +38,7 @@ def everything(**fields) -> Scene:
 
 
 @pytest.fixture(scope="module")
-def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def written(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("stage") / "everything.usdc"
     animate(everything(), path, device="cpu")
     return path
@@ -52,7 +52,7 @@ def stage(written: Path) -> Usd.Stage:
 @pytest.mark.full
 @pytest.mark.parametrize("suffix", [".usdc", ".usda", ".usd"])
 @pytest.mark.parametrize("up_axis", ["Y", "Z"])
-def test_every_validator_passes(tmp_path: Path, suffix: str, up_axis: str):
+def test_every_validator_passes(tmp_path, suffix: str, up_axis: str):
     path = tmp_path / f"stage{suffix}"
     animate(everything(up_axis=up_axis, frames=4), path, device="cpu")
     validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
@@ -148,9 +148,7 @@ def test_net_forces_start_at_the_particles_and_have_their_length(stage: Usd.Stag
         ({"inflation": Inflation(k_normal=3.0)}, 0.0, 0.05 * 8 / 6),
     ],
 )
-def test_a_net_force_as_large_as_the_mean_is_a_twentieth_of_the_size_long(
-    tmp_path: Path, fields: dict, gravity: float, length: float
-):
+def test_a_net_force_as_large_as_the_mean_is_a_twentieth_of_the_size_long(tmp_path, fields, gravity, length):
     balloon = Balloon(mesh=cube(), name="box", scale=2.0, **fields)
     animate(Scene(balloon=[balloon], gravity=gravity, net_forces=True, frames=1), tmp_path / "f.usda", device="cpu")
     stage = Usd.Stage.Open(str(tmp_path / "f.usda"))
@@ -161,7 +159,7 @@ def test_a_net_force_as_large_as_the_mean_is_a_twentieth_of_the_size_long(
 
 @pytest.mark.parametrize(("name", "height"), [("Ground", -0.5), ("Water", 0.25)])
 @pytest.mark.parametrize(("up_axis", "up"), [("Y", 1), ("Z", 2)])
-def test_ground_and_water_are_level_and_face_up(tmp_path: Path, up_axis: str, up: int, name: str, height: float):
+def test_ground_and_water_are_level_and_face_up(tmp_path, up_axis: str, up: int, name: str, height: float):
     path = tmp_path / "planes.usda"
     water = Water(level=0.25, density=1.0)
     animate(everything(up_axis=up_axis, frames=1, picture_frame=0, water=water), path, device="cpu")
@@ -176,7 +174,7 @@ def test_ground_and_water_are_level_and_face_up(tmp_path: Path, up_axis: str, up
         np.testing.assert_allclose(normal / np.linalg.norm(normal), np.eye(3)[up], atol=1e-6)
 
 
-def test_a_plane_moves_where_its_height_changes(tmp_path: Path):
+def test_a_plane_moves_where_its_height_changes(tmp_path):
     """Water moves at once, in the third frame, as the renderer sees it, too; the ground has no time samples."""
     path = tmp_path / "tide.usda"
     tide = [Change(time=2 / 30, set={"water.level": 0.75})]
@@ -207,7 +205,7 @@ def test_materials_are_bound_and_colored(stage: Usd.Stage):
     assert Gf.IsClose(chosen, Gf.Vec3f(0.1, 0.2, 0.3), 1e-6)
 
 
-def test_odd_names_become_prims_of_their_own(tmp_path: Path):
+def test_odd_names_become_prims_of_their_own(tmp_path):
     names = ["a cow!", "a cow?", "Ground", "7", ""]
     balloons = [Balloon(mesh=cube(), name=name, position=(3.0 * n, 0, 0)) for n, name in enumerate(names)]
     animate(Scene(balloon=balloons, frames=1, ground=Ground()), tmp_path / "odd.usda", device="cpu")
@@ -217,7 +215,7 @@ def test_odd_names_become_prims_of_their_own(tmp_path: Path):
     assert all(Tf.IsValidIdentifier(name) for name in found)
 
 
-def test_a_failed_run_leaves_the_good_file(tmp_path: Path):
+def test_a_failed_run_leaves_the_good_file(tmp_path):
     path = tmp_path / "good.usda"
     animate(everything(frames=1, picture_frame=0), path, device="cpu")
     good = path.read_bytes()
@@ -240,7 +238,7 @@ def test_a_failed_run_leaves_the_good_file(tmp_path: Path):
         ("out", r"out: cannot write a file without a suffix; expected"),
     ],
 )
-def test_a_stage_that_cannot_be_written_is_refused_before_the_run(tmp_path: Path, name: str, complaint: str):
+def test_a_stage_that_cannot_be_written_is_refused_before_the_run(tmp_path, name: str, complaint: str):
     told = []
     with pytest.raises(InputError, match=complaint):
         animate(everything(), tmp_path / name, device="cpu", on_frame=told.append)

@@ -18,7 +18,7 @@ FRAMES = 6
 
 
 @pytest.fixture(scope="module")
-def stage(tmp_path_factory: pytest.TempPathFactory) -> Usd.Stage:
+def stage(tmp_path_factory) -> Usd.Stage:
     """Return a stage of a ball that rises on a string."""
     path: Path = tmp_path_factory.mktemp("stage") / "string.usdc"
     ball = Balloon(mesh=quad_sphere(3), name="ball", position=(0, 2, 0), helium=20.0)
@@ -38,7 +38,7 @@ def test_strings_go_from_anchor_to_particle(stage: Usd.Stage):
         np.testing.assert_allclose(points[-1], ball.GetPointsAttr().Get(time)[held], atol=1e-6)
 
 
-def test_a_string_on_the_second_balloon_ends_at_its_particle(tmp_path: Path):
+def test_a_string_on_the_second_balloon_ends_at_its_particle(tmp_path):
     balloons = [Balloon(mesh=cube(), name="first"), Balloon(mesh=quad_sphere(3), name="second", position=(5, 3, 0))]
     scene = Scene(balloon=balloons, string=[String(anchor=(5, 0, 0), balloon=1)], frames=3)
     animate(scene, tmp_path / "two.usda", device="cpu")

@@ -1,7 +1,5 @@
 """View of pictures: direction, target, and the frames of an animation."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from PIL import Image
@@ -18,7 +16,7 @@ FRAMES, RATE = 20, 40.0
 
 
 @pytest.fixture(scope="module", params=["Y", "Z"])
-def stage(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> RenderStage:
+def stage(request, tmp_path_factory) -> RenderStage:
     """Write a stage of a soft square of side 0.2 that rises by 10 in 20 frames, and a sphere that stays."""
     path = tmp_path_factory.mktemp("stage") / "rise.usda"
     made = Usd.Stage.CreateNew(str(path))
@@ -83,7 +81,7 @@ def test_a_camera_that_follows_keeps_its_subject_large_and_in_the_middle(stage: 
     assert np.ptp(still[:, 1]) < 0.1
 
 
-def test_a_stage_says_from_where_its_picture_is_taken_unless_one_asks(stage: RenderStage, tmp_path: Path):
+def test_a_stage_says_from_where_its_picture_is_taken_unless_one_asks(stage: RenderStage, tmp_path):
     """A stage's view is used unless a call gives one or follows something, and garbage is ignored."""
     plain = cameras(stage)[0]
     said = {"azimuth": 70.0, "elevation": 40, "zoom": 3.0, "look_at": Gf.Vec3d(1.0, 2.0, 3.0)}
@@ -133,19 +131,19 @@ def test_a_lens_is_focused_on_what_is_named(stage: RenderStage):
         ({"frames_per_second": 0.0}, r"fps: 0; expected 0\.01 to 1000"),
     ],
 )
-def test_mistakes_are_told(stage: RenderStage, tmp_path: Path, how: dict, complaint: str):
+def test_mistakes_are_told(stage: RenderStage, tmp_path, how: dict, complaint: str):
     with pytest.raises(InputError, match=complaint):
         render_stage(stage.path, tmp_path / "out.gif", size=(32, 18), samples=1, **how)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_one_picture_has_no_rate(stage: RenderStage, tmp_path: Path):
+def test_one_picture_has_no_rate(stage: RenderStage, tmp_path):
     for how in ({"frames": (1, 3)}, {"frames_per_second": 10.0}):
         with pytest.raises(InputError, match="one picture has no frames and no rate"):
             render_stage(stage.path, tmp_path / "out.png", **how)
 
 
-def test_a_part_at_another_rate_keeps_its_speed(stage: RenderStage, tmp_path: Path):
+def test_a_part_at_another_rate_keeps_its_speed(stage: RenderStage, tmp_path):
     """A part of 40 frames a second at 10 takes every fourth."""
     shown = render_stage(
         stage.path, tmp_path / "out.gif", size=(192, 108), samples=1, frames=(4, None), frames_per_second=10.0
@@ -156,7 +154,7 @@ def test_a_part_at_another_rate_keeps_its_speed(stage: RenderStage, tmp_path: Pa
     assert _choose_frames(stage, ".mp4", None, (None, 2), 80.0) == ([0, 0, 1, 2, 2], 1.0 / 80.0)
 
 
-def test_webp_moves_at_the_stages_speed_and_one_frame_is_a_picture(stage: RenderStage, tmp_path: Path):
+def test_webp_moves_at_the_stages_speed_and_one_frame_is_a_picture(stage: RenderStage, tmp_path):
     small = {"size": (64, 36), "samples": 1, "device": "cpu"}
     assert render_stage(stage.path, tmp_path / "a.webp", frames_per_second=RATE, **small) == list(range(FRAMES + 1))
     with Image.open(tmp_path / "a.webp") as animation:

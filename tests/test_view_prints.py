@@ -1,7 +1,6 @@
 """Images on balloons in the page, without a browser."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -33,7 +32,7 @@ def test_a_print_is_where_its_coordinates_say(kind: type[Plain] | type[Smooth]):
     assert len(np.unique(twins)) == len(whole.points(points)) < len(twins)
 
 
-def test_an_image_is_made_small_enough_and_none_is_made_of_what_is_none(tmp_path: Path):
+def test_an_image_is_made_small_enough_and_none_is_made_of_what_is_none(tmp_path):
     Image.new("RGBA", (2 * LARGEST, LARGEST), (10, 20, 30, 40)).save(tmp_path / "large.png")
     image = image_of(tmp_path / "large.png")
     assert image is not None

@@ -1,7 +1,5 @@
 """Page after a blow-up, without a browser."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from browsing import wait_until
@@ -19,9 +17,7 @@ from balloon_warp.viewer.session import Session
         (Material(), Inflation(k_normal=1e8), "Too much pressure for these springs."),
     ],
 )
-def test_a_blow_up_says_what_was_too_much_and_leaves_the_last_good_shape(
-    tmp_path: Path, material: Material, inflation: Inflation, sentence: str
-):
+def test_a_blow_up_says_what_was_too_much_and_leaves_the_last_good_shape(tmp_path, material, inflation, sentence):
     """A blow-up names the cause and keeps the last good shape, from which the page continues after going back."""
     scene = Scene(balloon=[Balloon(mesh=quad_sphere(3, 0.5), material=material, inflation=inflation)])
     session = Session("ball", scene, "cpu", tmp_path)

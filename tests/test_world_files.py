@@ -19,11 +19,11 @@ from balloon_warp.scene import Balloon, Ground, Scene
 
 
 @pytest.fixture(scope="module", params=list(FORMATS))
-def data(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def data(request, tmp_path_factory) -> Path:
     return batch(tmp_path_factory.mktemp(request.param), request.param, every=2)
 
 
-def test_they_hold_what_moved(data: Path) -> None:
+def test_they_hold_what_moved(data: Path):
     moved = simulate(scene(contacts=True), world_count=WORLDS, vary=VARY, every=2, device="cpu")
     assert moved.volumes.shape[:2] == (WORLDS, 4)
     for world in range(WORLDS):
@@ -42,7 +42,7 @@ def test_they_hold_what_moved(data: Path) -> None:
         np.testing.assert_array_equal(found["rest_pos"], mesh.points.astype(np.float32))
 
 
-def test_contact_forces_on_particles_add_up(tmp_path: Path) -> None:
+def test_contact_forces_on_particles_add_up(tmp_path):
     """Contact forces on particles sum to the balloon's in every frame; a scene without contacts has neither."""
     ball = Balloon(mesh=quad_sphere(3, 0.5), position=(0.0, 0.5, 0.0), velocity=(0.0, -1.0, 0.0))
     for contacts in (True, False):
@@ -58,7 +58,7 @@ def test_contact_forces_on_particles_add_up(tmp_path: Path) -> None:
         assert found.keys() - without.keys() == {"contact_force", "particle_contact_force"}
 
 
-def test_they_say_what_differs(data: Path) -> None:
+def test_they_say_what_differs(data: Path):
     for world in range(WORLDS):
         told = attributes_of(world_file(data, world))
         assert (told["world"], told["health"], told["every"]) == (world, 1, 2)
@@ -69,7 +69,7 @@ def test_they_say_what_differs(data: Path) -> None:
         assert json.loads(told["units"])["balloon.0.mass"] == "kg"
 
 
-def test_the_manifest_lists_them(data: Path) -> None:
+def test_the_manifest_lists_them(data: Path):
     said = manifest(data)
     assert sorted(name for names in said["splits"].values() for name in names) == sorted(
         str(path.relative_to(data)) for path in data.glob("*/world_*")
@@ -80,7 +80,7 @@ def test_the_manifest_lists_them(data: Path) -> None:
     assert not list(data.glob("partial*"))
 
 
-def test_readers_of_folders_take_them(data: Path) -> None:
+def test_readers_of_folders_take_them(data: Path):
     """PhysicsNeMo's readers accept the folders: a sample a file, with the same arrays at the top of each."""
     folders = [data / split for split, names in manifest(data)["splits"].items() if names]
     samples = [arrays_of(path) for folder in folders for path in sorted(folder.iterdir())]
@@ -92,7 +92,7 @@ def test_readers_of_folders_take_them(data: Path) -> None:
 
 
 @pytest.mark.parametrize("data", ["h5", "zarr"], indirect=True)
-def test_xarray_knows_the_dimensions(data: Path) -> None:
+def test_xarray_knows_the_dimensions(data: Path):
     engine = {".h5": "h5netcdf", ".zarr": "zarr"}[world_file(data, 0).suffix]
     pytest.importorskip(engine)
     with xarray.open_dataset(world_file(data, 0), engine=engine) as found:
@@ -104,7 +104,7 @@ def test_xarray_knows_the_dimensions(data: Path) -> None:
 
 
 @pytest.mark.parametrize("data", ["h5"], indirect=True)
-def test_torch_makes_batches_of_them(data: Path) -> None:
+def test_torch_makes_batches_of_them(data: Path):
     torch = pytest.importorskip("torch")
 
     class Worlds(torch.utils.data.Dataset):

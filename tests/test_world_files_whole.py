@@ -38,9 +38,7 @@ GAINS_ENERGY = Scene(
 
 @pytest.mark.full
 @pytest.mark.parametrize("format_", ["h5", "npz"])
-def test_a_batch_that_was_stopped_goes_on_to_the_same_bytes(
-    format_: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_batch_that_was_stopped_goes_on_to_the_same_bytes(format_: str, tmp_path, monkeypatch):
     """A batch stopped once resumes to the same bytes, with a world that blows up, and any frames a chunk."""
     (tmp_path / "whole").mkdir()
     (tmp_path / "parts").mkdir()
@@ -49,12 +47,7 @@ def test_a_batch_that_was_stopped_goes_on_to_the_same_bytes(
     for last in (1, 4):
         with pytest.raises(RuntimeError, match="stopped"):
             batch(
-                tmp_path / "parts",
-                format_,
-                BLOWS_UP,
-                checkpoint_seconds=OFTEN,
-                resume=True,
-                on_frame=stop_after(last),
+                tmp_path / "parts", format_, BLOWS_UP, checkpoint_seconds=OFTEN, resume=True, on_frame=stop_after(last)
             )
     notes: list[str] = []
     data = batch(tmp_path / "parts", format_, BLOWS_UP, resume=True, on_note=notes.append)
@@ -63,7 +56,7 @@ def test_a_batch_that_was_stopped_goes_on_to_the_same_bytes(
 
 
 @pytest.mark.full
-def test_shares_in_any_order_give_the_same_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_shares_in_any_order_give_the_same_bytes(tmp_path, monkeypatch):
     """Shares in any order, as workers deliver them, give the same bytes; one world restarts there."""
     monkeypatch.setitem(shares.GRAIN, "cpu", shares.Grain(1, 1))
     stiff = {"balloon.stiffness.structural": [100.0, 3000.0, 200.0]}
@@ -91,7 +84,7 @@ def test_shares_in_any_order_give_the_same_bytes(tmp_path: Path, monkeypatch: py
 
 
 @pytest.mark.parametrize("format_", list(FORMATS))
-def test_a_world_that_blew_up_has_its_flag_and_no_bad_number(format_: str, tmp_path: Path) -> None:
+def test_a_world_that_blew_up_has_its_flag_and_no_bad_number(format_: str, tmp_path):
     data = batch(tmp_path, format_, BLOWS_UP)
     bad = arrays_of(world_file(data, 1))
     first = int(np.argmin(bad["health"]))
@@ -105,7 +98,7 @@ def test_a_world_that_blew_up_has_its_flag_and_no_bad_number(format_: str, tmp_p
     assert manifest(data)["blew_up"] == [str(world_file(data, 1).relative_to(data))]
 
 
-def test_a_batch_repeats_them(tmp_path: Path) -> None:
+def test_a_batch_repeats_them(tmp_path):
     write_obj(tmp_path / "ball.obj", quad_sphere(2))
     ball = Scene(balloon=[Balloon(mesh=tmp_path / "ball.obj")], frames=3)
     files = TrajectoryFiles(tmp_path / "data", every=2, format="npz", seed=4)
@@ -117,7 +110,7 @@ def test_a_batch_repeats_them(tmp_path: Path) -> None:
         repeat_batch(tmp_path / "bare" / "manifest.json", tmp_path / "again", trajectories=tmp_path / "none")
 
 
-def test_a_failed_batch_leaves_the_good_files(tmp_path: Path) -> None:
+def test_a_failed_batch_leaves_the_good_files(tmp_path):
     data = batch(tmp_path)
     good = files_of(data)
     with pytest.raises(RuntimeError, match="stopped"):
@@ -126,7 +119,7 @@ def test_a_failed_batch_leaves_the_good_files(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("second", ["h5", "npz"])
-def test_another_batch_takes_the_place_of_all(second: str, tmp_path: Path) -> None:
+def test_another_batch_takes_the_place_of_all(second: str, tmp_path):
     data = batch(tmp_path)
     (data / "notes.txt").touch()
     run_batch(scene(), tmp_path / "out", 2, device="cpu", trajectories=TrajectoryFiles(data, format=second))
@@ -134,7 +127,7 @@ def test_another_batch_takes_the_place_of_all(second: str, tmp_path: Path) -> No
     assert left == {"notes.txt", "manifest.json", f"world_000000.{second}", f"world_000001.{second}"}
 
 
-def test_splits_depend_on_seed_and_number() -> None:
+def test_splits_depend_on_seed_and_number():
     many = splits_of(1000, 3)
     assert np.bincount(many).tolist() == [800, 100, 100]
     np.testing.assert_array_equal(splits_of(137, 3), many[:137])
@@ -151,19 +144,14 @@ def blocked(folder: Path) -> dict[str, Any]:
     [
         (lambda at: {"trajectories": at / "missing" / "data"}, r"data: the folder .*missing does not exist$"),
         (blocked, r"taken: is a file; expected a folder$"),
-        (
-            lambda at: {"trajectories": at / "out"},
-            r"^--trajectories .*out: is the batch's own folder; expected",
-        ),
+        (lambda at: {"trajectories": at / "out"}, r"^--trajectories .*out: is the batch's own folder; expected"),
         (lambda at: {"trajectories": TrajectoryFiles(at, every=0)}, r"^--every 0: expected a whole number"),
         (lambda at: {"trajectories": TrajectoryFiles(at, seed=-1)}, r"^--seed -1: expected a whole number"),
         (lambda at: {"trajectories": TrajectoryFiles(at, format="csv")}, r"^--format csv: expected h5, zarr, npz$"),
         (lambda at: {"trajectories": 3}, r"^trajectories: expected a folder, or TrajectoryFiles \(got 3\)$"),
     ],
 )
-def test_mistakes_are_told_before_the_run(
-    how: Callable[[Path], dict[str, Any]], complaint: str, tmp_path: Path
-) -> None:
+def test_mistakes_are_told_before_the_run(how: Callable[[Path], dict[str, Any]], complaint: str, tmp_path):
     with pytest.raises(InputError, match=complaint):
         run_batch(scene(), tmp_path / "out", 2, device="cpu", **how(tmp_path), on_frame=never)
 
@@ -172,13 +160,13 @@ def never(frame: int) -> None:
     raise AssertionError(frame)
 
 
-def test_a_disk_that_is_too_small_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_disk_that_is_too_small_is_told(tmp_path, monkeypatch):
     monkeypatch.setattr(writer.shutil, "disk_usage", lambda folder: type("Disk", (), {"free": 10}))
     with pytest.raises(InputError, match=r"data: the trajectories need 0\.00 GiB, and the disk has 0\.00 GiB;"):
         run_batch(scene(), tmp_path / "out", 2, device="cpu", trajectories=tmp_path / "data", on_frame=never)
 
 
-def test_without_h5py_it_says_which_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_h5py_it_says_which_extra(tmp_path, monkeypatch):
     def missing(name: str) -> None:
         raise ImportError(name)
 
@@ -188,7 +176,7 @@ def test_without_h5py_it_says_which_extra(tmp_path: Path, monkeypatch: pytest.Mo
     run_batch(scene(), tmp_path / "out", 2, device="cpu", trajectories=TrajectoryFiles(tmp_path / "data", format="npz"))
 
 
-def test_those_of_another_batch_are_not_gone_on_with(tmp_path: Path) -> None:
+def test_those_of_another_batch_are_not_gone_on_with(tmp_path):
     """Files of another batch that wrote into the same folder meanwhile are refused."""
     with pytest.raises(RuntimeError):
         batch(tmp_path, checkpoint_seconds=OFTEN, on_frame=stop_after(3))

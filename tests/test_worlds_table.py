@@ -28,7 +28,7 @@ def scene(**fields) -> Scene:
 
 
 @pytest.fixture(scope="module")
-def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def written(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("out")
     summary = run_batch(scene(), folder, WORLDS, VARY, export=[0, 2, 3], device="cpu")
     assert [Path(path).name for path in summary.worlds_table] == ["worlds.npz", "worlds.csv"]

@@ -78,7 +78,7 @@ def test_spheres_of_the_cases_touch_the_balloon_and_nothing_blows_up(spheres):
     assert np.isfinite(state.points.numpy()).all()
 
 
-def test_every_frame_that_is_timed_is_simulated(monkeypatch: pytest.MonkeyPatch):
+def test_every_frame_that_is_timed_is_simulated(monkeypatch):
     """Each contender runs a warm-up, its repeat, and the repeats that count; recorded frames are replayed."""
     states = []
 
@@ -102,7 +102,7 @@ def test_growing_cases_change_one_thing_and_keep_the_particles():
     assert len(spheres.scene().sphere) == 4
 
 
-def test_a_growing_case_is_measured_beside_its_base(monkeypatch: pytest.MonkeyPatch):
+def test_a_growing_case_is_measured_beside_its_base(monkeypatch):
     """Rates follow the particle-substeps where all frames take the same time."""
     monkeypatch.setattr(rate, "seconds_a_frame", lambda contenders, states: [0.5] * len(contenders))
     (case,) = beside(Case("64 balloons", "lanes", 64), substeps=(8,))
@@ -111,7 +111,7 @@ def test_a_growing_case_is_measured_beside_its_base(monkeypatch: pytest.MonkeyPa
     assert result.ratio == 0.25
 
 
-def test_a_case_gives_the_promised_keys(monkeypatch: pytest.MonkeyPatch):
+def test_a_case_gives_the_promised_keys(monkeypatch):
     monkeypatch.setattr(measure, "FRAMES", 2)
     result = run_case(Case("two balloons", "lanes", 2, cells=2), wp.get_device("cpu")).as_json()
     names = "case device schedule worlds particles rate peer peer_rate ratio bound_fraction overlap peer_overlap"
@@ -121,7 +121,7 @@ def test_a_case_gives_the_promised_keys(monkeypatch: pytest.MonkeyPatch):
     assert result["rate"] > 0.0
 
 
-def test_an_export_is_of_every_frame_and_of_worlds_that_differ(tmp_path: Path):
+def test_an_export_is_of_every_frame_and_of_worlds_that_differ(tmp_path):
     case = ExportCase("", 3, cells=2, frames=4)
     plan = plan_model(case.scene(), 3, {"balloon.inflation.k_normal": [0.1, 0.2, 0.3]})
     simulator = Simulator.of_model(lay_out(plan, "cpu"))
@@ -138,7 +138,7 @@ def test_an_export_is_of_every_frame_and_of_worlds_that_differ(tmp_path: Path):
 
 
 @pytest.mark.parametrize("cold", [True, False])
-def test_a_cold_first_frame_has_no_kernels_and_a_warm_one_has_them(cold: bool, monkeypatch: pytest.MonkeyPatch):
+def test_a_cold_first_frame_has_no_kernels_and_a_warm_one_has_them(cold: bool, monkeypatch):
     """The first process finds an empty kernel cache and the second a filled one, as a stand-in process reports."""
     found = []
 
@@ -156,7 +156,7 @@ def test_a_cold_first_frame_has_no_kernels_and_a_warm_one_has_them(cold: bool, m
     assert result.rate == len(found) - first_frame.REPEATS // 2  # the median of the last
 
 
-def test_frames_are_read_beside_as_many_that_are_not(monkeypatch: pytest.MonkeyPatch):
+def test_frames_are_read_beside_as_many_that_are_not(monkeypatch):
     monkeypatch.setattr(reading, "FRAMES", 2)
     monkeypatch.setattr(reading, "REPEATS", 1)
     result = run_case(ReadingCase("", 2, "two_balloons"), wp.get_device("cpu"))
@@ -175,7 +175,7 @@ def test_a_process_simulates_a_first_frame():
     assert int(particles) == 2494
 
 
-def test_a_process_without_a_frame_is_told(tmp_path: Path):
+def test_a_process_without_a_frame_is_told(tmp_path):
     with pytest.raises(subprocess.CalledProcessError):
         first_frame._simulate(FirstFrameCase("", cold=False, scene="none"), wp.get_device("cpu"), str(tmp_path))
 
@@ -250,7 +250,7 @@ def test_explicit_and_implicit_steps_are_measured_on_the_same_motion(monkeypatch
     assert 0.0 < explicit.error < small.error < 0.5 * large.error
 
 
-def test_what_it_costs_to_look_after_worlds_is_measured_beside_their_frame(monkeypatch: pytest.MonkeyPatch):
+def test_what_it_costs_to_look_after_worlds_is_measured_beside_their_frame(monkeypatch):
     """Cost of the health check is the difference to a schedule without it; a batch keeps no states."""
     from balloon_warp.benchmarks import health
 
@@ -267,9 +267,7 @@ def test_what_it_costs_to_look_after_worlds_is_measured_beside_their_frame(monke
 
 
 @pytest.mark.parametrize(("look", "status"), [(0.004, 0), (0.011, 1)])
-def test_looking_after_worlds_at_too_high_a_cost_is_the_status(
-    look: float, status: int, monkeypatch: pytest.MonkeyPatch
-):
+def test_looking_after_worlds_at_too_high_a_cost_is_the_status(look: float, status: int, monkeypatch):
     from balloon_warp.benchmarks import health
 
     monkeypatch.setattr(sys, "argv", ["health", "cpu"])

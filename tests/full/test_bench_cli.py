@@ -3,7 +3,6 @@
 import json
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
@@ -19,7 +18,7 @@ RESULTS = [Result("1 balloon", "cpu", "gather", 1, 488, 2.0e8), Result("[s]", "c
 
 
 @pytest.fixture(autouse=True)
-def measured(monkeypatch: pytest.MonkeyPatch) -> None:
+def measured(monkeypatch) -> None:
     def results(device: object, quick: bool) -> Iterator[Result]:
         yield from RESULTS
 
@@ -33,25 +32,21 @@ def bench(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> None:
     assert not ended.value.code
 
 
-def test_json_is_all_that_is_printed(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+def test_json_is_all_that_is_printed(monkeypatch, capsys):
     bench(monkeypatch, "--json")
     said = capsys.readouterr()
     assert json.loads(said.out) == [result.as_json() for result in RESULTS]
     assert said.err.splitlines() == ["1 balloon (gather): 2e+08", "[s] (lanes): 3"]
 
 
-def test_a_table_is_printed_and_the_json_written(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_a_table_is_printed_and_the_json_written(tmp_path, monkeypatch, capsys):
     bench(monkeypatch, "-o", str(tmp_path / "results.json"))
     cases = [line.split("|")[1].strip() for line in capsys.readouterr().out.splitlines() if line.startswith("|")]
     assert [case for case in cases if not case.startswith("-")] == ["case", "1 balloon", "[s]"]
     assert json.loads((tmp_path / "results.json").read_text()) == [result.as_json() for result in RESULTS]
 
 
-def test_bundled_scenes_are_measured_in_each_schedule_beside_auto(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_bundled_scenes_are_measured_in_each_schedule_beside_auto(monkeypatch, capsys):
     monkeypatch.setattr(auto, "measured_scenes", lambda: ["two_balloons"])
     monkeypatch.setattr(auto, "WORLDS", (1, 2))
     monkeypatch.setattr(auto, "FRAME_SECONDS", 0.0)  # one at a time
@@ -70,7 +65,7 @@ def test_bundled_scenes_are_measured_in_each_schedule_beside_auto(
     assert json.loads(capsys.readouterr().out) == [result.as_json() for result in measured]
 
 
-def test_two_sets_of_cases_at_once_are_refused(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+def test_two_sets_of_cases_at_once_are_refused(monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["balloon-warp", "bench", "--scenes", "--quick"])
     with pytest.raises(SystemExit) as ended:
         main()

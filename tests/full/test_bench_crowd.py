@@ -98,7 +98,7 @@ class Mover:
         self.points = np.concatenate(parts)
 
 
-def test_ratio_and_overlaps_are_of_the_same_run(monkeypatch: pytest.MonkeyPatch):
+def test_ratio_and_overlaps_are_of_the_same_run(monkeypatch):
     """Ratio and overlaps come from one run: all frames take the same time, ours half as long."""
     asked = []
 

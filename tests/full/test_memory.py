@@ -76,7 +76,7 @@ def test_lanes_counts_the_worlds_that_fill_up_the_last_eight():
     assert 9 * kept(nine) == pytest.approx(2 * kept(one), rel=1e-3)  # rounded to whole bytes
 
 
-def test_worlds_that_do_not_fit_are_refused_with_the_number_that_would(monkeypatch: pytest.MonkeyPatch):
+def test_worlds_that_do_not_fit_are_refused_with_the_number_that_would(monkeypatch):
     model = build_model(scene(), "cpu")
     world = world_bytes(model) + schedule_named("scatter", model).world_bytes(model)
     monkeypatch.setattr(memory, "free_memory", lambda device: int(10.5 * world / memory.USABLE))
@@ -87,7 +87,7 @@ def test_worlds_that_do_not_fit_are_refused_with_the_number_that_would(monkeypat
         Simulator(scene(), "cpu", 64, schedule="scatter")
 
 
-def test_a_schedule_that_keeps_less_lets_more_worlds_in(monkeypatch: pytest.MonkeyPatch):
+def test_a_schedule_that_keeps_less_lets_more_worlds_in(monkeypatch):
     model = build_model(scene(), "cpu", 64)
     kept = {name: schedule_named(name, model).world_bytes(model) for name in SCHEDULES}
     assert kept["block"] < kept["scatter"] < kept["lanes"]

@@ -15,7 +15,7 @@ RECORDS = ROOT / "docs" / "design"
 
 
 @pytest.fixture(autouse=True)
-def in_the_project(monkeypatch: pytest.MonkeyPatch):
+def in_the_project(monkeypatch):
     monkeypatch.chdir(ROOT)
 
 
@@ -34,7 +34,7 @@ def test_a_measurement_has_its_day_machine_and_command(name: str):
     assert as_toml(measurement) == path.read_text(encoding="utf-8")
 
 
-def test_a_measurement_is_made_again(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+def test_a_measurement_is_made_again(monkeypatch, tmp_path):
     """A measurement is repeated by its own command, and the page gets its new table."""
     monkeypatch.setattr(results, "FOLDER", tmp_path)
     monkeypatch.setattr(results, "PAGE", tmp_path / "RESULTS.md")
@@ -57,7 +57,7 @@ def files_of(folder: Path) -> dict[str, Path]:
     return {path.stem.partition("_")[2]: path for path in folder.glob("*.toml")}
 
 
-def test_a_command_without_a_table_and_an_unknown_name_are_refused(monkeypatch: pytest.MonkeyPatch):
+def test_a_command_without_a_table_and_an_unknown_name_are_refused(monkeypatch):
     before = PAGE.read_bytes()
     with pytest.raises(InputError, match=r"^nothing: there is no such measurement; expected one of gpu, "):
         main(["nothing"])

@@ -44,7 +44,7 @@ def scene(**fields) -> Scene:
 
 
 @pytest.fixture(autouse=True)
-def fine_grain(monkeypatch: pytest.MonkeyPatch) -> None:
+def fine_grain(monkeypatch) -> None:
     """Split small batches, too, and allow a busy machine more time."""
     monkeypatch.setitem(shares.GRAIN, "cpu", shares.Grain(1, 1))
     monkeypatch.setattr(shares, "SHARES", 8)
@@ -53,7 +53,7 @@ def fine_grain(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def vary(tmp_path: Path) -> dict:
+def vary(tmp_path) -> dict:
     """Return two meshes in turn, which makes two groups, and a mass of its own for each world."""
     paths = [tmp_path / "coarse.obj", tmp_path / "fine.obj"]
     for path, size in zip(paths, (3, 4), strict=True):
@@ -80,7 +80,7 @@ def assert_same_files(folder: Path, expected: Path) -> None:
     assert stages[0].ExportToString() == stages[1].ExportToString()
 
 
-def test_two_workers_give_what_one_process_gives(vary: dict, tmp_path: Path):
+def test_two_workers_give_what_one_process_gives(vary: dict, tmp_path):
     """Two workers write the files of one process, bit-identical, without the mesh files: shares carry their data."""
     export = [1, 7, 22]
     files = [TrajectoryFiles(tmp_path / name, 2, "npz") for name in ("data_alone", "data_both")]
@@ -103,7 +103,7 @@ def test_two_workers_give_what_one_process_gives(vary: dict, tmp_path: Path):
     assert seen[-1] == 4
 
 
-def test_the_workers_end_before_the_table_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_the_workers_end_before_the_table_is_written(tmp_path, monkeypatch):
     """Processes are gone when rows are written: they would keep the memory of GPUs."""
 
     def finish_without_children(output: BatchOutput, frames: int) -> dict[str, str]:
@@ -133,7 +133,7 @@ def remove(paths: list[str]) -> None:
         Path(path).unlink(missing_ok=True)
 
 
-def test_the_share_of_a_killed_worker_is_done_again(tmp_path: Path):
+def test_the_share_of_a_killed_worker_is_done_again(tmp_path):
     """The share of a killed worker is simulated again: the first process to start one waits, to be killed."""
     run_batch(scene(), tmp_path / "alone", 4, export=[0, 3], device="cpu")
     (tmp_path / "starts").mkdir()
@@ -167,7 +167,7 @@ def note_starts(folder: str) -> None:
     shares.lay_out = note_and_lay_out
 
 
-def test_a_share_that_ends_processes_here_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_share_that_ends_processes_here_is_given_up(tmp_path, monkeypatch):
     monkeypatch.setattr(local_workers, "MOST_LOSSES", 1)
     with pytest.raises(WorkersLostError, match=r"^a share of the batch crashed 2 workers in a row"):
         run_batch(scene(), tmp_path / "out", 1, cluster=Cluster(workers=1, prepare=end_in_share))
@@ -187,7 +187,7 @@ def is_at_work() -> bool:
     return True
 
 
-def test_a_share_that_ends_every_worker_is_given_up(tmp_path: Path):
+def test_a_share_that_ends_every_worker_is_given_up(tmp_path):
     """A share that kills every worker ends the batch, also where Dask did not restart one that died as it joined."""
     with start_workers(1) as workers:
         cluster = Cluster(address=address_of(workers), prepare=end_worker)
@@ -197,7 +197,7 @@ def test_a_share_that_ends_every_worker_is_given_up(tmp_path: Path):
     assert list((tmp_path / "out").iterdir()) == []
 
 
-def test_workers_that_are_all_gone_are_not_waited_for_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_workers_that_are_all_gone_are_not_waited_for_for_ever(tmp_path, monkeypatch):
     monkeypatch.setattr(dask_workers, "ALONE_SECONDS", 1.0)
     with start_workers(1) as workers:
         cluster = Cluster(address=address_of(workers))
@@ -205,7 +205,7 @@ def test_workers_that_are_all_gone_are_not_waited_for_for_ever(tmp_path: Path, m
             run_batch(scene(), tmp_path, 8, cluster=cluster, device="cpu", on_frame=lambda frame: workers.scale(0))
 
 
-def test_a_scheduler_that_is_gone_is_told(tmp_path: Path):
+def test_a_scheduler_that_is_gone_is_told(tmp_path):
     with start_workers(1) as workers:
         cluster = Cluster(address=address_of(workers))
         with pytest.raises(WorkersLostError, match=r"^the scheduler is gone"):
@@ -213,7 +213,7 @@ def test_a_scheduler_that_is_gone_is_told(tmp_path: Path):
     assert [path.name for path in tmp_path.iterdir()] in ([], ["partial"])  # a share may have been done, and is saved
 
 
-def test_workers_of_this_machine_listen_nowhere(tmp_path: Path):
+def test_workers_of_this_machine_listen_nowhere(tmp_path):
     seen: list[Any] = []
 
     def look(frame: int) -> None:
@@ -229,7 +229,7 @@ def end_worker() -> None:
         os._exit(1)
 
 
-def test_an_interrupt_leaves_the_good_files(address: str, tmp_path: Path):
+def test_an_interrupt_leaves_the_good_files(address: str, tmp_path):
     run_batch(scene(frames=1), tmp_path, 2, export=[0], device="cpu")
     good = {path: path.read_bytes() for path in tmp_path.iterdir()}
 
@@ -241,9 +241,7 @@ def test_an_interrupt_leaves_the_good_files(address: str, tmp_path: Path):
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == good
 
 
-def test_the_command_spreads_over_a_scheduler(
-    address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-):
+def test_the_command_spreads_over_a_scheduler(address: str, tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
     write_ball(tmp_path)
     arguments = ["--worlds", "6", "--vary", "gravity=1:9", "--export", "2", "--set", "frames=3", "--device", "cpu"]
@@ -257,13 +255,13 @@ def test_the_command_spreads_over_a_scheduler(
     assert_same_files(tmp_path / "both", tmp_path / "alone")
 
 
-def test_a_worker_that_lacks_the_device_is_told(address: str, tmp_path: Path):
+def test_a_worker_that_lacks_the_device_is_told(address: str, tmp_path):
     with pytest.raises(InputError, match=r"^--device cuda:99: no such device"):
         run_batch(scene(), tmp_path / "out", 2, cluster=Cluster(address=address), device="cuda:99")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_first_gpu_is_this_process_s(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_the_first_gpu_is_this_process_s(tmp_path, monkeypatch):
     """A thread simulates beside a process, to the same bytes; here both on the CPU."""
     run_batch(scene(), tmp_path / "alone", 8, export=[0, 3], device="cpu")
     monkeypatch.setattr(local_workers, "worker_environments", lambda cluster: [{}] * cluster.gpus)

@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from clusters import address_of, batch, start_workers, write_ball
@@ -26,13 +25,7 @@ distributed = pytest.importorskip("distributed")
         (["--workers", "1", "--device", "cpu"], "--device cpu: needs --cluster"),
     ],
 )
-def test_a_mistake_gets_one_sentence_and_status_2(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capfd: pytest.CaptureFixture[str],
-    arguments: list[str],
-    sentence: str,
-):
+def test_a_mistake_gets_one_sentence_and_status_2(tmp_path, monkeypatch, capfd, arguments: list[str], sentence: str):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(dask_workers, "CONNECT_SECONDS", 1.0)
     write_ball(tmp_path)
@@ -44,13 +37,13 @@ def test_a_mistake_gets_one_sentence_and_status_2(
     assert [path.name for path in tmp_path.iterdir()] == ["ball.obj"]
 
 
-def test_a_gpu_that_is_named_twice_is_refused(monkeypatch: pytest.MonkeyPatch):
+def test_a_gpu_that_is_named_twice_is_refused(monkeypatch):
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "1,0,1")
     with pytest.raises(InputError, match=r"^CUDA_VISIBLE_DEVICES=1,0,1: names a GPU twice$"):
         cluster_module.worker_environments(Cluster(gpus=2))
 
 
-def test_a_script_without_a_guard_is_told(tmp_path: Path):
+def test_a_script_without_a_guard_is_told(tmp_path):
     """A script without a main guard is reported: each worker imports it, and would start workers of its own."""
     script = tmp_path / "script.py"
     script.write_text(
@@ -65,7 +58,7 @@ def test_a_script_without_a_guard_is_told(tmp_path: Path):
     assert not (tmp_path / "out").exists()
 
 
-def test_a_scheduler_without_workers_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_scheduler_without_workers_is_told(tmp_path, monkeypatch):
     monkeypatch.setattr(dask_workers, "WORKER_SECONDS", 0.5)
     with (
         start_workers(0) as nobody,
@@ -75,7 +68,7 @@ def test_a_scheduler_without_workers_is_told(tmp_path: Path, monkeypatch: pytest
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_missing_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_the_missing_extra_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(MissingExtraError, match=r"pip install 'balloon-warp\[cluster\]'"):
         run_batch(scene(), tmp_path, 2, cluster=Cluster("tcp://127.0.0.1:1"))

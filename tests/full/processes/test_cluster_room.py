@@ -34,7 +34,7 @@ def fill_first(folder: str, most: int) -> None:
 
 
 @pytest.fixture(autouse=True)
-def small_shares(monkeypatch: pytest.MonkeyPatch) -> None:
+def small_shares(monkeypatch) -> None:
     monkeypatch.setitem(shares.GRAIN, "cpu", shares.Grain(1, 1))
     monkeypatch.setattr(shares, "SHARES", 4)
 
@@ -47,7 +47,7 @@ def simulate(folder: Path, cluster: Cluster | None, notes: list[str]) -> bytes:
     return (folder / "table.csv").read_bytes()
 
 
-def test_others_do_what_does_not_fit(tmp_path: Path) -> None:
+def test_others_do_what_does_not_fit(tmp_path):
     """Notes tell of the full worker once, and the table is that of one process."""
     notes: list[str] = []
     (claims := tmp_path / "claims").mkdir()
@@ -59,7 +59,7 @@ def test_others_do_what_does_not_fit(tmp_path: Path) -> None:
     assert table == simulate(tmp_path / "one", None, [])
 
 
-def test_where_all_are_full_the_batch_is_refused(tmp_path: Path) -> None:
+def test_where_all_are_full_the_batch_is_refused(tmp_path):
     (claims := tmp_path / "claims").mkdir()
     cluster = Cluster(workers=2, prepare=functools.partial(fill_first, str(claims), 2))
     with pytest.raises(InputError, match=r"worlds do not fit: they need"):

@@ -1,7 +1,6 @@
 """Page of a design while it converges: in headless Chromium, and from the command line."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -64,9 +63,7 @@ def test_colors_say_how_far_it_is_off(browser):
     ],
     ids=["springs", "latex", "foil"],
 )
-def test_command_shows_it_and_stays(
-    asked: list[str], labels: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_command_shows_it_and_stays(asked: list[str], labels: list[str], tmp_path, monkeypatch):
     """The command shows each step and the final simulation from rest, and stays until Ctrl-C."""
     monkeypatch.setattr(picture, "SIZE", (96, 84))
     monkeypatch.setattr(of_panels, "EDGES", 6)
@@ -91,7 +88,7 @@ def test_command_shows_it_and_stays(
     assert stopped == [True]
 
 
-def test_outlines_of_foil_are_not_shown(tmp_path: Path):
+def test_outlines_of_foil_are_not_shown(tmp_path):
     said = CliRunner().invoke(app, ["design", "HEY", "--of", "foil", "-o", str(tmp_path / "hey"), "--view"])
     assert isinstance(said.exception, InputError)
     assert str(said.exception) == (

@@ -25,7 +25,7 @@ from balloon_warp.viewer.server import free_port  # noqa: E402
 
 
 @pytest.fixture(scope="module")
-def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+def page(tmp_path_factory) -> Iterator[Page]:
     with served(tmp_path_factory.mktemp("recordings")) as page:
         yield page
 
@@ -133,7 +133,7 @@ def test_a_page_is_guarded_or_not_there():
 @pytest.mark.parametrize(
     ("host", "heard_at"), [(None, "127.0.0.1"), ("localhost", "127.0.0.1"), ("0.0.0.0", "0.0.0.0")]
 )
-def test_a_page_for_others_warns_and_no_stranger_fills_the_terminal(host: str | None, heard_at: str, tmp_path: Path):
+def test_a_page_for_others_warns_and_no_stranger_fills_the_terminal(host: str | None, heard_at: str, tmp_path):
     """The page listens on this machine alone unless asked, and warns in one sentence where it does not."""
     psutil = pytest.importorskip("psutil")
     write_obj(tmp_path / "ball.obj", quad_sphere(3))

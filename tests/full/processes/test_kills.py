@@ -2,7 +2,6 @@
 
 import signal
 from multiprocessing.process import BaseProcess
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -14,7 +13,7 @@ BEFORE, AFTER = {"a": b"old", "b": b"older"}, {"a": b"new", "b": b"newer"}
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_killed_process_leaves_good_files(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_killed_process_leaves_good_files(kind: str, tmp_path, monkeypatch):
     """A killed process leaves no damaged files; the fourth is killed before it finishes."""
     processes, start = [], kills._start_to_write
 

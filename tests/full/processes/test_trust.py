@@ -4,7 +4,6 @@ import json
 import os
 import sys
 from collections import Counter
-from pathlib import Path
 
 import pytest
 
@@ -62,7 +61,7 @@ HARM = {
 
 
 @pytest.mark.parametrize("finder", HARM)
-def test_what_did_harm_is_a_failure(finder: str, monkeypatch: pytest.MonkeyPatch):
+def test_what_did_harm_is_a_failure(finder: str, monkeypatch):
     for module in {"viewer_nonsense": ["viser"]}.get(finder.partition(".")[0], []):
         pytest.importorskip(module, reason="needs an extra")
     effort, found, failure = HARM[finder]
@@ -72,13 +71,7 @@ def test_what_did_harm_is_a_failure(finder: str, monkeypatch: pytest.MonkeyPatch
 
 @pytest.mark.parametrize("options", [[], ["--json"]])
 @pytest.mark.parametrize(("counts", "status"), [([GOOD], 0), ([GOOD, harm()], 1)])
-def test_a_failure_is_the_status(
-    options: list[str],
-    counts: list[Count],
-    status: int,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-):
+def test_a_failure_is_the_status(options: list[str], counts: list[Count], status: int, monkeypatch, capsys):
     monkeypatch.setattr(trust, "counted", lambda efforts: iter(counts))
     monkeypatch.setattr(sys, "argv", ["trust", "--quick", *options])
     with pytest.raises(SystemExit) as end:
@@ -93,13 +86,13 @@ def test_a_failure_is_the_status(
         assert ("FAILED: 1 damaged" in said) == bool(status)
 
 
-def test_a_killed_worker_leaves_the_batch_of_one_process(tmp_path: Path):
+def test_a_killed_worker_leaves_the_batch_of_one_process(tmp_path):
     from balloon_warp.benchmarks.worker_kills import kill_workers
 
     assert kill_workers(1, tmp_path) == {"same": 1}
 
 
-def test_nonsense_does_not_stop_the_viewer(monkeypatch: pytest.MonkeyPatch):
+def test_nonsense_does_not_stop_the_viewer(monkeypatch):
     """Nonsense does not stop the viewer, and a viewer that stands still, as nothing lets it go on, is found."""
     pytest.importorskip("viser", reason="needs the extra `view`")
     from balloon_warp.benchmarks import viewer_nonsense

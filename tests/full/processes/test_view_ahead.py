@@ -56,7 +56,7 @@ def is_there(process: int) -> bool:
         return False
 
 
-def test_a_first_touch_compiles_nothing(tmp_path: Path):
+def test_a_first_touch_compiles_nothing(tmp_path):
     """A first interaction compiles nothing from an empty kernel cache; with a full one, no process starts."""
     pytest.importorskip("viser")
     said, wrong = page(tmp_path, PLAYED).communicate(timeout=600)
@@ -68,7 +68,7 @@ def test_a_first_touch_compiles_nothing(tmp_path: Path):
 
 @pytest.mark.parametrize("killed", [False, True])
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="asks /proc")
-def test_the_process_ends_with_the_page(killed: bool, tmp_path: Path):
+def test_the_process_ends_with_the_page(killed: bool, tmp_path):
     """The process ends with the page, killed or not, and leaves no partial files."""
     pytest.importorskip("viser")
     process = page(tmp_path, PAGE + ("time.sleep(600)" if killed else "time.sleep(4.0); ahead.end()"))

@@ -117,7 +117,7 @@ def test_a_recording_can_be_downloaded(fresh, served):
 
 
 @pytest.mark.parametrize("name", ["balloon_bunch", "squirrel_tether"])
-def test_a_scene_fills_the_view(name: str, tmp_path: Path):
+def test_a_scene_fills_the_view(name: str, tmp_path):
     """Strings and balloons, as they start, fill more than half of the view's height; after a switch of scenes, too."""
     page = Page(Session("ball", tethered(), "cpu", tmp_path), port=free_port("127.0.0.1", 0))
     page.layers.draw(page.session.picture)
