@@ -1,6 +1,9 @@
-"""Outputs of a batch: the table in both forms, and the stage of the chosen worlds."""
+"""Outputs of a batch: the table in both forms, the stage of the chosen worlds, the command, and refusals."""
 
+import contextlib
 import csv
+import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +14,20 @@ from motion import assert_velocities_are_those_of_the_points
 from pxr import Sdf, Usd, UsdGeom, UsdShade, UsdValidation
 from small_batch import FRAMES, WORLDS, scene, write_meshes
 
-from balloon_warp import Simulator, run_batch
+from balloon_warp import Cluster, InputError, Scene, Simulator, load_scene, run_batch
+from balloon_warp.cli import main
+from balloon_warp.device import pick_device
+from balloon_warp.mesh.obj import write_obj
+from balloon_warp.model import lay_out, memory, shape, world_bytes
 from balloon_warp.outputs.usd import growing
 from balloon_warp.outputs.usd.grid_layout import grid_shifts
 from balloon_warp.outputs.usd.string_curve import string_curve
 from balloon_warp.scene import Water
 from balloon_warp.scene.overrides import override_scene
+from balloon_warp.schedules.lanes import LanesSchedule
+from balloon_warp.sweep import batch as batch_module
+from balloon_warp.sweep import memory as sweep_memory
+from balloon_warp.sweep.groups import Group, plan_groups
 
 RADII = np.array([0.1, 0.2, 0.3, 0.4, 0.5])
 
@@ -294,3 +305,270 @@ def attribute_height(stage: Usd.Stage, time_code: int) -> float:
     return float(
         np.mean(np.array(UsdGeom.Mesh(stage.GetPrimAtPath("/World/World_0/ball")).GetPointsAttr().Get(time_code)))
     )
+
+
+def test_a_failed_batch_leaves_the_good_files(tmp_path):
+    run_batch(scene(frames=1), tmp_path, 2, export=[0], device="cpu")
+    good = {path: path.read_bytes() for path in tmp_path.iterdir()}
+
+    def interrupt(frame: int) -> None:
+        if frame == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_batch(scene(), tmp_path, 3, export=[0, 1], device="cpu", on_frame=interrupt)
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == good
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        ({"world_count": 0}, r"^--worlds 0: expected at least 1$"),
+        ({"export": [7]}, r"^export: expected worlds 0 to 4 \(got 7 to 7\)$"),
+        ({"vary": {"balloon.mesh": ["a.obj"] * 3}}, r"^balloon\.mesh: expected a mesh for each of 5 worlds \(got 3\)$"),
+        ({"vary": {"balloon.0.mesh": ["none.obj"] * 5}}, r"^none\.obj: no such file"),
+        ({"vary": {"balloon.7.mesh": ["none.obj"] * 5}}, r"^balloon\.7\.mesh: no balloon 7, the scene has "),
+        ({"folder": "missing/out"}, r"out: the folder .*missing does not exist$"),
+        ({"folder": "file"}, r"file: is a file; expected a folder$"),
+    ],
+)
+def test_mistakes_are_told_before_the_run(tmp_path, change: dict, complaint: str):
+    (tmp_path / "file").touch()
+    arguments = {"folder": "out", "world_count": 5, "vary": {}} | change
+    arguments["folder"] = tmp_path / arguments["folder"]
+    with pytest.raises(InputError, match=complaint):
+        run_batch(scene(), **arguments, device="cpu", on_frame=never)
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+@pytest.mark.parametrize("cluster", [None, Cluster(workers=2)])
+def test_far_too_many_worlds_are_refused_before_they_get_values(tmp_path, monkeypatch, cluster: Cluster | None):
+    """The size is checked before values are drawn: a hundred million of anything do not fit into memory."""
+    monkeypatch.setattr(batch_module, "plan_groups", never)
+    with pytest.raises(InputError, match=r"^100000000 worlds do not fit: they need .* GiB, and cpu has "):
+        run_batch(scene(frames=400), tmp_path, 10**8, device=None if cluster else "cpu", cluster=cluster)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_is_refused_early_would_be_refused_late(monkeypatch):
+    """The early check of memory refuses no batch that would fit by the bytes of its table and worlds."""
+    monkeypatch.setattr(memory, "free_memory", lambda device: 2**30)
+    monkeypatch.setattr(sweep_memory, "MANY", 1)
+    model = lay_out(plan_groups(scene(), 4096, {"balloon.mass": np.ones(4096)})[0].plan, pick_device("cpu"))
+    bytes_of_all = 4096 * (world_bytes(model) + LanesSchedule.world_bytes(model) + sweep_memory.table_bytes(scene()))
+    for room, refused in ((1.02, False), (0.9, True)):
+        monkeypatch.setattr(memory, "free_memory", lambda device, room=room: room * bytes_of_all / memory.USABLE)
+        with pytest.raises(InputError, match="do not fit") if refused else contextlib.nullcontext():
+            sweep_memory.require_room(scene(), 4096, ["balloon.mass"], "cpu")
+
+
+def test_far_too_many_worlds_are_refused_without_finding_what_is_thin(tmp_path, monkeypatch):
+    """The early check of memory skips the search for thin parts, which takes longest and adds no memory."""
+    monkeypatch.setattr(shape, "relative_thickness", never)
+    thin = {"balloon.stiffness.thin": "softer"}
+    with pytest.raises(InputError, match=r"^100000000 worlds do not fit: "):
+        run_batch(load_scene(scene(), thin), tmp_path, 10**8, device="cpu")
+
+
+def test_a_step_that_only_soft_thin_parts_allow_is_no_reason_for_an_early_refusal(monkeypatch):
+    monkeypatch.setattr(sweep_memory, "MANY", 1)
+    stable = plan_groups(load_scene("squirrel_tether"), 1, {})[0].plan.substeps
+    stiffer = plan_groups(load_scene("squirrel_tether", {"balloon.stiffness.thin": "alike"}), 1, {})[0].plan.substeps
+    assert stable < stiffer
+    sweep_memory.require_room(load_scene("squirrel_tether", {"substeps": stable}), 2, device="cpu")
+
+
+def never(*_: Any) -> None:
+    raise AssertionError("is not to be called")
+
+
+def test_a_varied_value_is_told_with_its_world_in_the_whole_batch(meshes: list[Path], tmp_path):
+    vary = {"balloon.0.mesh": [meshes[n % 2] for n in range(5)], "balloon.mass": [1.0, 1.0, 1.0, -1.0, 1.0]}
+    with pytest.raises(InputError, match=r"^balloon\.0\.mass: must be greater than 0 \(got -1\.0\), in world 3$"):
+        run_batch(scene(), tmp_path, 5, vary, device="cpu")
+
+
+def test_all_groups_take_the_step_of_the_stiffest_world(meshes: list[Path]):
+    """The step of a batch is that of its stiffest world, whichever group that is in. All are so light that stability
+    asks for more substeps than spheres do."""
+    automatic = scene(substeps="auto")
+    vary = {"balloon.0.mesh": [meshes[0], meshes[1], meshes[0]], "balloon.mass": [1e-4, 1e-4, 2e-5]}
+    alone = [plan_groups(automatic, 1, {path: [values[n]] for path, values in vary.items()}) for n in range(3)]
+    groups = plan_groups(automatic, 3, vary)
+    assert [group.worlds.tolist() for group in groups] == [[0, 2], [1]]
+    assert [group.plan.substeps for group in groups] == [max(one[0].plan.substeps for one in alone)] * 2
+    assert len({one[0].plan.substeps for one in alone}) == 3
+
+
+def simulated_bytes(groups: list[Group]) -> int:
+    models = [lay_out(group.plan, "cpu") for group in groups]
+    return sum(model.world_count * (world_bytes(model) + LanesSchedule.world_bytes(model)) for model in models)
+
+
+def test_a_batch_that_does_not_fit_is_refused_before_anything_is_made(tmp_path, meshes: list[Path], monkeypatch):
+    """The memory check counts all groups, the exported worlds and the table: in each case the rest alone would fit."""
+    varied = {"balloon.0.mesh": meshes * 20}
+    one_mesh = simulated_bytes(plan_groups(scene(), 40, {}))
+    two_meshes = simulated_bytes(plan_groups(scene(), 40, varied))
+    sums = 40 * (2 * 32 * 40 + 4 * 7)  # 32 lanes of each balloon, seven measures
+    row = 40 * 4 * 8  # of the table: seven measures and the health
+    table = (FRAMES + 1) * row
+    exported = 40 * 5 * (12 * (56 + 8) + 12)  # on the device, and four frames under way
+
+    def refused(usable: float, needed: int, scene: Scene, **arguments: Any) -> None:
+        assert usable < needed
+        monkeypatch.setattr(memory, "free_memory", lambda device: int(usable / memory.USABLE))
+        with pytest.raises(InputError, match=r"^40 worlds do not fit: ") as refusal:
+            run_batch(scene, tmp_path / "out", 40, device="cpu", **arguments)
+        fitting = int(str(refusal.value).split()[-2])
+        assert fitting == pytest.approx(40 * usable / needed, abs=1)  # rounded down
+        assert list(tmp_path.iterdir()) == []
+
+    refused(0.6 * (two_meshes + sums + table), two_meshes + sums + table, scene(), vary=varied)
+    refused(one_mesh + sums + table, one_mesh + sums + table + exported, scene(), export=range(40))
+    long = scene(frames=FRAMES + 1000)
+    refused(one_mesh + sums + table, one_mesh + sums + table + 1000 * row, long)
+
+
+SCENE = """
+frames = 3
+[[balloon]]
+mesh = "ball.obj"
+[balloon.inflation]
+k_normal = 0.2
+[[sphere]]
+position = [0, 4, 0]
+radius = 1.2
+"""
+
+TABLES = ("table.npz", "table.csv", "worlds.npz", "worlds.csv")
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch) -> Path:
+    (tmp_path / "scenes").mkdir()
+    (tmp_path / "scenes" / "ball.toml").write_text(SCENE)
+    write_obj(tmp_path / "scenes" / "ball.obj", quad_sphere(2))
+    write_obj(tmp_path / "other.obj", quad_sphere(3))
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def batch(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
+    """Run the command in this process and return its exit status."""
+    monkeypatch.setattr(sys, "argv", ["balloon-warp", "batch", "scenes/ball.toml", "--device", "cpu", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    return int(ended.value.code or 0)
+
+
+def test_a_batch_in_which_nothing_varies_says_so(folder: Path, monkeypatch, capsys):
+    assert batch(monkeypatch, "--worlds", "2") == 0
+    assert "\nnote: all worlds are alike; --vary PATH=LOW:HIGH" in capsys.readouterr().err
+    assert batch(monkeypatch, "--worlds", "2", "--vary", "sphere.0.mass=10,10") == 0
+    assert "\nnote: all worlds are alike" in capsys.readouterr().err
+    assert batch(monkeypatch, "--worlds", "1") == 0
+    assert "note: " not in capsys.readouterr().err
+
+
+def test_the_summary_is_one_object_and_the_files_are_where_it_says(folder: Path, monkeypatch, capsys):
+    varied = ["--vary", "balloon.inflation.k_normal=0:8", "--vary", "sphere.0.mass=1,10,100", "--grid"]
+    assert batch(monkeypatch, "--worlds", "9", *varied, "--export", "0,5", "-o", "out", "--json") == 0
+    captured = capsys.readouterr()
+    (line,) = captured.err.splitlines()
+    assert line.startswith("ball: 9 worlds, 234 particles, ")
+    summary = json.loads(captured.out)
+    assert (summary["worlds"], summary["exported_worlds"], summary["unhealthy_worlds"]) == (9, 2, 0)
+    assert (summary["scene"], summary["frames"], summary["particles"]) == ("ball", 3, 9 * 26)
+    assert summary["table"] == ["out/table.npz", "out/table.csv"]
+    with np.load(folder / "out" / "table.npz") as table:
+        np.testing.assert_array_equal(table["balloon.inflation.k_normal"][:9], np.arange(9.0))
+        np.testing.assert_array_equal(table["sphere.0.mass"][:9], [1, 10, 100] * 3)
+        volume = table["volume"].reshape(4, 9)
+    assert (np.diff(volume[-1]) > 0.0).all()  # the more a balloon is inflated, the larger it is
+    stage = Usd.Stage.Open(summary["stage"])
+    names = [prim.GetName() for prim in stage.GetDefaultPrim().GetChildren()]
+    assert [name for name in names if name.startswith("World_")] == ["World_0", "World_5"]
+
+
+def test_meshes_differ_and_the_same_seed_gives_the_same_table(folder: Path, monkeypatch):
+    varied = ["--worlds", "4", "--vary", "balloon.mesh=ball.obj,other.obj", "--vary", "gravity=1:9"]
+    for seed, out in (("0", "a"), ("0", "b"), ("1", "c")):
+        assert batch(monkeypatch, *varied, "--seed", seed, "-o", out) == 0
+    first, again, other = ((folder / out / "table.csv").read_text() for out in "abc")
+    assert first == again != other
+    assert first.splitlines()[2].startswith("1,0,0.0,other.obj,")
+
+
+@pytest.mark.parametrize(
+    ("vary", "complaint"),
+    [
+        ("balloon.mas=1:2", "balloon.0.mas: unknown field; did you mean mass?"),
+        ("balloon.mass=1,-1", "balloon.0.mass: must be greater than 0 (got -1.0), in world 1"),
+        ("balloon.scale=1,-1", "balloon.0.scale: must be greater than 0 (got -1.0), in world 1"),
+        ("water.level=0:1", "cannot differ between worlds, the scene has no water"),
+    ],
+)
+def test_a_mistake_in_what_differs_names_the_option(folder: Path, monkeypatch, capsys, vary: str, complaint: str):
+    assert batch(monkeypatch, "--worlds", "3", "--vary", vary) == 2
+    assert capsys.readouterr().err == f"error: --vary {vary.partition('=')[0]}: {complaint}\n"
+
+
+@pytest.mark.full
+def test_what_blew_up_is_told(folder: Path, monkeypatch, capsys):
+    assert batch(monkeypatch, "--worlds", "3", "--vary", "balloon.inflation.k_normal=0,9e11,0") == 0
+    captured = capsys.readouterr()
+    said, warned = captured.out.splitlines(), captured.err.splitlines()[1:]
+    assert said[0].startswith("ball: 3 worlds, 78 particles, 3 frames of ")
+    assert warned[0].startswith("warning: the simulation blew up in frame 1, world 1, substep 1 of ")
+    assert warned[1:] == ["warning: 1 of 3 worlds blew up: health 0; their rows repeat the last good frame"]
+    assert said[1:] == [f"wrote ball_batch/{name}" for name in (*TABLES, "manifest.json")]
+
+
+def test_the_stage_of_an_earlier_batch_does_not_stay_beside_a_later_table(folder: Path, monkeypatch, capsys):
+    assert batch(monkeypatch, "--worlds", "2", "--export", "all") == 0
+    assert (
+        "wrote ball_batch/worlds.usdc: 0.05 s at 60 frames/s; in Blender, set the frame rate to 60, "
+        in capsys.readouterr().out
+    )
+    assert batch(monkeypatch, "--worlds", "2", "--vary", "gravity=2:1") == 2
+    assert (folder / "ball_batch" / "worlds.usdc").exists()  # a batch that is refused leaves all as it was
+    capsys.readouterr()
+    assert batch(monkeypatch, "--worlds", "3") == 0
+    assert capsys.readouterr().out.splitlines()[-1].startswith("removed ball_batch/worlds.usdc")
+    left = sorted(path.name for path in (folder / "ball_batch").iterdir())
+    assert left == sorted([*TABLES, "manifest.json"])
+    assert batch(monkeypatch, "--worlds", "3") == 0
+    assert "removed" not in capsys.readouterr().out
+
+
+def test_one_is_one_and_names_are_as_they_are(folder: Path, monkeypatch, capsys):
+    assert batch(monkeypatch, "--worlds", "1", "--set", "frames=1", "--set", "substeps=10", "-o", "a [bold] one") == 0
+    said = capsys.readouterr().out.splitlines()
+    assert said[0].startswith("ball: 1 world, 26 particles, 1 frame of 10 substeps in ")
+    assert said[1] == "wrote a [bold] one/table.npz"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--vary", "balloon.mass"], "--vary balloon.mass: expected PATH=LOW:HIGH with LOW below HIGH"),
+        (["--vary", "balloon.mass=-2:-1"], "--vary balloon.mass: balloon.0.mass: must be greater than 0"),
+        (
+            ["--vary", "frames=1,2"],
+            "--vary frames: cannot differ between worlds, only between runs of `compare`; what can: ",
+        ),
+        (["--vary", "substeps=1:9"], "--vary substeps: cannot differ between worlds, only between runs of `compare`; "),
+        (["--vary", "normals=cached,fresh"], "--vary normals=cached,fresh: expected PATH=LOW:HIGH with LOW below HIGH"),
+        (["--export", "64"], "--export 64: no world 64, the batch has worlds 0 to 63"),
+        (["--worlds", "0", "--vary", "gravity=1,2"], "--worlds 0: expected at least 1"),
+        (["--worlds", "-2", "--vary", "gravity=1:2", "--grid"], "--worlds -2: expected at least 1"),
+    ],
+)
+def test_a_mistake_gets_one_sentence_and_status_2(folder, monkeypatch, capsys, arguments, sentence):
+    assert batch(monkeypatch, *arguments) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith(f"error: {sentence}")
+    assert len(captured.err.splitlines()) == 1
+    assert not (folder / "ball_batch").exists()

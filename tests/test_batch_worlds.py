@@ -1,15 +1,22 @@
-"""Worlds that differ: each is the scene with its own values, and nothing else."""
+"""Worlds that differ, by which values, and how they are divided into shares."""
+
+from pathlib import Path
 
 import numpy as np
 import pytest
 from meshes import cube, quad_sphere
 from work import lines_executed
 
+from balloon_warp import load_scene, run_batch, simulate
 from balloon_warp.errors import InputError
 from balloon_warp.model import ModelPlan, plan_model
 from balloon_warp.scene import Balloon, Ground, Inflation, Scene, Sphere, Stiffness, String
 from balloon_warp.scene.overrides import override_scene
 from balloon_warp.simulator import Simulator
+from balloon_warp.sweep import shares
+from balloon_warp.sweep.groups import plan_groups
+from balloon_warp.sweep.shares import cut_into_shares
+from balloon_warp.sweep.values import Range, parse_export, parse_vary, spread
 
 FLOAT32 = 1.2e-7
 """relative rounding of float32"""
@@ -217,3 +224,170 @@ def test_a_world_that_is_not_there_gets_a_sentence(world: int):
     simulator = Simulator(Scene(balloon=[Balloon(mesh=cube())]), "cpu", world_count=2)
     with pytest.raises(InputError, match=rf"^world: no world {world}; expected 0 to 1$"):
         simulator.read_frame(world)
+
+
+BALL = Scene(frames=3, substeps=8, balloon=[Balloon(mesh=quad_sphere(2), mass=1.0)])
+OF_MODELS = {
+    "balloon.stiffness.variation": [0.0, 0.5, 0.5, 0.5],
+    "balloon.0.stiffness.seed": np.array([0, 1, 2, 1]),
+    "balloon.scale": [1.0, 1.0, 1.0, 2.0],
+    "gravity": [1.0, 2.0, 3.0, 4.0],
+}
+
+
+def test_each_world_is_as_it_is_alone():
+    """A world of a batch is bit-identical to the scene run alone, and all worlds differ."""
+    found = simulate(BALL, world_count=4, vary=OF_MODELS, device="cpu", schedule="gather")
+    for world in range(4):
+        own = {path: values[world] for path, values in OF_MODELS.items()}
+        alone = simulate(load_scene(BALL, own), device="cpu", schedule="gather")
+        np.testing.assert_array_equal(found.points[0][world], alone.points[0])
+    assert len({points.tobytes() for points in found.points[0][:, -1]}) == 4
+
+
+def test_worlds_of_one_model_stay_together():
+    vary = {"balloon.stiffness.seed": [3, 5, 3, 3], "gravity": [1.0, 2.0, 3.0, 4.0]}
+    groups = plan_groups(BALL, 4, vary)
+    assert [group.worlds.tolist() for group in groups] == [[0, 2, 3], [1]]
+    assert groups[0].plan.parameters["gravity"].tolist() == [1.0, 3.0, 4.0]
+
+
+def test_the_command_line_s_lists_do(tmp_path):
+    """Lists of the command line, whose numbers are all floats, vary integers such as a seed."""
+    vary = spread(dict([parse_vary("balloon.stiffness.seed=1,2"), parse_vary("balloon.stiffness.variation=0.5")]), 3)
+    run_batch(BALL, tmp_path, 3, vary, export=range(3), device="cpu")
+    with np.load(tmp_path / "table.npz") as table:
+        assert table["balloon.stiffness.seed"][:3].tolist() == [1.0, 2.0, 1.0]
+        energy = table["kinetic_energy"].reshape(4, 3)[-1]
+    assert energy[0] == energy[2] != energy[1]
+
+
+def test_what_is_wrong_is_told_with_its_world():
+    with pytest.raises(InputError, match=r"^balloon\.0\.stiffness\.variation: must be .* 1 \(got 2\.0\), in world 1$"):
+        plan_groups(BALL, 2, {"balloon.stiffness.variation": [1.0, 2.0]})
+    with pytest.raises(InputError, match=r"^balloon\.scale: expected a number for each of 2 worlds \(got 1\)$"):
+        plan_groups(BALL, 2, {"balloon.scale": [1.0]})
+    with pytest.raises(InputError, match=r"^balloon\.scale: needs a model for each world; batches and `simulate`"):
+        Simulator(BALL, "cpu", 2, {"balloon.scale": [1.0, 2.0]})
+
+
+@pytest.mark.parametrize(
+    ("text", "parsed"),
+    [
+        ("balloon.inflation.k_normal=0:8", ("balloon.inflation.k_normal", Range(0.0, 8.0))),
+        (" sphere.0.mass = 1, 10,1e2", ("sphere.0.mass", [1.0, 10.0, 100.0])),
+        ("gravity=-9.81", ("gravity", [-9.81])),
+        ("gravity=-3:-1.5", ("gravity", Range(-3.0, -1.5))),
+    ],
+)
+def test_ranges_and_lists_are_read(text: str, parsed: tuple):
+    assert parse_vary(text) == parsed
+
+
+@pytest.mark.parametrize("text", ["gravity", "gravity=", "=1:2", "a..b=1", "gravity=1:", "gravity=2:1", "gravity=1:1"])
+def test_what_is_neither_is_told(text: str):
+    with pytest.raises(InputError, match=r"--vary .*: expected PATH=LOW:HIGH with LOW below HIGH, or PATH=NUMBER,"):
+        parse_vary(text)
+
+
+@pytest.mark.parametrize("text", ["gravity=a", "gravity=1:2:3", "gravity=1,,2", "gravity=nan", "gravity=0:inf"])
+def test_what_is_no_number_is_told(text: str):
+    with pytest.raises(InputError, match="expected PATH=LOW:HIGH"):
+        parse_vary(text)
+
+
+def test_meshes_are_sought_here_and_beside_the_scene(tmp_path, monkeypatch):
+    (tmp_path / "here").mkdir()
+    (tmp_path / "here" / "a.obj").touch()
+    monkeypatch.chdir(tmp_path / "here")
+    _, meshes = parse_vary("balloon.mesh=a.obj,b.obj", str(tmp_path / "scene.toml"))
+    assert meshes == ["a.obj", str(tmp_path / "b.obj")]
+    _, bundled = parse_vary("balloon.mesh=turtle.obj", "squirrel_inflate")
+    assert isinstance(bundled, list)
+    assert Path(str(bundled[0])).is_file()
+
+
+def test_lists_are_cycled():
+    np.testing.assert_array_equal(spread({"a": [1.0, 10.0, 100.0]}, 5)["a"], [1.0, 10.0, 100.0, 1.0, 10.0])
+
+
+def test_samples_are_uniform_and_go_by_seed_path_and_world():
+    """Mean and spread of 10,000 samples are within four standard errors, and depend on no other path's samples."""
+    samples = spread({"a": Range(2.0, 8.0)}, 10_000, seed=3)["a"]
+    assert 2.0 <= np.min(samples) < np.max(samples) < 8.0
+    assert np.mean(samples) == pytest.approx(5.0, abs=4 * 6.0 / np.sqrt(12 * 10_000))
+    assert np.var(samples) == pytest.approx(3.0, abs=4 * 9.0 * np.sqrt(1 / 180 / 10_000) * 4)
+    fewer = spread({"b": Range(0.0, 1.0), "a": Range(2.0, 8.0)}, 10, seed=3)
+    np.testing.assert_array_equal(fewer["a"], samples[:10])
+    assert not np.array_equal(6.0 * np.array(fewer["b"]) + 2.0, fewer["a"])
+    assert not np.array_equal(spread({"a": Range(2.0, 8.0)}, 10, seed=4)["a"], samples[:10])
+
+
+def test_a_grid_is_even_with_its_ends_and_the_first_range_fastest():
+    grid = spread({"a": Range(0.0, 2.0), "b": Range(5.0, 6.0), "c": [1.0, 2.0]}, 6, grid=True)
+    np.testing.assert_array_equal(grid["a"], [0, 1, 2, 0, 1, 2])
+    np.testing.assert_array_equal(grid["b"], [5, 5, 5, 6, 6, 6])
+    np.testing.assert_array_equal(grid["c"], [1, 2, 1, 2, 1, 2])
+
+
+@pytest.mark.parametrize(
+    ("ranges", "worlds", "sides"),
+    [(1, 7, [7]), (2, 4096, [64, 64]), (2, 10, [3, 3]), (2, 12, [4, 3]), (3, 65_536, [40, 40, 40]), (2, 1, [1, 1])],
+)
+def test_a_grid_has_about_as_many_points_on_each_range_as_fit(ranges: int, worlds: int, sides: list[int]):
+    """Worlds that are left over begin the grid anew."""
+    grid = spread({str(n): Range(0.0, 1.0) for n in range(ranges)}, worlds, grid=True)
+    assert [len(np.unique(values)) for values in grid.values()] == sides
+    points = np.stack([np.array(values) for values in grid.values()], axis=1)
+    count = int(np.prod(sides))
+    assert len(np.unique(points[:count], axis=0)) == count
+    np.testing.assert_array_equal(points[count:], points[: worlds - count])
+
+
+def test_exports_are_all_none_or_chosen_worlds():
+    assert parse_export("all", 3) == [0, 1, 2]
+    assert parse_export("none", 3) == []
+    assert parse_export("5, 0,5", 6) == [0, 5]
+    with pytest.raises(InputError, match=r"^--export 0,6: no world 6, the batch has worlds 0 to 5$"):
+        parse_export("0,6", 6)
+    with pytest.raises(InputError, match=r"^--export first: expected all, none, or worlds such as 0,5,9$"):
+        parse_export("first", 6)
+
+
+@pytest.mark.parametrize(
+    ("worlds", "sizes"),
+    [
+        (1, [1]),
+        (9, [5, 4]),
+        (64, [8] * 8),
+        (65, [13] * 5),  # more than eight times eight: the next power of two, 16, makes five shares
+    ],
+)
+def test_the_cut_depends_on_the_batch_alone(worlds: int, sizes: list[int], monkeypatch):
+    """The cut has at most eight shares of at least eight cubes; each has its own part of the varied values."""
+    monkeypatch.setitem(shares.GRAIN, "cpu", shares.Grain(1, 64))
+    monkeypatch.setattr(shares, "SHARES", 8)
+    mass = np.linspace(1.0, 0.01, worlds)
+    groups = plan_groups(Scene(balloon=[Balloon(mesh=cube())]), worlds, {"balloon.mass": mass})
+    cut = cut_into_shares(groups, "cpu")
+    assert [share.plan.world_count for share in cut] == sizes
+    np.testing.assert_array_equal(np.concatenate([share.worlds for share in cut]), np.arange(worlds))
+    np.testing.assert_array_equal(np.concatenate([share.plan.parameters["mass"][:, 0] for share in cut]), mass)
+    assert {len(share.plan.parameters["gravity"]) for share in cut} == {1}
+    assert {share.plan.substeps for share in cut} == {groups[0].plan.substeps}  # that of the lightest world
+
+
+def test_a_share_fills_the_lanes_of_a_cpu():
+    """A share has as many worlds as a CPU has lanes, however many particles a world has."""
+    groups = plan_groups(Scene(balloon=[Balloon(mesh=quad_sphere(20))]), 20, {"balloon.mass": np.full(20, 1.0)})
+    assert groups[0].plan.particle_count > shares.GRAIN["cpu"].particles
+    assert [len(share.worlds) for share in cut_into_shares(groups, "cpu")] == [7, 7, 6]
+
+
+@pytest.mark.parametrize(("frames", "count"), [(1, 2), (100, 4), (1000, 32)])
+def test_a_share_is_worth_its_beginning(frames: int, count: int, monkeypatch):
+    """A short batch is cut into fewer shares, as each has a start-up cost, which still fit into a small memory."""
+    monkeypatch.setattr(shares, "MOST_PARTICLES", 8 * 128)
+    monkeypatch.setitem(shares.GRAIN, "cuda", shares.Grain(1, 8, 8 * 64 * 100 * 10))
+    scene = Scene(balloon=[Balloon(mesh=cube())], frames=frames, substeps=10)
+    assert len(cut_into_shares(plan_groups(scene, 256, {"balloon.mass": np.full(256, 100.0)}), "cuda")) == count

@@ -1,17 +1,22 @@
-"""Contents of pictures, compared with pinhole optics."""
+"""Contents of pictures, compared with optics: shapes, lens and shutter, rubber and foil."""
 
 from pathlib import Path
 
 import numpy as np
 import pytest
+import warp as wp
 from PIL import Image
 from pxr import Gf, Usd, UsdGeom
 from render_stages import LATEX, add_camera, add_curves, add_ground, add_mesh, add_sphere, new_stage, quad_sphere
 
+from balloon_warp import load_scene
+from balloon_warp.kernels.options import OPTIONS
+from balloon_warp.kernels.pictures.rubber import thickness_of, wall_of
 from balloon_warp.outputs.camera import Camera
 from balloon_warp.outputs.render import render_stage
 from balloon_warp.outputs.render.framing import frame_action
 from balloon_warp.outputs.render.raycaster import RayCaster
+from balloon_warp.outputs.render.shutter import moments, one_over_the_other
 from balloon_warp.outputs.render.stage_reader import RenderStage
 
 BLACK = (0.0, 0.0, 0.0)
@@ -275,3 +280,251 @@ def _small_world(path: Path, up_axis: str) -> Usd.Stage:
     add_sphere(stage, "Ball", (0.7, 0.3, 0.2), 0.3, GREEN, roughness=0.3)
     add_curves(stage, "String", [(0.0, 0.0, 0.0), (0.1, 0.4, 0.0), (0.0, 0.7, 0.0)], [3], 0.01, [BLACK])
     return stage
+
+
+BLACK, DARK_RED = (0.0, 0.0, 0.0), (0.8, 0.04, 0.04)
+SIZE = 200
+
+
+def lens_picture(stage: Usd.Stage, **options) -> np.ndarray:
+    """Return the stage's picture, sRGB, with opacity where there is any."""
+    stage.GetRootLayer().Save()
+    path = Path(stage.GetRootLayer().realPath)
+    render_stage(path, path.with_suffix(".png"), **{"size": (SIZE, SIZE), "device": "cpu"} | options)
+    return np.asarray(Image.open(path.with_suffix(".png"))).astype(int)
+
+
+def darkness(pixels: np.ndarray) -> np.ndarray:
+    """Return the fraction of black before the backdrop, as bright as at the right, in linear light."""
+    light = (pixels[..., 1] / 255.0) ** 2.2
+    return np.clip(1.0 - light / light[:, 185:190].mean(axis=1, keepdims=True), 0.0, 1.0)
+
+
+def edge_width(row: np.ndarray) -> float:
+    """Return the number of pixels in which darkness falls from nine tenths to one, beside the middle."""
+    half = row[len(row) // 2 :]
+    return float((half < 0.1).argmax() - (half < 0.9).argmax())
+
+
+def test_a_lens_blurs_what_is_out_of_focus_by_as_much_as_geometry_says(tmp_path):
+    """A point of a ball 10 away, with the lens focused at 5, is blurred to a disc of the lens's diameter times (10 - 5)
+    / 5, as seen at 10. Of a disc's shadow over an edge nine tenths lie within 0.68 of its diameter."""
+    stage = new_stage(tmp_path / "stage.usda")
+    add_camera(stage, distance=10.0, focal_length=60.0, aperture=24.0)
+    add_sphere(stage, "Ball", (0.0, 0.0, 0.0), 1.2, BLACK, roughness=1.0)
+    widths = {}
+    for focus in (0.0, 5.0):
+        seen = lens_picture(stage, aperture=0.4, focus=(0.0, 0.0, focus), samples=64, look_at=None)
+        widths[focus] = np.median([edge_width(row) for row in darkness(seen)[96:104]])
+    assert widths[0.0] <= 2.0
+    # 50 pixels a unit there: 0.4 is 20 pixels.
+    assert widths[5.0] == pytest.approx(0.68 * 20.0, abs=2.5)
+
+
+def test_an_open_shutter_smears_what_moves_along_its_way(tmp_path):
+    stage = new_stage(tmp_path / "stage.usda", frames=3)
+    add_camera(stage, distance=10.0, focal_length=60.0, aperture=24.0)
+    add_sphere(stage, "Ball", [(-1.0, 0, 0), (0.0, 0, 0), (1.0, 0, 0)], 0.2, BLACK, roughness=1.0)
+    sharp, smeared = (darkness(lens_picture(stage, frame=1, shutter=open_for)) for open_for in (0.0, 0.5))
+    # 50 pixels a unit: 20 wide, and half a frame's way, 25, longer to the right; what is dark there is as much.
+    columns = [np.flatnonzero(seen[100] > 0.05) for seen in (sharp, smeared)]
+    assert columns[0][[0, -1]] == pytest.approx([90, 109], abs=1)
+    assert columns[1][[0, -1]] == pytest.approx([90, 134], abs=4)
+    assert smeared.sum() == pytest.approx(sharp.sum(), rel=0.05)
+
+
+def test_the_shutter_stays_within_the_stage():
+    assert moments(5, 0.0, 9) == [5]
+    assert 5.0 < min(moments(5, 0.5, 9)) < max(moments(5, 0.5, 9)) < 5.5
+    assert 8.5 < min(moments(9, 0.5, 9)) < max(moments(9, 0.5, 9)) < 9.0
+
+
+def test_moments_add_up_as_light_does():
+    black, white = np.zeros((1, 1, 3), np.uint8), np.full((1, 1, 3), 255, np.uint8)
+    assert one_over_the_other([black, white])[0, 0, 0] == 188  # half of the light
+    gray = np.arange(256, dtype=np.uint8).repeat(3).reshape(1, 256, 3)
+    np.testing.assert_array_equal(one_over_the_other([gray, gray]), gray)
+    clear, red = np.zeros((1, 1, 4), np.uint8), np.array([[[200, 0, 0, 255]]], np.uint8)
+    np.testing.assert_array_equal(one_over_the_other([clear, red]), [[[200, 0, 0, 128]]])
+
+
+def test_a_transparent_picture_lies_over_its_backdrop_as_if_taken_before_it(tmp_path):
+    """A dark ball and a transparent balloon with alpha, over the backdrop, equal the picture taken before it."""
+    stage = new_stage(tmp_path / "stage.usda")
+    add_camera(stage, distance=10.0, focal_length=60.0, aperture=24.0)
+    add_sphere(stage, "Ball", (-0.9, 0.0, 0.0), 0.7, BLACK, roughness=1.0)
+    add_mesh(stage, "Balloon", *quad_sphere(8, 0.7, (0.9, 0.0, 0.0)), DARK_RED, **LATEX)
+    whole, over = lens_picture(stage), lens_picture(stage, transparent=True)
+    opacity = over[..., 3] / 255.0
+    assert over.shape == (SIZE, SIZE, 4)
+    assert opacity[100, 55] == 1.0
+    assert opacity[20, 20] == opacity[180, 100] == 0.0
+    assert 0.6 < opacity[100, 145] < 0.98
+    # The backdrop is nearly even: without it, the pixels are what is left once its share is taken away.
+    together = (
+        opacity[..., None] * (over[..., :3] / 255.0) ** 2.2 + (1 - opacity[..., None]) * (whole[5, 100] / 255) ** 2.2
+    )
+    assert np.abs(together - (whole / 255.0) ** 2.2)[65:135].mean() < 0.02
+
+
+def test_a_transparent_picture_keeps_the_shadow_on_the_ground(tmp_path):
+    """A transparent picture over the ground's color equals the picture with the ground, with the red light below the
+    balloon. The ground is not visible through the balloon."""
+    stage = new_stage(tmp_path / "stage.usda")
+    add_camera(stage, distance=10.0, focal_length=60.0, aperture=24.0)
+    add_sphere(stage, "Ball", (-0.9, 0.0, 0.0), 0.5, BLACK, roughness=1.0)
+    add_mesh(stage, "Balloon", *quad_sphere(8, 0.5, (0.9, 0.0, 0.0)), DARK_RED, **LATEX)
+    without = lens_picture(stage, elevation=50.0, transparent=True)
+    add_ground(stage, -0.6)
+    whole, over = lens_picture(stage, elevation=50.0), lens_picture(stage, elevation=50.0, transparent=True)
+    things, opacity = without[..., 3] > 0, over[..., 3:] / 255.0
+    shaded = ~things & (over[..., 3] > 10)
+    assert shaded.sum() > 500
+    assert over[shaded][:, 3].max() > 100
+    reddish = shaded & (over[..., 0] > over[..., 1] + 20)
+    assert reddish.sum() > 100
+    bare = np.median(whole[~things & (over[..., 3] == 0)], axis=0)
+    together = opacity * over[..., :3] + (1.0 - opacity) * bare
+    off = np.abs(together - whole)[shaded]
+    # Far away the ground turns into the backdrop, 3 off; the film's curve darkens what is darkest, 10 more in 110.
+    assert off.mean() < 2.5
+    assert off.max() < 12.0
+    np.testing.assert_allclose(over[100, 130:140], without[100, 130:140], atol=2)  # there the ground sends up no light
+
+
+def test_there_is_no_shadow_at_the_bottom_of_water_that_is_left_out(tmp_path):
+    stage = new_stage(tmp_path / "stage.usda")
+    add_sphere(stage, "Ball", (0.0, 0.0, 0.0), 0.5, BLACK, roughness=1.0)
+    add_ground(stage, -0.6)
+    shaded = (lens_picture(stage, transparent=True)[..., 3] > 0).sum()
+    add_mesh(stage, "Water", [(-9, 0, 9), (9, 0, 9), (9, 0, -9), (-9, 0, -9)], [4], [0, 1, 2, 3], (0.1, 0.4, 0.5))
+    assert (lens_picture(stage, transparent=True)[..., 3] > 0).sum() < 0.9 * shaded
+
+
+wp.set_module_options(OPTIONS)
+
+LATEX_RED, LATEX_GREEN = (0.8, 0.04, 0.04), (0.02, 0.6, 0.05)
+FOIL = {"roughness": 0.12, "metallic": 1.0}
+
+
+@wp.kernel
+def build_walls(
+    color: wp.vec3,
+    opacities: wp.array[float],
+    shrunk: wp.array[float],
+    facing: wp.array[float],
+    # out
+    clear: wp.array[wp.vec3],
+    back: wp.array[wp.vec3],
+    forth: wp.array[wp.vec3],
+):
+    number = wp.tid()
+    wall = wall_of(color, thickness_of(opacities[number], shrunk[number]), facing[number])
+    clear[number] = wall.clear
+    back[number] = wall.back
+    forth[number] = wall.forth
+
+
+def walls(opacities, shrunk, facing) -> list[np.ndarray]:
+    """Return the shares clear, back and forth of walls of red rubber, shape (count, 3) each."""
+    rows = [wp.array(np.asarray(row), dtype=float, device="cpu") for row in (opacities, shrunk, facing)]
+    shares = [wp.empty(len(opacities), dtype=wp.vec3, device="cpu") for _ in range(3)]
+    wp.launch(build_walls, len(opacities), [wp.vec3(*LATEX_RED), *rows], outputs=shares, device="cpu")
+    return [share.numpy() for share in shares]
+
+
+def latex_picture(stage: Usd.Stage, **options) -> np.ndarray:
+    """Return the stage's picture, sRGB, shape (height, width, 3)."""
+    stage.GetRootLayer().Save()
+    path = Path(stage.GetRootLayer().realPath)
+    render_stage(path, path.with_suffix(".png"), **{"size": (160, 160), "device": "cpu"} | options)
+    return np.asarray(Image.open(path.with_suffix(".png"))).astype(int)
+
+
+def saturation(colors: np.ndarray) -> float:
+    """Return the saturation of the mean color, sRGB: 0 for gray, 1 for a pure color."""
+    mean = colors.reshape(-1, 3).mean(axis=0)
+    return float(1.0 - mean.min() / mean.max())
+
+
+def test_a_wall_makes_no_light_and_an_opaque_one_lets_none_through():
+    many = np.random.default_rng(3)
+    opacity = np.append(many.uniform(0.0, 1.0, 500), 1.0)
+    clear, back, forth = walls(opacity, many.uniform(0.05, 4.0, 501), many.uniform(0.0, 1.0, 501))
+    assert min(clear.min(), back.min(), forth.min()) >= 0.0
+    assert (clear + back + forth).max() <= 1.0 + 1e-6
+    assert (clear[-1] + forth[-1]).max() < 1e-4
+    assert back[-1, 0] > 0.5
+
+
+def test_color_deepens_with_the_way_through_and_fades_with_stretch():
+    def redness(shares: np.ndarray) -> np.ndarray:
+        return shares[:, 0] / shares[:, 1]
+
+    facing = np.linspace(1.0, 0.05, 8)
+    at_angles = walls(np.full(8, 0.92), np.ones(8), facing)[0]
+    assert (np.diff(redness(at_angles)) > 0.0).all()
+    assert (np.diff(at_angles[:, 0]) < 0.0).all(), "darker toward the rim"
+    stretched = walls(np.full(8, 0.92), np.linspace(1.0, 0.1, 8), np.ones(8))[0]
+    assert (np.diff(redness(stretched)) < 0.0).all()
+    assert (np.diff(stretched[:, 0]) > 0.0).all(), "clearer, the thinner"
+
+
+def test_a_stretched_balloon_is_paler_in_the_middle_than_at_its_rim_and_than_before(tmp_path):
+    stage = new_stage(tmp_path / "stage.usda", frames=2)
+    points, counts, indices = quad_sphere(8, 0.5)
+    ball = add_mesh(stage, "Balloon", points, counts, indices, LATEX_RED, **LATEX)
+    for frame in range(2):  # the area is four times as large
+        ball.GetPointsAttr().Set((points * (1.0 + frame)).astype(np.float32), frame)
+    add_camera(stage, distance=10.0, focal_length=60.0, aperture=24.0)
+    before, after = (latex_picture(stage, frame=frame) for frame in range(2))
+    middle = slice(76, 84)
+    assert saturation(after[middle, middle]) < saturation(before[middle, middle]) - 0.1
+    # Its radius is 1 of the 2 that half of the picture is at its place, 40 pixels: the rim is at 39 of them.
+    assert saturation(after[79:81, 42:44]) > saturation(after[middle, middle]) + 0.05
+
+
+def test_rubber_tints_its_shadow_and_an_opaque_ball_does_not(tmp_path):
+    tints = []
+    for opacity in (0.92, 1.0):
+        stage = new_stage(tmp_path / f"{opacity}.usda")
+        add_ground(stage, color=(0.7, 0.7, 0.7))
+        add_mesh(stage, "Balloon", *quad_sphere(6, 1.0, (0.0, 3.0, 0.0)), LATEX_RED, **LATEX | {"opacity": opacity})
+        for side in (-4.0, 4.0):  # which the picture is as wide as
+            add_sphere(stage, f"Side_{side > 0}", (side, 0.0, 0.0), 0.01, LATEX_RED)
+        seen = latex_picture(stage, azimuth=0.0, elevation=90.0)
+        # The key light comes from (-0.62, 1, 0.62): three times as far the other way is the middle of the shadow, at 16
+        # pixels a unit.
+        shade = seen[47:53, 107:113].mean(axis=(0, 1))
+        tints.append(shade[0] - shade[1])
+    assert tints[0] > tints[1] + 25
+    assert abs(tints[1]) < 20
+
+
+def test_foil_mirrors_what_is_beside_it_and_lets_nothing_through(tmp_path):
+    seen = {}
+    for beside in (LATEX_GREEN, None):
+        for behind in (LATEX_RED, None):
+            stage = new_stage(tmp_path / f"{beside is None}{behind is None}.usda")
+            add_camera(stage, distance=10.0, focal_length=60.0, aperture=24.0)
+            add_mesh(stage, "Foil", *quad_sphere(8, 0.8, (-0.6, 0.0, 0.0)), (0.9, 0.9, 0.9), **FOIL)
+            if behind:
+                add_sphere(stage, "Behind", (-0.6, 0.0, -1.5), 0.5, LATEX_RED, roughness=1.0)
+            if beside:
+                add_sphere(stage, "Beside", (0.9, 0.0, 0.0), 0.6, LATEX_GREEN, roughness=1.0)
+            seen[beside, behind] = latex_picture(stage)
+    plain = seen[None, None]
+    # The action is larger with the ball behind, so that round-off differs.
+    assert np.abs(seen[None, LATEX_RED] - plain)[64:96, 40:72].max() <= 2
+    # Its right half, columns 56 to 88, mirrors the ball.
+    greener = seen[LATEX_GREEN, None][60:100, 66:86] - plain[60:100, 66:86]
+    assert (greener[..., 1] - greener[..., 0]).max() > 40
+
+
+def test_materials_look_like_what_they_are_unless_said():
+    looks = {
+        preset: load_scene("latex_inflate", {"balloon.0.material.preset": preset}).balloon[0].looks_like
+        for preset in ("latex", "foil")
+    }
+    assert looks == {"latex": "latex", "foil": "foil"}
+    assert load_scene("latex_inflate", {"balloon.0.look": "foil"}).balloon[0].looks_like == "foil"

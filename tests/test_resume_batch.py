@@ -1,21 +1,31 @@
 """Resumed batches, stopped or killed: the same files, byte by byte, as of an uninterrupted one."""
 
+import json
 import resource
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from batches import NAMES, OFTEN, contents, press_ctrl_c_once, watch_names
-from meshes import quad_sphere
+from batches import NAMES, OFTEN, contents, plant_spy, press_ctrl_c_once, tamper, watch_names
+from meshes import cube, quad_sphere
 from pxr import Usd, UsdGeom
 from stopped_batch import FRAMES, WORLDS, scene, stop_after, stop_batch
 
 from balloon_warp import InputError, run_batch
+from balloon_warp.blow_ups import BlowUp, Pull
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.outputs.usd import growing
 from balloon_warp.resume import Checkpoints, Part
+from balloon_warp.scene import Balloon, Ground, Inflation, Scene
+from balloon_warp.sweep import shares
+from balloon_warp.sweep.blow_ups import Failures
+from balloon_warp.sweep.checkpoints import batch_checkpoints
+from balloon_warp.sweep.groups import plan_groups
+from balloon_warp.sweep.journal import FAILURES, ShareJournal
+from balloon_warp.sweep.manifest import describe_batch
 from balloon_warp.sweep.output import BatchOutput
+from balloon_warp.sweep.task import BatchTask
 
 
 @pytest.fixture(params=["gather", "lanes", "block", "octets"])
@@ -243,3 +253,115 @@ def test_ctrl_c_saves_the_frame_that_it_finds(tmp_path):
     assert frames == [*range(FRAMES + 1)]
     run_batch(scene(), tmp_path / "whole", 2, **how)
     assert contents(tmp_path / "out") == contents(tmp_path / "whole")
+
+
+@pytest.mark.parametrize(
+    ("change", "difference"),
+    [
+        ({"vary": {"gravity": [1, 8]}}, "vary.gravity.1 is 9.0 there and 8.0 here"),
+        ({"world_count": 3, "vary": {"gravity": [1, 9, 9]}}, "vary.gravity is a list of 2 there and a list of 3 here"),
+        ({"export": [0]}, "export is a list of 0 there and a list of 1 here"),
+        ({"schedule": "gather"}, 'schedules.0 is "lanes" there and "gather" here'),
+        ({"scene": scene(frames=9)}, "scene.frames is 6 there and 9 here"),
+        ({"scene": scene(balloon=[Balloon(mesh=cube())])}, "meshes."),
+    ],
+)
+def test_another_batch_is_refused(stopped: Path, change: dict, difference: str):
+    before = {path: path.read_bytes() for path in stopped.rglob("*") if path.is_file()}
+    arguments = {"scene": scene(), "folder": stopped, "world_count": 2, "vary": {"gravity": [1, 9]}} | change
+    with pytest.raises(InputError) as refusal:
+        run_batch(**arguments, device="cpu", resume=True, on_frame=stop_after(0))
+    assert str(refusal.value).startswith(f"--resume: {stopped / 'partial'} belongs to another batch: {difference}")
+    assert len(str(refusal.value).splitlines()) == 1
+    assert {path: path.read_bytes() for path in stopped.rglob("*") if path.is_file()} == before
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        ("versions.warp-lang", "0.1"),
+        ("device", "another"),
+        ("substeps", 1),
+        ("on_blowup", "restart"),
+        ("simulated", "in 3 shares"),
+    ],
+)
+def test_what_else_the_bits_depend_on_is_compared(stopped: Path, path: str, value: object):
+    """A batch resumes only with the same version, on which its bits depend."""
+    tamper(stopped / "partial" / "job.json", path, value)
+    with pytest.raises(InputError, match=rf"batch: {path} is {json.dumps(value)} there and .* here; expected the same"):
+        run_batch(scene(), stopped, 2, {"gravity": [1, 9]}, device="cpu", resume=True)
+
+
+@pytest.mark.parametrize("name", ["rows_000001.npz", "state_000002_0000.npz", "job.json"])
+def test_a_damaged_checkpoint_is_told(stopped: Path, name: str):
+    path = stopped / "partial" / name
+    path.write_bytes(path.read_bytes()[:100])
+    with pytest.raises(InputError, match=rf"{name}: cannot be read: ") as refusal:
+        run_batch(scene(), stopped, 2, {"gravity": [1, 9]}, device="cpu", resume=True)
+    assert len(str(refusal.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize(("name", "array"), [("rows_000000.npz", "values"), ("state_000002_0000.npz", "points")])
+def test_nothing_in_a_checkpoint_is_run(stopped: Path, tmp_path, monkeypatch, name: str, array: str):
+    monkeypatch.chdir(tmp_path)
+    plant_spy(stopped / "partial" / name, array)
+    with pytest.raises(InputError, match=rf"{name}: cannot be read: "):
+        run_batch(scene(), stopped, 2, {"gravity": [1, 9]}, device="cpu", resume=True)
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_state_without_its_rows_is_not_gone_on_from(stopped: Path, tmp_path):
+    """A state without its rows, as a kill between the two leaves it, is not resumed from."""
+    partial = stopped / "partial"
+    (partial / "state_000003_0000.npz").write_bytes(b"of a frame whose rows are not there")
+    notes: list[str] = []
+    run_batch(scene(), stopped, 2, {"gravity": [1, 9]}, device="cpu", resume=True, on_note=notes.append)
+    run_batch(scene(), tmp_path / "whole", 2, {"gravity": [1, 9]}, device="cpu")
+    assert notes == [f"resuming after frame 2, from {partial}"]
+    assert contents(stopped) == contents(tmp_path / "whole")
+
+
+BALL = Balloon(mesh=quad_sphere(3), position=(0, 2, 0), inflation=Inflation(k_normal=0.2))
+SCENE = Scene(balloon=[BALL], ground=Ground(), frames=6, substeps=40)
+
+
+def test_what_blew_up_in_a_share_is_kept_with_it():
+    spring = Pull("the structural spring to particle 7", 3.5, stretch=np.inf)
+    blow_up = BlowUp(5, 2, 40, 1e-4, "particle 7", 3, np.inf, spring, touched=("the ground",), stable_step=2e-5)
+    failures = Failures([blow_up], {3: 80, 11: 160})
+    assert FAILURES.validate_python(json.loads(json.dumps(FAILURES.dump_python(failures)))) == failures
+
+
+@pytest.mark.full
+def test_shares_that_are_done_are_taken_up_with_what_became_of_them(device: str, tmp_path, monkeypatch):
+    """Finished shares are restored with their rows, schedules and reports of blow-ups, and their stages join."""
+    monkeypatch.setitem(shares.GRAIN, "cpu", shares.Grain(1, 1))
+    vary = {"balloon.inflation.k_normal": [9e11, 0.2, 0.3, 0.4]}
+    task = BatchTask(SCENE, plan_groups(SCENE, 4, vary), vary, np.array([0, 3]), tmp_path, on_blowup="restart")
+    cut = shares.cut_into_shares(task.groups, "cpu")
+
+    def journal(output: BatchOutput, resume: bool) -> ShareJournal:
+        notes: list[str] = []
+        safe = batch_checkpoints(task, describe_batch(task), 0.0, resume, notes.append)
+        return ShareJournal(task, output, safe, "cpu")
+
+    with BatchOutput(task, cut) as output:
+        first = journal(output, resume=False)
+        for number in (3, 0):
+            share = cut[number], task.chosen, device, "gather", 4, task.on_blowup
+            first.add(number, shares.simulate_share(*share, on_frame=lambda frame: None))
+            first.save()
+    played = Usd.Stage.Open(str(tmp_path / "partial" / "frames.usda"))
+    for part, world in enumerate((3, 0)):
+        alone = Usd.Stage.Open(str(tmp_path / "partial" / f"frames_{part:06d}.usdc"))
+        points, there = (stage.GetAttributeAtPath(f"/World/World_{world}/mesh.points") for stage in (played, alone))
+        assert points.GetNumTimeSamples() == SCENE.frames + 1
+        for frame in range(SCENE.frames + 1):
+            np.testing.assert_array_equal(points.Get(frame), there.Get(frame))
+    assert [report.world for report in first.failures.reports] == [0]
+    with BatchOutput(task, cut) as output_again:
+        again = journal(output_again, resume=True)
+    assert (again.schedules, again.failures, again.resumed) == (first.schedules, first.failures, 0.5)
+    np.testing.assert_array_equal(output_again.table.values, output.table.values)
+    np.testing.assert_array_equal(output_again.table.health, output.table.health)

@@ -1,9 +1,13 @@
-"""Peer of the benchmark simulates the same balloons, and its cases are what they say."""
+"""Benchmarks: their cases, their peers, which simulate the same balloons, and the command."""
 
+import json
 import subprocess
 import sys
+from collections.abc import Iterator
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +15,7 @@ import warp as wp
 from meshes import quad_sphere as looped_quad_sphere
 from pxr import Usd, UsdGeom
 
-from balloon_warp.benchmarks import bound, export, first_frame, measure, rate, reading
+from balloon_warp.benchmarks import auto, bound, crowd_rate, export, first_frame, measure, rate, reading, run
 from balloon_warp.benchmarks.cases import (
     CPU_CASES,
     GPU_CASES,
@@ -22,14 +26,20 @@ from balloon_warp.benchmarks.cases import (
     RealTimeCase,
     beside,
 )
+from balloon_warp.benchmarks.crowd import CrowdCase
 from balloon_warp.benchmarks.measure import FRAMES, REPEATS, seconds_a_frame
+from balloon_warp.benchmarks.result import Result
 from balloon_warp.benchmarks.rubber import RADIUS, rubber_cases
 from balloon_warp.benchmarks.run import run_case
 from balloon_warp.blow_ups import KEPT_FRAMES
+from balloon_warp.cli import main
+from balloon_warp.device import pick_device
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.quad_sphere import quad_sphere
 from balloon_warp.model import Model, State, build_model, initial_state, lay_out, plan_model
+from balloon_warp.scene import load_scene
 from balloon_warp.schedules import SCHEDULES, make_schedule
+from balloon_warp.schedules.choose import fastest_schedule
 from balloon_warp.simulator import Simulator
 
 
@@ -275,3 +285,185 @@ def test_looking_after_worlds_at_too_high_a_cost_is_the_status(look: float, stat
     with pytest.raises(SystemExit) as end:
         health.main()
     assert end.value.code == status
+
+
+RESULTS = [Result("1 balloon", "cpu", "gather", 1, 488, 2.0e8), Result("[s]", "cpu", "lanes", 8, 26, 3.0, "peer", 2.0)]
+
+
+@pytest.fixture(autouse=True)
+def measured(monkeypatch) -> None:
+    def results(device: object, quick: bool) -> Iterator[Result]:
+        yield from RESULTS
+
+    monkeypatch.setattr(run, "run_cases", results)
+
+
+def bench(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> None:
+    monkeypatch.setattr(sys, "argv", ["balloon-warp", "bench", "--device", "cpu", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert not ended.value.code
+
+
+def test_json_is_all_that_is_printed(monkeypatch, capsys):
+    bench(monkeypatch, "--json")
+    said = capsys.readouterr()
+    assert json.loads(said.out) == [result.as_json() for result in RESULTS]
+    assert said.err.splitlines() == ["1 balloon (gather): 2e+08", "[s] (lanes): 3"]
+
+
+def test_a_table_is_printed_and_the_json_written(tmp_path, monkeypatch, capsys):
+    bench(monkeypatch, "-o", str(tmp_path / "results.json"))
+    cases = [line.split("|")[1].strip() for line in capsys.readouterr().out.splitlines() if line.startswith("|")]
+    assert [case for case in cases if not case.startswith("-")] == ["case", "1 balloon", "[s]"]
+    assert json.loads((tmp_path / "results.json").read_text()) == [result.as_json() for result in RESULTS]
+
+
+def test_bundled_scenes_are_measured_in_each_schedule_beside_auto(monkeypatch, capsys):
+    monkeypatch.setattr(auto, "measured_scenes", lambda: ["two_balloons"])
+    monkeypatch.setattr(auto, "WORLDS", (1, 2))
+    monkeypatch.setattr(auto, "FRAME_SECONDS", 0.0)  # one at a time
+    measured = list(auto.scene_results(pick_device("cpu"), auto.WORLDS))
+    assert [(each.schedule, each.worlds) for each in measured] == [(name, n) for n in (1, 2) for name in auto.ON_CPU]
+    for each in measured:
+        model = build_model(load_scene("two_balloons"), "cpu", each.worlds)
+        assert (each.case, each.particles, each.rate > 0.0) == ("two_balloons", 820, True)
+        taken = fastest_schedule(model, each.worlds)
+        assert each.peer == f"auto: {taken}"
+        assert each.peer_rate is not None
+        assert each.ratio == pytest.approx(each.rate / each.peer_rate)
+        assert each.schedule != taken or each.ratio == 1.0
+    monkeypatch.setattr(auto, "scene_results", lambda device: measured)
+    bench(monkeypatch, "--scenes", "--json")
+    assert json.loads(capsys.readouterr().out) == [result.as_json() for result in measured]
+
+
+def test_two_sets_of_cases_at_once_are_refused(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["balloon-warp", "bench", "--scenes", "--quick"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    assert capsys.readouterr().err == "error: --quick, --scenes, and --gpus or --workers: expected only one of them\n"
+
+
+def test_variants_of_scenes_can_be_built():
+    for source, overrides in auto.VARIANTS.values():
+        assert load_scene(source, overrides) != load_scene(source)
+
+
+CASE = CrowdCase("", "newton", cells=4)
+CROWD_FRAMES = 20
+
+
+def parts_of(points: np.ndarray, model: Model) -> list[np.ndarray]:
+    return [points[begin:end].astype(np.float64) for begin, end in pairwise(model.particle_offsets)]
+
+
+def widths(points: np.ndarray, model: Model) -> np.ndarray:
+    """Return the mean distance of each balloon's particles from their middle, over the radius at the start."""
+    parts = parts_of(points, model)
+    return np.array([np.linalg.norm(part - part.mean(axis=0), axis=1).mean() for part in parts]) / CASE.radius
+
+
+def check_motion(peer: Any, model: Model, frames: int) -> np.ndarray:
+    """Return a peer's final points, and require that the same balloons get wider while fixed particles stay."""
+    np.testing.assert_allclose(peer.points, model.initial_points.numpy(), atol=1e-6)
+    held = model.particle_mass_share.numpy() == 0.0
+    assert 8 <= held.sum() < model.particle_count // 4
+    unused = initial_state(model)
+    for _ in range(frames):
+        peer.advance_frame(unused)
+    points = np.asarray(peer.points)
+    assert np.isfinite(points).all()
+    np.testing.assert_allclose(points[held], model.initial_points.numpy()[held], atol=1e-5)
+    return points
+
+
+def test_the_balloons_are_apart_at_first_and_press_each_other_then():
+    model = build_model(CASE.scene(), "cpu")
+    state = initial_state(model)
+    start = state.points.numpy()[0]
+    assert crowd_rate._overlap(start, model) == 0.0
+    schedule = make_schedule(model)
+    for _ in range(CROWD_FRAMES):
+        schedule.advance_frame(state)
+    ended = state.points.numpy()[0]
+    assert (state.holds.numpy()[0, :, 3] != 0.0).sum() >= 24  # four pairs in each direction, two sides each
+    assert 1.05 < widths(ended, model).min() < widths(ended, model).max() < 1.3
+    assert crowd_rate._overlap(ended, model) < 0.02 * CASE.radius
+    alone = build_model(CASE.scene().model_copy(update={"touch": False}), "cpu")
+    free, passing = make_schedule(alone), initial_state(alone)
+    for _ in range(CROWD_FRAMES):
+        free.advance_frame(passing)
+    assert crowd_rate._overlap(passing.points.numpy()[0], alone) > 0.1 * CASE.radius  # else there is nothing to do
+
+
+def test_newton_blows_them_up_alike():
+    """Newton's balloons get as wide as ours, to a few percent, with the same springs and pressure though by implicit
+    steps; and they do not interpenetrate."""
+    pytest.importorskip("newton")
+    from balloon_warp.benchmarks.newton_crowd import NewtonCrowd
+
+    model = build_model(CASE.scene(), "cpu")
+    points = check_motion(NewtonCrowd(model), model, CROWD_FRAMES)
+    assert crowd_rate._overlap(points, model) < 0.02 * CASE.radius
+    state, schedule = initial_state(model), make_schedule(model)
+    for _ in range(CROWD_FRAMES):
+        schedule.advance_frame(state)
+    np.testing.assert_allclose(widths(points, model), widths(state.points.numpy()[0], model), rtol=0.05)
+
+
+def test_blender_blows_them_up_alike():
+    """Blender's balloons get a seventh wider, as ours, on the measured mesh, for which its pressure was chosen."""
+    pytest.importorskip("bpy")
+    from balloon_warp.benchmarks.blender_peer import BlenderPeer
+
+    model = build_model(replace(CASE, cells=8).scene(), "cpu")
+    points = check_motion(BlenderPeer(model, crowd_rate.BLENDER_PRESSURE), model, CROWD_FRAMES)
+    np.testing.assert_allclose(widths(points, model), 8 / 7, rtol=0.03)
+
+
+class Mover:
+    """Peer whose second balloon ends a tenth of its radius in the first."""
+
+    def __init__(self, model: Model):
+        self.model = model
+        parts = parts_of(model.initial_points.numpy(), model)
+        apart = parts[1].mean(axis=0) - parts[0].mean(axis=0)
+        parts[1] = parts[1] - apart * (1.0 - 1.9 * CASE.radius / np.linalg.norm(apart))
+        self.points = np.concatenate(parts)
+
+
+def test_ratio_and_overlaps_are_of_the_same_run(monkeypatch):
+    """Ratio and overlaps come from one run: all frames take the same time, ours half as long."""
+    asked = []
+
+    def seconds(contenders: list[Any], frames: int, states: list[State]) -> list[float]:
+        asked.append((frames, len(contenders), len(states)))
+        return [0.5, 1.0]
+
+    monkeypatch.setattr(crowd_rate, "seconds_a_frame", seconds)
+    monkeypatch.setattr(crowd_rate, "peers_of", lambda case, model: [Mover(model)])
+    result = run_case(CASE, wp.get_device("cpu"))
+    assert asked == [(CASE.frames, 2, 2)]
+    assert (result.rate, result.peer, result.peer_rate, result.ratio) == (2 / 24, "newton", 1 / 24, 2.0)
+    assert (result.worlds, result.particles, result.overlap) == (1, 8 * 98, 0.0)
+    assert result.peer_overlap == pytest.approx(0.1, abs=0.02)  # a vertex of the mesh is not quite the deepest
+
+
+def test_both_peers_are_cases_of_a_processor():
+    crowds = [case for case in CPU_CASES if isinstance(case, CrowdCase)]
+    assert [case.peer for case in crowds] == ["newton", "blender"]
+    assert replace(crowds[0], peer="blender") == crowds[1]
+    assert build_model(crowds[0].scene(), "cpu").particle_count == 8 * 386
+
+
+def test_newton_gives_the_same_gradient():
+    """Derivatives through the same springs agree to 1e-3 of the largest: both are float32, over 32 substeps."""
+    pytest.importorskip("newton")
+    from balloon_warp.benchmarks.newton_gradients import Case
+
+    case = Case("springs", 1, 1, "cpu")
+    ours, its = case.ours().gradient(), case.newton().gradient()
+    assert np.abs(ours).max() > 0.0
+    np.testing.assert_allclose(its, ours, rtol=1e-3, atol=1e-3 * np.abs(ours).max())

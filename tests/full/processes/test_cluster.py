@@ -1,9 +1,11 @@
-"""Batch on many workers: the files are those of one process, whoever simulated it."""
+"""Batch on many workers: the files are those of one process, and faults get a sentence."""
 
 import contextlib
 import functools
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -16,11 +18,14 @@ from clusters import address_of, batch, start_workers, write_ball
 from meshes import cube, quad_sphere
 from pxr import Sdf
 
-from balloon_warp import Cluster, InputError, Scene, TrajectoryFiles, WorkersLostError, run_batch
+from balloon_warp import Cluster, InputError, MissingExtraError, Scene, TrajectoryFiles, WorkersLostError, run_batch
 from balloon_warp.mesh.obj import write_obj
+from balloon_warp.model import memory
 from balloon_warp.scene import Balloon, Ground, Sphere, String
+from balloon_warp.sweep import cluster as cluster_module
 from balloon_warp.sweep import dask_workers, local_workers, shares
 from balloon_warp.sweep.output import BatchOutput
+from balloon_warp.warp_logging import quiet_warp
 
 dask = pytest.importorskip("dask", reason="needs the extra `cluster`")
 distributed = pytest.importorskip("distributed")
@@ -277,3 +282,112 @@ def test_the_first_gpu_is_this_process_s(tmp_path, monkeypatch):
     run_batch(scene(), tmp_path / "both", 8, export=[0, 3], cluster=Cluster(gpus=2))
     assert_same_files(tmp_path / "both", tmp_path / "alone")
     assert here == {"first GPU"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--cluster", "localhost"], "--cluster localhost: expected an address such as tcp://192.168.0.1:8786"),
+        (["--cluster", "tcp://127.0.0.1:1"], "--cluster tcp://127.0.0.1:1: no scheduler answered within 1 s"),
+        (["--workers", "0"], "--workers 0: expected at least 1"),
+        (["--gpus", "99"], "--gpus 99: this machine has "),
+        (["--gpus", "1", "--workers", "2"], "--cluster, --gpus, --workers: expected only one of them"),
+        (["--workers", "1", "--device", "cpu"], "--device cpu: needs --cluster"),
+    ],
+)
+def test_a_mistake_gets_one_sentence_and_status_2(tmp_path, monkeypatch, capfd, arguments: list[str], sentence: str):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(dask_workers, "CONNECT_SECONDS", 1.0)
+    write_ball(tmp_path)
+    assert batch(monkeypatch, *arguments) == 2
+    captured = capfd.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith(f"error: {sentence}")
+    assert len(captured.err.splitlines()) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["ball.obj"]
+
+
+def test_a_gpu_that_is_named_twice_is_refused(monkeypatch):
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "1,0,1")
+    with pytest.raises(InputError, match=r"^CUDA_VISIBLE_DEVICES=1,0,1: names a GPU twice$"):
+        cluster_module.worker_environments(Cluster(gpus=2))
+
+
+def test_a_script_without_a_guard_is_told(tmp_path):
+    """A script without a main guard is reported: each worker imports it, and would start workers of its own."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import balloon_warp as bw\n"
+        f"ball = bw.load_mesh({str(write_ball(tmp_path))!r})\n"
+        "scene = bw.Scene(balloon=[{'mesh': ball}], frames=1)\n"
+        "bw.run_batch(scene, 'out', 2, cluster=bw.Cluster(workers=1))\n"
+    )
+    ended = subprocess.run([sys.executable, str(script)], cwd=tmp_path, capture_output=True, text=True, timeout=300)
+    assert ended.returncode == 1
+    assert ended.stderr.splitlines()[-1].startswith("balloon_warp.errors.InputError: --workers 1: the workers do not")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_scheduler_without_workers_is_told(tmp_path, monkeypatch):
+    monkeypatch.setattr(dask_workers, "WORKER_SECONDS", 0.5)
+    with (
+        start_workers(0) as nobody,
+        pytest.raises(InputError, match=r"^--cluster tcp://.*: the scheduler has no worker after 0\.5 s"),
+    ):
+        run_batch(scene(), tmp_path / "out", 2, cluster=Cluster(address=address_of(nobody)))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_missing_extra_is_named(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(MissingExtraError, match=r"pip install 'balloon-warp\[cluster\]'"):
+        run_batch(scene(), tmp_path, 2, cluster=Cluster("tcp://127.0.0.1:1"))
+
+
+ROOM_WORLDS = 16
+
+
+def fill_first(folder: str, most: int) -> None:
+    """Let the memory of a worker be full, if it is one of the first to ask."""
+    quiet_warp()
+    claims = [Path(folder) / str(number) for number in range(most)]
+    if any(claim.exists() and claim.read_text() == str(os.getpid()) for claim in claims):
+        return
+    for claim in claims:
+        try:
+            with claim.open("x") as file:
+                file.write(str(os.getpid()))
+        except FileExistsError:
+            continue
+        memory.free_memory = lambda device: 1024
+        return
+
+
+def simulate(folder: Path, cluster: Cluster | None, notes: list[str]) -> bytes:
+    """Simulate a small batch, and return its table."""
+    scene = Scene(balloon=[Balloon(mesh=quad_sphere(3))], frames=3)
+    vary = {"balloon.mass": np.linspace(0.1, 0.2, ROOM_WORLDS)}
+    run_batch(
+        scene, folder, ROOM_WORLDS, vary, device=None if cluster else "cpu", cluster=cluster, on_note=notes.append
+    )
+    return (folder / "table.csv").read_bytes()
+
+
+def test_others_do_what_does_not_fit(tmp_path):
+    """Notes tell of the full worker once, and the table is that of one process."""
+    notes: list[str] = []
+    (claims := tmp_path / "claims").mkdir()
+    cluster = Cluster(workers=2, prepare=functools.partial(fill_first, str(claims), 1))
+    table = simulate(tmp_path / "two", cluster, notes)
+    assert len(notes) == 1
+    assert "2 worlds do not fit: they need" in notes[0]
+    assert notes[0].endswith("; the other workers do its share")
+    assert table == simulate(tmp_path / "one", None, [])
+
+
+def test_where_all_are_full_the_batch_is_refused(tmp_path):
+    (claims := tmp_path / "claims").mkdir()
+    cluster = Cluster(workers=2, prepare=functools.partial(fill_first, str(claims), 2))
+    with pytest.raises(InputError, match=r"worlds do not fit: they need"):
+        simulate(tmp_path / "out", cluster, [])
+    assert not (tmp_path / "out" / "table.csv").exists()
