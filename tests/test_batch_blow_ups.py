@@ -113,7 +113,6 @@ def way(request, device: str) -> tuple[Scene, str]:
 
 @pytest.mark.full
 def test_a_frozen_world_is_marked_and_the_others_are_as_if_it_were_not_there(way, device: str, tmp_path):
-    """Freezing a world leaves the table and the stage of the others bit-identical."""
     scene, schedule = way
     lifts = np.insert(LIFTS, BAD, ASTRAY)
     with_it, without = tmp_path / "with", tmp_path / "without"
@@ -197,7 +196,6 @@ def test_the_manifest_says_what_blew_up_and_repeats_it(tmp_path):
 
 @pytest.mark.full
 def test_a_batch_that_is_stopped_while_worlds_begin_again_goes_on_to_the_same_files(tmp_path):
-    """A resumed batch is bit-identical, with a checkpoint after every frame: worlds that restarted do so again."""
     notes: list[str] = []
 
     def stop(sentence: str) -> None:
@@ -315,7 +313,6 @@ def test_restarted_it_is_the_run_with_as_many_substeps_byte_by_byte(device: str,
 
 @pytest.mark.full
 def test_stopped_in_shorter_steps_it_goes_on_in_these(device: str, tmp_path):
-    """A run resumed in shorter steps writes the same bytes; checkpoints of the longer steps are gone."""
 
     class StopError(Exception):
         pass

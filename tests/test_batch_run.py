@@ -107,7 +107,6 @@ def test_csv_and_npz_are_the_same_to_the_last_bit(written: Path, table: dict[str
 
 
 def test_each_world_is_as_it_is_alone(table: dict[str, np.ndarray], stage: Usd.Stage, vary: dict):
-    """A world is bit-identical alone and in a batch on the CPU; the stage has the chosen worlds only."""
     assert [p.GetName() for p in stage.GetDefaultPrim().GetChildren() if p.GetName().startswith("World_")] == [
         "World_1",
         "World_2",
@@ -162,7 +161,6 @@ def test_stage_says_what_it_is(stage: Usd.Stage):
 
 
 def test_topology_is_stored_once_for_each_mesh(stage: Usd.Stage):
-    """Only the layer's prototypes have faces and materials; each world composes them."""
     with_faces, with_materials = [], []
 
     def look(path: Any) -> None:
@@ -267,7 +265,6 @@ def test_the_grid_is_square_and_centered(up_axis: str, flat: int):
 
 
 def test_saving_often_gives_the_same_samples(written: Path, vary: dict, tmp_path, monkeypatch):
-    """A file that is appended to after each frame has the samples of one that is written once."""
     monkeypatch.setattr(growing, "SAVE_BYTES", 0)
     run_batch(scene(), tmp_path / "out", WORLDS, vary, export=[4, 1, 2], device="cpu")
     often, once = (Sdf.Layer.FindOrOpen(str(folder / "worlds.usdc")) for folder in (tmp_path / "out", written))
@@ -343,7 +340,6 @@ def test_mistakes_are_told_before_the_run(tmp_path, change: dict, complaint: str
 
 @pytest.mark.parametrize("cluster", [None, Cluster(workers=2)])
 def test_far_too_many_worlds_are_refused_before_they_get_values(tmp_path, monkeypatch, cluster: Cluster | None):
-    """The size is checked before values are drawn: a hundred million of anything do not fit into memory."""
     monkeypatch.setattr(batch_module, "plan_groups", never)
     with pytest.raises(InputError, match=r"^100000000 worlds do not fit: they need .* GiB, and cpu has "):
         run_batch(scene(frames=400), tmp_path, 10**8, device=None if cluster else "cpu", cluster=cluster)
@@ -351,7 +347,6 @@ def test_far_too_many_worlds_are_refused_before_they_get_values(tmp_path, monkey
 
 
 def test_what_is_refused_early_would_be_refused_late(monkeypatch):
-    """The early check of memory refuses no batch that would fit by the bytes of its table and worlds."""
     monkeypatch.setattr(memory, "free_memory", lambda device: 2**30)
     monkeypatch.setattr(sweep_memory, "MANY", 1)
     model = lay_out(plan_groups(scene(), 4096, {"balloon.mass": np.ones(4096)})[0].plan, pick_device("cpu"))

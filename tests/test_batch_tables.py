@@ -43,7 +43,6 @@ def put(array: wp.array, values: np.ndarray) -> None:
 
 
 def test_a_moving_box_is_measured_exactly(device):
-    """Measures are exact for the unit cube drawn out to 1 x 2 x 1 and moving at (1, 2, 2) m/s."""
     scene = Scene(balloon=[Balloon(mesh=cube(), mass=0.5, **STILL)], sphere=[Sphere(position=(7.0, 3.5, 0.0))])
     simulator = Simulator(scene, device)
     put(simulator.state.points, (cube().points * [1, 2, 1])[None])
@@ -63,7 +62,6 @@ def test_a_moving_box_is_measured_exactly(device):
 
 
 def test_what_is_in_the_box_is_counted(device):
-    """A box test counts balloon centers, each coordinate by itself; a balloon has left in one of the two worlds."""
     places = [(0.0, 0.0, 0.0), (0.9, 0.0, 0.0), (0.0, -1.7, 0.0), (0.0, 0.0, 5.0)]
     balloons = [Balloon(mesh=cube(), position=place, **STILL) for place in places]
     box = Box(lower=(-0.2, -1.0, 0.0), upper=(1.5, 1.0, 1.0))
@@ -246,7 +244,6 @@ def test_each_world_has_a_row_of_ends_and_extremes(tables: dict[str, dict[str, n
 
 
 def test_it_says_how_each_world_ended(tables: dict[str, dict[str, np.ndarray]]):
-    """The summary has each world's outcome: falling forever is detected in worlds of the stage."""
     worlds = tables["worlds"]
     assert worlds["health"].tolist() == [1, 1, 0, 1]
     assert worlds["ending"].tolist() == ["falling", "finished", "blew up", "falling"]
@@ -273,7 +270,6 @@ def test_the_manifest_has_units_of_all_columns(written: Path, tables: dict[str, 
 
 
 def test_every_column_that_there_may_be_has_a_unit():
-    """Every possible column has a unit: of gas, of bursting, of a box; and of values that change a world's model."""
     gas = Balloon(mesh=quad_sphere(2), inflation=Inflation(pump=[(0, 0), (1, 0.1)]))
     vary = ("balloon.mesh", "balloon.scale", "balloon.stiffness.seed", "balloon.inflation.pump", "atmosphere.wind.0")
     told = describe_columns(ending_scene(balloon=[gas], box=Box(lower=(0, 0, 0), upper=(1, 1, 1))), vary)
@@ -307,7 +303,6 @@ def test_parquet_has_the_numbers_of_the_npz(tmp_path):
 
 
 def test_a_batch_that_was_stopped_goes_on_to_the_same_parquet(tmp_path, monkeypatch):
-    """A resumed batch writes the same Parquet, with a row group for each frame; so does one that replaces a .csv."""
     monkeypatch.setattr(table_parquet, "ROWS", 1)
     run_batch(scene(), tmp_path / "whole", 3, KINDS_VARY, device="cpu", table="parquet")
     run_batch(scene(), tmp_path / "parts", 3, KINDS_VARY, device="cpu")
@@ -354,7 +349,6 @@ def test_mistakes_are_told(tmp_path, monkeypatch):
 
 
 def test_numbers_load_no_pandas(tmp_path):
-    """Write numbers without pandas, which pyarrow would load, for a second; they are as they were."""
     script = f"""
 import sys, pathlib, numpy as np
 from balloon_warp.outputs.table_parquet import ParquetRows

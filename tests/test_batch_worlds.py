@@ -236,7 +236,6 @@ OF_MODELS = {
 
 
 def test_each_world_is_as_it_is_alone():
-    """A world of a batch is bit-identical to the scene run alone, and all worlds differ."""
     found = simulate(BALL, world_count=4, vary=OF_MODELS, device="cpu", schedule="gather")
     for world in range(4):
         own = {path: values[world] for path, values in OF_MODELS.items()}
@@ -253,7 +252,6 @@ def test_worlds_of_one_model_stay_together():
 
 
 def test_the_command_line_s_lists_do(tmp_path):
-    """Lists of the command line, whose numbers are all floats, vary integers such as a seed."""
     vary = spread(dict([parse_vary("balloon.stiffness.seed=1,2"), parse_vary("balloon.stiffness.variation=0.5")]), 3)
     run_batch(BALL, tmp_path, 3, vary, export=range(3), device="cpu")
     with np.load(tmp_path / "table.npz") as table:
@@ -335,7 +333,6 @@ def test_a_grid_is_even_with_its_ends_and_the_first_range_fastest():
     [(1, 7, [7]), (2, 4096, [64, 64]), (2, 10, [3, 3]), (2, 12, [4, 3]), (3, 65_536, [40, 40, 40]), (2, 1, [1, 1])],
 )
 def test_a_grid_has_about_as_many_points_on_each_range_as_fit(ranges: int, worlds: int, sides: list[int]):
-    """Worlds that are left over begin the grid anew."""
     grid = spread({str(n): Range(0.0, 1.0) for n in range(ranges)}, worlds, grid=True)
     assert [len(np.unique(values)) for values in grid.values()] == sides
     points = np.stack([np.array(values) for values in grid.values()], axis=1)

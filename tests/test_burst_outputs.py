@@ -63,7 +63,6 @@ def test_the_stage_loses_the_faces_that_tear(tmp_path, device: str):
 
 
 def test_what_a_tear_cut_off_is_not_framed(tmp_path):
-    """A particle without faces flies far, and neither the extent nor the stage's camera includes it."""
     simulator = Simulator(scene_of(quad_sphere(4, 0.1)), "cpu")
     frame = simulator.read_frame()
     mesh, points = frame.meshes[0], frame.points[0].copy()

@@ -110,7 +110,6 @@ TURNED = {"position": tuple(CENTER), "rotation": (20.0, 30.0, 10.0)}
 
 
 def test_a_box_is_seen_as_a_mesh_a_body_and_a_balloon_of_that_shape_are():
-    """The depth of a box is that of the same shape as a mesh obstacle, a resting body, and a balloon."""
     mesh = replace(cube(), points=cube().points - 0.5)
     size = np.ptp(mesh.points, axis=0)
     told = depths(scene(obstacle=[Obstacle(size=tuple(size), **TURNED)]))
@@ -142,7 +141,6 @@ def test_from_inside_a_balloon_its_inside_is_all_around():
 
 
 def test_frames_refresh_what_is_seen_and_cameras_move(device: str):
-    """A camera is updated within the recorded frame, and agrees with a new one; a keyframed obstacle, too."""
     moving = Obstacle(size=(0.5, 0.5, 0.5), position=(0.0, -1.4, 0.0), motion=[(0.0, (0, 0, 0)), (0.1, (0.5, 0, 0))])
     flying = ball().model_copy(update={"velocity": (0.0, 3.0, 0.0)})
     simulator = Simulator(scene(balloon=[flying], obstacle=[moving]), device, 2)

@@ -105,7 +105,6 @@ def test_parts_of_a_balloon_that_cross_are_found(stage: Stage):
 
 @pytest.mark.parametrize("cells", [1, 40], ids=["coarse", "fine"])
 def test_a_sheet_is_as_deep_on_any_mesh(stage: Stage, cells: int):
-    """A sheet on edge, its top 0.1 m in a ball, is found at that depth on any mesh."""
     z, y = np.meshgrid(np.linspace(-1, 1, cells + 1), np.linspace(-2, -0.4, cells + 1))
     number = np.arange((cells + 1) ** 2).reshape(cells + 1, -1)
     corners = [number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]]
@@ -122,7 +121,6 @@ def test_a_sheet_is_as_deep_on_any_mesh(stage: Stage, cells: int):
 
 @pytest.mark.parametrize(("deep", "found"), [(0.15 * EDGE, True), (0.02 * EDGE, False)])
 def test_a_needle_in_a_face_is_found_beyond_the_thickness(stage: Stage, deep: float, found: bool):
-    """A sphere far smaller than a face is found in it."""
     middle = BALL.triangles_center[0]
     outward = BALL.face_normals[0]
     radius = 0.2 * EDGE
@@ -165,7 +163,6 @@ def test_the_ground_is_as_deep_as_it_is(stage: Stage):
 
 @pytest.mark.full
 def test_a_run_passes_or_does_not(tmp_path):
-    """Two balls that fly at each other pass with contact and fail without."""
     ball = {"mesh": str(_ball(tmp_path)), "mass": 0.05}
     balls = [
         {**ball, "name": name, "position": [x, 0, 0], "velocity": [speed, 0, 0]}

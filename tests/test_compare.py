@@ -164,7 +164,6 @@ def test_long_labels_are_broken_and_stay_over_their_tile():
 
 
 def test_a_table_of_many_figures_is_not_cut_off(capsys):
-    """A wide table is not truncated in a narrow terminal: its header is one line, and every name is whole."""
     figures = {f"sphere_{number}_height": 0.5 for number in range(8)} | {"particles": 8, "substeps": 4}
     values = [{"picture_frame": number, "balloon.inflation.k_normal.1.1": 7} for number in (1, 2)]
     runs = [Run(own, "done", "", {"frame": own["picture_frame"], **figures}) for own in values]

@@ -68,7 +68,6 @@ def values_of(frame: int, world_count: int) -> dict[str, np.ndarray]:
 
 @pytest.mark.full
 def test_a_control_is_what_set_sets_bit_for_bit(schedule: str):
-    """A control is bit-identical to `set`, for laws that did not act until then, too."""
     controlled, told = opened(3, schedule=schedule), Simulator(SCENE, "cpu", 3, schedule=schedule)
     for frame in range(3):
         for path, values in values_of(frame, 3).items():
@@ -81,7 +80,6 @@ def test_a_control_is_what_set_sets_bit_for_bit(schedule: str):
 
 
 def test_an_obstacle_that_is_steered_goes_as_one_that_moves_by_keyframes(schedule: str, device: str):
-    """A steered obstacle agrees with one moved by keyframes, askew and up into a ball that it drags by friction."""
     ball = BALL.model_copy(update={"position": (0.0, 0.52, 0.0), "velocity": (0.0, -0.5, 0.0)})
     plate = Obstacle(
         shape="box", size=(3.0, 0.2, 3.0), position=(0.0, -0.1, 0.0), rotation=(0.0, 0.0, 5.0), friction=0.6
@@ -220,7 +218,6 @@ def test_laws_act_only_where_bounds_let_them():
 
 @pytest.mark.full
 def test_a_blow_up_is_explained_by_the_frame_that_it_came_in():
-    """The report of a blow-up names the values of its own frame, none written before."""
     from balloon_warp import BlowUpError
 
     simulator = Simulator(SCENE, "cpu", 2)
@@ -274,7 +271,6 @@ def test_a_saved_simulator_goes_on_with_its_controls(where: str, tmp_path):
 
 @pytest.mark.parametrize("flat", [False, True])
 def test_turns_are_those_by_which_points_were_turned(flat: bool):
-    """The best-fit rotations of a round and a flat balloon are the applied ones, unchanged by stretch and shift."""
     mesh = foil_mesh("o", height=0.3) if flat else quad_sphere(4, 0.5)
     scene = Scene(balloon=[Balloon(mesh=mesh, inflation=Inflation(pressure=5.0))])
     simulator = Simulator(scene, "cpu", 4)

@@ -55,7 +55,6 @@ def small_pictures(monkeypatch):
     ("of", "stretch", "steps", "most"), [("springs", 1.2, 5, 2e-4), ("latex", 1.5, 8, 2e-3)], ids=["springs", "latex"]
 )
 def test_a_design_becomes_the_shape_from_rest(of: str, stretch: float, steps: int, most: float, tmp_path):
-    """A design simulated from rest is nearer to the shape than its rival, also by its scene file."""
     design = bw.design(pear(), of=of, stretch=stretch, size=0.2, folder=tmp_path, steps=steps, device="cpu")
     assert design.error.mean < most
     assert design.plain_error
@@ -85,7 +84,6 @@ def boxy() -> PolygonMesh:
 
 @pytest.mark.full
 def test_rubber_that_varies_in_thickness_comes_nearer(tmp_path):
-    """A designed thickness comes nearer to a box than the mould alone in half the steps; a resumed design agrees."""
 
     def stop(stage: str) -> None:
         if stage.startswith("step 4"):
@@ -110,7 +108,6 @@ def test_rubber_that_varies_in_thickness_comes_nearer(tmp_path):
 
 
 def test_springs_that_may_push_hold_what_tension_does_not(tmp_path):
-    """Springs that may push hold a shape that tension does not; springs that only pull are nowhere too long."""
     found = {
         hold: bw.design(waisted(), hold=hold, size=0.2, folder=tmp_path / hold, steps=4, device="cpu")
         for hold in ("tension", "any")
@@ -123,7 +120,6 @@ def test_springs_that_may_push_hold_what_tension_does_not(tmp_path):
 
 
 def test_a_design_that_was_stopped_goes_on(tmp_path):
-    """A resumed design takes the same steps as an uninterrupted one."""
 
     def stop(stage: str) -> None:
         if stage.startswith("step 1"):
@@ -204,7 +200,6 @@ def test_numbers_that_cannot_be_are_refused(asked: dict, sentence: str, tmp_path
 
 
 def test_where_a_shape_is_off_is_said():
-    """The report of errors names sides, with the number of vertices, and flat places as flat."""
     from balloon_warp.designing.where import places_off
 
     cut = replace(BALL, points=BALL.points / np.linalg.norm(BALL.points, axis=1)[:, None])
@@ -216,7 +211,6 @@ def test_where_a_shape_is_off_is_said():
 
 
 def test_command(tmp_path):
-    """The command writes the folder, and reports the error reached and how to run it."""
     from typer.testing import CliRunner
 
     from balloon_warp.cli.app import app
@@ -257,7 +251,6 @@ def test_foil_gets_an_outline_that_shrinks_to_the_wanted_one(tmp_path, monkeypat
 
 
 def test_parts_of_a_pattern_do_not_overlap(tmp_path):
-    """Parts of a pattern, which are larger flat than inflated, lie side by side."""
     pytest.importorskip("shapely")
     from balloon_warp.designing.pattern import write_pattern
 
@@ -398,7 +391,6 @@ class Fussy:
 
 
 def test_the_damping_is_not_eased_at_once_after_a_step_that_failed():
-    """Damping rises at a failure, stays at the next success, and falls only after the one that follows."""
     seen: list[float] = []
     first = Reached(np.zeros(1), 1.3 * COARSE.points, Fussy.ruler.cost(1.3 * COARSE.points))
     descend(Fussy(), first, 4, 0.0, 0.01, lambda reached: seen.append(reached.damping))  # pyright: ignore

@@ -48,7 +48,6 @@ def steps(env: BalloonVectorEnv, count: int, seed: int = 0) -> list[Any]:
 
 @pytest.mark.full
 def test_gymnasium_finds_nothing_wrong():
-    """Gymnasium's checker passes one task, whose code all share."""
     check_env(gymnasium.make("BalloonWarp/Target-v0", device="cpu").unwrapped, skip_render_check=True)
 
 
@@ -71,7 +70,6 @@ def test_many_worlds_are_made_by_name():
 
 
 def test_episodes_repeat_whatever_the_number_of_worlds():
-    """Episodes follow from the seed, after other episodes, too."""
     few, many = BalloonVectorEnv(Brief(), 2, device="cpu"), BalloonVectorEnv(Brief(), 9, device="cpu")
     once = steps(many, 7)
     for told, of_many in ((steps(few, 7), once), (steps(few, 7), once)):
@@ -351,7 +349,6 @@ def test_stable_baselines_sees_the_same(plain: tuple[list[Any], list[Any]]):
 
 
 def test_stable_baselines_learns_a_little():
-    """PPO of that library takes the environment, with its monitor around it."""
     library, vectors = (pytest.importorskip(f"stable_baselines3{part}") for part in ("", ".common.vec_env"))
     from balloon_warp.envs.stable_baselines import StableBaselinesEnv
 

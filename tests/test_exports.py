@@ -107,7 +107,6 @@ def test_a_package_passes_every_validator(written: Path, tmp_path):
 @pytest.mark.full
 @pytest.mark.parametrize("kind", ["glb", "usdz", "usda"])
 def test_run_writes_what_convert_makes_of_its_stage(tmp_path, kind: str):
-    """A run writes what `convert` makes of its stage, and no other file but the requested picture."""
     small = scene(frames=2)
     animate(small, tmp_path / "stage.usdc", device="cpu")
     folder = tmp_path / "run"
@@ -135,7 +134,6 @@ def test_a_run_that_is_stopped_goes_on_to_the_same_glb(tmp_path):
 
 
 def test_a_failure_keeps_what_was_there_and_the_checkpoints(tmp_path, monkeypatch):
-    """A failed write, such as on a full disk, keeps the old file and the checkpoints: hours of a run are safe."""
 
     def fail(*_: object) -> None:
         raise OSError(28, "No space left on device")
@@ -202,7 +200,6 @@ def test_blender_writes_alembic(written: Path, tmp_path):
 
 
 def test_every_writer_is_there():
-    """Writers that the table names, to be imported late, exist."""
     from importlib import import_module
 
     for place in export.WRITERS.values():
@@ -224,7 +221,6 @@ def test_round_shapes_enclose_what_they_should(height: float, axis: int):
 
 
 def test_tubes_follow_their_curves():
-    """A tube along a circle has the volume of its cross section times the length of the curve, and open ends."""
     turn = np.linspace(0.0, np.pi, 200)
     curve = np.stack([np.cos(turn), np.sin(turn), np.zeros(200)], axis=1)
     lengths = np.array([200, 2], np.int32)
@@ -307,7 +303,6 @@ def page_file(tmp_path_factory) -> Path:
 
 @pytest.mark.full
 def test_a_file_has_what_its_page_says(page_file: Path):
-    """The file has each dataset of the table and no other, in shapes whose letters agree, and the attributes."""
     h5py = pytest.importorskip("h5py")
     rows = [line.split("|")[1:3] for line in PAGE.splitlines() if re.match(r"\| `\w+`.*\| \(", line)]
     said = {}

@@ -189,7 +189,6 @@ def stop_at_3(frame: int) -> None:
 
 
 def test_a_folder_that_a_living_run_has_begun_stays(tmp_path):
-    """The folder of a running process stays, before its first checkpoint, too."""
     begun = """
 import sys, time
 from pathlib import Path
@@ -243,7 +242,6 @@ def test_a_lock_that_is_cleared_away_before_it_is_held_is_made_again(tmp_path, m
 
 @pytest.mark.full
 def test_headers_that_warp_compiles_go_with_a_kill(tmp_path, system_folder: Path):
-    """Precompiled headers of a killed process, megabytes in the system's temporary folder, are removed."""
     compile_one = """
 import time
 import warp as wp
@@ -362,7 +360,6 @@ exit $status
 
 @pytest.mark.full
 def test_a_full_disk_leaves_the_good_file(scene: Scene, tmp_path):
-    """A full disk of 128 KiB leaves the good file, where the system allows a mount."""
     names = ["unshare", "-rm"]
     if shutil.which("unshare") is None or subprocess.run([*names, "mount", "-t", "tmpfs", "none", "/mnt"]).returncode:
         pytest.skip("needs a mount namespace")

@@ -41,7 +41,6 @@ def curve_of(kind: str, noise: float = 0.0, seed: int = 0) -> Curve:
 
 @pytest.mark.parametrize("kind", TRUE)
 def test_a_curve_gives_back_its_rubber(kind: str):
-    """A curve's fit recovers its rubber, exactly without noise; and its text pastes into a scene."""
     found = fit_curve(curve_of(kind), kind=kind, thickness=THICKNESS, radius=RADIUS)
     for name, true in TRUE[kind].items():
         assert found.fit.values[name] == pytest.approx(true, rel=1e-3)
@@ -70,7 +69,6 @@ def test_the_radius_is_found_where_nobody_says_it():
 
 @pytest.mark.full
 def test_a_curve_of_a_mesh_is_that_of_what_is_simulated(tmp_path):
-    """A fit by statics recovers the rubber of an egg that the simulation inflates."""
     egg = replace(quad_sphere(2), points=0.05 * quad_sphere(2).points * [1.0, 1.0, 1.5])
     write_obj(tmp_path / "egg.obj", egg)
     material = bw.Material(preset="latex", thickness=THICKNESS)
@@ -95,7 +93,6 @@ FREE = {"balloon.mass": (0.005, 0.08), "balloon.inflation.pressure": (5.0, 60.0)
 
 
 def test_points_give_back_what_moved_them(tmp_path):
-    """A fit recovers the parameters of a motion from noisy, partly hidden points, between frames, too."""
     scene = bw.load_scene(falling(), {"balloon.mass": 0.03, "balloon.inflation.pressure": 25.0})
     moved = bw.simulate(scene, device="cpu")
     rng = np.random.default_rng(0)
@@ -116,7 +113,6 @@ def test_points_give_back_what_moved_them(tmp_path):
 
 
 def test_what_is_not_seen_is_told():
-    """Parameters that the data cannot separate, here helium and gravity, are reported."""
     moved = bw.simulate(falling(), device="cpu")
     seen = {"times": moved.times, "points": moved.points[0], "noise": 1e-3}
     free = {"balloon.helium": (0.1, 5.0), "gravity": (5.0, 12.0)}
@@ -197,7 +193,6 @@ def test_curves_that_cannot_be_get_a_sentence(words: list[str], rows: str, sente
 
 
 def test_columns_may_be_separated_by_semicolons(tmp_path):
-    """Columns may be separated by semicolons, as spreadsheets write them where decimals have commas."""
     (tmp_path / "curve.csv").write_text("Pressure [Pa];Volume [m3]\n" + "".join(f"1,5;0,{k}\n" for k in range(1, 7)))
     curve = read_curve(tmp_path / "curve.csv")
     np.testing.assert_allclose(curve.volumes, 0.1 * np.arange(1, 7))
@@ -210,7 +205,6 @@ def test_the_plot_has_round_ticks():
 
 
 def test_a_value_at_its_bound_is_told():
-    """A fit that ends at a bound says so: a sphere heavier than allowed gets the largest mass."""
     moved = bw.simulate(bw.load_scene(falling(), {"balloon.mass": 0.05}), device="cpu")
     seen = {"times": moved.times[1:], "points": moved.points[0][1:]}
     fit = bw.fit(falling(), seen, free={"balloon.mass": (0.001, 0.01)}, starts=1, rounds=8, device="cpu")
@@ -219,7 +213,6 @@ def test_a_value_at_its_bound_is_told():
 
 
 def test_words_on_a_terminal_stay_as_they_are(capsys):
-    """Colons in a message are not turned into emoji."""
     from balloon_warp.cli.warn import note, warn
 
     warn("a=a:b: expected")
@@ -296,7 +289,6 @@ def test_a_throw_hits_its_target():
 
 
 def test_a_start_that_blows_up_leaves_the_others_alone():
-    """A start that blows up does not disturb the others, which are then simulated one by one."""
 
     def derive(of: list[str], vary: dict[str, np.ndarray], world_count: int) -> Any:
         if (vary["drag"] > 0.7).any():
@@ -313,7 +305,6 @@ def test_a_start_that_blows_up_leaves_the_others_alone():
 
 @pytest.mark.full
 def test_a_value_without_influence_is_named_and_left_where_it_began():
-    """A parameter without influence is named and keeps its start: nothing pushes the ball along z."""
     said: list[str] = []
     of = {"balloon.velocity.0": (-3.0, 4.0), "balloon.velocity.2": (-1.0, 1.0)}
     found = bw.fit(FLIGHT, of=of, loss=along_x, starts=1, device="cpu", on_stage=said.append)
@@ -379,7 +370,6 @@ class Seen:
 
 
 def test_starts_are_asked_together():
-    """Starts share each batch: all find the bottom of a bowl from its rim, and each evaluation is of all of them."""
     asked = []
 
     def ask(places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -477,7 +467,6 @@ def test_error_bars_are_as_wide_as_values_are_off(strength: float):
 
 
 def test_a_fit_that_was_stopped_goes_on(tmp_path):
-    """A resumed fit finds the same values without repeating simulations, and drops a record that a kill cut short."""
     moved = bw.simulate(falling(), device="cpu")
     seen = {"times": moved.times[1:], "points": moved.points[0][1:], "noise": 1e-3}
     kept, asked = tmp_path / "fit.progress", {"free": FREE, "starts": 2, "rounds": 3, "device": "cpu"}

@@ -68,7 +68,6 @@ def test_a_balloon_that_is_far_away_as_a_whole_is_good_until_float32_does_not_re
 
 
 def test_a_burst_balloon_is_good(device: str):
-    """A burst balloon is healthy, though its parts are thousands of its sizes apart."""
     points, spheres = places(1)
     points *= 0.1 * MOST_SPAN
     assert found(points, spheres, device) == [HEALTHY]

@@ -47,7 +47,6 @@ def test_ctrl_c_that_nobody_delivered_comes_at_the_end():
 
 
 def test_a_second_ctrl_c_is_not_held_back():
-    """A second Ctrl-C interrupts at once, without waiting for the frame."""
     assert done_of([press, press, lambda _: None], "") == 1
 
 
@@ -64,7 +63,6 @@ def test_the_handlers_are_those_of_before(number: signal.Signals):
 
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_command_that_is_stopped_says_so(tmp_path, monkeypatch, capsys, number: signal.Signals, status: int):
-    """A command stopped while it writes a file says so, and removes the file."""
 
     def interrupted(_: Path, copy: Path) -> None:
         copy.touch()

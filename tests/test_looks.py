@@ -102,7 +102,6 @@ def test_materials_of_an_obj_stay_on_their_faces(tmp_path):
 
 
 def test_faces_without_places_stand_beside_some_with_an_image(tmp_path):
-    """Faces without texture coordinates stand beside some with an image, as exporters write materials without one."""
     path = write_obj_cube(
         tmp_path, PLAIN.replace("newmtl 0\n", "newmtl paint\nmap_Kd images/the atlas.png\nnewmtl no\n")
     )
@@ -156,7 +155,6 @@ def test_a_cut_off_image_is_no_image(tmp_path):
 
 
 def test_parts_of_a_glb_keep_their_colors(tmp_path):
-    """Parts with vertex colors, with a factor, and with none keep their colors."""
     ball = trimesh.creation.icosphere(0)
     parts = []
     for number in range(3):
@@ -178,7 +176,6 @@ def test_parts_of_a_glb_keep_their_colors(tmp_path):
 
 
 def test_a_texture_transform_moves_the_places(tmp_path):
-    """A texture transform moves the coordinates to a quarter of an image of twice the size."""
     path = write_painted(tmp_path, "glb")
     data = path.read_bytes()
     (length,) = struct.unpack_from("<I", data, 12)

@@ -64,7 +64,6 @@ def test_a_balloon_that_grew_past_recognition_has_swollen():
 
 
 def test_a_balloon_that_was_to_stand_and_does_not_has_collapsed():
-    """A balloon that should stand has collapsed; not one that was asked to be soft, or is pressed."""
     (crumpled,) = endings(0.94 * BALL.points)
     assert str(crumpled) == "mesh crumpled to 83% of the volume of its mesh; less weight or more pressure helps"
     wide = BALL.points * np.array([1.2, 0.72, 1.2])
@@ -142,7 +141,6 @@ def test_a_balloon_with_nothing_below_it_falls_for_ever():
 
 
 def test_a_balloon_above_an_obstacle_lands():
-    """A balloon lands on an obstacle below it, or on a plane; not on one that it fell past, nor under a ceiling."""
     size = np.ptp(BALL.points, axis=0).max()
     low = BALL.points - np.array([0.0, 6.0 * size, 0.0])
     for obstacle, expected in [
@@ -163,7 +161,6 @@ def test_what_happened_to_many_is_said_once():
 
 
 def test_a_run_says_it_in_a_sentence_and_in_its_summary(tmp_path):
-    """A run reports the outcome in a sentence and in its summary: a cube falls by five times its size."""
     cubes = [Balloon(mesh=cube(), damping=0.0, inflation=Inflation(k_normal=0.0))]
     scene = Scene(frames=63, gravity=9.9, balloon=cubes, substeps=8)
     warnings: list[str] = []
@@ -176,7 +173,6 @@ def test_a_run_says_it_in_a_sentence_and_in_its_summary(tmp_path):
 
 
 def test_a_batch_says_it_of_the_worlds_that_it_exports(tmp_path):
-    """A batch reports the outcome of exported worlds: of falling cubes, of which two are light enough to float."""
     cubes = [Balloon(mesh=cube(), damping=0.0, inflation=Inflation(k_normal=0.0))]
     scene = Scene(frames=63, gravity=9.9, balloon=cubes, substeps=8)
     lift, warnings = {"balloon.helium": [0.0, 9.9, 9.9, 0.0, 0.0]}, list[str]()

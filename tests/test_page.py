@@ -115,7 +115,6 @@ def shown(scene: Scene) -> dict[str, list[str]]:
 
 
 def test_contacts_materials_air_and_gas_have_sliders_where_a_scene_has_them():
-    """Sliders of contacts, materials, air and gas are made from the rows, so that none is missing."""
     plain = shown(Scene(balloon=[Balloon(mesh=quad_sphere(2))]))
     assert plain["Contacts"] == plain["Material"] == plain["Gas"] == []
     latex = Balloon(mesh=quad_sphere(2), material=Material(preset="latex"), inflation=Inflation(kind="gas"))
@@ -131,7 +130,6 @@ def test_contacts_materials_air_and_gas_have_sliders_where_a_scene_has_them():
 
 
 def test_what_does_nothing_as_things_are_has_no_slider():
-    """Parameters without effect have no slider: springs of rubber, gusts in calm air, air that no balloon feels."""
     pytest.importorskip("viser")
     from balloon_warp.viewer.sliders import VALUES, does_something
 
@@ -153,7 +151,6 @@ def test_what_does_nothing_as_things_are_has_no_slider():
 
 
 def test_a_simulator_shows_the_page_until_it_is_closed(tmp_path):
-    """A simulator shows the page in an IFrame until it is closed; the simulator itself does not move."""
     pytest.importorskip("viser")
     simulator = Simulator(Scene(balloon=[Balloon(mesh=quad_sphere(3))]), "cpu")
     simulator.step()
@@ -172,7 +169,6 @@ def test_a_simulator_shows_the_page_until_it_is_closed(tmp_path):
 
 
 def test_the_page_begins_where_a_simulator_is(tmp_path):
-    """The page begins at a simulator's second world and continues like it; a reset goes to the scene's start."""
     pytest.importorskip("viser")
     helium = Balloon(mesh=quad_sphere(3), helium=5.0)
     scene = Scene(balloon=[helium], change=[Change(time=2.0 / 60.0, set={"balloon.0.helium": 50.0})])
@@ -206,7 +202,6 @@ def test_showing_without_the_extra_is_refused_in_a_sentence(monkeypatch):
 
 
 def test_the_line_of_status_says_how_fast_time_runs_and_why():
-    """The status line gives the speed and, where it is below the requested one, a reason that fits its numbers."""
     picture = Session("ball", Scene(balloon=[Balloon(mesh=quad_sphere(2))]), "cpu").picture
 
     def said(busy: float = 0.0, **how) -> tuple[str, str]:

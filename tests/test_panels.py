@@ -100,7 +100,6 @@ def test_what_can_be_laid_flat_is_laid_flat_without_strain(tmp_path):
 
 
 def test_marks_that_have_the_same_number_meet(tmp_path):
-    """Marks of one number are at the same place of the seam, on both panels, and point out of them."""
     shapely = pytest.importorskip("shapely")
     panels = panels_of(cylinder(), seams_file(tmp_path / "seams.obj"), 0.4)
     flat = laid_out(panels, flattened(panels, panels.mesh.points))
@@ -120,7 +119,6 @@ def test_marks_that_have_the_same_number_meet(tmp_path):
 
 
 def test_a_ball_of_gores_becomes_round_from_rest(tmp_path):
-    """A ball of gores becomes round; its folder runs by itself, and a resumed design agrees."""
     pytest.importorskip("shapely")
 
     def stop(stage: str) -> None:

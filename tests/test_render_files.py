@@ -197,7 +197,6 @@ def test_bad_stages_get_a_sentence(tmp_path):
 
 
 def test_other_peoples_stages(tmp_path):
-    """Stages of other programs render without times, colors or materials; unused points do not affect the framing."""
     corners = [(0, 0, 0), (2, 0, 0), (2, 0, 2), (0, 0, 2), (1, 2, 1)]
     seen = []
     for name, unused in (("tidy", []), ("untidy", [(9, 9, 9)])):
@@ -359,7 +358,6 @@ def test_what_is_named_is_in_the_middle(rise: RenderStage):
 
 @pytest.mark.parametrize("look_at", [None, "soft"])
 def test_a_camera_that_follows_keeps_its_subject_large_and_in_the_middle(rise: RenderStage, look_at: str | None):
-    """A camera that follows keeps its subject large: a balloon that rises 50 times its size is a speck without."""
     for frame, camera in enumerate(cameras(rise, follow=True, look_at=look_at)):
         corners = np.array([seen(camera, (x, 0.5 * frame + y, 0.0)) for x in (-0.1, 0.1) for y in (-0.1, 0.1)])
         assert np.abs(corners).max() < 0.9
@@ -369,7 +367,6 @@ def test_a_camera_that_follows_keeps_its_subject_large_and_in_the_middle(rise: R
 
 
 def test_a_stage_says_from_where_its_picture_is_taken_unless_one_asks(rise: RenderStage, tmp_path):
-    """A stage's view is used unless a call gives one or follows something, and garbage is ignored."""
     plain = cameras(rise)[0]
     said = {"azimuth": 70.0, "elevation": 40, "zoom": 3.0, "look_at": Gf.Vec3d(1.0, 2.0, 3.0)}
     rise.stage.GetRootLayer().customLayerData = {"balloonWarp": {"pictureView": said | {"other": 1.0}}}
@@ -431,7 +428,6 @@ def test_one_picture_has_no_rate(rise: RenderStage, tmp_path):
 
 
 def test_a_part_at_another_rate_keeps_its_speed(rise: RenderStage, tmp_path):
-    """A part of 40 frames a second at 10 takes every fourth."""
     shown = render_stage(
         rise.path, tmp_path / "out.gif", size=(192, 108), samples=1, frames=(4, None), frames_per_second=10.0
     )

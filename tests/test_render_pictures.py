@@ -145,7 +145,6 @@ def test_a_ball_shades_the_ground_away_from_the_key_light(tmp_path):
 
 
 def test_water_tints_what_is_below_it_and_leaves_what_is_above(tmp_path):
-    """Water tints a gray ball below its surface alone, and does not change the camera."""
     seen = []
     for name in ("Water", None):
         stage = new_stage(tmp_path / f"{name}.usda")
@@ -249,7 +248,6 @@ def test_a_cube_is_flat_to_its_edges_whether_it_moves_or_not(tmp_path):
 
 @pytest.mark.parametrize("interpolation", [UsdGeom.Tokens.uniform, UsdGeom.Tokens.faceVarying, UsdGeom.Tokens.vertex])
 def test_display_colors_lie_where_their_interpolation_says(interpolation: str, tmp_path):
-    """Display colors are interpolated over two squares side by side, red on the left and green on the right."""
     stage = new_stage(tmp_path / "stage.usda")
     mesh = UsdGeom.Mesh.Define(stage, "/World/Squares")
     mesh.CreatePointsAttr([(x, y, 0.0) for y in (-1.0, 1.0) for x in (-2.0, 0.0, 2.0)])
@@ -349,7 +347,6 @@ def test_moments_add_up_as_light_does():
 
 
 def test_a_transparent_picture_lies_over_its_backdrop_as_if_taken_before_it(tmp_path):
-    """A dark ball and a transparent balloon with alpha, over the backdrop, equal the picture taken before it."""
     stage = new_stage(tmp_path / "stage.usda")
     add_camera(stage, distance=10.0, focal_length=60.0, aperture=24.0)
     add_sphere(stage, "Ball", (-0.9, 0.0, 0.0), 0.7, BLACK, roughness=1.0)

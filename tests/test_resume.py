@@ -101,7 +101,6 @@ def test_ctrl_c_saves_the_frames_so_far_in_a_stage_that_opens(tmp_path):
 
 
 def test_a_checkpoint_waits_for_frames_that_are_still_being_written(tmp_path, monkeypatch):
-    """A checkpoint waits for frames that a background thread still writes, here slowly."""
     write = usd_stage.StageWriter.write
 
     def write_slowly(self: usd_stage.StageWriter, frame: Any) -> None:
@@ -170,7 +169,6 @@ def test_another_mesh_is_refused(tmp_path):
     ],
 )
 def test_what_else_the_bits_depend_on_is_compared(path: str, value: object, tmp_path):
-    """A run resumes only with the same version, schedule and step, on which its bits depend."""
     output = tmp_path / "out.usdc"
     tamper(stop(SCENE, output) / "job.json", path, value)
     with pytest.raises(
@@ -250,7 +248,6 @@ def test_a_damaged_checkpoint_is_refused(name: str, tmp_path):
 
 @pytest.mark.parametrize("name", [f"state_{STOPPED_AT - 2:06d}_0000.npz", f"frames_{STOPPED_AT:06d}.usdc"])
 def test_a_kill_between_the_files_of_a_checkpoint_does_no_harm(name: str, tmp_path):
-    """A kill between the files of a checkpoint does no harm: an old state or discarded frames are left."""
     whole, output = tmp_path / "whole.usdc", tmp_path / "out.usdc"
     animate(SCENE, whole)
     folder = stop(SCENE, output)
@@ -270,7 +267,6 @@ def test_nothing_in_a_checkpoint_is_run(tmp_path, monkeypatch):
 
 
 def test_each_file_of_a_checkpoint_appears_whole(tmp_path, monkeypatch):
-    """Files of a checkpoint are renamed into place once they are whole, as outputs are."""
     whole = watch_names(monkeypatch)
     assert {*stop(SCENE, tmp_path / "out.usdc").iterdir()} <= whole
 

@@ -49,7 +49,6 @@ def vary(tmp_path) -> dict:
 
 @pytest.mark.full
 def test_it_goes_on_to_the_same_bytes(vary: dict, schedule: str, device: str, tmp_path, monkeypatch):
-    """A batch stopped twice resumes to the same bytes, before and after the last world blew up."""
     monkeypatch.setattr(growing, "SAVE_BYTES", 10_000)
     how = {"export": [1, 4], "device": device, "schedule": schedule}
     run_batch(scene(), tmp_path / "whole", WORLDS, vary, **how)
@@ -79,7 +78,6 @@ def test_it_goes_on_to_the_same_bytes(vary: dict, schedule: str, device: str, tm
 
 
 def test_what_was_saved_opens(tmp_path):
-    """Saved parts open: rows in NumPy, worlds as a stage, with the frames that they promise; and all together."""
     with pytest.raises(RuntimeError):
         run_batch(
             scene(),
@@ -170,7 +168,6 @@ def test_rows_without_their_state_are_never_there(tmp_path, monkeypatch):
 
 
 def test_each_file_of_a_checkpoint_appears_whole(tmp_path, monkeypatch):
-    """Files of a checkpoint are renamed into place once they are whole."""
     whole = watch_names(monkeypatch)
     with pytest.raises(RuntimeError):
         run_batch(scene(), tmp_path, 2, export=[0], device="cpu", checkpoint_seconds=OFTEN, on_frame=stop_after(FRAMES))
@@ -201,7 +198,6 @@ def test_something_else_of_that_name_is_told_before_the_batch(name: str, tmp_pat
 
 
 def test_a_checkpoint_that_cannot_be_written_leaves_what_was_there(stopped: Path, tmp_path):
-    """A checkpoint that cannot be written gives one sentence, and the run resumes from the last good one."""
     with pytest.raises(InputError, match=r"partial/.*: cannot be written: ") as refusal:
         run_batch(
             scene(),
@@ -235,7 +231,6 @@ def test_nothing_to_resume_begins_at_the_start(tmp_path):
 
 
 def test_ctrl_c_saves_the_frame_that_it_finds(tmp_path):
-    """Ctrl-C saves the current frame, without an earlier checkpoint, and no later frame is simulated."""
     frames: list[int] = []
     press = press_ctrl_c_once(lambda frame: frame == 3)
 
@@ -287,7 +282,6 @@ def test_another_batch_is_refused(stopped: Path, change: dict, difference: str):
     ],
 )
 def test_what_else_the_bits_depend_on_is_compared(stopped: Path, path: str, value: object):
-    """A batch resumes only with the same version, on which its bits depend."""
     tamper(stopped / "partial" / "job.json", path, value)
     with pytest.raises(InputError, match=rf"batch: {path} is {json.dumps(value)} there and .* here; expected the same"):
         run_batch(scene(), stopped, 2, {"gravity": [1, 9]}, device="cpu", resume=True)
@@ -312,7 +306,6 @@ def test_nothing_in_a_checkpoint_is_run(stopped: Path, tmp_path, monkeypatch, na
 
 
 def test_a_state_without_its_rows_is_not_gone_on_from(stopped: Path, tmp_path):
-    """A state without its rows, as a kill between the two leaves it, is not resumed from."""
     partial = stopped / "partial"
     (partial / "state_000003_0000.npz").write_bytes(b"of a frame whose rows are not there")
     notes: list[str] = []
@@ -335,7 +328,6 @@ def test_what_blew_up_in_a_share_is_kept_with_it():
 
 @pytest.mark.full
 def test_shares_that_are_done_are_taken_up_with_what_became_of_them(device: str, tmp_path, monkeypatch):
-    """Finished shares are restored with their rows, schedules and reports of blow-ups, and their stages join."""
     monkeypatch.setitem(shares.GRAIN, "cpu", shares.Grain(1, 1))
     vary = {"balloon.inflation.k_normal": [9e11, 0.2, 0.3, 0.4]}
     task = BatchTask(SCENE, plan_groups(SCENE, 4, vary), vary, np.array([0, 3]), tmp_path, on_blowup="restart")

@@ -105,7 +105,6 @@ def told(tmp_path_factory) -> tuple[Path, dict[str, dict]]:
 @pytest.mark.full
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_command_opens_and_writes_what_it_is_given_alone(command: str, told: tuple[Path, dict]):
-    """A command opens and writes its given files alone, in its folder, and leaves no hidden ones."""
     folder, done = told[0], told[1][command]
     _, given, written = COMMANDS[command]
     assert done["status"] in (None, 0)
@@ -143,7 +142,6 @@ def test_nothing_is_fetched_listened_to_or_started(command: str, told: tuple[Pat
 
 @pytest.mark.full
 def test_what_is_watched_is_seen(tmp_path):
-    """The watch sees files elsewhere, those that native code opens, and connections."""
     (tmp_path / "work").mkdir()
     write_obj(tmp_path / "away.obj", quad_sphere(2))
     (tmp_path / "work/scene.toml").write_text('frames = 1\n[[balloon]]\nmesh = "../away.obj"\n')

@@ -115,7 +115,6 @@ def test_a_plane_is_drawn_below_the_balloons(stage: Usd.Stage):
 
 @pytest.mark.full
 def test_a_change_moves_an_obstacle(tmp_path):
-    """A planned change moves an obstacle at once, and one that stays gets no samples."""
     change = [Change(time=2 / 30, set={"obstacle.0.position": (0.0, -2.5, 0.0)})]
     scene = everything(change=change, obstacle=[everything().obstacle[0], everything().obstacle[3]])
     animate(scene, tmp_path / "change.usda", device="cpu", schedule="gather")
@@ -154,7 +153,6 @@ def test_worlds_of_a_batch_share_shapes_and_have_places_of_their_own(tmp_path):
 
 
 def test_pictures_have_them_at_their_places(written: Path, stage: Usd.Stage):
-    """Sides of the box, ends of the capsule and points of the mesh are where the stage's own matrices have them."""
     reader = RenderStage(written)
     reader.read_prims(0)
     box, mesh = reader.meshes[1], reader.meshes[3]
@@ -182,7 +180,6 @@ def test_the_camera_frames_the_balloons_and_not_a_plane(written: Path):
 
 
 def test_a_recorded_frame_alone_has_them(tmp_path):
-    """A stage of a single late frame, as a snapshot is, has the obstacles' poses."""
     simulator = Simulator(everything(), "cpu", schedule="gather")
     for _ in range(3):
         simulator.step()
@@ -228,7 +225,6 @@ def test_every_validator_passes_bodies(tmp_path, up_axis: str):
 
 
 def test_the_stage_has_the_poses_of_the_simulation(written_bodies: Path):
-    """Place and turn agree in every frame, about the centers of mass."""
     stage, simulator = Usd.Stage.Open(str(written_bodies)), Simulator(bodies(), "cpu")
     for number in range(FRAMES + 1):
         poses = simulator.read_frame().body_poses
@@ -256,7 +252,6 @@ def test_the_stage_says_what_they_weigh(written_bodies: Path):
 
 
 def test_pictures_have_bodies_at_their_places(written_bodies: Path):
-    """Sides of the box and ends of the capsule are where the poses put them, in every frame that is drawn."""
     reader, simulator = RenderStage(written_bodies), Simulator(bodies(), "cpu")
     reader.read_prims(0)
     for number in range(FRAMES + 1):

@@ -28,7 +28,6 @@ MISTAKES = {
 
 
 def test_a_world_that_begins_anew_is_as_one_that_begins(schedule: str):
-    """A restarted world is bit-identical to a new one, with all state of schedules, while the others go on."""
     scene = TOUCHING if schedule == "gather" else TOUCHING.model_copy(update={"contacts": False, "body": []})
     whole, masked = (Simulator(scene, "cpu", 2, schedule=schedule) for _ in range(2))
     stepped(whole, 8)
@@ -153,7 +152,6 @@ def test_observations_are_what_frames_say():
 
 
 def test_contact_forces_on_particles_add_up_to_those_on_the_balloon():
-    """Contact forces on the particles of a ball in a corner sum to the balloon's, to rounding; others have none."""
     wall = Obstacle(shape="plane", position=(-0.5, 0.0, 0.0), rotation=(0.0, 0.0, -90.0))
     ball = BALL.model_copy(update={"position": (0.0, 0.5, 0.0), "velocity": (-1.0, -1.0, 0.0)})
     scene = Scene(balloon=[ball], obstacle=[wall], ground=Ground(), contacts=True)
@@ -196,7 +194,6 @@ def test_particles_that_are_not_there_cannot_be_observed(numbers: Any):
 
 
 def test_a_cube_has_its_volume():
-    """The observed volume of a cube is exact far from the origin, too."""
     still = Balloon(mesh=cube(), position=(100.0, 0.0, 0.0), inflation=Inflation(pressure=0.0))
     simulator = Simulator(Scene(balloon=[still], touch=False), "cpu")
     expected = signed_volume(cube())
@@ -204,7 +201,6 @@ def test_a_cube_has_its_volume():
 
 
 def test_only_worlds_that_begin_anew_are_observed_again(device: str):
-    """Observations of restarted worlds are those of the first frame; others' stay, whatever stands there."""
     simulator = Simulator(TOUCHING, device, 3)
     names = ("centers", "velocities", "volumes", "stretches", "turns", "pressures", "points", "particle_contact_forces")
     seen = {name: simulator.observations[name] for name in (*names, "obstacle_positions", "first_bad")}
@@ -222,7 +218,6 @@ def test_only_worlds_that_begin_anew_are_observed_again(device: str):
 
 
 def test_a_saved_simulator_draws_next_what_it_would_have_drawn():
-    """Values of the next episodes follow from the saved seed and episodes, in another simulator and in itself."""
 
     def drawn(simulator: Simulator) -> wp.array:
         simulator.starts.draw("balloon.damping", 0.1, 0.9)

@@ -20,7 +20,6 @@ from balloon_warp.scene.schema import Picture
 @pytest.mark.full
 @pytest.mark.parametrize("up_axis", ["Y", "Z"])
 def test_the_camera_has_all_that_moves_in_view(tmp_path, up_axis: str):
-    """The camera sees every point of balloons and every sphere, in every frame; they fill half of the view."""
     animate(scene(up_axis=up_axis), tmp_path / "out.usdc", device="cpu")
     stage = Usd.Stage.Open(str(tmp_path / "out.usdc"))
     camera = UsdGeom.Camera(stage.GetPrimAtPath("/World/Studio/Camera"))
@@ -45,7 +44,6 @@ def test_the_camera_has_all_that_moves_in_view(tmp_path, up_axis: str):
 
 
 def test_pictures_find_their_own_camera(tmp_path):
-    """Pictures ignore the stage's own camera, which takes in all of the run, and use one of the user's."""
     animate(scene(frames=2), tmp_path / "out.usda", device="cpu")
     stage = RenderStage(tmp_path / "out.usda")
     stage.read_prims(0)
@@ -77,7 +75,6 @@ def test_lights_and_ground_can_be_left_out(tmp_path):
 
 @pytest.mark.full
 def test_a_run_without_ground_goes_on_without_it(tmp_path):
-    """A run without ground resumes without it, as its ground would move. With ground it is another run."""
     whole, output = tmp_path / "whole.usdc", tmp_path / "out.usdc"
     animate(RESUMED_SCENE, whole, device="cpu", ground=False)
     folder = stop(RESUMED_SCENE, output, crash, device="cpu", ground=False)
@@ -236,7 +233,6 @@ def test_the_scene_may_look_nearer(tmp_path):
 
 
 def test_our_pictures_and_exports_bring_their_own_backdrop(tmp_path):
-    """Our pictures and exports replace the studio: a picture with one is the picture without."""
     staged(tmp_path)
     animate(scene(frames=2), tmp_path / "plain.usdc", device="cpu", lights=False)
     drawn = [RenderStage(tmp_path / name) for name in ("out.usdc", "plain.usdc")]
@@ -248,7 +244,6 @@ def test_our_pictures_and_exports_bring_their_own_backdrop(tmp_path):
 
 @pytest.mark.full
 def test_a_picture_zooms_into_all_that_is_shown(tmp_path):
-    """A picture's zoom is relative to all that is shown; without a picture the camera is near what moves."""
     sees, far = [], Obstacle(name="box", position=(-12.0, 1.0, 0.0))
     for picture in (None, Picture()):
         stage = staged(tmp_path, f"{picture is None}.usdc", picture=picture, obstacle=[far])

@@ -46,7 +46,6 @@ def test_worlds_come_first_and_frames_may_be_left_out():
 
 
 def test_what_differs_by_its_model_keeps_its_world():
-    """Worlds of two meshes, and so of two models, keep their order and are bit-identical to each alone."""
     scene = TWO.model_copy(update={"sphere": [], "balloon": TWO.balloon[:1]})
     meshes = [cube(), bw.PolygonMesh(2.0 * cube().points, cube().face_vertex_counts, cube().face_vertex_indices)]
     worlds = [meshes[n] for n in (0, 1, 0)]

@@ -75,7 +75,6 @@ def test_stage_metadata(stage: Usd.Stage):
 
 
 def test_balloons_are_the_frames_of_the_simulation(stage: Usd.Stage):
-    """Balloons have static topology, and bit-identical points and velocities in every frame."""
     paths, meshes = ["/World/ball", "/World/ball_1"], [quad_sphere(3), grid(3, 2)]
     for path, mesh in zip(paths, meshes, strict=True):
         prim = UsdGeom.Mesh(stage.GetPrimAtPath(path))
@@ -178,7 +177,6 @@ def test_ground_and_water_are_level_and_face_up(tmp_path, up_axis: str, up: int,
 
 
 def test_a_plane_moves_where_its_height_changes(tmp_path):
-    """Water moves at once, in the third frame, as the renderer sees it, too; the ground has no time samples."""
     path = tmp_path / "tide.usda"
     tide = [Change(time=2 / 30, set={"water.level": 0.75})]
     animate(everything(water=Water(level=0.25, density=1.0), change=tide), path, device="cpu")
@@ -249,7 +247,6 @@ def test_a_stage_that_cannot_be_written_is_refused_before_the_run(tmp_path, name
 
 
 def test_blender_reads_the_stage(written: Path):
-    """Blender reads the balloon's mesh, its polygons, its shape at the last frame, materials, and a lens of 50 mm."""
     bpy = pytest.importorskip("bpy")
     bpy.ops.wm.read_factory_settings(use_empty=True)
     bpy.ops.wm.usd_import(filepath=str(written))
@@ -315,7 +312,6 @@ def test_a_slack_string_hangs_by_its_length_and_a_taut_one_is_straight():
 
 
 def test_a_mesh_goes_around_each_string(string_stage: Usd.Stage):
-    """A mesh surrounds each string, of its thickness and wound outward, for programs that give curves no material."""
     curve = UsdGeom.BasisCurves(string_stage.GetPrimAtPath("/World/Strings/String_0"))
     mesh = UsdGeom.Mesh(string_stage.GetPrimAtPath("/World/Strings/String_0_Mesh"))
     assert UsdGeom.Imageable(curve).GetPurposeAttr().Get() == "proxy"
@@ -342,7 +338,6 @@ def test_a_mesh_goes_around_each_string(string_stage: Usd.Stage):
 
 @pytest.mark.parametrize("bend", [0.0, 0.3])
 def test_points_around_a_curve_lie_across_it(bend: float):
-    """Rings around a curve are perpendicular to it, straight or bent, and where points coincide."""
     along = np.linspace(0.0, 1.0, 17)
     curve = np.stack([along, bend * along * (1.0 - along), 0.0 * along], axis=1).astype(np.float32)
     around = points_around(curve, 0.01).reshape(17, -1, 3) - curve[:, None]

@@ -34,7 +34,6 @@ def test_curves_are_near_their_formulas(name: str):
 @pytest.mark.full
 @pytest.mark.parametrize("name", ["gas", "drag"])
 def test_the_kept_curves_are_simulated_again(name: str):
-    """The stored curves are reproduced within rounding of other compilers and processors."""
     for found, kept in zip(validation.CASES[name]().curves, KEPT[name]["curves"], strict=True):
         np.testing.assert_allclose(found.simulated, kept["simulated"], rtol=1e-3, atol=1e-3 * max(kept["simulated"]))
 

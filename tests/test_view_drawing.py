@@ -26,7 +26,6 @@ def lying(**fields) -> Scene:
 
 
 def test_an_arrow_for_each_pair_says_how_hard_it_presses():
-    """An arrow starts where the ball is pressed and points along the force; the strongest has the largest length."""
     session = Session("ball", lying(contacts=True), "cpu")
     for _ in range(30):
         session.playground.step()
@@ -41,7 +40,6 @@ def test_an_arrow_for_each_pair_says_how_hard_it_presses():
 
 
 def test_a_blow_does_not_dwarf_for_long_what_follows():
-    """The strongest force of the last pictures is the scale, which decays."""
     layer = PressLayer(MagicMock(), size=1.0)
 
     def length(force: float) -> float:
@@ -94,7 +92,6 @@ def test_an_image_is_made_small_enough_and_none_is_made_of_what_is_none(tmp_path
     ],
 )
 def test_a_blow_up_says_what_was_too_much_and_leaves_the_last_good_shape(tmp_path, material, inflation, sentence):
-    """A blow-up names the cause and keeps the last good shape, from which the page continues after going back."""
     scene = Scene(balloon=[Balloon(mesh=quad_sphere(3, 0.5), material=material, inflation=inflation)])
     session = Session("ball", scene, "cpu", tmp_path)
     session.watched = True

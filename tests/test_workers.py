@@ -66,7 +66,6 @@ def test_a_failed_job_takes_what_is_behind_it_along():
 
 
 def test_each_gpu_has_a_worker_that_sees_it_alone(monkeypatch):
-    """Each process sees one GPU of those that are visible to this one."""
     monkeypatch.setattr(wp, "get_cuda_device_count", lambda: 3)
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "5,6,7")
     environments = worker_environments(Cluster(gpus=2))
@@ -113,7 +112,6 @@ class FarAway:
 
 
 def test_a_result_that_went_with_its_worker_is_not_waited_for_for_ever():
-    """A result lost with its worker is not waited for: the share is repeated, and there is no worker left to do so."""
     lost: Any = FarAway(workers=0, seconds=np.inf)
     with pytest.raises(WorkersLostError, match=r"^all workers ended, and none came for 60 s"):
         dask_workers._result(lost, lost)

@@ -104,7 +104,6 @@ def test_they_hold_what_moved(data: Path):
 
 
 def test_contact_forces_on_particles_add_up(tmp_path):
-    """Contact forces on particles sum to the balloon's in every frame; a scene without contacts has neither."""
     ball = Balloon(mesh=quad_sphere(3, 0.5), position=(0.0, 0.5, 0.0), velocity=(0.0, -1.0, 0.0))
     for contacts in (True, False):
         falling = Scene(balloon=[ball], ground=Ground(), contacts=contacts, frames=4)
@@ -142,7 +141,6 @@ def test_the_manifest_lists_them(data: Path):
 
 
 def test_readers_of_folders_take_them(data: Path):
-    """PhysicsNeMo's readers accept the folders: a sample a file, with the same arrays at the top of each."""
     folders = [data / split for split, names in manifest(data)["splits"].items() if names]
     samples = [arrays_of(path) for folder in folders for path in sorted(folder.iterdir())]
     assert len(samples) == WORLDS
@@ -194,7 +192,6 @@ GAINS_ENERGY = Scene(
 @pytest.mark.full
 @pytest.mark.parametrize("format_", ["h5", "npz"])
 def test_a_batch_that_was_stopped_goes_on_to_the_same_bytes(format_: str, tmp_path, monkeypatch):
-    """A batch stopped once resumes to the same bytes, with a world that blows up, and any frames a chunk."""
     (tmp_path / "whole").mkdir()
     (tmp_path / "parts").mkdir()
     whole = batch(tmp_path / "whole", format_, BLOWS_UP)
@@ -212,7 +209,6 @@ def test_a_batch_that_was_stopped_goes_on_to_the_same_bytes(format_: str, tmp_pa
 
 @pytest.mark.full
 def test_shares_in_any_order_give_the_same_bytes(tmp_path, monkeypatch):
-    """Shares in any order, as workers deliver them, give the same bytes; one world restarts there."""
     monkeypatch.setitem(shares.GRAIN, "cpu", shares.Grain(1, 1))
     stiff = {"balloon.stiffness.structural": [100.0, 3000.0, 200.0]}
     groups, none = plan_groups(GAINS_ENERGY, 3, stiff), np.array([], dtype=np.int64)
@@ -332,7 +328,6 @@ def test_without_h5py_it_says_which_extra(tmp_path, monkeypatch):
 
 
 def test_those_of_another_batch_are_not_gone_on_with(tmp_path):
-    """Files of another batch that wrote into the same folder meanwhile are refused."""
     with pytest.raises(RuntimeError):
         batch(tmp_path, checkpoint_seconds=OFTEN, on_frame=stop_after(3))
     run_batch(scene(), tmp_path / "other", 2, device="cpu", trajectories=tmp_path / "data")

@@ -63,7 +63,6 @@ def test_the_cases_can_be_built(case):
 
 @pytest.mark.parametrize("case", list(rubber_cases("octets", 1)), ids=lambda case: case.law)
 def test_rubber_of_the_cases_is_stretched(case):
-    """Rubber of a case is stretched to half as large again as at rest, and as heavy as its peer without rubber."""
     simulator = Simulator(case.scene(), "cpu", schedule=case.schedule)
     for _ in range(60):
         simulator.step()
@@ -76,7 +75,6 @@ def test_rubber_of_the_cases_is_stretched(case):
 
 @pytest.mark.parametrize("spheres", [1, 8])
 def test_spheres_of_the_cases_touch_the_balloon_and_nothing_blows_up(spheres):
-    """Spheres touch the balloon in the timed frames, and all points stay finite."""
     model = build_model(Case("", "lanes", 1, spheres=spheres, ground=True).scene(), "cpu")
     state = initial_state(model)
     schedule = make_schedule(model, "lanes")
@@ -113,7 +111,6 @@ def test_growing_cases_change_one_thing_and_keep_the_particles():
 
 
 def test_a_growing_case_is_measured_beside_its_base(monkeypatch):
-    """Rates follow the particle-substeps where all frames take the same time."""
     monkeypatch.setattr(rate, "seconds_a_frame", lambda contenders, states: [0.5] * len(contenders))
     (case,) = beside(Case("64 balloons", "lanes", 64), substeps=(8,))
     result = run_case(case, wp.get_device("cpu"))
@@ -149,7 +146,6 @@ def test_an_export_is_of_every_frame_and_of_worlds_that_differ(tmp_path):
 
 @pytest.mark.parametrize("cold", [True, False])
 def test_a_cold_first_frame_has_no_kernels_and_a_warm_one_has_them(cold: bool, monkeypatch):
-    """The first process finds an empty kernel cache and the second a filled one, as a stand-in process reports."""
     found = []
 
     def process(case: FirstFrameCase, device: wp.Device, cache: str) -> tuple[float, str]:
@@ -232,7 +228,6 @@ def test_newton_gives_the_same_trajectory(normals, device):
 
 
 def test_blender_simulates_the_same_balloon():
-    """Blender simulates the same mesh under pressure frame by frame, and it stays a balloon."""
     pytest.importorskip("bpy")
     from balloon_warp.benchmarks.blender_peer import BlenderPeer
 
@@ -248,7 +243,6 @@ def test_blender_simulates_the_same_balloon():
 
 
 def test_explicit_and_implicit_steps_are_measured_on_the_same_motion(monkeypatch):
-    """Smaller steps come closer to the reference, by either method; a row each."""
     from balloon_warp.benchmarks import solvers
 
     monkeypatch.setattr(solvers, "STIFFNESS", (1.0,))
@@ -261,7 +255,6 @@ def test_explicit_and_implicit_steps_are_measured_on_the_same_motion(monkeypatch
 
 
 def test_what_it_costs_to_look_after_worlds_is_measured_beside_their_frame(monkeypatch):
-    """Cost of the health check is the difference to a schedule without it; a batch keeps no states."""
     from balloon_warp.benchmarks import health
 
     cpu, tiny = wp.get_device("cpu"), Case("tiny", "gather", 1, cells=2, substeps=4)
@@ -435,7 +428,6 @@ class Mover:
 
 
 def test_ratio_and_overlaps_are_of_the_same_run(monkeypatch):
-    """Ratio and overlaps come from one run: all frames take the same time, ours half as long."""
     asked = []
 
     def seconds(contenders: list[Any], frames: int, states: list[State]) -> list[float]:

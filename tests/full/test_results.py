@@ -35,7 +35,6 @@ def test_a_measurement_has_its_day_machine_and_command(name: str):
 
 
 def test_a_measurement_is_made_again(monkeypatch, tmp_path):
-    """A measurement is repeated by its own command, and the page gets its new table."""
     monkeypatch.setattr(results, "FOLDER", tmp_path)
     monkeypatch.setattr(results, "PAGE", tmp_path / "RESULTS.md")
     (tmp_path / "01_health.toml").write_text(as_toml(read(files_of(ROOT / FOLDER)["health"])), encoding="utf-8")

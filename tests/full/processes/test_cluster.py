@@ -139,7 +139,6 @@ def remove(paths: list[str]) -> None:
 
 
 def test_the_share_of_a_killed_worker_is_done_again(tmp_path):
-    """The share of a killed worker is simulated again: the first process to start one waits, to be killed."""
     run_batch(scene(), tmp_path / "alone", 4, export=[0, 3], device="cpu")
     (tmp_path / "starts").mkdir()
     killed = []
@@ -374,7 +373,6 @@ def simulate(folder: Path, cluster: Cluster | None, notes: list[str]) -> bytes:
 
 
 def test_others_do_what_does_not_fit(tmp_path):
-    """Notes tell of the full worker once, and the table is that of one process."""
     notes: list[str] = []
     (claims := tmp_path / "claims").mkdir()
     cluster = Cluster(workers=2, prepare=functools.partial(fill_first, str(claims), 1))

@@ -35,7 +35,6 @@ def colors(window) -> tuple[int, int]:
 
 
 def test_colors_say_how_far_it_is_off(browser):
-    """A window opened at any time shows the balloon's current shape, error colors and message."""
     page = DesignPage(port=free_port("127.0.0.1", 0))
     page.show(step(0, 1.4))
     window = browser.new_page(viewport={"width": 1100, "height": 600})
@@ -64,7 +63,6 @@ def test_colors_say_how_far_it_is_off(browser):
     ids=["springs", "latex", "foil"],
 )
 def test_command_shows_it_and_stays(asked: list[str], labels: list[str], tmp_path, monkeypatch):
-    """The command shows each step and the final simulation from rest, and stays until Ctrl-C."""
     monkeypatch.setattr(picture, "SIZE", (96, 84))
     monkeypatch.setattr(of_panels, "EDGES", 6)
     shown: list[DesignStep] = []

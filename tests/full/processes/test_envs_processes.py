@@ -57,7 +57,6 @@ def spread() -> Iterator[SpreadVectorEnv]:
 
 
 def test_worlds_have_the_bits_of_a_single_process(spread: SpreadVectorEnv):
-    """Observations, rewards, ends and the next episodes do, whatever is reset on the way."""
     whole = make_vec(Brief(), WORLDS, device="cpu", autoreset_mode="SameStep")
     assert [len(worlds) for worlds in spread.parts] == [2, 3]
     first = [env.reset(seed=11)[0] for env in (whole, spread)]
@@ -75,7 +74,6 @@ def test_worlds_have_the_bits_of_a_single_process(spread: SpreadVectorEnv):
 
 
 def test_a_policy_sits_in_each_process(spread: SpreadVectorEnv):
-    """Returns are those of one process, and no process is this one."""
     whole = make_vec(Brief(), WORLDS, device="cpu", autoreset_mode="SameStep")
     told = spread.on_each(returns_by_policy, STEPS, 0.5)
     np.testing.assert_array_equal(np.concatenate([sums for sums, _ in told]), returns_by_policy(whole, STEPS, 0.5)[0])

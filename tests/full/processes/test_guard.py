@@ -134,7 +134,6 @@ def test_a_page_is_guarded_or_not_there():
     ("host", "heard_at"), [(None, "127.0.0.1"), ("localhost", "127.0.0.1"), ("0.0.0.0", "0.0.0.0")]
 )
 def test_a_page_for_others_warns_and_no_stranger_fills_the_terminal(host: str | None, heard_at: str, tmp_path):
-    """The page listens on this machine alone unless asked, and warns in one sentence where it does not."""
     psutil = pytest.importorskip("psutil")
     write_obj(tmp_path / "ball.obj", quad_sphere(3))
     port = free_port("127.0.0.1", 0)

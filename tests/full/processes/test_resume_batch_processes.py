@@ -116,7 +116,6 @@ def address() -> Iterator[str]:
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
 def test_a_cluster_goes_on_without_the_shares_that_are_done(ball, whole, address, tmp_path, monkeypatch, number):
-    """A cluster resumes without the finished shares, one of each world; Ctrl-C comes before any checkpoint is due."""
     monkeypatch.setitem(shares.GRAIN, "cpu", shares.Grain(1, 1))
     out = tmp_path / "out"
     if number == signal.SIGKILL:

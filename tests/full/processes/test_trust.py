@@ -36,7 +36,6 @@ def test_the_table_of_meshes_is_counted():
 
 
 def test_all_kinds_are_tried():
-    """Kinds of the fuzzer are the reader's files, each kind of output, the cluster and the viewer."""
     names = [trust._name(effort) for effort in efforts_of(trust.FULL)]
     assert names[0] == "bad meshes"
     assert {name.partition(" ")[0] for name in names[1:]} == {"mutated", "killed", "viewer"}
@@ -97,7 +96,6 @@ def test_a_killed_worker_leaves_the_batch_of_one_process(tmp_path):
 
 
 def test_nonsense_does_not_stop_the_viewer(monkeypatch):
-    """Nonsense does not stop the viewer, and a viewer that stands still, as nothing lets it go on, is found."""
     pytest.importorskip("viser", reason="needs the extra `view`")
     from balloon_warp.benchmarks import viewer_nonsense
     from balloon_warp.viewer.session import Session
@@ -114,7 +112,6 @@ BEFORE, AFTER = {"a": b"old", "b": b"older"}, {"a": b"new", "b": b"newer"}
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_killed_process_leaves_good_files(kind: str, tmp_path, monkeypatch):
-    """A killed process leaves no damaged files; the fourth is killed before it finishes."""
     processes, start = [], kills._start_to_write
 
     def watch(*how: Any) -> BaseProcess:

@@ -232,7 +232,6 @@ def test_time_stands_still_while_nobody_watches(browser, tmp_path):
 
 @pytest.mark.parametrize("size", [(1100, 600), (390, 844)])
 def test_a_splash_is_seen_until_something_moves(browser, tmp_path, size):
-    """A splash shows until something moves, at a desk and on a phone. Then kernels compile ahead."""
     page = Page(Session("ball", tethered(), "cpu", tmp_path), port=free_port("127.0.0.1", 0))
     page.ahead = asked = AskedAhead()
     page.layers.draw(page.session.picture)
@@ -253,7 +252,6 @@ def test_a_splash_is_seen_until_something_moves(browser, tmp_path, size):
 
 
 def test_a_sphere_is_seen_at_once(fresh, served):
-    """A thrown sphere shows at once at its start, even while other kernels compile."""
 
     def blue() -> int:
         red, _, blue = np.moveaxis(picture_of(fresh), 2, 0)
@@ -277,13 +275,11 @@ MODELS = Path(scenes.__file__).parent
 
 
 def test_the_balloon_shines(fresh, served):
-    """The balloon mirrors the studio's lights: among its red there are spots nearly as bright as these."""
     see(fresh, served, lambda: redness(fresh) > 10_000, "the balloon is red")
     see(fresh, served, lambda: highlights(fresh) > 100, "it shines")
 
 
 def test_the_page_says_that_what_was_asked_for_takes_long(fresh, served):
-    """A notice shows while a request waits, as where other kernels compile. Then time goes on."""
     done = threading.Event()
     served.session.ask(lambda _: done.wait(LIMIT))
     try:
@@ -316,7 +312,6 @@ def test_a_print_is_seen(fresh, served, tmp_path):
 
 
 def test_contact_forces_are_arrows_where_a_scene_tells_them(fresh, served):
-    """Contact forces are arrows, visible through the balloons; scenes without them have no box for that."""
     told = fresh.get_by_label("contact forces", exact=True)
     unfold(fresh, "Show", "smooth balloon")
     assert not told.is_visible()
@@ -358,7 +353,6 @@ def test_water_is_seen_where_its_level_is(fresh, served):
 
 
 def test_the_panel_leaves_the_balloon_in_the_middle_of_the_view(fresh, served):
-    """The view ends where the panel begins at a desk, and where the drawer does on a phone, folded or not."""
     see(fresh, served, lambda: redness(fresh) > 10_000, "the balloon is red")
     free, panel = box(fresh, "canvas[data-engine]"), fresh.get_by_text("Reset", exact=True).bounding_box()
     assert 0 < free["x"] + free["width"] <= panel["x"]
@@ -392,7 +386,6 @@ def test_keys_are_on_a_sheet(fresh, served):
 
 
 def test_the_camera_follows(fresh, served):
-    """The camera follows the balloon after F, and stays after F again."""
     [client] = served.server.get_clients().values()
     camera, follows = client.camera, lambda: served.follower.follows(client)
 
@@ -418,7 +411,6 @@ def test_the_camera_follows(fresh, served):
 
 
 def test_a_notebook_shows_the_page(browser, fresh, served):
-    """A notebook of this machine may frame the page; one from elsewhere may not."""
     html = Shown(served, ("100%", 400))._repr_html_()
 
     class Notebook(BaseHTTPRequestHandler):
@@ -454,7 +446,6 @@ FIELD_OF_VIEW = np.radians(75.0)
 
 
 def test_what_people_reach_for_is_large_and_first(fresh, served):
-    """Inflate and Deflate are on top, side by side; below them a row of four, with icons."""
     boxes = {
         name: fresh.get_by_role("button", name=name, exact=True).first.bounding_box()
         for name in ("Inflate", "Deflate", "Pause", "Step", "Reset", "Follow")
@@ -484,7 +475,6 @@ def test_a_button_that_is_held_inflates_on(fresh, served):
 
 
 def test_a_number_stays_within_its_slider_and_says_so(fresh, served):
-    """A number is limited to ten times the scene's value, with a message, and the slider follows it."""
     [dial] = [
         each for _, dials in served.controls._folders for each in dials if each.value.label == "structural springs"
     ]
@@ -504,7 +494,6 @@ def test_a_number_stays_within_its_slider_and_says_so(fresh, served):
 
 @pytest.mark.parametrize("material", ["latex", "foil", "nylon"])
 def test_the_menu_makes_balloons_of_another_material(fresh, served, material):
-    """The menu of materials has the scene's own, too."""
 
     def choose(name: str) -> None:
         fresh.locator("xpath=//label[normalize-space()='material']/following::input[1]").click()
@@ -525,7 +514,6 @@ def test_the_menu_makes_balloons_of_another_material(fresh, served, material):
 
 
 def test_balloons_take_a_color(fresh, served):
-    """A color applies to the page and to the recording."""
     see(fresh, served, lambda: redness(fresh) > 10_000, "the balloon is red")
     served.controls.hands_on._paint((20, 60, 220))
     see(fresh, served, lambda: redness(fresh) < 2000, "it is blue")
@@ -535,7 +523,6 @@ def test_balloons_take_a_color(fresh, served):
 
 
 def test_a_recording_can_be_downloaded(fresh, served):
-    """A recording's two files are downloaded as they are in the folder."""
     served.session.record(True)
     asked(served, 5)
     served.session.record(False)
@@ -550,7 +537,6 @@ def test_a_recording_can_be_downloaded(fresh, served):
 
 @pytest.mark.parametrize("name", ["balloon_bunch", "squirrel_tether"])
 def test_a_scene_fills_the_view(name: str, tmp_path):
-    """Strings and balloons, as they start, fill more than half of the view's height; after a switch of scenes, too."""
     page = Page(Session("ball", tethered(), "cpu", tmp_path), port=free_port("127.0.0.1", 0))
     page.layers.draw(page.session.picture)
     other = Session(name, load_scene(name), "cpu", tmp_path)

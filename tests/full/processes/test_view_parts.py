@@ -63,7 +63,6 @@ def test_pace_slows_down_where_the_machine_cannot():
 
 
 def test_pace_does_not_catch_up_on_a_long_stop():
-    """After a stop of a second, the pace catches up by its limit at most."""
     pace = Pace()
     play(pace, 0.001, 1.0)
     now, frames = 102.0, 0
@@ -140,7 +139,6 @@ def test_the_surface_that_is_drawn_is_catmull_and_clarks():
 
 
 def test_an_open_border_keeps_its_course():
-    """An open border keeps its course: a square of four quads keeps its width, but for its corners."""
     x, y = np.meshgrid([0.0, 1.0, 2.0], [0.0, 1.0, 2.0])
     points = np.stack([x.ravel(), y.ravel(), np.zeros(9)], axis=1)
     corners = np.array([[a, a + 1, a + 4, a + 3] for a in (0, 1, 3, 4)])
@@ -152,7 +150,6 @@ def test_an_open_border_keeps_its_course():
 
 
 def test_measures_are_those_of_the_shape(session):
-    """Doubled size gives eight times the volume and twice the stretch."""
     picture, drawing = session.picture, Drawing(session.picture.model)
     rest = picture.model.shapes[0].mesh.points.astype(np.float32)
     measures = []
@@ -165,7 +162,6 @@ def test_measures_are_those_of_the_shape(session):
 
 
 def test_the_pressure_that_is_plotted_is_the_balloons():
-    """The plotted pressure is the balloon's given one, without reading forces."""
     balloon = Balloon(mesh=cube(), inflation=Inflation(kind="pressure", pressure=7.0))
     simulator = Simulator(Scene(balloon=[balloon]), "cpu")
     simulator.step()
@@ -191,7 +187,6 @@ def test_what_goes_wrong_in_a_wish_does_not_stop_the_simulation(session, capsys)
 
 
 def test_wishes_do_not_pile_up(session):
-    """Only the last of many requests with one key is carried out, and excess requests are dropped."""
     hold, busy, free = [], threading.Event(), threading.Event()
     session.ask(lambda playground: busy.set() or free.wait())
     busy.wait()
@@ -205,7 +200,6 @@ def test_wishes_do_not_pile_up(session):
 
 
 def test_who_asks_for_much_does_not_stop_time(session):
-    """Requests that take a second together are spread over many frames."""
     frames = []
 
     def wish(playground) -> None:
@@ -219,7 +213,6 @@ def test_who_asks_for_much_does_not_stop_time(session):
 
 
 def test_two_recordings_in_a_row_are_two(session, tmp_path, monkeypatch):
-    """A second recording ends while the first is still being written, and both are saved."""
     both_ended = threading.Event()
 
     def write(*arguments) -> list[Path]:
@@ -243,7 +236,6 @@ def test_a_sphere_out_of_bounds_is_refused_in_a_sentence(session):
 
 
 def test_a_recording_is_a_valid_stage(session, tmp_path, monkeypatch):
-    """A recording is a valid stage from its start to its end, written by another process while this one keeps time."""
     monkeypatch.setattr("balloon_warp.viewer.saving.write_recording", lambda *_: pytest.fail("it is written here"))
     until(lambda: session.picture.frame.number > 3, "some frames")
     session.record(True)
@@ -271,7 +263,6 @@ def test_a_recording_is_a_valid_stage(session, tmp_path, monkeypatch):
 
 
 def test_a_recorded_scene_file_replays_its_stage(tmp_path):
-    """A recorded scene replays its stage bit-identically; its mesh has a file, as every scene from the command line."""
     session = Session("squirrel", load_scene("squirrel_tether"), "cpu", tmp_path)
     session.watched = True
     session.start()
@@ -413,7 +404,6 @@ def is_there(process: int) -> bool:
 
 
 def test_a_first_touch_compiles_nothing(tmp_path):
-    """A first interaction compiles nothing from an empty kernel cache; with a full one, no process starts."""
     pytest.importorskip("viser")
     said, wrong = page(tmp_path, PLAYED).communicate(timeout=600)
     assert "compiled []" in said, wrong
@@ -425,7 +415,6 @@ def test_a_first_touch_compiles_nothing(tmp_path):
 @pytest.mark.parametrize("killed", [False, True])
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="asks /proc")
 def test_the_process_ends_with_the_page(killed: bool, tmp_path):
-    """The process ends with the page, killed or not, and leaves no partial files."""
     pytest.importorskip("viser")
     process = page(tmp_path, PAGE + ("time.sleep(600)" if killed else "time.sleep(4.0); ahead.end()"))
     assert process.stdout
