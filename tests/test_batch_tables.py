@@ -47,15 +47,8 @@ def test_a_moving_box_is_measured_exactly(device):
     simulator = Simulator(scene, device)
     put(simulator.state.points, (cube().points * [1, 2, 1])[None])
     put(simulator.state.velocities, np.full((1, 8, 3), [1.0, 2.0, 2.0]))
-    expected = {
-        "volume": 2.0,
-        "area": 10.0,
-        "pressure": 0.0,
-        "center_height": 1.0,
-        "largest_stretch": 2.0,
-        "kinetic_energy": 0.5 * 0.5 * 9.0,
-        "sphere_0_height": 3.5,
-    }
+    expected = {"volume": 2.0, "area": 10.0, "pressure": 0.0, "center_height": 1.0, "largest_stretch": 2.0}
+    expected |= {"kinetic_energy": 0.5 * 0.5 * 9.0, "sphere_0_height": 3.5}
     # a mass share of an eighth, and areas and lengths that are powers of two: no rounding but the thirds of the volume
     np.testing.assert_allclose(list(measured(simulator).values()), list(expected.values()), rtol=2 * FLOAT32)
     assert list(measured(simulator)) == list(expected)
@@ -72,13 +65,8 @@ def test_what_is_in_the_box_is_counted(device):
 
 
 def test_balloons_are_summed_and_their_centers_weighed_by_mass(device):
-    scene = Scene(
-        balloon=[
-            Balloon(mesh=cube(), mass=1.0, **STILL),
-            Balloon(mesh=cube(), mass=3.0, scale=2.0, position=(5.0, 4.0, 0.0), **STILL),
-        ],
-        up_axis="Z",
-    )
+    large = Balloon(mesh=cube(), mass=3.0, scale=2.0, position=(5.0, 4.0, 0.0), **STILL)
+    scene = Scene(balloon=[Balloon(mesh=cube(), mass=1.0, **STILL), large], up_axis="Z")
     up = scene.model_copy(update={"up_axis": "Y"})
     for turned, height in ((up, 0.25 * 0.5 + 0.75 * 5.0), (scene, 0.25 * 0.5 + 0.75 * 1.0)):
         simulator = Simulator(turned, device)
@@ -139,33 +127,6 @@ def test_measures_have_the_same_bits_every_time_and_in_any_batch(device):
     np.testing.assert_array_equal(rows[0], rows[1])
     np.testing.assert_array_equal(rows[0], rows[2])
     np.testing.assert_array_equal(rows[0], np.repeat(record(alone).measures, 40, axis=0))
-
-
-@pytest.mark.full
-def test_a_world_that_blows_up_stays_at_its_last_good_frame_and_the_others_go_on(device):
-    scene = Scene(balloon=[Balloon(mesh=cube())], sphere=[Sphere(position=(0, 4, 0))], frames=4)
-    simulator, healthy = Simulator(scene, device, 3), Simulator(scene, device, 3)
-    recorder, undisturbed = Recorder(simulator, np.array([1, 2])), Recorder(healthy, np.array([1, 2]))
-    for each in (simulator, healthy):
-        each.advance()
-    before = recorder.read()
-    undisturbed.read()
-    velocities = simulator.state.velocities.numpy().copy()
-    velocities[1, 5] = np.inf
-    put(simulator.state.velocities, velocities)
-    for each in (simulator, healthy):
-        each.advance()
-        each.advance()
-    after, expected = recorder.read(), undisturbed.read()
-    assert before.healthy.tolist() == [1, 1, 1]
-    assert after.healthy.tolist() == [1, 0, 1]
-    for name in ("measures", "points", "sphere_positions"):
-        old, new, good = (getattr(one, name) for one in (before, after, expected))
-        frozen, living = (1, [0, 2]) if name == "measures" else (0, [1])
-        np.testing.assert_array_equal(new[frozen], old[frozen])
-        # on a GPU atomic adds round in any order; a neighbour's blow-up would show as far more
-        np.testing.assert_allclose(new[living], good[living], rtol=1e-5, atol=1e-5)
-        assert not np.array_equal(new[living], old[living])
 
 
 def test_a_world_whose_speeds_overflow_is_bad_before_its_places_are(device):
@@ -229,10 +190,8 @@ def tables(written: Path) -> dict[str, dict[str, np.ndarray]]:
 def test_each_world_has_a_row_of_ends_and_extremes(tables: dict[str, dict[str, np.ndarray]]):
     table, worlds = tables["table"], tables["worlds"]
     measures = columns_of(ending_scene())
-    assert list(worlds) == [
-        *("world", *VARY, "health", "ending", "last_frame"),
-        *(f"{name}_{end}" for name in measures for end in ("end", "min", "max")),
-    ]
+    ends = [f"{name}_{end}" for name in measures for end in ("end", "min", "max")]
+    assert list(worlds) == ["world", *VARY, "health", "ending", "last_frame", *ends]
     assert worlds["world"].tolist() == [0, 1, 2, 3]
     for path, values in VARY.items():
         np.testing.assert_array_equal(worlds[path], values)
@@ -243,18 +202,16 @@ def test_each_world_has_a_row_of_ends_and_extremes(tables: dict[str, dict[str, n
     assert (worlds["center_height_max"] > worlds["center_height_end"] + 1.0)[[0, 1, 3]].all()
 
 
-def test_it_says_how_each_world_ended(tables: dict[str, dict[str, np.ndarray]]):
+def test_it_says_how_each_world_ended(written: Path, tables: dict[str, dict[str, np.ndarray]]):
+    """Falling forever is detected in worlds of the stage. The text has the same numbers."""
     worlds = tables["worlds"]
     assert worlds["health"].tolist() == [1, 1, 0, 1]
     assert worlds["ending"].tolist() == ["falling", "finished", "blew up", "falling"]
     assert worlds["last_frame"].tolist() == [FRAMES, FRAMES, 0, FRAMES]
-
-
-def test_the_text_has_the_same_numbers(written: Path, tables: dict[str, dict[str, np.ndarray]]):
     with (written / "worlds.csv").open(newline="") as file:
         header, *rows = csv.reader(file)
-    assert header == list(tables["worlds"])
-    for (name, column), texts in zip(tables["worlds"].items(), zip(*rows, strict=True), strict=True):
+    assert header == list(worlds)
+    for (name, column), texts in zip(worlds.items(), zip(*rows, strict=True), strict=True):
         np.testing.assert_array_equal(np.array(texts).astype(column.dtype), column, err_msg=name)
 
 

@@ -31,22 +31,17 @@ def falling_cube(**fields) -> Balloon:
 def everything() -> Scene:
     """Return a scene where every varied value matters: a sphere on the balloon, a taut string, ramped inflation."""
     ramp = Inflation(k_normal=[(0.0, 0.5), (0.05, 1.0), (0.1, 2.0)])
-    balloons = [
-        Balloon(mesh=quad_sphere(3), helium=3.0, inflation=ramp),
-        Balloon(mesh=cube(), position=(3.0, 0.0, 0.0), inflation=Inflation(k_normal=[(0.0, 0.1), (0.05, 0.4)])),
-    ]
+    late = Inflation(k_normal=[(0.0, 0.1), (0.05, 0.4)])
+    falling = Sphere(position=(-3.0, -0.75, 0.0), velocity=(0.0, -1.0, 0.0), radius=0.3)
     return Scene(
-        balloon=balloons,
-        sphere=[
-            Sphere(position=(0.3, 1.1, 0.1), radius=0.4),
-            Sphere(position=(3.5, 1.2, 0.5), radius=0.3),
-            Sphere(position=(-3.0, -0.75, 0.0), velocity=(0.0, -1.0, 0.0), radius=0.3),
+        balloon=[
+            Balloon(mesh=quad_sphere(3), helium=3.0, inflation=ramp),
+            Balloon(mesh=cube(), position=(3.0, 0.0, 0.0), inflation=late),
         ],
+        sphere=[Sphere(position=(0.3, 1.1, 0.1), radius=0.4), Sphere(position=(3.5, 1.2, 0.5), radius=0.3), falling],
         string=[String(anchor=(0.0, -2.0, 0.0), length=0.5)],
         ground=Ground(height=-1.1),
-        frames=4,
-        frames_per_second=30,
-        substeps=40,
+        **{"frames": 4, "frames_per_second": 30, "substeps": 40},
     )
 
 
@@ -137,11 +132,6 @@ def test_strings_of_no_said_length_reach_from_each_worlds_anchor_to_its_balloon(
     np.testing.assert_array_equal(lengths[:, 1], 0.5)
 
 
-def test_a_scene_without_a_ground_says_that_it_has_none():
-    with pytest.raises(InputError, match=r"^ground\.height: cannot differ between worlds, the scene has no ground$"):
-        plan_model(everything().model_copy(update={"ground": None}), 2, {"ground.height": [0.0, 1.0]})
-
-
 def test_several_things_differ_at_once_and_the_last_named_wins():
     vary = {"balloon.mass": np.array([0.1, 0.2]), "balloon.0.mass": np.array([0.15, 0.3]), "gravity": [1.0, 2.0]}
     batch = run(Simulator(everything(), "cpu", 2, vary, schedule="lanes"))
@@ -150,17 +140,17 @@ def test_several_things_differ_at_once_and_the_last_named_wins():
     np.testing.assert_array_equal(end_state(batch, 1), end_state(alone, 0))
 
 
-@pytest.mark.parametrize(
-    ("path", "values"),
-    [
-        ("balloon.stiffness.shear", [1e3, 9e4, 3e3]),
-        ("balloon.mass", [1e-3, 2e-5, 5e-4]),
-        ("string.stiffness", [1e4, 9e5, 3e4]),
-    ],
-)
-def test_the_step_suits_the_stiffest_world(path: str, values: list[float]):
+STIFF = {
+    "balloon.stiffness.shear": [1e3, 9e4, 3e3],
+    "balloon.mass": [1e-3, 2e-5, 5e-4],
+    "string.stiffness": [1e4, 9e5, 3e4],
+}
+
+
+@pytest.mark.parametrize("path", STIFF)
+def test_the_step_suits_the_stiffest_world(path: str):
     """The stability limit is that of the stiffest world: so stiff and light that it exceeds a sphere's 16 substeps."""
-    scene = everything().model_copy(update={"substeps": "auto"})
+    values, scene = STIFF[path], everything().model_copy(update={"substeps": "auto"})
     alone = [plan_model(override_scene(scene, [(path, value)])).substeps for value in values]
     assert plan_model(scene, 3, {path: values}).substeps == max(alone) == alone[1] > min(alone)
     with pytest.raises(InputError, match=r"^substeps: \d+ are too few"):
@@ -170,28 +160,23 @@ def test_the_step_suits_the_stiffest_world(path: str, values: list[float]):
 @pytest.mark.parametrize(
     ("vary", "complaint"),
     [
-        (
-            {"balloon.mass": [1.0, 1.0, -1.0, 1.0]},
-            r"^balloon\.0\.mass: must be greater than 0 \(got -1\.0\), in world 2$",
-        ),
-        ({"sphere.1.radius": [1.0, 0.0, 1.0, 1.0]}, r"^sphere\.1\.radius: must be greater than 0 .* in world 1$"),
-        ({"gravity": [1.0, 1.0, 1.0, np.nan]}, r"^gravity: must be a finite number \(got nan\), in world 3$"),
-        ({"balloon.mass": [1.0, 2.0]}, r"^balloon\.mass: expected a value for each of 4 worlds \(got shape \(2,\)\)$"),
-        ({"balloon.mass": ["a", "b", "c", "d"]}, r"^balloon\.mass: expected a number for each world \(got \['a'"),
-        ({"balloon.mas": [1.0] * 4}, r"^balloon\.0\.mas: unknown field; did you mean mass\?$"),
-        ({"sphere.5.mass": [1.0] * 4}, r"^sphere\.5\.mass: no sphere 5, the scene has 3, counted from 0$"),
-        (
-            {"frames": [1] * 4},
-            r"^frames: cannot differ between worlds, .*; what can: gravity, corr.*, .*ground.*string\.length",
-        ),
+        ({"balloon.mass": [1.0, 1.0, -1.0, 1.0]}, r"balloon\.0\.mass: must be .* 0 \(got -1\.0\), in world 2$"),
+        ({"sphere.1.radius": [1.0, 0.0, 1.0, 1.0]}, r"sphere\.1\.radius: must be greater than 0 .* in world 1$"),
+        ({"gravity": [1.0, 1.0, 1.0, np.nan]}, r"gravity: must be a finite number \(got nan\), in world 3$"),
+        ({"balloon.mass": [1.0, 2.0]}, r"balloon\.mass: expected a value for each of 4 worlds \(got shape \(2,\)\)$"),
+        ({"balloon.mass": ["a", "b", "c", "d"]}, r"balloon\.mass: expected a number for each world \(got \['a'"),
+        ({"balloon.mas": [1.0] * 4}, r"balloon\.0\.mas: unknown field; did you mean mass\?$"),
+        ({"sphere.5.mass": [1.0] * 4}, r"sphere\.5\.mass: no sphere 5, the scene has 3, counted from 0$"),
+        ({"frames": [1] * 4}, r"frames: cannot differ .*; what can: gravity, corr.*, .*ground.*string\.length"),
         (
             {"balloon.1.position.2": [0.0, 1.0, 0.0, 1.0e6]},
-            r"^mesh: is 1 m across and 1e\+06 m from the origin, too far",
+            r"mesh: is 1 m across and 1e\+06 m from the origin, too far",
         ),
+        ({"water.level": [0.0] * 4}, r"water\.level: cannot differ between worlds, the scene has no water$"),
     ],
 )
 def test_a_wrong_value_is_told_in_a_sentence(vary: dict, complaint: str):
-    with pytest.raises(InputError, match=complaint):
+    with pytest.raises(InputError, match=f"^{complaint}"):
         plan_model(everything(), 4, vary)
 
 
@@ -261,10 +246,16 @@ def test_the_command_line_s_lists_do(tmp_path):
 
 
 def test_what_is_wrong_is_told_with_its_world():
-    with pytest.raises(InputError, match=r"^balloon\.0\.stiffness\.variation: must be .* 1 \(got 2\.0\), in world 1$"):
-        plan_groups(BALL, 2, {"balloon.stiffness.variation": [1.0, 2.0]})
-    with pytest.raises(InputError, match=r"^balloon\.scale: expected a number for each of 2 worlds \(got 1\)$"):
-        plan_groups(BALL, 2, {"balloon.scale": [1.0]})
+    for path, values, sentence in [
+        (
+            "balloon.stiffness.variation",
+            [1.0, 2.0],
+            r"^balloon\.0\.stiffness\.variation: must be .* 1 \(got 2\.0\), in w",
+        ),
+        ("balloon.scale", [1.0], r"^balloon\.scale: expected a number for each of 2 worlds \(got 1\)$"),
+    ]:
+        with pytest.raises(InputError, match=sentence):
+            plan_groups(BALL, 2, {path: values})
     with pytest.raises(InputError, match=r"^balloon\.scale: needs a model for each world; batches and `simulate`"):
         Simulator(BALL, "cpu", 2, {"balloon.scale": [1.0, 2.0]})
 
@@ -282,15 +273,15 @@ def test_ranges_and_lists_are_read(text: str, parsed: tuple):
     assert parse_vary(text) == parsed
 
 
-@pytest.mark.parametrize("text", ["gravity", "gravity=", "=1:2", "a..b=1", "gravity=1:", "gravity=2:1", "gravity=1:1"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        *("gravity", "gravity=", "=1:2", "a..b=1", "gravity=1:", "gravity=2:1", "gravity=1:1"),
+        *("gravity=a", "gravity=1:2:3", "gravity=1,,2", "gravity=nan", "gravity=0:inf"),
+    ],
+)
 def test_what_is_neither_is_told(text: str):
     with pytest.raises(InputError, match=r"--vary .*: expected PATH=LOW:HIGH with LOW below HIGH, or PATH=NUMBER,"):
-        parse_vary(text)
-
-
-@pytest.mark.parametrize("text", ["gravity=a", "gravity=1:2:3", "gravity=1,,2", "gravity=nan", "gravity=0:inf"])
-def test_what_is_no_number_is_told(text: str):
-    with pytest.raises(InputError, match="expected PATH=LOW:HIGH"):
         parse_vary(text)
 
 
@@ -305,8 +296,12 @@ def test_meshes_are_sought_here_and_beside_the_scene(tmp_path, monkeypatch):
     assert Path(str(bundled[0])).is_file()
 
 
-def test_lists_are_cycled():
+def test_lists_are_cycled_and_a_grid_is_even_with_its_ends_and_the_first_range_fastest():
     np.testing.assert_array_equal(spread({"a": [1.0, 10.0, 100.0]}, 5)["a"], [1.0, 10.0, 100.0, 1.0, 10.0])
+    grid = spread({"a": Range(0.0, 2.0), "b": Range(5.0, 6.0), "c": [1.0, 2.0]}, 6, grid=True)
+    np.testing.assert_array_equal(grid["a"], [0, 1, 2, 0, 1, 2])
+    np.testing.assert_array_equal(grid["b"], [5, 5, 5, 6, 6, 6])
+    np.testing.assert_array_equal(grid["c"], [1, 2, 1, 2, 1, 2])
 
 
 def test_samples_are_uniform_and_go_by_seed_path_and_world():
@@ -319,13 +314,6 @@ def test_samples_are_uniform_and_go_by_seed_path_and_world():
     np.testing.assert_array_equal(fewer["a"], samples[:10])
     assert not np.array_equal(6.0 * np.array(fewer["b"]) + 2.0, fewer["a"])
     assert not np.array_equal(spread({"a": Range(2.0, 8.0)}, 10, seed=4)["a"], samples[:10])
-
-
-def test_a_grid_is_even_with_its_ends_and_the_first_range_fastest():
-    grid = spread({"a": Range(0.0, 2.0), "b": Range(5.0, 6.0), "c": [1.0, 2.0]}, 6, grid=True)
-    np.testing.assert_array_equal(grid["a"], [0, 1, 2, 0, 1, 2])
-    np.testing.assert_array_equal(grid["b"], [5, 5, 5, 6, 6, 6])
-    np.testing.assert_array_equal(grid["c"], [1, 2, 1, 2, 1, 2])
 
 
 @pytest.mark.parametrize(
