@@ -2,8 +2,10 @@
 
 import json
 import os
+import resource
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +30,17 @@ def tamper(job: Path, path: str, value: object) -> None:
     assert place[name] != value
     place[name] = value
     job.write_text(json.dumps(said))
+
+
+@contextmanager
+def files_limited_to(size: int) -> Iterator[None]:
+    """Let no file become larger than a number of bytes."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 def watch_names(monkeypatch: pytest.MonkeyPatch) -> set[Path]:

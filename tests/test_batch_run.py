@@ -3,19 +3,18 @@
 import contextlib
 import csv
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from commands import status_of
 from meshes import quad_sphere
 from motion import assert_valid, assert_velocities_are_those_of_the_points
 from pxr import Sdf, Usd, UsdGeom, UsdShade
 from small_batch import FRAMES, WORLDS, scene, write_meshes
 
 from balloon_warp import Cluster, InputError, Scene, Simulator, load_scene, run_batch
-from balloon_warp.cli import main
 from balloon_warp.device import pick_device
 from balloon_warp.mesh.obj import write_obj
 from balloon_warp.model import lay_out, memory, shape, world_bytes
@@ -401,26 +400,22 @@ def folder(tmp_path, monkeypatch) -> Path:
     return tmp_path
 
 
-def batch(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
-    """Run the command in this process and return its exit status."""
-    monkeypatch.setattr(sys, "argv", ["balloon-warp", "batch", "scenes/ball.toml", "--device", "cpu", *arguments])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    return int(ended.value.code or 0)
+def batch(*words: str) -> int:
+    return status_of("batch", "scenes/ball.toml", "--device", "cpu", *words)
 
 
-def test_a_batch_in_which_nothing_varies_says_so(folder: Path, monkeypatch, capsys):
-    assert batch(monkeypatch, "--worlds", "2") == 0
+def test_a_batch_in_which_nothing_varies_says_so(folder: Path, capsys):
+    assert batch("--worlds", "2") == 0
     assert "\nnote: all worlds are alike; --vary PATH=LOW:HIGH" in capsys.readouterr().err
-    assert batch(monkeypatch, "--worlds", "2", "--vary", "sphere.0.mass=10,10") == 0
+    assert batch("--worlds", "2", "--vary", "sphere.0.mass=10,10") == 0
     assert "\nnote: all worlds are alike" in capsys.readouterr().err
-    assert batch(monkeypatch, "--worlds", "1") == 0
+    assert batch("--worlds", "1") == 0
     assert "note: " not in capsys.readouterr().err
 
 
-def test_the_summary_is_one_object_and_the_files_are_where_it_says(folder: Path, monkeypatch, capsys):
+def test_the_summary_is_one_object_and_the_files_are_where_it_says(folder: Path, capsys):
     varied = ["--vary", "balloon.inflation.k_normal=0:8", "--vary", "sphere.0.mass=1,10,100", "--grid"]
-    assert batch(monkeypatch, "--worlds", "9", *varied, "--export", "0,5", "-o", "out", "--json") == 0
+    assert batch("--worlds", "9", *varied, "--export", "0,5", "-o", "out", "--json") == 0
     captured = capsys.readouterr()
     (line,) = captured.err.splitlines()
     assert line.startswith("ball: 9 worlds, 234 particles, ")
@@ -438,18 +433,18 @@ def test_the_summary_is_one_object_and_the_files_are_where_it_says(folder: Path,
     assert [name for name in names if name.startswith("World_")] == ["World_0", "World_5"]
 
 
-def test_meshes_differ_and_the_same_seed_gives_the_same_table(folder: Path, monkeypatch):
+def test_meshes_differ_and_the_same_seed_gives_the_same_table(folder: Path):
     varied = ["--worlds", "4", "--vary", "balloon.mesh=ball.obj,other.obj", "--vary", "gravity=1:9"]
     for seed, out in (("0", "a"), ("0", "b"), ("1", "c")):
-        assert batch(monkeypatch, *varied, "--seed", seed, "-o", out) == 0
+        assert batch(*varied, "--seed", seed, "-o", out) == 0
     first, again, other = ((folder / out / "table.csv").read_text() for out in "abc")
     assert first == again != other
     assert first.splitlines()[2].startswith("1,0,0.0,other.obj,")
 
 
 @pytest.mark.full
-def test_what_blew_up_is_told(folder: Path, monkeypatch, capsys):
-    assert batch(monkeypatch, "--worlds", "3", "--vary", "balloon.inflation.k_normal=0,9e11,0") == 0
+def test_what_blew_up_is_told(folder: Path, capsys):
+    assert batch("--worlds", "3", "--vary", "balloon.inflation.k_normal=0,9e11,0") == 0
     captured = capsys.readouterr()
     said, warned = captured.out.splitlines(), captured.err.splitlines()[1:]
     assert said[0].startswith("ball: 3 worlds, 78 particles, 3 frames of ")
@@ -458,25 +453,25 @@ def test_what_blew_up_is_told(folder: Path, monkeypatch, capsys):
     assert said[1:] == [f"wrote ball_batch/{name}" for name in (*TABLES, "manifest.json")]
 
 
-def test_the_stage_of_an_earlier_batch_does_not_stay_beside_a_later_table(folder: Path, monkeypatch, capsys):
-    assert batch(monkeypatch, "--worlds", "2", "--export", "all") == 0
+def test_the_stage_of_an_earlier_batch_does_not_stay_beside_a_later_table(folder: Path, capsys):
+    assert batch("--worlds", "2", "--export", "all") == 0
     assert (
         "wrote ball_batch/worlds.usdc: 0.05 s at 60 frames/s; in Blender, set the frame rate to 60, "
         in capsys.readouterr().out
     )
-    assert batch(monkeypatch, "--worlds", "2", "--vary", "gravity=2:1") == 2
+    assert batch("--worlds", "2", "--vary", "gravity=2:1") == 2
     assert (folder / "ball_batch" / "worlds.usdc").exists()  # a batch that is refused leaves all as it was
     capsys.readouterr()
-    assert batch(monkeypatch, "--worlds", "3") == 0
+    assert batch("--worlds", "3") == 0
     assert capsys.readouterr().out.splitlines()[-1].startswith("removed ball_batch/worlds.usdc")
     left = sorted(path.name for path in (folder / "ball_batch").iterdir())
     assert left == sorted([*TABLES, "manifest.json"])
-    assert batch(monkeypatch, "--worlds", "3") == 0
+    assert batch("--worlds", "3") == 0
     assert "removed" not in capsys.readouterr().out
 
 
-def test_one_is_one_and_names_are_as_they_are(folder: Path, monkeypatch, capsys):
-    assert batch(monkeypatch, "--worlds", "1", "--set", "frames=1", "--set", "substeps=10", "-o", "a [bold] one") == 0
+def test_one_is_one_and_names_are_as_they_are(folder: Path, capsys):
+    assert batch("--worlds", "1", "--set", "frames=1", "--set", "substeps=10", "-o", "a [bold] one") == 0
     said = capsys.readouterr().out.splitlines()
     assert said[0].startswith("ball: 1 world, 26 particles, 1 frame of 10 substeps in ")
     assert said[1] == "wrote a [bold] one/table.npz"
@@ -499,8 +494,8 @@ def test_one_is_one_and_names_are_as_they_are(folder: Path, monkeypatch, capsys)
         (["--worlds", "-2", "--vary", "gravity=1:2", "--grid"], "--worlds -2: expected at least 1"),
     ],
 )
-def test_a_mistake_gets_one_sentence_and_status_2(folder: Path, monkeypatch, capsys, arguments, sentence):
-    assert batch(monkeypatch, *arguments) == 2
+def test_a_mistake_gets_one_sentence_and_status_2(folder: Path, capsys, arguments, sentence):
+    assert batch(*arguments) == 2
     captured = capsys.readouterr()
     assert captured.out == ""
     assert captured.err.startswith(f"error: {sentence}")

@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 from batches import OFTEN, contents
 from meshes import mesh_of, quad_sphere
-from pxr import Usd, UsdGeom, UsdValidation
+from motion import assert_valid
+from pxr import Usd, UsdGeom
+from render_stages import read_stage
 from stopped_batch import stop_after
 from test_bursting import BALL, filled, scene_of
 
 from balloon_warp import run_batch
 from balloon_warp.mesh.corners import beside_faces
 from balloon_warp.mesh.geometry import signed_volume, total_area
-from balloon_warp.outputs.render.stage_reader import RenderStage
 from balloon_warp.outputs.usd import StageWriter
 from balloon_warp.scene import Balloon, Inflation, Scene, load_scene
 from balloon_warp.simulator import Simulator
@@ -49,12 +50,8 @@ def test_the_stage_loses_the_faces_that_tear(tmp_path, device: str):
     whole = simulator.model.shapes[0].mesh.face_vertex_indices.reshape(-1, 4)[~frame.torn[0]]
     left = mesh_of(frame.points[0].astype(np.float64), whole.tolist())
     assert frame.areas[0] == pytest.approx(total_area(left), rel=1e-5)
-    errors = UsdValidation.ValidationContext(UsdValidation.ValidationRegistry().GetOrLoadAllValidators()).Validate(
-        stage
-    )
-    assert not errors, [error.GetMessage() for error in errors]
-    drawn = RenderStage(path)
-    drawn.read_prims(0)
+    assert_valid(stage)
+    drawn = read_stage(path)
     first, last = drawn.gone(0), drawn.gone(7)
     assert first is not None
     assert last is not None
@@ -122,10 +119,7 @@ def test_a_batch_exports_worlds_that_burst(tmp_path):
     assert frame.torn[0].sum() > 2
     assert table["volume"][-1, 0] > 0.0 == table["volume"][-1, 1]
     assert table["burst"][-1].tolist() == [0.0, 1.0]
-    errors = UsdValidation.ValidationContext(UsdValidation.ValidationRegistry().GetOrLoadAllValidators()).Validate(
-        stage
-    )
-    assert not errors, [error.GetMessage() for error in errors]
+    assert_valid(stage)
     again = {"export": [0, 1], "device": "cpu", "checkpoint_seconds": OFTEN}
     with pytest.raises(RuntimeError):
         run_batch(scene, tmp_path / "stopped", 2, vary, on_frame=stop_after(4), **again)

@@ -1,18 +1,17 @@
 """Files that appear whole or not at all, without room, and after a kill."""
 
 import os
-import resource
 import shutil
 import signal
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from batches import files_limited_to
 from meshes import cube, quad_sphere
 
 from balloon_warp import animate, run_batch, temporaries
@@ -276,16 +275,6 @@ WORLDS = 40
 def scene(tmp_path) -> Scene:
     write_obj(tmp_path / "ball.obj", quad_sphere(6))
     return load_scene(tmp_path / "ball.obj", [("frames", 12)])
-
-
-@contextmanager
-def files_limited_to(size: int) -> Iterator[None]:
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 def contents(folder: Path) -> dict[str, bytes]:

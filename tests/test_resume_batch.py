@@ -1,13 +1,12 @@
 """Resumed batches, stopped or killed: the same files, byte by byte, as of an uninterrupted one."""
 
 import json
-import resource
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from batches import NAMES, OFTEN, contents, plant_spy, press_ctrl_c_once, tamper, watch_names
+from batches import NAMES, OFTEN, contents, files_limited_to, plant_spy, press_ctrl_c_once, tamper, watch_names
 from meshes import cube, quad_sphere
 from pxr import Usd, UsdGeom
 from stopped_batch import FRAMES, WORLDS, scene, stop_after, stop_batch
@@ -19,6 +18,7 @@ from balloon_warp.outputs.usd import growing
 from balloon_warp.resume import Checkpoints, Part
 from balloon_warp.scene import Balloon, Ground, Inflation, Scene
 from balloon_warp.sweep import shares
+from balloon_warp.sweep.batch import BatchSummary
 from balloon_warp.sweep.blow_ups import Failures
 from balloon_warp.sweep.checkpoints import batch_checkpoints
 from balloon_warp.sweep.groups import plan_groups
@@ -39,73 +39,68 @@ def schedule(request, device: str) -> str:
 def vary(tmp_path) -> dict:
     """Return two meshes, which make two groups, and a push under which the last world blows up."""
     paths = [tmp_path / "coarse.obj", tmp_path / "fine.obj"]
-    for path, mesh in zip(paths, (quad_sphere(2), quad_sphere(3)), strict=True):
-        write_obj(path, mesh)
+    for number, path in enumerate(paths):
+        write_obj(path, quad_sphere(2 + number))
     return {
         "balloon.mesh": [paths[world % 2] for world in range(WORLDS)],
         "balloon.inflation.k_normal": [0.2, 0.3, 0.4, 0.5, 9e11],
     }
 
 
+def run(folder: Path, worlds: int = 2, **how: Any) -> BatchSummary:
+    """Simulate a batch whose worlds differ in gravity, which was stopped in `folder` or is begun there."""
+    how = {"vary": {"gravity": np.linspace(1, 9, worlds).tolist()}, "device": "cpu", **how}
+    return run_batch(scene(), folder, worlds, **how)
+
+
+def resumed(folder: Path, worlds: int = 2, **how: Any) -> list[str]:
+    """Go on with such a batch, require the files of one that was never stopped, and return its messages."""
+    notes: list[str] = []
+    run(folder, worlds, resume=True, on_note=notes.append, **how)
+    run(folder.with_name("whole"), worlds, **how)
+    assert contents(folder) == contents(folder.with_name("whole"))
+    return notes
+
+
 @pytest.mark.full
 def test_it_goes_on_to_the_same_bytes(vary: dict, schedule: str, device: str, tmp_path, monkeypatch):
+    """Stopped twice: before and after the last world blew up."""
     monkeypatch.setattr(growing, "SAVE_BYTES", 10_000)
-    how = {"export": [1, 4], "device": device, "schedule": schedule}
-    run_batch(scene(), tmp_path / "whole", WORLDS, vary, **how)
+    how = {"vary": vary, "export": [1, 4], "device": device, "schedule": schedule}
+    parts, frames, notes = tmp_path / "parts", [], []
+    run(tmp_path / "whole", WORLDS, **how)
     for last in (2, 5):
         with pytest.raises(RuntimeError, match="stopped"):
-            run_batch(
-                scene(),
-                tmp_path / "parts",
-                WORLDS,
-                vary,
-                **how,
-                checkpoint_seconds=OFTEN,
-                resume=True,
-                on_frame=stop_after(last),
-            )
-    assert contents(tmp_path / "parts") == {}
-    frames, notes = [], []
-    summary = run_batch(
-        scene(), tmp_path / "parts", WORLDS, vary, **how, resume=True, on_frame=frames.append, on_note=notes.append
-    )
+            run(parts, WORLDS, **how, checkpoint_seconds=OFTEN, resume=True, on_frame=stop_after(last))
+    assert contents(parts) == {}
+    summary = run(parts, WORLDS, **how, resume=True, on_frame=frames.append, on_note=notes.append)
     assert frames == [5, 6]
-    assert notes == [f"resuming after frame 4, from {tmp_path / 'parts' / 'partial'}"]
+    assert notes == [f"resuming after frame 4, from {parts / 'partial'}"]
     assert summary.resumed == pytest.approx(4 / FRAMES, abs=1e-3)
     assert summary.unhealthy_worlds == 1
-    assert contents(tmp_path / "parts") == contents(tmp_path / "whole")
-    assert sorted(path.name for path in (tmp_path / "parts").iterdir()) == sorted([*NAMES, "manifest.json"])
+    assert contents(parts) == contents(tmp_path / "whole")
+    assert sorted(path.name for path in parts.iterdir()) == sorted([*NAMES, "manifest.json"])
 
 
 def test_what_was_saved_opens(tmp_path):
+    """Saved parts open: rows in NumPy, worlds as a stage, with the frames that they promise; and all together."""
+    partial, whole = tmp_path / "partial", tmp_path / "whole"
     with pytest.raises(RuntimeError):
-        run_batch(
-            scene(),
-            tmp_path,
-            3,
-            {"gravity": [1, 5, 9]},
-            export=[2],
-            device="cpu",
-            checkpoint_seconds=OFTEN,
-            on_frame=stop_after(4),
-        )
-    run_batch(scene(), tmp_path / "whole", 3, {"gravity": [1, 5, 9]}, export=[2], device="cpu")
-    stages = sorted((tmp_path / "partial").glob("frames_*.usdc"))
-    tables = sorted((tmp_path / "partial").glob("rows_*.npz"))
+        run(tmp_path, 3, export=[2], checkpoint_seconds=OFTEN, on_frame=stop_after(4))
+    run(whole, 3, export=[2])
+    stages, tables = sorted(partial.glob("frames_*.usdc")), sorted(partial.glob("rows_*.npz"))
     assert len(stages) == len(tables) == 4
-    whole = Usd.Stage.Open(str(tmp_path / "whole" / "worlds.usdc"))
-    path = next(
-        str(prim.GetPath()) for prim in whole.Traverse() if "World_2" in str(prim.GetPath()) and prim.IsA(UsdGeom.Mesh)
-    )
-    with np.load(tmp_path / "whole" / "table.npz") as table:
+    opened, played = Usd.Stage.Open(str(whole / "worlds.usdc")), Usd.Stage.Open(str(partial / "frames.usda"))
+    meshes = (str(prim.GetPath()) for prim in opened.Traverse() if prim.IsA(UsdGeom.Mesh))
+    path = next(mesh for mesh in meshes if "World_2" in mesh)
+    with np.load(whole / "table.npz") as table:
         volumes = table["volume"].reshape(FRAMES + 1, 3)
-    played = Usd.Stage.Open(str(tmp_path / "partial" / "frames.usda"))
     assert (played.GetStartTimeCode(), played.GetEndTimeCode()) == (0, 3)
     for number, (stage_path, rows) in enumerate(zip(stages, tables, strict=True)):
         stage = Usd.Stage.Open(str(stage_path))
         assert (stage.GetStartTimeCode(), stage.GetEndTimeCode()) == (number, number)
         alone, together, expected = (
-            UsdGeom.Mesh(each.GetPrimAtPath(path)).GetPointsAttr().Get(number) for each in (stage, played, whole)
+            UsdGeom.Mesh(each.GetPrimAtPath(path)).GetPointsAttr().Get(number) for each in (stage, played, opened)
         )
         np.testing.assert_array_equal(alone, expected)
         np.testing.assert_array_equal(together, expected)
@@ -113,7 +108,7 @@ def test_what_was_saved_opens(tmp_path):
             assert saved["frames"].tolist() == [number]
             assert saved["worlds"].tolist() == [0, 1, 2]
             np.testing.assert_array_equal(saved["values"][0, :, saved["columns"] == "volume"][0], volumes[number])
-    assert [path.name for path in (tmp_path / "partial").glob("state_*")] == ["state_000003_0000.npz"]
+    assert [path.name for path in partial.glob("state_*")] == ["state_000003_0000.npz"]
 
 
 def test_a_batch_that_is_soon_done_writes_no_checkpoint(tmp_path):
@@ -131,25 +126,19 @@ def stopped(tmp_path) -> Path:
 
 def test_rows_without_their_stage_are_never_there(tmp_path, monkeypatch):
     """A stage's part without its rows does not count, as a kill between the two leaves it."""
-    how = {"vary": {"gravity": [1, 9]}, "export": [1], "device": "cpu"}
-
-    rows = BatchOutput.rows
+    rows, out = BatchOutput.rows, tmp_path / "out"
 
     def kill(self: BatchOutput, part: Part) -> dict[str, np.ndarray]:
         if part.frames.start == 2:
-            assert (tmp_path / "out" / "partial" / "frames_000002.usdc").exists()
+            assert (out / "partial" / "frames_000002.usdc").exists()
             raise RuntimeError("killed")
         return rows(self, part)
 
     monkeypatch.setattr(BatchOutput, "rows", kill)
     with pytest.raises(RuntimeError, match="killed"):
-        run_batch(scene(), tmp_path / "out", 2, **how, checkpoint_seconds=OFTEN)
+        run(out, export=[1], checkpoint_seconds=OFTEN)
     monkeypatch.undo()
-    notes: list[str] = []
-    run_batch(scene(), tmp_path / "out", 2, **how, resume=True, on_note=notes.append)
-    assert notes == [f"resuming after frame 1, from {tmp_path / 'out' / 'partial'}"]
-    run_batch(scene(), tmp_path / "whole", 2, **how)
-    assert contents(tmp_path / "out") == contents(tmp_path / "whole")
+    assert resumed(out, export=[1]) == [f"resuming after frame 1, from {out / 'partial'}"]
 
 
 def test_rows_without_their_state_are_never_there(tmp_path, monkeypatch):
@@ -163,7 +152,7 @@ def test_rows_without_their_state_are_never_there(tmp_path, monkeypatch):
 
     monkeypatch.setattr(Checkpoints, "save_state", kill)
     with pytest.raises(RuntimeError, match="killed"):
-        run_batch(scene(), tmp_path, 2, device="cpu", checkpoint_seconds=OFTEN)
+        run(tmp_path, checkpoint_seconds=OFTEN)
     assert sorted(path.name for path in (tmp_path / "partial").glob("rows_*")) == ["rows_000000.npz", "rows_000001.npz"]
 
 
@@ -198,29 +187,19 @@ def test_something_else_of_that_name_is_told_before_the_batch(name: str, tmp_pat
 
 
 def test_a_checkpoint_that_cannot_be_written_leaves_what_was_there(stopped: Path, tmp_path):
+    partial = tmp_path / "gone" / "partial"
+
+    def move(frame: int) -> None:
+        if frame == 2:
+            partial.rename(tmp_path / "away")
+
     with pytest.raises(InputError, match=r"partial/.*: cannot be written: ") as refusal:
-        run_batch(
-            scene(),
-            tmp_path / "gone",
-            2,
-            device="cpu",
-            checkpoint_seconds=OFTEN,
-            on_frame=lambda frame: frame == 2 and (tmp_path / "gone" / "partial").rename(tmp_path / "away"),
-        )
+        run(tmp_path / "gone", checkpoint_seconds=OFTEN, on_frame=move)
     assert len(str(refusal.value).splitlines()) == 1
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (2000, before[1]))
-    try:
-        with pytest.raises(InputError, match=r"(state|rows)_.*: cannot be written: ") as refusal:
-            run_batch(scene(), stopped, 2, {"gravity": [1, 9]}, device="cpu", resume=True, checkpoint_seconds=OFTEN)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    with files_limited_to(2000), pytest.raises(InputError, match=r"(state|rows)_.*: cannot be written: ") as refusal:
+        run(stopped, resume=True, checkpoint_seconds=OFTEN)
     assert len(str(refusal.value).splitlines()) == 1
-    notes: list[str] = []
-    run_batch(scene(), stopped, 2, {"gravity": [1, 9]}, device="cpu", resume=True, on_note=notes.append)
-    assert notes == [f"resuming after frame 2, from {stopped / 'partial'}"]
-    run_batch(scene(), tmp_path / "whole", 2, {"gravity": [1, 9]}, device="cpu")
-    assert contents(stopped) == contents(tmp_path / "whole")
+    assert resumed(stopped) == [f"resuming after frame 2, from {stopped / 'partial'}"]
 
 
 def test_nothing_to_resume_begins_at_the_start(tmp_path):
@@ -231,6 +210,7 @@ def test_nothing_to_resume_begins_at_the_start(tmp_path):
 
 
 def test_ctrl_c_saves_the_frame_that_it_finds(tmp_path):
+    """Ctrl-C saves the current frame, without an earlier checkpoint, and no later frame is simulated."""
     frames: list[int] = []
     press = press_ctrl_c_once(lambda frame: frame == 3)
 
@@ -238,15 +218,13 @@ def test_ctrl_c_saves_the_frame_that_it_finds(tmp_path):
         frames.append(frame)
         press(frame)
 
-    how = {"vary": {"gravity": [1, 9]}, "export": [1], "device": "cpu"}
-    with pytest.raises(
-        KeyboardInterrupt, match=r"partial/frames\.usda plays the frames so far, and --resume continues from them$"
-    ):
-        run_batch(scene(), tmp_path / "out", 2, **how, checkpoint_seconds=0.0, on_frame=look)
+    plays = r"partial/frames\.usda plays the frames so far, and --resume continues from them$"
+    with pytest.raises(KeyboardInterrupt, match=plays):
+        run(tmp_path / "out", export=[1], checkpoint_seconds=0.0, on_frame=look)
     assert frames == [0, 1, 2, 3]
-    run_batch(scene(), tmp_path / "out", 2, **how, resume=True, on_frame=frames.append)
+    run(tmp_path / "out", export=[1], resume=True, on_frame=frames.append)
     assert frames == [*range(FRAMES + 1)]
-    run_batch(scene(), tmp_path / "whole", 2, **how)
+    run(tmp_path / "whole", export=[1])
     assert contents(tmp_path / "out") == contents(tmp_path / "whole")
 
 
@@ -271,20 +249,14 @@ def test_another_batch_is_refused(stopped: Path, change: dict, difference: str):
     assert {path: path.read_bytes() for path in stopped.rglob("*") if path.is_file()} == before
 
 
-@pytest.mark.parametrize(
-    ("path", "value"),
-    [
-        ("versions.warp-lang", "0.1"),
-        ("device", "another"),
-        ("substeps", 1),
-        ("on_blowup", "restart"),
-        ("simulated", "in 3 shares"),
-    ],
-)
+OTHERS = {"versions.warp-lang": "0.1", "device": "another", "substeps": 1, "on_blowup": "restart"}
+
+
+@pytest.mark.parametrize(("path", "value"), [*OTHERS.items(), ("simulated", "in 3 shares")])
 def test_what_else_the_bits_depend_on_is_compared(stopped: Path, path: str, value: object):
     tamper(stopped / "partial" / "job.json", path, value)
     with pytest.raises(InputError, match=rf"batch: {path} is {json.dumps(value)} there and .* here; expected the same"):
-        run_batch(scene(), stopped, 2, {"gravity": [1, 9]}, device="cpu", resume=True)
+        run(stopped, resume=True)
 
 
 @pytest.mark.parametrize("name", ["rows_000001.npz", "state_000002_0000.npz", "job.json"])
@@ -292,7 +264,7 @@ def test_a_damaged_checkpoint_is_told(stopped: Path, name: str):
     path = stopped / "partial" / name
     path.write_bytes(path.read_bytes()[:100])
     with pytest.raises(InputError, match=rf"{name}: cannot be read: ") as refusal:
-        run_batch(scene(), stopped, 2, {"gravity": [1, 9]}, device="cpu", resume=True)
+        run(stopped, resume=True)
     assert len(str(refusal.value).splitlines()) == 1
 
 
@@ -301,18 +273,14 @@ def test_nothing_in_a_checkpoint_is_run(stopped: Path, tmp_path, monkeypatch, na
     monkeypatch.chdir(tmp_path)
     plant_spy(stopped / "partial" / name, array)
     with pytest.raises(InputError, match=rf"{name}: cannot be read: "):
-        run_batch(scene(), stopped, 2, {"gravity": [1, 9]}, device="cpu", resume=True)
+        run(stopped, resume=True)
     assert not (tmp_path / "run").exists()
 
 
-def test_a_state_without_its_rows_is_not_gone_on_from(stopped: Path, tmp_path):
-    partial = stopped / "partial"
-    (partial / "state_000003_0000.npz").write_bytes(b"of a frame whose rows are not there")
-    notes: list[str] = []
-    run_batch(scene(), stopped, 2, {"gravity": [1, 9]}, device="cpu", resume=True, on_note=notes.append)
-    run_batch(scene(), tmp_path / "whole", 2, {"gravity": [1, 9]}, device="cpu")
-    assert notes == [f"resuming after frame 2, from {partial}"]
-    assert contents(stopped) == contents(tmp_path / "whole")
+def test_a_state_without_its_rows_is_not_gone_on_from(stopped: Path):
+    """As a kill between the two leaves it."""
+    (stopped / "partial" / "state_000003_0000.npz").write_bytes(b"of a frame whose rows are not there")
+    assert resumed(stopped) == [f"resuming after frame 2, from {stopped / 'partial'}"]
 
 
 BALL = Balloon(mesh=quad_sphere(3), position=(0, 2, 0), inflation=Inflation(k_normal=0.2))

@@ -5,13 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from meshes import cube, grid, quad_sphere
-from pxr import Gf, Usd, UsdGeom, UsdPhysics, UsdShade, UsdValidation
+from motion import assert_valid
+from pxr import Gf, Usd, UsdGeom, UsdPhysics, UsdShade
+from render_stages import read_stage
 from scipy.spatial.transform import Rotation
 
 from balloon_warp import Body, Obstacle, Scene, Simulator, animate, run_batch
 from balloon_warp.model import build_model
 from balloon_warp.outputs.render.framing import frame_action
-from balloon_warp.outputs.render.stage_reader import RenderStage
 from balloon_warp.outputs.usd import StageWriter
 from balloon_warp.scene import Balloon, Change, Ground
 from balloon_warp.scene.load import load_scene
@@ -65,9 +66,7 @@ def test_every_validator_passes(tmp_path, up_axis: str):
     simulator = Simulator(everything(up_axis=up_axis, obstacle=everything().obstacle[:2]), "cpu", schedule="gather")
     with StageWriter(path, simulator.model) as writer:
         writer.write(simulator.read_frame())
-    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
-    errors = UsdValidation.ValidationContext(validators).Validate(Usd.Stage.Open(str(path)))
-    assert [error.GetMessage() for error in errors] == []
+    assert_valid(Usd.Stage.Open(str(path)))
 
 
 def test_each_is_a_gprim_of_its_shape(stage: Usd.Stage):
@@ -130,9 +129,7 @@ def test_worlds_of_a_batch_share_shapes_and_have_places_of_their_own(tmp_path):
     vary = {"obstacle.0.position.1": heights, "obstacle.1.position.0": [1.5, 1.75, 2.0]}
     run_batch(everything(), tmp_path, 3, vary, export=[0, 2], device="cpu", schedule="gather")
     stage = Usd.Stage.Open(str(tmp_path / "worlds.usdc"))
-    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
-    errors = UsdValidation.ValidationContext(validators).Validate(stage)
-    assert [error.GetMessage() for error in errors] == []
+    assert_valid(stage)
     frames = list(Simulator(everything(), "cpu", schedule="gather").run())
     for world in (0, 2):
         shift = placed(stage, f"/World/World_{world}", 0)[:3, 3]
@@ -153,8 +150,7 @@ def test_worlds_of_a_batch_share_shapes_and_have_places_of_their_own(tmp_path):
 
 
 def test_pictures_have_them_at_their_places(written: Path, stage: Usd.Stage):
-    reader = RenderStage(written)
-    reader.read_prims(0)
+    reader = read_stage(written)
     box, mesh = reader.meshes[1], reader.meshes[3]
     for frame in (0, FRAMES):
         points = reader.points(frame)
@@ -172,8 +168,7 @@ def test_pictures_have_them_at_their_places(written: Path, stage: Usd.Stage):
 
 
 def test_the_camera_frames_the_balloons_and_not_a_plane(written: Path):
-    reader = RenderStage(written)
-    reader.read_prims(0)
+    reader = read_stage(written)
     framing = frame_action([(reader, frame) for frame in range(FRAMES + 1)], 16 / 9)
     assert framing.size < 8.0  # from the tile to the sheet
     assert max(np.ptp(points, axis=0).max() for points in reader.points(0)) > 30.0
@@ -219,9 +214,7 @@ def written_bodies(tmp_path_factory) -> Path:
 def test_every_validator_passes_bodies(tmp_path, up_axis: str):
     path = tmp_path / "stage.usda"
     animate(bodies(up_axis=up_axis), path, device="cpu")
-    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
-    errors = UsdValidation.ValidationContext(validators).Validate(Usd.Stage.Open(str(path)))
-    assert [error.GetMessage() for error in errors] == []
+    assert_valid(Usd.Stage.Open(str(path)))
 
 
 def test_the_stage_has_the_poses_of_the_simulation(written_bodies: Path):
@@ -252,8 +245,7 @@ def test_the_stage_says_what_they_weigh(written_bodies: Path):
 
 
 def test_pictures_have_bodies_at_their_places(written_bodies: Path):
-    reader, simulator = RenderStage(written_bodies), Simulator(bodies(), "cpu")
-    reader.read_prims(0)
+    reader, simulator = read_stage(written_bodies), Simulator(bodies(), "cpu")
     for number in range(FRAMES + 1):
         box, rod = simulator.read_frame().body_poses[:2].astype(float)
         own = Rotation.from_quat(box[3:]).inv().apply(reader.points(number)[1] - box[:3])

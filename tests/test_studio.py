@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 from exported import FRAMES, scene
 from meshes import tetrahedron
-from pxr import Gf, Usd, UsdGeom, UsdLux, UsdShade, UsdValidation
+from motion import assert_valid
+from pxr import Gf, Usd, UsdGeom, UsdLux, UsdShade
+from render_stages import read_stage
 from test_resume import SCENE as RESUMED_SCENE
 from test_resume import crash, stop
 
 from balloon_warp import InputError, Scene, animate
 from balloon_warp.outputs.exports.parts import Animation
-from balloon_warp.outputs.render.stage_reader import RenderStage
 from balloon_warp.scene import Balloon, Ground, Obstacle
 from balloon_warp.scene.schema import Picture
 
@@ -45,14 +46,12 @@ def test_the_camera_has_all_that_moves_in_view(tmp_path, up_axis: str):
 
 def test_pictures_find_their_own_camera(tmp_path):
     animate(scene(frames=2), tmp_path / "out.usda", device="cpu")
-    stage = RenderStage(tmp_path / "out.usda")
-    stage.read_prims(0)
+    stage = read_stage(tmp_path / "out.usda")
     assert stage.camera(0, 16 / 9) is None
     own = Usd.Stage.Open(str(tmp_path / "out.usda"))
     UsdGeom.Camera.Define(own, "/World/Mine")
     own.Save()
-    stage = RenderStage(tmp_path / "out.usda")
-    stage.read_prims(0)
+    stage = read_stage(tmp_path / "out.usda")
     assert stage.camera(0, 16 / 9) is not None
 
 
@@ -69,8 +68,7 @@ def test_lights_and_ground_can_be_left_out(tmp_path):
     bound = UsdGeom.BBoxCache(0, ["default"]).ComputeWorldBound(few.GetPrimAtPath("/World/ball"))
     assert bound.ComputeAlignedRange().GetSize()[0] < 3.0
     assert few.GetRootLayer().customLayerData["balloonWarp"]["leftOut"] == "lights ground"
-    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
-    assert not UsdValidation.ValidationContext(validators).Validate(few)
+    assert_valid(few)
 
 
 @pytest.mark.full
@@ -235,9 +233,7 @@ def test_the_scene_may_look_nearer(tmp_path):
 def test_our_pictures_and_exports_bring_their_own_backdrop(tmp_path):
     staged(tmp_path)
     animate(scene(frames=2), tmp_path / "plain.usdc", device="cpu", lights=False)
-    drawn = [RenderStage(tmp_path / name) for name in ("out.usdc", "plain.usdc")]
-    for stage in drawn:
-        stage.read_prims(0)
+    drawn = [read_stage(tmp_path / name) for name in ("out.usdc", "plain.usdc")]
     assert len(drawn[0].meshes) == len(drawn[1].meshes)
     assert "Backdrop" not in {part.name for part in Animation(tmp_path / "out.usdc").parts}
 

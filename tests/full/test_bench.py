@@ -2,7 +2,6 @@
 
 import json
 import subprocess
-import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import warp as wp
+from commands import status_of
 from meshes import quad_sphere as looped_quad_sphere
 from pxr import Usd, UsdGeom
 
@@ -32,7 +32,6 @@ from balloon_warp.benchmarks.result import Result
 from balloon_warp.benchmarks.rubber import RADIUS, rubber_cases
 from balloon_warp.benchmarks.run import run_case
 from balloon_warp.blow_ups import KEPT_FRAMES
-from balloon_warp.cli import main
 from balloon_warp.device import pick_device
 from balloon_warp.mesh.geometry import signed_volume
 from balloon_warp.mesh.quad_sphere import quad_sphere
@@ -273,11 +272,8 @@ def test_what_it_costs_to_look_after_worlds_is_measured_beside_their_frame(monke
 def test_looking_after_worlds_at_too_high_a_cost_is_the_status(look: float, status: int, monkeypatch):
     from balloon_warp.benchmarks import health
 
-    monkeypatch.setattr(sys, "argv", ["health", "cpu"])
     monkeypatch.setattr(health, "cost_of", lambda case, _: health.Cost(case.name, 1.0, look * (case.worlds > 1), 0.002))
-    with pytest.raises(SystemExit) as end:
-        health.main()
-    assert end.value.code == status
+    assert status_of("cpu", main=health.main) == status
 
 
 RESULTS = [Result("1 balloon", "cpu", "gather", 1, 488, 2.0e8), Result("[s]", "cpu", "lanes", 8, 26, 3.0, "peer", 2.0)]
@@ -291,22 +287,19 @@ def measured(monkeypatch) -> None:
     monkeypatch.setattr(run, "run_cases", results)
 
 
-def bench(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> None:
-    monkeypatch.setattr(sys, "argv", ["balloon-warp", "bench", "--device", "cpu", *arguments])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert not ended.value.code
+def bench(*words: str) -> int:
+    return status_of("bench", *words)
 
 
-def test_json_is_all_that_is_printed(monkeypatch, capsys):
-    bench(monkeypatch, "--json")
+def test_json_is_all_that_is_printed(capsys):
+    assert bench("--device", "cpu", "--json") == 0
     said = capsys.readouterr()
     assert json.loads(said.out) == [result.as_json() for result in RESULTS]
     assert said.err.splitlines() == ["1 balloon (gather): 2e+08", "[s] (lanes): 3"]
 
 
-def test_a_table_is_printed_and_the_json_written(tmp_path, monkeypatch, capsys):
-    bench(monkeypatch, "-o", str(tmp_path / "results.json"))
+def test_a_table_is_printed_and_the_json_written(tmp_path, capsys):
+    assert bench("--device", "cpu", "-o", str(tmp_path / "results.json")) == 0
     cases = [line.split("|")[1].strip() for line in capsys.readouterr().out.splitlines() if line.startswith("|")]
     assert [case for case in cases if not case.startswith("-")] == ["case", "1 balloon", "[s]"]
     assert json.loads((tmp_path / "results.json").read_text()) == [result.as_json() for result in RESULTS]
@@ -327,15 +320,12 @@ def test_bundled_scenes_are_measured_in_each_schedule_beside_auto(monkeypatch, c
         assert each.ratio == pytest.approx(each.rate / each.peer_rate)
         assert each.schedule != taken or each.ratio == 1.0
     monkeypatch.setattr(auto, "scene_results", lambda device: measured)
-    bench(monkeypatch, "--scenes", "--json")
+    assert bench("--device", "cpu", "--scenes", "--json") == 0
     assert json.loads(capsys.readouterr().out) == [result.as_json() for result in measured]
 
 
-def test_two_sets_of_cases_at_once_are_refused(monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["balloon-warp", "bench", "--scenes", "--quick"])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert ended.value.code == 2
+def test_two_sets_of_cases_at_once_are_refused(capsys):
+    assert bench("--scenes", "--quick") == 2
     assert capsys.readouterr().err == "error: --quick, --scenes, and --gpus or --workers: expected only one of them\n"
 
 

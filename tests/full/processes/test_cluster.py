@@ -249,8 +249,8 @@ def test_the_command_spreads_over_a_scheduler(address: str, tmp_path, monkeypatc
     monkeypatch.chdir(tmp_path)
     write_ball(tmp_path)
     arguments = ["--worlds", "6", "--vary", "gravity=1:9", "--export", "2", "--set", "frames=3", "--device", "cpu"]
-    assert batch(monkeypatch, *arguments, "-o", "alone") == 0
-    assert batch(monkeypatch, *arguments, "-o", "both", "--cluster", address) == 0
+    assert batch(*arguments, "-o", "alone") == 0
+    assert batch(*arguments, "-o", "both", "--cluster", address) == 0
     captured = capfd.readouterr()
     assert [line.partition(". ")[0] for line in captured.err.splitlines()] == 2 * [
         "note: ball.obj inflates above a floor"
@@ -298,7 +298,7 @@ def test_a_mistake_gets_one_sentence_and_status_2(tmp_path, monkeypatch, capfd, 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(dask_workers, "CONNECT_SECONDS", 1.0)
     write_ball(tmp_path)
-    assert batch(monkeypatch, *arguments) == 2
+    assert batch(*arguments) == 2
     captured = capfd.readouterr()
     assert captured.out == ""
     assert captured.err.startswith(f"error: {sentence}")

@@ -3,12 +3,12 @@
 import json
 import os
 import signal
-import sys
 from collections import Counter
 from multiprocessing.process import BaseProcess
 from typing import Any
 
 import pytest
+from commands import status_of
 
 from balloon_warp.benchmarks import kills, trust
 from balloon_warp.benchmarks.kills import KINDS, judge, kill_at_random
@@ -76,10 +76,7 @@ def test_what_did_harm_is_a_failure(finder: str, monkeypatch):
 @pytest.mark.parametrize(("counts", "status"), [([GOOD], 0), ([GOOD, harm()], 1)])
 def test_a_failure_is_the_status(options: list[str], counts: list[Count], status: int, monkeypatch, capsys):
     monkeypatch.setattr(trust, "counted", lambda efforts: iter(counts))
-    monkeypatch.setattr(sys, "argv", ["trust", "--quick", *options])
-    with pytest.raises(SystemExit) as end:
-        trust.main()
-    assert end.value.code == status
+    assert status_of("--quick", *options, main=trust.main) == status
     said = capsys.readouterr().out
     if options:
         assert json.loads(said)["failures"] == status

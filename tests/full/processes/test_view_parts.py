@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import trimesh
 from meshes import cube, quad_sphere
+from motion import assert_valid
 
 from balloon_warp.mesh import PolygonMesh
 from balloon_warp.mesh.geometry import triangulate
@@ -246,16 +247,13 @@ def test_a_recording_is_a_valid_stage(session, tmp_path, monkeypatch):
     session.record(False)
     until(lambda: session.recording is None, "it ends")
     until(lambda: any("wrote" in notice for notice in session.notices), "it is written")
-    from pxr import Usd, UsdGeom, UsdValidation
+    from pxr import Usd, UsdGeom
 
     stage = Usd.Stage.Open(str(tmp_path / "ball_1.usdc"))
     points = UsdGeom.Mesh(stage.GetPrimAtPath("/World/mesh")).GetPointsAttr()
     times = points.GetTimeSamples()
     assert times[0] == stage.GetStartTimeCode() == 0
-    errors = UsdValidation.ValidationContext(UsdValidation.ValidationRegistry().GetOrLoadAllValidators()).Validate(
-        stage
-    )
-    assert [error.GetMessage() for error in errors] == []
+    assert_valid(stage)
     said = stage.GetRootLayer().customLayerData["balloonWarp"]
     assert {"scene", "meshes", "substeps", "versions"} <= set(said)
     assert said["firstFrame"] > 3

@@ -1,0 +1,16 @@
+"""The command line in this process."""
+
+import sys
+from collections.abc import Callable
+
+import pytest
+
+from balloon_warp import cli
+
+
+def status_of(*words: str, main: Callable[[], object] = cli.main) -> int:
+    """Run a command, as a user types it, and return its exit status."""
+    with pytest.MonkeyPatch.context() as patch, pytest.raises(SystemExit) as ended:
+        patch.setattr(sys, "argv", ["balloon-warp", *words])
+        main()
+    return int(ended.value.code or 0)
